@@ -40,7 +40,7 @@ from chemage.scene.materials import Material as Material
 from chemage.scene.materials import MaterialValue as MaterialValue
 from chemage.ageing.observables import Observable as Observable
 from chemage.ageing.observables import Observed as Observed
-from chemage.ageing.outputs import Output as Output
+from chemage.foundation.outputs import Output as Output
 from chemage.foundation.result import Panel as Panel
 from chemage.foundation.result import Picture as Picture
 from chemage.ageing.observables import PlottedResult as PlottedResult
@@ -68,6 +68,9 @@ from chemage.foundation.errors import UnitError as UnitError
 from chemage.foundation.errors import UnknownKindError as UnknownKindError
 from chemage.foundation.units import Volume as Volume
 from chemage.foundation.errors import WorkerLost as WorkerLost
+from chemage.kinetics.role import WrappedEngine as WrappedEngine
+from chemage.contacts.role import WrappedSolver as WrappedSolver
+from chemage.foundation.units import array_in as array_in
 from chemage.lattices.chemistry import build_lattice as build_lattice
 from chemage.foundation.machine import cache_folder as cache_folder
 from chemage.foundation.checks import check_times as check_times
@@ -100,6 +103,7 @@ from chemage.foundation.files import preflight as preflight
 from chemage.foundation import progress as progress
 from chemage.foundation import random as random
 from chemage.surfaces.reading import reader_for as reader_for
+from chemage.foundation.outputs import record as record
 from chemage.plugins import registry as registry
 from chemage.foundation.files import regular_file as regular_file
 from chemage.surfaces import roughness as roughness

@@ -19,20 +19,21 @@ from chemage.ageing.methods import (
     check_method,
     left_out_plugins,
 )
-from chemage.ageing.observables import Observable, check_outputs
+from chemage.ageing.observables import Observable, output_problems
 from chemage.ageing.replicas import Common, check_common
 from chemage.contacts.role import expect_contact
 from chemage.contacts.solution import Contact, ContactSolution, ContactStatistics
 from chemage.foundation.checks import Seed, check_times, checked_count, checked_seed, expect, temperature_value
 from chemage.foundation.errors import InputError, PluginError
 from chemage.foundation.memory import require
+from chemage.foundation.outputs import Block, Checker, Output, recording
 from chemage.foundation.progress import counted, logged, of_plugins
 from chemage.foundation.threads import available, in_order
 from chemage.foundation.units import QuantityLike
 from chemage.friction.role import Rupture
 from chemage.kinetics.role import Engine
 from chemage.lattices.chemistry import Chemistry
-from chemage.plugins.sources import approximations, providers
+from chemage.plugins.sources import approximations, components_in, providers
 
 
 def age(
@@ -117,12 +118,18 @@ def age(
 def _aging(request: AgeingRequest, method: AgeingMethod) -> Aging:
     """What ``method`` finds, which must be of the whole contact and at the hold times that were asked for."""
     contact, chemistry, observe = request.contact, request.chemistry, request.observe
-    aged = method.age(request)
+    with recording() as block:
+        aged = method.age(request)
     if not isinstance(aged, AgedBonds):
         raise PluginError(f"ageing {method.kind!r} gave {type(aged).__name__}; its method age must give an AgedBonds")
     components = [method, request.engine, chemistry, *observe, request.rupture]
     plugins = contact.plugins | aged.plugins | providers(components)
-    declared = {name: output for observable in observe for name, output in observable.outputs.items()}
+    declared = dict(aged.outputs)
+    declared |= {name: output for observable in observe for name, output in observable.outputs.items()}
+    recorded = _recorded(method, aged, block)
+    declared |= {name: output for name, (output, _) in recorded.items()}
+    if twice := (aged.observables.keys() | recorded.keys()) & contact.observables.keys():
+        raise PluginError(f"{min(twice)!r} is recorded with the contact and with its ageing; rename one")
     try:
         aging = Aging(
             hold_times=request.hold_times,
@@ -137,11 +144,11 @@ def _aging(request: AgeingRequest, method: AgeingMethod) -> Aging:
             errors=dict(aged.errors),
             error_sources=dict(aged.error_sources),
             engine=aged.engine or request.engine.kind,
-            notes=(*aged.notes, *left_out_plugins(method, plugins)),
+            notes=(*aged.notes, *left_out_plugins(method, plugins), *_not_kept(request, method, aged)),
             contact=contact.summary(),
             elasticity=elastic_limits(contact, chemistry),
-            observables=dict(aged.observables),
-            outputs={name: output.todict() for name, output in {**aged.outputs, **declared}.items()},
+            observables=dict(aged.observables) | {name: values for name, (_, values) in recorded.items()},
+            outputs={name: output.todict() for name, output in declared.items()},
             provenance=_provenance(request, method),
         )
     except InputError as error:
@@ -149,6 +156,23 @@ def _aging(request: AgeingRequest, method: AgeingMethod) -> Aging:
     if aging.replicas != (request.replicas if method.replicates else 1):
         raise PluginError(f"ageing {method.kind!r} gave {aging.replicas} replicas of {request.replicas}")
     return aging.noting(plugins, [*contact.approximate, *aged.approximate, *approximations(components)])
+
+
+def _recorded(method: AgeingMethod, aged: AgedBonds, block: Block) -> dict[str, tuple[Output, np.ndarray]]:
+    """What the method recorded of the whole contact, the same for each row of its bonds."""
+    checker, rows = Checker(f"ageing {method.kind!r}", np.shape(aged.bonds)[-1]), len(np.atleast_2d(aged.bonds))
+    found = {}
+    for name, (_, declared) in block.items():
+        values = checker.values(name, declared.values, declared.output)
+        found[name] = declared.output, np.repeat(values[None], rows, axis=0)
+    return found
+
+
+def _not_kept(request: AgeingRequest, method: AgeingMethod, aged: AgedBonds) -> tuple[str, ...]:
+    """A note of what components would record of the replicas, which the method does not give."""
+    parts = components_in([request.engine, request.rupture])
+    missed = [name for part in parts for name in part.outputs if name not in aged.observables]
+    return (f"ageing {method.kind!r} does not keep what replicas record: {', '.join(missed)}",) if missed else ()
 
 
 def _provenance(request: AgeingRequest, method: AgeingMethod) -> dict[str, Any]:
@@ -187,7 +211,8 @@ def _check(
     for observable in observe:
         expect("observe", observable, Observable, 'give a list of chemage.observable("barrier-spectrum")')
     check_common(common)
-    check_outputs(observe)
+    for _, problem in output_problems(engine, rupture, chemistry, *observe):
+        raise PluginError(problem)
     checked_count("replicas", replicas)
     if not isinstance(seed, np.random.SeedSequence):
         checked_seed(seed)

@@ -13,12 +13,12 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from chemage.ageing.fitting import FIT_WINDOW, Fit, FitData, Quantity, fit_aging, why_not_fitted
-from chemage.ageing.outputs import Measured, Output, measured
 from chemage.ageing.replicas import COMMON
 from chemage.contacts.solution import Contact
 from chemage.foundation.checks import check_times
 from chemage.foundation.codec import Derived, dataset, frame
 from chemage.foundation.errors import InputError
+from chemage.foundation.outputs import Measured, Observing, measured
 from chemage.foundation.records import (
     Counts,
     Doubles,
@@ -69,7 +69,7 @@ FIT: dict[str, tuple[str, str]] = {
 }
 
 
-class Aging(Record):
+class Aging(Observing, Record):
     """Bonds of several replicas against hold time, and the static friction rise they make."""
 
     arrays = {
@@ -188,18 +188,16 @@ class Aging(Record):
                 raise ValueError(f"errors: {name!r} has numbers that are negative or infinite; give relative errors")
 
     def declared(self, name: str) -> tuple[tuple[str, ...], str, str] | None:
-        """See :meth:`Record.declared`; of ``observables/...`` what the observable declares."""
+        """See :meth:`Record.declared`; what was recorded has replicas as well."""
         field, _, key = name.partition("/")
         if field == "errors":
             return ("hold_time",), "", self.error_sources.get(key, "")
-        if field != "observables" or key not in self.outputs:
-            return super().declared(name)
-        output = Output(**self.outputs[key])
-        return ("replica", *output.dims), output.unit, output.description
+        found = super().declared(name)
+        return (("replica", *found[0]), *found[1:]) if field == "observables" and found is not None else found
 
     @property
     def measured(self) -> dict[str, Measured]:
-        """What observables measured, with dimensions and units, by name."""
+        """What observables measured and components recorded, with dimensions and units, by name."""
         return measured(self.observables, self.outputs)
 
     @property

@@ -162,13 +162,12 @@ class AgingDisplay(OfRecord[Aging]):
 
     def numbers(self) -> dict[str, Any]:
         aging, numbers = self.record, super().numbers()
-        for name in ("outputs", "elasticity", "errors", "error_sources"):
+        for name in ("elasticity", "errors", "error_sources"):
             del numbers[name]
         if aging.errors:
             numbers["bond_errors"] = {name: error.tolist() for name, error in aging.errors.items()}
             numbers["bond_error_sources"] = aging.error_sources
-        measured = {name: output.summary() for name, output in aging.measured.items()}
-        return jsonable({**numbers, **elastic_measures(aging), "observables": measured})
+        return jsonable({**numbers, **elastic_measures(aging)})
 
     def notes(self) -> list[str]:
         fit = self.fit[0]

@@ -170,13 +170,11 @@ class _Ageing(Stage):
 
 class _Observe(Stage):
     def problems(self, parts: Parts) -> Iterable[tuple[str, str]]:
-        from chemage.ageing.observables import check_outputs
-        from chemage.foundation.errors import PluginError
+        from chemage.ageing.observables import output_problems
 
-        try:
-            check_outputs(parts.get(self.section, ()))
-        except PluginError as error:
-            yield self.section, str(error)
+        sections = {"observable": self.section, "barriers": "forming"}
+        for component, problem in output_problems(dict(parts)):
+            yield sections.get(component.role, component.role), problem
 
 
 #: sites, and bonds of all replicas together, below which a scene gives no number

@@ -12,12 +12,12 @@ from typing import Any, ClassVar, NamedTuple, Self, TypeVar
 import numpy as np
 
 from chemage.ageing.observables import Observable, Seen, measure, stacked
-from chemage.ageing.outputs import Output
 from chemage.ageing.replicas import Common, ReplicaSeeds, identity, origin, replica_seeds, run_with_checkpoints
 from chemage.contacts.solution import ContactSolution, ContactStatistics
 from chemage.foundation.checks import Seed
 from chemage.foundation.components import Component
-from chemage.foundation.errors import InputError
+from chemage.foundation.errors import InputError, PluginError
+from chemage.foundation.outputs import Output
 from chemage.foundation.records import Record, content_hash
 from chemage.foundation.threads import in_order
 from chemage.friction.role import Bonded, Rupture, rupture_bonds
@@ -191,7 +191,7 @@ class AgeingMethod(Component, ABC):
     """
 
     role = "ageing"
-    error_of: ClassVar[str] = "the mean number of bonds"
+    error_of = "the mean number of bonds"
     #: gives the bonds of each replica, which has its own disorder and noise; False: the mean of infinitely many alone
     replicates: ClassVar[bool] = True
     #: needs the map of the pressure; False: the statistics of the contact are enough
@@ -380,6 +380,11 @@ def _replica(request: AgeingRequest, number: int, states: bool) -> _Replica:
     lattice, history = replica.lattice, replica.history
     force = rupture_bonds(Bonded(request.solution, request.chemistry, lattice, history), request.rupture)
     seen = measure(request.solution, lattice, history, request.observe)
+    for part in (lattice, history, force):
+        if twice := part.observables.keys() & seen.values.keys():
+            raise PluginError(f"{min(twice)!r} is recorded at two stages of a replica; rename one")
+        seen.values.update(part.observables)
+        seen.outputs.update({name: Output(**output) for name, output in part.outputs.items()})
     origin = replica.origin(force)
     return _Replica(
         bonds=history.bonds,

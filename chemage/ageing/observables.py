@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 
 from chemage.ageing.aging import Aging
-from chemage.ageing.outputs import Checker, Declared, Output, declaration_problems
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.components import Component
 from chemage.foundation.errors import PluginError
+from chemage.foundation.outputs import Checker, Declared, Output, declaration_problems, recording
 from chemage.kinetics.history import BondHistory
 from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.lattice import ReactionLattice
 from chemage.plugins import registry
 from chemage.plugins.context import Plugins, taking_part
-from chemage.plugins.sources import providers
+from chemage.plugins.sources import components_in, providers
 from chemage.surfaces.surface import Surface
 
 if TYPE_CHECKING:
@@ -74,19 +74,21 @@ class Observable(Component, ABC):
     """Role ``observable``: further numbers to take from each replica."""
 
     role = "observable"
-    error_of: ClassVar[str] = "what it measures"
-    #: what is measured: name -> :class:`chemage.plugin.Output`; may be a property, where it depends on options.
-    #: Observables without it still work: nothing is known then of dimensions and units.
-    outputs: ClassVar[Mapping[str, Output]] = {}
-    #: asks for the state of every site at every hold time, ``history.states``, (m, n) bool; the engine must be able to
-    #: resume from a history (``restart``)
-    states: ClassVar[bool] = False
+    error_of = "what it measures"
+    # not annotated for type checkers, so that a class can make it a property
+    if TYPE_CHECKING:
+        states = False
+    else:
+        #: asks for the state of every site at every hold time, ``history.states``, (m, n) bool; the engine must be able
+        #: to resume from a history (``restart``)
+        states: ClassVar[bool] = False
 
     @abstractmethod
     def measure(
         self, contact: ContactSolution, lattice: ReactionLattice, history: BondHistory
     ) -> Mapping[str, float | np.ndarray]:
-        """Named numbers or arrays, the same names and shapes for every replica: just those of :attr:`outputs`."""
+        """Named numbers or arrays, the same names and shapes for every replica: just those of :attr:`outputs`.
+        Without declared outputs nothing is known of dimensions and units."""
 
     def draw(self, figure: str, axes: Axes, results: Sequence[Observed]) -> None:
         """As for every component.
@@ -109,28 +111,28 @@ class Seen(NamedTuple):
     plugins: Plugins
 
 
-def check_outputs(observe: Sequence[Observable]) -> None:
-    """Require that what the observables declare can be measured together and stored.
-
-    Raises
-    ------
-    PluginError
-        Names the observable and the output.
-    """
-    by_name: dict[str, str] = {}
-    dims: dict[str, str] = {}
-    for observable in observe:
-        who = f"observable {observable.kind!r}"
-        if problems := declaration_problems(observable.outputs):
-            raise PluginError(f"{who}: {problems[0]}")
-        for name, output in observable.outputs.items():
+def output_problems(*components: Any) -> Iterator[tuple[Component, str]]:
+    """Why what the components, or parts of them, declare cannot be recorded together and stored: the component, and the
+    reason in words."""
+    by_name: dict[str, Component] = {}
+    dims: dict[str, Component] = {}
+    for part in components_in(components):
+        who = _called(part)
+        if problems := declaration_problems(part.outputs):
+            yield part, f"{who}: {problems[0]}"
+            continue
+        for name, output in part.outputs.items():
             if name in by_name:
-                raise PluginError(f"two observables give {name!r}; rename one ({by_name[name]} and {who})")
-            by_name[name] = who
-            dims |= dict.fromkeys(output.dims, who)
-    if both := by_name.keys() & dims.keys():
-        name = min(both)
-        raise PluginError(f"{by_name[name]}: output {name!r} has the name of a dimension of {dims[name]}; rename one")
+                yield part, f"two components record {name!r}; rename one ({_called(by_name[name])} and {who})"
+            by_name[name] = part
+            dims |= dict.fromkeys(output.dims, part)
+    for name in sorted(by_name.keys() & dims.keys()):
+        part, other = by_name[name], _called(dims[name])
+        yield part, f"{_called(part)}: output {name!r} has the name of a dimension of {other}; rename one"
+
+
+def _called(component: Component) -> str:
+    return f"{component.role} {component.kind!r}"
 
 
 def measure(
@@ -145,13 +147,15 @@ def measure(
     """
     seen = Seen({}, {}, {})
     times = history.hold_times.size
-    for observable in observe:
-        checker = Checker(f"observable {observable.kind!r}", times)
-        values, outputs = observable.measure(contact, lattice, history), observable.outputs
-        checker.names(values, outputs)
-        _take(seen, checker, ((name, value, outputs.get(name)) for name, value in values.items()))
-    with taking_part() as plugins:
+    with recording() as block, taking_part() as plugins:
+        for observable in observe:
+            checker = Checker(_called(observable), times)
+            values, outputs = observable.measure(contact, lattice, history), observable.outputs
+            checker.names(values, outputs)
+            _take(seen, checker, ((name, value, outputs.get(name)) for name, value in values.items()))
         answers = registry.current().manager.hook.chemage_observe(contact=contact, lattice=lattice, history=history)
+    for name, (who, declared) in block.items():
+        _take(seen, Checker(who, times), iter([(name, declared.values, declared.output)]))
     for answer in answers:
         checker = Checker("the hook chemage_observe of a plugin", times)
         checker.names(answer, {})

@@ -174,6 +174,7 @@ def main() -> None:
             if isinstance(stream, io.TextIOWrapper):
                 stream.reconfigure(errors="backslashreplace")  # for terminals that cannot show µ or Δ
         _plain_warnings()
+        _print_version(sys.argv[1:2] == ["--version"])  # before plugins are imported
         _choose_plugins(sys.argv[1:])
         commands = _all_commands()
         if _COMPLETE in os.environ:

@@ -16,8 +16,9 @@ import signal
 import sys
 import threading
 import time
+import warnings
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from copy import copy
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -121,7 +122,7 @@ def _write_log(context: typer.Context, path: Path | None) -> None:
     if _state.log is not None:
         raise user_error(f"--log {path}: the log is {_state.log} already; give --log once")
     try:
-        handler = logging.FileHandler(path, mode="x", encoding="utf-8")
+        handler = _LogFile(path, mode="x", encoding="utf-8")
     except FileExistsError:
         raise user_error(f"--log {path}: this file is already there, and a log is a new file; choose another") from None
     except (OSError, ValueError) as error:
@@ -130,6 +131,7 @@ def _write_log(context: typer.Context, path: Path | None) -> None:
     handler.setFormatter(_Printable("%(asctime)s %(levelname)-7s %(message)s", "%Y-%m-%d %H:%M:%S%z"))
     _attach(handler)
     _describe(handler)
+    handler.begun = True
 
 
 class _Printable(logging.Formatter):
@@ -137,6 +139,24 @@ class _Printable(logging.Formatter):
 
     def format(self, record: logging.LogRecord) -> str:
         return "\n".join(printable(line) for line in super().format(record).splitlines())
+
+
+class _LogFile(logging.FileHandler):
+    """A new file. On a full disk, one that cannot be begun ends the command, and one that cannot go on is left."""
+
+    begun = False
+
+    def handleError(self, record: logging.LogRecord) -> None:
+        error = sys.exc_info()[1]
+        text = f"--log {self.baseFilename}: {getattr(error, 'strerror', None) or error}"
+        LOGGER.removeHandler(self)
+        if not self.begun:
+            raise user_error(f"{text}; choose another place") from None
+        warnings.warn(f"{text}; the log ends here", stacklevel=2)
+
+    def close(self) -> None:
+        with suppress(OSError):  # what could not be written is tried again
+            super().close()
 
 
 def _attach(handler: logging.Handler) -> None:

@@ -77,7 +77,12 @@ class OfContact(OfRecord[C], Generic[C]):
             ("kappa", f"{contact.kappa:.3f}"),
             *self.of_map(),
             ("mean contact pressure", f"{contact.mean_contact_pressure:.4g} GPa"),
+            *self.recorded(),
         ]
+
+    def recorded(self) -> Rows:
+        """The rows of what was recorded of the surface and of the contact."""
+        return [(name, output.text()) for name, output in self.record.measured.items()]
 
     def extent(self) -> str:
         """The size of the surface and its slope, in words."""
@@ -103,6 +108,10 @@ class OfContact(OfRecord[C], Generic[C]):
 
     def compared(self, times: Sequence[float]) -> Compared:
         joined = compared_measures(self.record.summary())
+        joined.rows |= self.recorded()
+        numbers = {name: output for name, output in self.record.measured.items() if output.is_number}
+        joined.numbers |= {f"observable.{name}": float(output.values[0]) for name, output in numbers.items()}
+        joined.units |= {f"observable.{name}": output.unit for name, output in numbers.items() if output.unit}
         joined.curves = self.curves()
         return joined
 

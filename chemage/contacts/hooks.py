@@ -66,8 +66,21 @@ class _Contact(Stage):
     def recorded(self, aging: Mapping[str, Any], contact: Mapping[str, Any]) -> Mapping[str, Any]:
         return {self.section: options_in(contact)}
 
-    def estimate(self, parts: Parts, stated: Stated) -> Mapping[str, float]:
+    def fault(self, answer: Any, arguments: Mapping[str, Any]) -> str:
+        solver, surface, load = arguments["solver"], arguments["surface"], arguments["load"]
+        if answer.load != load:
+            return f"load = {answer.load:g} nN, but {load:g} nN were asked for"
+        for name in ("shape", "pixel_size", "periodic"):
+            mine, its = getattr(answer, name), getattr(surface, name)
+            if mine != its:
+                return f"{name} is {mine}, but that of the surface is {its}"
+        for name in ("rms_slope", "rms_height"):
+            mine, its = getattr(answer, name), getattr(surface, name)
+            if not (math.isnan(mine) or math.isclose(mine, its, rel_tol=1e-6, abs_tol=1e-300)):
+                return f"{name} is {mine:g}, but that of the surface is {its:g}"
+        return answer.load_fault(solver.declared_error or 0.0)
 
+    def estimate(self, parts: Parts, stated: Stated) -> Mapping[str, float]:
         surface, load = stated["surface"], parts["contact.load"]
         numbers = dict(parts[self.section].expected(surface, load))
         pixels = surface.get("nx", 0.0) * surface.get("ny", 0.0)

@@ -186,8 +186,10 @@ else:
 
 
 def modulus_in(component: Component) -> float | None:
-    """The contact modulus among the options of ``component``, GPa; None where it has none of this type."""
+    """The contact modulus among the options of ``component``, GPa, or of the one that it wraps; None where there is
+    none of this type."""
     for name, info in type(component).model_fields.items():
         if any(isinstance(mark, _ModulusUnit) for mark in info.metadata):
             return getattr(component, name)
-    return None
+    inner = getattr(component, "inner", None)
+    return modulus_in(inner) if isinstance(inner, Component) else None

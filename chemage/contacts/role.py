@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self, cast
 
 from chemage.contacts.options import normal_force
 from chemage.contacts.solution import Contact, ContactSolution
 from chemage.foundation.checks import expect
 from chemage.foundation.components import Component
+from chemage.foundation.outputs import kept, recording
 from chemage.foundation.progress import logged, of_plugins
 from chemage.foundation.units import QuantityLike
 from chemage.plugins import registry
+from chemage.plugins.options import Choice
 from chemage.plugins.sources import approximation_of, approximations, providers
 from chemage.surfaces.surface import Roughness, Surface
 
@@ -21,14 +23,18 @@ class ContactSolver(Component, ABC):
     """Role ``contact``: presses a surface against an elastic half-space."""
 
     role = "contact"
-    #: what a solution of this solver carries
-    implemented_properties: ClassVar[tuple[str, ...]] = ("pressure",)
-    #: gives the pressure at each pixel; False for a :class:`ContactTheory`
-    gives_map: ClassVar[bool] = True
-    #: of a solver for an elastic half-space, the largest relative error (L2 norm) of its pressure; the checks compare
-    #: it with closed forms to within this. None: another model, or no claim
-    declared_error: ClassVar[float | None] = None
-    error_of: ClassVar[str] = "the pressure"
+    #: the ``declared_error`` of a solver for an elastic half-space is the largest relative error (L2 norm) of its
+    #: pressure; the checks compare it with closed forms to within this. None: another model, or no claim
+    error_of = "the pressure"
+    # not annotated for type checkers, so that a class can make them properties
+    if TYPE_CHECKING:
+        implemented_properties = cast("tuple[str, ...]", ())
+        gives_map = True
+    else:
+        #: what a solution of this solver carries
+        implemented_properties: ClassVar[tuple[str, ...]] = ("pressure",)
+        #: gives the pressure at each pixel; False for a :class:`ContactTheory`
+        gives_map: ClassVar[bool] = True
 
     @abstractmethod
     def _solve(self, surface: Surface, load: float, start: ContactSolution | None) -> ContactSolution:
@@ -119,7 +125,68 @@ class ContactSolver(Component, ABC):
         expect("surface", surface, Surface, "make one with chemage.surface(...).make()")
         if start is not None:
             expect("start", start, ContactSolution, "give a solution of a neighbouring load")
-        return self._solve(surface, self.normal_force(load, surface), start)
+        with recording() as recorded:
+            solution = self._solve(surface, self.normal_force(load, surface), start)
+        return solution.noting({}, (), kept(solution, recorded)) if recorded else solution
+
+
+class WrappedSolver(ContactSolver):
+    """A contact solver that uses another one, ``inner``, to change or record something: what a class does not define is
+    that of the other.
+
+    ``exact``, ``declared_error``, what is implemented, costs and checks are those of ``inner``. A class overrides
+    :meth:`_solve` and calls ``super()._solve(...)`` in it.
+    """
+
+    inner: Choice[ContactSolver]
+    """the solver that is used"""
+
+    @property
+    def exact(self) -> bool:
+        """That of :attr:`inner`."""
+        return self.inner.exact
+
+    @property
+    def declared_error(self) -> float | None:
+        """That of :attr:`inner`."""
+        return self.inner.declared_error
+
+    @property
+    def implemented_properties(self) -> tuple[str, ...]:
+        """That of :attr:`inner`."""
+        return self.inner.implemented_properties
+
+    @property
+    def gives_map(self) -> bool:
+        """That of :attr:`inner`."""
+        return self.inner.gives_map
+
+    def expected(self, surface: Mapping[str, float], load: float) -> dict[str, float]:
+        """See :meth:`ContactSolver.expected`."""
+        return self.inner.expected(surface, load)
+
+    def check(self, surface: Mapping[str, float], load: float) -> Sequence[str] | None:
+        """See :meth:`ContactSolver.check`."""
+        return self.inner.check(surface, load)
+
+    def is_nominally_flat(self, periodic: bool) -> bool:
+        """See :meth:`ContactSolver.is_nominally_flat`."""
+        return self.inner.is_nominally_flat(periodic)
+
+    def warm_up(self, surface: Mapping[str, float], load: float) -> None:
+        """See :meth:`ContactSolver.warm_up`."""
+        self.inner.warm_up(surface, load)
+
+    def with_gap(self) -> Self:
+        """See :meth:`ContactSolver.with_gap`."""
+        return self.replace(inner=self.inner.with_gap())
+
+    def reference(self) -> Self:
+        """See :meth:`ContactSolver.reference`."""
+        return self.replace(inner=self.inner.reference())
+
+    def _solve(self, surface: Surface, load: float, start: ContactSolution | None) -> ContactSolution:
+        return self.inner.solve(surface, load, start=start)
 
 
 def contact(kind: str, **options: Any) -> Any:
@@ -143,13 +210,14 @@ def solve_contact(
     expect("surface", surface, Surface, "make one with chemage.surface(...).make()")
     force = solver.normal_force(load, surface)
     with logged("contact", f"{solver.kind}, load {force:g} nN, {surface.shape[0]} x {surface.shape[1]} pixels") as out:
-        solution, plugins = registry.current().answer(
+        solution, plugins, recorded = registry.current().answer(
             "chemage_solve_contact", ContactSolution, solver=solver, surface=surface, load=force, start=start
         )
         # a plugin that answers with another solver may record which
         kind = solution.provenance.get("kind")
         used = approximation_of("contact", kind) if isinstance(kind, str) and kind != solver.kind else []
-        approximate = [*surface.approximate, *approximations(solver), *used]
-        solution = solution.noting(surface.plugins | providers(solver) | plugins, approximate)
+        approximate = [*surface.approximate, *approximations(solver), *used, *solution.unloaded()]
+        took_part = surface.plugins | providers(solver) | plugins
+        solution = solution.noting(took_part, approximate, kept(solution, surface.recorded | recorded))
         out(f"{solution.iterations} iterations, residual {solution.residual:.3g}; {of_plugins(solution.plugins)}")
     return solution

@@ -14,8 +14,10 @@ from chemage.contacts.patches import Above
 from chemage.foundation.checks import MOST_BINS, checked_count
 from chemage.foundation.codec import dataset, frame, map_frame
 from chemage.foundation.errors import InputError
+from chemage.foundation.outputs import Observing
 from chemage.foundation.records import (
     Doubles,
+    Named,
     Number,
     Plain,
     PositiveNumber,
@@ -52,7 +54,11 @@ MEASURES: dict[str, tuple[str, str]] = {
 }
 
 
-class Contact(Record):
+#: relative error of the force up to which rounding may be the cause
+LOAD_ERROR = 1e-6
+
+
+class Contact(Observing, Record):
     """What a contact answers, whether its map is known or its statistics alone.
 
     A measure that needs no map is a property of this class, one that does of :class:`ContactSolution`; with its line in
@@ -69,8 +75,12 @@ class Contact(Record):
         notes: tuple[str, ...]
         provenance: dict[str, Any]
 
+        carries: str
+
         @property
         def contact_area(self) -> float: ...
+        @property
+        def carried(self) -> float: ...
         @property
         def nominal_area(self) -> float: ...
         def _above(self, pressure: float) -> Above: ...
@@ -87,13 +97,32 @@ class Contact(Record):
 
     @property
     def mean_contact_pressure(self) -> float:
-        """Mean pressure over the contact F_N / A, GPa; nan without contact."""
-        return self.load / self.contact_area if self.contact_area > 0 else math.nan
+        """Mean pressure over the contact F_N / A, GPa; nan without contact. Of a contact that ``carries`` another force
+        than the load, that force over A."""
+        force = self.carried if self.carries else self.load
+        return force / self.contact_area if self.contact_area > 0 else math.nan
 
     @property
     def kappa(self) -> float:
         """κ = A h'_rms E* / F_N; nan without load."""
         return self.contact_area * self.rms_slope * self.modulus / self.load if self.load > 0 else math.nan
+
+    def load_fault(self, error: float) -> str:
+        """Why the pressure does not add up to the load within the relative ``error``, or that which the solver states
+        of its pressure, in words; "" where it does or where ``carries`` says that it does not."""
+        stated = getattr(self, "convergence", {}).get("pressure_error")
+        error = max(error, LOAD_ERROR, stated if isinstance(stated, int | float) else 0.0)
+        if self.carries or abs(self.carried - self.load) <= error * self.load:
+            return ""
+        return (
+            f"the pressure adds up to {self.carried:.6g} nN, and the load is {self.load:.6g} nN; where it cannot carry "
+            'the load, say why in the field carries, such as carries = "the pressure is capped at 2 GPa"'
+        )
+
+    def unloaded(self) -> list[dict[str, Any]]:
+        """What :attr:`carries` says, as an approximation that every result names; empty where it says nothing."""
+        text = f"{self.carried:.4g} of {self.load:.4g} nN: {self.carries}"
+        return [{"kind": self.provenance.get("kind") or type(self).__name__, "carries": text}] if self.carries else []
 
     def above(self, hardness: QuantityLike) -> Above:
         """Which shares of contact area and load lie above a ``hardness`` (GPa, or a string with its unit).
@@ -152,6 +181,7 @@ class ContactSolution(Contact):
     }
 
     has_map = True
+    added = ("carries", "observables", "outputs")
 
     pressure: Reals
     """(nx, ny) GPa, ≥ 0; contact is where it is positive"""
@@ -174,6 +204,8 @@ class ContactSolution(Contact):
     """(nx, ny) nm ≥ 0, where the solver gives it"""
     displacement: float | None = Field(default=None, allow_inf_nan=False)
     """rigid approach of the bodies, nm, where the solver gives it"""
+    carries: str = ""
+    """why the pressure does not add up to the load, in words; empty: it does, within the error that is stated"""
     converged: bool = True
     """whether the tolerance was reached"""
     residual: float = 0.0
@@ -185,6 +217,10 @@ class ContactSolution(Contact):
     notes: tuple[str, ...] = ()
     """what the user should know of this solution, in words"""
     provenance: Plain = {}
+    observables: Named = {}
+    """name -> what was recorded on the way to this, see :class:`chemage.plugin.Output`"""
+    outputs: dict[str, dict[str, Any]] = {}
+    """the same names -> dims, unit and description"""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -222,6 +258,11 @@ class ContactSolution(Contact):
     def nominal_area(self) -> float:
         """A0, nm²."""
         return self.pressure.size * self.pixel_size**2
+
+    @property
+    def carried(self) -> float:
+        """The force that the pressure adds up to, nN."""
+        return float(self.pressure.sum(dtype=np.float64)) * self.pixel_size**2
 
     @property
     def contact_area(self) -> float:
@@ -306,6 +347,7 @@ class ContactStatistics(Contact):
     """
 
     has_map = False
+    added = ("carries", "observables", "outputs")
     arrays = {
         "pressure": (("class",), "GPa", "mean pressure of the class"),
         "area": (("class",), "nm2", "contact area of the class"),
@@ -329,9 +371,15 @@ class ContactStatistics(Contact):
     """of the surface"""
     rms_height: float = math.nan
     """of the surface, nm"""
+    carries: str = ""
+    """why the pressure does not add up to the load, in words; empty: it does, within the error that is stated"""
     notes: tuple[str, ...] = ()
     """what the user should know of this contact, in words"""
     provenance: Plain = {}
+    observables: Named = {}
+    """name -> what was recorded on the way to this, see :class:`chemage.plugin.Output`"""
+    outputs: dict[str, dict[str, Any]] = {}
+    """the same names -> dims, unit and description"""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -354,6 +402,11 @@ class ContactStatistics(Contact):
     def contact_area(self) -> float:
         """Contact area A, nm²."""
         return float(self.area.sum())
+
+    @property
+    def carried(self) -> float:
+        """The force that the pressures add up to, nN."""
+        return float(self.pressure @ self.area)
 
     @property
     def converged(self) -> bool:

@@ -12,7 +12,7 @@ import numpy as np
 from chemage.contacts.role import ContactSolver
 from chemage.contacts.solution import ContactSolution, ContactStatistics
 from chemage.foundation.checks import Seed, expect
-from chemage.foundation.errors import InputError
+from chemage.foundation.errors import InputError, PluginError
 from chemage.foundation.units import QuantityLike
 from chemage.plugins.sources import approximations, providers
 from chemage.surfaces.role import SurfaceMaker
@@ -22,8 +22,8 @@ from chemage.surfaces.surface import Roughness, Surface
 class ContactTheory(ContactSolver, ABC):
     """A contact of role ``contact`` that needs no heights and gives no map: area and distribution of the pressure."""
 
-    exact: ClassVar[bool] = False
-    error_of: ClassVar[str] = "the contact area"
+    exact = False
+    error_of = "the contact area"
     implemented_properties: ClassVar[tuple[str, ...]] = ()
     gives_map: ClassVar[bool] = False
 
@@ -62,10 +62,13 @@ class ContactTheory(ContactSolver, ABC):
         expect("surface", surface, Roughness, "give a surface, the maker of one, or its Roughness")
         force = self.normal_force(load, surface)
         statistics, error = self._statistics(surface, force), self.relative_error(surface, force)
+        if fault := statistics.load_fault(0.0):
+            raise PluginError(f"contact {self.kind!r}: {fault}")
         approximate = approximations(*parts)
         own = [] if error is None else [entry for entry in approximate if entry["kind"] == self.kind]
         own = [{**entry, "declared_error": error, "of": self.error_of} for entry in own]
         others = [entry for entry in approximate if entry["kind"] != self.kind]
+        others += statistics.unloaded()
         return statistics.noting(surface.plugins | providers(*parts), [*surface.approximate, *own, *others])
 
     def _solve(self, surface: Surface, load: float, start: ContactSolution | None) -> ContactSolution:

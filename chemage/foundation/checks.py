@@ -114,7 +114,8 @@ def is_boolean(array: np.ndarray) -> bool:
 
 
 def check_times(hold_times: Sequence[float] | np.ndarray) -> np.ndarray:
-    """``hold_times`` as (m,) float64, non-decreasing, finite, ≥ 0, m ≥ 1; data that carry a unit are converted."""
+    """``hold_times`` as (m,) float64, non-decreasing, finite, ≥ 0, m ≥ 1; one number is one time, and data
+    that carry a unit are converted."""
     try:
         array = array_in(hold_times, "s")
     except UnitError as error:

@@ -10,12 +10,13 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self, cast
 
 from pydantic import SerializationInfo, SerializerFunctionWrapHandler, model_serializer
 
 from chemage.foundation.checks import Frozen, meanings
-from chemage.foundation.errors import InputError
+from chemage.foundation.errors import InputError, PluginError
+from chemage.foundation.outputs import Output, record_by
 from chemage.foundation.records import content_hash
 from chemage.foundation.text import html_table
 
@@ -40,14 +41,23 @@ class Component(Frozen):
     speed_only: ClassVar[tuple[str, ...]] = ()
     #: option -> values from fast to accurate, which ``chemage tradeoff`` tries
     trade: ClassVar[Mapping[str, tuple[Any, ...]]] = {}
-    #: whether the answer is free of approximations; a result in which an approximate component took part says so
-    exact: ClassVar[bool] = True
-    #: of an approximate component, the largest relative error of :attr:`error_of`; None: not known
-    declared_error: ClassVar[float | None] = None
-    #: what :attr:`declared_error` is the error of, in words
-    error_of: ClassVar[str] = "what it computes"
     #: figures that :meth:`draw` can draw: name -> caption
     figures: ClassVar[Mapping[str, str]] = {}
+    # not annotated for type checkers, so that a class can make any of these a property
+    if TYPE_CHECKING:
+        exact = True
+        declared_error = cast("float | None", None)
+        error_of = cast("str", "")
+        outputs = cast("Mapping[str, Output]", {})
+    else:
+        #: whether the answer is free of approximations; a result in which an approximate component took part says so
+        exact: ClassVar[bool] = True
+        #: of an approximate component, the largest relative error of :attr:`error_of`; None: not known
+        declared_error: ClassVar[float | None] = None
+        #: what :attr:`declared_error` is the error of, in words
+        error_of: ClassVar[str] = "what it computes"
+        #: the numbers, curves and maps that :meth:`record` is given, or that an observable measures
+        outputs: ClassVar[Mapping[str, Output]] = {}
 
     @classmethod
     def _title(cls) -> str:
@@ -122,6 +132,17 @@ class Component(Frozen):
         Here each of these options has its last, most accurate value. Override it where the class can do better.
         """
         return self.replace(**{option: values[-1] for option, values in self.trade.items()}) if self.trade else self
+
+    def record(self, **values: Any) -> None:
+        """Record some of :attr:`outputs`, in the unit that they declare, while the component works: of a surface, a
+        contact, an engine, a rupture law or a method of ageing. The stage keeps them with its result.
+
+        An engine that goes on from a history finds what was recorded before in its ``observables``: a number is that of
+        the whole run, a curve has one entry for each hold time of the part that is computed.
+        """
+        if unknown := values.keys() - self.outputs.keys():
+            raise PluginError(f"{self._title()} records {min(unknown)!r}, which it does not declare; add it to outputs")
+        record_by(self._title(), {name: self.outputs[name].of(value) for name, value in values.items()})
 
     def draw(self, figure: str, axes: Axes, results: Sequence[Any]) -> None:
         """Draw one of :attr:`figures` into ``axes``: of one result, or of several that are compared.

@@ -50,6 +50,8 @@ def approximations_in_words(approximations: Iterable[Mapping[str, Any]]) -> str:
 
 
 def _error_in_words(entry: Mapping[str, Any]) -> str:
+    if "carries" in entry:
+        return f"carries {entry['carries']}"
     error = entry.get("declared_error")
     if not isinstance(error, int | float):
         return "no error declared"
@@ -223,7 +225,7 @@ class Record(Frozen):
 
     def is_left_out(self, name: str, value: Any) -> bool:
         """Whether a field is one of :attr:`added` and empty."""
-        return name in self.added and (value is None or (isinstance(value, Mapping) and not value))
+        return name in self.added and (value is None or (isinstance(value, Mapping | str) and not value))
 
     def digest(self) -> str:
         """Content hash over every field, arrays included."""
@@ -247,16 +249,23 @@ class Record(Frozen):
         """The approximations on the way to this record, as in :mod:`chemage.foundation.records`."""
         return merged_approximations(getattr(self, "provenance", {}).get("approximate"))
 
-    def noting(self, plugins: Mapping[str, str], approximate: Iterable[Mapping[str, Any]] = ()) -> Self:
+    def noting(
+        self,
+        plugins: Mapping[str, str],
+        approximate: Iterable[Mapping[str, Any]] = (),
+        kept: Mapping[str, Any] | None = None,
+    ) -> Self:
         """This record, with the plugins that took part in it (name -> version), and the approximations on the way to
-        it, added to its ``provenance``."""
+        it, added to its ``provenance``; and with the fields ``kept``, see :func:`chemage.foundation.outputs.kept`."""
         approximate_parts = merged_approximations(self.approximate, approximate)
         provenance: dict[str, Any] = dict(getattr(self, "provenance", {}))
         if plugins:
             provenance["plugins"] = {**self.plugins, **plugins}
         if approximate_parts:
             provenance["approximate"] = approximate_parts
-        return self.model_copy(update={"provenance": provenance}) if plugins or approximate_parts else self
+        update: dict[str, Any] = {"provenance": provenance} if plugins or approximate_parts else {}
+        update |= kept or {}
+        return self.model_copy(update=update) if update else self
 
     def __copy__(self) -> Self:
         return self

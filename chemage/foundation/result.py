@@ -18,6 +18,7 @@ import numpy as np
 from chemage.foundation.errors import InputError
 from chemage.foundation.figures import panels, png
 from chemage.foundation.names import PICTURES
+from chemage.foundation.outputs import Observing
 from chemage.foundation.records import Record, approximations_in_words
 from chemage.foundation.text import html_table, jsonable, with_article
 
@@ -331,6 +332,9 @@ class OfRecord(Result, Generic[R]):
             name: f"array {value.shape} {value.dtype}" if isinstance(value, np.ndarray) else value
             for name, value in self.record.todict().items()
         }
+        if isinstance(self.record, Observing):
+            del fields["outputs"]
+            fields["observables"] = {name: output.summary() for name, output in self.record.measured.items()}
         return {"object": self.name, **jsonable(fields)}
 
     def notes(self) -> list[str]:

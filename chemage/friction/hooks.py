@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from chemage.plugins.hooks import Parts, Stage, Stated, hookimpl, hookspec
 
@@ -36,6 +36,22 @@ class Default:
 
 
 class _Rupture(Stage):
+    def fault(self, answer: Any, arguments: Mapping[str, Any]) -> str:
+        import numpy as np
+
+        times = arguments["bonded"].hold_times.size
+        if answer.dtype.kind not in "fiu":
+            problem = f"gave values of type {answer.dtype}"
+        elif answer.shape != (times,):
+            problem = f"gave an array of shape {answer.shape} for {times} hold times"
+        elif bad := int(np.count_nonzero(~np.isfinite(answer))):
+            problem = f"gave {bad} forces of {times} that are not finite"
+        elif (answer < 0).any():
+            problem = f"gave a negative force, {float(answer.min()):.4g} nN"
+        else:
+            return ""
+        return f"{problem}; give one force in nN, not negative, for each hold time"
+
     def rows(self, parts: Parts, stated: Stated) -> Mapping[str, str]:
         if "engine" not in parts or self.section in parts:
             return super().rows(parts, stated)

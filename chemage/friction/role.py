@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from pydantic import model_validator
@@ -13,7 +13,8 @@ from chemage.contacts.solution import ContactSolution
 from chemage.foundation.checks import expect
 from chemage.foundation.components import Component
 from chemage.foundation.errors import PluginError
-from chemage.foundation.records import Doubles, Record
+from chemage.foundation.outputs import Observing, kept
+from chemage.foundation.records import Doubles, Named, Record
 from chemage.kinetics.history import BondHistory
 from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.lattice import ReactionLattice
@@ -61,7 +62,7 @@ class Bonded:
         return self.history.states
 
 
-class RuptureForce(Record):
+class RuptureForce(Observing, Record):
     """Force that breaks all bonds of one replica, after each hold time."""
 
     arrays = {
@@ -69,6 +70,7 @@ class RuptureForce(Record):
         "force": (("hold_time",), "nN", "force that breaks all bonds"),
     }
     stored_names = {"hold_times": "hold_time"}
+    added = ("observables", "outputs")
 
     hold_times: Doubles
     """(m,) s"""
@@ -78,6 +80,10 @@ class RuptureForce(Record):
     """kind of the rupture law; empty for the mean force per bond of the chemistry"""
     provenance: dict[str, Any] = {}
     """how it was made: plain JSON values"""
+    observables: Named = {}
+    """name -> what was recorded on the way to this, see :class:`chemage.plugin.Output`"""
+    outputs: dict[str, dict[str, Any]] = {}
+    """the same names -> dims, unit and description"""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -95,10 +101,14 @@ class Rupture(Component, ABC):
     """Role ``rupture``: the force that breaks the bonds of a contact when it starts to slide."""
 
     role = "rupture"
-    error_of: ClassVar[str] = "the force"
-    #: asks for the state of every site at every hold time, :attr:`chemage.plugin.Bonded.states`; the engine must be
-    #: able to resume from a history (``restart``)
-    states: ClassVar[bool] = False
+    error_of = "the force"
+    # not annotated for type checkers, so that a class can make it a property
+    if TYPE_CHECKING:
+        states = False
+    else:
+        #: asks for the state of every site at every hold time, :attr:`chemage.plugin.Bonded.states`; the engine must be
+        #: able to resume from a history (``restart``)
+        states: ClassVar[bool] = False
 
     @abstractmethod
     def force(self, bonded: Bonded) -> np.ndarray:
@@ -127,26 +137,15 @@ def rupture_bonds(bonded: Bonded, rupture: Rupture | None = None) -> RuptureForc
     expect("bonded", bonded, Bonded, "make one with chemage.plugin.Bonded(contact, chemistry, lattice, history)")
     if rupture is not None:
         expect("rupture", rupture, Rupture, 'make one with chemage.rupture("...")')
-    force, plugins = registry.current().answer("chemage_rupture_bonds", np.ndarray, rupture=rupture, bonded=bonded)
+    force, plugins, recorded = registry.current().answer(
+        "chemage_rupture_bonds", np.ndarray, rupture=rupture, bonded=bonded
+    )
     took_part = providers(*([] if rupture is None else [rupture])) | plugins
-    if problem := _problem(force, bonded.hold_times.size):
-        who = f"rupture law {rupture.kind!r}" if rupture is not None else "the hook chemage_rupture_bonds"
-        named = ", ".join(f"{name} ({source})" for name, source in took_part.items()) or "chemage"
-        raise PluginError(f"{who} of {named} {problem}; give one force in nN, not negative, for each hold time")
     rupture_force = RuptureForce(
         hold_times=bonded.hold_times,
         force=force,
         law="" if rupture is None else rupture.kind,
         provenance={} if rupture is None else {"rupture": rupture.todict()},
     )
-    return rupture_force.noting(took_part, [] if rupture is None else approximations(rupture))
-
-
-def _problem(force: np.ndarray, times: int) -> str:
-    if force.dtype.kind not in "fiu":
-        return f"gave values of type {force.dtype}"
-    if force.shape != (times,):
-        return f"gave an array of shape {force.shape} for {times} hold times"
-    if bad := int(np.count_nonzero(~np.isfinite(force))):
-        return f"gave {bad} forces of {times} that are not finite"
-    return f"gave a negative force, {float(force.min()):.4g} nN" if (force < 0).any() else ""
+    approximate = [] if rupture is None else approximations(rupture)
+    return rupture_force.noting(took_part, approximate, kept(rupture_force, recorded))

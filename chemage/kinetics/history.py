@@ -11,6 +11,7 @@ from chemage.foundation.checks import check_times
 from chemage.foundation.codec import dataset, frame
 from chemage.foundation.errors import InputError
 from chemage.foundation.figures import BLUE, from_zero
+from chemage.foundation.outputs import Observing, joined
 from chemage.foundation.records import Doubles, Flags, Indices, Named, Number, Plain, PositiveNumber, Record
 from chemage.foundation.result import Medium, OfRecord, Panel, Picture, Rows, displays, draw_result, notebook_html
 
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 MOST_EVENTS = 2**61
 
 
-class BondHistory(Record):
+class BondHistory(Observing, Record):
     """Bonds at each hold time of one run; a run can be resumed from it."""
 
     arrays = {
@@ -35,7 +36,7 @@ class BondHistory(Record):
         "states": (("hold_time", "site"), "", "whether each site is bonded at each hold time"),
     }
     stored_names = {"hold_times": "hold_time"}
-    added = ("states",)
+    added = ("states", "observables", "outputs")
 
     hold_times: Doubles
     """(m,) s"""
@@ -63,6 +64,10 @@ class BondHistory(Record):
     """what the engine needs to resume bit for bit; private to it"""
     provenance: Plain = {}
     """how it was made: plain JSON values"""
+    observables: Named = {}
+    """name -> what was recorded on the way to this, see :class:`chemage.plugin.Output`"""
+    outputs: dict[str, dict[str, Any]] = {}
+    """the same names -> dims, unit and description"""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -99,6 +104,21 @@ class BondHistory(Record):
                 return f"{name} falls, or exceeds {MOST_EVENTS}"
         return ""
 
+    def fault_of(
+        self, lattice: Any, hold_times: np.ndarray, temperature: float, start: BondHistory | None = None, **_: Any
+    ) -> str:
+        """How it contradicts a run on ``lattice`` with these arguments, in words; "" if it does not."""
+        if not np.array_equal(self.hold_times, hold_times):
+            return f"its hold times are {_few(self.hold_times)} s, and not those of the run, {_few(hold_times)} s"
+        if self.temperature != temperature:
+            return f"temperature = {self.temperature:g} K, but the run is at {temperature:g} K"
+        if self.state.size != lattice.sites.size:
+            return f"state: {self.state.size} sites, but the lattice has {lattice.sites.size}"
+        before = 0 if start is None else int(start.bonds[-1] - start.formed[-1] + start.broken[-1])
+        if np.any(self.bonds != before + self.formed - self.broken):
+            return f"bonds {_few(self.bonds)} are not those formed {_few(self.formed)} less broken {_few(self.broken)}"
+        return ""
+
     @property
     def events(self) -> int:
         """Bonds formed and broken, together."""
@@ -114,13 +134,13 @@ class BondHistory(Record):
         """
         if later.state.size != self.state.size or later.hold_times[0] < self.time:
             raise InputError.of("later", repr(later), "was not resumed from this history", "pass what start=... gave")
-        joined: dict[str, Any] = {
+        both: dict[str, Any] = {
             name: np.concatenate([getattr(self, name), getattr(later, name)])
             for name in ("hold_times", "bonds", "formed", "broken")
         }
         states = [history.states for history in (self, later) if history.states is not None]
-        joined["states"] = np.concatenate(states) if len(states) == 2 else None
-        return BondHistory(**{**later.todict(), **joined}).noting({}, self.approximate)
+        both["states"] = np.concatenate(states) if len(states) == 2 else None
+        return BondHistory(**{**later.todict(), **both, **joined(self.observables, later)}).noting({}, self.approximate)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw bonds against hold time into ``ax``, or into a new figure of pyplot; return the axes."""
@@ -142,6 +162,11 @@ class BondHistory(Record):
         return f"<BondHistory {self.bonds[-1]} bonds at {self.time:g} s after {self.events} events ({self.engine})>"
 
     __str__ = __repr__
+
+
+def _few(values: np.ndarray) -> str:
+    shown = ", ".join(f"{value:g}" for value in values[:4])
+    return f"{shown}, …" if values.size > 4 else shown
 
 
 @displays(BondHistory)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from chemage.plugins.hooks import Doubt, Parts, Stage, Stated, hookimpl, hookspec
 
@@ -82,6 +82,9 @@ class _Engine(Stage):
         if "bytes" in replica:
             replica["bytes"] += LATTICE_BYTES[coupled] * sites
         return replica
+
+    def fault(self, answer: Any, arguments: Mapping[str, Any]) -> str:
+        return answer.fault() or answer.fault_of(**arguments)
 
     def rows(self, parts: Parts, stated: Stated) -> Mapping[str, str]:
         if (engine := parts.get(self.section)) is None:

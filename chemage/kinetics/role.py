@@ -4,20 +4,22 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.checks import Seed, check_times, checked_seed, checked_states, expect, temperature_value
-from chemage.foundation.components import Component
-from chemage.foundation.errors import InputError, PluginError
+from chemage.foundation.components import Component, call_with
+from chemage.foundation.errors import InputError
+from chemage.foundation.outputs import joined, kept, recording
 from chemage.foundation.units import QuantityLike
 from chemage.kinetics.history import BondHistory
 from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.lattice import ReactionLattice
 from chemage.plugins import registry
 from chemage.plugins.context import Plugins
+from chemage.plugins.options import Choice
 from chemage.plugins.sources import approximation_of, approximations, providers
 
 
@@ -25,15 +27,17 @@ class Engine(Component, ABC):
     """Role ``engine``: follows bonds forming and breaking on a graph; knows neither surface nor chemistry."""
 
     role = "engine"
-    #: treats lattices whose sites interact
-    interacting: ClassVar[bool] = True
-    #: can resume from a history bit for bit
-    restart: ClassVar[bool] = True
-    #: samples the master equation without approximation
-    exact: ClassVar[bool] = True
-    #: of an approximate engine, the largest relative error of the mean number of bonds; the checks hold it to that
-    declared_error: ClassVar[float | None] = None
-    error_of: ClassVar[str] = "the mean number of bonds"
+    #: of an approximate engine (``exact = False``), the ``declared_error`` is this, and the checks hold it to that
+    error_of = "the mean number of bonds"
+    # not annotated for type checkers, so that a class can make them properties
+    if TYPE_CHECKING:
+        interacting = True
+        restart = True
+    else:
+        #: treats lattices whose sites interact
+        interacting: ClassVar[bool] = True
+        #: can resume from a history bit for bit
+        restart: ClassVar[bool] = True
 
     def concurrency(self) -> int:
         """Threads that one run with these options uses; concurrent replicas share what is left."""
@@ -142,7 +146,67 @@ class Engine(Component, ABC):
         elif start is not None:
             start = checked_states("start", start, lattice.sites.size)
         self.check(lattice.interacting)
-        return self._run(lattice, times, kelvin, seed, start)
+        with recording() as recorded:
+            history = self._run(lattice, times, kelvin, seed, start)
+        return history.noting({}, (), kept(history, recorded)) if recorded else history
+
+
+class WrappedEngine(Engine):
+    """An engine that runs another one, ``inner``, to change or record something: what a class does not define is that
+    of the other.
+
+    ``exact``, ``declared_error``, ``interacting``, ``restart``, costs, threads and checks are those of ``inner``. A
+    class overrides :meth:`_run` and calls ``super()._run(...)`` in it.
+    """
+
+    inner: Choice[Engine]
+    """the engine that is run"""
+
+    @property
+    def exact(self) -> bool:
+        """That of :attr:`inner`."""
+        return self.inner.exact
+
+    @property
+    def declared_error(self) -> float | None:
+        """That of :attr:`inner`."""
+        return self.inner.declared_error
+
+    @property
+    def interacting(self) -> bool:
+        """That of :attr:`inner`."""
+        return self.inner.interacting
+
+    @property
+    def restart(self) -> bool:
+        """That of :attr:`inner`."""
+        return self.inner.restart
+
+    def concurrency(self) -> int:
+        """See :meth:`Engine.concurrency`."""
+        return self.inner.concurrency()
+
+    def expected(self, sites: float, interacting: bool, events: float | None = None) -> dict[str, float]:
+        """See :meth:`Engine.expected`."""
+        return call_with(self.inner.expected, sites, interacting, events=events)
+
+    def check(self, interacting: bool) -> Sequence[str] | None:
+        """See :meth:`Engine.check`."""
+        return self.inner.check(interacting)
+
+    def warm_up(self, lattice: ReactionLattice, temperature: float) -> None:
+        """See :meth:`Engine.warm_up`."""
+        self.inner.warm_up(lattice, temperature)
+
+    def _run(
+        self,
+        lattice: ReactionLattice,
+        hold_times: np.ndarray,
+        temperature: float,
+        seed: Seed,
+        start: BondHistory | np.ndarray | None,
+    ) -> BondHistory:
+        return self.inner.run(lattice, hold_times, temperature=temperature, seed=seed, start=start)
 
 
 def engine(kind: str, **options: Any) -> Any:
@@ -174,7 +238,7 @@ def run_kinetics(
     InputError
         ``states`` with an engine that cannot resume from a history.
     PluginError
-        There are more bonds than sites.
+        What the engine or a plugin gave contradicts itself or the lattice.
     """
     expect("engine", engine, Engine, 'make one with chemage.engine("bkl")')
     expect("lattice", lattice, ReactionLattice, "make one with chemistry.on(contact), or from arrays")
@@ -190,9 +254,11 @@ def run_kinetics(
     notes: dict[str, None] = {}
     plugins: Plugins = {}
     approximate: list[dict[str, Any]] = []
+    recorded: dict[str, Any] = {}
     for number in range(times.size):
         # only the last piece is kept whole: what an engine needs to resume may be large
         start = _answered(engine, hold_times=times[number : number + 1], start=start, **arguments)
+        recorded = joined(recorded.get("observables", {}), start)
         for name, parts in counts.items():
             parts.append(getattr(start, name))
         seen.append(start.state)
@@ -200,9 +266,9 @@ def run_kinetics(
         plugins |= start.plugins
         approximate += start.approximate
     assert start is not None
-    joined: dict[str, Any] = {name: np.concatenate(parts) for name, parts in counts.items()}
-    joined |= {"states": np.stack(seen), "notes": tuple(notes)}
-    return start.model_copy(update=joined).noting(plugins, approximate)
+    whole: dict[str, Any] = {name: np.concatenate(parts) for name, parts in counts.items()}
+    whole |= {"states": np.stack(seen), "notes": tuple(notes), **recorded}
+    return start.model_copy(update=whole).noting(plugins, approximate)
 
 
 def cannot_give_states(engine: Engine) -> str:
@@ -214,12 +280,9 @@ def cannot_give_states(engine: Engine) -> str:
 
 
 def _answered(engine: Engine, **arguments: Any) -> BondHistory:
-    history, plugins = registry.current().answer("chemage_run_kinetics", BondHistory, engine=engine, **arguments)
-    sites, bonds = arguments["lattice"].sites.size, int(history.bonds.max())
-    if bonds > sites:
-        raise PluginError(
-            f"engine {history.engine or engine.kind!r}: {bonds} bonds on {sites} sites; a site has one bond at most"
-        )
+    history, plugins, recorded = registry.current().answer(
+        "chemage_run_kinetics", BondHistory, engine=engine, **arguments
+    )
     # an engine that selects another one, and a plugin that answers with one, record which
     used = approximation_of("engine", history.engine) if history.engine != engine.kind else []
-    return history.noting(providers(engine) | plugins, [*approximations(engine), *used])
+    return history.noting(providers(engine) | plugins, [*approximations(engine), *used], kept(history, recorded))

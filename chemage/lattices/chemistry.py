@@ -13,7 +13,8 @@ from chemage.contacts.solution import Contact, ContactSolution, ContactStatistic
 from chemage.foundation import random
 from chemage.foundation.checks import Seed, checked_seed, expect
 from chemage.foundation.components import Component, call_with
-from chemage.foundation.errors import InputError, PluginError
+from chemage.foundation.errors import InputError
+from chemage.foundation.outputs import kept
 from chemage.foundation.records import frozen
 from chemage.foundation.threads import OncePerObject
 from chemage.foundation.units import EV_PER_GPA_NM3, KB, Force, Frequency, Pressure, UnitOrWord, Volume
@@ -281,16 +282,11 @@ def build_lattice(
     Raises
     ------
     PluginError
-        ``sites`` are given, and a plugin answers with others.
+        What a plugin gave contradicts the contact, or are others than the ``sites`` that are given.
     """
     expect("chemistry", chemistry, Chemistry, "make one with chemage.chemistry(forming=...)")
     expect_contact(contact)
-    lattice, plugins = registry.current().answer(
+    lattice, plugins, recorded = registry.current().answer(
         "chemage_build_lattice", ReactionLattice, chemistry=chemistry, contact=contact, seed=seed, sites=sites
     )
-    if sites is not None and not np.isin(lattice.sites, sites).all():
-        raise PluginError(
-            f"chemage_build_lattice: {', '.join(plugins) or 'a plugin'} gave sites that were not asked for, so that "
-            "the contact cannot be sampled; the hook must keep to its argument sites, or leave the plugin out"
-        )
-    return lattice.noting(providers(chemistry) | plugins, approximations(chemistry))
+    return lattice.noting(providers(chemistry) | plugins, approximations(chemistry), kept(lattice, recorded))

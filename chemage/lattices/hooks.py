@@ -85,6 +85,25 @@ class _Chemistry(Stage):
             numbers |= {"events": expected.events, "bonded": expected.bonded}
         return numbers
 
+    def fault(self, answer: Any, arguments: Mapping[str, Any]) -> str:
+        import numpy as np
+
+        contact, sites = arguments["contact"], arguments["sites"]
+        if sites is not None and not np.isin(answer.sites, sites).all():
+            return (
+                "gave sites that were not asked for, so that the contact cannot be sampled; the hook must keep to its "
+                "argument sites, or leave the plugin out"
+            )
+        if answer.pressure is None:
+            if answer.pixels != contact.shape:
+                nx, ny = answer.pixels
+                return f"a grid of {nx} x {ny} sites that are not the {contact.shape} pixels needs their pressure"
+            if answer.pixel_size != contact.pixel_size:
+                return f"pixel_size is {answer.pixel_size:g} nm, but that of the contact is {contact.pixel_size:g} nm"
+        elif (answer.pressure < 0).any():
+            return f"a pressure of {answer.pressure.min():g} GPa on a site; a contact only pushes"
+        return ""
+
     def rows(self, parts: Parts, stated: Stated) -> Mapping[str, str]:
         from chemage.foundation.units import EV_PER_GPA_NM3
         from chemage.lattices.site_grid import in_words, nominal_ratio

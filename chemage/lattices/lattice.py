@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from pydantic import model_validator
@@ -11,7 +11,18 @@ from pydantic import model_validator
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.checks import checked_states
 from chemage.foundation.errors import InputError
-from chemage.foundation.records import Doubles, Indices, Plain, PositiveNumber, Reals, Record, Shorts, require_finite
+from chemage.foundation.outputs import Observing
+from chemage.foundation.records import (
+    Doubles,
+    Indices,
+    Named,
+    Plain,
+    PositiveNumber,
+    Reals,
+    Record,
+    Shorts,
+    require_finite,
+)
 
 if TYPE_CHECKING:
     from ase import Atoms
@@ -25,7 +36,7 @@ LARGEST_BARRIER = 1e302
 MOST_SITES = 2**31 - 1
 
 
-class ReactionLattice(Record):
+class ReactionLattice(Observing, Record):
     """A graph of the sites that can react, and nothing else.
 
     There is one site in a pixel, or none; with ``positions`` there may be several. A site forms a bond at the rate
@@ -43,7 +54,7 @@ class ReactionLattice(Record):
         "coupling": (("site", "slot"), "eV", "what a bonded neighbour adds to the forming barrier"),
     }
 
-    added = ("positions", "pressure", "origin")
+    added = ("positions", "pressure", "origin", "observables", "outputs")
 
     pixels: tuple[int, int]
     """(nx, ny) of the grid the sites lie on: that of the pixels of the contact, or a grid of sites of its own"""
@@ -69,6 +80,10 @@ class ReactionLattice(Record):
     """nm; for viewing, and to place ``positions`` in their pixels"""
     provenance: Plain = {}
     """how it was made: plain JSON values"""
+    observables: Named = {}
+    """name -> what was recorded on the way to this, see :class:`chemage.plugin.Output`"""
+    outputs: dict[str, dict[str, Any]] = {}
+    """the same names -> dims, unit and description"""
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import ClassVar
 
 import numpy as np
 
@@ -20,7 +19,7 @@ class Barriers(Component, ABC):
     """
 
     role = "barriers"
-    error_of: ClassVar[str] = "the barriers"
+    error_of = "the barriers"
 
     @abstractmethod
     def quantile(self, uniform: np.ndarray) -> np.ndarray:
@@ -47,7 +46,7 @@ class Interaction(Component, ABC):
     """
 
     role = "interaction"
-    error_of: ClassVar[str] = "the couplings"
+    error_of = "the couplings"
 
     @abstractmethod
     def neighbours(self, pixels: tuple[int, int], periodic: bool, sites: np.ndarray) -> np.ndarray:

@@ -1,8 +1,8 @@
 """What holds in this context: the options and the order of plugins that a block or a scene sets, and who takes part.
 
 A plugin takes part in a result if it answered the hook of a stage, or changed its answer. Every implementation of a
-hook by a plugin is wrapped when it is registered; one that answers None, or a wrapper that returns the very object it
-received, has changed nothing and is not noted.
+hook is wrapped when it is registered; one that answers None, or a wrapper that returns the very object it received, has
+changed nothing and is not noted. What it answers is checked at once, so that a fault names the plugin.
 
 Kept in context variables, so that two threads can run two scenes; the threads of replicas and the worker processes of a
 sweep set them anew.
@@ -53,18 +53,23 @@ def applied(options: Mapping[str, Any], prefer: tuple[str, ...] | None) -> Itera
 #: name of a plugin -> its distribution and version, and in square brackets its options, where it has some
 Plugins = dict[str, str]
 
+#: checks what one plugin, or chemage's own implementation (""), answered; raises PluginError
+Check = Callable[[Any, str], None]
+
 _noted: ContextVar[Plugins | None] = ContextVar("chemage_plugins_taking_part", default=None)
+_check: ContextVar[Check | None] = ContextVar("chemage_check_of_answers", default=None)
 
 
 @contextmanager
-def taking_part() -> Iterator[Plugins]:
-    """The plugins that take part in the hook calls of this block, in this thread."""
+def taking_part(check: Check | None = None) -> Iterator[Plugins]:
+    """The plugins that take part in the hook calls of this block, in this thread; each answer passes ``check``."""
     plugins: Plugins = {}
     outer = _noted.get()
-    token = _noted.set(plugins)
+    token, checked = _noted.set(plugins), _check.set(check)
     try:
         yield plugins
     finally:
+        _check.reset(checked)
         _noted.reset(token)
         if outer is not None:
             # what a plugin uses takes part in what the plugin answers
@@ -79,17 +84,25 @@ def note(name: str, source: str) -> None:
 
 
 def record_participation(implementation: Any, name: str, source: Callable[[], str], *, many: bool) -> None:
-    """Wrap a hook implementation (pluggy's ``HookImpl``) so that its part in an answer is noted.
+    """Wrap a hook implementation (pluggy's ``HookImpl``) so that its part in an answer is noted, and that is checked.
 
     ``source`` is asked at that moment, because it contains the options then in use. ``many`` is for hooks that collect
-    all answers: an empty one adds nothing.
+    all answers: an empty one adds nothing. Chemage's own implementation has the name "" and takes no part.
     """
     function = implementation.function
+
+    def answered(answer: Any) -> None:
+        who = ""
+        if name:
+            note(name, version := source())
+            who = f"plugin {name!r} ({version})"
+        if (check := _check.get()) is not None:
+            check(answer, who)
 
     def plain(*arguments: Any) -> Any:
         answer = function(*arguments)
         if answer is not None and not (many and not answer):
-            note(name, source())
+            answered(answer)
         return answer
 
     def wrapper(*arguments: Any) -> Generator[None, Any, Any]:
@@ -101,14 +114,14 @@ def record_participation(implementation: Any, name: str, source: Callable[[], st
             try:
                 steps.throw(error)
             except StopIteration as end:
-                note(name, source())
+                answered(end.value)
                 return end.value
         else:
             try:
                 steps.send(received)
             except StopIteration as end:
                 if end.value is not received:
-                    note(name, source())
+                    answered(end.value)
                 return end.value
         steps.close()
         raise RuntimeError(f"hook wrapper of plugin {name!r} yields twice")
@@ -127,7 +140,7 @@ def record_participation(implementation: Any, name: str, source: Callable[[], st
             raise RuntimeError(f"hook wrapper of plugin {name!r} yields twice")
         after = (outcome.exception, None if outcome.exception else outcome.get_result())
         if before[0] is not after[0] or before[1] is not after[1]:
-            note(name, source())
+            answered(after[1])
 
     if implementation.wrapper:
         implementation.function = wrapper

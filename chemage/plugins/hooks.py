@@ -156,6 +156,11 @@ class Stage:
         beside = {name: parts[f"{self.section}.{name}"] for name in self.beside}
         return data | {self.section: {name: options[name] for name in options if name not in self.parts} | beside}
 
+    def fault(self, answer: Any, arguments: Mapping[str, Any]) -> str:
+        """What contradicts itself in the ``answer`` to its hook, or the ``arguments`` of the call, in words; "" if
+        nothing does. Asked of what its component gives, and of all that a plugin answers or changes."""
+        return ""
+
     def key_entries(self, sections: Mapping[str, Any]) -> list[Any]:
         """What its sections, as plain data, add to its key."""
         if self.always_in_key:

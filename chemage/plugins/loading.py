@@ -178,6 +178,33 @@ def checked_targets(where: str, targets: Any) -> dict[str, str]:
     return dict(targets)
 
 
+def checked_kinds(offer: Any, roles: Mapping[str, str]) -> dict[str, dict[str, str]]:
+    """What ``chemage_register`` of a plugin gave, which must be kinds of the ``roles``."""
+    if not isinstance(offer, Mapping):
+        raise PluginError(f"chemage_register gave {offer!r}; expected {{role: {{kind: 'module:Class'}}}}")
+    if unknown := [role for role in offer if role not in roles]:
+        raise PluginError(f"chemage_register names the role {unknown[0]!r}; the roles are {', '.join(roles)}")
+    return {role: checked_targets(f"chemage_register: {role}", targets) for role, targets in offer.items()}
+
+
+def checked_class(cls: Any, role: type, kind: str, record: PluginRecord) -> Any:
+    """The class of a component, which must be complete, of the class ``role``, and usable as that is."""
+    name: str = role.role  # pyright: ignore[reportAttributeAccessIssue]
+    target = record.kinds[name][kind]
+    where = f"{name} {kind!r} of plugin {record.name!r} ({record.source})"
+    if not (isinstance(cls, type) and issubclass(cls, role)):
+        raise PluginError(f"{where}: {target} is not a chemage.plugin.{role.__name__}")
+    if cls.kind != kind:  # pyright: ignore[reportAttributeAccessIssue]
+        raise PluginError(f"{where}: the class calls itself {cls.kind!r}; set kind = {kind!r}")  # pyright: ignore[reportAttributeAccessIssue]
+    if abstract := getattr(cls, "__abstractmethods__", None):
+        raise PluginError(f"{where}: {target} does not define {', '.join(sorted(abstract))}")
+    # an option hides the method of its name
+    if hidden := [option for option in cls.model_fields if callable(getattr(role, option, None))]:  # pyright: ignore[reportAttributeAccessIssue]
+        raise PluginError(f"{where}: the option {hidden[0]!r} has the name of a method of its role; rename it")
+    check_signatures(cls, role, where)
+    return cls
+
+
 def imported(target: str) -> Any:
     module, _, name = target.partition(":")
     return getattr(importlib.import_module(module), name)

@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
-from typing import TYPE_CHECKING, Annotated, Any, Self, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Generic, Self, TypeVar, overload
 
 from pydantic import BeforeValidator, SerializeAsAny
 
@@ -20,7 +20,17 @@ from chemage.plugins.registry import current
 _T = TypeVar("_T")
 
 if TYPE_CHECKING:
-    Choice = Annotated[_T, "a component of this role"]
+
+    class Choice(Generic[_T]):
+        """To a type checker: a component when it is read, and all that may be given for one when it is set."""
+
+        @overload
+        def __get__(self, instance: None, owner: Any) -> Self: ...
+        @overload
+        def __get__(self, instance: object, owner: Any) -> _T: ...
+        def __get__(self, instance: Any, owner: Any) -> Any: ...
+        def __set__(self, instance: Any, value: _T | str | Mapping[str, Any]) -> None: ...
+
 else:
 
     class Choice:
@@ -77,8 +87,11 @@ class PluginOptions(Component):
     def text(self) -> str:
         """The options that decide the answer in one line: ``peak = 2.0 GPa, smooth = true``."""
         fields = type(self).model_fields
-        shown = {name: json.dumps(value, sort_keys=True) for name, value in self.identity().items()}
-        return ", ".join(f"{name} = {value} {unit_of(fields[name])}".rstrip() for name, value in shown.items())
+        shown = {
+            name: "none" if value is None else f"{json.dumps(value, sort_keys=True)} {unit_of(fields[name])}".rstrip()
+            for name, value in self.identity().items()
+        }
+        return ", ".join(f"{name} = {value}" for name, value in shown.items())
 
 
 def options_for(name: str, options: Mapping[str, Any]) -> PluginOptions:

@@ -17,11 +17,11 @@ import os
 import threading
 import time
 import warnings
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from importlib import metadata
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from chemage.foundation.errors import InputError, PluginError, UnknownKindError
 from chemage.plugins import context, hooks
@@ -33,7 +33,8 @@ from chemage.plugins.loading import (
     PluginWarning,
     add_specifications,
     check_hook_names,
-    check_signatures,
+    checked_class,
+    checked_kinds,
     checked_options,
     checked_targets,
     clash,
@@ -49,6 +50,9 @@ from chemage.plugins.loading import (
     trace_before,
     versions,
 )
+
+if TYPE_CHECKING:
+    from chemage.foundation.outputs import Block
 
 __all__ = ["PluginRecord", "PluginWarning", "Registry", "scene_text", "source_version"]
 
@@ -81,10 +85,8 @@ class Registry:
         #: the same hooks in another order, by the names of the plugins that come first
         self._preferring: dict[tuple[str, ...], Hooks] = {}
         self.records: list[PluginRecord] = []
-        #: role -> "module:Class" of its abstract class
-        self.roles: dict[str, str] = {}
-        #: modules that declare roles, stages and hooks
-        self.rooms: list[Any] = []
+        self.roles: dict[str, str] = {}  # role -> "module:Class" of its abstract class
+        self.rooms: list[Any] = []  # modules that declare roles, stages and hooks
         self._stages: list[Stage] | None = None
         self._classes: dict[tuple[str, str], type] = {}
         self._monitor(self.manager)
@@ -112,7 +114,9 @@ class Registry:
     def _attach_room(self, manager: Hooks, room: Any) -> None:
         add_specifications(manager, room)
         if (default := getattr(room, "Default", None)) is not None:
-            manager.register(default(), room.__name__.removesuffix(".hooks"))
+            plugin = default()
+            manager.register(plugin, room.__name__.removesuffix(".hooks"))
+            self._record(manager, plugin, "", str)
 
     def _monitor(self, manager: Hooks) -> None:
         if os.environ.get("CHEMAGE_TRACE", "") not in ("", "0"):
@@ -169,7 +173,7 @@ class Registry:
         record = PluginRecord(name, "", source_version(cls), cls.__module__, {role: {kind: name}}, component=cls)
         if others := self.offers(role, kind):
             raise PluginError(clash(role, kind, [*others, record]))
-        self._classes[role, kind] = self._checked(cls, role, kind, record)
+        self._classes[role, kind] = checked_class(cls, self.role(role), kind, record)
         self.records.append(record)
         return record
 
@@ -193,7 +197,7 @@ class Registry:
             self._attach(self.manager, plugin, record)
             for hook in self.manager.get_hookcallers(plugin) or ():
                 if hook.name == "chemage_register":
-                    record.kinds = self._checked_kinds(_called(hook, plugin))
+                    record.kinds = checked_kinds(_called(hook, plugin), self.roles)
                 elif hook.name == "chemage_scenes":
                     record.scenes = checked_targets("chemage_scenes", _called(hook, plugin))
                 elif hook.name == "chemage_materials":
@@ -208,33 +212,57 @@ class Registry:
     def _attach(self, manager: Hooks, plugin: Any, record: PluginRecord) -> None:
         """Add the hooks of a plugin to ``manager``, so that their part in an answer is noted."""
         manager.register(plugin, full_name(record))
-        source = partial(self.source_in_use, record)
+        self._record(manager, plugin, record.name, partial(self.source_in_use, record))
+
+    def _record(self, manager: Hooks, plugin: Any, name: str, source: Callable[[], str]) -> None:
         for hook in manager.get_hookcallers(plugin) or ():
             if hook.name not in hooks.OFFERS:
                 for impl in hook.get_hookimpls():
                     if impl.plugin is plugin:
-                        record_participation(impl, record.name, source, many=not is_stage(hook))
+                        record_participation(impl, name, source, many=not is_stage(hook))
 
     def _hook_names(self) -> list[str]:
         return [name for name in dir(self.manager.hook) if name.startswith("chemage_")]
 
     # -- stages -------------------------------------------------------------------------------------------------------
 
-    def answer(self, hook: str, expected: type[T], **arguments: Any) -> tuple[T, Plugins]:
-        """Call the hook of a stage: its answer, and the plugins that answered or changed it (name -> version).
+    def answer(self, hook: str, expected: type[T], **arguments: Any) -> tuple[T, Plugins, Block]:
+        """Call the hook of a stage: its answer, the plugins that answered or changed it (name -> version), and what was
+        recorded meanwhile (:mod:`chemage.foundation.outputs`).
 
         Raises
         ------
         PluginError
-            A plugin answered with something else than ``expected``.
+            Names the plugin or component that gave something else than ``expected``, or a :meth:`Stage.fault`.
         """
-        with taking_part() as plugins:
+        from chemage.foundation.outputs import recording  # imports numpy, which the command line can do without
+
+        stage = next((stage for stage in self.stages() if hook in stage.hooks), None)
+
+        def check(answer: Any, who: str) -> None:
+            if not who:
+                component, who = self._own(stage, arguments)
+                there = recorded.keys() | getattr(answer, "observables", {}).keys()
+                if missing := getattr(component, "outputs", {}).keys() - there:
+                    raise PluginError(f"{who} declares the output {min(missing)!r} and does not record it")
+            if not isinstance(answer, expected):
+                found = f"{type(answer).__name__}; expected {expected.__name__} or None"
+                raise PluginError(f"{who} answered {hook} with {found}")
+            if stage is not None and (fault := stage.fault(answer, arguments)):
+                raise PluginError(f"{who}: {hook}: {fault}")
+
+        with recording() as recorded, taking_part(check) as plugins:
             result = getattr(self._in_order(context.preference()).hook, hook)(**arguments)
-        if not isinstance(result, expected):
-            raise PluginError(
-                f"a plugin answered {hook} with {type(result).__name__}; expected {expected.__name__} or None"
-            )
-        return result, dict(plugins)
+        return result, dict(plugins), recorded
+
+    def _own(self, stage: Stage | None, arguments: Mapping[str, Any]) -> tuple[Any, str]:
+        """The component whose method chemage calls where no plugin answers, and its name with the plugin that provides
+        it."""
+        role = (stage is not None and stage.role) or None
+        component = next((part for part in arguments.values() if getattr(part, "role", "") == role), None)
+        cls, record = type(component), self.provider(type(component))
+        whose = full_name(record) if record else f"{cls.__qualname__} {source_version(cls)}"
+        return component, "chemage" if component is None else f"{role} {component.kind!r} of {whose}"
 
     def check_preference(self, names: Iterable[str], where: str) -> None:
         """Raise an InputError if one of these plugins, named in ``where``, is not in use."""
@@ -494,16 +522,6 @@ class Registry:
                     said.append(f"{listed} {verb} {name}; {sharing[0].name!r} {wins}; to change this, {how}")
         return said
 
-    def _checked_kinds(self, offer: Any) -> dict[str, dict[str, str]]:
-        kinds: dict[str, dict[str, str]] = {}
-        if not isinstance(offer, Mapping):
-            raise PluginError(f"chemage_register gave {offer!r}; expected {{role: {{kind: 'module:Class'}}}}")
-        for role, targets in offer.items():
-            if role not in self.roles:
-                raise PluginError(f"chemage_register names the role {role!r}; the roles are {', '.join(self.roles)}")
-            kinds[role] = checked_targets(f"chemage_register: {role}", targets)
-        return kinds
-
     def _import(self, role: str, kind: str, record: PluginRecord) -> Any:
         if record.component is not None:
             return record.component
@@ -513,20 +531,7 @@ class Registry:
         except Exception as error:
             where = f"{role} {kind!r} of plugin {record.name!r} ({record.source})"
             raise PluginError(f"{where}: {target} cannot be imported: {type(error).__name__}: {error}") from error
-        return self._checked(cls, role, kind, record)
-
-    def _checked(self, cls: Any, role: str, kind: str, record: PluginRecord) -> Any:
-        target = record.kinds[role][kind]
-        where = f"{role} {kind!r} of plugin {record.name!r} ({record.source})"
-        expected = self.role(role)
-        if not (isinstance(cls, type) and issubclass(cls, expected)):
-            raise PluginError(f"{where}: {target} is not a chemage.plugin.{expected.__name__}")
-        if cls.kind != kind:
-            raise PluginError(f"{where}: the class calls itself {cls.kind!r}; set kind = {kind!r}")
-        if abstract := getattr(cls, "__abstractmethods__", None):
-            raise PluginError(f"{where}: {target} does not define {', '.join(sorted(abstract))}")
-        check_signatures(cls, expected, where)
-        return cls
+        return checked_class(cls, self.role(role), kind, record)
 
 
 def prefer_another(name: str) -> str:

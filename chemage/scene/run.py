@@ -21,6 +21,7 @@ from chemage.contacts.solution import ContactSolution, ContactStatistics
 from chemage.foundation.codec import EXTRA
 from chemage.foundation.errors import ChemageError, InputError, PlanWarning, StoreError, optional_module
 from chemage.foundation.files import make_folder
+from chemage.foundation.outputs import Measured
 from chemage.foundation.progress import progress_bars
 from chemage.foundation.records import Record, approximations_in_words, content_hash, merged_approximations
 from chemage.foundation.result import draw_parts, notebook_html
@@ -88,6 +89,11 @@ class Run:
         return {**self.contact.plugins, **(self.aging.plugins if self.aging is not None else {})}
 
     @property
+    def measured(self) -> dict[str, Measured]:
+        """What observables measured, and what components and hooks recorded at any stage, by name."""
+        return {**self.contact.measured, **(self.aging.measured if self.aging is not None else {})}
+
+    @property
     def approximate(self) -> str:
         """What is approximate about this result, in words: the kinds and their declared errors; "" if nothing is."""
         return approximations_in_words(
@@ -139,7 +145,7 @@ class Run:
             "hold_times": aging.hold_times.tolist() if aging else [],
             **(curves(aging) if aging else {name: [] for name in CURVES}),
             **bond_errors(aging),
-            "observables": {name: quantity.summary() for name, quantity in aging.measured.items()} if aging else {},
+            "observables": {name: quantity.summary() for name, quantity in self.measured.items()},
             **(fit_numbers(fit) if fit else dict.fromkeys(FIT)),
             "fit_range": list(fit.span) if fit else None,
             "beta_reason": reason or None,

@@ -45,6 +45,11 @@ class _Surface(Stage):
         grid = f", {numbers['nx']:.0f} x {numbers['ny']:.0f} pixels" if {"nx", "ny"} <= numbers.keys() else ""
         return {self.section: f"{parts[self.section].kind}{grid}, seed {seed}"}
 
+    def fault(self, answer: Any, arguments: Mapping[str, Any]) -> str:
+        if "radius" in answer.provenance and answer.periodic:
+            return "its provenance has the radius of a single sphere, but it is periodic; pass periodic=False"
+        return ""
+
     def doubts(self, parts: Parts, stated: Stated) -> Iterator[Doubt]:
         numbers = stated[self.section]
         slope = numbers.get("rms_slope")

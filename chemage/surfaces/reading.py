@@ -63,7 +63,7 @@ class Reader(Component, ABC):
     """Role ``reader``: reads a file format into a Surface or another chemage object."""
 
     role = "reader"
-    error_of: ClassVar[str] = "the heights"
+    error_of = "the heights"
     #: file name endings that this reader accepts, with the dot
     suffixes: ClassVar[tuple[str, ...]] = ()
 

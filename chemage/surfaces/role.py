@@ -6,11 +6,12 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 from chemage.foundation.checks import Seed, expect
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
+from chemage.foundation.outputs import kept
 from chemage.foundation.progress import logged, of_plugins
 from chemage.foundation.text import percent
 from chemage.plugins import registry
@@ -51,7 +52,7 @@ class SurfaceMaker(Component, ABC):
     """Role ``surface``: makes the rough body."""
 
     role = "surface"
-    error_of: ClassVar[str] = "the heights"
+    error_of = "the heights"
 
     @abstractmethod
     def make(self, seed: Seed = 0) -> Surface:
@@ -106,7 +107,7 @@ def make_surface(maker: SurfaceMaker, seed: Seed = 0) -> Surface:
     """
     expect("maker", maker, SurfaceMaker, 'make one with chemage.surface("sphere", ...)')
     with logged("surface", maker.kind) as outcome:
-        answer, plugins = registry.current().answer("chemage_make_surface", Surface, maker=maker, seed=seed)
-        answer = answer.noting(providers(maker) | plugins, approximations(maker))
+        answer, plugins, recorded = registry.current().answer("chemage_make_surface", Surface, maker=maker, seed=seed)
+        answer = answer.noting(providers(maker) | plugins, approximations(maker), kept(answer, recorded))
         outcome(f"{answer.shape[0]} x {answer.shape[1]} pixels; {of_plugins(answer.plugins)}")
     return answer

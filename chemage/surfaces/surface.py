@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from pydantic import model_validator
@@ -12,7 +12,8 @@ from pydantic import model_validator
 from chemage.foundation.checks import MOST_BINS, checked_count
 from chemage.foundation.codec import dataset, map_frame
 from chemage.foundation.errors import InputError
-from chemage.foundation.records import Number, Plain, PositiveNumber, Reals, Record, require_finite
+from chemage.foundation.outputs import Observing
+from chemage.foundation.records import Named, Number, Plain, PositiveNumber, Reals, Record, require_finite
 from chemage.foundation.result import draw_result, notebook_html
 from chemage.surfaces import roughness
 
@@ -25,10 +26,11 @@ if TYPE_CHECKING:
 LARGEST_HEIGHT, LARGEST_RATIO = 1e300, 1e305
 
 
-class Surface(Record):
+class Surface(Observing, Record):
     """A rough (or spherical) body, given by its heights on a pixel grid."""
 
     arrays = {"heights": (("x", "y"), "nm", "height, higher = nearer to the counter-body")}
+    added = ("observables", "outputs")
 
     heights: Reals
     """(nx, ny) nm, higher = nearer to the counter-body; float64, or float32 as given"""
@@ -38,6 +40,10 @@ class Surface(Record):
     """whether the grid repeats"""
     provenance: Plain = {}
     """how it was made: plain JSON values"""
+    observables: Named = {}
+    """name -> what was recorded on the way to this, see :class:`chemage.plugin.Output`"""
+    outputs: dict[str, dict[str, Any]] = {}
+    """the same names -> dims, unit and description"""
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -16,6 +16,7 @@ it with ``pytest_plugins = ["chemage.testing"]``; as a pytest entry point it wou
 on the machine.
 """
 
+from chemage.testing.changes import check_observable, check_rupture
 from chemage.testing.checks import (
     Check,
     CheckFailed,
@@ -29,7 +30,7 @@ from chemage.testing.contacts import check_contact_solver, rough_surface
 from chemage.testing.engines import check_engine
 from chemage.testing.every_component import check_material
 from chemage.testing.lattices import check_barriers, check_interaction
-from chemage.testing.replicas import check_ageing_method, check_observable, check_rupture
+from chemage.testing.replicas import check_ageing_method
 from chemage.testing.surfaces import check_reader, check_surface_maker
 
 __all__ = [

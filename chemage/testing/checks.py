@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import json
 import math
+import signal
 import sys
+import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from inspect import CO_VARKEYWORDS
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,6 +28,8 @@ except ModuleNotFoundError:  # `chemage selftest` runs the checks without it
 #: probability that one comparison of a statistical check rejects a correct component. A kit makes fewer than a thousand
 #: comparisons, so that one kit in a million is a false alarm; seeds are fixed, so results are reproducible.
 CHANCE = 1e-9
+#: s that one check of one component may take; those of the slowest component of chemage take two
+LIMIT = 120.0
 
 
 @(pytest.fixture if pytest is not None else lambda function: function)
@@ -75,7 +80,7 @@ class Check(NamedTuple):
             return
         name = f"{component.role} {component.kind!r}"
         try:
-            with _strict_warnings():
+            with _strict_warnings(), _limited(f"took longer than {LIMIT:g} s"):
                 self.function(component, **self.inputs)
         except CheckFailed:
             raise
@@ -89,6 +94,25 @@ class Check(NamedTuple):
 
     def __repr__(self) -> str:
         return self.name
+
+
+@contextmanager
+def _limited(problem: str) -> Iterator[None]:
+    """Fail after :data:`LIMIT` seconds; only where signals can be set, in the main thread and not on Windows."""
+
+    def stop(*_: Any) -> None:
+        raise AssertionError(problem)
+
+    if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "setitimer"):
+        yield
+        return
+    before = signal.signal(signal.SIGALRM, stop)
+    signal.setitimer(signal.ITIMER_REAL, LIMIT)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
 
 
 @contextmanager
@@ -114,23 +138,29 @@ def _strict_warnings() -> Iterator[None]:
 
 #: role -> its checks; the checks of every component are those of the role ""
 CHECKS: dict[str, list[Callable[..., None]]] = {}
+#: the checks of every component that come after those of its role
+LAST: list[Callable[..., None]] = []
 
 
 def check_of(
-    role: type[Component], needs: tuple[str, ...] = (), unless: tuple[type, ...] = (), known: bool = False
+    role: type[Component],
+    needs: tuple[str, ...] = (),
+    unless: tuple[type, ...] = (),
+    known: bool = False,
+    last: bool = False,
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Declare a function as a check of the class of a role, or of every component with :class:`Component`.
 
     ``needs`` are inputs without which there is nothing to check; components of the classes ``unless`` are not checked.
     A check that compares with closed forms or known numbers, within seconds, is ``known``: ``chemage selftest`` runs
-    it.
+    it. One of every component is ``last`` where those of the role say more of what is wrong.
     """
 
     def mark(function: Callable[..., None]) -> Callable[..., None]:
         function.known = known  # pyright: ignore[reportFunctionMemberAccess]
         function.needs = needs  # pyright: ignore[reportFunctionMemberAccess]
         function.unless = unless  # pyright: ignore[reportFunctionMemberAccess]
-        CHECKS.setdefault(role.role, []).append(function)
+        (LAST if last else CHECKS.setdefault(role.role, [])).append(function)
         return function
 
     return mark
@@ -152,11 +182,12 @@ def checks_for(component: Component | type[Component], **inputs: Any) -> list[Ch
     if role not in roles:
         raise InputError.of("component", component, "has no role", f"the roles are {', '.join(roles)}")
     checks = []
-    for function in (*CHECKS.get("", ()), *CHECKS.get(role, ())):
+    for function in (*CHECKS.get("", ()), *CHECKS.get(role, ()), *LAST):
         code = function.__code__
-        wanted = code.co_varnames[1 : code.co_argcount]
+        wanted = inputs if code.co_flags & CO_VARKEYWORDS else code.co_varnames[1 : code.co_argcount]
         checks.append(Check(function.__name__.lstrip("_"), function, {k: v for k, v in inputs.items() if k in wanted}))
-    unused = set(inputs).difference(*(check.inputs for check in checks))
+    named = {name for function in CHECKS.get(role, ()) for name in function.__code__.co_varnames}
+    unused = set(inputs) - named
     if unused:
         raise InputError(f"{role} checks take no {', '.join(sorted(unused))}")
     return checks
@@ -308,15 +339,6 @@ def _arrays(records: Iterable[Any]) -> list[bytes]:
     ]
 
 
-def speed_changes_nothing(component: Any, answer: Callable[[Any], Any], what: str) -> None:
-    """Require that ``answer(variant)`` is the same at other values of the options in ``speed_only``."""
-    plain = answer(component)
-    for name in type(component).speed_only:
-        for option, variant in other_values(component, name) if name in type(component).model_fields else ():
-            same = answer(variant) == plain
-            require(same, f"{option}: {what} differ, but speed_only says that they do not")
-
-
 def other_values(component: Any, name: str) -> Iterator[tuple[str, Any]]:
     """Yield the component with option ``name`` at other values that it accepts, and what was changed."""
     schema = type(component).model_json_schema().get("properties", {}).get(name, {})
@@ -326,7 +348,7 @@ def other_values(component: Any, name: str) -> Iterator[tuple[str, Any]]:
     tried += [True, False] if "boolean" in types else []
     tried += [1, 2, 3] if "integer" in types else []
     if "number" in types and isinstance(value, int | float) and not isinstance(value, bool):
-        tried += [0.5 * value, 2 * value]
+        tried += [0.5 * value, 2 * value, 0.9 * value] if value else [0.1, 1.0]
     for other in tried:
         try:
             variant = component.replace(**{name: other})
@@ -375,19 +397,25 @@ def trade_variants(component: Any) -> Iterator[tuple[str, list[tuple[str, Any]]]
 
 def rescaled(component: Any, *, stress: float = 1.0, length: float = 1.0) -> Any:
     """The component in other units of stress and length: each option that is a quantity of these, times its power."""
-    from chemage.foundation.units import unit_registry as units
-
     changes: dict[str, float] = {}
     for name, (_, unit, _) in options_of(component).items():
         value = getattr(component, name)
         if not unit or isinstance(value, bool) or not isinstance(value, int | float):
             continue
-        dimensions: dict[str, Any] = dict(units().parse_units(unit).dimensionality)
-        mass, metre, time = (float(dimensions.pop(name, 0)) for name in ("[mass]", "[length]", "[time]"))
-        # a stress is M/(L T²); what contains a time otherwise, or a temperature, is none of both
-        if not dimensions and time == -2 * mass and (mass or metre):
+        mass, metre, others = dimensions(unit)
+        # a stress is M/(L T²): a time stays as it is, and with it what contains one
+        if not others and (mass or metre):
             changes[name] = value * stress**mass * length ** (metre + mass)
     return component.replace(**changes) if changes else component
+
+
+def dimensions(unit: str) -> tuple[float, float, bool]:
+    """The powers of mass and length in a unit, and whether it contains a temperature or another quantity but time."""
+    from chemage.foundation.units import unit_registry as units
+
+    found: dict[str, Any] = dict(units().parse_units(unit).dimensionality)
+    mass, metre, _ = (float(found.pop(name, 0)) for name in ("[mass]", "[length]", "[time]"))
+    return mass, metre, bool(found)
 
 
 def binomial_chance(count: int, of: int, probability: float) -> float:

@@ -15,6 +15,7 @@ from chemage.contacts.solution import ContactSolution
 from chemage.contacts.theory import ContactTheory
 from chemage.foundation.errors import InputError
 from chemage.surfaces.surface import Roughness, Surface
+from chemage.testing.answers import Questions, asks
 from chemage.testing.checks import (
     check_of,
     options_of,
@@ -23,7 +24,6 @@ from chemage.testing.checks import (
     require_estimates,
     require_plain,
     rescaled,
-    speed_changes_nothing,
     trade_variants,
     whole,
 )
@@ -191,6 +191,40 @@ def _tolerance(component: ContactSolver, least: float) -> float:
     return max(least, component.declared_error or 0.0)
 
 
+@asks(ContactSolver)
+def _contacts_asked(component: ContactSolver, surfaces: Sequence[Surface] = (), **_: Any) -> Questions:
+    def ask(surface: Surface, load: float) -> Any:
+        def asked(solver: ContactSolver) -> Any:
+            found = solver.solve(surface, load)
+            return found.pressure, found.gap, found.displacement, found.modulus, found.notes
+
+        return asked
+
+    def theory(slope: float, load: float) -> Any:
+        roughness = Roughness(rms_slope=slope, rms_height=1.0, nominal_area=1e6)
+
+        def asked(solver: Any) -> Any:
+            found = solver.statistics(roughness, load)
+            return found.pressure, found.area, found.missing
+
+        return asked
+
+    if isinstance(component, ContactTheory):
+        for slope, load in ((0.11, 1.3e5), (0.12, 1.3e5), (0.11, 1.7e5)):
+            yield f"a slope of {slope} under {load:g} nN", theory(slope, load)
+        return
+    for number, (surface, load) in enumerate(_solvable(component, surfaces)):
+        radius = surface.provenance.get("radius")
+        higher = {"provenance": {"radius": radius / 1.07}} if radius else {}
+        yield f"surface {number}", ask(surface, 0.91 * load)
+        other = surface.model_copy(update={"heights": 1.07 * surface.heights, **higher})
+        yield f"surface {number} with higher summits", ask(other, 0.91 * load)
+        yield f"surface {number} with higher summits under another load", ask(other, 0.73 * load)
+        if not radius:
+            larger = other.model_copy(update={"pixel_size": 1.3 * surface.pixel_size})
+            yield f"surface {number} with higher summits and larger pixels", ask(larger, 0.73 * load)
+
+
 # -- the form of the answer -------------------------------------------------------------------------------------------
 
 
@@ -239,12 +273,8 @@ def _solution_describes_itself(component: ContactSolver, surfaces: Sequence[Surf
             mine, its = solution.modulus, getattr(component, "modulus", None)
             require(its is None or math.isclose(mine, its), f"modulus is {mine} GPa, the solver has {its} GPa")
         for name in component.implemented_properties:
-            # an option of the same name may switch on what takes memory
-            complete = (
-                component.replace(**{name: True}).solve(surface, load)
-                if name in type(component).model_fields
-                else solution
-            )
+            # an option switches on what takes memory
+            complete = component.with_gap().solve(surface, load) if name == "gap" else solution
             require(getattr(complete, name, None) is not None, f"implements {name!r}, but the solution has none")
         require(solution.converged, "did not converge, and did not raise ConvergenceError")
         require(math.isfinite(solution.residual), f"residual {solution.residual}")
@@ -347,8 +377,7 @@ def _gap_is_closed_in_contact(component: ContactSolver, surfaces: Sequence[Surfa
     """Where a gap (nm) is given: it is nowhere negative, and zero where the pressure is positive, to a hundredth of the
     rms height or ten times the declared error of it."""
     for surface, load in _solvable(component, surfaces):
-        with_gap = component.replace(gap=True) if "gap" in type(component).model_fields else component
-        solution = with_gap.solve(surface, load)
+        solution = component.with_gap().solve(surface, load)
         if solution.gap is None:
             continue
         scale = max(1e-3, component.declared_error or 0.0) * surface.rms_height
@@ -501,17 +530,6 @@ def _elsewhere(component: ContactSolver, surface: Surface) -> ContactSolution | 
 
 
 @check_of(ContactSolver, unless=(ContactTheory,))
-def _speed_does_not_change_the_contact(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
-    """Options in ``speed_only``, such as the number of threads, do not change a bit of the pressure."""
-    for surface, load in _solvable(component, surfaces):
-
-        def pressure(variant: ContactSolver, surface: Surface = surface, load: float = load) -> bytes:
-            return variant.solve(surface, load).pressure.tobytes()
-
-        speed_changes_nothing(component, pressure, "the pressures")
-
-
-@check_of(ContactSolver, unless=(ContactTheory,))
 def _trade_is_from_fast_to_accurate(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     """The values of each option of ``trade`` give the same contact, the last ones nearly so."""
     surface, load = _solvable(component, surfaces)[0]
@@ -579,5 +597,4 @@ def _statistics_carry_the_load(component: ContactSolver) -> None:
         require(component.statistics(roughness, load) == statistics, "a second call gave another contact")
         areas.append(statistics.contact_area)
     require(areas[0] == 0.0 and bool(np.all(np.diff(areas) > 0)), f"the area does not grow with the load: {areas} nm²")
-    flat = Surface(heights=np.zeros((4, 4)), pixel_size=1.0)
-    refuses("a map", lambda: component.solve(flat, 1.0))
+    refuses("a map", lambda: component.solve(flat().surface, 1.0))

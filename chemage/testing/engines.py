@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import pickle
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -15,6 +16,7 @@ from chemage.kinetics.history import BondHistory
 from chemage.kinetics.role import Engine
 from chemage.lattices.lattice import ReactionLattice
 from chemage.plugins import registry
+from chemage.testing.answers import Questions, asks
 from chemage.testing.checks import (
     CHANCE,
     binomial_chance,
@@ -24,7 +26,6 @@ from chemage.testing.checks import (
     require,
     require_estimates,
     seeds_are_harmless,
-    speed_changes_nothing,
     trade_variants,
     whole,
 )
@@ -80,6 +81,40 @@ def _disordered(interacting: bool, *rings: int, seed: int = 7) -> ReactionLattic
 def _trace(history: BondHistory) -> tuple[bytes, ...]:
     parts = (history.bonds, history.formed, history.broken, history.state)
     return tuple(part.tobytes() for part in parts)
+
+
+@asks(Engine)
+def _engines_asked(component: Engine) -> Questions:
+    def ask(lattice: ReactionLattice, times: Any = (0.013, 1.7, 43.0), **given: Any) -> Any:
+        how = {"temperature": 300.0, "seed": 31, **given}
+        return lambda engine: _trace(engine.run(lattice, times, **how))
+
+    def sites(number: int, **changes: Any) -> ReactionLattice:
+        return _disordered(component.interacting, number).model_copy(update=changes)
+
+    def breaking(number: int) -> np.ndarray:
+        return np.asarray(sites(number).breaking)[::-1]
+
+    changes: dict[str, Callable[[int], Any]] = {
+        "at another temperature": lambda n: ask(sites(n), temperature=317.0),
+        "with another seed": lambda n: ask(sites(n), seed=32),
+        "at other hold times": lambda n: ask(sites(n), (0.017, 1.3, 41.0)),
+        "with another attempt frequency": lambda n: ask(sites(n, attempt_frequency=7e12)),
+        "in pixels of another size": lambda n: ask(sites(n, pixel_size=2.1)),
+        "with their forming barriers in another order": lambda n: ask(sites(n, forming=sites(n).forming[::-1])),
+        "with their breaking barriers in another order": lambda n: ask(sites(n, breaking=breaking(n))),
+        "whose bonds last": lambda n: ask(sites(n, breaking=None)),
+        "of which every third is bonded at first": lambda n: ask(sites(n), start=np.arange(n) % 3 == 0),
+    }
+    for number, (what, changed) in enumerate(changes.items(), 31):
+        yield f"{number} sites", ask(sites(number))
+        yield f"{number} sites {what}", changed(number)
+    for interacting in sorted({False, component.interacting}):
+        yield f"279 sites, interacting={interacting}", ask(_disordered(interacting, 119, 7, 60, 3, 90))
+    if component.interacting:
+        hold = random_hold(1, 1, 2)
+        flickering = {"times": [hold.time], "temperature": hold.temperature}
+        yield "a site that flickers", ask(hold.group.lattice(3), start=np.full(6, hold.start), **flickering)
 
 
 # -- the form of the answer -------------------------------------------------------------------------------------------
@@ -527,18 +562,6 @@ def _sites_of_one_pixel_are_independent(component: Engine) -> None:
         f"{pixels} pixels with two sites each, half of which are bonded: both are in {both} pixels, expected about "
         f"{expected:.0f}; take random numbers by lattice.random_index, not by the pixel",
     )
-
-
-@check_of(Engine)
-def _speed_does_not_change_the_run(component: Engine) -> None:
-    """Options in ``speed_only``, such as the number of threads, do not change any bond."""
-    for interacting in {False, component.interacting}:
-        lattice = _disordered(interacting, 120, 7, 60, 3, 90)
-
-        def trace(variant: Engine, lattice: ReactionLattice = lattice) -> tuple[bytes, ...]:
-            return _trace(variant.run(lattice, [0.1, 10.0], temperature=300, seed=1))
-
-        speed_changes_nothing(component, trace, "the results")
 
 
 @check_of(Engine)

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import json
 import math
+import operator
 import pickle
 import re
+import sys
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from itertools import product
 from typing import Any
 
@@ -131,8 +134,8 @@ def _approximations_are_declared(component: Component) -> None:
     error = component.declared_error
     require(not component.exact, f"declared_error = {error!r}, but exact is True; set exact = False")
     require(
-        isinstance(error, int | float) and not isinstance(error, bool) and 0 < error < math.inf,
-        f"declared_error = {error!r}; give the largest relative error of {component.error_of}, above 0",
+        isinstance(error, int | float) and not isinstance(error, bool) and 0 < error <= 1,
+        f"declared_error = {error!r}; give the largest relative error of {component.error_of}, above 0 and at most 1",
     )
 
 
@@ -240,9 +243,28 @@ def _figures_are_named(component: Component) -> None:
 def _components_draw_their_figures(component: Component) -> None:
     """A component that is no observable draws each of its figures, of one result and of several, also where a part of
     the result is not known."""
+    others = [variant for option in type(component).model_fields for _, variant in other_values(component, option)]
     for name in () if component.role == "observable" else type(component).figures:
-        for what, results in _results(component).items():
-            _drawn(component, name, results, f" of {what}", filled="without" not in what)
+        results = _results(component)
+        shown = {
+            what: _drawn(component, name, drawn, f" of {what}", filled="without" not in what)
+            for what, drawn in results.items()
+        }
+        one, two = results["two results"]
+        for other in (replace(two, component=variant) for variant in others[:4]):
+            alone = [_drawn(component, name, [result], " of one result") for result in (two, other)]
+            require(
+                alone[0] == alone[1]
+                or _drawn(component, name, [one, other], " of two results") != shown["two results"],
+                f"figure {name!r} of two results is the same whatever the second one is; draw all results",
+            )
+        for what, drawn in results.items():
+            for other in others[:1]:
+                require(
+                    _drawn(other, name, drawn, f" of {what}", filled=False) == shown[what],
+                    f"figure {name!r} shows the options of the component that draws; draw those of each result, "
+                    "one.component",
+                )
 
 
 @check_of(Observable)
@@ -271,12 +293,27 @@ def _figures_are_drawn(component: Observable) -> None:
 
 
 def _drawn(component: Any, figure: str, results: Sequence[Any], what: str = "", filled: bool = True) -> bytes:
+    import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    canvas = FigureCanvasAgg(Figure())
+    canvas, given, settings = FigureCanvasAgg(Figure()), list(results), dict(matplotlib.rcParams)
+    pyplot = sys.modules.get("matplotlib.pyplot")
+    open_before = pyplot.get_fignums() if pyplot else []
     axes = canvas.figure.subplots()
-    component.draw(figure, axes, results)
+    component.draw(figure, axes, given)
+    pyplot = sys.modules.get("matplotlib.pyplot")
+    require(
+        not pyplot or pyplot.get_fignums() == open_before,
+        f"draw({figure!r}) opens a figure of pyplot; draw into the axes that are given",
+    )
+    require(
+        dict(matplotlib.rcParams) == settings, f"draw({figure!r}) changes the settings of matplotlib (rcParams) for all"
+    )
+    require(
+        len(given) == len(results) and all(map(operator.is_, given, results)),
+        f"draw({figure!r}) changes the list of results",
+    )
     what = what or f" of {len(results)} result(s)"
     require(axes.has_data() or not filled, f"draw({figure!r}){what} left the axes empty; draw the results")
     canvas.draw()

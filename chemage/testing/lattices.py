@@ -11,13 +11,14 @@ from chemage.foundation.components import call_with
 from chemage.foundation.errors import InputError
 from chemage.lattices.lattice import ReactionLattice
 from chemage.lattices.role import Barriers, Interaction
+from chemage.testing.answers import Questions, asks
 from chemage.testing.checks import (
     calls_are_independent,
     check_of,
     options_of,
     require,
+    rescaled,
     seeds_are_harmless,
-    speed_changes_nothing,
     trade_variants,
     whole,
 )
@@ -147,10 +148,8 @@ def _members_are_other_distributions(component: Barriers) -> None:
 
 
 @check_of(Barriers)
-def _speed_does_not_change_the_barriers(component: Barriers) -> None:
-    """Options in ``speed_only`` do not change a bit of any barrier; ``trade`` changes the median by a tenth at most."""
-    uniform = np.linspace(0.01, 0.99, 99)
-    speed_changes_nothing(component, lambda variant: variant.quantile(uniform).tobytes(), "barriers")
+def _trade_keeps_the_barriers(component: Barriers) -> None:
+    """Every value of ``trade`` gives the median of the last to within a tenth."""
     for name, variants in trade_variants(component):
         medians = [float(variant.quantile(np.array([0.5]))[0]) for _, variant in variants]
         require(
@@ -185,6 +184,40 @@ def _patches_of_sites(grid: tuple[int, int]) -> Iterator[np.ndarray]:
     if some.size < size:
         yield some
     yield np.empty(0, np.int64)
+
+
+@asks(Barriers)
+def _barriers_asked(component: Barriers) -> Questions:
+    middle = (np.arange(37) + 0.5) / 37
+    for what, uniform in (("37 barriers", middle), ("37 others", middle**2), ("the last of them", middle[-1:])):
+        yield what, lambda barriers, uniform=uniform: barriers.quantile(uniform.copy())
+    energies = np.linspace(0.3, 2.9, 53)
+    for what, energy in (("the density", energies), ("that of other energies", energies + 0.011)):
+        yield what, lambda barriers, energy=energy: barriers.density(energy.copy())
+
+
+@asks(Interaction)
+def _interactions_asked(component: Interaction) -> Questions:
+    def ask(grid: tuple[int, int], periodic: bool, sites: np.ndarray, seed: int, size: float) -> Any:
+        def asked(interaction: Interaction) -> Any:
+            found = call_with(interaction.neighbours, grid, periodic, sites, pixel_size=size, positions=None)
+            where = {"pixel_size": size, "positions": None, "pixels": grid, "periodic": periodic}
+            return found, call_with(interaction.coupling, sites, found, seed, **where)
+
+        return asked
+
+    for number, what in enumerate(("turned", "not periodic", "another seed", "larger pixels", "other sites"), 14):
+        every, grid = np.arange(9 * number, dtype=np.int64), (number, 9)
+        plain = (grid, True, every[::2], 3, _PIXEL)
+        changed = {
+            "turned": (grid[::-1], *plain[1:]),
+            "not periodic": (grid, False, *plain[2:]),
+            "another seed": (*plain[:3], 4, _PIXEL),
+            "larger pixels": (*plain[:4], 1.3 * _PIXEL),
+            "other sites": (grid, True, every[1::2], *plain[3:]),
+        }
+        yield f"half of a grid of {number}x9 pixels", ask(*plain)
+        yield f"half of a grid of {number}x9 pixels, {what}", ask(*changed[what])
 
 
 @check_of(Interaction, known=True)
@@ -331,7 +364,22 @@ def _coupling_follows_its_seed(component: Interaction) -> None:
 
 
 @check_of(Interaction)
-def _speed_does_not_change_the_energies(component: Interaction) -> None:
-    """Options in ``speed_only`` change neither the graph nor a bit of any energy."""
-    grid, sites = (13, 11), np.arange(143, dtype=np.int64)
-    speed_changes_nothing(component, lambda variant: _pairs(variant, grid, sites, 2), "the energies")
+def _lengths_are_in_nm(component: Interaction) -> None:
+    """On pixels twice as large, with all lengths among the options doubled, graph and energies are the same."""
+    sites = np.arange(143, dtype=np.int64)
+    # an energy is stress times volume
+    larger = rescaled(component, stress=1 / 8, length=2)
+    for grid in ((13, 11), (11, 13)):
+        for one, two in zip(*(_both(*case, grid, sites) for case in ((component, 1.0), (larger, 2.0))), strict=True):
+            require(
+                one.shape == two.shape and np.allclose(one, two, rtol=1e-9, atol=1e-12),
+                "with pixels and all lengths among the options doubled, neighbours or energies differ; is a length in "
+                "pixels, or a size of pixels assumed?",
+            )
+
+
+def _both(component: Interaction, scale: float, grid: tuple[int, int], sites: np.ndarray) -> tuple[np.ndarray, ...]:
+    size = scale * _PIXEL
+    found = call_with(component.neighbours, grid, True, sites, pixel_size=size, positions=None)
+    where = {"pixel_size": size, "positions": None, "pixels": grid, "periodic": True}
+    return found, call_with(component.coupling, sites, found, 3, **where)

@@ -14,11 +14,11 @@ from chemage.ageing.age import age
 from chemage.ageing.aging import Aging
 from chemage.ageing.methods import AgedBonds, AgeingMethod, AgeingRequest
 from chemage.ageing.observables import Observable
-from chemage.ageing.outputs import Checker, declaration_problems
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation import random
 from chemage.foundation.checks import Seed
 from chemage.foundation.errors import PluginError
+from chemage.foundation.outputs import Checker, declaration_problems
 from chemage.foundation.units import EV_PER_GPA_NM3, KB, unit_registry
 from chemage.friction.role import Bonded, Rupture
 from chemage.kinetics.history import BondHistory
@@ -27,7 +27,8 @@ from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.independent import TwoState
 from chemage.lattices.lattice import ReactionLattice
 from chemage.lattices.role import Barriers
-from chemage.testing.checks import calls_are_independent, check_of, require, speed_changes_nothing, whole
+from chemage.testing.answers import Questions, asks
+from chemage.testing.checks import calls_are_independent, check_of, require, whole
 
 
 class Even(Barriers):
@@ -76,7 +77,7 @@ def finished(
         k = np.arange(n)
         near = np.stack([np.where(k + 1 < n, k + 1, -1), k - 1], axis=1) if n else np.empty((0, 2), int)
         fields |= {"neighbours": near.astype(np.int32), "coupling": np.where(near >= 0, 0.05, 0.0)}
-    forming = np.sort(rng.uniform(0.8, 1.4, n))
+    forming = rng.uniform(0.8, 1.4, n)
     lattice = ReactionLattice(pixels=grid, sites=sites, forming=forming, pixel_size=0.5, **fields)
     counts = np.linspace(0 if len(times) > 1 else bonded, bonded, len(times)).astype(np.int64)
     history = BondHistory(
@@ -84,7 +85,7 @@ def finished(
         bonds=counts,
         formed=counts,
         broken=np.zeros(len(times), np.int64),
-        state=np.arange(n) < bonded,
+        state=_rank(n) < bonded,
         time=times[-1],
         temperature=300.0,
         engine="by-hand",
@@ -93,9 +94,16 @@ def finished(
     return Replica(contact, lattice, history)
 
 
+def _rank(n: int) -> np.ndarray:
+    """In which order ``n`` sites form their bonds."""
+    return np.random.default_rng(n).permutation(n)
+
+
 def with_states(replica: Replica) -> Replica:
     """The replica with the state of every site at every hold time: a bond that has formed stays."""
-    states = np.arange(replica.lattice.sites.size) < replica.history.bonds[:, None]
+    if replica.history.states is not None:
+        return replica
+    states = _rank(replica.lattice.sites.size) < replica.history.bonds[:, None]
     return replica._replace(history=replica.history.model_copy(update={"states": states}))
 
 
@@ -217,12 +225,6 @@ def _measure_disturbs_nothing(component: Observable) -> None:
     calls_are_independent(lambda replica: _bytes(component, replica), replicas, *kept)
 
 
-@check_of(Observable)
-def _speed_does_not_change_the_numbers(component: Observable) -> None:
-    """Options in ``speed_only`` do not change a bit of what is measured."""
-    speed_changes_nothing(component, lambda variant: _bytes(variant, finished(40, 17)), "the numbers")
-
-
 # -- laws of rupture --------------------------------------------------------------------------------------------------
 
 #: force per bond, nN, from entropic bonds of a few pN to beyond any covalent bond
@@ -230,22 +232,23 @@ LEAST, MOST = 1e-4, 100.0
 TIMES = (0.0, 0.1, 10.0, 10.0, 1e4)
 
 
-def _bonded(component: Rupture, replica: Replica) -> Bonded:
+def bonded_of(component: Rupture, replica: Replica) -> Bonded:
     """A replica with breaking barriers that differ from site to site, as the law receives it."""
     contact, lattice, history = with_states(replica) if component.states else replica
-    breaking = None
+    breaking: Any = None
     if lattice.breaking is not None:
         breaking = Even()
-        lattice = lattice.model_copy(update={"breaking": np.linspace(0.9, 1.3, lattice.sites.size)})
+        order = np.random.default_rng(lattice.sites.size + 1).permutation(lattice.sites.size)
+        lattice = lattice.model_copy(update={"breaking": np.linspace(0.9, 1.3, lattice.sites.size)[order]})
         history = history.model_copy(update={"lattice_hash": lattice.digest()})
     return Bonded(contact, Chemistry(forming=Even(), breaking=breaking), lattice, history)
 
 
 def _some(component: Rupture, n: int = 40, bonded: int = 17) -> Bonded:
-    return _bonded(component, finished(n, bonded, times=TIMES))
+    return bonded_of(component, finished(n, bonded, times=TIMES))
 
 
-def _force(component: Rupture, bonded: Bonded, what: str) -> np.ndarray:
+def force_of(component: Rupture, bonded: Bonded, what: str) -> np.ndarray:
     """What the law gives, which must be a force in nN for each hold time."""
     force = _answer(what, "force", lambda: np.asarray(component.force(bonded)))
     times = bonded.hold_times.size
@@ -260,22 +263,22 @@ def _force(component: Rupture, bonded: Bonded, what: str) -> np.ndarray:
 def _forces_are_forces(component: Rupture) -> None:
     """There is one force for each hold time, finite and not negative, with or without bonds and sites."""
     for what, replica in usual(TIMES):
-        _force(component, _bonded(component, replica), what)
+        force_of(component, bonded_of(component, replica), what)
 
 
 @check_of(Rupture, known=True)
 def _no_bonds_no_force(component: Rupture) -> None:
     """The force is 0 wherever there is no bond."""
     for what, replica in usual(TIMES):
-        bonded = _bonded(component, replica)
-        force = _force(component, bonded, what)[bonded.bonds == 0]
+        bonded = bonded_of(component, replica)
+        force = force_of(component, bonded, what)[bonded.bonds == 0]
         require((force == 0).all(), f"{what}: a force of {force.max(initial=0.0):.4g} nN where there is no bond")
 
 
 @check_of(Rupture)
 def _forces_are_in_nn(component: Rupture) -> None:
     """Forces are in nN: the mean force per bond is between 1e-4 and 100 nN, unless all are zero."""
-    force = float(_force(component, _some(component, 40, 40), "all sites bonded")[-1]) / 40
+    force = float(force_of(component, _some(component, 40, 40), "all sites bonded")[-1]) / 40
     require(
         force == 0 or LEAST <= force <= MOST,
         f"the mean force per bond is {force:.3g} nN; expected {LEAST:g} to {MOST:g} nN: is it in N, pN or eV/nm?",
@@ -289,7 +292,7 @@ def _parts_may_be_absent(component: Observable | Rupture) -> None:
     treated too."""
     for what, replica in unusual(TIMES):
         if isinstance(component, Rupture):
-            _force(component, _bonded(component, replica), what)
+            force_of(component, bonded_of(component, replica), what)
         else:
             numbers(component, replica, what)
 
@@ -299,16 +302,16 @@ def _force_disturbs_nothing(component: Rupture) -> None:
     """A replica has the same force every time, whatever was asked before or at the same time, and stays as it was."""
     replicas = [_some(component), _some(component, 40, 40), _some(component, 30, 5)]
     kept = [record for bonded in replicas for record in (bonded.contact, bonded.lattice, bonded.history)]
-    calls_are_independent(lambda bonded: _force(component, bonded, "a replica").tobytes(), replicas, *kept)
+    calls_are_independent(lambda bonded: force_of(component, bonded, "a replica").tobytes(), replicas, *kept)
 
 
 @check_of(Rupture)
 def _later_times_do_not_matter(component: Rupture) -> None:
     """The force after a hold time does not depend on what happens later: sliding after 10 s does not know of 1e4 s."""
     bonded = _some(component, 40, 30)
-    whole = _force(component, bonded, "30 of 40 sites bonded")
+    whole = force_of(component, bonded, "30 of 40 sites bonded")
     for number in range(1, bonded.hold_times.size):
-        force = _force(component, _until(bonded, number), f"the first {number} hold times")
+        force = force_of(component, _until(bonded, number), f"the first {number} hold times")
         require(
             np.allclose(force, whole[:number], rtol=1e-9, atol=0.0),
             f"the first {number} hold times alone: {force} nN, but {whole[:number]} nN where later ones follow; "
@@ -322,7 +325,7 @@ def _until(bonded: Bonded, number: int) -> Bonded:
     changes: dict[str, Any] = {
         name: getattr(history, name)[:number] for name in ("hold_times", "bonds", "formed", "broken")
     }
-    states = np.arange(bonded.lattice.sites.size) < history.bonds[:number, None]
+    states = _rank(bonded.lattice.sites.size) < history.bonds[:number, None]
     changes |= {"state": states[-1], "time": float(history.hold_times[number - 1])}
     changes["states"] = None if history.states is None else states
     return Bonded(bonded.contact, bonded.chemistry, bonded.lattice, history.model_copy(update=changes))
@@ -340,22 +343,12 @@ def _unbonded_sites_do_not_matter(component: Rupture) -> None:
         for name in ("forming", "breaking")
     }
     other = Bonded(bonded.contact, bonded.chemistry, lattice.model_copy(update=raised), bonded.history)
-    here, there = (_force(component, case, "17 of 40 sites bonded") for case in (bonded, other))
+    here, there = (force_of(component, case, "17 of 40 sites bonded") for case in (bonded, other))
     require(
         np.allclose(here, there, rtol=1e-9, atol=0.0),
         f"barriers of unbonded sites were raised by 0.1 eV: {there} nN instead of {here} nN; states are (hold times, "
         "sites), in the order of lattice.sites",
     )
-
-
-@check_of(Rupture)
-def _speed_does_not_change_the_force(component: Rupture) -> None:
-    """Options in ``speed_only`` do not change a bit of any force."""
-    bonded = _some(component)
-    speed_changes_nothing(component, lambda variant: _force(variant, bonded, "a replica").tobytes(), "the forces")
-
-
-check_observable, check_rupture = whole(Observable), whole(Rupture)
 
 
 TEMPERATURE, METHOD_TIMES = 300.0, np.array([0.0, 1e-3, 1.0, 1.0, 1e3, 1e6])
@@ -429,16 +422,36 @@ def _aged(component: AgeingMethod, request: AgeingRequest) -> Aging:
     return age(request.contact, request.chemistry, method=component, **options)
 
 
-def _expected(contact: ContactSolution, chemistry: Chemistry) -> np.ndarray:
-    """Mean number of bonds at each of ``METHOD_TIMES``, (m,): sites that do not interact, over 4000 barriers each."""
+def _expected(contact: ContactSolution, chemistry: Chemistry, kelvin: float, times: np.ndarray) -> np.ndarray:
+    """Mean number of bonds at each of ``times``, (m,): sites that do not interact, over 4000 barriers each."""
     ranks = (np.arange(4000) + 0.5) / 4000
-    total = np.zeros(METHOD_TIMES.size)
+    total = np.zeros(times.size)
     pressures, counts = np.unique(chemistry.sites_of(contact).pressure, return_counts=True)
     for pressure, count in zip(pressures, counts, strict=True):
         barrier = chemistry.forming.quantile(ranks) - chemistry.activation_volume * EV_PER_GPA_NM3 * float(pressure)
-        sites = TwoState(chemistry.rates(barrier, TEMPERATURE))
-        total += count * sites.bonded(METHOD_TIMES[:, None]).mean(axis=1)
+        sites = TwoState(chemistry.rates(barrier, kelvin))
+        total += count * sites.bonded(times[:, None]).mean(axis=1)
     return total * chemistry.hydroxylation
+
+
+@asks(AgeingMethod)
+def _methods_asked(component: AgeingMethod) -> Questions:
+    def ask(rows: int, **changes: Any) -> Any:
+        contact = _contact(np.full((rows, 13), changes.pop("pressure", 1.7)))
+        request = _request(contact, **{"temperature": 303.0, "replicas": 2, **changes})
+        return lambda method: [getattr(method.age(request), name) for name in ("bonds", "sites", "errors")]
+
+    changes: dict[str, dict[str, Any]] = {
+        "at another temperature": {"temperature": 317.0},
+        "under another pressure": {"pressure": 1.9},
+        "with another seed": {"seed": 6},
+        "at other hold times": {"hold_times": 1.3 * METHOD_TIMES},
+        "with another attempt frequency": {"chemistry": _chemistry(attempt_frequency=7e12)},
+        "with fewer hydroxyl groups": {"chemistry": _chemistry(hydroxylation=0.8)},
+    }
+    for rows, (what, change) in enumerate(changes.items(), 17):
+        yield f"a contact of {rows}x13 pixels", ask(rows)
+        yield f"a contact of {rows}x13 pixels {what}", ask(rows, **change)
 
 
 @check_of(AgeingMethod)
@@ -462,25 +475,32 @@ def _gives_aged_bonds(component: AgeingMethod) -> None:
 def _bonds_are_those_of_the_whole_contact(component: AgeingMethod) -> None:
     """Bonds and sites are those of the whole contact: sites that do not interact have the mean of the closed form,
     within the errors that the method states."""
-    for hydroxylation in (1.0, 0.7):
-        chemistry = _chemistry(hydroxylation=hydroxylation)
+    conditions = ((1.0, 1e13, 0.01, TEMPERATURE, METHOD_TIMES), (0.7, 3e11, 0.02, 360.0, METHOD_TIMES[1:] / 7))
+    for hydroxylation, nu, volume, kelvin, times in conditions:
+        chemistry = _chemistry(hydroxylation=hydroxylation, attempt_frequency=nu, activation_volume=volume)
         for what, contact in _contacts():
-            aging = _aged(component, _request(contact, chemistry=chemistry))
-            sites, exact = hydroxylation * contact.sites.size, _expected(contact, chemistry)
+            contact = contact.model_copy(update={"pixel_size": 0.5 if kelvin == TEMPERATURE else 0.8})
+            contact = contact.model_copy(update={"load": contact.carried})
+            request = _request(contact, chemistry=chemistry, temperature=kelvin, hold_times=times)
+            aging = _aged(component, request)
+            sites, exact = hydroxylation * contact.sites.size, _expected(contact, chemistry, kelvin, times)
             spread = FAR * math.sqrt(max(sites * (1 - hydroxylation), 0.25))
             size = float(aging.sites.mean())
             require(abs(size - sites) <= spread + 0.5, f"{what}: {size:g} sites, expected {sites:g}")
             bonds = aging.bonds.mean(axis=0)
             # replicas differ by their disorder as well: at most as Poisson numbers
-            noise = np.sqrt(exact / len(aging.bonds)) if component.replicates else np.zeros(METHOD_TIMES.size)
-            stated = sum((np.nan_to_num(error) ** 2 for error in aging.errors.values()), np.zeros(METHOD_TIMES.size))
+            noise = np.sqrt(exact / len(aging.bonds)) if component.replicates else np.zeros(times.size)
+            for name, error in aging.errors.items():
+                worst = float(np.nan_to_num(error[exact > 1]).max(initial=0.0))
+                require(worst < 1, f"{what}: the error {name!r} is up to {worst:.3g}; errors are relative, 0.05 is 5 %")
+            stated = sum((np.nan_to_num(error) ** 2 for error in aging.errors.values()), np.zeros(times.size))
             allowed = FAR * (noise + np.sqrt(stated) * exact) + (component.declared_error or 0.0) * exact
             allowed += 1e-3 * exact + (0.5 if component.replicates else 1e-9)
             at = int(np.argmax(np.abs(bonds - exact) - allowed))
             require(
                 bool(abs(bonds[at] - exact[at]) <= allowed[at]),
-                f"{what}, hydroxylation {hydroxylation:g}: {bonds[at]:.4g} bonds at {METHOD_TIMES[at]:g} s, the closed "
-                f"form has {exact[at]:.4g}; bonds are those of the whole contact",
+                f"{what}, hydroxylation {hydroxylation:g}, ν = {nu:g} Hz, {kelvin:g} K: {bonds[at]:.4g} bonds at "
+                f"{times[at]:g} s, the closed form has {exact[at]:.4g}; bonds are those of the whole contact",
             )
 
 
@@ -506,10 +526,3 @@ def _fewer_replicas_are_the_first_ones(component: AgeingMethod) -> None:
     contact = next(_contacts())[1]
     many, few = (np.asarray(component.age(_request(contact, replicas=count)).bonds) for count in (REPLICAS, 2))
     require(np.array_equal(many[:2], few), "2 replicas are not the first 2 of 6; the seed belongs to the replica")
-
-
-@check_of(AgeingMethod)
-def _speed_does_not_change_the_bonds(component: AgeingMethod) -> None:
-    """Options in ``speed_only`` do not change a bit of the bonds."""
-    request = _request(next(_contacts())[1])
-    speed_changes_nothing(component, lambda variant: np.asarray(variant.age(request).bonds).tobytes(), "the bonds")

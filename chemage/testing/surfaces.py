@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 
 from chemage.foundation.errors import ChemageError, InputError
-from chemage.foundation.files import create, read_bytes
+from chemage.foundation.files import create, read_bytes, write_file
 from chemage.foundation.records import Record
-from chemage.surfaces.reading import Reader
+from chemage.surfaces.reading import HeightMap, Reader
 from chemage.surfaces.role import Scatter, SurfaceMaker
 from chemage.surfaces.surface import Surface
+from chemage.testing.answers import Questions, asks
 from chemage.testing.checks import (
     check_of,
     options_of,
@@ -24,7 +25,6 @@ from chemage.testing.checks import (
     require_plain,
     rescaled,
     seeds_are_harmless,
-    speed_changes_nothing,
     trade_variants,
     whole,
 )
@@ -212,6 +212,11 @@ def _seam(heights: np.ndarray, axis: int) -> tuple[float, float]:
 @check_of(SurfaceMaker)
 def _surface_is_as_expected(component: SurfaceMaker) -> None:
     """The properties that ``expected()`` returns are those of the surface: lengths in nm, the slope as a ratio."""
+    for maker in (component, *_other_grids(component)):
+        _require_expected(maker)
+
+
+def _require_expected(component: SurfaceMaker) -> None:
     surface, expected = component.make(0), component.expected()
     exact = {"nx": surface.shape[0], "ny": surface.shape[1], "pixel_size": surface.pixel_size}
     names = (*exact, "rms_slope", "shortest_wavelength", "radius", "periodic", "cpu_seconds")
@@ -234,6 +239,18 @@ def _surface_is_as_expected(component: SurfaceMaker) -> None:
             beyond < 0.25,
             f"expected() has shortest_wavelength = {shortest:.4g} nm, but {beyond:.0%} of the mean square slope is in "
             "shorter waves",
+        )
+
+
+@check_of(SurfaceMaker)
+def _roughness_is_the_surfaces(component: SurfaceMaker) -> None:
+    """``roughness()`` has the nominal area of the surface, and about its rms slope and rms height if it gives one."""
+    surface, roughness = component.make(3), component.roughness(3)
+    for name, allowed in (("nominal_area", 1e-9), ("rms_slope", 0.3), ("rms_height", 0.5)):
+        mine, its = getattr(roughness, name), getattr(surface, name)
+        require(
+            math.isnan(mine) or math.isclose(mine, its, rel_tol=allowed, abs_tol=1e-12),
+            f"roughness() has {name} = {mine:.4g}, the surface has {its:.4g}",
         )
 
 
@@ -288,10 +305,23 @@ def _same_shape(how: str, made: Surface, candidates: list[np.ndarray], most: flo
     )
 
 
+@asks(SurfaceMaker)
+def _surfaces_asked(component: SurfaceMaker) -> Questions:
+    def ask(seed: int) -> Any:
+        def asked(maker: SurfaceMaker) -> Any:
+            made = maker.make(seed)
+            return made.heights, made.pixel_size, made.periodic
+
+        return asked
+
+    for seed in (31, 32):
+        yield f"the surface of seed {seed}", ask(seed)
+    yield "the roughness", lambda maker: [getattr(maker.roughness(31), name) for name in ("rms_slope", "rms_height")]
+
+
 @check_of(SurfaceMaker)
-def _speed_does_not_change_the_surface(component: SurfaceMaker) -> None:
-    """Options in ``speed_only`` do not change a bit of the heights; ``trade`` keeps the size and the roughness."""
-    speed_changes_nothing(component, lambda variant: variant.make(2).heights.tobytes(), "the heights")
+def _trade_keeps_the_surface(component: SurfaceMaker) -> None:
+    """Every value of ``trade`` gives a surface of the same size and roughness."""
     for name, variants in trade_variants(component):
         made = [(what, variant.make(2)) for what, variant in variants]
         last = made[-1][1]
@@ -458,7 +488,7 @@ def _difference(found: np.ndarray, wanted: np.ndarray) -> str:
 
 @check_of(Reader, needs=("path",))
 def _stated_pixel_size_counts(component: Reader, path: Any = None) -> None:
-    """An option ``pixel_size`` overrides the pixel size in the file; ``speed_only`` options change nothing."""
+    """An option ``pixel_size`` overrides the pixel size in the file."""
     stated = component.read(path)
     if "pixel_size" in type(component).model_fields and isinstance(stated, Surface):
         other = component.replace(pixel_size=2.5 * stated.pixel_size).read(path)
@@ -466,4 +496,65 @@ def _stated_pixel_size_counts(component: Reader, path: Any = None) -> None:
             math.isclose(other.pixel_size, 2.5 * stated.pixel_size),
             f"pixel_size = {2.5 * stated.pixel_size} nm was given, but the surface has pixels of {other.pixel_size} nm",
         )
-    speed_changes_nothing(component, lambda variant: variant.read(path), "the surfaces")
+
+
+@asks(Reader)
+def _readers_asked(component: Reader, path: Any = None, **_: Any) -> Questions:
+    if path is not None:
+        yield "the file", lambda reader: _of_image(reader.read(path))
+        yield "its image", lambda reader: _of_image(reader.height_map(path))
+
+
+def _of_image(read: Any) -> Any:
+    """What counts of a surface, a height map or another object."""
+    return [getattr(read, name, None) for name in ("heights", "pixel_size", "height_unit", "periodic")] + [type(read)]
+
+
+@check_of(Reader, needs=("path",))
+def _place_of_the_file_does_not_matter(component: Reader, path: Any = None) -> None:
+    """A copy of the file in another folder, with a blank in its name and its ending in capitals, gives the same; and a
+    path gives what the file holds now."""
+    with TemporaryDirectory() as name:
+        copy = Path(name) / f"a copy{Path(path).suffix.upper()}"
+        create(copy, read_bytes(path))
+        ways = (component.read, component.height_map)
+        same = all(_same(_of_image(read(copy)), _of_image(read(path))) for read in ways)
+        require(same, f"a copy of the file, {copy.name!r}, is read as something else")
+        write_file(copy, b"", force=True)
+        refuses("a file that was emptied after it was read", lambda: component.read(copy), ChemageError)
+
+
+def _same(one: list[Any], two: list[Any]) -> bool:
+    return all(np.array_equal(a, b, equal_nan=isinstance(a, np.ndarray)) for a, b in zip(one, two, strict=True))
+
+
+@check_of(Reader, needs=("path",))
+def _height_map_is_the_surface(component: Reader, path: Any = None) -> None:
+    """``height_map`` gives a HeightMap with the heights, the pixels and the periodicity of the surface that ``read``
+    gives, as far as the file states them; heights that are missing are nan. An option ``pixel_size`` counts there too.
+    """
+    surface, image = component.read(path), component.height_map(path)
+    require(isinstance(image, HeightMap), f"height_map() returned {type(image).__name__}; give a HeightMap")
+    require_plain(dict(image.notes), "the notes of the height map")
+    if not isinstance(surface, Surface):
+        return
+    require(image.heights.shape == surface.shape, f"the image has {image.heights.shape} pixels, not {surface.shape}")
+    there = np.isfinite(image.heights)
+    if image.height_unit is not None and there.any():
+        heights = image.heights.astype(np.float64)[there] * image.height_unit
+        read = surface.heights.astype(np.float64)[there]
+        away = float(np.ptp(heights - read))
+        require(
+            away <= 1e-4 * max(float(np.ptp(read)), 1e-300),
+            f"heights of the image times height_unit = {image.height_unit:g} nm differ from those of the surface by up "
+            f"to {away:.3g} nm",
+        )
+    if image.pixel_size is not None:
+        size = surface.pixel_size
+        right = all(math.isclose(edge, size, rel_tol=1e-6) for edge in image.pixel_size)
+        require(right, f"the pixels of the image are {image.pixel_size} nm, those of the surface {size} nm")
+        require(image.periodic == surface.periodic, f"the image has periodic = {image.periodic}, the surface has not")
+    if "pixel_size" in type(component).model_fields:
+        stated = component.replace(pixel_size=2.5 * surface.pixel_size).height_map(path).pixel_size
+        right = stated is None or all(math.isclose(edge, 2.5 * surface.pixel_size) for edge in stated)
+        require(right, f"pixel_size = {2.5 * surface.pixel_size} nm was given, but the image has pixels of {stated} nm")

@@ -14,6 +14,7 @@ What is installed but named in no block is appended to its page, so that nothing
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
 import inspect
 import json
@@ -28,8 +29,10 @@ from typer.testing import CliRunner
 
 import chemage
 from chemage.cli import app as command_line
+from chemage.foundation.checks import meanings
 from chemage.foundation.names import HOME, USERS, load
-from chemage.testing.checks import CHECKS, Check
+from chemage.foundation.records import Record
+from chemage.testing.checks import CHECKS, LAST, Check
 
 sys.path.insert(0, str(Path(__file__).parent))
 from notebooks import markdown
@@ -127,7 +130,21 @@ def _documented(thing: Any, heading: str, label: str, level: int = 3) -> str:
     if defined := [name for name in sorted(getattr(thing, "__abstractmethods__", ())) if name.startswith("_")]:
         options += f"      filters: ['!^_(?!{'|'.join(name[1:] for name in defined)}$)']\n"
     thing = inspect.unwrap(thing)  # where it is defined
-    return f"::: {thing.__module__}.{thing.__qualname__}\n{options}"
+    return f"::: {thing.__module__}.{thing.__qualname__}\n{options}\n{_fields(thing)}"
+
+
+def _fields(thing: Any) -> str:
+    """A table of the fields of a record, or of a class that a component receives: name and meaning."""
+    if not (inspect.isclass(thing) and (issubclass(thing, Record) or dataclasses.is_dataclass(thing))):
+        return ""
+    source, texts = inspect.getsource(thing), meanings(thing) if issubclass(thing, Record) else {}
+    names = thing.model_fields if issubclass(thing, Record) else [field.name for field in dataclasses.fields(thing)]
+    rows = []
+    for name in names:
+        comment = re.search(rf"((?:^    #: .*\n)+)    {name}:", source, re.MULTILINE)
+        text = texts.get(name) or (comment[1].replace("    #: ", "").strip() if comment else "")
+        rows.append([f"`{name}`", plain(text)])
+    return table(("field", "meaning"), rows) + "\n"
 
 
 def _module(name: str, module: Any) -> str:
@@ -260,7 +277,7 @@ def checks() -> tuple[list[str], Callable[[str], str]]:
     """The roles, and the Markdown of the checks of one."""
 
     def role(name: str) -> str:
-        functions = CHECKS["" if name == "component" else name]
+        functions = [*CHECKS[""], *LAST] if name == "component" else CHECKS[name]
         rows = []
         for function in functions:
             check = Check(function.__name__.lstrip("_"), function, {})

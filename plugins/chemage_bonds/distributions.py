@@ -11,7 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, PrivateAttr, model_validator
 
-from chemage.plugin import Barriers, Energy, FilePath, StoreError, Unit, tables
+from chemage.plugin import Barriers, Energy, FilePath, StoreError, Unit, array_in, tables
+
+
+def doubles(value: Any, unit: str = "") -> Doubles:
+    """``value`` as an array of float64, in ``unit`` where it carries a unit; masked values are refused."""
+    return np.asarray(array_in(value, unit), dtype=np.float64)
 
 
 class Gaussian(Barriers):
@@ -69,7 +74,7 @@ class Gaussian(Barriers):
     def quantile(self, uniform: np.ndarray) -> np.ndarray:
         from scipy import special
 
-        u = np.asarray(uniform, dtype=np.float64)
+        u = doubles(uniform)
         point = self._point()
         if point is not None:
             return np.full(u.shape, point)
@@ -87,7 +92,7 @@ class Gaussian(Barriers):
         return np.clip(self.mean + self.std * np.where(lower_half, x, -x), low, high)
 
     def density(self, energy: np.ndarray) -> np.ndarray:
-        e = np.asarray(energy, dtype=np.float64)
+        e = doubles(energy, "eV")
         point = self._point()
         if point is not None:
             return np.where(e == point, np.inf, 0.0)
@@ -130,11 +135,11 @@ class Uniform(Barriers):
         return self
 
     def quantile(self, uniform: np.ndarray) -> np.ndarray:
-        u = np.asarray(uniform, dtype=np.float64)
+        u = doubles(uniform)
         return np.clip(self.lower * (1.0 - u) + self.upper * u, self.lower, self.upper)
 
     def density(self, energy: np.ndarray) -> np.ndarray:
-        e = np.asarray(energy, dtype=np.float64)
+        e = doubles(energy, "eV")
         return np.where((e >= self.lower) & (e <= self.upper), 1.0 / (self.upper - self.lower), 0.0)
 
 
@@ -264,7 +269,7 @@ class PiecewiseLinearDensity:
         relative densities at its ends. It is solved from the end of lower density, in the form whose terms are all
         positive, so that there is no cancellation where the density goes to zero.
         """
-        u = np.asarray(uniform, dtype=np.float64)
+        u = doubles(uniform)
         interval = np.clip(np.searchsorted(self._cumulative, u, side="right") - 1, 0, self._area.size - 1)
         a = self._rise[interval]
         below = np.clip((u - self._cumulative[interval]) / self._area[interval], 0.0, 1.0)
@@ -280,7 +285,7 @@ class PiecewiseLinearDensity:
 
     def density(self, energy: np.ndarray) -> Doubles:
         """Probability density at ``energy``, per unit of energy, same shape."""
-        e = np.asarray(energy, dtype=np.float64)
+        e = doubles(energy, "eV")
         return np.interp(e, self.energies, self.density_values, left=0.0, right=0.0)
 
 
@@ -305,7 +310,7 @@ class EmpiricalQuantile:
 
     def quantile(self, uniform: np.ndarray) -> Doubles:
         """Energies at ``uniform`` in [0, 1], same shape, non-decreasing to within rounding."""
-        position = np.asarray(uniform, dtype=np.float64) * (self.values.size - 1)
+        position = doubles(uniform) * (self.values.size - 1)
         lower = np.minimum(position.astype(np.int64), max(self.values.size - 2, 0))
         upper = np.minimum(lower + 1, self.values.size - 1)
         part = position - lower
@@ -314,7 +319,7 @@ class EmpiricalQuantile:
 
     def density(self, energy: np.ndarray) -> Doubles:
         """Probability density at ``energy``, per unit of energy, same shape."""
-        e = np.asarray(energy, dtype=np.float64)
+        e = doubles(energy, "eV")
         values = self.values
         n = values.size
         first = np.searchsorted(values, e, side="left")

@@ -11,7 +11,7 @@ from pydantic import Field
 
 from chemage import Inference, InputError, read
 from chemage.plugin import Barriers, FilePath, FileStamp, file_hash, file_stamp
-from chemage_bonds.distributions import PiecewiseLinearDensity
+from chemage_bonds.distributions import PiecewiseLinearDensity, doubles
 
 #: eV above the last energy, and width of the range, where barriers lie that do not react within the measured times
 _GAP, _WIDTH = 0.5, 0.1
@@ -47,14 +47,14 @@ class _Distribution:
         self.first = float(energies[-1]) + _GAP
 
     def quantile(self, uniform: np.ndarray) -> np.ndarray:
-        u, share = np.asarray(uniform, dtype=np.float64), self.share
+        u, share = doubles(uniform), self.share
         beyond = self.first + _WIDTH * np.clip((u - share) / max(1 - share, 1e-300), 0.0, 1.0)
         if self.inside is None:
             return beyond
         return np.where(u < share, self.inside.quantile(np.minimum(u / share, 1.0)), beyond)
 
     def density(self, energy: np.ndarray) -> np.ndarray:
-        e = np.asarray(energy, dtype=np.float64)
+        e = doubles(energy, "eV")
         beyond = np.where((e >= self.first) & (e <= self.first + _WIDTH), (1 - self.share) / _WIDTH, 0.0)
         return beyond if self.inside is None else self.share * self.inside.density(e) + beyond
 

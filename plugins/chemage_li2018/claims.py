@@ -153,6 +153,7 @@ def _trend_claim(volumes: dict[float, list[Point]]) -> Claim:
         "with ΔV, Δμ rises with h' at 1 s and falls by 1e3 s; without, it falls at both",
         "; ".join(parts),
         all(holds),
+        calibrated=True,
     )
 
 
@@ -179,6 +180,7 @@ def _reversal_claim(points: list[Point]) -> Claim:
         "with ΔV, the order of the slopes reverses between 1 and 10 s, for every row",
         "Δμ of h' = 0.05 passes that of h' = 0.2 at " + ", ".join(f"{t} s ({row})" for row, t in found.items()),
         all(1 <= time.value <= 10 for time in found.values()),
+        calibrated=True,
     )
 
 
@@ -202,6 +204,7 @@ def _onset_claim(volumes: dict[float, list[Point]]) -> Claim:
         "the logarithmic regime starts at about 1 s with ΔV and at about 10 s without",
         f"the slope reaches half of β at {with_pressure} s with ΔV and at {without} s without (h' = 0.1)",
         bool(1 / ABOUT <= with_pressure.value <= ABOUT and 10 / ABOUT <= without.value <= 10 * ABOUT),
+        calibrated=True,
     )
 
 
@@ -484,6 +487,7 @@ def _calibration(studies: Studies) -> Iterable[Claim]:
         f"with ΔV, Δμ rises with h' at 1 s and falls at 1e3 s, and without it falls at both, for "
         f"{len(members) - len(set(failing))} of {len(members)} densities, on one surface (h' = 0.05 and 0.2)",
         not failing,
+        calibrated=True,
     )
 
 

@@ -73,13 +73,17 @@ class Claim(NamedTuple):
     holds: bool | None
     #: the laws that were compared, the best first, if the statement is about a shape
     laws: tuple[Law, ...] = ()
+    #: whether the barrier density was fitted to what it states
+    calibrated: bool = False
 
     @property
     def word(self) -> str:
-        """``predicted``, ``disagrees`` or ``not tested``."""
+        """``calibrated``, ``predicted``, ``disagrees`` or ``not tested``."""
         if self.holds is None:
             return UNTESTED
-        return PREDICTED if self.holds else DISAGREES
+        if not self.holds:
+            return DISAGREES
+        return CALIBRATED if self.calibrated else PREDICTED
 
 
 class Estimate(NamedTuple):

@@ -18,9 +18,10 @@ from chemage_li2018.density_fit import FAMILIES, FREE_END, OURS, PAPER, Emulator
 from chemage_li2018.density_rates import FITTED, SURFACES, TIMES, TIP, UNUSED, Rates
 from chemage_silica import MDSilica
 
-#: the density of versions before 0.2.0, and member 0 of md-silica; their scatter between surfaces is the error model
+#: the density of versions before 0.2.0, and one that was fitted to the rates alone, which misses the onsets; they are
+#: compared with the members, and their scatter between surfaces is the error model
 TRIANGLE = chemage.barriers("tabulated", energies=[0.8, 1.1, 1.4], weights=[0, 1, 0])
-SHIPPED = chemage.barriers("tabulated", energies=[0.8, 1.1536, 1.1992, 1.4], weights=[0.136, 1, 0, 0])
+RATES_ALONE = chemage.barriers("tabulated", energies=[0.8, 1.1536, 1.1992, 1.4], weights=[0.136, 1, 0, 0])
 
 
 @dataclass(frozen=True)
@@ -81,7 +82,7 @@ class Study:
     #: (N, windows, methods)
     weight: np.ndarray
     triangle: Density
-    shipped: Density
+    rates_alone: Density
     members: list[Density]
     #: ln β of each member as interpolated, over the window of our own scenes, (members, 6)
     interpolated: np.ndarray
@@ -93,7 +94,7 @@ class Study:
 def compute(rates: Rates, size: Size) -> Study:
     """Weigh the draws of every family, and age the members on every surface."""
     search = size.surfaces[: size.search]
-    references = rates.curves("error model", [TRIANGLE, SHIPPED], size.surfaces)
+    references = rates.curves("error model", [TRIANGLE, RATES_ALONE], size.surfaces)
     every = np.stack([Reported.of(curves).beta for curves in references])
     surface = np.mean([np.cov(beta[:, OURS].T) for beta in every], axis=0)
     # what the surfaces of the search lack to the mean over all of them, which hardly depends on the density
@@ -114,7 +115,7 @@ def compute(rates: Rates, size: Size) -> Study:
         prior,
         weight,
         _density("triangle", TRIANGLE, references[0], surface),
-        _density("rates alone", SHIPPED, references[1], surface),
+        _density("rates alone", RATES_ALONE, references[1], surface),
         [_density(*row, surface) for row in zip(names, barriers, aged, strict=True)],
         prior.reported.beta[chosen, OURS, :6],
         _held(rates, size, search, prior, surface, shift),

@@ -55,7 +55,7 @@ def _rates_table(study: Study) -> str:
         [
             _condition(condition),
             f"{published:.2f}",
-            *(f"{row[at]:.3f} ({row[at] / published - 1:+.1%})" for row in (best.beta, study.shipped.beta)),
+            *(f"{row[at]:.3f} ({row[at] / published - 1:+.1%})" for row in (best.beta, study.rates_alone.beta)),
             f"{study.triangle.beta[at]:.3f} ({study.triangle.beta[at] / published - 1:+.1%})",
             f"{low[at]:.3f} to {high[at]:.3f}",
             f"{members[:, at].min():.3f} to {members[:, at].max():.3f}",
@@ -67,7 +67,7 @@ def _rates_table(study: Study) -> str:
 
 
 def _windows_table(study: Study) -> str:
-    three = [study.members[0], study.shipped, study.triangle]
+    three = [study.members[0], study.rates_alone, study.triangle]
     rows = [
         [_window(window), f"{study.weight[:, at].sum():.3f}", *(f"{density.rates[at]:.1f}" for density in three)]
         for at, window in enumerate(WINDOWS)
@@ -115,12 +115,12 @@ def frontier(study: Study) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _admitted(study: Study) -> tuple[float, float]:
-    """Twice ln of the likelihood below the largest: of member 0 of md-silica, and where 95 % of the weight ends."""
+    """Twice ln of the likelihood below the largest: of the rates alone, and where 95 % of the weight ends."""
     likelihood = study.prior.log_likelihood(fit.PAPER, study.surface).max(axis=(1, 2))
-    shipped = fit.log_likelihood(study.shipped.reported, fit.PAPER, study.surface).max()
+    rates_alone = fit.log_likelihood(study.rates_alone.reported, fit.PAPER, study.surface).max()
     order = np.argsort(-likelihood)
     last = order[np.searchsorted(np.cumsum(study.weight.sum(axis=(1, 2))[order]), 0.95)]
-    return float(2 * (likelihood.max() - shipped)), float(2 * (likelihood.max() - likelihood[last]))
+    return float(2 * (likelihood.max() - rates_alone)), float(2 * (likelihood.max() - likelihood[last]))
 
 
 def _frontier_table(study: Study) -> str:
@@ -140,7 +140,7 @@ def _members_table(study: Study) -> str:
             " ".join(f"{value:.3f}" for value in density.beta),
             *_times(density.reported, 0),
         ]
-        for number, density in enumerate([study.shipped, *study.members])
+        for number, density in enumerate(study.members)
     ]
     columns = ["member", "family", "least χ² of the rates", "β: 6.4 Å³, then ΔV = 0", "onset with ΔV (s)"]
     return table([*columns, "without (s)", "crossing (s)"], rows)
@@ -180,7 +180,7 @@ def write_study(out: Path, *, quick: bool = False, force: bool = False) -> list[
     size = QUICK if quick else Size()
     with progress.progress_bars() as report:
         study = compute(Rates(out / "rates", report, size.pixels), size)
-    members = [density.barriers for density in (study.shipped, *study.members)]
+    members = [density.barriers for density in study.members]
     texts = {names[0]: lambda: page(study, "figures"), names[1]: lambda: densities_csv(members)}
     return write_pages(
         out, texts, {f"density-{name}.png": partial(density, study) for name, density in draw.items()}, force=force
@@ -207,8 +207,8 @@ def page(study: Study, figures: str) -> str:
             end=fit.END,
             largest=float(np.abs(best.beta / PUBLISHED - 1).max()),
             band=beta.max(axis=0) / beta.min(axis=0) - 1,
-            times=[_times(density.reported, 0) for density in (best, study.shipped)],
-            admitted=dict(zip(("shipped", "limit"), _admitted(study), strict=True)),
+            times=[_times(density.reported, 0) for density in (best, study.rates_alone)],
+            admitted=dict(zip(("rates_alone", "limit"), _admitted(study), strict=True)),
             best=best,
             surface=np.sqrt(np.diag(study.surface))[:3],
             interpolation=float(np.sqrt(np.mean((study.interpolated - np.log([d.beta for d in study.members])) ** 2))),
@@ -234,8 +234,8 @@ def _drawn(study: Study) -> list[tuple[Density, dict[str, Any]]]:
     grey = {"color": figures.GREY, "lw": 0.7, "alpha": 0.7}
     every: list[tuple[Density, dict[str, Any]]] = [(density, grey) for density in study.members[1:]]
     every.append((study.triangle, {"color": figures.BLUE, "lw": 1.3, "ls": "--", "label": "triangle, peak 1.1 eV"}))
-    every.append((study.shipped, {"color": figures.BLACK, "lw": 1.3, "ls": ":", "label": "rates alone (member 0)"}))
-    every.append((study.members[0], {"color": figures.ORANGE, "lw": 2.0, "label": "least misfit (member 1)"}))
+    every.append((study.rates_alone, {"color": figures.BLACK, "lw": 1.3, "ls": ":", "label": "rates alone"}))
+    every.append((study.members[0], {"color": figures.ORANGE, "lw": 2.0, "label": "least misfit (member 0)"}))
     return every
 
 
@@ -281,15 +281,15 @@ def trade_figure(study: Study) -> Figure:
 HEADER = """\
 # Intrinsic energy barriers to forming a siloxane bridge between two hydroxylated silica surfaces.
 #
-# Columns: member (0: calibrated to the published rates alone; 1 to {count}: densities that span what rates and times
-# leave open, 1 with the least misfit); energy in eV; probability density in 1/eV, joined by lines, zero outside.
+# Columns: member (0: least misfit; 1 to {last}: densities that span what the published rates and times leave open);
+# energy in eV; probability density in 1/eV, joined by lines, zero outside.
 #
 # Li, Pastewka & Szlufarska, Phys. Rev. E 98, 023001 (2018), draw the barriers from a distribution found by molecular
 # dynamics (Liu & Szlufarska, Phys. Rev. Lett. 109, 186102 (2012)) on 0.8 to 1.4 eV, which is not tabulated. These
 # densities are NOT their data: they are a stand-in on the same span, calibrated to the six ageing rates that the paper
 # reports for rms slopes 0.05, 0.1 and 0.2 at 20 uN and 300 K, with an activation volume of 6.4 cubic angstrom and
-# without; members from 1 on also to the start of the logarithmic regime and to the order of the slopes, over unknown
-# windows. `chemage study density` writes this table; barrier_density.md has the residuals and the limits.
+# without, to the start of the logarithmic regime and to the order of the slopes, over unknown windows.
+# `chemage study density` writes this table; barrier_density.md has the residuals and the limits.
 #
 # To use barriers of your own, give the kind "tabulated" a table or samples.
 """
@@ -297,7 +297,7 @@ HEADER = """\
 
 def densities_csv(members: Sequence[chemage.plugin.Barriers]) -> str:
     """Write the table of densities, by member."""
-    lines = [HEADER.format(count=len(members) - 1) + "member,energy,density"]
+    lines = [HEADER.format(last=len(members) - 1) + "member,energy,density"]
     for number, barriers in enumerate(members):
         given: Any = barriers
         energies, weights = np.array(given.energies, dtype=float), np.array(given.weights, dtype=float)

@@ -178,10 +178,9 @@ def bands(studies: Studies) -> list[Band]:
 
 
 def times(studies: Studies) -> dict[str, tuple[float, float]]:
-    """The least and the largest of three times of Fig. 3 over the members from 1 on, s."""
-    by_member = [group for member, group in by(studies["members"], MEMBER).items() if member]
+    """The least and the largest of three times of Fig. 3 over the members, s."""
     seconds: dict[str, list[float]] = {"reversal": [], "onset with ΔV": [], "onset without": []}
-    for group in by_member:
+    for group in by(studies["members"], MEMBER).values():
         chosen = grouped(group, SLOPE, VOLUME)
         low, high = (chosen[slope, WITH_PRESSURE] for slope in (published.SLOPES[0], published.SLOPES[-1]))
         seconds["reversal"].append(crossing(low, high))
@@ -192,6 +191,6 @@ def times(studies: Studies) -> dict[str, tuple[float, float]]:
 
 def _band(quantity: str, paper: str, points: list[Point], lines: list[Line]) -> Band:
     by_member = {member: mean(p.beta() for p in group).value for member, group in by(points, MEMBER).items()}
-    relative = [value / by_member[0] - 1 for member, value in by_member.items() if member]
+    relative = [value / by_member[0] - 1 for value in by_member.values()]
     line = next(line for line in lines if line.quantity == quantity)
     return Band(quantity, paper, line.difference, min(relative), max(relative), len(relative), line.word)

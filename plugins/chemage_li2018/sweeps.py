@@ -142,7 +142,7 @@ def _temperatures(replicas: int) -> Iterable[dict[str, Any]]:
 
 def _members() -> Iterable[dict[str, Any]]:
     front = {"chemistry.hydroxylation": 0.5, "chemistry.front_factor": 0.15, "hold.replicas": 10}
-    for member in range(MDSilica.MEMBERS + 1):
+    for member in range(MDSilica.MEMBERS):
         for slope, replicas in zip(SLOPES, (2, 3, 5), strict=True):
             for volume in VOLUMES:
                 yield {
@@ -170,7 +170,7 @@ STUDIES: dict[str, Study] = {
         "patch",
         lambda: (
             {**changes, "forming.member": member}
-            for member in range(MDSilica.MEMBERS + 1)
+            for member in range(MDSilica.MEMBERS)
             for changes in _temperatures(10)
             if changes["hold.temperature"] <= 350
         ),

@@ -12,7 +12,7 @@ from pydantic import Field
 from chemage.plugin import Barriers, content_hash
 from chemage_bonds import PiecewiseLinearDensity, parse_columns
 
-#: members of ``md_silica_barriers.csv`` beside member 0
+#: members of ``md_silica_barriers.csv``
 _MEMBERS = 16
 
 
@@ -22,7 +22,7 @@ def _table() -> tuple[PiecewiseLinearDensity, ...]:
     name = "md_silica_barriers.csv"
     text = resources.files("chemage_silica").joinpath(name).read_text(encoding="utf-8")
     rows = parse_columns(text, name)
-    return tuple(PiecewiseLinearDensity(*rows[rows[:, 0] == member, 1:].T) for member in range(_MEMBERS + 1))
+    return tuple(PiecewiseLinearDensity(*rows[rows[:, 0] == member, 1:].T) for member in range(_MEMBERS))
 
 
 _LIU = """@article{liu2012,
@@ -39,11 +39,10 @@ _LIU = """@article{liu2012,
 class MDSilica(Barriers):
     """Barriers to forming a siloxane bridge: a stand-in for the published distribution, calibrated to the published β.
 
-    The published distribution spans 0.8 to 1.4 eV and is not tabulated. ``member`` 0, on which the scenes rest, is
-    calibrated to the six published ageing rates alone. ``member`` 1 to 16 span what these rates and the published times
-    leave open, 1 with the least misfit; the range of a result over them is its calibration error. The study
-    ``chemage study density`` calibrates them. The table and its provenance are in ``md_silica_barriers.csv`` in this
-    package; the kind ``tabulated`` reads other tables or samples.
+    The published distribution spans 0.8 to 1.4 eV and is not tabulated. The members span what the published rates and
+    times leave open. ``member`` 0, on which the scenes rest, has the least misfit; the range of a result over all of
+    them is its calibration error. The study ``chemage study density`` calibrates them. The table and its provenance are
+    in ``md_silica_barriers.csv`` in this package; the kind ``tabulated`` reads other tables or samples.
     """
 
     kind = "md-silica"
@@ -52,11 +51,11 @@ class MDSilica(Barriers):
         "Y. Liu, I. Szlufarska, Phys. Rev. Lett. 109, 186102 (2012)",
     )
     bibtex: ClassVar[tuple[str, ...]] = ("", _LIU)
-    #: number of members beside member 0: ``member`` is from 0 to this
+    #: number of members: ``member`` is from 0 to one less
     MEMBERS: ClassVar[int] = _MEMBERS
 
-    member: int = Field(default=0, ge=0, le=_MEMBERS)
-    """0: calibrated to the published rates alone; 1 to 16: span what rates and times leave open; default: 0"""
+    member: int = Field(default=0, ge=0, lt=_MEMBERS)
+    """0: least misfit; 1 to 15: with it, span what the published rates and times leave open; default: 0"""
 
     def content(self) -> dict[str, str]:
         """A hash of the density, so that results of another table are not taken for those of this one."""

@@ -54,8 +54,8 @@ class Tally(Engine):
             hold_times=hold_times,
             bonds=bonds,
             formed=bonds + int(lattice.forming.sum() * 1e6),
-            broken=np.zeros(bonds.size, int),
-            state=np.zeros(sites, bool),
+            broken=np.full(bonds.size, int(lattice.forming.sum() * 1e6)),
+            state=np.arange(sites) < bonds[-1],
             time=hold_times[-1],
             temperature=temperature,
             engine=self.kind,
@@ -279,7 +279,7 @@ def test_more_bonds_than_sites_are_refused(contact):
             history = super()._run(*arguments)
             return history.model_copy(update={"bonds": history.bonds + 1200})
 
-    with pytest.raises(PluginError, match=r"engine 'crowded': \d+ bonds on 1200 sites; a site has"):
+    with pytest.raises(PluginError, match=r"engine 'crowded' of .*bonds: up to \d+, but there are 1200 sites"):
         age(contact, engine=Crowded())
 
 

@@ -83,7 +83,7 @@ def test_checkpoints_of_another_run_are_refused_whatever_plugins_took_part(small
         @ca.plugin.hookimpl(wrapper=True)
         def chemage_solve_contact(self):
             found = yield
-            return found.model_copy(update={"pressure": 0.5 * found.pressure})
+            return found.model_copy(update={"pressure": 0.5 * found.pressure, "carries": "half of it"})
 
     installed = ca.plugin.registry.Registry()
     installed.register(Light(), "light")
@@ -115,13 +115,13 @@ def test_what_other_plugins_made_is_computed_again_and_said(small: ca.Scene, tmp
     class Cold:
         @ca.plugin.hookimpl
         def chemage_run_kinetics(self, engine, lattice, hold_times, seed, start):
-            return engine.run(lattice, hold_times, temperature=200.0, seed=seed, start=start)
+            return engine.run(lattice, hold_times, temperature=300.0, seed=7, start=start)
 
     class Light:
         @ca.plugin.hookimpl(wrapper=True)
         def chemage_solve_contact(self):
             found = yield
-            return found.model_copy(update={"pressure": 0.5 * found.pressure})
+            return found.model_copy(update={"pressure": 0.5 * found.pressure, "carries": "half of it"})
 
     class Idle:
         @ca.plugin.hookimpl

@@ -127,7 +127,7 @@ def test_what_is_no_declaration_is_refused(told, outputs, said):
 
 def test_two_observables_of_one_name_are_refused_before_anything_is_computed(told):
     told.declare = {"bond_share": Output()}
-    with pytest.raises(SceneError, match=r"two observables give 'bond_share'; rename one \(.*slip.* and .*told"):
+    with pytest.raises(SceneError, match=r"two components record 'bond_share'; rename one \(.*slip.* and .*told"):
         parse_scene(scene("slip", "told"))
     told.declare = {"x": Output()}
     with pytest.raises(SceneError, match="output 'x' has the name of a dimension of observable 'slip'"):

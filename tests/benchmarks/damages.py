@@ -105,12 +105,13 @@ def kernels(count: int, rng: np.random.Generator, folder: Path) -> Iterator[str]
 
 
 def places(count: int, rng: np.random.Generator, folder: Path) -> Iterator[str]:
-    """The command line with an odd file in each place."""
+    """The command line with an odd file in each place, a full disk or a clock that is set back; random scenes."""
     cases = list(damages.places(folder))
     environment = {**os.environ, "CHEMAGE_CACHE": str(folder / "cache"), "MPLCONFIGDIR": str(folder / "cache")}
     (folder / "cache").mkdir()
     (folder / "cache").chmod(0o777)
     for number in itertools.islice(itertools.cycle(rng.permutation(len(cases))), count):
+        damages.write_scenes(folder, damages.random_scene(rng))
         yield damages.placed(*cases[number], env=environment, timeout=PATIENCE)
 
 

@@ -27,7 +27,7 @@ from scipy import stats
 import chemage as ca
 from chemage import ensemble
 from chemage.ageing.models import Interval
-from chemage.ageing.outputs import Measured
+from chemage.foundation.outputs import Measured
 from chemage.plugin import KB, Output, statistics
 from chemage.studies.arrhenius import activation_energies
 from chemage.studies.ensembles.quantities import Spread, half_width, regressed, spread_of

@@ -337,3 +337,19 @@ def test_a_standard_output_that_is_full_or_closed(small):
     done = subprocess.run(program, cwd=small.parent, stdout=writer, stderr=subprocess.PIPE, text=True)
     os.close(writer)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.skipif(shutil.which("prlimit") is None, reason="prlimit is not installed")
+def test_a_log_that_cannot_be_written_is_one_line(small):
+    program = [sys.executable, "-m", "chemage.cli", "cite", "silica-tip", "--log", "mine.log"]
+    log = small.with_name("mine.log")
+    size = 2**20
+    for status, words in ((0, []), (0, ["--log", "the log ends here"]), (2, ["--log", "choose another place"])):
+        limited = ["prlimit", f"--fsize={size}", *program]
+        done = subprocess.run(limited, cwd=small.parent, capture_output=True, text=True)
+        assert done.returncode == status
+        assert "Traceback" not in done.stderr
+        assert len(done.stderr.splitlines()) == bool(words)
+        assert all(word in done.stderr for word in words)
+        size = log.stat().st_size - 10 if size > 9999 else 10
+        log.unlink()

@@ -166,7 +166,7 @@ def test_the_mean_force_is_what_there_was_without_a_law():
 )
 def test_what_is_no_force_is_an_error_that_names_law_and_plugin(bell, answer, said):
     Wrong.answer = staticmethod(answer)
-    with pytest.raises(PluginError, match=f"rupture law 'wrong' of .*Wrong .*source .*{said}; give one force in nN"):
+    with pytest.raises(PluginError, match=f"rupture 'wrong' of .*Wrong .*source .*{said}; give one force in nN"):
         aged(Wrong())
 
 

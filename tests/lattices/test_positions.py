@@ -190,7 +190,7 @@ class Far(ca.plugin.Interaction):
 
     def coupling(self, sites, neighbours, seed, pixel_size=1.0, periodic=False, pixels=(0, 0)):
         assert pixels != (0, 0)
-        return np.where(neighbours >= 0, 0.1 * pixel_size * (2 if periodic else 1), 0.0)
+        return np.where(neighbours >= 0, 0.1 * pixel_size / self.reach * (2 if periodic else 1), 0.0)
 
 
 def test_an_interaction_gets_what_it_names(examples):

@@ -86,7 +86,7 @@ def test_beyond_a_far_bound_barriers_decay_exponentially(sigmas, side):
         assert barriers.density(np.array(bound)) == pytest.approx(sigmas / std, rel=2 / sigmas**2)
 
 
-SILICA = [ca.barriers("md-silica", member=member) for member in range(MDSilica.MEMBERS + 1)]
+SILICA = [ca.barriers("md-silica", member=member) for member in range(MDSilica.MEMBERS)]
 
 
 @pytest.mark.parametrize("barriers", SILICA, ids=[str(one.member) for one in SILICA])

@@ -13,7 +13,7 @@ import chemage as ca
 from chemage_bonds import parse_columns
 from chemage_li2018 import density_fit as fit
 from chemage_li2018 import density_page
-from chemage_li2018.density import QUICK, SHIPPED, TRIANGLE
+from chemage_li2018.density import QUICK, RATES_ALONE, TRIANGLE
 from chemage_li2018.density_fit import FAMILIES, FREE_END, LOWER, UPPER, Reported
 from chemage_li2018.density_rates import FITTED, TIMES, TIP, Rates
 from chemage_silica import MDSilica
@@ -117,12 +117,12 @@ def test_the_members_span_what_is_open_and_hold_the_truth():
 
 def test_densities_age_the_same_sites_and_nothing_is_computed_twice(tmp_path):
     first = Rates(tmp_path, lambda *_: None, QUICK.pixels)
-    curves = first.curves("a", [TRIANGLE, SHIPPED], QUICK.surfaces[:1])
+    curves = first.curves("a", [TRIANGLE, RATES_ALONE], QUICK.surfaces[:1])
     assert curves.shape == (2, 1, len(FITTED), TIMES.size)
     assert (np.diff(curves, axis=-1).mean(axis=-1) > 0).all()
     again = Rates(tmp_path, lambda *_: None, QUICK.pixels)
     again._of_surface = None  # pyright: ignore[reportAttributeAccessIssue]
-    np.testing.assert_array_equal(again.curves("a", [TRIANGLE, SHIPPED], QUICK.surfaces[:1]), curves)
+    np.testing.assert_array_equal(again.curves("a", [TRIANGLE, RATES_ALONE], QUICK.surfaces[:1]), curves)
 
 
 def test_a_tip_ages_as_its_scene(tmp_path):
@@ -141,14 +141,12 @@ def test_the_study_writes_its_page_and_a_table_that_md_silica_can_read(tmp_path)
     assert all(family.name in page for family in FAMILIES)
     assert "None" not in page
     rows = parse_columns(paths[1].read_text(encoding="utf-8"), "table")
-    assert sorted(set(rows[:, 0])) == list(range(MDSilica.MEMBERS + 1))
+    assert sorted(set(rows[:, 0])) == list(range(MDSilica.MEMBERS))
 
 
-def test_the_shipped_table_has_the_header_of_the_study_and_its_first_density():
+def test_the_shipped_table_has_the_header_of_the_study():
     text = resources.files("chemage_silica").joinpath("md_silica_barriers.csv").read_text(encoding="utf-8")
-    assert text.startswith(density_page.HEADER.format(count=MDSilica.MEMBERS))
-    shipped = density_page.densities_csv([SHIPPED]).splitlines()[-4:]
-    assert [line for line in text.splitlines() if line.startswith("0,")] == shipped
+    assert text.startswith(density_page.HEADER.format(last=MDSilica.MEMBERS - 1))
 
 
 def test_the_page_is_of_the_shipped_table_and_its_members_hold_what_they_claim():
@@ -160,7 +158,7 @@ def test_the_page_is_of_the_shipped_table_and_its_members_hold_what_they_claim()
     assert 0.93 <= sum(held) / 200 <= 0.98
     members = text.partition("## Members")[2].splitlines()
     rows = [line.split(" | ") for line in members if re.match(r"\| \d+ \|", line)]
-    assert [int(row[0].strip("| ")) for row in rows] == list(range(MDSilica.MEMBERS + 1))
+    assert [int(row[0].strip("| ")) for row in rows] == list(range(MDSilica.MEMBERS))
 
 
 def test_an_unknown_study_is_refused():

@@ -129,9 +129,13 @@ def test_solve_contact(installed):
     capped = pressed()
     assert capped.pressure.max() == 2
     assert np.array_equal(capped.pressure, np.minimum(plain.pressure, 2))
-    assert "capped at 2.0 GPa" in capped.notes[-1]
+    assert capped.max_pressure >= capped.mean_contact_pressure
+    assert capped.carried < capped.load == 50
+    assert capped.approximate == [
+        {"kind": "hertz", "carries": f"{capped.carried:.4g} of 50 nN: the pressure is capped at 2.0 GPa"}
+    ]
     # too light to reach the hardness: the very solution
-    assert pressed(0.1).notes == ()
+    assert pressed(0.1).carries == ""
 
 
 def test_solve_contact_can_be_replaced(installed):
@@ -144,7 +148,8 @@ def test_solve_contact_can_be_replaced(installed):
                 return None
             shape, area = surface.shape, surface.nominal_area
             return chemage.ContactSolution(
-                pressure=[[load / area] * shape[1]] * shape[0], load=load, pixel_size=surface.pixel_size, modulus=1.0
+                pressure=[[load / area] * shape[1]] * shape[0], load=load, pixel_size=surface.pixel_size, modulus=1.0,
+                periodic=surface.periodic,
             )
     """
     installed.register(as_plugin(inspect.cleandoc(flat)), "flat")
@@ -328,7 +333,7 @@ def test_an_answer_of_the_wrong_type_names_the_hook(installed, hook):
     installed.register(
         as_plugin(f"import chemage\n@chemage.plugin.hookimpl\ndef {hook}():\n    return 'something'"), "wrong"
     )
-    with pytest.raises(PluginError, match=rf"a plugin answered {hook} with str; expected "):
+    with pytest.raises(PluginError, match=rf"plugin 'wrong' \(example\) answered {hook} with str; expected "):
         ANSWERS[hook]()
 
 

@@ -31,7 +31,7 @@ def chemage_solve_contact():
     peak = Options.current().peak
     if found.max_pressure <= peak:
         return found
-    return found.model_copy(update={"pressure": np.minimum(found.pressure, peak)})
+    return found.model_copy(update={"pressure": np.minimum(found.pressure, peak), "carries": "capped"})
 '''
 CAP_OPTIONS = '''
 from typing import ClassVar

@@ -115,7 +115,7 @@ def test_friction_is_drawn_with_its_errors_and_its_fit(result):
         half = [0.5 * (stick[1, 1] - stick[0, 1]) for stick in sticks.get_segments()]
         # an error that is not known has no bar
         assert half == pytest.approx(np.nan_to_num(statistics.half_width(values)))
-    assert not np.allclose(*(axes.containers[0][0].get_ydata()[:3] for axes in (coefficient, local)))
+    assert not np.allclose(*(axes.containers[0][0].get_ydata()[-3:] for axes in (coefficient, local)))
     (fitted,) = [line for line in coefficient.lines if str(line.get_label()).startswith("β")]
     fit = result.fit()
     t, y = fitted.get_xdata(), fitted.get_ydata()

@@ -34,7 +34,7 @@ CAP = """
     @chemage.plugin.hookimpl(wrapper=True)
     def chemage_solve_contact(load):
         found = yield
-        return found.model_copy(update={"pressure": np.minimum(found.pressure, 0.3)})
+        return found.model_copy(update={"pressure": np.minimum(found.pressure, 0.3), "carries": "capped"})
 """
 TINY = {"tiny": "chemage-tiny 1.0"}
 TOOK_PART = {**TINY, "cap": "chemage-cap 2.1"}

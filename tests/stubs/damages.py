@@ -267,6 +267,28 @@ def outcome(read: Callable[[], Any], expected: Any, what: str) -> str:
 
 #: what begins the command of a user who cannot write in a read-only folder; the superuser can
 BOUND = ["setpriv", "--bounding-set=-dac_override"] if os.getuid() == 0 else []
+#: what begins a command that sees a full disk in the folder ``full``; only the superuser can mount one
+FULL = [
+    "unshare",
+    "--mount",
+    "sh",
+    "-c",
+    'mount -t tmpfs -o size=4k t full; head -c 4096 /dev/zero > full/a; exec "$@"',
+    "-",
+]
+#: a library before that of the system, by which the clock is set back by a year while a command runs
+CLOCK = """
+#define _GNU_SOURCE
+#include <dlfcn.h>
+#include <time.h>
+int clock_gettime(clockid_t which, struct timespec *now) {
+    static int asked;
+    int (*real)(clockid_t, struct timespec *) = dlsym(RTLD_NEXT, "clock_gettime");
+    int status = real(which, now);
+    if (which == CLOCK_REALTIME && ++asked > 20) now->tv_sec -= 365 * 86400;
+    return status;
+}
+"""
 ODD = ("pipe", "device", "folder", "loop", "null")
 
 
@@ -320,23 +342,45 @@ def _toml(scene: dict[str, Any], **more: Any) -> str:
     return "\n".join(lines)
 
 
-def places(folder: Path) -> Iterator[tuple[str, list[str], Path, str]]:
-    """Commands with an odd file where a path stands: (what, words, path, kind of file)."""
-    run, mean = _toml(SCENE), _toml(SCENE, accuracy={"beta": "60 %"})
+def random_scene(rng: np.random.Generator) -> dict[str, Any]:
+    """A small scene like ``SCENE`` with other numbers and another engine."""
+    radius, load = rng.uniform(10, 40), rng.uniform(5, 40)
+    forming = {"kind": "gaussian", "mean": rng.uniform(0.8, 1.0), "std": rng.uniform(0.05, 0.15)}
+    return {
+        **SCENE,
+        "surface": {**SCENE["surface"], "radius": f"{radius} nm"},
+        "contact": {**SCENE["contact"], "load": f"{load} nN"},
+        "forming": forming,
+        "engine": {"kind": str(rng.choice(["bkl", "rejection-free"]))},
+        "hold": {**SCENE["hold"], "replicas": int(rng.integers(1, 6)), "seed": int(rng.integers(2**31))},
+    }
+
+
+def write_scenes(folder: Path, scene: dict[str, Any]) -> dict[str, str]:
+    """Write scenes of every kind that names a file: name -> TOML."""
+    run, mean = _toml(scene), _toml(scene, accuracy={"beta": "60 %"})
     scenes = {
         "run": run,
         "mean": mean,
         "sweep": run + '\n[sweep]\n"hold.seed" = [0, 1]',
-        "map": _toml(SCENE, accuracy={"beta": "60 %"}, ensemble={"map": "odd.json"}),
-        "table": _toml({**SCENE, "forming": {"kind": "tabulated", "path": "odd.csv"}}),
-        "inferred": _toml({**SCENE, "forming": {"kind": "inferred", "path": "odd.h5"}}),
+        "map": _toml(scene, accuracy={"beta": "60 %"}, ensemble={"map": "odd.json"}),
+        "table": _toml({**scene, "forming": {"kind": "tabulated", "path": "odd.csv"}}),
+        "inferred": _toml({**scene, "forming": {"kind": "inferred", "path": "odd.h5"}}),
     }
     for ending in ("npy", "txt", "h5", "x3p"):
         surface = {"kind": "from-file", "path": f"odd.{ending}", "pixel_size": "1 nm"}
-        scenes[f"surface-{ending}"] = _toml({**SCENE, "surface": surface})
-    folder.chmod(0o777)
+        scenes[f"surface-{ending}"] = _toml({**scene, "surface": surface})
     for name, text in scenes.items():
         (folder / f"{name}.toml").write_text(text, encoding="utf-8")
+    return scenes
+
+
+def places(folder: Path) -> Iterator[tuple[str, list[str], Path, str]]:
+    """Commands with an odd file where a path stands: (what, words, path, kind of file)."""
+    (folder / "clock.c").write_text(CLOCK, encoding="utf-8")
+    subprocess.run(["cc", "-shared", "-fPIC", "-o", "clock.so", "clock.c", "-ldl"], cwd=folder, check=True)
+    folder.chmod(0o777)
+    scenes = write_scenes(folder, SCENE)
     ca.write(folder / "done.h5", ca.run(SCENE, warn=False))
     ca.sweep(SWEEP, folder / "swept")
     (folder / "measured.csv").write_text("hold_time (s),friction_drop (nN)\n1,1\n10,2\n100,3\n")
@@ -382,6 +426,10 @@ def places(folder: Path) -> Iterator[tuple[str, list[str], Path, str]]:
         link = [] if what == "sweep" else ["link to a folder"] if folders else ["link", "folder"]  # it may be elsewhere
         for kind in ("pipe", "device", "read-only", *link):
             yield f"write {what}: {kind}", words, folder / file, kind
+        yield f"write {what}: clock", words, folder / file, "clock"
+        if os.getuid() == 0:
+            inside = [f"full/{word}" if word.startswith(("odd", "new")) else word for word in words]
+            yield f"write {what}: full disk", inside, folder / "full", "folder"
 
 
 def placed(what: str, words: list[str], path: Path, kind: str, **options: Any) -> str:
@@ -391,6 +439,10 @@ def placed(what: str, words: list[str], path: Path, kind: str, **options: Any) -
     before = set(folder.iterdir())
     with odd_file(path, kind):
         command = [*(BOUND if kind == "read-only" else []), sys.executable, "-m", "chemage.cli", *words]
+        if what.endswith("full disk"):
+            command = [*FULL, *command]
+        if kind == "clock":
+            options["env"] = {**options["env"], "LD_PRELOAD": str(folder / "clock.so")}
         try:
             done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, **options)
         except subprocess.TimeoutExpired:
@@ -404,6 +456,6 @@ def placed(what: str, words: list[str], path: Path, kind: str, **options: Any) -
         return "refused"
     return (
         "identical"
-        if not done.returncode and kind.startswith(("link", "device"))
+        if not done.returncode and kind.startswith(("link", "device", "clock"))
         else f"{what}: exit {done.returncode}"
     )

@@ -43,7 +43,8 @@ def present() -> dict[str, Any]:
             for name, function in vars(cls).items()
             if inspect.isfunction(function) and not name.startswith("__")
         }
-        attributes = [name for name in vars(cls).get("__annotations__", {}) if name in vars(cls)]
+        annotated = {name for base in cls.__mro__ for name in vars(base).get("__annotations__", {})}
+        attributes = [name for name in annotated if hasattr(cls, name) and not name.startswith(("_", "model_"))]
         abstract = sorted(getattr(cls, "__abstractmethods__", ()))
         roles[role] = {
             "class": cls.__name__,

@@ -16,7 +16,7 @@ from chemage.foundation.codec import dataset, frame
 from chemage.foundation.records import Doubles, Named, Number, Plain, Record, approximations_in_words
 from chemage.foundation.result import draw_result, notebook_html
 from chemage.scene.scene import heading
-from chemage.studies.ensembles.quantities import CURVES, Quantities, Spread, half_width, regressed, spread_of
+from chemage.studies.ensembles.quantities import CURVES, RECORDED, Quantities, Spread, half_width, regressed, spread_of
 
 if TYPE_CHECKING:
     import pandas
@@ -360,6 +360,7 @@ class Ensemble(Record):
             **{name: self.estimate(name).value for name in self.measures},
             "hold_times": self.hold_times.tolist(),
             **self._as_of_a_run(),
+            "observables": self._recorded(),
             "levels": [dict(level) for level in self.levels],
             "goals": self.goals,
             "stopped": self.stopped,
@@ -370,6 +371,15 @@ class Ensemble(Record):
             "cite": self.provenance.get("cite", []),
             **({"approximate": approximate} if approximate else {}),
         }
+
+    def _recorded(self) -> dict[str, Any]:
+        """The means of recorded numbers, as :attr:`Run.measured` summarises them."""
+        found = {}
+        for name in (name for name in self.measures if name.startswith(RECORDED)):
+            one = self.estimate(name)
+            mean = {"mean": one.value, "stderr": one.stderr, "half_width": one.half_width}
+            found[name.removeprefix(RECORDED)] = {"dims": [], "unit": "", "description": "", "shape": [], **mean}
+        return found
 
     def _as_of_a_run(self) -> dict[str, Any]:
         """The curves, β and b by the names that they have for a run."""

@@ -27,7 +27,7 @@ from chemage.studies.ensembles.computations import (
     mapped_computations,
     replicas_of_difference,
 )
-from chemage.studies.ensembles.quantities import Quantities, limit
+from chemage.studies.ensembles.quantities import Quantities, limit, recorded_measures
 from chemage.studies.trade.trade_map import TradeMap
 
 #: scatter of a quantity between surfaces that is expected where nothing is known, over the mean
@@ -90,7 +90,7 @@ class Request:
             raise InputError.of(
                 "surfaces", surfaces, "but this surface is the same at every seed", "use replicas, or an accuracy"
             )
-        quantities = Quantities.of(scene, tuple(MEASURES))
+        quantities = Quantities.of(scene, (*MEASURES, *recorded_measures(scene)))
         wishes = goals(scene.accuracy, quantities)
         if scene.load == 0 and wishes:
             raise InputError(f"accuracy.{wishes[0].name}: the load is 0, so that its mean is 0; ask at a load")

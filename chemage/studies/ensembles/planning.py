@@ -14,6 +14,7 @@ import numpy as np
 
 from chemage.foundation.text import percent
 from chemage.foundation.threads import available
+from chemage.plugins.sources import components_in
 from chemage.scene import plan as estimate
 from chemage.scene.plan import Plan, in_hours
 from chemage.scene.scene import Scene
@@ -29,7 +30,7 @@ from chemage.studies.ensembles.computations import (
     sketched,
 )
 from chemage.studies.ensembles.goals import Request, Scatters, is_about_zero, scatters
-from chemage.studies.ensembles.quantities import limit
+from chemage.studies.ensembles.quantities import RECORDED, limit, recorded_measures
 from chemage.studies.ensembles.running import Sampler, needing
 
 #: how often the rule is applied, for the median and the range
@@ -384,9 +385,10 @@ class EnsemblePlan:
                 f"{written} replicas on each surface: with the scatter between surfaces, one on each of more "
                 "surfaces says more"
             )
-        if scene.observe:
-            kinds = ", ".join(observable.kind for observable in scene.observe)
-            sentences.append(f"observables ({kinds}): an ensemble averages friction and measures of the contact")
+        every = {name: part for part in components_in(scene.parts) for name in part.outputs}
+        left = [name for name in every if f"{RECORDED}{name}" not in recorded_measures(scene)]
+        if left := [*left, *(observable.kind for observable in scene.observe if not observable.outputs)]:
+            sentences.append(f"arrays that are recorded ({', '.join(left)}): an ensemble averages declared numbers")
         sentences.append("maps of heights and pressure are not kept: no mean over surfaces needs them")
         return sentences
 

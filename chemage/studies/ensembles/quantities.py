@@ -22,8 +22,10 @@ from chemage.ageing.fitting import few_hold_times, line_slopes
 from chemage.foundation.checks import within
 from chemage.foundation.codec import from_json
 from chemage.foundation.errors import InputError, nearest
+from chemage.foundation.outputs import HOLD_TIME
 from chemage.foundation.records import merged_approximations
 from chemage.foundation.statistics import student_limit
+from chemage.plugins.sources import components_in
 from chemage.scene.scene import Scene
 from chemage.studies.tasks import Outcome
 
@@ -58,12 +60,13 @@ class Sample:
         if outcome.run is not None:
             contact, aging = outcome.run.contact, outcome.run.aging
             measures, plugins = contact.summary(), outcome.run.plugins
+            measures |= _recorded({name: output.summary() for name, output in outcome.run.measured.items()})
             approximate = merged_approximations(contact.approximate, aging.approximate if aging is not None else ())
         else:
             assert outcome.content is not None
             content = outcome.content
             aging = from_json(Aging, content["aging"]) if content["aging"] else None
-            measures, plugins = content["summary"], content["plugins"]
+            measures, plugins = content["summary"] | _recorded(content["summary"]["observables"]), content["plugins"]
             approximate = content.get("approximate", ()) if aging is None else aging.approximate
         numbers = {name: float(value) for name, value in measures.items() if _is_number(value)}
         if aging is None:
@@ -72,6 +75,23 @@ class Sample:
         if not np.isfinite(drop).all():
             raise InputError("friction_drop: has numbers that are not finite; see `chemage run` of one surface")
         return cls(drop, numbers, plugins, approximate)
+
+
+#: of the name of a quantity that observables measure, or other components record
+RECORDED = "observable."
+
+
+def recorded_measures(scene: Scene) -> dict[str, str]:
+    """Numbers and curves over hold times, of which the last value counts, that the components of a scene declare:
+    quantity -> unit."""
+    outputs = {name: output for part in components_in(scene.parts) for name, output in part.outputs.items()}
+    return {f"{RECORDED}{name}": output.unit for name, output in outputs.items() if output.dims in ((), (HOLD_TIME,))}
+
+
+def _recorded(observables: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    """The means over replicas by the names of quantities, from the summaries of what was recorded."""
+    means = {name: np.ravel(output["mean"]) for name, output in observables.items() if "mean" in output}
+    return {f"{RECORDED}{name}": mean[-1] for name, mean in means.items() if mean.size and mean[-1] is not None}
 
 
 def _is_number(value: Any) -> bool:

@@ -47,7 +47,18 @@ PARTS = {
 
 
 #: names that the dataset of a sweep has anyway, beside those of the results
-RESERVED = ("point", "status", "error", "approximate", "beta_reason", "hold_time", "hold_times", "replica", "bonds")
+RESERVED = (
+    "point",
+    "status",
+    "error",
+    "approximate",
+    "beta_reason",
+    "plugins",
+    "hold_time",
+    "hold_times",
+    "replica",
+    "bonds",
+)
 
 
 @dataclass(frozen=True)
@@ -138,6 +149,8 @@ class Table:
     approximate: list[str] = field(default_factory=list)
     #: why beta of each point was not fitted, in words; empty if every one was
     beta_reason: list[str] = field(default_factory=list)
+    #: the plugins that took part in each point, with their versions; empty if there are none
+    plugins: list[str] = field(default_factory=list)
     #: of the grid, the last varying fastest; empty: the points are no grid
     dimensions: tuple[Dimension, ...] = ()
     #: whether every point is a mean over surfaces
@@ -157,7 +170,7 @@ class Table:
         """
         count = len(next(iter(swept.values())))
         status, error, approximate = ["missing"] * count, [""] * count, [""] * count
-        reasons = [""] * count
+        reasons, plugins = [""] * count, [""] * count
         scalars = {name: np.full(count, np.nan) for name in SCALARS}
         rows: dict[int, tuple[np.ndarray, dict[str, np.ndarray], np.ndarray]] = {}
         processors: dict[str, None] = {}
@@ -174,6 +187,7 @@ class Table:
             observables[number] = summary.get("observables", {})
             approximate[number] = summary.get("approximate", "")
             reasons[number] = summary.get("beta_reason") or ""
+            plugins[number] = "; ".join(f"{name}: {source}" for name, source in summary.get("plugins", {}).items())
             summary = _with_b(summary)
             for name, column in scalars.items():
                 if (value := summary.get(name)) is not None:
@@ -195,6 +209,7 @@ class Table:
             observed=_observed(count, padded["curves"], observables),
             approximate=approximate if any(approximate) else [],
             beta_reason=reasons if any(reasons) else [],
+            plugins=plugins if any(plugins) else [],
             dimensions=dimensions(axes, swept, {*SCALARS, *CURVES} - GIVEN, units),
         )
 
@@ -221,7 +236,7 @@ class Table:
             else values
             for name, (unit, _, values) in self.observed.items()
         }
-        marked = ["approximate"] * bool(self.approximate) + ["beta_reason"] * bool(self.beta_reason)
+        marked = [name for name in ("approximate", "beta_reason", "plugins") if getattr(self, name)]
         writer.writerow(["point", "status", *names, *scalars, *lasts, *observed, *marked, "error"])
         for row in range(self.points):
             done = self.status[row] == "done"
@@ -237,6 +252,7 @@ class Table:
                     *(_cell(number) for number in numbers),
                     *self.approximate[row : row + 1],
                     *self.beta_reason[row : row + 1],
+                    *self.plugins[row : row + 1],
                     self.error[row].replace("\n", " "),
                 ]
             )
@@ -296,6 +312,8 @@ class Table:
             variables["beta_reason"] = of_points(self.beta_reason, long_name="why beta was not fitted")
         if self.approximate:
             variables["approximate"] = of_points(self.approximate, long_name="what is approximate")
+        if self.plugins:
+            variables["plugins"] = of_points(self.plugins, long_name="plugins that took part")
         times = {"units": "s", "long_name": "time since the contact was made"}
         if self.hold_times.ndim == 1:
             variables["hold_time"] = (("hold_time",), self.hold_times, times)
@@ -324,7 +342,7 @@ class Table:
         """
         pandas = optional_module("pandas", "xarray")
         observed = {name: values for name, (_, _, values) in self.observed.items() if values.ndim == 1}
-        marked = {"approximate": self.approximate} if self.approximate else {}
+        marked = {name: getattr(self, name) for name in ("approximate", "plugins") if getattr(self, name)}
         columns: dict[str, Any] = {"status": self.status, **self.swept, **self.scalars, **observed, **marked}
         columns["error"] = self.error
         return pandas.DataFrame(columns, index=pandas.RangeIndex(self.points, name="point"))

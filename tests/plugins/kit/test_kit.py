@@ -13,7 +13,7 @@ from kit_examples import Bed, Breaking, Chain, Count, Csv, Flat, Shell, White, m
 import chemage as ca
 from chemage import InputError, testing
 from chemage.plugin import Component, registry
-from chemage.testing.checks import CHECKS
+from chemage.testing.checks import CHECKS, LAST
 
 REFERENCES: list[Component] = [Flat(), White(), Chain(), Shell(), Breaking(), Count(), Csv(), Bed()]
 
@@ -65,9 +65,9 @@ def test_a_failure_names_its_check():
 def test_all_failures_are_reported_at_once():
     wrong = mutant(Flat, "three faults", quantile=lambda self, u: 1 - u, density=lambda self, e: 0 * e, cite="Hertz")()
     for check in (testing.check_component, testing.check_barriers):
-        with pytest.raises(testing.ChecksFailed, match="3 of 18 checks fail") as several:
+        with pytest.raises(testing.ChecksFailed, match="4 of 20 checks fail") as several:
             check(wrong, all=True)
-        names = ["citations_are_strings", "quantile_is_monotone", "density_agrees_with_quantile"]
+        names = ["citations_are_strings", "quantile_is_monotone", "density_agrees_with_quantile", "options_count"]
         assert [failure.check for failure in several.value.exceptions] == names
         assert all(name in str(several.value) for name in names)
         assert isinstance(several.value, AssertionError)
@@ -81,7 +81,7 @@ def test_an_exception_of_the_component_is_a_failure_of_the_check():
 
 
 def test_every_check_says_what_it_requires():
-    for functions in CHECKS.values():
+    for functions in (*CHECKS.values(), LAST):
         for function in functions:
             requirement = testing.Check("", function, {}).requirement
             assert requirement.endswith("."), function.__name__

@@ -127,7 +127,7 @@ WRONG: dict[str, tuple[Any, str]] = {
         "answers_are_repeatable",
     ),
     "replicas in reverse order": (lambda: changed(Drawn, "reverse", _by_count), "fewer_replicas_are_the_first_ones"),
-    "quick and different": (lambda: Quick(), "speed_does_not_change_the_bonds"),
+    "quick and different": (lambda: Quick(), "options_count"),
 }
 
 

@@ -226,7 +226,7 @@ MUTANTS: dict[str, tuple[Any, str]] = {
     "remembers the last contact": (lambda: solver("memory", _remembering), "contact_is_deterministic"),
     "changes the surface": (lambda: solver("writes", _writes, base=Bed), "contact_is_deterministic"),
     "the start is the answer": (lambda: solver("lazy", _lazy), "start_changes_nothing"),
-    "threads that change bits": (lambda: Threads(), "speed_does_not_change_the_contact"),
+    "threads that change bits": (lambda: Threads(), "options_count"),
     "trade from accurate to fast": (lambda: Reversed(), "trade_is_from_fast_to_accurate"),
     "trade of another contact": (
         lambda: mutant(Bed, "traded", trade={"modulus": (1.0, 20.0)})(),

@@ -188,7 +188,7 @@ OTHERS: dict[str, tuple[Any, str]] = {
         "history_adds_up",
     ),
     "a restart that is not exact": (lambda: mutant(Plain, "restart", restart=True)(), "restart_is_exact"),
-    "an option for speed that changes rates": (Hasty, "speed_does_not_change_the_run"),
+    "an option for speed that changes rates": (Hasty, "options_keep_the_rates"),
     "an option for accuracy that is another model": (Traded, "trade_keeps_the_rates"),
     "an option that loses attempts": (Superbasins, "options_keep_the_rates"),
     "speed of an option that does not exist": (

@@ -110,7 +110,7 @@ OTHERS: dict[str, tuple[Any, str]] = {
     ),
     "a graph kept by the number of sites": (lambda: graph("kept", _remembered), "graph_is_the_same_everywhere"),
     "writes into its argument": (lambda: energies("writes", _overwriting), "calls_do_not_interfere"),
-    "quick and different": (lambda: Quick, "speed_does_not_change_the_energies"),
+    "quick and different": (lambda: Quick, "options_count"),
 }
 
 

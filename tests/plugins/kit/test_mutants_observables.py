@@ -199,7 +199,7 @@ OBSERVABLES: dict[str, tuple[Any, str]] = {
     "needs the chemistry to draw": (lambda: drawing("chemistry", _with_chemistry), "figures_are_drawn"),
     "draws nothing": (lambda: drawing("nothing", lambda self, figure, axes, results: None), "figures_are_drawn"),
     "a figure without a caption": (lambda: drawing("caption", Map.draw, figures={"bonds": " "}), "figures_are_drawn"),
-    "quick and different": (lambda: Coarse(), "speed_does_not_change_the_numbers"),
+    "quick and different": (lambda: Coarse(), "options_count"),
 }
 
 
@@ -290,6 +290,7 @@ BARRIERS: dict[str, tuple[dict[str, Any], str]] = {
         {"density": lambda self, e: np.clip((e - self.low) / (self.high - self.low), 0.0, 1.0)},
         "density_agrees_with_quantile",
     ),
+    "a trade that changes the barriers": ({"trade": {"low": (0.2, 1.2)}}, "trade_keeps_the_barriers"),
     "a density shifted by a hundredth": (
         {"density": lambda self, e: Flat.density(self, e + 0.01)},
         "density_agrees_with_quantile",
@@ -304,9 +305,7 @@ def test_wrong_barriers(name):
     assert found == check, said
 
 
-@pytest.mark.parametrize(
-    ("component", "check"), [(Bounded(), "barriers_are_in_ev"), (Sampled(), "speed_does_not_change_the_barriers")]
-)
+@pytest.mark.parametrize(("component", "check"), [(Bounded(), "barriers_are_in_ev"), (Sampled(), "options_count")])
 def test_barriers_whose_options_do_something_else(component, check):
     found, said = caught_by(component)
     assert found == check, said

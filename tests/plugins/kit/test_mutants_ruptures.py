@@ -122,7 +122,7 @@ RUPTURES: dict[str, tuple[Any, str]] = {
         "force_disturbs_nothing",
     ),
     "writes into the history": (lambda: mutant(Ageless, "writes", force=_written)(), "force_disturbs_nothing"),
-    "quick and different": (lambda: Coarse(), "speed_does_not_change_the_force"),
+    "quick and different": (lambda: Coarse(), "options_count"),
 }
 
 

@@ -189,7 +189,7 @@ MAKERS: dict[str, tuple[Any, str]] = {
         "sketch_is_the_same_surface",
     ),
     "heights by call": (lambda: maker(ROUGH, "calls", _by_call), "makes_a_surface"),
-    "blocks that change bits": (lambda: Blocks(**OPTIONS[ROUGH]), "speed_does_not_change_the_surface"),
+    "blocks that change bits": (lambda: Blocks(**OPTIONS[ROUGH]), "options_count"),
     "heights that are not numbers": (
         lambda: maker(SPHERE, "list", lambda s, *g: s.heights),
         "makes_a_surface",

@@ -276,7 +276,7 @@ def test_json_has_what_json_of_a_run_has_where_that_has_it(command, files):
     assert missing == {
         *("solver", "engine", "ageing", "rupture", "converged", "residual", "iterations", "sites"),
         *("site_grid", "events"),
-        *("common_random_numbers", "observables", "cutoff_time", "cutoff_time_stderr", "cutoff_time_low"),
+        *("common_random_numbers", "cutoff_time", "cutoff_time_stderr", "cutoff_time_low"),
         *("cutoff_time_high", "cutoff_reason", "timings", "keys", "mean_shear_stress"),
     }  # which are of one surface
     beta, drop = made().estimate("beta"), made().estimate("friction_drop")

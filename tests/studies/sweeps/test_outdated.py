@@ -22,7 +22,7 @@ def chemage_solve_contact(load):
     found = yield
     if load < {above}:
         return found
-    return found.model_copy(update={{"pressure": np.minimum(found.pressure, {cap})}})
+    return found.model_copy(update={{"pressure": np.minimum(found.pressure, {cap}), "carries": "capped"}})
 """
 IDLE = """
 import chemage

@@ -43,7 +43,7 @@ def scene(tiny, tmp_path, monkeypatch):
     """Fifty loads on the surface in a file."""
     chemage.plugin.registry.current().register(chemage_surfaces, "surfaces")
     np.save(tmp_path / "map.npy", np.random.default_rng(0).random((12, 12)))
-    surface = {"kind": "from-file", "path": str(tmp_path / "map.npy"), "pixel_size": 1.0}
+    surface = {"kind": "from-file", "path": str(tmp_path / "map.npy"), "pixel_size": 1.0, "periodic": True}
     loads = np.linspace(1.0, 20.0, 50).tolist()
     return {**tiny.scene(surface=surface), "sweep": {"contact.load": loads}}
 

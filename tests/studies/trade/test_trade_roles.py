@@ -77,7 +77,10 @@ class Thinned(ca.plugin.Engine):
     def _run(self, lattice, hold_times, temperature, seed, start):
         exact = ca.engine("rejection-free").run(lattice, hold_times, temperature=temperature, seed=seed, start=start)
         bonds = exact.bonds // self.grain * self.grain
-        return exact.model_copy(update={"bonds": bonds, "formed": bonds + exact.broken, "engine": self.kind})
+        state = exact.state.copy()
+        state[np.flatnonzero(state)[bonds[-1] :]] = False
+        kept = {"bonds": bonds, "formed": bonds + exact.broken, "state": state}
+        return exact.model_copy(update={**kept, "engine": self.kind})
 
 
 class Within(ca.plugin.ContactSolver):

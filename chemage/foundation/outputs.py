@@ -1,12 +1,20 @@
-"""What an observable declares of the numbers that it measures, and those numbers as summaries and tables show them."""
+"""What a component declares of the numbers, curves and maps that it records, how they reach the record that its stage
+gives, and how summaries and tables show them.
+
+A stage collects what is recorded while its component and its hooks run, checks it, and adds it to its record, with
+which it is stored, resumed and passed on. An observable returns what it measures; every other component calls its
+method ``record``, and a hook :func:`record`.
+"""
 
 from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -25,12 +33,13 @@ _TAKEN = ("hold_times", "hold_time", "replica", "point", "bonds", "sites", "even
 
 @dataclass(frozen=True)
 class Output:
-    """The dimensions, the unit and the meaning of one measured number or array.
+    """The dimensions, the unit and the meaning of one recorded number or array.
 
     Replicas are no dimension of it: they are added when those of all replicas are put together.
     """
 
-    #: names of the dimensions in order; () for a single number; ``"hold_time"`` has one entry for each hold time
+    #: names of the dimensions in order; () for a single number; ``"hold_time"``, of what is followed in time, has one
+    #: entry for each hold time of the run, or of the part of it that is computed
     dims: tuple[str, ...] = ()
     #: "" for a pure number
     unit: str = ""
@@ -42,7 +51,7 @@ class Output:
         object.__setattr__(self, "dims", dims)
 
     def of(self, values: Any) -> Declared:
-        """``values`` with this declaration, for plugins that answer the hook ``chemage_observe``."""
+        """``values`` with this declaration, for :func:`record` and the hook ``chemage_observe``."""
         return Declared(self, values)
 
     def todict(self) -> dict[str, Any]:
@@ -52,10 +61,117 @@ class Output:
 
 @dataclass(frozen=True)
 class Declared:
-    """A measured number or array, and what it is."""
+    """A recorded number or array, and what it is."""
 
     output: Output
     values: Any
+
+
+class Recorded(NamedTuple):
+    """What was recorded, and by whom, in words."""
+
+    who: str
+    declared: Declared
+
+
+#: name -> what was recorded in this block
+Block = dict[str, Recorded]
+_block: ContextVar[Block | None] = ContextVar("chemage_recorded", default=None)
+
+
+@contextmanager
+def recording() -> Iterator[Block]:
+    """What is recorded in this block, in this thread."""
+    block: Block = {}
+    token = _block.set(block)
+    try:
+        yield block
+    finally:
+        _block.reset(token)
+
+
+def record(**values: Declared) -> None:
+    """Record numbers, curves or maps beside what a hook answers: ``name=Output(dims, unit, description).of(values)``.
+
+    They are kept with the result of the stage; outside a stage they are dropped. Of a name that is recorded again, the
+    last values count. A component declares ``outputs`` and calls its own method ``record``.
+    """
+    record_by("a hook", values)
+
+
+def record_by(who: str, values: Mapping[str, Any]) -> None:
+    """As :func:`record`, by ``who``, which must be a single one for each name."""
+    block = _block.get()
+    for name, declared in values.items():
+        if not isinstance(declared, Declared):
+            raise PluginError(f"{who}: {name!r} is recorded without its unit; give Output(dims, unit, ...).of(values)")
+        if block is not None:
+            if (other := block.get(name, (who,))[0]) != who:
+                raise PluginError(f"{name!r} is recorded by {other} and by {who}; rename one")
+            block[name] = Recorded(who, declared)
+
+
+def kept(record: Any, block: Mapping[str, Recorded]) -> dict[str, Any]:
+    """The fields ``observables`` and ``outputs`` of ``record`` with what was recorded in ``block``.
+
+    Raises
+    ------
+    PluginError
+        A name is taken, or values do not fit their declaration.
+    """
+    times: np.ndarray | None = getattr(record, "hold_times", None)
+    observables, outputs = dict(record.observables), dict(record.outputs)
+    checkers: dict[str, Checker] = {}
+    for name, (who, declared) in block.items():
+        output, values = declared.output, declared.values
+        if problems := declaration_problems({name: output}):
+            raise PluginError(f"{who}: {problems[0]}")
+        if times is None and HOLD_TIME in output.dims:
+            raise PluginError(f"{who}: output {name!r}: there are no hold times at this stage; name the dimension else")
+        checker = checkers.setdefault(who, Checker(who, None if times is None else times.size))
+        observables[name], outputs[name] = checker.values(name, values, output), output.todict()
+    return {"observables": observables, "outputs": outputs}
+
+
+def joined(before: Mapping[str, np.ndarray], after: Any) -> dict[str, Any]:
+    """``observables`` and ``outputs`` of a record that went on from one with the ``observables`` before: curves one
+    after the other, of all else the later one."""
+    observables = dict(after.observables)
+    for name, values in observables.items():
+        dims = after.outputs[name]["dims"]
+        if HOLD_TIME in dims and name in before:
+            observables[name] = np.concatenate([before[name], values], axis=dims.index(HOLD_TIME))
+    return {"observables": observables, "outputs": after.outputs}
+
+
+class Observing:
+    """What a record with the fields ``observables`` and ``outputs`` has in common with others."""
+
+    if TYPE_CHECKING:
+        arrays: ClassVar[dict[str, tuple[tuple[str, ...], str, str]]]
+        observables: dict[str, np.ndarray]
+        outputs: dict[str, dict[str, Any]]
+
+    def declared(self, name: str) -> tuple[tuple[str, ...], str, str] | None:
+        """See :meth:`Record.declared`; of ``observables/...`` what was declared of it."""
+        field, _, key = name.partition("/")
+        if field != "observables" or key not in self.outputs:
+            return type(self).arrays.get(name)
+        output = Output(**self.outputs[key])
+        return output.dims, output.unit, output.description
+
+    @property
+    def measured(self) -> dict[str, Measured]:
+        """What was recorded on the way to this, with dimensions and units, by name."""
+        return measured({name: values[None] for name, values in self.observables.items()}, self.outputs)
+
+    @property
+    def recorded(self) -> Block:
+        """The same, to be passed on to the next stage."""
+        return {
+            name: Recorded("a stage before", Output(**self.outputs[name]).of(values))
+            for name, values in self.observables.items()
+        }
 
 
 def name_problem(name: Any) -> str:
@@ -76,7 +192,7 @@ def file_problem(name: Any) -> str:
 
 
 def declaration_problems(outputs: Any) -> list[str]:
-    """What is wrong with ``outputs`` of an observable, a sentence each; it must map names to :class:`Output`."""
+    """What is wrong with ``outputs`` of a component, a sentence each; it must map names to :class:`Output`."""
     if not isinstance(outputs, Mapping):
         return [f"outputs = {outputs!r}: give a mapping from names to chemage.plugin.Output"]
     problems = []
@@ -103,9 +219,9 @@ def declaration_problems(outputs: Any) -> list[str]:
 class Checker:
     """Compares what one observable measured on one replica with what it declares."""
 
-    def __init__(self, who: str, hold_times: int) -> None:
+    def __init__(self, who: str, hold_times: int | None) -> None:
         self._who = who
-        self._lengths = {HOLD_TIME: hold_times}
+        self._lengths = {} if hold_times is None else {HOLD_TIME: hold_times}
 
     def names(self, measured: Any, outputs: Mapping[str, Output]) -> None:
         """Require that what is measured are just the outputs."""
@@ -140,12 +256,12 @@ class Checker:
 
 @dataclass(frozen=True)
 class Measured:
-    """One output of an observable, measured on all replicas."""
+    """One output, of all replicas."""
 
     name: str
     #: (replicas, ...)
     values: np.ndarray
-    #: None where the observable does not declare it
+    #: None where an observable does not declare it
     output: Output | None = None
 
     @property

@@ -1,0 +1,203 @@
+"""What a component answers to a set of questions of its role, each of which differs from another in one thing; and the
+checks of every component that follow from that: options count, and nothing depends on what was asked before."""
+
+from __future__ import annotations
+
+import inspect
+import pickle
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from functools import cache
+from itertools import islice
+from typing import Any
+
+import numpy as np
+
+from chemage.ageing.methods import AgeingMethod
+from chemage.foundation.components import Component
+from chemage.foundation.outputs import recording
+from chemage.foundation.records import Record
+from chemage.plugins import registry
+from chemage.testing.checks import LIMIT, check_of, other_values, require
+
+#: what is asked: (in words, a function of the component)
+Questions = Iterator[tuple[str, Callable[[Any], Any]]]
+#: role -> its questions for a component, which may need the inputs of the checks
+ASKED: dict[str, Callable[..., Questions]] = {}
+
+
+def asks(role: type[Component]) -> Callable[[Callable[..., Questions]], Callable[..., Questions]]:
+    """Declare a generator as the questions of a role.
+
+    They come in pairs that differ in one thing, each pair about something that no other and no other check asks of, so
+    that nothing that was kept before can answer them.
+    """
+
+    def mark(function: Callable[..., Questions]) -> Callable[..., Questions]:
+        ASKED[role.role] = function
+        return function
+
+    return mark
+
+
+def answer(component: Component, ask: Callable[[Any], Any]) -> bytes:
+    """What the component gives and records, or the error that it raises, as bytes."""
+    with recording() as block:
+        try:
+            given = ask(component)
+        except Exception as error:
+            given = type(error).__name__
+    return _bytes([given, {name: one.declared.values for name, one in block.items()}])
+
+
+def _bytes(value: Any) -> bytes:
+    if isinstance(value, np.ndarray | np.generic) and value.dtype.kind != "O":
+        return f"{value.dtype}{value.shape}".encode() + value.tobytes()
+    if isinstance(value, Mapping):
+        value = [[name, value[name]] for name in sorted(value, key=str)]
+    if isinstance(value, list | tuple):
+        return f"[{len(value)}".encode() + b"".join(map(_bytes, value))
+    return (value.digest() if isinstance(value, Record) else repr(value)).encode() + b";"
+
+
+def answers(component: Component, inputs: Mapping[str, Any], backwards: bool = False) -> dict[str, bytes]:
+    """The answers to all questions of the role, and those to the first of them with each option at another value, which
+    are asked in order, or ``backwards``."""
+    questions = list(ASKED[component.role](component, **inputs)) if component.role in ASKED else []
+    asked = [(what, component, ask) for what, ask in questions]
+    for name in type(component).model_fields if questions else ():
+        for option, variant in islice(other_values(component, name), 1):
+            asked.append((f"{questions[0][0]}, with {option}", variant, questions[0][1]))
+    return {what: answer(variant, ask) for what, variant, ask in (asked[::-1] if backwards else asked)}
+
+
+# -- another process --------------------------------------------------------------------------------------------------
+
+
+@cache
+def _worker() -> Any:
+    from loky import ProcessPoolExecutor
+
+    return ProcessPoolExecutor(1, timeout=600, env={"PYTHONHASHSEED": "271828"})
+
+
+def _asked_elsewhere(path: list[str], content: bytes) -> dict[str, bytes] | None:
+    """In the worker process: the answers backwards; None where the component cannot be loaded."""
+    sys.path[:] = [*path, *(folder for folder in sys.path if folder not in path)]
+    try:
+        component, inputs = pickle.loads(content)
+    except Exception:
+        return None
+    return answers(component, inputs, backwards=True)
+
+
+def _sent(component: Component, inputs: Mapping[str, Any]) -> bytes | None:
+    """The component with its class, where that is not installed; None where it cannot be sent."""
+    import cloudpickle  # what loky sends with
+
+    module = sys.modules.get(type(component).__module__)
+    installed = registry.current().provider(type(component)) is not None or module is None
+    try:
+        if not installed:
+            cloudpickle.register_pickle_by_value(module)
+        return cloudpickle.dumps((component, dict(inputs)))
+    except Exception:  # `options_go_round` says so
+        return None
+    finally:
+        if not installed:
+            cloudpickle.unregister_pickle_by_value(module)
+
+
+@check_of(Component, last=True)
+def _answers_do_not_depend_on_what_was_asked_before(component: Component, **inputs: Any) -> None:
+    """The answers are the same in this process and in another one that is asked in the opposite order, each question
+    after one that differs in one thing: nothing is remembered that does not fit, and no process is special."""
+    content = _sent(component, inputs)
+    if content is None or component.role not in ASKED:
+        return
+    elsewhere = _worker().submit(_asked_elsewhere, list(sys.path), content)
+    try:
+        here, there = answers(component, inputs), elsewhere.result(LIMIT / 2)
+    except BaseException:  # the next component finds a worker that is idle
+        _worker().shutdown(wait=False, kill_workers=True)
+        _worker.cache_clear()
+        raise
+    for what, found in (there or {}).items():
+        require(
+            here[what] == found,
+            f"{what}: another process, which was asked the same in the opposite order, has another answer; is "
+            "something kept from an earlier call, or does it depend on the process?",
+        )
+
+
+@contextmanager
+def _reading(cls: type) -> Iterator[set[str]]:
+    """The attributes of components of ``cls`` that are read in this block, but not by their serialisation."""
+    read: set[str] = set()
+    own: Any = vars(cls).get("__getattribute__")
+    inherited: Any = cls.__getattribute__
+
+    def spy(self: Any, name: str) -> Any:
+        read.add(name)
+        return inherited(self, name)
+
+    type.__setattr__(cls, "__getattribute__", spy)
+    try:
+        yield read
+    finally:
+        if own is None:
+            type.__delattr__(cls, "__getattribute__")
+        else:
+            type.__setattr__(cls, "__getattribute__", own)
+
+
+def _is_rare(component: Component, name: str) -> bool:
+    """Whether an option that no question depends on may be for other cases: a choice, such as of what is done where
+    nothing converges; one that goes with another option that is off; or any option of a method of ageing, of which the
+    questions are about independent sites."""
+    value, others = getattr(component, name), type(component).model_fields.keys() - {name}
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    off = any(getattr(component, other) is None or getattr(component, other) is False for other in others)
+    return (not number or off or isinstance(component, AgeingMethod)) and name in _mentioned(type(component))
+
+
+def _mentioned(cls: type) -> set[str]:
+    """The names in the code of the methods that a class adds to its role."""
+    own = {name for base in cls.__mro__ if not base.__module__.startswith("chemage.") for name in vars(base)}
+    functions = [inspect.unwrap(function) for name in own if inspect.isfunction(function := getattr(cls, name, None))]
+    codes, names = [function.__code__ for function in functions], set[str]()
+    while codes:
+        code = codes.pop()
+        names.update(code.co_names)
+        codes += [constant for constant in code.co_consts if inspect.iscode(constant)]
+    return names
+
+
+@check_of(Component, last=True)
+def _options_count(component: Component, **inputs: Any) -> None:
+    """Every option is used or changes some answer, and those in ``speed_only``, which change the cost alone, not a bit
+    of any."""
+    if component.role not in ASKED:
+        return
+    questions = list(ASKED[component.role](component, **inputs))
+    with _reading(type(component)) as read:
+        own = {what: answer(component, ask) for what, ask in questions}
+    for name in type(component).model_fields:
+        tried = []
+        for option, variant in other_values(component, name):
+            changed = next((what for what, ask in questions if answer(variant, ask) != own[what]), None)
+            tried.append(option)
+            if name in type(component).speed_only:
+                require(
+                    changed is None,
+                    f"{option}: the answers differ ({changed}), but speed_only says that they do not",
+                )
+            elif changed is not None:
+                break
+        else:
+            require(
+                not tried or name in read or name in type(component).speed_only or _is_rare(component, name),
+                f"option {name!r} is not used and changes nothing ({', '.join(tried)} tried); use it, remove it, or "
+                "name it in speed_only if it only changes the cost",
+            )
