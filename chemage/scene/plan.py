@@ -312,6 +312,8 @@ class Plan:
         rows = list(self.stages.items())
         if "area_fraction" in numbers:
             rows.append(("expected area fraction", f"{numbers['area_fraction']:.3g}"))
+        else:
+            rows.append(("expected area fraction", "not known before the contact is solved"))
         if "sites" in numbers:
             rows.append(("expected sites", f"{numbers['sites']:.3g} in contact per replica"))
         if "events" in numbers:

@@ -174,7 +174,8 @@ class FFTBEM(ContactSolver):
         size = surface["pixel_size"]
         self._check_range(surface["nx"] * surface["ny"] * size**2, size, load)
         doubts = []
-        room = 0.5 * min(surface["nx"], surface["ny"]) * size
+        # to the outermost pixels, which must not touch (see _at_edge)
+        room = 0.5 * (min(surface["nx"], surface["ny"]) - 1) * size
         if "radius" in surface:
             edge = math.cbrt(0.75 * load * surface["radius"] / self.modulus)
             if edge > room:
@@ -383,7 +384,10 @@ class FFTBEM(ContactSolver):
                     tolerance=self.tolerance,
                 )
             notes.append(message)
-        if values.size and least > 0.0:
+        edge = [] if self.is_nominally_flat(surface.periodic) else self._at_edge(surface, values, load)
+        if not (values.size and least > 0.0):
+            notes += edge
+        else:
             more = "uniform pressure" if self.is_nominally_flat(surface.periodic) else "the pressure of a flat punch"
             notes.append(f"full contact: every pixel touches, and more load only adds {more}")
             if result.converged and result.error >= self.tolerance:
@@ -418,6 +422,26 @@ class FFTBEM(ContactSolver):
             ),
             notes=tuple(notes),
         )
+
+    def _at_edge(self, surface: Surface, pressure: np.ndarray, load: float) -> list[str]:
+        """A note of contact on the outermost pixels of a free surface; of a tip, an error: its contact is cut off."""
+        nx, ny = pressure.shape
+        rows, columns = pressure[sorted({0, nx - 1})], pressure[1:-1, sorted({0, ny - 1})]
+        total = float(rows.sum(dtype=np.float64) + columns.sum(dtype=np.float64))
+        if not total > 0.0:
+            return []
+        share = total / float(pressure.sum(dtype=np.float64))
+        if "tip" in surface.provenance:
+            raise InputError.of(
+                "load",
+                load,
+                f"the contact of this tip reaches the edge of its grid ({nx} x {ny} pixels of "
+                f"{surface.pixel_size:.4g} nm), where it is cut off: the outermost pixels carry {100 * share:.2g} % "
+                "of the load",
+                "use a smaller load, or a body on more pixels",
+            )
+        where = "contact at the edge of the grid, beyond which nothing carries load"
+        return [f"{where}: {100 * share:.2g} % of the load is on the outermost pixels, as at the edge of a punch"]
 
     def _failure(self, result: iteration.Result) -> str:
         larger = "accept a larger tolerance"

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -69,7 +69,8 @@ class _Body(SurfaceMaker):
     def make(self, seed: Seed = 0) -> Surface:
         """Make the surface: heights (nx, ny) float64 nm, at most 0. ``seed`` is ignored.
 
-        ``provenance["radius"]`` is R in nm, of bodies to which Hertz' theory applies.
+        ``provenance["radius"]`` is R in nm, of bodies to which Hertz' theory applies. Surfaces with
+        ``provenance["tip"]`` are tips: their contact must not reach the edge of the grid.
         """
         memory.require(3 * 8.0 * self.pixels[0] * self.pixels[1], f"pixels = {self.pixels}", "use fewer")
         across, along = (((np.arange(count) - 0.5 * (count - 1)) * self.pixel_size) ** 2 for count in self.pixels)
@@ -80,7 +81,7 @@ class _Body(SurfaceMaker):
             heights=heights,
             pixel_size=self.pixel_size,
             periodic=False,
-            provenance={**provenance(self), **radius},
+            provenance={**provenance(self), "tip": {}, **radius},
         )
 
 
@@ -180,7 +181,9 @@ class Tip(SurfaceMaker):
     kind = "tip"
 
     body: Choice[SurfaceMaker]
-    """shape, a table: ``sphere`` (paraboloid), ``spherical-cap``, ``cone``, or a measured shape with its apex up"""
+    """shape, a table: ``sphere`` (paraboloid), ``spherical-cap``, ``cone``, or a measured shape"""
+    apex: Literal["up", "down"] = "up"
+    """where the apex of a measured body is in its file: the highest point (as an image shows a tip), or the lowest"""
     own_roughness: Choice[SurfaceMaker] | None = None
     """roughness of the tip, such as ``self-affine``: a part as large as the body, from a random place; None: smooth"""
     roughness_seed: _Seed | None = None
@@ -200,6 +203,8 @@ class Tip(SurfaceMaker):
                 raise ValueError(
                     f"{option} = {getattr(self, option)}: there is no {part}; give {part}, or leave it out"
                 )
+        if self.apex == "down" and isinstance(self.body, _Body):
+            raise ValueError(f"apex = 'down': {self.body.kind} has its apex up; leave apex out")
         return self
 
     @property
@@ -242,7 +247,7 @@ class Tip(SurfaceMaker):
         if not isinstance(seed, np.random.SeedSequence):
             seed = np.random.SeedSequence(checked_seed(seed))
         body = self.body.make(seed)
-        heights = body.heights.astype(np.float64)
+        heights = body.heights.astype(np.float64) * (1.0 if self.apex == "up" else -1.0)
         record: dict[str, Any] = {"body": body.provenance}
         if self.own_roughness is not None:
             own = seed if self.roughness_seed is None else np.random.SeedSequence(self.roughness_seed)

@@ -95,8 +95,8 @@ def test_every_point_is_validated_before_the_first_runs(tiny, tmp_path):
     """
     with pytest.raises(SceneError) as caught:
         chemage.sweep(swept(tiny, text), tmp_path / "out")
-    quantity = '"3 eV" is a quantity of electron_volt, but this field is in nN; a load is a force, such as "20 uN", '
-    quantity += 'or a nominal pressure, such as "10 MPa" '
+    quantity = '"3 eV" is a quantity of electron_volt, but this field is in nN; a load is a force, such as "20 uN" '
+    quantity += 'or "20 nm * 2.5 N/m" (deflection times spring constant), or a nominal pressure, such as "10 MPa" '
     negative = "-2.0: must be finite and not negative; give a force such as 20 uN "
     assert caught.value.problems == [
         ("contact.load", quantity + "[at point 1: hold.seed = 0, contact.load = 3 eV and at 1 more of 6]"),

@@ -12,6 +12,7 @@ from chemage.plugin import Scatter, SceneError
 
 GRID = {"pixels": 129, "pixel_size": 0.25}
 MODULUS = 35.3
+FFT = {"kind": "fft-bem", "modulus": MODULUS}
 SOLVER = ca.contact("fft-bem", modulus=MODULUS)
 FLAT = ca.contact("hertz", modulus=MODULUS)
 WAVES = {"pixels": 128, "pixel_size": 0.25, "hurst": 0.8, "zeta": 8}
@@ -142,6 +143,39 @@ def test_the_scatter_over_places_is_that_of_separate_runs():
     assert set(beta.errors) == {"surfaces", "replicas"}
 
 
+def by_hand(record, body, below, load=50.0):
+    """The heights of a place, and the contact of these heights."""
+    x, y = record["counterface"]["first_pixel"]
+    heights = body.heights + np.roll(below.heights, (-x, -y), (0, 1))[: body.shape[0], : body.shape[1]]
+    surface = ca.Surface(heights=heights, pixel_size=body.pixel_size, periodic=False, provenance={})
+    return SOLVER.solve(surface, load)
+
+
+def test_the_average_of_a_scan_is_the_mean_over_places_computed_one_by_one():
+    rough_body = tip(body=BALL, own_roughness=ROUGH, roughness_seed=4)
+    one = {"kind": "tip", "body": BALL, "own_roughness": ROUGH, "roughness_seed": 4, "counterface": ROUGH, "seed": 3}
+    mean = ca.ensemble(ca.parse_scene(scene(surface=one)), surfaces=6)
+    body, below = rough_body.make(0), ca.surface(**ROUGH).make(0)
+    maker = rough_body.replace(counterface=ROUGH)
+    made = [maker.make(seed).provenance["tip"] for seed, _ in mean.levels[0]["seeds"]]
+    areas = [by_hand(record, body, below).area for record in made]
+    area = mean.estimate("area")
+    assert area.value == pytest.approx(np.mean(areas), rel=1e-12)
+    assert area.half_width == pytest.approx(2.5705818 * np.std(areas, ddof=1) / np.sqrt(6), rel=1e-6)
+
+
+def test_random_places_sample_all_places_alike():
+    body = BALL | {"pixels": 24}
+    small = ROUGH | {"pixels": 32, "zeta": 4}
+    ball, below = ca.surface(**body).make(), ca.surface(**small).make(0)
+    corners = [(x, y) for x in range(0, 32, 2) for y in range(0, 32, 2)]
+    scan = np.array([by_hand({"counterface": {"first_pixel": at}}, ball, below, 10.0).area for at in corners])
+    scanned = tip(body=body, counterface=small)
+    drawn = np.array([SOLVER.solve(scanned.make(seed), 10.0).area for seed in range(300)])
+    assert abs(drawn.mean() - scan.mean()) < 4 * scan.std() / np.sqrt(300)
+    assert drawn.std() == pytest.approx(scan.std(), rel=0.2)
+
+
 def test_a_load_from_deflection_and_spring_constant():
     for load in ("20 nm * 2.5 N/m", "0.02 um * 2.5 nN/nm", "50 nN"):
         parsed = ca.parse_scene(scene(contact={"kind": "fft-bem", "modulus": MODULUS, "load": load}))
@@ -155,6 +189,7 @@ def test_a_load_from_deflection_and_spring_constant():
     ("options", "message"),
     [
         ({"place": [16, 16]}, "there is no counterface"),
+        ({"apex": "down"}, "sphere has its apex up; leave apex out"),
         ({"roughness_seed": 1}, "there is no own_roughness"),
         ({"counterface": ROUGH | {"pixel_size": 0.5}}, "those of the body are 0.25 nm"),
         ({"own_roughness": ROUGH | {"pixels": 32}}, "32 x 32 pixels, but the body has 64 x 64"),
@@ -165,3 +200,50 @@ def test_a_load_from_deflection_and_spring_constant():
 def test_what_does_not_fit_is_refused(options, message):
     with pytest.raises(ca.InputError, match=message):
         tip(**{"body": BALL, **options}).make(1)
+
+
+SMALL = {"pixels": 32, "pixel_size": 0.25}
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        {"kind": "cone", "radius": 2, "half_angle": "80 deg"},
+        {"kind": "spherical-cap", "radius": 30},
+        {"kind": "sphere", "radius": 30},
+    ],
+)
+def test_a_contact_at_the_edge_of_the_grid_is_refused(body):
+    for surface in (ca.surface(**body, **SMALL).make(), tip(body=body | SMALL).make()):
+        assert not SOLVER.solve(surface, 10.0).notes
+        with pytest.raises(ca.InputError, match=r"edge of (its|the) grid.*smaller load"):
+            SOLVER.solve(surface, 300.0)
+    with pytest.raises(ca.InputError, match=r"edge of (its|the) grid"):
+        ca.run(scene(surface={"kind": "tip", "body": body | SMALL}, contact={"load": 300.0} | FFT))
+
+
+def test_a_measured_tip_at_the_edge_is_refused_and_an_image_pressed_flat_has_a_note(tmp_path):
+    np.save(tmp_path / "shape.npy", ca.surface("cone", radius=2, half_angle="80 deg", **SMALL).make().heights)
+    image = {"kind": "measured", "path": str(tmp_path / "shape.npy"), "height_unit": "nm", "pixel_size": 0.25}
+    with pytest.raises(ca.InputError, match=r"edge of its grid \(32 x 32 pixels of 0.25 nm\)"):
+        SOLVER.solve(tip(body=image).make(), 300.0)
+    pressed = SOLVER.solve(ca.surface(**image).make(), 200.0)
+    (note,) = pressed.notes
+    assert note.startswith("contact at the edge of the grid")
+    edge = pressed.pressure.sum() - pressed.pressure[1:-1, 1:-1].sum()
+    assert f": {100 * edge / pressed.pressure.sum():.2g} % of the load" in note
+    assert not SOLVER.replace(boundary="periodic").solve(ca.surface(**image).make(), 300.0).notes
+
+
+@pytest.mark.parametrize("apex", ["up", "down"])
+def test_a_measured_tip_is_the_shape_of_its_file(tmp_path, apex):
+    rng = np.random.default_rng(1)
+    shape = ca.surface("cone", radius=5, half_angle="70 deg", **SMALL).make().heights + rng.normal(0, 0.02, (32, 32))
+    np.savetxt(tmp_path / "tip.txt", (shape if apex == "up" else -shape) / 1e3)
+    body = {"kind": "measured", "path": str(tmp_path / "tip.txt"), "height_unit": "um", "pixel_size": 0.25}
+    made = tip(body=body, apex=apex, counterface=ROUGH, counterface_seed=7, place=[14.5, 10]).make(2)
+    x, y = made.provenance["tip"]["counterface"]["first_pixel"]
+    direct = shape + ca.surface(**ROUGH).make(7).heights[x : x + 32, y : y + 32]
+    np.testing.assert_allclose(made.heights, direct, rtol=0, atol=1e-12)
+    given = ca.Surface(heights=direct, pixel_size=0.25, periodic=False, provenance={})
+    np.testing.assert_allclose(SOLVER.solve(made, 20.0).pressure, SOLVER.solve(given, 20.0).pressure, rtol=0, atol=1e-9)

@@ -10,6 +10,7 @@ from seen import plan
 
 import chemage
 from chemage import load_scene
+from chemage.plugin import scene_data
 
 
 @pytest.fixture
@@ -139,3 +140,10 @@ def test_seconds_follow_the_speed_of_the_machine(small, monkeypatch):
     assert fast.numbers["seconds"] == pytest.approx(once["seconds"] / 4)
     assert fast.numbers["memory"] == once["memory"]
     assert ("speed of this machine", "4 times the reference, measured once") in fast.rows()
+
+
+def test_what_is_not_known_of_a_rough_tip_is_said():
+    body = {"kind": "cone", "radius": 20, "half_angle": 75, "pixels": 32, "pixel_size": 0.25}
+    scene = chemage.parse_scene(scene_data("silica-patch")[0] | {"surface": {"kind": "tip", "body": body}})
+    rows = dict(plan(scene).rows())
+    assert rows["expected area fraction"] == "not known before the contact is solved"
