@@ -165,7 +165,7 @@ def test_the_average_of_a_scan_is_the_mean_over_places_computed_one_by_one():
 
 
 def test_random_places_sample_all_places_alike():
-    body = BALL | {"pixels": 24}
+    body = BALL | {"radius": 10, "pixels": 24}
     small = ROUGH | {"pixels": 32, "zeta": 4}
     ball, below = ca.surface(**body).make(), ca.surface(**small).make(0)
     corners = [(x, y) for x in range(0, 32, 2) for y in range(0, 32, 2)]
