@@ -72,6 +72,7 @@ class FFTBEM(ContactSolver):
     to the approach since first touch where that is smaller. They are those of the pressure that is returned.
     ``ContactSolution.convergence`` also estimates the error of the pressure: ``pressure_error`` (L2 norm, relative) and
     ``pressure_error_max`` (largest, relative to the largest pressure).
+    Contact on the outermost pixels of a free surface is an error for tips (``provenance["tip"]``), else a note.
     The iteration is described in ``chemage_contact._iteration``; its speed and accuracy in ``docs/contact.md``.
     """
 
