@@ -52,7 +52,7 @@ def as_map(
         heights = heights.astype(np.float64)
     sides = None if pixel_size is None else (pixel_size, pixel_size)
     if pixel_size is None and stated is not None:
-        dx, dy = (convert(side, "nm") for side in (stated if isinstance(stated, tuple) else (stated, stated)))
+        dx, dy = (stated_length(side, source) for side in (stated if isinstance(stated, tuple) else (stated, stated)))
         if not all(math.isfinite(side) and side > 0 for side in (dx, dy)):
             raise StoreError(f"{source} states a pixel size of {stated!r}; give pixel_size")
         sides = (dx, dy)
@@ -64,6 +64,14 @@ def as_map(
     except UnitError as error:
         raise StoreError(f"{source} states the unit of its heights: {error}") from None
     return HeightMap(heights, in_nm, sides, periodic, source=source, notes=notes or {})
+
+
+def stated_length(value: Any, source: str) -> float:
+    """A length that a file states, nm; the error names the file."""
+    try:
+        return convert(value, "nm")
+    except UnitError as error:
+        raise StoreError(f"{source} states the size of its pixels: {error}") from None
 
 
 class Unitless(Reader):

@@ -8,8 +8,8 @@ from typing import Any, ClassVar
 
 from pydantic import ValidationInfo, field_validator
 
-from chemage.plugin import HeightMap, StoreError, convert, open_file, tables
-from chemage_surfaces.readers import Unitless, as_map
+from chemage.plugin import HeightMap, StoreError, open_file, tables
+from chemage_surfaces.readers import Unitless, as_map, stated_length
 
 #: byte order marks of UTF-16
 UTF16 = (b"\xff\xfe", b"\xfe\xff")
@@ -120,14 +120,16 @@ class Text(Unitless):
             )
         stated, unit = found.get("pixel_size"), found.get("unit")
         if "factor" in found:
-            heights, unit = (
-                heights * tables.number(found["factor"], f"{source}, conversion factor"),
-                found["factor_unit"],
-            )
-        if "width" in found or None not in counts:
+            factor = tables.number(found["factor"], f"{source}, conversion factor")
+            if factor <= 0:
+                raise StoreError(f"{source} states a conversion factor of {factor:g} for its heights; it is above 0")
+            heights, unit = heights * factor, found["factor_unit"]
+        if "width" in found or "height" in found or None not in counts:
             heights = heights.T
         if "width" in found and "height" in found and self.pixel_size is None:
             sides = (found["width"].replace(",", "."), found["height"].replace(",", "."))
-            stated = tuple(convert(side, "nm") / count for side, count in zip(sides, heights.shape, strict=True))
+            stated = tuple(
+                stated_length(side, source) / count for side, count in zip(sides, heights.shape, strict=True)
+            )
         notes = {"channel": found["channel"]} if "channel" in found else {}
         return as_map(heights, source, pixel_size=self.pixel_size, stated=stated, unit=unit, notes=notes)

@@ -15,6 +15,8 @@ from chemage_surfaces._maps import HeightUnit, surface_of
 
 #: formats without a mark, which the library finds in any file of a certain size
 UNMARKED = ("hgt", "nms")
+#: texts, which the library finds in any table of numbers
+TEXTS = ("asc", "xyz")
 INSTALL = "pip install 'chemage[topographies]'"
 _ROETTGER = """@article{roettger2022,
   author = {R{\\"o}ttger, M. C. and others},
@@ -77,7 +79,7 @@ class Topography(Reader):
         try:
             library = _library(str(path))
             with warnings.catch_warnings(action="ignore"):
-                return library.detect_format(str(path)) not in UNMARKED
+                return library.detect_format(str(path)) not in (*UNMARKED, *TEXTS)
         except PluginError:
             return None
         except Exception:  # each format has errors of its own

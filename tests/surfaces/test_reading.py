@@ -249,8 +249,8 @@ def test_damaged_headers_give_a_map_or_one_clear_error(tmp_path, kind):
     for _ in range(500):
         path = saved(tmp_path / "damaged", damaged(whole, random))
         try:
-            image = reader.height_map(path)
+            size, said = reader.height_map(path).heights.size, str(path)
         except ca.ChemageError as error:
-            assert str(path) in str(error), error
-        else:
-            assert image.heights.size <= 60
+            size, said = 0, str(error)
+        assert size <= 60
+        assert str(path) in said
