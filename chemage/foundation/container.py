@@ -180,7 +180,7 @@ def _parsed(stream: IO[bytes], path: Path) -> Iterator[Any]:
     begin = stream.read(len(_HDF5))
     try:
         file = h5py.File(stream, "r")
-    except (OSError, KeyError, RuntimeError) as error:
+    except (OSError, KeyError, RuntimeError, ValueError) as error:
         kind = DamagedError if begin in (_HDF5, b"") else StoreError
         raise kind(f"{path} cannot be read: it is not an HDF5 file, or is truncated or damaged ({error})") from error
     with file:

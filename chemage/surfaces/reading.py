@@ -13,6 +13,7 @@ import numpy as np
 
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError, PluginError, StoreError
+from chemage.foundation.files import open_file
 from chemage.foundation.units import carried
 from chemage.plugins import context, registry
 from chemage.plugins.context import note
@@ -66,6 +67,13 @@ class Reader(Component, ABC):
     error_of = "the heights"
     #: file name endings that this reader accepts, with the dot
     suffixes: ClassVar[tuple[str, ...]] = ()
+    #: whether it reads many formats through a library, and is asked after all others
+    general: ClassVar[bool] = False
+
+    @classmethod
+    def claims(cls, head: bytes, path: str | PathLike[str]) -> bool | None:
+        """Whether a file that begins with ``head`` (at most 64 kB) is in this format; None: its content cannot tell."""
+        return None
 
     @abstractmethod
     def read(self, path: str | PathLike[str]) -> Any:
@@ -83,39 +91,74 @@ class Reader(Component, ABC):
         return HeightMap(surface.heights, 1.0, (size, size), surface.periodic, source=str(path))
 
 
-def reader_for(path: str | PathLike[str]) -> Reader:
-    """The installed reader for the ending of ``path``, with its default options.
+#: bytes at the beginning of a file by which readers recognise it
+HEAD = 1 << 16
 
-    Of several, that of a preferred plugin (``[plugins] prefer``) is taken, else chemage's own, so that no
-    result changes when a plugin is installed. A reader that cannot be imported is left out:
-    ``chemage plugins check`` reports it.
+
+def reader_for(path: str | PathLike[str]) -> Reader:
+    """The installed reader for the content of ``path``, else for its ending, with its default options.
+
+    Readers that recognise the content come first; then those of the ending that cannot tell; then general readers,
+    which read many formats; then those of the ending, whose errors say what is wrong with the file. Of several, that of
+    a preferred plugin (``[plugins] prefer``) is taken, else chemage's own, so that no result changes when a plugin is
+    installed, else that of the ending. A reader that cannot be imported is left out: ``chemage plugins check`` reports
+    it.
 
     Raises
     ------
     StoreError
-        No installed reader accepts the ending.
+        No installed reader recognises the content or accepts the ending.
     InputError
         Several do, and none comes first.
     """
     ending = Path(path).suffix.lower()
     readers = _readers()
-    if ending not in readers:
+    kinds = _first(_able(path, readers, ending))[0]
+    if not kinds:
         known_endings = ", ".join(sorted(readers)) or "nothing"
         what = f"files ending in {ending!r}" if ending else "a file without ending"
         raise StoreError(
-            f"path = {str(path)!r}: no reader for {what} (there are readers for {known_endings}); "
+            f"path = {str(path)!r}: no reader for {what} (there are readers for {known_endings}), nor for its content; "
             "name one with reader = ..."
         )
-    kinds, _ = _first(readers[ending])
+    if len(kinds) > 1:
+        kinds = {kind: kinds[kind] for kind in kinds if kind in readers.get(ending, {})} or kinds
     if len(kinds) > 1:
         raise InputError(
-            f"path = {str(path)!r}: the readers {', '.join(sorted(kinds))} all read {ending}; give reader = ..., or "
-            f"prefer the plugin of one of them ({', '.join(sorted({kinds[kind].name for kind in kinds}))})"
+            f"path = {str(path)!r}: the readers {', '.join(sorted(kinds))} all read {ending or 'it'}; give reader = "
+            "..., or prefer the plugin of one of them "
+            f"({', '.join(sorted({kinds[kind].name for kind in kinds}))})"
         )
     reader = registry.current().component("reader", next(iter(kinds)))()
     for name, source in providers(reader).items():
         note(name, source)
     return reader
+
+
+def _able(
+    path: str | PathLike[str], readers: dict[str, dict[str, PluginRecord]], ending: str
+) -> dict[str, PluginRecord]:
+    """The readers of the first group that has any, in the order that :func:`reader_for` states."""
+    plugins = registry.current()
+    of_ending = readers.get(ending, {})
+    everyone = {kind: record for kinds in readers.values() for kind, record in kinds.items()}
+    general = {kind for kind in everyone if plugins.component("reader", kind).general}
+    try:
+        with open_file(path) as file:
+            head = file.read(HEAD)
+    except StoreError:  # the reader of the ending says so
+        return {kind: record for kind, record in of_ending.items() if kind not in general} or of_ending
+    said = {kind: plugins.component("reader", kind).claims(head, path) for kind in everyone if kind not in general}
+    open_ = {kind: record for kind, record in of_ending.items() if kind in said and said[kind] is None}
+    claiming = {kind: everyone[kind] for kind in said if said[kind]}
+    if claiming:  # a preferred plugin comes before them
+        return claiming | {kind: record for kind, record in open_.items() if record.name in context.preference()}
+    if open_:
+        return open_
+    for kind in general:
+        said[kind] = kind in of_ending or plugins.component("reader", kind).claims(head, path)
+    by_general = {kind: everyone[kind] for kind in general if said[kind]}
+    return by_general or of_ending or {kind: everyone[kind] for kind in general if said[kind] is None}
 
 
 def _readers() -> dict[str, dict[str, PluginRecord]]:
@@ -147,6 +190,7 @@ def shared_endings() -> list[str]:
     """A sentence for each file ending that several readers accept: which is used, and how to change that."""
     said = []
     for ending, kinds in sorted(_readers().items()):
+        kinds = {kind: kinds[kind] for kind in kinds if not registry.current().component("reader", kind).general}
         if len(kinds) < 2:
             continue
         first, why = _first(kinds)

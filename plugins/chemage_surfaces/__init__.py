@@ -16,10 +16,10 @@ if TYPE_CHECKING:
     from chemage_surfaces.images import Measured as Measured
     from chemage_surfaces.readers import Hdf5 as Hdf5
     from chemage_surfaces.readers import Npy as Npy
-    from chemage_surfaces.readers import Text as Text
     from chemage_surfaces.roughened import Roughened as Roughened
     from chemage_surfaces.roughness_fit import RoughnessFit as RoughnessFit
     from chemage_surfaces.roughness_fit import fit_roughness as fit_roughness
+    from chemage_surfaces.texts import Text as Text
     from chemage_surfaces.tips import Cone as Cone
     from chemage_surfaces.tips import Sphere as Sphere
     from chemage_surfaces.tips import SphericalCap as SphericalCap
@@ -39,7 +39,7 @@ KINDS = {
     },
     "reader": {
         "npy": "chemage_surfaces.readers:Npy",
-        "text": "chemage_surfaces.readers:Text",
+        "text": "chemage_surfaces.texts:Text",
         "hdf5": "chemage_surfaces.readers:Hdf5",
         "topography": "chemage_surfaces.topographies:Topography",
     },

@@ -1,4 +1,4 @@
-"""Readers of height maps: numpy files, text tables, HDF5.
+"""Readers of height maps: numpy files, text tables, HDF5, and NetCDF-3 files.
 
 Heights are in nm where the file states no unit. The option ``pixel_size`` overrides the pixel size in a file.
 """
@@ -6,17 +6,16 @@ Heights are in nm where the file states no unit. The option ``pixel_size`` overr
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping
 from dataclasses import replace
 from os import SEEK_END, PathLike
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from pydantic import ValidationInfo, field_validator
 
 from chemage import InputError, Surface, errors
-from chemage.plugin import HeightMap, Length, Reader, StoreError, UnitError, container, convert, open_file, tables
+from chemage.plugin import HeightMap, Length, Reader, StoreError, UnitError, container, convert, open_file
 from chemage_surfaces._maps import surface_of
 
 if TYPE_CHECKING:
@@ -31,12 +30,13 @@ def as_map(
     stated: object = None,
     periodic: bool = False,
     unit: str | None = None,
+    notes: Mapping[str, Any] | None = None,
 ) -> HeightMap:
     """Make a HeightMap of the array ``heights`` (nx, ny) that was read from ``source``, where ``unit`` is that of the
     heights, if it is stated.
 
     ``pixel_size`` (nm) is that of the user and overrides ``stated``, the value in the file: a number in nm, or a string
-    with its unit.
+    with its unit, or two such values, along x and y. ``notes`` are those of the map.
 
     Raises
     ------
@@ -50,22 +50,31 @@ def as_map(
         raise StoreError(f"{source} holds an array of shape {heights.shape}; a height map has two dimensions (nx, ny)")
     if heights.dtype.kind != "f" or heights.dtype.itemsize not in (4, 8):
         heights = heights.astype(np.float64)
+    sides = None if pixel_size is None else (pixel_size, pixel_size)
     if pixel_size is None and stated is not None:
-        pixel_size = convert(stated, "nm")
-        if not (math.isfinite(pixel_size) and pixel_size > 0):
+        dx, dy = (stated_length(side, source) for side in (stated if isinstance(stated, tuple) else (stated, stated)))
+        if not all(math.isfinite(side) and side > 0 for side in (dx, dy)):
             raise StoreError(f"{source} states a pixel size of {stated!r}; give pixel_size")
+        sides = (dx, dy)
     # a copy in the byte order of this machine
     heights = np.array(heights, dtype=np.float32 if heights.dtype.itemsize == 4 else np.float64, order="C")
     heights.setflags(write=False)
-    sides = None if pixel_size is None else (pixel_size, pixel_size)
     try:
         in_nm = None if unit is None else convert(f"1 {unit}", "nm")
     except UnitError as error:
         raise StoreError(f"{source} states the unit of its heights: {error}") from None
-    return HeightMap(heights, in_nm, sides, periodic, source=source)
+    return HeightMap(heights, in_nm, sides, periodic, source=source, notes=notes or {})
 
 
-class _Unitless(Reader):
+def stated_length(value: Any, source: str) -> float:
+    """A length that a file states, nm; the error names the file."""
+    try:
+        return convert(value, "nm")
+    except UnitError as error:
+        raise StoreError(f"{source} states the size of its pixels: {error}") from None
+
+
+class Unitless(Reader):
     """A reader of arrays in a unit that the file need not state."""
 
     pixel_size: Length | None = None
@@ -85,11 +94,16 @@ class _Unitless(Reader):
         return surface_of(replace(image, height_unit=image.height_unit or 1.0))
 
 
-class Npy(_Unitless):
+class Npy(Unitless):
     """A two-dimensional array saved with ``numpy.save``, which has no pixel size."""
 
     kind = "npy"
     suffixes: ClassVar[tuple[str, ...]] = (".npy",)
+
+    @classmethod
+    def claims(cls, head: bytes, path: str | PathLike[str]) -> bool:
+        """It begins with the mark of numpy."""
+        return head.startswith(b"\x93NUMPY")
 
     def height_map(self, path: str | PathLike[str]) -> HeightMap:
         """The array as it is; its unit is not stated."""
@@ -106,56 +120,7 @@ class Npy(_Unitless):
         return as_map(heights, str(path), pixel_size=self.pixel_size)
 
 
-#: the pixel size in a comment of a text file
-_STATED = re.compile(r"pixel[ _]size\s*[:=]\s*(?P<value>[^,;]+?)\s*$", re.IGNORECASE)
-#: the unit of the heights there, as Gwyddion writes it
-_UNIT = re.compile(r"(?:value|height|z)[ _]units?\s*[:=]\s*(?P<value>[^,;]+?)\s*$", re.IGNORECASE)
-
-
-class Text(_Unitless):
-    """A table of heights with one row of pixels per line: line i, column j is pixel (i, j).
-
-    Columns are separated by commas, semicolons, tabs or blanks. Lines that begin with ``#`` or ``%`` are comments; the
-    comment ``# pixel_size = 0.45 nm`` gives the pixel size, ``# value units: m`` the unit of the heights.
-    """
-
-    kind = "text"
-    suffixes: ClassVar[tuple[str, ...]] = (".txt", ".dat", ".csv", ".tsv", ".asc")
-
-    delimiter: str | None = None
-    """separator of columns; None: comma, semicolon or tab, whichever the first row contains, else blanks"""
-    comments: str = "#%"
-    """characters that begin a comment"""
-
-    @field_validator("delimiter", "comments")
-    @classmethod
-    def _no_part_of_a_number(cls, value: str | None, info: ValidationInfo) -> str | None:
-        if value is None:
-            return value
-        if info.field_name == "delimiter" and len(value) != 1:
-            raise ValueError("give one character, or leave it out")
-        if any(letter.isalnum() or letter in "+-._\n\r" for letter in value):
-            raise ValueError(
-                "letters, digits, signs, points and line ends are parts of numbers; give another character"
-            )
-        return value
-
-    def height_map(self, path: str | PathLike[str]) -> HeightMap:
-        """The array as it is, with its unit if a comment states it."""
-        text = tables.read_text(path)
-        lines = tables.data_lines(text, self.comments)
-        if not lines:
-            raise StoreError(f"{path} holds no numbers")
-        heights = tables.numbers(lines, str(path), self.delimiter or tables.separator_of(lines[0][1]))
-        header = [line for line in text.splitlines()[: lines[0][0]] if line.strip()[:1] in tuple(self.comments)]
-
-        def last(pattern: re.Pattern[str]) -> str | None:
-            return next((match["value"] for line in reversed(header) if (match := pattern.search(line))), None)
-
-        return as_map(heights, str(path), pixel_size=self.pixel_size, stated=last(_STATED), unit=last(_UNIT))
-
-
-class Hdf5(_Unitless):
+class Hdf5(Unitless):
     """A two-dimensional dataset of an HDF5 (or NetCDF-4) file.
 
     The attributes ``pixel_size`` (nm, or a string with its unit) and ``periodic`` are read from the dataset, else from
@@ -165,6 +130,12 @@ class Hdf5(_Unitless):
 
     kind = "hdf5"
     suffixes: ClassVar[tuple[str, ...]] = (".h5", ".hdf5", ".hdf", ".nc")
+
+    @classmethod
+    def claims(cls, head: bytes, path: str | PathLike[str]) -> bool | None:
+        """It begins with the mark of HDF5, and its ending is not that of an instrument that writes HDF5."""
+        marked = head.startswith(b"\x89HDF\r\n\x1a\n")
+        return None if marked and Path(path).suffix.lower() == ".datx" else marked
 
     dataset: str | None = None
     """name of the dataset, such as "surface/heights"; None: the only two-dimensional dataset of numbers"""

@@ -15,6 +15,8 @@ from chemage_surfaces._maps import HeightUnit, surface_of
 
 #: formats without a mark, which the library finds in any file of a certain size
 UNMARKED = ("hgt", "nms")
+#: texts, which the library finds in any table of numbers
+TEXTS = ("asc", "xyz")
 INSTALL = "pip install 'chemage[topographies]'"
 _ROETTGER = """@article{roettger2022,
   author = {R{\\"o}ttger, M. C. and others},
@@ -32,18 +34,34 @@ class Topography(Reader):
     instrument, in one of the formats of SurfaceTopography, such as X3P, SDF, GWY, IBW, SPM, OPD, SUR and VK4.
 
     The format is found from the content of the file. The library is optional: ``pip install 'chemage[topographies]'``.
-    The first index of the heights is along x. For its NetCDF and text formats, whose endings belong to other readers,
-    give ``reader = "topography"``.
+    The first index of the heights is along x. Files that a reader of chemage recognises are left to it.
     """
 
     kind = "topography"
+    general: ClassVar[bool] = True
     cite: ClassVar[tuple[str, ...]] = ("M. C. Röttger et al., Surf. Topogr.: Metrol. Prop. 10, 035032 (2022)",)
     bibtex: ClassVar[tuple[str, ...]] = (_ROETTGER,)
-    #: those of the library, less those of the readers of chemage and of line scans
+    #: those of the library, less those of line scans and of the readers of chemage, but for the binary .dat
     suffixes: ClassVar[tuple[str, ...]] = (
         *(".x3p", ".sdf", ".gwy", ".ibw", ".spm", ".001", ".002", ".003", ".004", ".005", ".al3d", ".apx", ".bcr"),
-        *(".bcrf", ".cur", ".datx", ".ezd", ".frt", ".hfm", ".hgt", ".jpk", ".lext", ".mat", ".mdt", ".mi", ".mnt"),
-        *(".nid", ".nms", ".npz", ".oir", ".opd", ".opdx", ".os3d", ".plu", ".plux", ".poir", ".stp", ".sur", ".tif"),
+        *(".bcrf", ".cur", ".dat", ".datx", ".ezd", ".frt", ".hfm", ".hgt", ".jpk", ".lext", ".mat", ".mdt"),
+        *(
+            ".mi",
+            ".mnt",
+            ".nid",
+            ".nms",
+            ".npz",
+            ".oir",
+            ".opd",
+            ".opdx",
+            ".os3d",
+            ".plu",
+            ".plux",
+            ".poir",
+            ".stp",
+            ".sur",
+            ".tif",
+        ),
         *(".tiff", ".tmd", ".tom", ".top", ".vk3", ".vk4", ".vk6", ".vk7", ".xyz", ".zmg", ".zon"),
     )
 
@@ -54,6 +72,18 @@ class Topography(Reader):
     file"""
     pixel_size: Length | None = None
     """edge of a pixel, nm; overrides the value in the file"""
+
+    @classmethod
+    def claims(cls, head: bytes, path: str | PathLike[str]) -> bool | None:
+        """Whether the library recognises the content; None: it is not installed."""
+        try:
+            library = _library(str(path))
+            with warnings.catch_warnings(action="ignore"):
+                return library.detect_format(str(path)) not in (*UNMARKED, *TEXTS)
+        except PluginError:
+            return None
+        except Exception:  # each format has errors of its own
+            return False
 
     def read(self, path: str | PathLike[str]) -> Surface:
         """Read the surface, if the image is complete, its pixels are square and its units are known.

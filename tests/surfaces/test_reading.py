@@ -63,8 +63,7 @@ def both(path):
 
 @pytest.mark.parametrize(("name", "error"), [("map.nobody", StoreError), ("map", StoreError), ("map.both", InputError)])
 def test_both_ways_give_the_same_error(rival, tmp_path, name, error):
-    np.save(tmp_path / "x.npy", np.ones((2, 2)))
-    (tmp_path / "x.npy").rename(tmp_path / name)
+    (tmp_path / name).write_bytes(b"\0\1 in no known format")
     by_read, by_maker = (refusal(call, error) for call in both(tmp_path / name))
     assert by_read == by_maker == refusal(lambda: reader_for(tmp_path / name), error)
     assert str(tmp_path / name) in by_read
@@ -166,3 +165,92 @@ def test_a_unit_of_heights_that_is_no_length_is_refused(tmp_path):
 def test_masked_heights_of_a_reader_are_missing():
     image = ca.plugin.HeightMap(np.ma.masked_less(HEIGHTS, -1.0), 1.0, (2.0, 2.0))
     assert np.isnan(image.heights).tolist() == (HEIGHTS < -1.0).tolist()
+
+
+def saved(path, content):
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return path
+
+
+def test_the_content_selects_the_reader_before_the_ending(tmp_path):
+    np.save(tmp_path / "map.npy", HEIGHTS)
+    array = (tmp_path / "map.npy").read_bytes()
+    xr.DataArray(HEIGHTS, name="z").to_netcdf(tmp_path / "map.nc", engine="h5netcdf")
+    hdf5 = (tmp_path / "map.nc").read_bytes()
+    for name in ("map.txt", "map.nobody", "map", "map.x3p"):
+        assert reader_for(saved(tmp_path / name, array)).kind == "npy"
+        assert reader_for(saved(tmp_path / name, hdf5)).kind == "hdf5"
+    assert reader_for(saved(tmp_path / "map.dat", "1 2\n3 4\n")).kind == "text"
+    assert reader_for(saved(tmp_path / "map.dat", b"\x88\x1b\x03\x6f\0\1\0\0")).kind == "topography"
+    # a damaged file goes to the reader of its ending, which says what is wrong
+    assert reader_for(saved(tmp_path / "map.npy", b"\x93NUMPX" + array[6:])).kind == "npy"
+
+
+GERMAN = (
+    "# Kanal: Topografie\n# Breite: 12,34 µm\n# Höhe: 5678,9 nm\n# Value units: m\n1 1.5 3\n-2 -3 -6\n0 0 0\n9 9 9\n"
+)
+PHASE = "h=2 w=3\npixel size=4e-007 m\ndata unit=rad\nheight conversion factor (-> m)=2e-008\n1 2 3\n4 5 6\n"
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+@pytest.mark.parametrize("ends", ["\n", "\r\n"])
+def test_headers_of_instruments_state_units_sides_and_orientation(tmp_path, encoding, ends):
+    image = reader_for(path := saved(tmp_path / "a.txt", GERMAN.replace("\n", ends).encode(encoding))).height_map(path)
+    assert image.heights.tolist() == [[1, -2, 0, 9], [1.5, -3, 0, 9], [3, -6, 0, 9]]
+    assert image.height_unit == pytest.approx(1e9)
+    assert image.pixel_size == pytest.approx((12340 / 3, 5678.9 / 4))
+    assert image.notes == {"channel": "Topografie"}
+    image = reader_for(path := saved(tmp_path / "b.txt", PHASE.replace("\n", ends).encode(encoding))).height_map(path)
+    assert np.allclose(image.heights * image.height_unit, 20 * np.array([[1, 4], [2, 5], [3, 6]]))
+    assert image.pixel_size == pytest.approx((400, 400))
+
+
+def test_a_header_that_contradicts_its_rows_is_refused(tmp_path):
+    path = saved(tmp_path / "b.txt", PHASE.replace("w=3", "w=4"))
+    with pytest.raises(StoreError, match="states 4 x 2 pixels, but holds 3 columns and 2 rows"):
+        ca.read(path)
+
+
+def test_decimal_commas_beside_another_separator(tmp_path):
+    path = saved(tmp_path / "a.csv", "# pixel_size = 2 nm\n1,5;2,5\n-3,5e1;4,0\n")
+    assert ca.read(path).heights.tolist() == [[1.5, 2.5], [-35.0, 4.0]]
+
+
+def damaged(content, random):
+    """The content with its first 200 bytes altered: bits, a cut, or numbers and units replaced."""
+    content = bytearray(content)
+    place = int(random.integers(min(len(content), 200)))
+    match random.integers(4):
+        case 0:
+            content[place] ^= 1 << int(random.integers(8))
+        case 1:
+            del content[place:]
+        case 2:
+            words = [b"99999999999", b"-1", b"0", b"nan", b"1e999", b" V", b" um", b"="]
+            content[place : place + 3] = words[random.integers(len(words))]
+        case _:
+            content[place : place + 8] = b"\xff" * 8
+    return bytes(content)
+
+
+@pytest.mark.parametrize("kind", ["german", "phase", "npy", "hdf5"])
+def test_damaged_headers_give_a_map_or_one_clear_error(tmp_path, kind):
+    np.save(tmp_path / "a.npy", HEIGHTS)
+    data = xr.DataArray(HEIGHTS, attrs={"units": "um", "pixel_size": 2.0}, name="z")
+    data.to_netcdf(tmp_path / "a.nc", engine="h5netcdf")
+    whole = {
+        "german": GERMAN.encode(),
+        "phase": PHASE.encode(),
+        "npy": (tmp_path / "a.npy").read_bytes(),
+        "hdf5": (tmp_path / "a.nc").read_bytes(),
+    }[kind]
+    reader = registry.current().component("reader", kind if kind in ("npy", "hdf5") else "text")()
+    random = np.random.default_rng(1)
+    for _ in range(500):
+        path = saved(tmp_path / "damaged", damaged(whole, random))
+        try:
+            size, said = reader.height_map(path).heights.size, str(path)
+        except ca.ChemageError as error:
+            size, said = 0, str(error)
+        assert size <= 60
+        assert str(path) in said

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import builtins
+import json
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -112,7 +114,8 @@ def test_endings_of_chemage_stay_its_own():
         for kind in ("npy", "text", "hdf5")
         for ending in ca.plugin.registry.current().component("reader", kind).suffixes
     }
-    assert not own & set(Topography.suffixes)
+    # .dat is a text, or a binary file of an interferometer: the content tells
+    assert own & set(Topography.suffixes) == {".dat"}
 
 
 def test_endings_are_those_of_the_library(library):
@@ -184,3 +187,26 @@ def test_without_the_library_it_says_how_to_install_it(monkeypatch):
         file.write(b"anything")
     with pytest.raises(PluginError, match=r"image\.x3p: .*not installed; pip install 'chemage\[topographies\]'"):
         ca.surface("measured", path="image.x3p").make()
+
+
+FILES = Path(__file__).parents[1] / "data" / "topographies"
+
+
+@pytest.mark.parametrize(
+    "wanted", json.loads((FILES / "read_by_SurfaceTopography.json").read_text()), ids=lambda w: w["file"]
+)
+def test_files_of_instruments_are_read_as_the_library_reads_them(library, wanted):
+    image = ca.plugin.reader_for(FILES / wanted["file"]).height_map(FILES / wanted["file"])
+    in_nm = ca.plugin.convert(f"1 {wanted['unit']}", "nm")
+    assert list(image.heights.shape) == wanted["shape"]
+    sizes = [count * side for count, side in zip(image.heights.shape, image.pixel_size, strict=True)]
+    assert sizes == pytest.approx([size * in_nm for size in wanted["size"]])
+    assert np.isnan(image.heights).sum() == wanted["missing"]
+    assert np.nanstd(image.heights) * image.height_unit == pytest.approx(wanted["rms_height"] * in_nm)
+
+
+def test_text_of_gwyddion_equals_the_library_element_by_element(library):
+    name = FILES / "gwyddion-export-german.txt"
+    own, other = (reader.height_map(name) for reader in (ca.plugin.reader_for(name), Topography()))
+    assert ca.plugin.reader_for(name).kind == "text"
+    np.testing.assert_array_equal(own.heights * own.height_unit, other.heights * other.height_unit)

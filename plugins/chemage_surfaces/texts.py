@@ -1,0 +1,135 @@
+"""Reader of height maps in text files: tables, and what instruments and Gwyddion export."""
+
+from __future__ import annotations
+
+import re
+from os import PathLike
+from typing import Any, ClassVar
+
+from pydantic import ValidationInfo, field_validator
+
+from chemage.plugin import HeightMap, StoreError, open_file, tables
+from chemage_surfaces.readers import Unitless, as_map, stated_length
+
+#: byte order marks of UTF-16
+UTF16 = (b"\xff\xfe", b"\xfe\xff")
+
+
+def _field(names: str, value: str = r"[^,;]+?") -> re.Pattern[str]:
+    return re.compile(rf"^(?:{names})\s*[:=]\s*(?P<value>{value})\s*$", re.IGNORECASE)
+
+
+#: what a header states, in English and in German; decimal commas in the sides
+_FIELDS = {
+    "pixel_size": _field(r"pixel[ _]size"),
+    "unit": _field(r"(?:value|height|z)[ _]units?|werteeinheiten?|data unit"),
+    "width": _field("width|breite", ".+?"),
+    "height": _field("height|höhe", ".+?"),
+    "channel": _field("channel|kanal", ".+?"),
+    "rows": re.compile(r"\bh=(?P<value>\d{1,9})\b"),
+    "columns": re.compile(r"\bw=(?P<value>\d{1,9})\b"),
+    "factor": re.compile(r"^height conversion factor \(-> \w+\)=(?P<value>\S+)$"),
+    "factor_unit": re.compile(r"^height conversion factor \(-> (?P<value>\w+)\)="),
+}
+#: a line of the header of an interferometer, such as h=650 w=650
+_HEADER = re.compile(r"\s*[a-z][\w ()>-]*=", re.IGNORECASE)
+#: a row whose numbers have decimal commas and another separator
+_DECIMAL_COMMA = re.compile(r"\s*[+-]?\d+,\d+(?:e[+-]?\d+)?\s*?(?P<separator>[;\t])", re.IGNORECASE)
+
+
+def _text(path: str | PathLike[str]) -> str:
+    """The text of the file, in UTF-16 where its mark says so."""
+    with open_file(path) as file:
+        data = file.read()
+    if data[:2] not in UTF16:
+        return tables.read_text(path)
+    try:
+        return data.decode("utf-16")
+    except UnicodeDecodeError:
+        raise StoreError(f"{path} is not a text file") from None
+
+
+class Text(Unitless):
+    """A table of heights with one row of pixels per line: line i, column j is pixel (i, j).
+
+    Columns are separated by commas, semicolons, tabs or blanks. Lines that begin with ``#`` or ``%`` are comments; the
+    comment ``# pixel_size = 0.45 nm`` gives the pixel size, ``# value units: m`` the unit of the heights.
+
+    A header that states the sides of the image (text export of Gwyddion, in English or German: ``# Width: 2 µm``), or
+    the numbers of its pixels (``h=650 w=650``), is one of an instrument: there line j, column i is pixel (i, j).
+    """
+
+    kind = "text"
+    suffixes: ClassVar[tuple[str, ...]] = (".txt", ".dat", ".csv", ".tsv", ".asc")
+
+    @classmethod
+    def claims(cls, head: bytes, path: str | PathLike[str]) -> bool | None:
+        """A binary file is no text; of a text, the ending tells."""
+        return False if b"\0" in head and head[:2] not in UTF16 else None
+
+    delimiter: str | None = None
+    """separator of columns; None: comma, semicolon or tab, whichever the first row contains, else blanks"""
+    comments: str = "#%"
+    """characters that begin a comment"""
+
+    @field_validator("delimiter", "comments")
+    @classmethod
+    def _no_part_of_a_number(cls, value: str | None, info: ValidationInfo) -> str | None:
+        if value is None:
+            return value
+        if info.field_name == "delimiter" and len(value) != 1:
+            raise ValueError("give one character, or leave it out")
+        if any(letter.isalnum() or letter in "+-._\n\r" for letter in value):
+            raise ValueError(
+                "letters, digits, signs, points and line ends are parts of numbers; give another character"
+            )
+        return value
+
+    def height_map(self, path: str | PathLike[str]) -> HeightMap:
+        """The array as it is, with its unit if the header states it."""
+        text = _text(path)
+        lines = tables.data_lines(text, self.comments)
+        # the header of an instrument has no comment character
+        first = next((place for place, (_, line) in enumerate(lines) if not _HEADER.match(line)), len(lines))
+        lines = lines[first:]
+        if not lines:
+            raise StoreError(f"{path} holds no numbers")
+        header = text.splitlines()[: lines[0][0] - 1]
+        bare = [line.strip().lstrip(self.comments).strip() for line in header]
+        found = {
+            name: match["value"]
+            for name, pattern in _FIELDS.items()
+            for line in bare
+            if (match := pattern.search(line))
+        }
+        separator = self.delimiter
+        if separator is None and (match := _DECIMAL_COMMA.match(lines[0][1])):
+            separator = match["separator"]
+            lines = [(number, line.replace(",", ".")) for number, line in lines]
+        separator = separator or tables.separator_of(lines[0][1])
+        heights = tables.numbers(lines, str(path), separator)
+        return self._of_instrument(heights, found, str(path))
+
+    def _of_instrument(self, heights: Any, found: dict[str, str], source: str) -> HeightMap:
+        """The map of the rows, by the fields of the header."""
+        counts = (found.get("columns"), found.get("rows"))
+        if None not in counts and (int(counts[0] or 0), int(counts[1] or 0)) != heights.shape[::-1]:
+            raise StoreError(
+                f"{source} states {counts[0]} x {counts[1]} pixels, but holds {heights.shape[1]} columns and "
+                f"{heights.shape[0]} rows; it is damaged or no image"
+            )
+        stated, unit = found.get("pixel_size"), found.get("unit")
+        if "factor" in found:
+            factor = tables.number(found["factor"], f"{source}, conversion factor")
+            if factor <= 0:
+                raise StoreError(f"{source} states a conversion factor of {factor:g} for its heights; it is above 0")
+            heights, unit = heights * factor, found["factor_unit"]
+        if "width" in found or "height" in found or None not in counts:
+            heights = heights.T
+        if "width" in found and "height" in found and self.pixel_size is None:
+            sides = (found["width"].replace(",", "."), found["height"].replace(",", "."))
+            stated = tuple(
+                stated_length(side, source) / count for side, count in zip(sides, heights.shape, strict=True)
+            )
+        notes = {"channel": found["channel"]} if "channel" in found else {}
+        return as_map(heights, source, pixel_size=self.pixel_size, stated=stated, unit=unit, notes=notes)
