@@ -35,7 +35,7 @@ from chemage.cli.options import (
     requested_fields,
     user_error,
 )
-from chemage.cli.output import drawn, figures_of, preflight_folder, protect_inputs, result_written, save_picture
+from chemage.cli.output import drawn, figures_of, preflight_result, protect_inputs, result_written, save_picture
 from chemage.foundation import compiling
 from chemage.foundation.progress import loaded, loading, progress_bars, reported, watching
 
@@ -150,7 +150,6 @@ def _run_one(
     force: bool,
 ) -> None:
     from chemage.ageing.methods import EVERY_SITE
-    from chemage.foundation.files import preflight
     from chemage.foundation.result import result_of
     from chemage.results.files import write
     from chemage.scene import run as experiments
@@ -159,9 +158,7 @@ def _run_one(
 
     result = _without_figures(one, path) if figures and not force else None
     if result is None:
-        preflight(path, force=force, size=plan(one).numbers.get("file", 0))
-        if figures:
-            preflight_folder(figures_of(path), force)
+        preflight_result(path, force=force, figures=figures, size=plan(one).numbers.get("file", 0))
     pictures: list[Path] = []
     units = {"contact": "iterations", "ageing": (one.ageing or EVERY_SITE).steps}
     with progress_bars(units) as report, watching(report):

@@ -14,7 +14,7 @@ import typer
 
 from chemage.cli import completion, output
 from chemage.cli.options import RESULTS, ForceOpt, JsonOpt, SetOpt, ThreadsOpt, changed_fields, check_ending, user_error
-from chemage.cli.output import drawn, figures_of, preflight_folder, protect_inputs, result_written
+from chemage.cli.output import drawn, preflight_result, protect_inputs, result_written
 from chemage.foundation.progress import loading, progress_bars, reported
 
 if TYPE_CHECKING:
@@ -347,7 +347,6 @@ def infer(
     most. The result file can be used in scenes: forming = { kind = "inferred", path = "NAME.h5" }.
     """
     loading("loading chemage")
-    from chemage.foundation.files import preflight
     from chemage.foundation.result import result_of
     from chemage.foundation.units import convert
     from chemage.inference.result import UnexplainedError
@@ -369,9 +368,7 @@ def infer(
     _protect(path, [*measured, *(Path(text) for text in planned or () if "=" not in text)])
     share = None if relative_error is None else convert(relative_error, "", "--relative-error")
     curves = _curves(measured, load, temperature, share)
-    preflight(path, force=force)
-    if figures:
-        preflight_folder(figures_of(path), force)
+    preflight_result(path, force=force, figures=figures)
     try:
         result, pictures = _computed(curves, there, wishes, how, path, figures=figures, force=force)
     except UnexplainedError as error:

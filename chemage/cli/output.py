@@ -356,7 +356,7 @@ def drawn(result: Result, path: Path) -> list[Path]:
     folder, named = figures_of(path), figures(result)
     if folder.exists():
         return save_figures(named, folder, force=True)
-    part = folder.with_name(f".{folder.name}.part")
+    part = _unfinished(folder)
     shutil.rmtree(part, ignore_errors=True)
     try:
         pictures = save_figures(named, part)
@@ -364,6 +364,10 @@ def drawn(result: Result, path: Path) -> list[Path]:
     finally:
         shutil.rmtree(part, ignore_errors=True)
     return [folder / picture.name for picture in pictures]
+
+
+def _unfinished(folder: Path) -> Path:
+    return folder.with_name(f".{folder.name}.part")
 
 
 def save_picture(result: Result, file: Path, *, force: bool) -> None:
@@ -382,6 +386,16 @@ def protect_inputs(path: Path, source: str, one: Scene) -> None:
     for name in (source, *read):
         if "\0" not in str(name) and os.path.realpath(name) == os.path.realpath(path):
             raise user_error(f"{path} is an input of this scene; choose another --out")
+
+
+def preflight_result(path: Path, *, force: bool, figures: bool, size: float = 0) -> None:
+    """Check that a result, and ``figures`` beside it, can be written; remove what a killed command left of figures."""
+    from chemage.foundation.files import preflight
+
+    shutil.rmtree(_unfinished(figures_of(path)), ignore_errors=True)
+    preflight(path, force=force, size=size)
+    if figures:
+        preflight_folder(figures_of(path), force)
 
 
 def preflight_folder(folder: Path, force: bool) -> None:

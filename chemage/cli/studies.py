@@ -14,7 +14,7 @@ import typer
 
 from chemage.cli import output
 from chemage.cli.options import user_error
-from chemage.cli.output import drawn, figures_of, preflight_folder, result_written
+from chemage.cli.output import drawn, preflight_result, result_written
 from chemage.foundation import compiling
 from chemage.foundation.errors import ChemageError, printable
 from chemage.foundation.progress import LOGGER, progress_bars, reported
@@ -52,16 +52,13 @@ def run_ensemble(
     points: str | None = None,
 ) -> None:
     """Sample the ensemble that a scene asks for, write it to ``path`` and print it."""
-    from chemage.foundation.files import preflight
     from chemage.foundation.result import result_of
     from chemage.results.files import write
     from chemage.scene.warm_up import compiled_ahead
     from chemage.studies.ensembles.running import CORRECTING, SAMPLING, SKETCHING, Sampler
 
     folder = samples_of(path)
-    preflight(path, force=force)
-    if figures:
-        preflight_folder(figures_of(path), force)
+    preflight_result(path, force=force, figures=figures)
     if folder.exists() and not folder.is_dir():
         raise user_error(f"{folder}, the folder for the samples, is a file; choose another --out")
     pictures: list[Path] = []

@@ -295,6 +295,14 @@ def test_figures_are_drawn_only_for_a_result_of_this_very_scene(command, small):
     assert "small.h5 is already there" in done.err
 
 
+def test_what_a_killed_command_left_of_figures_goes_even_where_the_next_refuses(command, small):
+    assert command("run", small, "--no-figures").status == 0
+    left = small.parent / ".small-figures.part"
+    left.mkdir()
+    assert command("run", small, "--set", "hold.seed=9").status == 2
+    assert not left.exists()
+
+
 def test_a_read_only_folder_is_seen_before_anything_is_computed(command, small, monkeypatch):
     monkeypatch.setattr(SelfAffine, "make", lambda *_: pytest.fail("computing began"))
     if os.getuid():
