@@ -392,7 +392,8 @@ def preflight_result(path: Path, *, force: bool, figures: bool, size: float = 0)
     """Check that a result, and ``figures`` beside it, can be written; remove what a killed command left of figures."""
     from chemage.foundation.files import preflight
 
-    shutil.rmtree(_unfinished(figures_of(path)), ignore_errors=True)
+    if path.name:
+        shutil.rmtree(_unfinished(figures_of(path)), ignore_errors=True)
     preflight(path, force=force, size=size)
     if figures:
         preflight_folder(figures_of(path), force)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from os import PathLike
 from pathlib import Path
 from typing import Any, ClassVar
@@ -13,7 +14,7 @@ import numpy as np
 
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError, PluginError, StoreError
-from chemage.foundation.files import open_file
+from chemage.foundation.files import FileStamp, file_stamp, open_file
 from chemage.foundation.units import carried
 from chemage.plugins import context, registry
 from chemage.plugins.context import note
@@ -144,8 +145,7 @@ def _able(
     everyone = {kind: record for kinds in readers.values() for kind, record in kinds.items()}
     general = {kind for kind in everyone if plugins.component("reader", kind).general}
     try:
-        with open_file(path) as file:
-            head = file.read(HEAD)
+        head = _head(path, file_stamp(path))
     except StoreError:  # the reader of the ending says so
         return {kind: record for kind, record in of_ending.items() if kind not in general} or of_ending
     said = {kind: plugins.component("reader", kind).claims(head, path) for kind in everyone if kind not in general}
@@ -159,6 +159,13 @@ def _able(
         said[kind] = kind in of_ending or plugins.component("reader", kind).claims(head, path)
     by_general = {kind: everyone[kind] for kind in general if said[kind]}
     return by_general or of_ending or {kind: everyone[kind] for kind in general if said[kind] is None}
+
+
+@lru_cache(maxsize=8)
+def _head(path: str | PathLike[str], stamp: FileStamp) -> bytes:
+    """The beginning of a file, read once as long as it does not change."""
+    with open_file(path) as file:
+        return file.read(HEAD)
 
 
 def _readers() -> dict[str, dict[str, PluginRecord]]:

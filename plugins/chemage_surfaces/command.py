@@ -28,11 +28,11 @@ def roughness(
         ),
     ] = None,
     missing: Annotated[
-        str, typer.Option(metavar="ACTION", help="what to do with missing heights: refuse or interpolate")
-    ] = "refuse",
+        str, typer.Option(metavar="ACTION", help="what to do with missing heights: few, refuse or interpolate")
+    ] = "few",
     spikes: Annotated[
-        str, typer.Option(metavar="ACTION", help="what to do with spikes: refuse, keep or interpolate")
-    ] = "refuse",
+        str, typer.Option(metavar="ACTION", help="what to do with spikes: few, refuse, keep or interpolate")
+    ] = "few",
     periodic: Annotated[
         bool | None, typer.Option(help="whether the image is one period of the surface; default: as the file states")
     ] = None,
@@ -52,7 +52,7 @@ def roughness(
     """Fit the roughness of a measured image.
 
     Prints rms height and slope, Hurst exponent and roll-off with their errors, and the section [surface] of a scene
-    that makes random surfaces like the image.
+    that makes random surfaces like the image, or why the fit makes none.
     """
     from chemage_surfaces.images import Measured
     from chemage_surfaces.roughness_fit import fit_roughness, section
@@ -67,4 +67,7 @@ def roughness(
     surface = Measured(**{name: value for name, value in image.items() if value is not None}).make()
     fit = fit_roughness(surface, resolution=resolution)
     typer.echo(fit.text() + "\n")
-    typer.echo(section(fit.maker(pixel_size=spacing, cutoff=cutoff)))
+    if fit.fault:
+        typer.echo(f"no section [surface]: {fit.fault}")
+    else:
+        typer.echo(section(fit.maker(pixel_size=spacing, cutoff=cutoff)))

@@ -6,6 +6,7 @@ The steps are plain functions of arrays: heights (nx, ny) in nm, nan where they 
 from __future__ import annotations
 
 import math
+import warnings
 from functools import lru_cache
 from typing import Annotated, Any, Literal, Self
 
@@ -282,6 +283,8 @@ def _without_trend(heights: np.ndarray, *, plane: bool) -> np.ndarray:
 FEWEST = 4
 #: of the heights
 MOST_MISSING = 0.5
+#: shares of the heights that are interpolated where nothing else is asked for
+FEW_SPIKES, FEW_MISSING = 1e-3, 0.05
 #: rms slopes outside are those of a wrong unit
 SLOPES = (1e-8, 10.0)
 _DEGREES = {"mean": 0, "plane": 1, "quadratic": 2}
@@ -292,8 +295,10 @@ class Measured(ImageMaker):
     """A measured image and the steps that make a surface of it, in the order of the options: units, crop, spikes,
     missing heights, trend, pixels, window.
 
-    No step is taken that is not asked for: an image with missing heights, spikes, pixels that are not square, or units
-    that nobody states is refused with the option that helps. ``provenance["steps"]`` records what each step did.
+    A few spikes (up to 0.1 % of the pixels) and missing heights (up to 5 %) are interpolated with a warning that counts
+    them. No other step is taken that is not asked for: an image with more of them, with pixels that are not square, or
+    with units that nobody states is refused with the option that helps. ``provenance["steps"]`` records what each step
+    did.
     """
 
     kind = "measured"
@@ -306,14 +311,15 @@ class Measured(ImageMaker):
     file has none"""
     crop: tuple[_Coordinate, _Coordinate, Length, Length] | None = None
     """part to use, [x, y, width, height] in nm from the first pixel, rounded to whole pixels; None: all"""
-    spikes: Literal["refuse", "keep", "interpolate"] = "refuse"
-    """what to do with spikes, that is pixels far from the median around them: refuse the image, keep them, or treat
-    them as missing and interpolate"""
+    spikes: Literal["few", "refuse", "keep", "interpolate"] = "few"
+    """what to do with spikes, that is pixels far from the median around them: interpolate up to 0.1 % of the pixels and
+    refuse more, refuse any, keep them, or interpolate all"""
     spike_threshold: Annotated[float, Unit("", ge=3, le=1e6)] = 15.0
     """distance of a spike from the median of the 5 x 5 pixels around it, in robust standard deviations of such
     distances"""
-    missing: Literal["refuse", "interpolate"] = "refuse"
-    """what to do with missing heights: refuse the image, or solve Laplace's equation in the gaps"""
+    missing: Literal["few", "refuse", "interpolate"] = "few"
+    """what to do with missing heights: solve Laplace's equation in the gaps of up to 5 % of the heights and refuse
+    more, refuse any, or solve it in all"""
     detrend: Literal["none", "mean", "plane", "quadratic"] = "none"
     """trend to subtract: none, the mean height, or the least-squares plane or paraboloid"""
     resample: Length | None = None
@@ -419,16 +425,18 @@ def _complete(
             f"{source}: {missing} of {heights.size} heights are missing, which is too many to interpolate; crop the "
             "image to a part that was measured"
         )
-    if missing and maker.missing == "refuse":
+    if missing and _refused(maker.missing, missing, FEW_MISSING * heights.size):
         first = np.argwhere(gaps)[0]
         raise InputError(
             f"{source}: {missing} of {heights.size} heights are missing, the first at pixel ({first[0]}, {first[1]}); "
             'give missing = "interpolate", or crop the image'
         )
+    if missing and maker.missing == "few":
+        _say_repaired(source, missing, heights.size, "missing", "heights are missing")
     if maker.spikes != "keep":
         spikes = find_spikes(heights, maker.spike_threshold, periodic)
         count = int(spikes.sum())
-        if count and maker.spikes == "refuse":
+        if _refused(maker.spikes, count, FEW_SPIKES * heights.size):
             first = np.argwhere(spikes)[0]
             raise InputError(
                 f"{source}: {count} of {heights.size} pixels are spikes, the first at pixel ({first[0]}, {first[1]}), "
@@ -436,6 +444,8 @@ def _complete(
                 'spikes = "interpolate" to replace them, or spikes = "keep" if they are part of the surface'
             )
         if count:
+            if maker.spikes == "few":
+                _say_repaired(source, count, heights.size, "spikes", "pixels are spikes")
             heights = np.where(spikes, np.nan, heights)
             steps.append({"step": "spikes", "replaced": count})
     if missing:
@@ -444,6 +454,18 @@ def _complete(
         return filled(heights, periodic)
     except ValueError as error:
         raise InputError(f"{source}: {error}") from None
+
+
+def _refused(action: str, count: int, few: float) -> bool:
+    return count > {"refuse": 0, "few": few}.get(action, math.inf)
+
+
+def _say_repaired(source: str, count: int, of: int, option: str, what: str) -> None:
+    warnings.warn(
+        f'{source}: {count} of {of} {what}, and interpolated; {option} = "interpolate" says that this is meant',
+        UserWarning,
+        stacklevel=2,
+    )
 
 
 def _square(

@@ -37,6 +37,8 @@ FEWEST_BINS = 4
 SIGNIFICANT = 4.0
 #: bins of the power law beyond the roll-off
 FEWEST = 5
+#: χ² per degree of freedom from which a fit is doubtful, and from which it makes no surface
+DOUBTFUL, FAILED = 3.0, 10.0
 
 
 @dataclass(frozen=True)
@@ -213,6 +215,22 @@ class RoughnessFit:
     #: χ² per degree of freedom; far above 1: the surface is not self-affine
     misfit: float
 
+    @property
+    def fault(self) -> str:
+        """Why no surface is made of this fit; empty where one can be."""
+        if not 0 <= self.hurst <= 1:
+            return (
+                f"the spectrum falls with H = {self.hurst:.2f} ± {self.hurst_error:.2f}, which is not self-affine "
+                "(0 to 1); give a resolution longer than what the instrument blurs"
+            )
+        if not self.misfit <= FAILED:
+            return (
+                f"χ² per degree of freedom is {self.misfit:.2g}, so that the spectrum is not that of a self-affine "
+                "surface; give a resolution longer than what tip and noise decide, or align lines that are offset in "
+                "the program of the instrument"
+            )
+        return ""
+
     def slope(self, longest: float, shortest: float) -> float:
         """rms slope of all waves between two wavelengths (nm) of the fitted spectrum: h'² = ∫ C q³ dq/(2π)."""
         q = np.geomspace(2 * math.pi / longest, 2 * math.pi / shortest, 4001)
@@ -242,8 +260,10 @@ class RoughnessFit:
         Raises
         ------
         InputError
-            The grid cannot hold the cut-off.
+            The grid cannot hold the cut-off, or the fit is none of a self-affine surface (``fault``).
         """
+        if self.fault:
+            raise InputError(f"no surface like this one: {self.fault}")
         side = self.pixel_size if pixel_size is None else convert(pixel_size, "nm")
         shortest = self.resolution if cutoff is None else convert(cutoff, "nm")
         if not (side > 0 and math.isfinite(side)):
@@ -281,6 +301,8 @@ class RoughnessFit:
                 f"shortest wavelength {self.resolution:.4g} nm",
                 f"χ² per degree of freedom {self.misfit:.2g}",
             ]
+            + [f"warning: this is no good fit (above {DOUBTFUL:g}); the errors are enlarged by it"]
+            * (self.misfit > DOUBTFUL)
         )
 
 
@@ -302,7 +324,7 @@ def fit_roughness(surface: Surface, *, resolution: float | str | None = None) ->
     Raises
     ------
     InputError
-        The spectrum has too few bins, or does not fall like that of a self-affine surface.
+        The spectrum has too few bins.
     """
     data = binned(surface)
     if resolution is not None:
@@ -319,11 +341,6 @@ def fit_roughness(surface: Surface, *, resolution: float | str | None = None) ->
     if len(data.q) < 2 * FEWEST or not (data.density > 0).all():
         raise InputError(f"{surface!r}: its power spectrum has too few wavelengths for a fit; give a larger image")
     roll, interval, law = _rolled(data)
-    if not 0 <= law.hurst <= 1:
-        raise InputError(
-            f"{surface!r}: its spectrum falls with H = {law.hurst:.2f} ± {law.hurst_error:.2f}, which is not "
-            "self-affine (0 to 1); give a resolution longer than what the instrument blurs"
-        )
     highest = float(data.q[-1])
     return RoughnessFit(
         hurst=law.hurst,

@@ -154,9 +154,12 @@ def test_windows_make_an_image_periodic():
 # -- refused ----------------------------------------------------------------------------------------------------------
 
 REFUSED = {
-    "missing heights": (lambda: measured(holed((3, 4), (5, 6))), r"2 of 384 heights .*\(3, 4\); give missing = "),
+    "missing heights": (
+        lambda: measured(holed((3, 4), (5, 6)), missing="refuse"),
+        r"2 of 384 heights .*\(3, 4\); give missing = ",
+    ),
     "most heights missing": (lambda: measured(np.where(X < 14, np.nan, IMAGE)), "too many to interpolate; crop"),
-    "infinite heights": (lambda: measured(np.where(X == 3, np.inf, IMAGE)), "16 of 384 heights are missing"),
+    "infinite heights": (lambda: measured(np.where(X < 2, np.inf, IMAGE)), "32 of 384 heights are missing"),
     "a spike": (lambda: measured(np.where((X == 7) & (Y == 3), 99, IMAGE)), r"1 of 384 pixels are spikes.*\(7, 3\)"),
     "one row": (lambda: measured(IMAGE[:1]), "1 x 16 pixels are no image; give an image of at least 4 x 4"),
     "one column": (lambda: measured(IMAGE[:, :1]), "24 x 1 pixels are no image"),
@@ -182,6 +185,20 @@ REFUSED = {
 }
 
 
+def test_few_spikes_and_gaps_are_repaired_with_a_warning_and_their_count():
+    rough = ca.surface("self-affine", pixels=64, pixel_size=1, rms_slope=0.1, hurst=0.8, zeta=8).make(1).heights.copy()
+    rough[7, 3] = 99.0
+    with pytest.warns(UserWarning, match="1 of 4096 pixels are spikes, and interpolated"):
+        surface = measured(rough).make()
+    assert {"step": "spikes", "replaced": 1} in surface.provenance["steps"]
+    np.testing.assert_array_equal(surface.heights, measured(rough, spikes="interpolate").make().heights)
+    with pytest.raises(InputError, match="1 of 4096 pixels are spikes"):
+        measured(rough, spikes="refuse").make()
+    rough[7, 3] = np.nan
+    with pytest.warns(UserWarning, match="1 of 4096 heights are missing, and interpolated"):
+        assert measured(rough).make().provenance["steps"][1] == {"step": "missing", "interpolated": 1}
+
+
 @pytest.mark.parametrize("case", REFUSED)
 def test_an_image_that_needs_a_step_is_refused_with_it(case):
     make, words = REFUSED[case]
@@ -191,7 +208,11 @@ def test_an_image_that_needs_a_step_is_refused_with_it(case):
 
 @pytest.mark.parametrize(
     ("heights", "words"),
-    [(holed((3, 4)), 'give missing = "interpolate"'), (IMAGE[:1], "no image"), (1e6 * IMAGE, "units is wrong")],
+    [
+        (np.where(X < 2, np.nan, IMAGE), 'give missing = "interpolate"'),
+        (IMAGE[:1], "no image"),
+        (1e6 * IMAGE, "units is wrong"),
+    ],
 )
 def test_check_refuses_it_as_run_does(command, heights, words):
     measured(heights)

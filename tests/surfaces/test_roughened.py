@@ -236,11 +236,19 @@ def test_the_command_prints_a_section_that_is_a_scene(command):
     assert "height_unit, pixel_size" in refused.err
 
 
-def test_what_is_not_self_affine_is_refused():
+def test_what_is_not_self_affine_is_measured_and_makes_no_scene(command):
     with pytest.raises(InputError, match="too few wavelengths"):
         fit_roughness(ca.Surface(heights=np.random.default_rng(0).standard_normal((8, 8)), pixel_size=1.0))
     white = np.random.default_rng(0).standard_normal((128, 128))
+    fit = fit_roughness(ca.Surface(heights=white, pixel_size=1.0))
+    assert fit.hurst < 0
     with pytest.raises(InputError, match="not self-affine"):
-        fit_roughness(ca.Surface(heights=white, pixel_size=1.0))
+        fit.maker()
+    np.save("white.npy", white)
+    done = command("roughness", "white.npy", "--height-unit", "nm", "--pixel-size", "1 nm", "--spikes", "keep")
+    assert done.status == 0
+    assert "rms height" in done.out
+    assert "no section [surface]: the spectrum falls with H = -0.9" in done.out
+    assert "[surface]\n" not in done.out
     with pytest.raises(InputError, match=r"resolution = 1 nm: shorter than two pixels, 2 nm"):
         fit_roughness(ca.Surface(heights=white, pixel_size=1.0), resolution="1 nm")
