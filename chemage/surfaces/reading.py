@@ -118,9 +118,11 @@ def reader_for(path: str | PathLike[str]) -> Reader:
     if not kinds:
         known_endings = ", ".join(sorted(readers)) or "nothing"
         what = f"files ending in {ending!r}" if ending else "a file without ending"
+        general = [kind for kinds in readers.values() for kind in kinds if _general(kind)]
+        name = f'"{min(general)}", which says why it cannot read it' if general else "..."
         raise StoreError(
             f"path = {str(path)!r}: no reader for {what} (there are readers for {known_endings}), nor for its content; "
-            "name one with reader = ..."
+            f"name one with reader = {name}"
         )
     if len(kinds) > 1:
         kinds = {kind: kinds[kind] for kind in kinds if kind in readers.get(ending, {})} or kinds
@@ -143,7 +145,7 @@ def _able(
     plugins = registry.current()
     of_ending = readers.get(ending, {})
     everyone = {kind: record for kinds in readers.values() for kind, record in kinds.items()}
-    general = {kind for kind in everyone if plugins.component("reader", kind).general}
+    general = {kind for kind in everyone if _general(kind)}
     try:
         head = _head(path, file_stamp(path))
     except StoreError:  # the reader of the ending says so
@@ -158,7 +160,11 @@ def _able(
     for kind in general:
         said[kind] = kind in of_ending or plugins.component("reader", kind).claims(head, path)
     by_general = {kind: everyone[kind] for kind in general if said[kind]}
-    return by_general or of_ending or {kind: everyone[kind] for kind in general if said[kind] is None}
+    return by_general or of_ending
+
+
+def _general(kind: str) -> bool:
+    return registry.current().component("reader", kind).general
 
 
 @lru_cache(maxsize=8)
