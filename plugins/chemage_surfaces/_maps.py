@@ -31,6 +31,8 @@ from chemage.plugin import (
 Floats = NDArray[np.float64]
 #: sides of a pixel that differ by less than this are equal
 SQUARE = 1e-6
+#: pixels that are given against a file may differ by this, as rounded lengths do
+DIFFERENT = 1e-3
 #: pixels of the largest grid: no machine holds its heights, but theories of contact need none
 MOST_PIXELS = 2**43
 
@@ -152,6 +154,17 @@ def stated(
     these, it = ("one", "it") if len(wanted) == 1 else ("them", "them")
     give = " and ".join(f"{name} = {example}" for name, example in wanted.items())
     raise InputError(f"{', '.join(wanted)}: {image.source} does not state {these}; give {it}, such as {give}")
+
+
+def same_pixels(image: HeightMap, given: tuple[float, float]) -> None:
+    """Refuse pixels that are given against those in the file."""
+    stated = image.pixel_size
+    if stated is not None and any(abs(a - b) > DIFFERENT * b for a, b in zip(given, stated, strict=True)):
+        raise InputError(
+            f"pixel_size = {given[0]:.9g} x {given[1]:.9g} nm: {image.source} states {stated[0]:.9g} x {stated[1]:.9g} "
+            "nm; leave pixel_size out, or, if the file is wrong, give it to the reader: "
+            f'reader = {{ kind = "...", pixel_size = "{given[0]:.9g} nm" }}'
+        )
 
 
 def surface_of(image: HeightMap) -> Surface:

@@ -15,7 +15,7 @@ from chemage import InputError, Surface
 from chemage.plugin import Choice, Length, Scatter, Seed, SurfaceMaker, Unit, checked_seed, memory, roughness, threads
 from chemage_surfaces._maps import Floats, provenance
 from chemage_surfaces.generated import JACOBS, continuation
-from chemage_surfaces.roughness_fit import Binned, PowerLaw, binned, fit_power_law, wavenumbers
+from chemage_surfaces.roughness_fit import TO_PIXELS, Binned, PowerLaw, binned, fit_power_law, trusted, wavenumbers
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -61,8 +61,10 @@ class Roughened(SurfaceMaker):
     cutoff: Length | None = None
     """shortest wavelength of the continuation, nm; None: two new pixels"""
     resolution: Length | None = None
-    """shortest wavelength to take from the image, such as the resolution of the instrument, nm; None: two pixels of the
-    image"""
+    """shortest wavelength to take from the image, such as the resolution of the instrument, nm; None: as far as the
+    image is trusted, that is to two pixels, or to where the tip, noise or the end of its spectrum decides"""
+    tip_radius: Length | None = None
+    """radius of the tip with which the image was taken, nm; None: as valleys that are sharper than peaks show it"""
     fit_from: Length | None = None
     """longest wavelength of the fit, nm; None: four times ``resolution``"""
 
@@ -158,12 +160,19 @@ class Roughened(SurfaceMaker):
                 f"pixel_size = {self.pixel_size:g} nm: the pixels of the measured surface are {side:g} nm; give "
                 "smaller ones, or use the measured surface itself"
             )
-        resolution = 2 * side if self.resolution is None else self.resolution
-        if resolution < 2 * side * (1 - 1e-9):
+        if self.resolution is not None and self.resolution < 2 * side * (1 - 1e-9):
             raise InputError(
-                f"resolution = {resolution:g} nm: shorter than two pixels of the image, {2 * side:g} nm; "
+                f"resolution = {self.resolution:g} nm: shorter than two pixels of the image, {2 * side:g} nm; "
                 "give at least this"
             )
+        spectrum = binned(measured)
+        part = trusted(measured, self.resolution, self.tip_radius)
+        if not len(part.data.q):
+            raise InputError(
+                f"tip_radius: a tip of {part.radius:.4g} nm has changed all waves of the image; give a larger image, "
+                "or resolution to use it as it is"
+            )
+        resolution = self.resolution or (2 * side if part.limit == TO_PIXELS else 2 * math.pi / float(part.data.q[-1]))
         if resolution <= self.shortest * (1 + 1e-9):
             raise InputError(
                 f"cutoff = {self.shortest:g} nm: the image has waves down to {resolution:g} nm, so that nothing is "
@@ -172,10 +181,9 @@ class Roughened(SurfaceMaker):
         shape = _fine_shape(measured, self.pixel_size)
         join = 2 * math.pi / resolution
         longest = FIT_RANGE * resolution if self.fit_from is None else self.fit_from
-        spectrum = binned(measured)
-        data = spectrum.part(2 * math.pi / longest, join)
+        data = part.data.part(2 * math.pi / longest, join * (1 + 1e-9))
         cut = spectrum.part(0, join).cut
-        if cut is not None:
+        if cut is not None and self.resolution is not None:
             raise InputError(
                 f"resolution = {resolution:g} nm: the spectrum of the image ends at a wavelength of "
                 f"{2 * math.pi / cut:.4g} nm; give this resolution"

@@ -1,5 +1,7 @@
 """Fits to the power spectral density of heights: a power law, and the parameters of `self-affine` surfaces like it.
 
+An image is trusted down to the wavelength below which the tip, white noise or the end of the spectrum decides.
+
 The density of each wave vector of a Gaussian surface is exponentially distributed. The mean over a bin of N independent
 wave vectors is a Gamma variate, the logarithm of which has the mean ln C + ψ(N) − ln N and the variance ψ'(N). Bins
 therefore enter with the weight 1/ψ'(N), about N, and those far from the fit with less (Huber), so that a line of
@@ -9,19 +11,22 @@ interference or a filter of the instrument does not decide.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from scipy import fft as sfft
 from scipy.integrate import trapezoid
+from scipy.optimize import least_squares
 from scipy.special import digamma, polygamma
 
 from chemage import InputError, Surface
 from chemage.plugin import checked_count, convert, threads
 from chemage_surfaces._maps import Floats
 from chemage_surfaces.generated import SelfAffine
-from chemage_surfaces.images import hann, trend
+from chemage_surfaces.measures import measure
+from chemage_surfaces.steps import hann, trend
 
 #: bins of the density per factor of e in q
 BINS = 8
@@ -35,8 +40,20 @@ CUT = 1e-3
 FEWEST_BINS = 4
 #: a roll-off must lower the loss of the fit by this, about two standard deviations, else there is none
 SIGNIFICANT = 4.0
+#: roll-offs that are tried where noise is fitted
+ROLLS = 12
 #: bins of the power law beyond the roll-off
 FEWEST = 5
+#: periods along an axis up to which waves of an image that does not repeat are left out: offsets between scan lines,
+#: their drift and bow, and what a Hann window makes of them, are there
+CROSS = 2
+#: noise of this share of the density of the surface ends what is trusted; and its relative uncertainty, as noise is
+#: not white, and waves shorter than two pixels look like it
+NOISE_SHARE, NOISE_DOUBT = 0.25, 0.5
+#: relative uncertainty of the correction for a tip of known and of estimated radius
+KNOWN_TIP, ESTIMATED_TIP = 0.35, 0.6
+#: why a spectrum ends where nothing but its pixels ends it
+TO_PIXELS = "two pixels"
 #: χ² per degree of freedom from which a fit is doubtful, and from which it makes no surface
 DOUBTFUL, FAILED = 3.0, 10.0
 
@@ -53,6 +70,10 @@ class Binned:
         """The bins with lowest <= q <= highest."""
         inside = (self.q >= lowest) & (self.q <= highest)
         return Binned(self.q[inside], self.density[inside], self.modes[inside])
+
+    def first(self, count: int) -> Binned:
+        """The first ``count`` bins."""
+        return Binned(self.q[:count], self.density[:count], self.modes[:count])
 
     @property
     def cut(self) -> float | None:
@@ -85,7 +106,7 @@ def binned(surface: Surface) -> Binned:
     """The density of ``surface`` in narrow bins, from the period to the Nyquist wavenumber.
 
     Of a surface that is not periodic the least-squares plane is subtracted, and it is tapered with a Hann window, which
-    correlates neighbouring wave vectors.
+    correlates neighbouring wave vectors; waves of up to two periods along an axis are left out.
     """
     heights = surface.heights.astype(np.float64)
     if not surface.periodic:
@@ -102,6 +123,9 @@ def binned(surface: Surface) -> Binned:
     if ny % 2 == 0:
         weight[:, -1] = 0.5
     inside = (q >= lowest * (1 - 1e-9)) & (q < nyquist * (1 - 1e-9))
+    if not surface.periodic:
+        inside[np.abs(np.fft.fftfreq(nx, 1 / nx)) <= CROSS + 0.5] = False
+        inside[:, : CROSS + 1] = False
     if not inside.any():
         raise InputError(f"{surface!r} has too few pixels for a power spectrum")
     q, power, weight = q[inside], power[inside], weight[inside]
@@ -187,6 +211,89 @@ def fit_power_law(data: Binned, hurst: float | None = None, roll: float = 0.0) -
     )
 
 
+def _noise(data: Binned) -> float:
+    """The density of white noise, nm⁴, fitted together with roll-off and power law; 0 where none is seen."""
+    values, variance = _logs(data)
+    at = math.exp(float(np.average(np.log(data.q), weights=1 / variance)))
+    deviation = np.sqrt(variance)
+
+    def fitted(roll: float) -> Any:
+        x = np.log(np.maximum(data.q, roll) / at)
+
+        def residuals(p: Floats) -> Floats:
+            return (values - np.logaddexp(p[0] - (2 + 2 * p[1]) * x, p[2])) / deviation
+
+        start = [float(np.interp(math.log(at), np.log(data.q), values)), 0.7, values[-1] - 1.5]
+        bounds = ([-np.inf, -1.0, values[-1] - 12], [np.inf, 3.0, values[-1] + 1])
+        return least_squares(residuals, start, loss="huber", f_scale=ROBUST, bounds=bounds)
+
+    rolls = [0.0, *np.exp(np.linspace(math.log(data.q[0]), math.log(data.q[-FEWEST]), ROLLS))]
+    best = min((fitted(roll) for roll in rolls), key=lambda one: one.cost)
+    _, _, without = _rolled(data)
+    degrees = max(len(data.q) - 3, 1)
+    gain = without.misfit * max(len(data.q) - 2, 1) - 2 * best.cost
+    return math.exp(best.x[2]) if gain > SIGNIFICANT * max(2 * best.cost / degrees, 1.0) else 0.0
+
+
+@dataclass(frozen=True)
+class Trusted:
+    """The part of the spectrum of an image that the surface decides, with the effects of tip and noise corrected; and
+    why it ends there."""
+
+    data: Binned
+    limit: str
+    #: white noise, nm⁴, which was subtracted
+    noise: float = 0.0
+    #: radius of the tip, nm, given or estimated; 0: none
+    radius: float = 0.0
+    #: what was added to the logarithms of the densities, each with its relative uncertainty
+    corrections: tuple[tuple[Floats, float], ...] = ()
+
+    def without(self, which: int) -> Binned:
+        """The data with a correction less by its uncertainty."""
+        if which >= len(self.corrections):
+            return self.data
+        added, doubt = self.corrections[which]
+        return replace(self.data, density=self.data.density * np.exp(-doubt * added))
+
+
+def trusted(surface: Surface, resolution: float | None = None, tip_radius: float | None = None) -> Trusted:
+    """What to trust of the spectrum of ``surface``: wavelengths above ``resolution`` (nm) if it is given; else above
+    two pixels, those that a tip has changed too much to correct, those at which white noise has 25 % of the density,
+    and the end of the spectrum."""
+    data, limit = binned(surface), TO_PIXELS
+    if resolution is not None:
+        return Trusted(data.part(0, 2 * math.pi / resolution), "as given")
+    if (cut := data.cut) is not None:
+        # the last bin before the end is filled in part
+        data, limit = data.part(0, cut * (1 - 1e-9)), "the spectrum ends"
+    measures = measure(surface.heights.astype(np.float64), (surface.pixel_size, surface.pixel_size))
+    radius = measures.tip_radius() if tip_radius is None else tip_radius
+    tip = measures.tip_share(radius, data.q) if radius else np.zeros(len(data.q))
+    changed = np.nonzero(np.isinf(tip))[0]
+    if changed.size:
+        kept = int(changed[0])
+        if kept < 2 * FEWEST and tip_radius is None:  # hardly a tip
+            radius, tip = 0.0, np.zeros(len(data.q))
+        else:
+            data, tip, limit = data.first(kept), tip[:kept], "the tip"
+    noise = _noise(data) if len(data.q) >= 3 * FEWEST and (data.density > 0).all() else 0.0
+    clean = data.density - noise
+    noisy = np.nonzero(noise > NOISE_SHARE * clean)[0]
+    kept = int(noisy[0]) if noisy.size else len(clean)
+    share = clean[:kept] / data.density[:kept]
+    if noise > 0 and kept >= 2 * FEWEST:
+        data = Binned(data.q[:kept], clean[:kept], data.modes[:kept] * share**2)
+        tip, limit = tip[:kept], "noise" if noisy.size else limit
+    else:
+        noise = 0.0
+    corrections = [(tip, KNOWN_TIP if tip_radius else ESTIMATED_TIP)]
+    if noise:
+        corrections.append((np.log(share), NOISE_DOUBT))
+    data = Binned(data.q, data.density * np.exp(tip), data.modes)
+    return Trusted(data, limit, noise, radius, tuple(corrections))
+
+
 @dataclass(frozen=True)
 class RoughnessFit:
     """The spectrum of a surface as that of `self-affine`: constant up to the roll-off, then C(q) ∝ q^(−2−2H).
@@ -214,6 +321,14 @@ class RoughnessFit:
     pixel_size: float
     #: χ² per degree of freedom; far above 1: the surface is not self-affine
     misfit: float
+    #: why the fit ends at its shortest wavelength
+    limit: str = ""
+    #: rms height of the white noise in the image, nm; 0: none is seen
+    noise: float = 0.0
+    #: radius of the tip, nm, given or estimated from valleys that are sharper than peaks; 0: none is seen
+    tip_radius: float = 0.0
+    #: the bins of the fit
+    data: Binned | None = field(default=None, repr=False, compare=False)
 
     @property
     def fault(self) -> str:
@@ -226,8 +341,8 @@ class RoughnessFit:
         if not self.misfit <= FAILED:
             return (
                 f"χ² per degree of freedom is {self.misfit:.2g}, so that the spectrum is not that of a self-affine "
-                "surface; give a resolution longer than what tip and noise decide, or align lines that are offset in "
-                "the program of the instrument"
+                "surface; give a resolution longer than what tip and noise decide, or align lines that are offset "
+                '(lines = "differences")'
             )
         return ""
 
@@ -298,7 +413,13 @@ class RoughnessFit:
                 f"rms slope           {self.rms_slope:.4g}, of the image",
                 f"Hurst exponent      {self.hurst:.3f} ± {self.hurst_error:.3f}",
                 f"roll-off            {roll}",
-                f"shortest wavelength {self.resolution:.4g} nm",
+                f"shortest wavelength {self.resolution:.4g} nm" + (f" ({self.limit})" if self.limit else ""),
+                *([f"white noise         {self.noise:.4g} nm rms"] if self.noise else []),
+                *(
+                    [f"tip radius          {self.tip_radius:.3g} nm, its effect is corrected"]
+                    if self.tip_radius
+                    else []
+                ),
                 f"χ² per degree of freedom {self.misfit:.2g}",
             ]
             + [f"warning: this is no good fit (above {DOUBTFUL:g}); the errors are enlarged by it"]
@@ -314,48 +435,79 @@ def section(maker: SelfAffine) -> str:
     return "\n".join([*lines, "seed = 1"])
 
 
-def fit_roughness(surface: Surface, *, resolution: float | str | None = None) -> RoughnessFit:
-    """Fit Hurst exponent, roll-off and amplitude to the power spectral density of ``surface``.
+def fit_roughness(
+    surface: Surface | Sequence[Surface],
+    *,
+    resolution: float | str | None = None,
+    tip_radius: float | str | None = None,
+) -> RoughnessFit:
+    """Fit Hurst exponent, roll-off and amplitude to the power spectral density of ``surface``, or of several images of
+    one surface, at any magnifications, together.
 
-    ``resolution`` is the shortest wavelength (nm) to use, such as the resolution of the instrument; by default two
-    pixels, or the wavelength at which the spectrum ends. The fit is one of least squares to logarithmic bins, each
-    weighted by its number of independent wave vectors, and less if it is far from the fit (Huber).
+    ``resolution`` is the shortest wavelength (nm) to use, such as the resolution of the instrument; by default each
+    image is used as far as it can be trusted (:func:`trusted`), for which the radius of the tip (nm) may be given. The
+    fit is one of least squares to logarithmic bins, each weighted by its number of independent wave vectors, and less
+    if it is far from the fit (Huber); its errors are enlarged by the misfit, and so by the scatter between images.
 
     Raises
     ------
     InputError
         The spectrum has too few bins.
     """
-    data = binned(surface)
-    if resolution is not None:
-        shortest = convert(resolution, "nm")
-        if not shortest >= 2 * surface.pixel_size * (1 - 1e-9):
+    surfaces = [surface] if isinstance(surface, Surface) else list(surface)
+    if not surfaces:
+        raise InputError("surface: an empty list; give at least one image")
+    shortest = None if resolution is None else convert(resolution, "nm")
+    radius = None if tip_radius is None else convert(tip_radius, "nm")
+    if radius is not None and not (radius > 0 and math.isfinite(radius)):
+        raise InputError.of("tip_radius", tip_radius, "is no radius", "give nm above 0")
+    parts = []
+    for one in surfaces:
+        if shortest is not None and not shortest >= 2 * one.pixel_size * (1 - 1e-9):
             raise InputError(
-                f"resolution = {shortest:g} nm: shorter than two pixels, {2 * surface.pixel_size:g} nm; "
-                "give at least this"
+                f"resolution = {shortest:g} nm: shorter than two pixels, {2 * one.pixel_size:g} nm; give at least this"
             )
-        data = data.part(0, 2 * math.pi / shortest)
-    elif (cut := data.cut) is not None:
-        # the last bin before the end is filled in part
-        data = data.part(0, cut * (1 - 1e-9))
-    if len(data.q) < 2 * FEWEST or not (data.density > 0).all():
-        raise InputError(f"{surface!r}: its power spectrum has too few wavelengths for a fit; give a larger image")
+        part = trusted(one, shortest, radius)
+        if len(part.data.q) < 2 * FEWEST or not (part.data.density > 0).all():
+            raise InputError(
+                f"{one!r}: its power spectrum has too few wavelengths for a fit"
+                + (f" above those changed by the tip of {part.radius:.3g} nm" if part.limit == "the tip" else "")
+                + "; give a larger image"
+            )
+        parts.append(part)
+    data = _together([part.data for part in parts])
     roll, interval, law = _rolled(data)
+    error = law.hurst_error
+    for which in range(max(len(part.corrections) for part in parts)):  # as much as each is uncertain
+        others = [part.without(which) for part in parts]
+        error = math.hypot(error, fit_power_law(_together(others), roll=roll or 0.0).hurst - law.hurst)
     highest = float(data.q[-1])
+    finest = max(parts, key=lambda part: part.data.q[-1])
+    largest = max(surfaces, key=lambda one: max(one.shape) * one.pixel_size)
+    sharpest = surfaces[parts.index(finest)]
     return RoughnessFit(
         hurst=law.hurst,
-        hurst_error=law.hurst_error,
+        hurst_error=error,
         roll_off=None if roll is None else 2 * math.pi / roll,
         roll_off_interval=None if interval is None else (2 * math.pi / interval[1], 2 * math.pi / interval[0]),
         resolution=2 * math.pi / highest,
         density=float(law(highest)),
         density_error=law.density_error,
-        rms_height=surface.rms_height,
-        rms_slope=surface.rms_slope,
-        shape=surface.shape,
-        pixel_size=surface.pixel_size,
+        rms_height=largest.rms_height,
+        rms_slope=sharpest.rms_slope,
+        shape=largest.shape,
+        pixel_size=largest.pixel_size,
         misfit=law.misfit,
+        limit=finest.limit,
+        noise=math.sqrt(finest.noise) / sharpest.pixel_size,
+        tip_radius=finest.radius,
+        data=data,
     )
+
+
+def _together(parts: Sequence[Binned]) -> Binned:
+    columns = np.concatenate([np.stack([part.q, part.density, part.modes]) for part in parts], axis=1)
+    return Binned(*columns[:, np.argsort(columns[0], kind="stable")])
 
 
 def _rolled(data: Binned) -> tuple[float | None, tuple[float, float] | None, PowerLaw]:

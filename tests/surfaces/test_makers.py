@@ -177,7 +177,14 @@ def test_whole_numbers_are_heights_too(folder):
 def test_a_text_file_can_state_its_pixel_size(folder):
     np.savetxt("map.txt", HEIGHTS, header="scan 12\npixel_size = 4.5 angstrom")
     assert from_file("map.txt").make().pixel_size == pytest.approx(0.45)
-    assert from_file("map.txt", pixel_size="1 nm").make().pixel_size == 1.0
+    assert from_file("map.txt", pixel_size="0.4501 nm").make().pixel_size == pytest.approx(0.4501)
+    for kind in ("from-file", "measured"):
+        with pytest.raises(
+            InputError, match=r"pixel_size = 1 x 1 nm: .*map.txt states 0.45 x 0.45 nm; leave pixel_size"
+        ):
+            ca.surface(kind, path="map.txt", pixel_size="1 nm", height_unit="nm").make()
+    # said of the file
+    assert from_file("map.txt", reader={"kind": "text", "pixel_size": "1 nm"}).make().pixel_size == 1.0
 
 
 def test_hdf5_states_pixel_size_and_period_in_attributes(folder):
@@ -336,12 +343,13 @@ def test_a_third_party_adds_a_format(folder, monkeypatch):
         surface = from_file("map.spam").make()
         assert surface.shape == (3, 4)
         assert (surface.pixel_size, surface.periodic) == (2.0, True)
-        assert from_file("map.spam", pixel_size="3 nm").make().pixel_size == 3.0
+        with pytest.raises(InputError, match=r"pixel_size = 3 x 3 nm: map\.spam states 2 x 2 nm"):
+            from_file("map.spam", pixel_size="3 nm").make()
         assert surface.provenance["reader"] == "spam"
         np.save("map.npy", HEIGHTS)
         assert from_file("map.npy", pixel_size=1).make().provenance["reader"] == "npy"  # chemage's own comes first
         with ca.prefer_plugins("spam"):
-            assert from_file("map.npy", pixel_size=1).make().provenance["reader"] == "spam"
+            assert from_file("map.npy", pixel_size=2).make().provenance["reader"] == "spam"
         assert from_file("map.npy", pixel_size=1, reader="npy").make().shape == (5, 7)
 
 

@@ -83,12 +83,12 @@ def test_missing_heights_are_harmonic():
 
 
 def test_many_missing_heights_are_found_by_iteration_to_the_same(monkeypatch):
-    from chemage_surfaces import images
+    from chemage_surfaces import steps
 
     heights = holed(*((i, j) for i in range(3, 20, 2) for j in range(2, 12)))
-    direct = images.filled(heights, False)
-    monkeypatch.setattr(images, "MOST_ELIMINATED", 0)
-    np.testing.assert_allclose(images.filled(heights, False), direct, atol=1e-7)
+    direct = steps.filled(heights, False)
+    monkeypatch.setattr(steps, "MOST_ELIMINATED", 0)
+    np.testing.assert_allclose(steps.filled(heights, False), direct, atol=1e-7)
 
 
 @pytest.mark.parametrize(("detrend", "degree"), [("mean", 0), ("plane", 1), ("quadratic", 2)])

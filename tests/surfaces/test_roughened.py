@@ -161,7 +161,9 @@ def test_refused():
             roughened(image, **options).expected()
     smooth = ca.surface("self-affine", pixels=64, pixel_size=1.8, rms_slope=0.1, hurst=0.8, zeta=8)
     with pytest.raises(InputError, match=r"spectrum of the image ends at a wavelength of .* give this resolution"):
-        roughened(smooth).expected()
+        roughened(smooth, resolution=3.6).expected()
+    # without a resolution it goes on from there: 8 periods
+    assert roughened(smooth).make().provenance["roughened"]["join"] == pytest.approx(2 * np.pi / 14.4, rel=0.15)
     x = np.arange(64) * 2 * np.pi / 64
     np.save("smooth.npy", np.exp(3 * np.cos(x)[:, None] + 3 * np.sin(x)))
     image = {"kind": "measured", "path": "smooth.npy", "height_unit": "nm", "pixel_size": 40, "periodic": True}
