@@ -1,6 +1,6 @@
 """Surfaces (``self-affine``, ``sphere``, ``spherical-cap``, ``cone``, ``tip``, ``from-file``, ``measured``,
-``roughened``), and readers of height maps (``npy``, ``text``, ``hdf5``, and ``topography`` for files of instruments,
-with the library SurfaceTopography)."""
+``roughened``), and readers of height maps (``npy``, ``text``, ``hdf5``, ``x3p``, ``gwy``, ``netcdf``, ``xyz``, and
+``topography`` for other files of instruments, with the library SurfaceTopography)."""
 
 from __future__ import annotations
 
@@ -14,6 +14,10 @@ if TYPE_CHECKING:
     from chemage_surfaces.generated import SelfAffine as SelfAffine
     from chemage_surfaces.images import FromFile as FromFile
     from chemage_surfaces.images import Measured as Measured
+    from chemage_surfaces.instruments import Gwy as Gwy
+    from chemage_surfaces.instruments import NetCdf as NetCdf
+    from chemage_surfaces.instruments import X3p as X3p
+    from chemage_surfaces.instruments import Xyz as Xyz
     from chemage_surfaces.readers import Hdf5 as Hdf5
     from chemage_surfaces.readers import Npy as Npy
     from chemage_surfaces.roughened import Roughened as Roughened
@@ -41,6 +45,10 @@ KINDS = {
         "npy": "chemage_surfaces.readers:Npy",
         "text": "chemage_surfaces.texts:Text",
         "hdf5": "chemage_surfaces.readers:Hdf5",
+        "x3p": "chemage_surfaces.instruments:X3p",
+        "gwy": "chemage_surfaces.instruments:Gwy",
+        "netcdf": "chemage_surfaces.instruments:NetCdf",
+        "xyz": "chemage_surfaces.instruments:Xyz",
         "topography": "chemage_surfaces.topographies:Topography",
     },
 }

@@ -153,8 +153,11 @@ class Hdf5(Unitless):
             }
             name = f"{path}:{node.name}"
             own = {key: _single(node.attrs[key], key, name) for key in _PACKED if key in node.attrs}
-            heights = _unpacked(node[()], own, name)
+            heights = unpacked(node[()], own, name)
+            scales = [_scale(node, axis) for axis in range(node.ndim)] if node.ndim == 2 else []
         stated = None if self.pixel_size is not None else _single(attributes.get("pixel_size"), "pixel_size", name)
+        if stated is None and self.pixel_size is None and scales and None not in scales:
+            stated = tuple(scales)
         periodic = _flag(_single(attributes.get("periodic"), "periodic", name), name)
         return as_map(
             heights, name, pixel_size=self.pixel_size, stated=stated, periodic=periodic, unit=own.get("units")
@@ -210,7 +213,7 @@ def _check_links(group: Any, name: str, path: str | PathLike[str], depth: int = 
 _PACKED = ("units", "scale_factor", "add_offset", "_FillValue", "missing_value")
 
 
-def _unpacked(heights: Any, packing: Mapping[str, Any], source: str) -> Any:
+def unpacked(heights: Any, packing: Mapping[str, Any], source: str) -> Any:
     """Heights as the attributes of their dataset say, nan where they are missing."""
     scale, offset = packing.get("scale_factor", 1.0), packing.get("add_offset", 0.0)
     missing = [packing[name] for name in ("_FillValue", "missing_value") if name in packing]
@@ -220,6 +223,26 @@ def _unpacked(heights: Any, packing: Mapping[str, Any], source: str) -> Any:
     if (scale, offset) != (1.0, 0.0):
         heights = heights * float(scale) + float(offset)
     return np.where(gaps, np.nan, heights) if np.any(gaps) else heights
+
+
+def coordinate_side(places: np.ndarray, unit: Any) -> str | None:
+    """The edge of a pixel with its unit, from the even places of the pixels; None where they or their unit are not
+    there."""
+    if not unit or places.ndim != 1 or len(places) < 2 or places.dtype.kind not in "fiu":
+        return None
+    steps = np.diff(places.astype(np.float64))
+    step = float(np.mean(steps))
+    return f"{abs(step)!r} {unit}" if step and np.all(np.abs(steps - step) < 1e-3 * abs(step)) else None
+
+
+def _scale(node: Any, axis: int) -> str | None:
+    """The edge of a pixel from the dimension scale of a dataset (HDF5, NetCDF-4)."""
+    scales = node.dims[axis]
+    if not len(scales):
+        return None
+    scale = scales[0]
+    container.check_dataset(scale, node.name)
+    return coordinate_side(scale[()], _single(scale.attrs.get("units"), "units", node.name))
 
 
 def _single(value: Any, attribute: str, source: str) -> Any:

@@ -54,6 +54,7 @@ def roughness_figure(
         left.text(0.5, 0.9, "no fit", ha="center", transform=left.transAxes)
     left.set(xlabel="wavenumber q (1/nm)", ylabel="power spectral density C (nm⁴)")
     right.set(xlabel="distance (nm)", ylabel="rms height difference (nm)")
+    figures.decades_only(right.xaxis, left.xaxis)
     for axes in (left, right):
         figures.legend(axes, fontsize=8)
     return figure

@@ -52,6 +52,9 @@ CROSS = 2
 NOISE_SHARE, NOISE_DOUBT = 0.25, 0.5
 #: relative uncertainty of the correction for a tip of known and of estimated radius
 KNOWN_TIP, ESTIMATED_TIP = 0.35, 0.6
+#: share of the Nyquist wavenumber up to which an image is used: heights are samples, and waves shorter than two pixels
+#: appear as longer ones
+SAMPLED = 0.7
 #: why a spectrum ends where nothing but its pixels ends it
 TO_PIXELS = "two pixels"
 #: χ² per degree of freedom from which a fit is doubtful, and from which it makes no surface
@@ -259,14 +262,18 @@ class Trusted:
 
 def trusted(surface: Surface, resolution: float | None = None, tip_radius: float | None = None) -> Trusted:
     """What to trust of the spectrum of ``surface``: wavelengths above ``resolution`` (nm) if it is given; else above
-    two pixels, those that a tip has changed too much to correct, those at which white noise has 25 % of the density,
-    and the end of the spectrum."""
+    two pixels (three of an image that does not repeat), those that a tip has changed too much to correct, those at
+    which white noise has 25 % of the density, and the end of the spectrum."""
     data, limit = binned(surface), TO_PIXELS
     if resolution is not None:
         return Trusted(data.part(0, 2 * math.pi / resolution), "as given")
+    folded = np.zeros(len(data.q))
     if (cut := data.cut) is not None:
         # the last bin before the end is filled in part
         data, limit = data.part(0, cut * (1 - 1e-9)), "the spectrum ends"
+    elif not surface.periodic:
+        data, limit = data.part(0, SAMPLED * math.pi / surface.pixel_size), "waves shorter than two pixels"
+        folded = _folded(data, math.pi / surface.pixel_size)
     measures = measure(surface.heights.astype(np.float64), (surface.pixel_size, surface.pixel_size))
     radius = measures.tip_radius() if tip_radius is None else tip_radius
     tip = measures.tip_share(radius, data.q) if radius else np.zeros(len(data.q))
@@ -277,7 +284,10 @@ def trusted(surface: Surface, resolution: float | None = None, tip_radius: float
             radius, tip = 0.0, np.zeros(len(data.q))
         else:
             data, tip, limit = data.first(kept), tip[:kept], "the tip"
-    noise = _noise(data) if len(data.q) >= 3 * FEWEST and (data.density > 0).all() else 0.0
+    folded = folded[: len(data.q)]
+    # folded waves are no noise
+    plain = replace(data, density=data.density / (1 + folded))
+    noise = _noise(plain) if len(data.q) >= 3 * FEWEST and (data.density > 0).all() else 0.0
     clean = data.density - noise
     noisy = np.nonzero(noise > NOISE_SHARE * clean)[0]
     kept = int(noisy[0]) if noisy.size else len(clean)
@@ -287,11 +297,28 @@ def trusted(surface: Surface, resolution: float | None = None, tip_radius: float
         tip, limit = tip[:kept], "noise" if noisy.size else limit
     else:
         noise = 0.0
-    corrections = [(tip, KNOWN_TIP if tip_radius else ESTIMATED_TIP)]
+    folded = folded[: len(data.q)]
+    corrections = [(tip, KNOWN_TIP if tip_radius else ESTIMATED_TIP), (-np.log1p(folded / 2), 1.0)]
     if noise:
         corrections.append((np.log(share), NOISE_DOUBT))
-    data = Binned(data.q, data.density * np.exp(tip), data.modes)
+    data = replace(data, density=data.density * np.exp(tip) / (1 + folded / 2))
     return Trusted(data, limit, noise, radius, tuple(corrections))
+
+
+def _folded(data: Binned, nyquist: float) -> Floats:
+    """The share of the density that is of waves shorter than two pixels, if the power law went on: Σ C(|q + G|)/C(q)
+    over the eight nearest reciprocal vectors G of the pixels, averaged over directions. An instrument that averages
+    over its pixels has less of it, so that half is corrected."""
+    law = fit_power_law(data.part(0, 0.5 * nyquist)) if (data.q < 0.5 * nyquist).sum() >= FEWEST_BINS else None
+    if law is None or not math.isfinite(law.hurst):
+        return np.zeros(len(data.q))
+    angle = (np.arange(16) + 0.5) * math.pi / 32
+    qx, qy = data.q[:, None] * np.cos(angle), data.q[:, None] * np.sin(angle)
+    share = np.zeros(qx.shape)
+    for i, j in ((i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)):
+        away = np.hypot(qx + 2 * i * nyquist, qy + 2 * j * nyquist)
+        share += (away / data.q[:, None]) ** (-2 - 2 * min(max(law.hurst, 0.0), 1.0))
+    return share.mean(axis=1)
 
 
 @dataclass(frozen=True)

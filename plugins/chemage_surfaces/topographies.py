@@ -31,7 +31,7 @@ _ROETTGER = """@article{roettger2022,
 
 class Topography(Reader):
     """An image of an atomic force microscope, a white-light interferometer, a confocal microscope or another
-    instrument, in one of the formats of SurfaceTopography, such as X3P, SDF, GWY, IBW, SPM, OPD, SUR and VK4.
+    instrument, in one of the formats of SurfaceTopography, such as SDF, IBW, SPM, OPD, SUR and VK4.
 
     The format is found from the content of the file. The library is optional: ``pip install 'chemage[topographies]'``.
     The first index of the heights is along x. Files that a reader of chemage recognises are left to it.
@@ -43,7 +43,7 @@ class Topography(Reader):
     bibtex: ClassVar[tuple[str, ...]] = (_ROETTGER,)
     #: those of the library, less those of line scans and of the readers of chemage, but for the binary .dat
     suffixes: ClassVar[tuple[str, ...]] = (
-        *(".x3p", ".sdf", ".gwy", ".ibw", ".spm", ".001", ".002", ".003", ".004", ".005", ".al3d", ".apx", ".bcr"),
+        *(".sdf", ".ibw", ".spm", ".001", ".002", ".003", ".004", ".005", ".al3d", ".apx", ".bcr"),
         *(".bcrf", ".cur", ".dat", ".datx", ".ezd", ".frt", ".hfm", ".hgt", ".jpk", ".lext", ".mat", ".mdt"),
         *(
             ".mi",
@@ -62,7 +62,7 @@ class Topography(Reader):
             ".sur",
             ".tif",
         ),
-        *(".tiff", ".tmd", ".tom", ".top", ".vk3", ".vk4", ".vk6", ".vk7", ".xyz", ".zmg", ".zon"),
+        *(".tiff", ".tmd", ".tom", ".top", ".vk3", ".vk4", ".vk6", ".vk7", ".zmg", ".zon"),
     )
 
     channel: str | None = None

@@ -8,8 +8,9 @@ and the scan, pixels of 1 to 10 nm), on a grid twice as fine, dilated by a parab
 `roughness` aligns and repairs it; H and the rms slope above the shortest trusted wavelength are compared with those of
 the surface itself, with the tip's radius given and not.
 
-SurfaceTopography gets the repaired scan, as it knows neither spikes nor scars, aligns lines, subtracts a curved trend, takes the density of a Hann window down to its own limit of
-reliability for the tip, and a straight line is fitted to the logarithms, as it offers no fit.
+SurfaceTopography gets the repaired scan, as it knows neither spikes nor scars, aligns lines, subtracts a curved trend
+and takes the density of a Hann window down to its own limit of reliability for the tip; a straight line is fitted to
+the logarithms, as it offers no fit.
 
 With ``beta`` the true surface and `roughened` on the scan, both at half of the scan's pixels, are pressed at the same
 load to an area of about 2 % and aged.

@@ -219,6 +219,7 @@ OPENS = {
     ("chemage.testing.selftest", "np.save"): "in a folder of its own",
     ("chemage.testing.selftest", "np.savetxt"): "in a folder of its own",
     ("chemage.testing.selftest", "h5py.File"): "in a folder of its own",
+    ("chemage_surfaces.instruments", "zipfile.ZipFile"): "an archive in memory",
     ("chemage_li2018.sweeps", "np.savez_compressed"): "an image in memory",
     ("chemage_li2018.sweeps", "np.load"): "a file that the door opened",
 }

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import h5py
+import instrument_files
 import numpy as np
 import pytest
 from made_inference import made_inference
@@ -35,9 +36,17 @@ PART = {"kind": "measured", "path": str(FILES / "part.txt"), "height_unit": "nm"
 rough = registry.current().fromdict("surface", ROUGH).make(1).heights
 np.savetxt(FILES / "part.txt", rough[:40, :40], header="pixel_size = 2 nm")
 ca.write(FILES / "inferred.h5", made_inference())
-# an image of another program: columns x, y, z
+# images of other programs
 POINTS = np.indices((9, 7)).reshape(2, -1) * 0.5
 np.savetxt(FILES / "map.xyz", np.column_stack([*POINTS, rough_surface((9, 7)).heights.ravel()]))
+METRES = rough_surface((9, 7)).heights * 1e-9
+for ending, content in (
+    ("gwy", instrument_files.gwy(METRES, side=5e-10)),
+    ("x3p", instrument_files.x3p(METRES, sides=(5e-10, 5e-10))),
+    ("cdf", instrument_files.netcdf(METRES, side=5e-10)),
+    ("sdf", instrument_files.sdf(METRES, (5e-10, 5e-10))),
+):
+    (FILES / f"map.{ending}").write_bytes(content)
 
 #: (role, kind) -> options of the choices to check, and what their checks need from outside
 CASES: dict[tuple[str, str], list[dict[str, Any]]] = {
@@ -99,14 +108,21 @@ CASES: dict[tuple[str, str], list[dict[str, Any]]] = {
     ("reader", "npy"): [{"pixel_size": 0.5}],
     ("reader", "text"): [{}],
     ("reader", "hdf5"): [{}],
-    ("reader", "topography"): [{"unit": "nm"}],
+    ("reader", "gwy"): [{}],
+    ("reader", "x3p"): [{}],
+    ("reader", "netcdf"): [{}],
+    ("reader", "xyz"): [{"unit": "nm"}],
+    ("reader", "topography"): [{}],
 }
 if find_spec("SurfaceTopography") is None:  # an optional library
     del CASES["reader", "topography"]
 
 INPUTS: dict[tuple[str, str], dict[str, Any]] = {
     ("reader", kind): {"path": FILES / f"map.{ending}", "surface": MAP}
-    for kind, ending in (("npy", "npy"), ("text", "txt"), ("hdf5", "h5"), ("topography", "xyz"))
+    for kind, ending in (
+        *(("npy", "npy"), ("text", "txt"), ("hdf5", "h5"), ("gwy", "gwy"), ("x3p", "x3p"), ("netcdf", "cdf")),
+        *(("xyz", "xyz"), ("topography", "sdf")),
+    )
 }
 
 #: (role, kind, check) -> why it cannot hold

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import xarray as xr
+from instrument_files import gwy, netcdf, x3p
 
 import chemage
 import chemage as ca
@@ -233,7 +234,7 @@ def damaged(content, random):
     return bytes(content)
 
 
-@pytest.mark.parametrize("kind", ["german", "phase", "npy", "hdf5"])
+@pytest.mark.parametrize("kind", ["german", "phase", "npy", "hdf5", "gwy", "x3p", "netcdf", "xyz"])
 def test_damaged_headers_give_a_map_or_one_clear_error(tmp_path, kind):
     np.save(tmp_path / "a.npy", HEIGHTS)
     data = xr.DataArray(HEIGHTS, attrs={"units": "um", "pixel_size": 2.0}, name="z")
@@ -243,8 +244,12 @@ def test_damaged_headers_give_a_map_or_one_clear_error(tmp_path, kind):
         "phase": PHASE.encode(),
         "npy": (tmp_path / "a.npy").read_bytes(),
         "hdf5": (tmp_path / "a.nc").read_bytes(),
+        "gwy": gwy(HEIGHTS),
+        "x3p": x3p(HEIGHTS),
+        "netcdf": netcdf(HEIGHTS),
+        "xyz": "\n".join(f"{i} {j} {value}" for (i, j), value in np.ndenumerate(HEIGHTS)).encode(),
     }[kind]
-    reader = registry.current().component("reader", kind if kind in ("npy", "hdf5") else "text")()
+    reader = registry.current().component("reader", "text" if kind in ("german", "phase") else kind)()
     random = np.random.default_rng(1)
     for _ in range(500):
         path = saved(tmp_path / "damaged", damaged(whole, random))

@@ -7,6 +7,7 @@ import json
 import re
 from pathlib import Path
 
+import instrument_files
 import numpy as np
 import pytest
 
@@ -39,13 +40,7 @@ def of_library(library, name, heights=HEIGHTS):
 
 
 def sdf(library, name):
-    """ISO 25178-71, ASCII: lines of constant y, lengths in m."""
-    header = ["aISO-1.0", "ManufacID = x", "CreateDate = 010120200000", "ModDate = 010120200000"]
-    header += [f"NumPoints = {NX}", f"NumProfiles = {NY}", "Xscale = 5e-7", "Yscale = 2.5e-7", "Zscale = 1e-6"]
-    header += ["Zresolution = -1", "Compression = 0", "DataType = 7", "CheckType = 0", "*"]
-    rows = [" ".join(f"{value:.12g}" for value in HEIGHTS[:, j]) for j in range(NY)]
-    with open(name, "w", encoding="ascii") as file:
-        file.write("\n".join([*header, *rows, "*", ""]))
+    Path(name).write_bytes(instrument_files.sdf(1e-6 * HEIGHTS, (5e-7, 2.5e-7)))
 
 
 def gwyddion_text(library, name):
@@ -103,7 +98,7 @@ def test_units_and_orientation(library, name):
 @pytest.mark.parametrize("name", ["image.x3p", "image.sdf", "image.gwy"])
 def test_the_ending_selects_the_reader(library, name):
     FORMATS[name][0](library, name)
-    assert ca.plugin.reader_for(name).kind == "topography"
+    assert ca.plugin.reader_for(name).kind == {".sdf": "topography"}.get(name[-4:], name[-3:])
     with pytest.raises(InputError, match=r'pixels of 500 x 250 nm are not square.*resample = "250 nm"'):
         ca.read(name)
 
@@ -183,10 +178,10 @@ def test_without_the_library_it_says_how_to_install_it(monkeypatch):
         return real(name, *rest, **more)
 
     monkeypatch.setattr(builtins, "__import__", without)
-    with open("image.x3p", "wb") as file:
+    with open("image.opd", "wb") as file:
         file.write(b"anything")
-    with pytest.raises(PluginError, match=r"image\.x3p: .*not installed; pip install 'chemage\[topographies\]'"):
-        ca.surface("measured", path="image.x3p").make()
+    with pytest.raises(PluginError, match=r"image\.opd: .*not installed; pip install 'chemage\[topographies\]'"):
+        ca.surface("measured", path="image.opd").make()
 
 
 FILES = Path(__file__).parents[1] / "data" / "topographies"
