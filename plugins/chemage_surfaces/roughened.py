@@ -15,7 +15,8 @@ from chemage import InputError, Surface
 from chemage.plugin import Choice, Length, Scatter, Seed, SurfaceMaker, Unit, checked_seed, memory, roughness, threads
 from chemage_surfaces._maps import Floats, provenance
 from chemage_surfaces.generated import JACOBS, continuation
-from chemage_surfaces.roughness_fit import TO_PIXELS, Binned, PowerLaw, binned, fit_power_law, trusted, wavenumbers
+from chemage_surfaces.spectra import Binned, PowerLaw, binned, fit_power_law, wavenumbers
+from chemage_surfaces.trusted import TO_PIXELS, trusted
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

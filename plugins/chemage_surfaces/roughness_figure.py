@@ -12,7 +12,8 @@ from chemage import InputError, Surface
 from chemage.plugin import figures
 from chemage_surfaces.images import Image
 from chemage_surfaces.measures import Measures
-from chemage_surfaces.roughness_fit import RoughnessFit, binned
+from chemage_surfaces.roughness_fit import RoughnessFit
+from chemage_surfaces.spectra import binned
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -30,7 +30,8 @@ import numpy as np
 from scipy import fft as sfft
 
 import chemage as ca
-from chemage_surfaces.roughness_fit import binned, fit_roughness
+from chemage_surfaces.roughness_fit import fit_roughness
+from chemage_surfaces.spectra import binned
 
 FINE = 2
 
