@@ -81,7 +81,7 @@ _HEAD = """# Reproduction of the paper
 {paper}: the published numbers, figures and claims beside ours. Output of `chemage reproduce{targets} --seeds
 {count}` with {pixels} x {pixels} pixels, {surfaces} and 10 replicas of the disorder on each (on the
 rows of Table 1 other than the circle, for the interaction, and from 100 µN on, 2); chemage {chemage}, numpy {numpy},
-numba {numba}, processor {processor}. Another kind of processor rounds otherwise, which moves means by up to 0.3 %. The
+numba {numba}, processor {processor}. Another kind of processor rounds otherwise, which moves mean β by up to 0.3 %. The
 seeds 101 and above were used to tune nothing: neither the barrier density nor any option.
 
 *Ours* is the mean over surface seeds ± the standard deviation between them; error bars and bands in figures are the
