@@ -194,6 +194,23 @@ class Measured(ImageMaker):
         square, so that it makes no surface. Errors as of :meth:`make`, but for these."""
         return _prepared(self, *self._opened())
 
+    def retrace(self) -> Surface | None:
+        """The image of the other direction of the scan lines after the same steps; None where the file has none that
+        makes a surface. Its difference is the noise."""
+        find = getattr(self._opened()[0], "retrace", None)
+        other = None if find is None else find(self.path)
+        if other is None:
+            return None
+        image = self.replace(reader=other, spikes="interpolate").image()
+        if image.faults:
+            return None
+        return Surface(
+            heights=image.heights,
+            pixel_size=image.sides[0],
+            periodic=image.periodic,
+            provenance={"channel": image.steps[0].get("channel", "")},
+        )
+
     def _opened(self) -> tuple[Reader, FileStamp]:
         reader: Any = self.reader or reader_for(self.path)
         return reader, file_stamp(self.path)
