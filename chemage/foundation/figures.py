@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+import math
 from collections.abc import Callable, Mapping
 from html import escape
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from chemage.foundation.files import fresh_file, make_folder, preflight
+from chemage.foundation.looks import current, drawn_as
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,6 +26,10 @@ BLUE, ORANGE, GREEN, PURPLE, GREY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", 
 BLACK = "#000000"
 #: colours of curves, in order
 PALETTE = (BLUE, ORANGE, GREEN, PURPLE, GREY, "#E69F00", "#56B4E9", "#8C564B")
+#: inches of print that a plot needs
+_PLOT = 2.3
+#: a figure that is not for print has this part of its nominal inches, and as many pixels
+_SCREEN = 0.8
 #: blocks of pixels along a side of a map that is drawn
 MAP_PIXELS = 900
 #: names of chemage's own figures, in the folder of a run, in comparisons and in reports
@@ -46,10 +52,25 @@ def panels(
     return figure, list(np.ravel(figure.subplots(rows, columns)))
 
 
-def blank(width: float, height: float) -> tuple[Figure, Axes]:
-    """Make an empty figure of one plot, ``width`` by ``height`` inches."""
-    figure, (axes,) = panels(width, height)
-    return figure, axes
+def plots(
+    width: float, height: float, columns: int = 1, count: int = 1, dpi: float = 150
+) -> tuple[Figure, list[Axes]]:
+    """Make an empty figure of ``count`` plots in the current look, nominally ``width`` by ``height`` inches.
+
+    In print it is as wide as the look says, with as many of the ``columns`` as have room; plots keep their proportions.
+    """
+    look = current()
+    if look.width is None:
+        figure, axes = panels(_SCREEN * width, _SCREEN * height, columns, -(-count // columns), dpi=dpi / _SCREEN)
+    else:
+        proportion = (height / -(-count // columns)) / (width / columns)
+        inches = look.width / 25.4
+        columns = max(1, min(columns, int(inches / _PLOT)))
+        rows = -(-count // columns)
+        figure, axes = panels(inches, proportion * inches / columns * rows, columns, rows, dpi=2 * dpi)
+    for empty in axes[count:]:
+        empty.remove()
+    return figure, axes[:count]
 
 
 def pooled(values: np.ndarray, pool: Callable[..., np.ndarray], most: int = MAP_PIXELS) -> np.ndarray:
@@ -82,9 +103,9 @@ def decades_only(*axes: Axis) -> None:
 def draw_map(
     axes: Axes, values: np.ndarray, extent: tuple[float, float, float, float], label: str, **style: Any
 ) -> None:
-    """Draw ``values`` (nx, ny) as a map with a colour bar: x to the right, y upwards, ``extent`` in nm.
+    """Draw ``values`` (nx, ny) as a map with a colour bar and a scale bar: x to the right, y upwards, ``extent`` in nm.
 
-    A map that is much longer than wide is stretched.
+    A map that is much longer than wide is stretched; it has no scale bar.
     """
     width, height = extent[1] - extent[0], extent[3] - extent[2]
     aspect = "equal" if max(width, height) < 6 * min(width, height) else "auto"
@@ -92,6 +113,31 @@ def draw_map(
     axes.set(xlabel="x (nm)", ylabel="y (nm)")
     bar = axes.figure.colorbar(image, ax=axes, shrink=0.85)
     bar.set_label(label)
+    if aspect == "equal":
+        _draw_scale_bar(axes, width)
+
+
+def _draw_scale_bar(axes: Axes, width: float) -> None:
+    """Draw a bar of 1, 2 or 5 times a power of ten, a sixth to a third of a map that is ``width`` nm wide."""
+    from matplotlib.font_manager import FontProperties
+    from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
+
+    power = 10.0 ** math.floor(math.log10(width / 3))
+    length = max(step * power for step in (1, 2, 5) if step * power <= width / 3)
+    words = f"{length / 1000:g} µm" if length >= 1000 else f"{length:g} nm"
+    size = FontProperties(size=current().settings()["legend.fontsize"])
+    bar = AnchoredSizeBar(axes.transData, length, words, "lower left", borderpad=0.4, sep=2, fontproperties=size)
+    bar.size_bar.get_children()[0].set(linewidth=1.5, color=BLACK)
+    bar.patch.set(alpha=0.8, linewidth=0)
+    axes.add_artist(bar)
+
+
+def seen_blocks(axes: Axes) -> int:
+    """Blocks of pixels along a side of a map, at most, that are all seen in ``axes``: each is a point of print wide."""
+    figure = axes.get_figure(root=True)
+    inches = 0.0 if figure is None else 72 * figure.get_size_inches()[0]
+    columns = place.get_gridspec().ncols if (place := axes.get_subplotspec()) is not None else 1
+    return max(100, int(0.7 * inches / columns))
 
 
 def legend_entries(axes: Axes) -> tuple[list[Any], list[str]]:
@@ -107,7 +153,18 @@ def legend(axes: Axes, **options: Any) -> None:
     """Make a legend of the curves first and then of the lines fitted to them; none without entries."""
     handles, labels = legend_entries(axes)
     if labels:
-        axes.legend(handles, labels, **{"frameon": False, **options})
+        axes.legend(handles, labels, **options)
+
+
+def shared_legend(figure: Figure, handles: list[Any], title: str = "", *, beside: bool = False) -> None:
+    """Make a legend for all plots of a figure below them, in as many columns as have room; ``beside`` them where the
+    figure is not for print."""
+    place = "right center" if beside and current().width is None else "lower center"
+    made = figure.legend(handles=handles, loc=f"outside {place}", title=title or None)
+    if place == "lower center":
+        columns = max(1, int(0.97 * figure.bbox.width / made.get_window_extent().width))
+        made.remove()
+        figure.legend(handles=handles, loc=f"outside {place}", title=title or None, ncols=min(columns, len(handles), 5))
 
 
 def plain(text: str) -> str:
@@ -148,9 +205,14 @@ def save_figures(named: Mapping[str, Figure], folder: Path, *, force: bool = Fal
     for path in made:
         preflight(path, force=force)
     for path, figure in made.items():
-        with fresh_file(path, force=force) as part:
-            if suffix == "png":
-                canvas_of(figure).print_png(part)
-            else:
-                figure.savefig(part, format=suffix)
+        save_figure(figure, path, suffix, force=force)
     return list(made)
+
+
+def save_figure(figure: Figure, path: Path, suffix: str, *, force: bool = False) -> None:
+    """Write a figure into one file, of the format ``suffix``, in the current look."""
+    with drawn_as(), fresh_file(path, force=force) as part:
+        if suffix == "png":
+            canvas_of(figure).print_png(part)
+        else:
+            figure.savefig(part, format=suffix)
