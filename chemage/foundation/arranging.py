@@ -30,7 +30,12 @@ _APART = 3.0
 def arrange(figure: Figure) -> None:
     """Make everything in a drawn figure fit; the height of the figure may grow."""
     _recolour(figure)
-    _enlarge(figure)
+    for text in _texts(figure):
+        text.set_fontsize(max(text.get_fontsize(), SMALLEST_FONT))
+    for axes in figure.axes:
+        # what is inside plots does not make them smaller
+        for inside in (*axes.texts, *((legend,) if (legend := axes.get_legend()) is not None else ())):
+            inside.set_in_layout(False)
     _lay_out(figure)
     before = _height_of_plots(figure)
     changed = _break_texts(figure) | _move_legends(figure)
@@ -65,13 +70,6 @@ def _texts(figure: Figure) -> list[Text]:
     return [text for text in figure.findobj(Text) if isinstance(text, Text)]
 
 
-def _enlarge(figure: Figure) -> None:
-    """No text is smaller than a page allows."""
-    for text in _texts(figure):
-        if text.get_fontsize() < SMALLEST_FONT:
-            text.set_fontsize(SMALLEST_FONT)
-
-
 def _break_texts(figure: Figure) -> bool:
     """Break titles and labels of axes into lines that have room."""
     changed = False
@@ -84,6 +82,8 @@ def _break_texts(figure: Figure) -> bool:
         beside = 2 * min(middle - left, right - middle)
         for text, room in ((axes.title, beside), (axes.xaxis.label, beside), (axes.yaxis.label, plot.height)):
             changed |= broken(text, room)
+        for text in axes.texts:
+            broken(text, plot.x1 - text.get_window_extent().x0)
     return changed
 
 
@@ -146,8 +146,7 @@ def _move_legend(axes: Axes, legend: Legend) -> bool:
     if inside and box.width * box.height < _MOST_LEGEND * plot.width * plot.height:
         return False
     figure = legend.figure
-    left, _ = _column(axes)
-    room = plot.x1 - left - 0.02 * figure.bbox.width
+    room = plot.x1 - min(axes.yaxis.get_tightbbox().x0, plot.x0)
     title = legend.get_title()
     if legend._ncols > 1 and box.width > room:  # pyright: ignore[reportAttributeAccessIssue]
         handles, labels = legend_entries(axes)
@@ -156,18 +155,22 @@ def _move_legend(axes: Axes, legend: Legend) -> bool:
     _narrowed(legend, room)
     below = plot.y0 - min(axes.xaxis.get_tightbbox().y0, plot.y0) + _GAP * figure.dpi / 72
     shift = ScaledTranslation(0, -below / figure.dpi, figure.dpi_scale_trans)
-    legend.set_loc("upper right")
-    legend.set_bbox_to_anchor((1.0, 0.0), transform=axes.transAxes + shift)
+    # as wide as the plot at most, or else under its label as well
+    fits = legend.get_window_extent().width <= plot.width
+    legend.set_loc("upper left" if fits else "upper right")
+    legend.set_bbox_to_anchor((0.0 if fits else 1.0, 0.0), transform=axes.transAxes + shift)
     legend.borderaxespad = 0.0
+    legend.set_in_layout(True)
     return True
 
 
 def _narrowed(legend: Legend, room: float) -> bool:
     """Break the texts of a legend until it is at most ``room`` pixels wide."""
     texts = [*legend.get_texts(), legend.get_title()]
-    over, changed = legend.get_window_extent().width - room, False
-    for text in texts if over > 0 else ():
-        changed |= broken(text, max(text.get_window_extent().width - over, 40.0))
+    whole, changed = legend.get_window_extent().width, False
+    handles = whole - max(text.get_window_extent().width for text in texts)
+    for text in texts if whole > room else ():
+        changed |= broken(text, room - handles)
     return changed
 
 
@@ -185,7 +188,8 @@ def _thin_ticks(figure: Figure) -> None:
 
 def _touch(axis: Axis, apart: float) -> bool:
     """Whether labels of neighbouring ticks come nearer than ``apart`` pixels."""
-    boxes = [label.get_window_extent() for label in axis.get_majorticklabels() if label.get_text()]
+    shown = [label for label in (*axis.get_majorticklabels(), *axis.get_minorticklabels()) if label.get_text()]
+    boxes = [label.get_window_extent() for label in shown]
     ends = sorted((box.x0, box.x1) if axis.axis_name == "x" else (box.y0, box.y1) for box in boxes)
     rotated = any(label.get_rotation() % 90 for label in axis.get_majorticklabels())
     return not rotated and any(after[0] - before[1] < apart for before, after in zip(ends, ends[1:], strict=False))
@@ -193,8 +197,13 @@ def _touch(axis: Axis, apart: float) -> bool:
 
 def _thinned(axis: Axis) -> None:
     """Leave out every second label; ticks that matplotlib has chosen become fewer."""
-    from matplotlib.ticker import MaxNLocator
+    from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
+    if any(label.get_text() for label in axis.get_minorticklabels()):
+        few = isinstance(axis.get_minor_formatter(), FuncFormatter)
+        axis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
+        axis.set_minor_formatter(NullFormatter() if few else FuncFormatter(lambda value, _: f"{value:g}"))
+        return
     locator = axis.get_major_locator()
     if isinstance(locator, MaxNLocator):
         axis.set_major_locator(MaxNLocator(max(2, len(axis.get_majorticklocs()) // 2), steps=[1, 2, 5, 10]))

@@ -67,7 +67,7 @@ def plots(
         inches = look.width / 25.4
         columns = max(1, min(columns, int(inches / _PLOT)))
         rows = -(-count // columns)
-        figure, axes = panels(inches, proportion * inches / columns * rows, columns, rows, dpi=2 * dpi)
+        figure, axes = panels(inches, proportion * inches / columns * rows, columns, rows, dpi=300)
     for empty in axes[count:]:
         empty.remove()
     return figure, axes[:count]

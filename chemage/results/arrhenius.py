@@ -14,7 +14,7 @@ import numpy as np
 from chemage.ageing.aging import Aging
 from chemage.ageing.fitting import FIT_WINDOW
 from chemage.foundation.errors import InputError, StoreError
-from chemage.foundation.figures import BLACK, PALETTE, plain
+from chemage.foundation.figures import BLACK, PALETTE, legend, plain
 from chemage.foundation.result import NONE, Medium, Panel, Picture, Result, Rows, Table, displays, is_result, result_of
 from chemage.foundation.units import KB
 from chemage.results.files import read
@@ -185,11 +185,7 @@ class ArrheniusDisplay(Result):
         axes.set(yscale="log", xlabel="1000 K / T", ylabel="hold time (s)")
         if energies:
             title = f"bars: {self._sure}; activation energy at"
-            axes.legend(title=title, loc="upper left")
-            # room for the legend above the lines
-            low, high = axes.get_ylim()
-            part = min(0.6, 0.05 * (len(energies) + 1) + 0.02)
-            axes.set_ylim(low, high * (high / low) ** (part / (1 - part)))
+            legend(axes, title=title, loc="upper left", alignment="left")
             _kelvins(axes, self.energies.temperatures)
 
     @property
