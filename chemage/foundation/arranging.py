@@ -17,7 +17,9 @@ if TYPE_CHECKING:
     from matplotlib.axis import Axis
     from matplotlib.figure import Figure
     from matplotlib.legend import Legend
+    from matplotlib.lines import Line2D
     from matplotlib.text import Text
+    from matplotlib.transforms import Bbox
 
 #: a legend inside a plot has at most this part of its area
 _MOST_LEGEND = 0.25
@@ -138,12 +140,13 @@ def _move_legends(figure: Figure) -> bool:
 
 
 def _move_legend(axes: Axes, legend: Legend) -> bool:
-    """Put a legend that covers much of its plot below it."""
+    """Put a legend that covers much of its plot, or a line in it, below it."""
     from matplotlib.transforms import ScaledTranslation
 
     plot, box = axes.get_window_extent(), legend.get_window_extent()
     inside = box.width < 0.9 * plot.width and box.height < 0.6 * plot.height
-    if inside and box.width * box.height < _MOST_LEGEND * plot.width * plot.height:
+    small = box.width * box.height < _MOST_LEGEND * plot.width * plot.height
+    if inside and small and not any(_crosses(line, box) for line in axes.lines):
         return False
     figure = legend.figure
     room = plot.x1 - min(axes.yaxis.get_tightbbox().x0, plot.x0)
@@ -162,6 +165,14 @@ def _move_legend(axes: Axes, legend: Legend) -> bool:
     legend.borderaxespad = 0.0
     legend.set_in_layout(True)
     return True
+
+
+def _crosses(line: Line2D, box: Bbox) -> bool:
+    """Whether a line, or a point of it, is seen inside a box."""
+    path = line.get_path().transformed(line.get_transform())
+    if line.get_linestyle() == "None" or len(path.vertices) < 2:
+        return bool(box.count_contains(path.vertices))
+    return bool(path.intersects_bbox(box, filled=False))
 
 
 def _narrowed(legend: Legend, room: float) -> bool:

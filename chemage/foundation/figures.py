@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from chemage.foundation.files import fresh_file, make_folder, preflight
+from chemage.foundation.drawn import drawn_data
+from chemage.foundation.files import fresh_file, make_folder, preflight, write_file
 from chemage.foundation.looks import current, drawn_as
 
 if TYPE_CHECKING:
@@ -192,8 +193,10 @@ def png(figure: Figure, alt: str) -> str:
     )
 
 
-def save_figures(named: Mapping[str, Figure], folder: Path, *, force: bool = False, suffix: str = "png") -> list[Path]:
-    """Write figures as ``folder``/name.``suffix``, and return the paths.
+def save_figures(
+    named: Mapping[str, Figure], folder: Path, *, force: bool = False, suffix: str = "png", data: bool = False
+) -> list[Path]:
+    """Write figures as ``folder``/name.``suffix``, and return the paths; ``data``: what they show as well, as name.csv.
 
     Raises
     ------
@@ -202,11 +205,14 @@ def save_figures(named: Mapping[str, Figure], folder: Path, *, force: bool = Fal
     """
     make_folder(folder)
     made = {folder / f"{name}.{suffix}": figure for name, figure in named.items()}
-    for path in made:
+    tables = {path.with_suffix(".csv"): figure for path, figure in made.items()} if data else {}
+    for path in (*made, *tables):
         preflight(path, force=force)
     for path, figure in made.items():
         save_figure(figure, path, suffix, force=force)
-    return list(made)
+    for path, figure in tables.items():
+        write_file(path, drawn_data(figure), force=force)
+    return [*made, *tables]
 
 
 def save_figure(figure: Figure, path: Path, suffix: str, *, force: bool = False) -> None:

@@ -118,7 +118,11 @@ def _is_number(value: object) -> bool:
 
 def _width(text: str) -> float:
     remedy = "give 1 or 2 for columns of 85 and 180 mm, or a length such as 120 mm"
-    width = COLUMNS.get(text.strip()) or convert(text, "nm", "width") * 1e-6
+    if text.strip() in COLUMNS:
+        return COLUMNS[text.strip()]
+    if not any(letter.isalpha() for letter in text):
+        raise InputError.of("width", text, "is neither one nor two columns and has no unit", remedy)
+    width = convert(text, "nm", "width") * 1e-6
     if not NARROWEST <= width <= WIDEST:
         raise InputError.of("width", text, f"is not between {NARROWEST:g} and {WIDEST:g} mm", remedy)
     return width

@@ -443,8 +443,9 @@ def single_panels(pictures: Mapping[str, Picture], names: Sequence[str]) -> dict
             for called in dict.fromkeys((panel.name or of, name, of)):
                 every.setdefault(called, []).append((name, alone))
     if missing := [name for name in names if name not in every]:
-        known = ", ".join(every)
-        raise InputError.of("panel", missing[0], f"is not there{nearest(missing[0], list(every))}", f"choose of {known}")
+        known = ", ".join(dict.fromkeys(panel.name or of for of, one in pictures.items() for panel in one.panels))
+        problem = f"is no panel of this result{nearest(missing[0], list(every))}"
+        raise InputError.of("panel", missing[0], problem, f"choose of {known}")
     return dict(entry for name in names for entry in every[name])
 
 
