@@ -413,7 +413,9 @@ class AgingDisplay(OfRecord[Aging]):
             if scatter and not scatter <= fit.relative_stderr:
                 half = NORMAL_LIMIT * scatter * abs(fit.beta)
                 label = f"β of other surfaces, 95 % (± {percent(half / abs(fit.beta))})"
-                axes.fill_between(fit.span, fit.beta - half, fit.beta + half, color=ORANGE, alpha=0.2, lw=0, label=label)
+                axes.fill_between(
+                    fit.span, fit.beta - half, fit.beta + half, color=ORANGE, alpha=0.2, lw=0, label=label
+                )
         legend(axes)
 
 

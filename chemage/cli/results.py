@@ -14,8 +14,8 @@ from chemage.cli.options import (
     FIGURES,
     PAGES,
     CsvOpt,
-    ForceOpt,
     FontOpt,
+    ForceOpt,
     FormatOpt,
     JsonOpt,
     MeasuredOpt,
@@ -65,6 +65,46 @@ def _csv(result: Result) -> str:
     return text.getvalue()
 
 
+_XOpt = Annotated[
+    str | None,
+    typer.Option(
+        metavar="AXIS",
+        help="sweeps: axis to the right, by the name of its field, or hold_time; default: the numeric axis with most "
+        "values",
+    ),
+]
+_LinesOpt = Annotated[
+    str | None,
+    typer.Option(metavar="AXIS", help="sweeps: axis with a line for each value; default: the next numeric axis"),
+]
+_YOpt = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="RESULT",
+        help="sweeps: what to draw, such as beta, friction_drop, area_fraction; repeatable, one panel each; default: "
+        "beta and friction_drop",
+    ),
+]
+_WhereOpt = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="AXIS=VALUE",
+        help="sweeps: value of a further axis; repeatable; default: the one in the middle; seeds are averaged",
+    ),
+]
+_HeatOpt = Annotated[
+    bool, typer.Option("--heat", help="sweeps: a heat map; default: only in place of more than 8 lines")
+]
+_PanelOpt = Annotated[
+    list[str] | None,
+    typer.Option(metavar="NAME", help="only this panel, in a figure of its own; repeatable; default: all figures"),
+]
+_DataOpt = Annotated[
+    bool,
+    typer.Option("--data", help="write what each figure shows beside it, as NAME.csv; maps of up to 50 000 cells"),
+]
+
+
 def plot(
     file: ResultArg,
     out: Annotated[
@@ -79,46 +119,16 @@ def plot(
             metavar='"X0 X1 Y0 Y1"', help="draw only this part of the maps, with all its pixels; in nm, or with units"
         ),
     ] = None,
-    x: Annotated[
-        str | None,
-        typer.Option(
-            metavar="AXIS",
-            help="sweeps: axis to the right, by the name of its field, or hold_time; default: the numeric axis with "
-            "most values",
-        ),
-    ] = None,
-    lines: Annotated[
-        str | None,
-        typer.Option(metavar="AXIS", help="sweeps: axis with a line for each value; default: the next numeric axis"),
-    ] = None,
-    y: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="RESULT",
-            help="sweeps: what to draw, such as beta, friction_drop, area_fraction; repeatable, one panel each; "
-            "default: beta and friction_drop",
-        ),
-    ] = None,
-    where: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="AXIS=VALUE",
-            help="sweeps: value of a further axis; repeatable; default: the one in the middle; seeds are averaged",
-        ),
-    ] = None,
-    heat: Annotated[
-        bool, typer.Option("--heat", help="sweeps: a heat map; default: only in place of more than 8 lines")
-    ] = False,
-    panel: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME", help="only this panel, in a figure of its own; repeatable; default: all figures"),
-    ] = None,
+    x: _XOpt = None,
+    lines: _LinesOpt = None,
+    y: _YOpt = None,
+    where: _WhereOpt = None,
+    heat: _HeatOpt = False,
+    panel: _PanelOpt = None,
     width: WidthOpt = None,
     font: FontOpt = None,
     style: StyleOpt = None,
-    data: Annotated[
-        bool, typer.Option("--data", help="write what each figure shows beside it, as NAME.csv; maps of up to 50 000 cells")
-    ] = False,
+    data: _DataOpt = False,
     fmt: FormatOpt = "png",
     force: ForceOpt = False,
 ) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Callable
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -149,14 +150,15 @@ def _move_legend(axes: Axes, legend: Legend) -> bool:
     if inside and small and not any(_crosses(line, box) for line in axes.lines):
         return False
     figure = legend.figure
-    room = plot.x1 - min(axes.yaxis.get_tightbbox().x0, plot.x0)
+    beside, under = (axis.get_tightbbox() for axis in (axes.yaxis, axes.xaxis))
+    room = plot.x1 - min(beside.x0 if beside else plot.x0, plot.x0)
     title = legend.get_title()
     if legend._ncols > 1 and box.width > room:  # pyright: ignore[reportAttributeAccessIssue]
         handles, labels = legend_entries(axes)
         kept = {"title": title.get_text() or None, "frameon": legend.get_frame_on(), "alignment": "left"}
         legend = axes.legend(handles, labels, **kept)
     _narrowed(legend, room)
-    below = plot.y0 - min(axes.xaxis.get_tightbbox().y0, plot.y0) + _GAP * figure.dpi / 72
+    below = plot.y0 - min(under.y0 if under else plot.y0, plot.y0) + _GAP * figure.dpi / 72
     shift = ScaledTranslation(0, -below / figure.dpi, figure.dpi_scale_trans)
     # as wide as the plot at most, or else under its label as well
     fits = legend.get_window_extent().width <= plot.width
@@ -170,8 +172,9 @@ def _move_legend(axes: Axes, legend: Legend) -> bool:
 def _crosses(line: Line2D, box: Bbox) -> bool:
     """Whether a line, or a point of it, is seen inside a box."""
     path = line.get_path().transformed(line.get_transform())
-    if line.get_linestyle() == "None" or len(path.vertices) < 2:
-        return bool(box.count_contains(path.vertices))
+    points = np.asarray(path.vertices)
+    if line.get_linestyle() == "None" or len(points) < 2:
+        return bool(box.count_contains(points))
     return bool(path.intersects_bbox(box, filled=False))
 
 
@@ -189,21 +192,21 @@ def _narrowed(legend: Legend, room: float) -> bool:
 
 
 def _thin_ticks(figure: Figure) -> None:
-    for axes in (*figure.axes, *(child for axes in figure.axes for child in axes.child_axes)):
-        for axis in (axes.xaxis, axes.yaxis):
+    for plot in (*figure.axes, *(child for axes in figure.axes for child in axes.child_axes)):
+        for name, axis in (("x", plot.xaxis), ("y", plot.yaxis)):
             for _ in range(4):
-                if not _touch(axis, _APART * figure.dpi / 100):
+                if not _touch(name, axis, _APART * figure.dpi / 100):
                     break
                 _thinned(axis)
 
 
-def _touch(axis: Axis, apart: float) -> bool:
+def _touch(name: str, axis: Axis, apart: float) -> bool:
     """Whether labels of neighbouring ticks come nearer than ``apart`` pixels."""
     shown = [label for label in (*axis.get_majorticklabels(), *axis.get_minorticklabels()) if label.get_text()]
     boxes = [label.get_window_extent() for label in shown]
-    ends = sorted((box.x0, box.x1) if axis.axis_name == "x" else (box.y0, box.y1) for box in boxes)
+    ends = sorted((box.x0, box.x1) if name == "x" else (box.y0, box.y1) for box in boxes)
     rotated = any(label.get_rotation() % 90 for label in axis.get_majorticklabels())
-    return not rotated and any(after[0] - before[1] < apart for before, after in zip(ends, ends[1:], strict=False))
+    return not rotated and any(after[0] - before[1] < apart for before, after in pairwise(ends))
 
 
 def _thinned(axis: Axis) -> None:

@@ -89,9 +89,9 @@ def _of_collection(collection: Any) -> tuple[np.ndarray, ...] | None:
     from matplotlib.collections import LineCollection, PolyCollection, QuadMesh
 
     if isinstance(collection, QuadMesh):
-        corners = collection.get_coordinates()
+        corners = np.asarray(collection.get_coordinates())
         return _map(corners[0, :, 0], corners[:, 0, 1], collection.get_array())
-    paths = [path.vertices for path in collection.get_paths() if len(path.vertices)]
+    paths = [np.asarray(path.vertices) for path in collection.get_paths() if len(path.vertices)]
     if isinstance(collection, LineCollection):
         upright = [part for part in paths if len(part) == 2 and part[0, 0] == part[1, 0]]
         if not upright or len(upright) < len(paths):

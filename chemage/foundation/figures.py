@@ -53,9 +53,7 @@ def panels(
     return figure, list(np.ravel(figure.subplots(rows, columns)))
 
 
-def plots(
-    width: float, height: float, columns: int = 1, count: int = 1, dpi: float = 150
-) -> tuple[Figure, list[Axes]]:
+def plots(width: float, height: float, columns: int = 1, count: int = 1, dpi: float = 150) -> tuple[Figure, list[Axes]]:
     """Make an empty figure of ``count`` plots in the current look, nominally ``width`` by ``height`` inches.
 
     In print it is as wide as the look says, with as many of the ``columns`` as have room; plots keep their proportions.
@@ -124,7 +122,7 @@ def _draw_scale_bar(axes: Axes, width: float) -> None:
     from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
 
     power = 10.0 ** math.floor(math.log10(width / 3))
-    length = max(step * power for step in (1, 2, 5) if step * power <= width / 3)
+    length = max(step * power for step in (1, 2, 5) if step * power <= (1 + 1e-9) * width / 3)
     words = f"{length / 1000:g} µm" if length >= 1000 else f"{length:g} nm"
     size = FontProperties(size=current().settings()["legend.fontsize"])
     bar = AnchoredSizeBar(axes.transData, length, words, "lower left", borderpad=0.4, sep=2, fontproperties=size)
@@ -160,12 +158,14 @@ def legend(axes: Axes, **options: Any) -> None:
 def shared_legend(figure: Figure, handles: list[Any], title: str = "", *, beside: bool = False) -> None:
     """Make a legend for all plots of a figure below them, in as many columns as have room; ``beside`` them where the
     figure is not for print."""
-    place = "right center" if beside and current().width is None else "lower center"
-    made = figure.legend(handles=handles, loc=f"outside {place}", title=title or None)
-    if place == "lower center":
-        columns = max(1, int(0.97 * figure.bbox.width / made.get_window_extent().width))
-        made.remove()
-        figure.legend(handles=handles, loc=f"outside {place}", title=title or None, ncols=min(columns, len(handles), 5))
+    if beside and current().width is None:
+        figure.legend(handles=handles, loc="outside right center", title=title or None)
+        return
+    style: dict[str, Any] = {"handles": handles, "loc": "outside lower center", "title": title or None}
+    made = figure.legend(**style)
+    columns = max(1, int(0.97 * figure.bbox.width / made.get_window_extent().width))
+    made.remove()
+    figure.legend(**style, ncols=min(columns, len(handles), 5))
 
 
 def plain(text: str) -> str:

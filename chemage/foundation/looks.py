@@ -65,7 +65,7 @@ class Look:
         look.settings()
         return look
 
-    def settings(self) -> dict[str, Any]:
+    def settings(self) -> dict[Any, Any]:
         """Matplotlib's settings, those of the style file and the font included."""
         import matplotlib as mpl
 
@@ -75,13 +75,14 @@ class Look:
         if self.size:
             with mpl.rc_context(settings):
                 factor = self.size / mpl.rcParams["font.size"]
-                sizes = {name: mpl.rcParams[name] for name in _SIZES}
+                sizes = {name: value for name, value in mpl.rcParams.items() if name in _SIZES}
             scaled = {name: max(SMALLEST_FONT, factor * size) for name, size in sizes.items() if _is_number(size)}
             settings |= scaled
         return settings
 
 
-_LOOK: ContextVar[Look] = ContextVar("look", default=Look())
+_USUAL = Look()
+_LOOK: ContextVar[Look] = ContextVar("look", default=_USUAL)
 
 
 def current() -> Look:
@@ -148,12 +149,12 @@ def _font(text: str) -> tuple[str, float | None]:
 
 
 @lru_cache(maxsize=8)
-def _parsed(text: str, where: str) -> dict[str, Any]:
+def _parsed(text: str, where: str) -> dict[Any, Any]:
     """The settings in the text of a style file."""
     import matplotlib as mpl
     from matplotlib import cbook
 
-    settings = mpl.RcParams()
+    settings: dict[Any, Any] = mpl.RcParams()
     for number, line in enumerate(text.splitlines(), 1):
         name, colon, value = cbook._strip_comment(line).partition(":")  # pyright: ignore[reportAttributeAccessIssue]
         name = name.strip()
@@ -173,7 +174,8 @@ def _parsed(text: str, where: str) -> dict[str, Any]:
     return dict(settings)
 
 
-def _style(path: str | None) -> dict[str, Any]:
+def _style(path: str | None) -> dict[Any, Any]:
     if path is None:
-        return _parsed(resources.files("chemage.foundation").joinpath("chemage.mplstyle").read_text("utf-8"), "chemage.mplstyle")
+        name = "chemage.mplstyle"
+        return _parsed(resources.files("chemage.foundation").joinpath(name).read_text("utf-8"), name)
     return _parsed(read_text(path, 1e6), path)

@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING, Any
 
 from chemage.foundation.errors import InputError
 from chemage.foundation.figures import png
-from chemage.foundation.looks import drawn_as
 from chemage.foundation.files import preflight, write_file
+from chemage.foundation.looks import drawn_as
 from chemage.foundation.names import __version__
 from chemage.foundation.result import NONE, Panel, Picture, Result, Table, drawn_picture
 from chemage.results.comparison import Comparison, Difference, Entry, compare_files

@@ -42,7 +42,11 @@ class SurfaceDisplay(OfRecord[Surface]):
             is_map=True,
             name="heights",
         )
-        return {"surface": Picture((heights, Panel(partial(_draw_spectrum, surface=self.record), name="spectrum")), (10.5, 4.2))}
+        return {
+            "surface": Picture(
+                (heights, Panel(partial(_draw_spectrum, surface=self.record), name="spectrum")), (10.5, 4.2)
+            )
+        }
 
     def maps(self) -> dict[str, Any]:
         return {"surface": self.record}

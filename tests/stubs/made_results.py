@@ -95,6 +95,8 @@ def made_ensemble(random: bool = True, ages: bool = True, seed: int = 0) -> ca.E
 def made_trade() -> TradeMap:
     """A map of speed and accuracy with a front of combinations."""
 
+    observables = ["beta", "corrected_area", "friction_drop@1000 s"]
+
     def point(seconds: float, error: float, **choices: str) -> Point:
         return Point(
             choices=choices,
@@ -102,7 +104,7 @@ def made_trade() -> TradeMap:
             own=not choices,
             contact_seconds=[seconds, 1.1 * seconds, seconds],
             ageing_seconds=[0.1 * seconds] * 3,
-            differences={name: (error, 0.1 * error, 3) for name in ("beta", "corrected_area", "friction_drop@1000 s")},
+            differences=dict.fromkeys(observables, (error, 0.1 * error, 3)),
             values={"beta": 0.4},
             scatter={"beta": 0.05},
         )
@@ -114,7 +116,6 @@ def made_trade() -> TradeMap:
         point(0.5, 0.004, **{"engine.kind": "independent, coarse"}),
     ]
     more = {"scene": {"name": "made"}, "question": "q", "versions": {}, "machine": {}, "rounds": 3, "random": True}
-    observables = ["beta", "corrected_area", "friction_drop@1000 s"]
     return TradeMap(**more, replicas=10, observables=observables, points=points).marked()
 
 
@@ -152,7 +153,9 @@ def made_comparison() -> Comparison:
         thing = made_ensemble() if name == "mean" else made_aging(300 + 20 * number, 60.0 + 40 * number, number)
         entries.append(replace(Entry.of(thing), name=name))
     times = np.geomspace(0.1, 1e4, 6)
-    measured = ca.Measurements("afm", times, 0.1 + 0.02 * np.log10(times), "friction_coefficient_drop", 0.01 + 0 * times)
+    measured = ca.Measurements(
+        "afm", times, 0.1 + 0.02 * np.log10(times), "friction_coefficient_drop", 0.01 + 0 * times
+    )
     return Comparison(entries, (measured,))
 
 

@@ -218,7 +218,7 @@ def _draw(axes: Axes, medium: Medium, trade: TradeMap, name: str, style: _Style)
     _scale(axes.xaxis, [point.seconds(name) for point in points])
     _scale(axes.yaxis, [max(error, nothing) for error in errors])
     if any(error < nothing for error in errors):
-        text = {"textcoords": "offset points", "va": "center"}
+        text: dict[str, Any] = {"textcoords": "offset points", "va": "center"}
         axes.annotate("0", (0, nothing), xycoords=("axes fraction", "data"), xytext=(3, 0), **text)
     axes.set(xlabel="CPU time (s)", ylabel="error, at most (%)")
 
