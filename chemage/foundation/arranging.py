@@ -92,8 +92,7 @@ def _break_texts(figure: Figure) -> bool:
 
 def _column(axes: Axes) -> tuple[float, float]:
     """Left and right edge of what belongs to a plot, in pixels."""
-    figure, place = axes.get_figure(root=True), axes.get_subplotspec()
-    width = figure.bbox.width if figure is not None else 0.0
+    width, place = axes.figure.bbox.width, axes.get_subplotspec()
     if place is None:
         return 0.0, width
     columns = place.get_gridspec().ncols

@@ -133,10 +133,9 @@ def _draw_scale_bar(axes: Axes, width: float) -> None:
 
 def seen_blocks(axes: Axes) -> int:
     """Blocks of pixels along a side of a map, at most, that are all seen in ``axes``: each is a point of print wide."""
-    figure = axes.get_figure(root=True)
-    inches = 0.0 if figure is None else 72 * figure.get_size_inches()[0]
+    points = 72 * axes.figure.bbox.width / axes.figure.dpi
     columns = place.get_gridspec().ncols if (place := axes.get_subplotspec()) is not None else 1
-    return max(100, int(0.7 * inches / columns))
+    return max(100, int(0.7 * points / columns))
 
 
 def legend_entries(axes: Axes) -> tuple[list[Any], list[str]]:

@@ -6,6 +6,8 @@ tests/results/test_printed_figures.py`` draws the baselines again; look at them 
 
 from __future__ import annotations
 
+import csv
+import io
 import os
 import tomllib
 from functools import cache
@@ -14,7 +16,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_results import every_result, made_comparison
+from made_results import every_result, made_aging, made_comparison, made_contact, made_run, made_surface
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 from matplotlib.offsetbox import AnchoredOffsetbox
@@ -23,8 +26,9 @@ from PIL import Image
 from seen import comparison_figures, figures
 
 import chemage as ca
+from chemage.foundation.drawn import drawn_data
+from chemage.plugin import Scatter, looks
 from chemage.plugin import figures as plots
-from chemage.plugin import looks
 
 pytestmark = pytest.mark.drawn
 
@@ -162,3 +166,173 @@ def test_every_figure_looks_as_its_baseline(drawn):
     assert set(made) == set(known)
     changed = {name: far for name in made if (far := difference(made[name], known[name])) > DIFFERENT}
     assert changed == {}
+
+
+def test_a_curve_that_is_missing_is_seen(drawn):
+    figure = drawn("1")["force-friction"]
+    before = thumbnail(figure)
+    (bars,) = figure.axes[0].containers
+    for artist in (bars.lines[0], *bars.lines[1], *bars.lines[2]):
+        artist.set_visible(False)
+    assert difference(before, thumbnail(figure)) > 3 * DIFFERENT
+
+
+# -- looks ------------------------------------------------------------------------------------------------------------
+
+
+def test_the_usual_style_has_the_palette_and_text_as_text():
+    with looks.drawn_as():
+        assert looks.colours() == [colour.upper() for colour in plots.PALETTE]
+    settings = looks.Look().settings()
+    assert (settings["pdf.fonttype"], settings["svg.fonttype"]) == (42, "none")
+
+
+def test_colours_of_curves_differ_for_all_kinds_of_sight():
+    """Distances in CIELAB of the first seven colours as protanopes and deuteranopes see them (Viénot et al. 1999)."""
+    from matplotlib.colors import to_rgb
+
+    def seen(colour, kind):
+        linear = np.power(np.array(to_rgb(colour)), 2.2)
+        if kind != "all":
+            to_lms = np.array(
+                [[17.8824, 43.5161, 4.11935], [3.45565, 27.1554, 3.86714], [0.0299566, 0.184309, 1.46709]]
+            )
+            keep = {
+                "red": [[0, 2.02344, -2.52581], [0, 1, 0], [0, 0, 1]],
+                "green": [[1, 0, 0], [0.494207, 0, 1.24827], [0, 0, 1]],
+            }
+            linear = np.clip(np.linalg.inv(to_lms) @ np.array(keep[kind]) @ to_lms @ linear, 0, 1)
+        xyz = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]) @ linear
+        f = np.cbrt(xyz / [0.9505, 1.0, 1.089])
+        return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
+
+    for kind in ("all", "red", "green"):
+        for one, other in combinations(plots.PALETTE[:7], 2):
+            assert np.linalg.norm(seen(one, kind) - seen(other, kind)) > 9, (kind, one, other)
+
+
+def test_a_style_file_replaces_colours_fonts_and_lines(tmp_path):
+    file = tmp_path / "mine.mplstyle"
+    file.write_text('axes.prop_cycle: cycler("color", ["111111", "222222"])\naxes.titlesize: 11\nlines.linewidth: 3\n')
+    with looks.drawn_as(looks.Look.of("1", None, file)):
+        axes = figures(made_aging(load=0.0))["friction"].axes[0]
+    assert to_hex(axes.lines[0].get_color()) == "#111111"
+    assert axes.title.get_fontsize() == 11
+    assert axes.xaxis.label.get_fontsize() == 8
+
+
+def test_a_font_has_family_and_size(tmp_path):
+    with looks.drawn_as(looks.Look.of("2", "DejaVu Serif 10")):
+        made = figures(made_aging())
+        plots.save_figures(made, tmp_path, suffix="svg", data=True)
+    text = (tmp_path / "friction.svg").read_text()
+    assert "font-family: 'DejaVu Serif'" in text or "DejaVu Serif" in text
+    assert ">hold time (s)</text>" in text
+    assert made["friction"].axes[0].xaxis.label.get_fontsize() == 10
+    with looks.drawn_as():
+        plots.save_figures(figures(made_aging()), tmp_path, suffix="pdf")
+    assert b"/Type3" not in (tmp_path / "friction.pdf").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("width", "font", "style", "words"),
+    [
+        ("3", None, None, "neither one nor two columns"),
+        ("2 mm", None, None, "not between 50 and 1000 mm"),
+        ("3 s", None, None, "width"),
+        (None, "5", None, "not between 7 and 30 pt"),
+        (None, "Wingdinks 9", None, "is not installed"),
+        (None, None, "lines.linewith: 3", "line 1: matplotlib has no setting 'lines.linewith' .did you mean"),
+        (None, None, "\nlines.linewidth: thick", "line 2: "),
+        (None, None, "backend: pdf", "backend is a setting of the program"),
+        (None, None, "lines.linewidth 3", "is no setting; write NAME: VALUE"),
+    ],
+)
+def test_wrong_looks_are_refused(width, font, style, words, tmp_path):
+    file = tmp_path / "x.mplstyle"
+    if style:
+        file.write_text(style)
+    with pytest.raises(ca.InputError, match=words):
+        looks.Look.of(width, font, file if style else None)
+
+
+# -- single panels and numbers -----------------------------------------------------------------------------------------
+
+
+def test_panels_are_chosen_by_name():
+    aging = made_aging()
+    (name,) = figures(aging, ["slope"])
+    assert name == "friction-slope"
+    assert list(figures(aging, ["friction"])) == ["friction", "friction-slope"]
+    (one,) = figures(aging, ["friction-slope"]).values()
+    assert len(one.axes) == 1
+    with pytest.raises(ca.InputError, match="did you mean 'slope'.*choose of friction, slope"):
+        figures(aging, ["slop"])
+
+
+def table(figure: Figure) -> list[dict[str, str]]:
+    return list(csv.DictReader(io.StringIO(drawn_data(figure))))
+
+
+def test_the_table_beside_a_figure_has_its_numbers():
+    aging = made_aging()
+    rows = [row for row in table(figures(aging)["friction"]) if "replicas" in row["curve"] and row["panel"] == "1"]
+    assert [float(row["x"]) for row in rows] == aging.hold_times.tolist()
+    assert [float(row["y"]) for row in rows] == aging.mean_friction_coefficient_drop.tolist()
+    half = [0.5 * (float(row["high"]) - float(row["low"])) for row in rows]
+    assert half == pytest.approx(aging.friction_coefficient_drop_half_width)
+    assert rows[0]["y quantity"] == "friction coefficient drop Δμ"
+
+
+def test_bands_bars_and_maps_are_in_the_table():
+    inference = figures(every_result()["inference"])
+    band = [row for row in table(inference["density"]) if row["curve"] == "95 % band"]
+    one = every_result()["inference"].inference
+    low, high = one.band(0.95)
+    assert [(float(row["low"]), float(row["high"])) for row in band] == list(zip(low, high, strict=True))
+    heights = [row for row in table(figures(made_surface())["surface"]) if row["value"]]
+    assert (
+        np.array([float(row["value"]) for row in heights]).reshape(96, 96).T.tolist() == made_surface().heights.tolist()
+    )
+    assert len([row for row in table(inference["unknowns"]) if row["y"]]) >= 40
+
+
+def test_forecasts_and_measurements_have_the_colour_of_their_condition():
+    result = every_result()["inference"]
+    plots_ = figures(result)["forecasts"].axes
+    colours = {line.get_label(): to_hex(line.get_color()) for axes in plots_ for line in axes.lines}
+    measured = {label: colour for label, colour in colours.items() if label.startswith("measured")}
+    assert len(set(measured.values())) == 2
+    assert colours["load=20 nN, temperature=350 K"] == measured["measured: 20 nN, 350 K"]
+    shown = [label.partition(" (")[0] for label in colours if label.startswith("load")]
+    assert sorted(shown) == sorted(result.forecasts), "all of the table are drawn"
+    for label, one in result.forecasts.items():
+        lines = [line for axes in plots_ for line in axes.lines if str(line.get_label()).startswith(label)]
+        assert lines[0].get_ydata() == pytest.approx(one.band()[0] if one.bounds_only else one.median)
+
+
+def test_scatter_between_surfaces_is_drawn_where_it_is_larger_than_the_error_of_the_replicas(monkeypatch):
+    run = made_run(made_aging())
+    error = run.fit().relative_stderr
+    for scatter, expected in ((0.5 * error, []), (0.1, ["β of other surfaces, 95 % (± 20 %)"]), (None, []), (0.0, [])):
+        monkeypatch.setattr("chemage.scene.display.scatter_of", lambda *_, value=scatter: Scatter(value, "here"))
+        axes = figures(run)["friction"].axes[1]
+        assert [one.get_label() for one in axes.collections if "other" in str(one.get_label())] == expected
+
+
+def test_contacts_can_be_seen_and_the_zoom_is_where_its_box_is():
+    contact = made_contact()
+    with looks.drawn_as(looks.Look.of("1")):
+        figure = figures(contact)["pressure"]
+        whole, zoom = figure.axes[:2]
+        (box,) = whole.patches
+        assert box.get_bbox().extents == pytest.approx(zoom.viewLim.extents)
+        blocks = whole.images[0].get_array()
+        # a block is no smaller than a dot of a printer at 300 dpi, and contact is far from white
+        assert blocks.shape[0] <= whole.get_window_extent().width / figure.dpi * 300
+        low = whole.images[0].cmap(0.0)
+        assert min(low[:3]) < 0.3
+    for axes in (whole, zoom):
+        (bar,) = [one for one in axes.artists if isinstance(one, AnchoredOffsetbox)]
+        words = [text.get_text() for text in bar.findobj(Text)]
+        assert any(word.endswith("nm") for word in words)
