@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from chemage.foundation.figures import PALETTE, legend_entries
+from chemage.foundation.figures import PALETTE, decades_only, legend_entries
 from chemage.foundation.looks import SMALLEST_FONT, colours
 
 if TYPE_CHECKING:
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 _MOST_LEGEND = 0.25
 #: pt between a plot's labels and the legend below them
 _GAP = 4.0
+#: a longer axis has no ticks between decades
+_DECADES = 1e4
 #: pixels of a figure at 100 dpi between tick labels, at least
 _APART = 3.0
 
@@ -33,6 +35,8 @@ _APART = 3.0
 def arrange(figure: Figure) -> None:
     """Make everything in a drawn figure fit; the height of the figure may grow."""
     _recolour(figure)
+    for axes in figure.axes:
+        decades_only(*(axis for axis in (axes.xaxis, axes.yaxis) if _is_long(axis)))
     for text in _texts(figure):
         text.set_fontsize(max(text.get_fontsize(), SMALLEST_FONT))
     for axes in figure.axes:
@@ -51,6 +55,7 @@ def arrange(figure: Figure) -> None:
             figure.set_size_inches(width, height + lost / figure.dpi)
             _lay_out(figure)
     _thin_ticks(figure)
+    figure.set_layout_engine("none")  # it is laid out
 
 
 def _lay_out(figure: Figure) -> None:
@@ -197,6 +202,12 @@ def _thin_ticks(figure: Figure) -> None:
                 if not _touch(name, axis, _APART * figure.dpi / 100):
                     break
                 _thinned(axis)
+
+
+def _is_long(axis: Axis) -> bool:
+    """Whether an axis is logarithmic over many decades, whose ticks between them nobody reads and take long to draw."""
+    low, high = sorted(axis.get_view_interval())
+    return axis.get_scale() == "log" and 0 < low and high / low > _DECADES
 
 
 def _touch(name: str, axis: Axis, apart: float) -> bool:

@@ -47,9 +47,9 @@ def test_a_scene_that_asks_for_it_is_told_so(path, answer):
 
 
 def test_a_component_and_a_kind_are_told_too():
-    with pytest.raises(ca.InputError, match="adhesion: no such option .adhesion is not modelled"):
+    with pytest.raises(ca.InputError, match=r"adhesion: no such option .adhesion is not modelled"):
         ca.contact("hertz", modulus=35.3, adhesion=0.1)
-    with pytest.raises(ca.InputError, match="no contact 'jkr' .adhesion is not modelled"):
+    with pytest.raises(ca.InputError, match=r"no contact 'jkr' .adhesion is not modelled"):
         ca.contact("jkr")
 
 

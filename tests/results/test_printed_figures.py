@@ -42,9 +42,13 @@ WIDTHS = ("1", "2", pytest.param(None, marks=pytest.mark.long))
 
 
 @pytest.fixture(scope="module")
-def drawn(quick_figures):
+def results(quick_figures):
+    return every_result()
+
+
+@pytest.fixture(scope="module")
+def drawn(results):
     """Name -> figure of all results by width, drawn once."""
-    results = every_result()
 
     @cache
     def at(width: str | None) -> dict[str, Figure]:
@@ -266,7 +270,7 @@ def test_panels_are_chosen_by_name():
     assert list(figures(aging, ["friction"])) == ["friction", "friction-slope"]
     (one,) = figures(aging, ["friction-slope"]).values()
     assert len(one.axes) == 1
-    with pytest.raises(ca.InputError, match="did you mean 'slope'.*choose of friction, slope"):
+    with pytest.raises(ca.InputError, match=r"did you mean 'slope'.*choose of friction, slope"):
         figures(aging, ["slop"])
 
 
@@ -284,10 +288,10 @@ def test_the_table_beside_a_figure_has_its_numbers():
     assert rows[0]["y quantity"] == "friction coefficient drop Δμ"
 
 
-def test_bands_bars_and_maps_are_in_the_table():
-    inference = figures(every_result()["inference"])
+def test_bands_bars_and_maps_are_in_the_table(results, drawn):
+    inference = {name.removeprefix("inference-"): one for name, one in drawn("2").items()}
     band = [row for row in table(inference["density"]) if row["curve"] == "95 % band"]
-    one = every_result()["inference"].inference
+    one = results["inference"].inference
     low, high = one.band(0.95)
     assert [(float(row["low"]), float(row["high"])) for row in band] == list(zip(low, high, strict=True))
     heights = [row for row in table(figures(made_surface())["surface"]) if row["value"]]
@@ -297,9 +301,9 @@ def test_bands_bars_and_maps_are_in_the_table():
     assert len([row for row in table(inference["unknowns"]) if row["y"]]) >= 40
 
 
-def test_forecasts_and_measurements_have_the_colour_of_their_condition():
-    result = every_result()["inference"]
-    plots_ = figures(result)["forecasts"].axes
+def test_forecasts_and_measurements_have_the_colour_of_their_condition(results, drawn):
+    result = results["inference"]
+    plots_ = drawn("2")["inference-forecasts"].axes
     colours = {line.get_label(): to_hex(line.get_color()) for axes in plots_ for line in axes.lines}
     measured = {label: colour for label, colour in colours.items() if label.startswith("measured")}
     assert len(set(measured.values())) == 2
