@@ -11,7 +11,7 @@ import numpy as np
 
 from chemage.contacts.options import force_text, pressure_text
 from chemage.contacts.solution import ContactSolution, ContactStatistics
-from chemage.foundation.figures import BLUE, GREEN, draw_map, from_zero, pooled, seen_blocks
+from chemage.foundation.figures import BLUE, GREEN, draw_map, from_zero, pooled, pressure_colours, seen_blocks
 from chemage.foundation.result import NONE, Compared, Curve, Medium, OfRecord, Panel, Picture, Rows, displays
 
 if TYPE_CHECKING:
@@ -245,14 +245,8 @@ def draw_pressure(axes: Axes, medium: Medium, contact: ContactSolution, *, zoom:
 
 
 def _style(contact: ContactSolution) -> dict[str, Any]:
-    """Colours from orange to black: even the lowest pressure is seen on white."""
-    from matplotlib import colormaps
-    from matplotlib.colors import LinearSegmentedColormap
-
     low, top = float(contact.pressure.min()), float(contact.pressure.max()) or 1.0
-    seen = colormaps["inferno_r"](np.linspace(0.2, 1.0, 256))
-    colours = LinearSegmentedColormap.from_list("pressure", list(seen), 256)
-    return {"cmap": colours, "vmin": low if low < top else 0.0, "vmax": top}
+    return {"cmap": pressure_colours(), "vmin": low if low < top else 0.0, "vmax": top}
 
 
 def _draw_only_patch(axes: Axes, medium: Medium, contact: ContactSolution) -> None:

@@ -43,10 +43,16 @@ def arrange(figure: Figure) -> None:
         # what is inside plots does not make them smaller
         for inside in (*axes.texts, *((legend,) if (legend := axes.get_legend()) is not None else ())):
             inside.set_in_layout(False)
+    # the size that plots would have alone, which they keep
+    beside = [*figure.legends, *filter(None, [_title_of(figure)])]
+    for artist in beside:
+        artist.set_in_layout(False)
     _lay_out(figure)
     before = _height_of_plots(figure)
+    for artist in beside:
+        artist.set_in_layout(True)
     changed = _break_texts(figure) | _move_legends(figure)
-    if changed:
+    if changed or beside:
         _lay_out(figure)
         # what was added above and below the plots is added to the figure
         lost = before - _height_of_plots(figure)
@@ -78,10 +84,14 @@ def _texts(figure: Figure) -> list[Text]:
     return [text for text in figure.findobj(Text) if isinstance(text, Text)]
 
 
+def _title_of(figure: Figure) -> Text | None:
+    return figure._suptitle  # pyright: ignore[reportAttributeAccessIssue]
+
+
 def _break_texts(figure: Figure) -> bool:
     """Break titles and labels of axes into lines that have room."""
     changed = False
-    if (above := figure._suptitle) is not None:  # pyright: ignore[reportAttributeAccessIssue]
+    if (above := _title_of(figure)) is not None:
         changed |= broken(above, 0.98 * figure.bbox.width)
     for axes in figure.axes:
         plot = axes.get_window_extent()
@@ -207,7 +217,7 @@ def _thin_ticks(figure: Figure) -> None:
 def _is_long(axis: Axis) -> bool:
     """Whether an axis is logarithmic over many decades, whose ticks between them nobody reads and take long to draw."""
     low, high = sorted(axis.get_view_interval())
-    return axis.get_scale() == "log" and 0 < low and high / low > _DECADES
+    return axis.get_scale() == "log" and low > 0 and high / low > _DECADES
 
 
 def _touch(name: str, axis: Axis, apart: float) -> bool:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis
     from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.colors import Colormap
     from matplotlib.figure import Figure
 
 #: colour-blind safe (Okabe & Ito 2008)
@@ -129,6 +130,14 @@ def _draw_scale_bar(axes: Axes, width: float) -> None:
     bar.size_bar.get_children()[0].set(linewidth=1.5, color=BLACK)
     bar.patch.set(alpha=0.8, linewidth=0)
     axes.add_artist(bar)
+
+
+def pressure_colours() -> Colormap:
+    """Colours from orange to black: even the lowest pressure is seen on white."""
+    from matplotlib import colormaps
+    from matplotlib.colors import LinearSegmentedColormap
+
+    return LinearSegmentedColormap.from_list("pressure", list(colormaps["inferno_r"](np.linspace(0.2, 1.0, 256))), 256)
 
 
 def seen_blocks(axes: Axes) -> int:

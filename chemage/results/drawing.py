@@ -35,6 +35,7 @@ from chemage.foundation.figures import (
     plain,
     plots,
     pooled,
+    pressure_colours,
 )
 from chemage.foundation.looks import drawn_as
 from chemage.foundation.result import Curve, drawn_picture, result_of, single_panels
@@ -247,7 +248,7 @@ _EXPECTED = 'give its edges "X0 X1 Y0 Y1" in nm, or with units, such as "0 1um 2
 #: map -> its name in words, how blocks of pixels are joined, colours
 _MAPS = {
     "surface/heights": ("height", np.mean, "cividis"),
-    "contact/pressure": ("pressure", np.max, "inferno_r"),
+    "contact/pressure": ("pressure", np.max, None),
     "contact/gap": ("gap", np.mean, "viridis"),
 }
 
@@ -445,7 +446,7 @@ def window_figure(path: Path, window: str | Sequence[float | str]) -> Figure:
             part, extent = _part(stored, lengths, window)
             values = pooled(part, pool)
             shown = np.ma.masked_equal(values, 0.0) if name == "contact/pressure" else values
-            draw_map(entry, shown, extent, f"{label} ({stored.unit})", cmap=colours)
+            draw_map(entry, shown, extent, f"{label} ({stored.unit})", cmap=colours or pressure_colours())
             entry.set_title(f"{part.shape[0]} x {part.shape[1]} pixels of {stored.pixel_size:g} nm")
         arrange(figure)
     return figure

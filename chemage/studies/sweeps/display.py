@@ -13,6 +13,7 @@ import numpy as np
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
 from chemage.foundation.figures import BLUE, PALETTE, from_zero, plain, shared_legend
+from chemage.foundation.looks import current
 from chemage.foundation.names import __version__
 from chemage.foundation.result import Medium, Panel, Picture, Result, Rows, Table, displays, result_of
 from chemage.foundation.text import jsonable
@@ -199,7 +200,8 @@ def _picture(data: SweepData, view: View, names: Sequence[str], heat: bool) -> t
 
     to = "-and-" if as_map else "-by-"
     name = f"{'-'.join(names)}-against-{view.x}{to + view.lines if view.lines else ''}"
-    return name, Picture(drawn, (4.9 * len(drawn) + legend, 4.1), finish=finish)
+    beside = legend if current().width is None else 0.0
+    return name, Picture(drawn, (4.9 * len(drawn) + beside, 4.1), finish=finish)
 
 
 def _title(data: SweepData, view: View, found: Sequence[Quantity], *, bands: bool) -> str:

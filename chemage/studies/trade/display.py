@@ -103,7 +103,7 @@ class TradeDisplay(Result):
         """
         style, names = _Style(self.trade), _shown(self.trade)
         columns = min(max(len(names), 1), _COLUMNS)
-        height = 2.9 * max(-(-len(names) // columns), 1) + 0.9
+        height = 2.9 * max(-(-len(names) // columns), 1)
         panels = []
         for name in names:
             caption = f"Error of the {words(name)} against CPU time; filled: combinations; line: Pareto front."
