@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from seen import limits
 
 import chemage as ca
-from chemage.foundation.limits import ABSENT, PAGE
-from chemage.plugin import nearest
+from chemage.plugin import nearest, registry
 
 ROOT = Path(__file__).parents[2]
 SCENE = {
@@ -42,7 +42,7 @@ def test_a_scene_that_asks_for_it_is_told_so(path, answer):
         ca.parse_scene({**SCENE, section: value})
     (line,) = [line for line in str(error.value).splitlines() if path in line]
     assert answer in line
-    assert f"see {PAGE}" in line
+    assert f"see {limits.PAGE}" in line
     assert "did you mean" not in line
 
 
@@ -60,9 +60,6 @@ def test_what_is_known_or_mistyped_is_what_it_was():
 
 
 def test_no_option_of_chemage_is_among_what_is_absent():
-    from chemage.foundation.limits import not_modelled
-    from chemage.plugins import registry
-
     plugins = registry.current()
     options = {
         name
@@ -71,13 +68,13 @@ def test_no_option_of_chemage_is_among_what_is_absent():
         for name in plugins.component(role, kind).model_fields
     }
     assert len(options) > 40
-    assert [name for name in options if not_modelled(name)] == []
+    assert [name for name in options if limits.not_modelled(name)] == []
 
 
 def test_the_page_names_every_answer_and_is_short():
-    text = (ROOT / PAGE).read_text(encoding="utf-8")
+    text = (ROOT / limits.PAGE).read_text(encoding="utf-8")
     assert len(text.split()) < 400
     words = ("water", "sliding", "temperature", "wear", "plastic", "adhesion", "viscoelasticity", "inertia")
-    assert len(words) == len(ABSENT)
+    assert len(words) == len(limits.ABSENT)
     assert all(word in text.lower() for word in words)
-    assert PAGE in (ROOT / "README.md").read_text(encoding="utf-8").split("## Install")[0]
+    assert limits.PAGE in (ROOT / "README.md").read_text(encoding="utf-8").split("## Install")[0]

@@ -14,6 +14,7 @@ from functools import cache
 from itertools import combinations
 from pathlib import Path
 
+import faults as faults_made
 import numpy as np
 import pytest
 from made_results import every_result, made_aging, made_comparison, made_contact, made_run, made_surface
@@ -23,12 +24,11 @@ from matplotlib.legend import Legend
 from matplotlib.offsetbox import AnchoredOffsetbox
 from matplotlib.text import Text
 from PIL import Image
-from seen import comparison_figures, figures
+from seen import comparison_figures, drawn_data, figures
 
 import chemage as ca
-from chemage.foundation.drawn import drawn_data
-from chemage.plugin import Scatter, looks
 from chemage.plugin import figures as plots
+from chemage.plugin import looks
 
 pytestmark = pytest.mark.drawn
 
@@ -319,7 +319,7 @@ def test_scatter_between_surfaces_is_drawn_where_it_is_larger_than_the_error_of_
     run = made_run(made_aging())
     error = run.fit().relative_stderr
     for scatter, expected in ((0.5 * error, []), (0.1, ["β of other surfaces, 95 % (± 20 %)"]), (None, []), (0.0, [])):
-        monkeypatch.setattr("chemage.scene.display.scatter_of", lambda *_, value=scatter: Scatter(value, "here"))
+        faults_made.known_scatter(monkeypatch, scatter)
         axes = figures(run)["friction"].axes[1]
         assert [one.get_label() for one in axes.collections if "other" in str(one.get_label())] == expected
 
