@@ -18,10 +18,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from chemage.foundation.errors import InputError
-from chemage.foundation.figures import panels, png
+from chemage.foundation.figures import png
 from chemage.foundation.files import preflight, write_file
+from chemage.foundation.looks import drawn_as
 from chemage.foundation.names import __version__
-from chemage.foundation.result import NONE, PAGE, Panel, Result, Table
+from chemage.foundation.result import NONE, Panel, Picture, Result, Table, drawn_picture
 from chemage.results.comparison import Comparison, Difference, Entry, compare_files
 from chemage.results.drawing import brought_figures, curve_figures
 
@@ -275,8 +276,7 @@ def _brought(comparison: Comparison, key: str) -> list[tuple[Any, str]]:
 
 
 def _panel(panel: Panel, anchor: str, approximate: str) -> tuple[Any, str]:
-    figure, (axes,) = panels(*panel.size)
-    panel.draw(axes, PAGE)
+    figure = drawn_picture(Picture((panel,), panel.size))
     alt = panel.alt or panel.caption
     return _markup(png(figure, alt) if panel.is_map else svg(figure, alt, anchor)), panel.caption + approximate
 
@@ -299,7 +299,7 @@ def svg(figure: Figure, alt: str, key: str) -> str:
 
     data = io.StringIO()
     nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
-    with mpl.rc_context({"svg.fonttype": "path", "svg.hashsalt": "chemage"}):
+    with drawn_as(), mpl.rc_context({"svg.fonttype": "path", "svg.hashsalt": "chemage"}):
         figure.savefig(data, format="svg", transparent=True, metadata=nothing)
     text = data.getvalue()
     text = text[text.index("<svg") :]
