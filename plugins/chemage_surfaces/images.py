@@ -184,7 +184,7 @@ class Measured(ImageMaker):
         InputError
             The image needs a step that was not asked for, or units that are not stated; or an option does not fit it.
         """
-        surface, fault = _made(self, *self._opened())
+        surface, fault = _made(self, *self._opened())  # pyright: ignore[reportArgumentType]
         if surface is None:
             raise InputError(fault)
         return surface
