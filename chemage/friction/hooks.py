@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
-from chemage.plugins.hooks import Parts, Stage, Stated, hookimpl, hookspec
+from chemage.plugins.hooks import Doubt, Parts, Stage, Stated, hookimpl, hookspec
 
 if TYPE_CHECKING:
     import numpy as np
@@ -58,6 +58,11 @@ class _Rupture(Stage):
         chemistry = parts["chemistry"]
         mean = f"mean force of {chemistry.bond_force:g} nN per bond, front factor {chemistry.front_factor:g}"
         return {self.section: mean}
+
+    def doubts(self, parts: Parts, stated: Stated) -> Iterator[Doubt]:
+        if self.section in parts and "hold" in parts:
+            for text in parts[self.section].check(parts["chemistry"], parts["hold"].temperature) or ():
+                yield Doubt("parts", text)
 
 
 STAGES = (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
@@ -109,6 +110,16 @@ class Rupture(Component, ABC):
         #: asks for the state of every site at every hold time, :attr:`chemage.plugin.Bonded.states`; the engine must be
         #: able to resume from a history (``restart``)
         states: ClassVar[bool] = False
+
+    def check(self, chemistry: Chemistry, temperature: float) -> Sequence[str] | None:
+        """Refuse, before anything is computed, what :meth:`force` would refuse at ``temperature`` (K); return doubts as
+        sentences. Used by ``chemage check``.
+
+        Raises
+        ------
+        InputError
+            Naming what the law cannot treat, and the remedy.
+        """
 
     @abstractmethod
     def force(self, bonded: Bonded) -> np.ndarray:

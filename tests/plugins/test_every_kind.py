@@ -102,6 +102,11 @@ CASES: dict[tuple[str, str], list[dict[str, Any]]] = {
     ("engine", "auto"): [{}],
     ("ageing", "closure"): [{}],
     ("ageing", "sample"): [{"share": 0.3, "window": 4}],
+    ("rupture", "bell"): [{"transition_distance": 0.05, "speed": 1e3, "stiffness": 10}],
+    ("rupture", "dudko-hummer-szabo"): [
+        {"transition_distance": 0.03, "loading_rate": 1e3, "shape": shape} for shape in ("cusp", "cubic", "bell")
+    ],
+    ("rupture", "friddle"): [{"transition_distance": 0.03, "loading_rate": 1e3, "front_factor": 0.5}],
     ("rupture", "mean-force"): [{}, {"bond_force": "100 pN", "front_factor": 0.15}],
     ("observable", "barrier-spectrum"): [{}, {"lower": "0.9 eV", "upper": 1.2, "bins": 7}],
     ("observable", "pressure-spectrum"): [{}, {"upper": "1 GPa", "bins": 7}],
