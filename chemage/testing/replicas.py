@@ -339,8 +339,9 @@ def _until(bonded: Bonded, number: int) -> Bonded:
 
 @check_of(Rupture)
 def _unbonded_sites_do_not_matter(component: Rupture) -> None:
-    """A law that asks for the states does not depend on the barriers of sites that have no bond."""
-    if not component.states:
+    """A law that asks for the states does not depend on the barriers of sites that have no bond, unless it follows them
+    on (``sampled``)."""
+    if not component.states or component.sampled:
         return
     bonded = _some(component)
     lattice, open_sites = bonded.lattice, ~bonded.history.state

@@ -243,7 +243,8 @@ class UnderForce(Rupture):
         if mean < ramp.thermal:
             doubts.append(
                 f"{about} bonds break at {mean:.3g} nN, below k_BT/Δx = {ramp.thermal:.3g} nN: they break by "
-                f"themselves before {self.rate:.3g} nN/s loads them; use a larger loading rate, or [breaking] with higher barriers"
+                f"themselves before {self.rate:.3g} nN/s loads them; use a larger loading rate, or higher barriers "
+                "in [breaking]"
             )
         return doubts
 
