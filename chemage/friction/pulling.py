@@ -50,8 +50,9 @@ class Drive(Component):
     """κ, stiffness of a bond with what holds it, nN/nm"""
     transition_distance: Length
     """Δx, from the bound state to the transition state along the pull, nm"""
-    shape: Literal["cusp", "cubic", "bell"] = "cubic"
-    """energy along the pull, as in the rupture law ``dudko-hummer-szabo``; default: linear-cubic"""
+    shape: Literal["cusp", "cubic", "constant"] = "cubic"
+    """energy along the pull: a cusp (ν = 1/2), linear-cubic (ν = 2/3), or Bell's constant distance (ν = 1); default:
+    linear-cubic"""
     partner: Literal["kept", "new"] = "new"
     """what a site meets whose bond broke: ``new``, another site, its forming barrier drawn anew from the distribution;
     ``kept``, the same one; default: new"""
@@ -59,7 +60,7 @@ class Drive(Component):
     @property
     def exponent(self) -> float:
         """ν of the shape."""
-        return {"cusp": 0.5, "cubic": 2.0 / 3.0, "bell": 1.0}[self.shape]
+        return {"cusp": 0.5, "cubic": 2.0 / 3.0, "constant": 1.0}[self.shape]
 
 
 class Partners(NamedTuple):
@@ -350,7 +351,7 @@ def pull(
     PluginError
         What the engine or a plugin gave contradicts itself or the lattice.
     """
-    expect("engine", engine, Pulling, 'make one with chemage.pulling("exact")')
+    expect(Pulling.role, engine, Pulling, 'make one with chemage.pulling("...")')
     expect("drive", drive, Drive, "make one with chemage.plugin.Drive(speed=...)")
     partners = None
     if drive.partner == "new" and chemistry is not None and contact is not None:

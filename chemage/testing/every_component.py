@@ -349,7 +349,7 @@ def _results(component: Component) -> dict[str, Sequence[PlottedResult]]:
     chemistry, maps = Chemistry(forming=Even(), activation_volume=0.04), Maps(contact, surface)
     with recording() as block:
         if isinstance(component, Rupture) and component.outputs:
-            component.force(bonded_of(component, with_states(finished(40, 17))))
+            component.force(bonded_of(component, with_states(finished(40, 17, times=(0.1, 1.0, 10.0)))))
     recorded = {name: np.stack([made.declared.values] * 2) for name, made in block.items()}
 
     def result(label: str, most: int, color: str, **changes: Any) -> PlottedResult:

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 #: shape of the energy along the reaction coordinate -> ν
-EXPONENTS = {"cusp": 0.5, "cubic": 2.0 / 3.0, "bell": 1.0}
+EXPONENTS = {"cusp": 0.5, "cubic": 2.0 / 3.0, "constant": 1.0}
 #: bonds over which a distribution is averaged at most, and the forces at which it is recorded
 BONDS, FORCES = 1000, 400
 #: nodes of the quadrature below and above a hazard of LOW; below NONE survival is 1, above ALL it is 0
@@ -292,7 +292,7 @@ class DudkoHummerSzabo(UnderForce):
     kind = "dudko-hummer-szabo"
     cite = ("O. K. Dudko, G. Hummer, A. Szabo, Phys. Rev. Lett. 96, 108101 (2006)",)
 
-    shape: Literal["cusp", "cubic", "bell"] = "cubic"
+    shape: Literal["cusp", "cubic", "constant"] = "cubic"
     """energy along the pull: a cusp (ν = 1/2), linear-cubic (ν = 2/3), or Bell's constant distance (ν = 1)"""
 
     @property

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from chemage_kinetics.engines import NextReaction as NextReaction
     from chemage_kinetics.engines import RejectionFree as RejectionFree
     from chemage_kinetics.pulled import Pulled as Pulled
-    from chemage_kinetics.pulling import Exact as Exact
+    from chemage_kinetics.pulling import EventDriven as EventDriven
 
 KINDS = {
     "engine": {
@@ -23,8 +23,8 @@ KINDS = {
         "next-reaction": "chemage_kinetics.engines:NextReaction",
         "independent": "chemage_kinetics.engines:Independent",
     },
-    "pulling": {"exact": "chemage_kinetics.pulling:Exact"},
-    "rupture": {"pull": "chemage_kinetics.pulled:Pulled"},
+    "pulling": {"event-driven": "chemage_kinetics.pulling:EventDriven"},
+    "rupture": {"pulled": "chemage_kinetics.pulled:Pulled"},
 }
 
 __getattr__ = lazy_attributes(KINDS)

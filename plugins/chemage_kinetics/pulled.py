@@ -25,7 +25,7 @@ from chemage.plugin import (
     pull,
     text,
 )
-from chemage_kinetics.pulling import Exact
+from chemage_kinetics.pulling import EventDriven
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -45,7 +45,7 @@ class Pulled(Rupture, Drive):
     of the way is recorded as the kinetic friction. Bonds rupture as in ``dudko-hummer-szabo``.
     """
 
-    kind = "pull"
+    kind = "pulled"
     states = True
     sampled = True
     cite = (
@@ -79,8 +79,8 @@ class Pulled(Rupture, Drive):
     """displacements at which force and bonds are recorded; the largest force is that of all events; default: 200"""
     frames: int = Field(default=4, ge=1, le=1000)
     """maps of the bonds; default: 4"""
-    engine: Choice[Pulling] = Exact()  # pyright: ignore[reportAssignmentType]
-    """the engine that pulls; default: exact"""
+    engine: Choice[Pulling] = EventDriven()  # pyright: ignore[reportAssignmentType]
+    """the engine that pulls; default: event-driven"""
 
     @model_validator(mode="after")
     def _moves(self) -> Self:
@@ -153,14 +153,14 @@ class Pulled(Rupture, Drive):
         return {"cpu_seconds": replicas * hold_times * (2e-3 + 2e-6 * sites)}
 
     def _lasting(self) -> str:
-        return "rupture 'pull' needs the barriers to breaking a bond, and here bonds last; give [breaking]"
+        return "rupture 'pulled' needs the barriers to breaking a bond, and here bonds last; give [breaking]"
 
     def check(self, chemistry: Chemistry, temperature: float) -> Sequence[str]:
         """See :meth:`chemage.plugin.Rupture.check`."""
         if chemistry.breaking is None:
             raise InputError(self._lasting())
         if self.bond_stiffness == 0:
-            return ["rupture 'pull': bond_stiffness = 0, so that no bond carries a force"]
+            return ["rupture 'pulled': bond_stiffness = 0, so that no bond carries a force"]
         barrier = max(float(chemistry.breaking.quantile(np.array([0.5]))[0]), 0.0)
         # at the force at which a bond breaks within the time in which its force grows by k_BT/Δx
         thermal = KB * temperature
@@ -170,7 +170,7 @@ class Pulled(Rupture, Drive):
         force = barrier / EV_PER_GPA_NM3 / (self.exponent * self.transition_distance) * (1 - left**self.exponent)
         stretch = force / self.bond_stiffness
         if self.distance < stretch:
-            about = f"rupture 'pull': bonds break at about {force:.3g} nN, when stretched by {stretch:.3g} nm"
+            about = f"rupture 'pulled': bonds break at about {force:.3g} nN, when stretched by {stretch:.3g} nm"
             return [f"{about}, but the drive moves by {self.distance:g} nm: pull further, or there may be no peak"]
         return []
 

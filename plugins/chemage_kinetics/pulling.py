@@ -22,14 +22,14 @@ MOST_WINDOWS = 2**31
 MOST_EVENTS = 1e10
 
 
-class Exact(Pulling):
+class EventDriven(Pulling):
     """Every bond that forms and breaks is an event; rates that grow with the force are followed exactly, by thinning.
 
     A bond has the rate that it would have after a bounded way of the slider, and breaks with the probability of its
     present rate over that one. Between events the balance of spring, bonds and friction is solved in closed form.
     """
 
-    kind = "exact"
+    kind = "event-driven"
     cite: ClassVar[tuple[str, ...]] = ("P. A. W. Lewis, G. S. Shedler, Nav. Res. Logist. Q. 26, 403 (1979)",)
 
     def _run(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 import scipy.sparse as sp
@@ -26,7 +26,7 @@ def lattice_of(n: int, forming, breaking) -> ca.ReactionLattice:
 
 
 def drive_of(speed: float, **options) -> Drive:
-    fields = {"bond_stiffness": 10.0, "transition_distance": 0.05, "partner": "kept", "shape": "bell"}
+    fields = {"bond_stiffness": 10.0, "transition_distance": 0.05, "partner": "kept", "shape": "constant"}
     return Drive(speed=speed, **{**fields, **options})
 
 
@@ -48,10 +48,10 @@ class Independent:
         )
         ramp = law.ramp(np.array([self.breaking]), 300.0, 1e13)
         scale = ramp.thermal / self.drive.bond_stiffness
-        # hazard 0 to 60, evenly in the logarithm as far as it begins, then evenly in the stretch
-        low, high = 1e-9 * scale, 4 * float(law.mean_forces(np.array([self.breaking]), 300.0)[0]) / self.drive.bond_stiffness
-        high = max(high, 100 * scale * float(law.mean_forces(np.array([self.breaking]), 300.0)[0]) / ramp.thermal)
-        edges = np.unique(np.concatenate([[0.0], np.geomspace(min(low, 1e-9 * high), high, 40_000), np.linspace(0, high / 20, 40_001)]))
+        mean = float(law.mean_forces(np.array([self.breaking]), 300.0)[0]) / self.drive.bond_stiffness
+        # logarithmic where bonds break long before they are loaded, even where the hazard rises
+        edges = np.concatenate([[0.0], np.geomspace(1e-6 * mean, 60 * mean, 4000), np.linspace(0, 2 * mean, 4001)[1:]])
+        edges = np.unique(edges)
         self.stretch = edges
         self.hazard = ramp.hazard(edges / scale)[0]
         self.survival = np.exp(-self.hazard)
@@ -68,15 +68,21 @@ class Independent:
         below = v / self.k_on + float(np.real(self.integral(survival)))
         return self.drive.bond_stiffness * float(np.real(self.integral(s * survival))) / below
 
-    def critical_stiffness(self) -> float:
-        """K per site below which steady sliding is unstable: the largest −Re λG(λ) at λ = iω where its imaginary part
-        is zero; G is the change of the force per change of the speed (:meth:`response`)."""
-        omega = np.geomspace(1e-3, 1e3, 3000) * self.speed / self.drive.bond_stiffness
+    def critical(self) -> tuple[float, float]:
+        """The stiffness per site below which steady sliding is unstable, and the frequency (rad/s) that grows first.
+
+        A perturbation exp(λt) goes on where K = −λG(λ), G the change of the force per change of the speed
+        (`response`): here λ = iω, the imaginary part is zero, and K the largest. 0 where none is.
+        """
+        omega = np.geomspace(1.0, 300.0, 600) * self.speed
         values = np.array([1j * w * self.response(1j * w) for w in omega])
         cross = np.flatnonzero(np.diff(np.sign(values.imag)))
         share = values.imag[cross] / (values.imag[cross] - values.imag[cross + 1])
         crossings = -(values.real[cross] + share * (values.real[cross + 1] - values.real[cross]))
-        return float(crossings.max(initial=0.0))
+        if not crossings.size or crossings.max() <= 0:
+            return 0.0, 0.0
+        first = int(np.argmax(crossings))
+        return float(crossings[first]), float(omega[cross[first]])
 
     def response(self, rate: complex) -> complex:
         """Force per site over a small change of the speed that goes as exp(rate t)."""
@@ -148,7 +154,8 @@ def master_equation(lattice: ca.ReactionLattice, drive: Drive, end: float, steps
         ones = np.ones(source.size)
         parts.append(
             sp.csr_matrix(
-                (np.concatenate([ones, -ones]), (np.concatenate([target, source]), np.concatenate([source, source]))), size
+                (np.concatenate([ones, -ones]), (np.concatenate([target, source]), np.concatenate([source, source]))),
+                size,
             )
         )
     scale = KT * EV_PER_NM / drive.transition_distance
@@ -156,7 +163,7 @@ def master_equation(lattice: ca.ReactionLattice, drive: Drive, end: float, steps
     state[0] = 1.0
     # equal steps where bonds break, one long one before
     times = np.concatenate([[0.0], np.linspace(0.4 * end, end, steps)])
-    for low, high in zip(times[:-1], times[1:], strict=True):
+    for low, high in pairwise(times):
         force = drive.bond_stiffness * drive.speed * (low + high) / 2 / scale
         matrix = forming.copy()
         for i, part in enumerate(parts):
@@ -166,7 +173,7 @@ def master_equation(lattice: ca.ReactionLattice, drive: Drive, end: float, steps
 
 
 def codes(pulled, count: int) -> np.ndarray:
-    """The state of each patch, as :func:`master_equation` numbers them."""
+    """The state of each patch, as `master_equation` numbers them."""
     state, slips = pulled.state.reshape(count, 9), pulled.slips.reshape(count, 9)
     digits = np.where(slips == 0, 0, np.where(state, 2, 1))
     return digits @ 3 ** np.arange(8, -1, -1)

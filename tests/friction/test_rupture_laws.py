@@ -15,7 +15,7 @@ from chemage import InputError
 
 KB = ca.plugin.KB
 EV_PER_NM = 0.1602176634  # nN
-EXPONENTS = {"cusp": 0.5, "cubic": 2 / 3, "bell": 1.0}
+EXPONENTS = {"cusp": 0.5, "cubic": 2 / 3, "constant": 1.0}
 LENGTH, BARRIER = 0.03, 1.1
 
 
@@ -71,7 +71,7 @@ def test_bell_is_its_closed_form_and_the_case_of_the_general_law(decade):
     barriers = np.array([BARRIER])
     assert law("bell", loading).mean_forces(barriers, 300.0)[0] == pytest.approx(scale * e1, rel=1e-7)
     for kind in ("dudko-hummer-szabo", "friddle"):
-        same = law(kind, loading, shape="bell").mean_forces(barriers, 300.0)[0]
+        same = law(kind, loading, shape="constant").mean_forces(barriers, 300.0)[0]
         assert same == pytest.approx(law("bell", loading).mean_forces(barriers, 300.0)[0], rel=1e-12)
 
 
