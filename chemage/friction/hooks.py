@@ -3,7 +3,7 @@ that follow them while the contact is pulled."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from chemage.plugins.hooks import Doubt, Parts, Stage, Stated, hookimpl, hookspec
@@ -113,6 +113,15 @@ class _Rupture(Stage):
         if self.section in parts and "hold" in parts:
             for text in parts[self.section].check(parts["chemistry"], parts["hold"].temperature) or ():
                 yield Doubt("parts", text)
+
+    def doubts_of_sweep(self, parts: Parts, varied: Collection[str]) -> Iterator[Doubt]:
+        if "hold.temperature" in varied and "hold" in parts and self.section not in parts:
+            force = parts["chemistry"].bond_force
+            yield Doubt(
+                "bond force",
+                f"bonds break at {force:g} nN at every temperature, as no [rupture] says otherwise: the temperature "
+                "changes their number alone; choose a law by which bonds break under force",
+            )
 
 
 STAGES = (

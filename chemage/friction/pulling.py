@@ -181,8 +181,8 @@ class PullHistory(Observing, Record):
     @property
     def history(self) -> BondHistory:
         """The bonds, from which a hold goes on: the contact is unloaded, and its bonds are relaxed."""
-        names = ("bonds", "formed", "broken", "state", "time", "temperature", "engine")
-        return BondHistory(hold_times=self.times, **{name: getattr(self, name) for name in names})
+        names = ("bonds", "formed", "broken", "state", "time", "temperature")
+        return BondHistory(hold_times=self.times, engine=self.engine, **{name: getattr(self, name) for name in names})
 
     def lattice_after(self, lattice: ReactionLattice) -> ReactionLattice:
         """``lattice``, which was pulled, with the partners that its sites have now."""
@@ -387,7 +387,7 @@ class PullDisplay(OfRecord[PullHistory]):
             ("formed and broken so far", f"{pull.formed[-1]}, {pull.broken[-1]}"),
             ("slips", f"{pull.avalanches.sum()}, the largest by {pull.largest_drop:.4g} nN"),
             ("temperature", f"{pull.temperature:g} K"),
-            ("engine", pull.engine),
+            ("pulled by", pull.engine),
             *self.remarks(),
         ]
 

@@ -53,15 +53,15 @@ class Pulled(Rupture, Drive):
         "A. Schallamach, Wear 6, 375 (1963)",
     )
     figures: ClassVar[Mapping[str, str]] = {
-        "pull": "Force of the drive against its displacement after some of the hold times; mean over replicas.",
+        "force-displacement": "Force of the drive against its displacement after some of the hold times; mean over replicas.",
         "pull-maps": "Bonds on the contact while it is pulled after the last hold time, from left to right; first "
         "replica.",
     }
     outputs: ClassVar[Mapping[str, Output]] = {
-        "pull_way": Output(("pull",), "nm", "displacement of the drive"),
-        "pull_force": Output(("hold_time", "pull"), "nN", "force of the drive"),
-        "pull_slider": Output(("hold_time", "pull"), "nm", "displacement of the slider"),
-        "pull_bonds": Output(("hold_time", "pull"), "", "number of bonds"),
+        "pull_way": Output(("drive_point",), "nm", "displacement of the drive"),
+        "pull_force": Output(("hold_time", "drive_point"), "nN", "force of the drive"),
+        "pull_slider": Output(("hold_time", "drive_point"), "nm", "displacement of the slider"),
+        "pull_bonds": Output(("hold_time", "drive_point"), "", "number of bonds"),
         "pull_peak_at": Output(("hold_time",), "nm", "displacement of the slider at the largest force"),
         "kinetic_friction": Output(("hold_time",), "nN", "mean force over the second half of the pull"),
         "pull_work": Output(("hold_time",), "nN nm", "work of the drive"),

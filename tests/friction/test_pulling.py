@@ -11,6 +11,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 from pulled_models import Independent, chi_square, codes, drive_of, lattice_of, master_equation, patches
 from scipy.stats import kstest
+from seen import plan
 
 import chemage as ca
 from chemage import InputError
@@ -189,7 +190,7 @@ def test_a_step_of_ten_decades_in_rate():
     law = ca.rupture("bell", transition_distance=0.05, speed=1e7, stiffness=10)
     assert fast.bonds[-1] == 0
     assert slow.bonds[-1] == 100
-    assert fast.peak == pytest.approx(100 * law.mean_forces(np.array([1.1]), 300.0)[0], rel=0.1)
+    assert fast.peak == pytest.approx(100 * law.mean_forces(np.array([1.1]), 300.0)[0], rel=0.2)
 
 
 # -- histories --------------------------------------------------------------------------------------------------------
@@ -272,10 +273,4 @@ def test_the_law_says_beforehand_what_it_cannot_pull():
     with pytest.raises(ca.plugin.SceneError, match="nothing is pulled; give a speed above 0"):
         ca.parse_scene(scene(speed=0))
     short = ca.parse_scene(scene(distance="0.05 nm"))
-    assert any("there may be no peak" in note for note in _notes(short))
-
-
-def _notes(made) -> list[str]:
-    from chemage.scene.plan import plan
-
-    return plan(made).notes
+    assert any("there may be no peak" in note for note in plan(short).notes)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 from scipy.special import expn
+from seen import read_grid, survey_of
 
 import chemage as ca
 from chemage import InputError
@@ -181,3 +182,19 @@ def test_options_that_contradict_each_other_are_refused_or_warned_of():
     assert "break by themselves" in law("bell", 1e-8).check(chemistry, 300.0)[0]
     with pytest.raises(InputError, match=r"here bonds last; give \[breaking\]"):
         wide.check(ca.chemistry(forming=breaking), 300.0)
+
+
+def test_a_sweep_of_temperature_says_that_the_force_of_a_bond_does_not_follow():
+    scene = {
+        "surface": {"kind": "sphere", "radius": 30, "pixels": 16, "pixel_size": 0.45},
+        "contact": {"kind": "hertz", "modulus": 35.3, "load": 50},
+        "forming": {"kind": "uniform", "lower": 0.7, "upper": 1.2},
+        "breaking": {"kind": "gaussian", "mean": 1.1, "std": 0.02},
+        "engine": {"kind": "rejection-free"},
+        "hold": {"temperature": 300, "start": 1, "stop": 10, "per_decade": 1, "replicas": 2},
+    }
+    with_law = {"rupture": {"kind": "bell", "transition_distance": 0.05, "loading_rate": 1e4}}
+    for law, path, said in (({}, "hold.temperature", 1), ({}, "contact.load", 0), (with_law, "hold.temperature", 0)):
+        values = [300, 310] if path == "hold.temperature" else [40, 50]
+        warned = survey_of(read_grid({**scene, **law, "sweep": {path: values}})).warnings()
+        assert sum("bonds break at 3 nN at every temperature" in text for text in warned) == said
