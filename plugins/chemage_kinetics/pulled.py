@@ -41,8 +41,8 @@ CURVES = 5
 class Pulled(Rupture, Drive):
     """The contact is pulled after each hold time; ΔF is the largest force, less the friction of the slider itself.
 
-    All bonds are loaded together, so that ``front_factor`` of the chemistry does not enter. The mean force beyond half
-    of the way is recorded as the kinetic friction. Bonds rupture as in ``dudko-hummer-szabo``.
+    All bonds are loaded together, so that ``front_factor`` of the chemistry does not enter. The mean force over the
+    last quarter of the way is recorded as the kinetic friction. Bonds rupture as in ``dudko-hummer-szabo``.
     """
 
     kind = "pulled"
@@ -63,7 +63,7 @@ class Pulled(Rupture, Drive):
         "pull_slider": Output(("hold_time", "drive_point"), "nm", "displacement of the slider"),
         "pull_bonds": Output(("hold_time", "drive_point"), "", "number of bonds"),
         "pull_peak_at": Output(("hold_time",), "nm", "displacement of the slider at the largest force"),
-        "kinetic_friction": Output(("hold_time",), "nN", "mean force over the second half of the pull"),
+        "kinetic_friction": Output(("hold_time",), "nN", "mean force over the last quarter of the pull"),
         "pull_work": Output(("hold_time",), "nN nm", "work of the drive"),
         "pull_dissipated": Output(("hold_time",), "nN nm", "energy lost where bonds broke"),
         "pull_ruptures": Output(("hold_time",), "", "bonds that broke"),
@@ -107,7 +107,7 @@ class Pulled(Rupture, Drive):
             pull_slider=np.stack([one.displacement for one in pulls]),
             pull_bonds=np.stack([one.bonds for one in pulls]),
             pull_peak_at=np.array([one.peak_displacement for one in pulls]),
-            kinetic_friction=force[:, force.shape[1] // 2 :].mean(axis=1),
+            kinetic_friction=force[:, -(force.shape[1] // 4) :].mean(axis=1),
             pull_work=np.array([one.work[-1] for one in pulls]),
             pull_dissipated=np.array([one.dissipated[-1] for one in pulls]),
             pull_ruptures=np.array([one.broken[-1] for one in pulls]),
