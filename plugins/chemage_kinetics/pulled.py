@@ -53,7 +53,7 @@ class Pulled(Rupture, Drive):
         "A. Schallamach, Wear 6, 375 (1963)",
     )
     figures: ClassVar[Mapping[str, str]] = {
-        "force-displacement": "Force of the drive against its displacement after some of the hold times; mean over replicas.",
+        "force-displacement": "Force of the drive against its displacement after some hold times; mean over replicas.",
         "pull-maps": "Bonds on the contact while it is pulled after the last hold time, from left to right; first "
         "replica.",
     }

@@ -199,6 +199,13 @@ class _Job:
         if math.isfinite(self.pull.spring):
             # the spring has the force that there was; what it does not carry is held by the friction of the slider
             reals[kernel.SLACK] = load + self.pull.friction - force
+        if before is not None:
+            stored = 0.5 * bonds.stiffness * float((before.stretch**2).sum())
+            if 0 < self.pull.spring < math.inf:
+                stored += 0.5 * force**2 / self.pull.spring
+            # another spring or stiffness: what it takes up counts as work, what it releases as lost
+            change = stored - float(before.stored[-1])
+            reals[kernel.WORK if change > 0 else kernel.LOST] += abs(change)
         reals[kernel.TOP] = force
 
     def finished(self, run: kernel.Run, kind: str) -> PullHistory:

@@ -137,6 +137,19 @@ def test_slips_are_counted_with_their_sizes():
     assert (pulled.avalanches * sizes).sum() <= pulled.broken[-1]
 
 
+def test_a_pull_goes_on_with_another_drive():
+    """The force stays where a spring takes over; energy that another spring or stiffness stores is accounted for."""
+    lattice = lattice_of(200, 0.5, 0.8)
+    first = run(lattice, drive_of(1e4, friction=3.0), [1e-5], start=all_bonded(lattice))
+    for changes in ({"spring": 500.0, "friction": 3.0}, {"friction": 1.0, "speed": 10.0}, {"bond_stiffness": 20.0}):
+        drive = drive_of(**{"speed": 1e4, **changes})
+        after = run(lattice, drive, first.time + np.array([0.0, 1e-5]), start=first)
+        if "spring" in changes:
+            assert after.force[0] == pytest.approx(first.force[-1], rel=1e-9)
+        back = run(lattice, drive_of(1e4), after.time + np.array([0.0, 1e-5]), start=after)
+        assert back.displacement[0] == after.displacement[-1]
+
+
 # -- extremes ---------------------------------------------------------------------------------------------------------
 
 
