@@ -199,7 +199,8 @@ class _Job:
         if math.isfinite(self.pull.spring):
             # the spring has the force that there was; what it does not carry is held by the friction of the slider
             reals[kernel.SLACK] = load + self.pull.friction - force
-        if before is not None:
+        drive = self.drive.todict()
+        if before is not None and any(drive[name] != before.drive.get(name) for name in ("spring", "bond_stiffness")):
             stored = 0.5 * bonds.stiffness * float((before.stretch**2).sum())
             if 0 < self.pull.spring < math.inf:
                 stored += 0.5 * force**2 / self.pull.spring
