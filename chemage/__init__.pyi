@@ -56,6 +56,7 @@ from chemage.contacts.role import ContactSolver
 from chemage.kinetics.role import Engine
 from chemage.lattices.role import Interaction
 from chemage.ageing.observables import Observable
+from chemage.friction.pulling import Pulling
 from chemage.friction.role import Rupture
 from chemage.surfaces.role import SurfaceMaker
 
@@ -107,7 +108,18 @@ def engine(kind: Literal["next-reaction"], *, threads: int = ..., superbasins: b
 @overload
 def engine(kind: Literal["rejection-free"], *, superbasins: bool = ...) -> Engine: ...
 
+@overload
+def rupture(kind: Literal["bell"], *, transition_distance: QuantityLike, loading_rate: QuantityLike | None = ..., speed: QuantityLike | None = ..., stiffness: QuantityLike | None = ..., front_factor: float | None = ...) -> Rupture: ...
+@overload
+def rupture(kind: Literal["dudko-hummer-szabo"], *, transition_distance: QuantityLike, loading_rate: QuantityLike | None = ..., speed: QuantityLike | None = ..., stiffness: QuantityLike | None = ..., front_factor: float | None = ..., shape: Literal['cusp', 'cubic', 'constant'] = ...) -> Rupture: ...
+@overload
+def rupture(kind: Literal["friddle"], *, transition_distance: QuantityLike, loading_rate: QuantityLike | None = ..., speed: QuantityLike | None = ..., stiffness: QuantityLike | None = ..., front_factor: float | None = ..., shape: Literal['cusp', 'cubic', 'constant'] = ...) -> Rupture: ...
+@overload
 def rupture(kind: Literal["mean-force"], *, bond_force: QuantityLike | None = ..., front_factor: float | None = ...) -> Rupture: ...
+@overload
+def rupture(kind: Literal["pulled"], *, speed: QuantityLike, spring: QuantityLike | None = ..., friction: QuantityLike = ..., bond_stiffness: QuantityLike, transition_distance: QuantityLike, shape: Literal['cusp', 'cubic', 'constant'] = ..., partner: Literal['kept', 'new'] = ..., distance: QuantityLike, points: int = ..., frames: int = ..., engine: Any = ...) -> Rupture: ...
+
+def pulling(kind: Literal["event-driven"]) -> Pulling: ...
 
 @overload
 def observable(kind: Literal["barrier-spectrum"], *, lower: QuantityLike = ..., upper: QuantityLike = ..., bins: int = ...) -> Observable: ...

@@ -18,6 +18,7 @@ from chemage.contacts.solution import ContactStatistics as ContactStatistics
 from chemage.contacts.theory import ContactTheory as ContactTheory
 from chemage.foundation.errors import ConvergenceError as ConvergenceError
 from chemage.foundation.errors import DamagedError as DamagedError
+from chemage.friction.pulling import Drive as Drive
 from chemage.foundation.units import EV_PER_GPA_NM3 as EV_PER_GPA_NM3
 from chemage.foundation.units import Energy as Energy
 from chemage.kinetics.role import Engine as Engine
@@ -42,12 +43,15 @@ from chemage.ageing.observables import Observable as Observable
 from chemage.ageing.observables import Observed as Observed
 from chemage.foundation.outputs import Output as Output
 from chemage.foundation.result import Panel as Panel
+from chemage.friction.pulling import Partners as Partners
 from chemage.foundation.result import Picture as Picture
 from chemage.ageing.observables import PlottedResult as PlottedResult
 from chemage.foundation.errors import PluginError as PluginError
 from chemage.plugins.options import PluginOptions as PluginOptions
 from chemage.studies.sweeps.result import Point as Point
 from chemage.foundation.units import Pressure as Pressure
+from chemage.friction.pulling import PullHistory as PullHistory
+from chemage.friction.pulling import Pulling as Pulling
 from chemage.surfaces.reading import Reader as Reader
 from chemage.foundation.result import Result as Result
 from chemage.surfaces.surface import Roughness as Roughness
@@ -99,9 +103,11 @@ from chemage.foundation.errors import nearest as nearest
 from chemage.foundation.files import open_file as open_file
 from chemage.cli import options as options
 from chemage.scene.files import override as override
+from chemage.friction.pulling import partners_of as partners_of
 from chemage.contacts import patches as patches
 from chemage.foundation.files import preflight as preflight
 from chemage.foundation import progress as progress
+from chemage.friction.pulling import pull as pull
 from chemage.foundation import random as random
 from chemage.surfaces.reading import reader_for as reader_for
 from chemage.foundation.outputs import record as record

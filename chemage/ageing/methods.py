@@ -378,7 +378,8 @@ class _Replica(NamedTuple):
 def _replica(request: AgeingRequest, number: int, states: bool) -> _Replica:
     replica = request.follow(number, states=states)
     lattice, history = replica.lattice, replica.history
-    force = rupture_bonds(Bonded(request.solution, request.chemistry, lattice, history), request.rupture)
+    seed = request.seeds(number).noise
+    force = rupture_bonds(Bonded(request.solution, request.chemistry, lattice, history, seed), request.rupture)
     seen = measure(request.solution, lattice, history, request.observe)
     for part in (lattice, history, force):
         if twice := part.observables.keys() & seen.values.keys():

@@ -15,7 +15,8 @@ __version__ = "0.2.0"
 #: the names that users need, which ``chemage`` has; all others below are in ``chemage.plugin``
 _USERS = (
     "surface make_surface Surface contact contact_modulus solve_contact ContactSolution open_maps "
-    "barriers interaction chemistry Chemistry ReactionLattice engine hold_times rupture observable ageing_method "
+    "barriers interaction chemistry Chemistry ReactionLattice engine hold_times rupture pulling observable "
+    "ageing_method "
     "age Aging fit_aging arrhenius Measurements read_measurements read write write_report compare_files "
     "Scene load_scene parse_scene material run Run sweep SweepResult load_sweep collect_sweep ensemble Ensemble "
     "infer Inference MeasuredCurve read_curves ChemageError InputError PlanWarning errors "
@@ -55,6 +56,7 @@ NAMES = {
     "foundation.result": "Panel Picture Result Table displays",
     "foundation.units": "EV_PER_GPA_NM3 Energy FilePath Force Frequency KB Length Pressure Temperature Time Unit "
     "Volume array_in convert",
+    "friction.pulling": "Drive Partners PullHistory Pulling partners_of pull pulling",
     "friction.role": "Bonded Rupture RuptureForce rupture rupture_bonds",
     "inference.curves": "MeasuredCurve read_curves",
     "inference.forecast": "Forecast",

@@ -1,18 +1,25 @@
-"""What can be plugged into this stage: rupture laws, and the hook that gives the force that breaks the bonds."""
+"""What can be plugged into this stage: rupture laws, the hook that gives the force that breaks the bonds, and engines
+that follow them while the contact is pulled."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
-from chemage.plugins.hooks import Parts, Stage, Stated, hookimpl, hookspec
+from chemage.plugins.hooks import Doubt, Parts, Stage, Stated, hookimpl, hookspec
 
 if TYPE_CHECKING:
     import numpy as np
 
+    from chemage.contacts.solution import ContactSolution
+    from chemage.foundation.checks import Seed
+    from chemage.friction.pulling import Drive, Partners, PullHistory, Pulling
     from chemage.friction.role import Bonded, Rupture
+    from chemage.kinetics.history import BondHistory
+    from chemage.lattices.chemistry import Chemistry
+    from chemage.lattices.lattice import ReactionLattice
 
-ROLES = {"rupture": "chemage.friction.role:Rupture"}
+ROLES = {"rupture": "chemage.friction.role:Rupture", "pulling": "chemage.friction.pulling:Pulling"}
 
 
 @hookspec(firstresult=True)
@@ -23,8 +30,29 @@ def chemage_rupture_bonds(rupture: Rupture | None, bonded: Bonded) -> np.ndarray
     """
 
 
+@hookspec(firstresult=True)
+def chemage_pull_bonds(
+    engine: Pulling,
+    lattice: ReactionLattice,
+    drive: Drive,
+    times: np.ndarray,
+    temperature: float,
+    seed: Seed,
+    start: PullHistory | BondHistory | np.ndarray | None,
+    partners: Partners | None,
+    contact: ContactSolution | None,
+    chemistry: Chemistry | None,
+) -> PullHistory | None:
+    """Pull at the bonds of one replica. Return None to leave it to the next plugin; chemage itself answers last.
+
+    ``contact`` and ``chemistry`` are what the lattice was made from, None where it was made by hand. Called once for
+    each pull, never per event.
+    """
+
+
 class Default:
-    """The law's own method; without a law, the mean force per bond and the front factor of the chemistry."""
+    """The law's own method; without a law, the mean force per bond and the front factor of the chemistry; the engine's
+    own method."""
 
     @hookimpl(trylast=True)
     def chemage_rupture_bonds(self, rupture: Rupture | None, bonded: Bonded) -> np.ndarray:
@@ -34,11 +62,27 @@ class Default:
             return np.asarray(rupture.force(bonded))
         return bonded.bonds * (bonded.chemistry.bond_force * bonded.chemistry.front_factor)
 
+    @hookimpl(trylast=True)
+    def chemage_pull_bonds(
+        self,
+        engine: Pulling,
+        lattice: ReactionLattice,
+        drive: Drive,
+        times: np.ndarray,
+        temperature: float,
+        seed: Seed,
+        start: PullHistory | BondHistory | np.ndarray | None,
+        partners: Partners | None,
+    ) -> PullHistory:
+        return engine.run(lattice, drive, times, temperature=temperature, seed=seed, start=start, partners=partners)
+
 
 class _Rupture(Stage):
     def fault(self, answer: Any, arguments: Mapping[str, Any]) -> str:
         import numpy as np
 
+        if "drive" in arguments:
+            return answer.fault() or answer.fault_of(**arguments)
         times = arguments["bonded"].hold_times.size
         if answer.dtype.kind not in "fiu":
             problem = f"gave values of type {answer.dtype}"
@@ -52,12 +96,32 @@ class _Rupture(Stage):
             return ""
         return f"{problem}; give one force in nN, not negative, for each hold time"
 
+    def estimate(self, parts: Parts, stated: Stated) -> Mapping[str, float]:
+        sites = stated.get("chemistry", {}).get("sites")
+        if sites is None or "hold" not in parts:
+            return {}
+        return parts[self.section].expected(sites, parts["hold"].hold_times.size, parts["hold"].replicas)
+
     def rows(self, parts: Parts, stated: Stated) -> Mapping[str, str]:
         if "engine" not in parts or self.section in parts:
             return super().rows(parts, stated)
         chemistry = parts["chemistry"]
         mean = f"mean force of {chemistry.bond_force:g} nN per bond, front factor {chemistry.front_factor:g}"
         return {self.section: mean}
+
+    def doubts(self, parts: Parts, stated: Stated) -> Iterator[Doubt]:
+        if self.section in parts and "hold" in parts:
+            for text in parts[self.section].check(parts["chemistry"], parts["hold"].temperature) or ():
+                yield Doubt("parts", text)
+
+    def doubts_of_sweep(self, parts: Parts, varied: Collection[str]) -> Iterator[Doubt]:
+        if "hold.temperature" in varied and "hold" in parts and self.section not in parts:
+            force = parts["chemistry"].bond_force
+            yield Doubt(
+                "bond force",
+                f"bonds break at {force:g} nN at every temperature, as no [rupture] says otherwise: the temperature "
+                "changes their number alone; choose a law by which bonds break under force",
+            )
 
 
 STAGES = (
@@ -68,6 +132,6 @@ STAGES = (
         only_with="hold",
         inputs=("ageing",),
         key="aging",
-        hooks=("chemage_rupture_bonds",),
+        hooks=("chemage_rupture_bonds", "chemage_pull_bonds"),
     ),
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
@@ -10,7 +11,7 @@ import numpy as np
 from pydantic import model_validator
 
 from chemage.contacts.solution import ContactSolution
-from chemage.foundation.checks import expect
+from chemage.foundation.checks import Seed, expect
 from chemage.foundation.components import Component
 from chemage.foundation.errors import PluginError
 from chemage.foundation.outputs import Observing, kept
@@ -32,6 +33,14 @@ class Bonded:
     lattice: ReactionLattice
     #: bonds at each hold time; ``history.state`` are the bonded sites at the last one, (n,) bool
     history: BondHistory
+    #: of the random numbers of this replica; a law that draws some takes one seed of its own for each hold time
+    seed: Seed = 0
+
+    def seed_at(self, number: int) -> np.random.SeedSequence:
+        """The seed for the hold time with this number."""
+        if isinstance(self.seed, np.random.SeedSequence):
+            return type(self.seed)(self.seed.entropy, spawn_key=(*self.seed.spawn_key, number))
+        return np.random.SeedSequence(self.seed, spawn_key=(number,))
 
     @property
     def temperature(self) -> float:
@@ -102,6 +111,8 @@ class Rupture(Component, ABC):
 
     role = "rupture"
     error_of = "the force"
+    #: draws random numbers, so that its force is a sample, and depends on the sites as they are numbered
+    sampled: ClassVar[bool] = False
     # not annotated for type checkers, so that a class can make it a property
     if TYPE_CHECKING:
         states = False
@@ -109,6 +120,20 @@ class Rupture(Component, ABC):
         #: asks for the state of every site at every hold time, :attr:`chemage.plugin.Bonded.states`; the engine must be
         #: able to resume from a history (``restart``)
         states: ClassVar[bool] = False
+
+    def expected(self, sites: float, hold_times: int, replicas: int) -> dict[str, float]:
+        """Estimate the cost, as far as it is known: ``cpu_seconds`` for all replicas on ``sites`` sites."""
+        return {}
+
+    def check(self, chemistry: Chemistry, temperature: float) -> Sequence[str] | None:
+        """Refuse, before anything is computed, what :meth:`force` would refuse at ``temperature`` (K); return doubts as
+        sentences. Used by ``chemage check``.
+
+        Raises
+        ------
+        InputError
+            Naming what the law cannot treat, and the remedy.
+        """
 
     @abstractmethod
     def force(self, bonded: Bonded) -> np.ndarray:

@@ -14,7 +14,7 @@ before anything is computed: by section the numbers that its :meth:`Stage.estima
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any, NamedTuple, TypeAlias
@@ -186,6 +186,10 @@ class Stage:
 
     def doubts(self, parts: Parts, stated: Stated) -> Iterator[Doubt]:
         """What to warn of; raises InputError for what the run would refuse."""
+        yield from ()
+
+    def doubts_of_sweep(self, parts: Parts, varied: Collection[str]) -> Iterator[Doubt]:
+        """What to warn of where the fields ``varied`` (dotted paths) vary from scene to scene."""
         yield from ()
 
     def warm_up(self, parts: Parts) -> None:

@@ -98,7 +98,8 @@ def chemistry_of(provenance: Mapping[str, Any]) -> Chemistry | None:
 def plugin_figures(sources: Sequence[Source], size: tuple[float, float] = (5.4, 4.0)) -> dict[str, Brought]:
     """Draw every figure that plugins bring to these results: name -> figure and caption.
 
-    A name that another plugin, or chemage itself, has given to another figure gets a prefix, with a warning.
+    What leaves its axes empty, because these results do not hold what it shows, is no figure. A name that another
+    plugin, or chemage itself, has given to another figure gets a prefix, with a warning.
     """
     drawn: dict[str, Brought] = {}
     owners = dict.fromkeys(CORE, "chemage itself")
@@ -136,7 +137,7 @@ def _drawn(plan: _Plan, size: tuple[float, float]) -> Figure | None:
             f"{type(error).__name__}: {error}"
         )
         return None
-    return figure
+    return figure if any(one.has_data() or one.texts for one in figure.axes) else None
 
 
 def _rendered(figure: Figure) -> None:

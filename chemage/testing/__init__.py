@@ -30,6 +30,7 @@ from chemage.testing.contacts import check_contact_solver, rough_surface
 from chemage.testing.engines import check_engine
 from chemage.testing.every_component import check_material
 from chemage.testing.lattices import check_barriers, check_interaction
+from chemage.testing.pulling import check_pulling
 from chemage.testing.replicas import check_ageing_method
 from chemage.testing.surfaces import check_reader, check_surface_maker
 
@@ -45,6 +46,7 @@ __all__ = [
     "check_interaction",
     "check_material",
     "check_observable",
+    "check_pulling",
     "check_reader",
     "check_rupture",
     "check_surface_maker",

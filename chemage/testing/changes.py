@@ -106,6 +106,8 @@ def _observables_asked(component: Observable) -> Questions:
 @check_of(Observable)
 def _order_of_the_sites_does_not_matter(component: Observable | Rupture) -> None:
     """Where a periodic surface begins, and with it the order of the sites, changes neither a force nor a number."""
+    if isinstance(component, Rupture) and component.sampled:  # its random numbers belong to the places
+        return
     replica = with_states(finished(40, 17, grid=(9, 7), times=TIMES))
     whole = bonded_of(component, replica) if isinstance(component, Rupture) else None
     if whole is not None:
@@ -163,7 +165,10 @@ def _lengths_have_their_unit(component: Observable) -> None:
 @check_of(Rupture)
 def _forces_have_their_unit(component: Rupture) -> None:
     """With all energies, k_BT and forces three times as large, in the options too, the force is: no energy and no
-    temperature is assumed. A law that gives a force of its own, whatever the barriers are, passes."""
+    temperature is assumed. A law that gives a force of its own, whatever the barriers are, passes, as does
+    one that draws random numbers."""
+    if component.sampled:
+        return
     try:
         strong = rescaled(component, stress=3)
     except InputError:

@@ -22,6 +22,8 @@ from chemage.contacts.solution import ContactSolution
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
 from chemage.foundation.figures import CORE
+from chemage.foundation.outputs import recording
+from chemage.friction.role import Rupture
 from chemage.kinetics.role import Engine
 from chemage.lattices.chemistry import Chemistry
 from chemage.plugins import registry
@@ -30,7 +32,7 @@ from chemage.scene.provenance import bibtex_problem
 from chemage.surfaces.role import SurfaceMaker
 from chemage.surfaces.surface import Surface
 from chemage.testing.checks import CheckFailed, check_of, options_of, other_values, refuses, require, require_plain
-from chemage.testing.replicas import Even, Replica, finished, numbers
+from chemage.testing.replicas import Even, Replica, bonded_of, finished, numbers, with_states
 
 
 @check_of(Component)
@@ -345,10 +347,14 @@ def _results(component: Component) -> dict[str, Sequence[PlottedResult]]:
     pressure = np.maximum(surface.heights - 0.5, 0.0)
     contact = ContactSolution(pressure=pressure, load=float(pressure.sum() / 4), pixel_size=0.5, modulus=35.0)
     chemistry, maps = Chemistry(forming=Even(), activation_volume=0.04), Maps(contact, surface)
+    with recording() as block:
+        if isinstance(component, Rupture) and component.outputs:
+            component.force(bonded_of(component, with_states(finished(40, 17, times=(0.1, 1.0, 10.0)))))
+    recorded = {name: np.stack([made.declared.values] * 2) for name, made in block.items()}
 
     def result(label: str, most: int, color: str, **changes: Any) -> PlottedResult:
         bonds = np.array([[0, most // 2, most], [1, most // 3, most - 1]])
-        aging = _aging(contact, bonds, hold_times=np.array([0.1, 1.0, 10.0]))
+        aging = _aging(contact, bonds, hold_times=np.array([0.1, 1.0, 10.0]), observables=recorded)
         fields = {"aging": aging, "chemistry": chemistry, "load_maps": lambda: maps, **changes}
         return PlottedResult(label=label, color=color, component=component, **fields)
 

@@ -17,7 +17,7 @@ from chemage.ageing.observables import Observable
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation import random
 from chemage.foundation.checks import Seed
-from chemage.foundation.errors import PluginError
+from chemage.foundation.errors import InputError, PluginError
 from chemage.foundation.outputs import Checker, declaration_problems
 from chemage.foundation.units import EV_PER_GPA_NM3, KB, unit_registry
 from chemage.friction.role import Bonded, Rupture
@@ -28,7 +28,7 @@ from chemage.lattices.independent import TwoState
 from chemage.lattices.lattice import ReactionLattice
 from chemage.lattices.role import Barriers
 from chemage.testing.answers import Questions, asks
-from chemage.testing.checks import calls_are_independent, check_of, require, whole
+from chemage.testing.checks import calls_are_independent, check_of, refuses, require, whole
 
 
 class Even(Barriers):
@@ -289,10 +289,16 @@ def _forces_are_in_nn(component: Rupture) -> None:
 @check_of(Observable)
 def _parts_may_be_absent(component: Observable | Rupture) -> None:
     """Lattices without breaking barriers or without interaction, contacts that are not square, and any hold times are
-    treated too."""
+    treated too, or a rupture law refuses them, in ``check`` as well."""
     for what, replica in unusual(TIMES):
         if isinstance(component, Rupture):
-            force_of(component, bonded_of(component, replica), what)
+            bonded = bonded_of(component, replica)
+            try:
+                component.check(bonded.chemistry, bonded.temperature)
+            except InputError:  # it says beforehand that it cannot treat this
+                refuses(what, lambda bonded=bonded: component.force(bonded))
+            else:
+                force_of(component, bonded, what)
         else:
             numbers(component, replica, what)
 
@@ -333,8 +339,9 @@ def _until(bonded: Bonded, number: int) -> Bonded:
 
 @check_of(Rupture)
 def _unbonded_sites_do_not_matter(component: Rupture) -> None:
-    """A law that asks for the states does not depend on the barriers of sites that have no bond."""
-    if not component.states:
+    """A law that asks for the states does not depend on the barriers of sites that have no bond, unless it follows them
+    on (``sampled``)."""
+    if not component.states or component.sampled:
         return
     bonded = _some(component)
     lattice, open_sites = bonded.lattice, ~bonded.history.state

@@ -1,6 +1,6 @@
 """What a bond is: distributions of the energy barriers to form one (``gaussian``, ``uniform``, ``tabulated``,
 ``inferred``), how it changes the barriers of neighbouring sites (``elastic-pairs``), and the force that ruptures it
-(``mean-force``)."""
+(``mean-force``, ``bell``, ``dudko-hummer-szabo``, ``friddle``)."""
 
 from __future__ import annotations
 
@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from chemage_bonds.forces import ElasticPairs as ElasticPairs
     from chemage_bonds.forces import MeanForce as MeanForce
     from chemage_bonds.inferred import Inferred as Inferred
+    from chemage_bonds.rupture import Bell as Bell
+    from chemage_bonds.rupture import DudkoHummerSzabo as DudkoHummerSzabo
+    from chemage_bonds.rupture import Friddle as Friddle
 
 KINDS = {
     "barriers": {
@@ -27,7 +30,12 @@ KINDS = {
         "inferred": "chemage_bonds.inferred:Inferred",
     },
     "interaction": {"elastic-pairs": "chemage_bonds.forces:ElasticPairs"},
-    "rupture": {"mean-force": "chemage_bonds.forces:MeanForce"},
+    "rupture": {
+        "mean-force": "chemage_bonds.forces:MeanForce",
+        "bell": "chemage_bonds.rupture:Bell",
+        "dudko-hummer-szabo": "chemage_bonds.rupture:DudkoHummerSzabo",
+        "friddle": "chemage_bonds.rupture:Friddle",
+    },
 }
 
 __getattr__ = lazy_attributes(

@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from chemage_kinetics.engines import Independent as Independent
     from chemage_kinetics.engines import NextReaction as NextReaction
     from chemage_kinetics.engines import RejectionFree as RejectionFree
+    from chemage_kinetics.pulled import Pulled as Pulled
+    from chemage_kinetics.pulling import EventDriven as EventDriven
 
 KINDS = {
     "engine": {
@@ -20,7 +22,9 @@ KINDS = {
         "bkl": "chemage_kinetics.engines:BKL",
         "next-reaction": "chemage_kinetics.engines:NextReaction",
         "independent": "chemage_kinetics.engines:Independent",
-    }
+    },
+    "pulling": {"event-driven": "chemage_kinetics.pulling:EventDriven"},
+    "rupture": {"pulled": "chemage_kinetics.pulled:Pulled"},
 }
 
 __getattr__ = lazy_attributes(KINDS)

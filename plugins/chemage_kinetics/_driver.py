@@ -202,7 +202,7 @@ def bonded(words: np.ndarray) -> np.ndarray:
     return (words.view(np.uint8).reshape(words.size, 8)[:, LOWEST_BYTE] & 1).view(np.bool_)
 
 
-def _check_couplings(lattice: ReactionLattice) -> None:
+def check_couplings(lattice: ReactionLattice) -> None:
     """Refuse so many and so strong couplings that their sum would overflow a word of energy."""
     if lattice.coupling is None or lattice.coupling.shape[1] <= 64:
         return
@@ -246,7 +246,7 @@ class Job:
         self.tally = np.zeros((self.hold_times.size, 3), np.int64)
         self.time = 0.0
         self.pending = self.resume = None
-        _check_couplings(self.lattice)
+        check_couplings(self.lattice)
         if self.start is None:
             self.state = np.zeros(self.lattice.sites.size, np.bool_)
         elif isinstance(self.start, BondHistory):

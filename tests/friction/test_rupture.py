@@ -20,7 +20,7 @@ EV_PER_NM = 0.1602176634  # nN
 class Bell(ca.plugin.Rupture):
     """Each bond breaks at the force at which its barrier, lowered by force times length, lets it break at a rate."""
 
-    kind = "bell"
+    kind = "bell-at-rate"
     states = True
 
     length: float = 0.1
@@ -122,7 +122,7 @@ def test_two_populations_by_hand(bell):
     weak, strong = (energy - lost for energy in (1.0, 1.3))
     expected = np.array([0.0, 7 * weak, 20 * weak + 20 * strong]) * EV_PER_NM / 0.1
     np.testing.assert_allclose(found.force, expected, rtol=1e-12)
-    assert (found.law, list(found.plugins)) == ("bell", [f"{__name__}.Bell"])
+    assert (found.law, list(found.plugins)) == ("bell-at-rate", [f"{__name__}.Bell"])
 
 
 def test_weak_bonds_form_last_and_strong_ones_carry_more(bell):
@@ -187,11 +187,11 @@ def test_what_asks_is_named_where_the_engine_cannot_give_states(bell):
             raise AssertionError("computed")
 
     ca.register(Once)
-    said = "rupture 'bell' asks for the states: engine 'once' cannot resume"
+    said = "rupture 'bell-at-rate' asks for the states: engine 'once' cannot resume"
     with pytest.raises(InputError, match=said):
         aged(Twice(inner=bell), engine=Once())
     with pytest.raises(SceneError, match=f"engine: {said}"):
-        parse_scene(scene(rupture={"kind": "bell"}, engine={"kind": "once"}))
+        parse_scene(scene(rupture={"kind": "bell-at-rate"}, engine={"kind": "once"}))
     assert parse_scene(scene(engine={"kind": "once"})).engine == Once()
 
 
@@ -239,8 +239,8 @@ def scene(**sections):
 
 def test_the_law_is_part_of_the_key_of_ageing_and_of_no_other(bell):
     plain = parse_scene(scene())
-    first = parse_scene(scene(rupture={"kind": "bell", "length": 0.1}))
-    second = parse_scene(scene(rupture={"kind": "bell", "length": 0.2}))
+    first = parse_scene(scene(rupture={"kind": "bell-at-rate", "length": 0.1}))
+    second = parse_scene(scene(rupture={"kind": "bell-at-rate", "length": 0.2}))
     keys = [one.keys() for one in (plain, first, second)]
     assert len({one["aging"] for one in keys}) == len({one["result"] for one in keys}) == 3
     assert len({one["contact"] for one in keys}) == 1
@@ -258,7 +258,7 @@ def test_a_scene_without_bonds_has_no_law():
 
 
 def test_file_comparison_and_summary_have_the_force_of_the_law(bell, tmp_path):
-    plain, law = (ca.run(scene(**part)) for part in ({}, {"rupture": {"kind": "bell"}}))
+    plain, law = (ca.run(scene(**part)) for part in ({}, {"rupture": {"kind": "bell-at-rate"}}))
     for name, run in (("plain", plain), ("law", law)):
         ca.write(tmp_path / f"{name}.h5", run)
     again = ca.read(tmp_path / "law.h5")
@@ -266,7 +266,7 @@ def test_file_comparison_and_summary_have_the_force_of_the_law(bell, tmp_path):
     np.testing.assert_array_equal(again.aging.friction_drop, law.aging.rupture_force)
     assert ca.read(tmp_path / "plain.h5").aging.rupture_force is None
     assert law.summary()["friction_drop"] == law.aging.rupture_force.mean(axis=0).tolist()
-    assert (law.summary()["rupture"], plain.summary()["rupture"]) == ("bell", None)
+    assert (law.summary()["rupture"], plain.summary()["rupture"]) == ("bell-at-rate", None)
     made = compare_files([tmp_path / "plain.h5", tmp_path / "law.h5"])
     assert made.statement() == "Chemistry: the same in all results."
     assert "rupture.kind" in [one.path for one in made.other_differences()]
@@ -275,13 +275,13 @@ def test_file_comparison_and_summary_have_the_force_of_the_law(bell, tmp_path):
 
 
 def test_a_checkpoint_is_reused_when_only_the_law_changes(bell, tmp_path, monkeypatch):
-    with_law = ca.run(parse_scene(scene(rupture={"kind": "bell"})), checkpoints=tmp_path)
+    with_law = ca.run(parse_scene(scene(rupture={"kind": "bell-at-rate"})), checkpoints=tmp_path)
     scenes = [
         parse_scene(scene(**part))
         for part in (
             {},
             {"rupture": {"kind": "mean-force", "bond_force": 1.0}},
-            {"rupture": {"kind": "bell", "rate": 1.0}},
+            {"rupture": {"kind": "bell-at-rate", "rate": 1.0}},
         )
     ]
     computed = [ca.run(one).aging for one in scenes]

@@ -538,6 +538,7 @@ EXPM1 = {
     "chemage/contacts/theory.py": "a difference of two Gaussians",
     "chemage/results/arrhenius.py": "an interval of a logarithm",
     "plugins/chemage_bonds/distributions.py": "a difference of two probabilities",
+    "plugins/chemage_bonds/rupture.py": "a hazard that grows exponentially from zero",
 }
 
 

@@ -102,6 +102,16 @@ CASES: dict[tuple[str, str], list[dict[str, Any]]] = {
     ("engine", "auto"): [{}],
     ("ageing", "closure"): [{}],
     ("ageing", "sample"): [{"share": 0.3, "window": 4}],
+    ("pulling", "event-driven"): [{}],
+    ("rupture", "pulled"): [
+        {"speed": 1e3, "bond_stiffness": 10, "transition_distance": 0.03, "distance": 0.6, "points": 20},
+        {"speed": 1e5, "spring": 50, "friction": 2, "bond_stiffness": 5, "transition_distance": 0.05, "distance": 2},
+    ],
+    ("rupture", "bell"): [{"transition_distance": 0.05, "speed": 1e3, "stiffness": 10}],
+    ("rupture", "dudko-hummer-szabo"): [
+        {"transition_distance": 0.03, "loading_rate": 1e3, "shape": shape} for shape in ("cusp", "cubic", "constant")
+    ],
+    ("rupture", "friddle"): [{"transition_distance": 0.03, "loading_rate": 1e3, "front_factor": 0.5}],
     ("rupture", "mean-force"): [{}, {"bond_force": "100 pN", "front_factor": 0.15}],
     ("observable", "barrier-spectrum"): [{}, {"lower": "0.9 eV", "upper": 1.2, "bins": 7}],
     ("observable", "pressure-spectrum"): [{}, {"upper": "1 GPa", "bins": 7}],

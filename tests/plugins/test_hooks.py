@@ -208,6 +208,22 @@ def test_rupture_bonds(installed):
     assert np.array_equal(weak.bonds, plain.bonds)
 
 
+def test_pull_bonds(installed):
+    lattice = ca.ReactionLattice(pixels=(9, 1), sites=range(9), forming=[0.9] * 9, breaking=[1.1] * 9)
+    drive = ca.plugin.Drive(speed=1e3, bond_stiffness=10, transition_distance=0.05, partner="kept")
+
+    def pulled():
+        times, start = np.linspace(0, 1e-3, 11), np.ones(9, bool)
+        return ca.plugin.pull(ca.pulling("event-driven"), lattice, drive, times, temperature=300, start=start)
+
+    plain = pulled()
+    installed.register(as_plugin(example("chemage_pull_bonds")), "rubbing")
+    rubbed = pulled()
+    assert np.allclose(rubbed.force, plain.force + 2.0)
+    assert rubbed.rubbed[-1] == pytest.approx(2.0 * rubbed.displacement[-1])
+    assert rubbed.plugins["rubbing"] == "example"
+
+
 def test_observe(installed):
     installed.register(as_plugin(example("chemage_observe")), "pressure")
     contact, options = pressed(), {"temperature": 300, "replicas": 3}

@@ -20,6 +20,7 @@ from chemage.contacts.options import nominal_pressure
 from chemage.contacts.theory import no_map
 from chemage.foundation.errors import ChemageError, InputError, PluginError, SceneError, nearest
 from chemage.foundation.records import content_hash, text_hash
+from chemage.plugins import registry
 from chemage.plugins.sources import implementing, stage_hooks
 from chemage.scene.files import override, parse_scene, required_sections, section_names
 from chemage.scene.materials import filled_sections
@@ -373,7 +374,9 @@ def _add(result: Survey, point: int, scene: Scene, numbers: dict[str, int]) -> N
         keys["result"] = mean_key(scene)
     result.classes |= registered_classes(scene.components())
     costs.check()
-    for doubt in costs.doubts():
+    varied, parts = {path for axis in result.grid.axes for path in axis.paths}, scene.solved_parts
+    of_sweep = [doubt for stage in registry.current().stages() for doubt in stage.doubts_of_sweep(parts, varied)]
+    for doubt in [*costs.doubts(), *of_sweep]:
         text, first, count = result.doubts.get(doubt.kind, (doubt.text, point, 0))
         result.doubts[doubt.kind] = text, first, count + 1
     result.keys.append(keys["result"])

@@ -1,0 +1,402 @@
+"""Pulling a contact: the role that follows its bonds while a drive moves it, and what comes of it."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Self
+
+import numpy as np
+from pydantic import model_validator
+
+from chemage.contacts.solution import ContactSolution
+from chemage.foundation.checks import Seed, check_times, checked_seed, checked_states, expect, temperature_value
+from chemage.foundation.components import Component
+from chemage.foundation.errors import InputError
+from chemage.foundation.figures import BLUE, from_zero
+from chemage.foundation.outputs import Observing, kept, recording
+from chemage.foundation.records import Doubles, Flags, Indices, Named, Number, Plain, PositiveNumber, Record
+from chemage.foundation.result import Medium, OfRecord, Panel, Picture, Rows, displays
+from chemage.foundation.units import Force, Length, QuantityLike, Unit
+from chemage.kinetics.history import BondHistory
+from chemage.lattices.chemistry import Chemistry, effective_forming
+from chemage.lattices.lattice import ReactionLattice
+from chemage.plugins import registry
+from chemage.plugins.sources import approximations, providers
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+#: relative error of the balance of energy above which a pull contradicts itself
+BALANCE = 1e-9
+#: quantiles between which the barriers of new partners are interpolated
+QUANTILES = 1 << 16
+
+
+class Drive(Component):
+    """What pulls at a contact, and how its bonds yield: all bonds are springs between the slider and their sites.
+
+    The slider moves at ``speed``, or a spring K pulls it whose far end has that speed. It is then always in balance,
+    K(Vt − X) = κ Σ stretch + friction, and rests where the spring pulls less than that.
+    """
+
+    speed: Annotated[float, Unit("nm/s", ge=0)]
+    """speed of the drive, nm/s; 0: it stands still, and its force relaxes"""
+    spring: Annotated[float, Unit("nN/nm", ge=0)] | None = None
+    """K, stiffness of the spring that pulls the slider, nN/nm; default: the slider itself has the speed"""
+    friction: Force = 0.0
+    """friction of the slider beside that of the bonds, nN; default: none"""
+    bond_stiffness: Annotated[float, Unit("nN/nm", ge=0)]
+    """κ, stiffness of a bond with what holds it, nN/nm"""
+    transition_distance: Length
+    """Δx, from the bound state to the transition state along the pull, nm"""
+    shape: Literal["cusp", "cubic", "constant"] = "cubic"
+    """energy along the pull: a cusp (ν = 1/2), linear-cubic (ν = 2/3), or Bell's constant distance (ν = 1); default:
+    linear-cubic"""
+    partner: Literal["kept", "new"] = "new"
+    """what a site meets whose bond broke: ``new``, another site, its forming barrier drawn anew from the distribution;
+    ``kept``, the same one; default: new"""
+
+    @property
+    def exponent(self) -> float:
+        """ν of the shape."""
+        return {"cusp": 0.5, "cubic": 2.0 / 3.0, "constant": 1.0}[self.shape]
+
+
+class Partners(NamedTuple):
+    """The forming barriers that new partners bring."""
+
+    #: (q,) eV, quantiles of the intrinsic barrier at equal steps of probability; between them it is interpolated
+    quantiles: np.ndarray
+    #: (n,) eV, what the barrier of a site has beside the intrinsic one of its partner, such as that of the pressure
+    shift: np.ndarray
+
+
+def partners_of(chemistry: Chemistry, lattice: ReactionLattice, contact: ContactSolution) -> Partners:
+    """New partners with the barriers of ``chemistry``: between 65,536 quantiles, at the pressure of each site."""
+    steps = (np.arange(QUANTILES) + 0.5) / QUANTILES
+    pressure = lattice.pressures(contact)
+    shift = effective_forming(np.zeros(pressure.size), chemistry.activation_volume, pressure)
+    return Partners(np.maximum.accumulate(chemistry.forming.quantile(steps)), shift)
+
+
+class PullHistory(Observing, Record):
+    """What is measured while a contact is pulled, and its bonds at the end; a pull or a hold can go on from it."""
+
+    arrays = {
+        "times": (("time",), "s", "time since the contact was made"),
+        "displacement": (("time",), "nm", "of the slider, since it was first pulled"),
+        "force": (("time",), "nN", "of the drive"),
+        "bonds": (("time",), "", "number of bonds"),
+        "formed": (("time",), "", "bonds formed so far"),
+        "broken": (("time",), "", "bonds broken so far"),
+        "work": (("time",), "nN nm", "done by the drive so far"),
+        "dissipated": (("time",), "nN nm", "lost so far where bonds broke"),
+        "rubbed": (("time",), "nN nm", "lost so far to the friction of the slider"),
+        "stored": (("time",), "nN nm", "elastic energy of bonds and spring"),
+        "state": (("site",), "", "whether each site is bonded at the end"),
+        "stretch": (("site",), "nm", "of each bond at the end, 0 where there is none"),
+        "slips": (("site",), "", "bonds that each site has lost"),
+        "forming": (("site",), "eV", "barrier to forming a bond with the present partner, no neighbour bonded"),
+        "avalanches": (("size",), "", "number of slips in which 2^j to 2^(j+1) bonds broke"),
+    }
+    stored_names = {"times": "time"}
+
+    times: Doubles
+    """(m,) s since the contact was made"""
+    displacement: Doubles
+    """(m,) nm"""
+    force: Doubles
+    """(m,) nN"""
+    bonds: Indices
+    """(m,)"""
+    formed: Indices
+    """(m,) since the contact was made"""
+    broken: Indices
+    """(m,) since the contact was made"""
+    work: Doubles
+    """(m,) nN nm since the first pull, as the next three"""
+    dissipated: Doubles
+    """(m,) nN nm"""
+    rubbed: Doubles
+    """(m,) nN nm"""
+    stored: Doubles
+    """(m,) nN nm"""
+    state: Flags
+    """(n,) bool at the last time"""
+    stretch: Doubles
+    """(n,) nm at the last time"""
+    slips: Indices
+    """(n,)"""
+    forming: Doubles
+    """(n,) eV: the forming barriers at the end, of new partners where there are some"""
+    avalanches: Indices
+    """(j,) slips by their number of ruptures; a slip is a fall of the force by more than 5 % of the largest force"""
+    largest_drop: Number = 0.0
+    """nN, of the force in one slip that has ended"""
+    peak: Number
+    """the largest force so far, nN, between the times as well"""
+    peak_displacement: Number
+    """where it was reached, nm"""
+    peak_time: Number
+    """when it was reached, s"""
+    time: Number
+    """the last time, s"""
+    temperature: PositiveNumber
+    """K"""
+    engine: str
+    """kind of the engine"""
+    drive: Plain
+    """what pulled"""
+    notes: tuple[str, ...] = ()
+    """what the user should know of this run, in words"""
+    resume: Named = {}
+    """what the engine needs to resume bit for bit; private to it"""
+    provenance: Plain = {}
+    """how it was made: plain JSON values"""
+    observables: Named = {}
+    """name -> what was recorded on the way to this, see :class:`chemage.plugin.Output`"""
+    outputs: dict[str, dict[str, Any]] = {}
+    """the same names -> dims, unit and description"""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        check_times(self.times)
+        for name, (dims, _, _) in self.arrays.items():
+            length = {"time": self.times.size, "site": self.state.size}.get(dims[0])
+            values = getattr(self, name)
+            if values.ndim != 1 or length not in (None, values.size):
+                raise ValueError(f"{name}: shape {values.shape}; give ({length},)")
+            if values.dtype.kind == "f" and not np.isfinite(values).all():
+                raise ValueError(f"{name}: has values that are not finite")
+        return self
+
+    @property
+    def imbalance(self) -> np.ndarray:
+        """Work less what was dissipated, rubbed and is stored, relative to the work, (m,); rounding if the pull began
+        with unstretched bonds."""
+        lost = self.work - self.dissipated - self.rubbed - self.stored
+        return lost / np.maximum(np.maximum(self.work, self.dissipated + self.rubbed + self.stored), 1e-300)
+
+    @property
+    def history(self) -> BondHistory:
+        """The bonds, from which a hold goes on: the contact is unloaded, and its bonds are relaxed."""
+        names = ("bonds", "formed", "broken", "state", "time", "temperature")
+        return BondHistory(hold_times=self.times, engine=self.engine, **{name: getattr(self, name) for name in names})
+
+    def lattice_after(self, lattice: ReactionLattice) -> ReactionLattice:
+        """``lattice``, which was pulled, with the partners that its sites have now."""
+        return lattice.model_copy(update={"forming": self.forming})
+
+    def fault(self) -> str:
+        """What contradicts itself in this pull, in words; "" if nothing does."""
+        if self.time != self.times[-1]:
+            return f"time = {self.time:g} s is not the last of the times, {self.times[-1]:g} s"
+        if self.bonds[-1] != np.count_nonzero(self.state):
+            return f"bonds[-1] = {self.bonds[-1]}, but {np.count_nonzero(self.state)} sites are bonded in the state"
+        if self.stretch.size and (float(self.stretch.min()) < 0 or self.stretch[~self.state].any()):
+            return "stretch: a bond is compressed, or a site without a bond is stretched"
+        for name in ("displacement", "formed", "broken", "work", "dissipated", "rubbed"):
+            values = getattr(self, name)
+            if np.any(values[1:] < values[:-1]) or (values.size and values[0] < 0):
+                return f"{name} falls, or is negative"
+        if np.any(self.force < 0) or self.peak < self.force.max(initial=0.0):
+            return "force: is negative, or above the peak"
+        if (worst := float(np.abs(self.imbalance).max(initial=0.0))) > BALANCE:
+            return f"the balance of energy is violated by {worst:.2g} of the work"
+        return ""
+
+    def fault_of(self, lattice: Any, times: np.ndarray, temperature: float, start: Any = None, **_: Any) -> str:
+        """How it contradicts a run on ``lattice`` with these arguments, in words; "" if it does not."""
+        if not np.array_equal(self.times, times):
+            return "its times are not those of the run"
+        if self.temperature != temperature:
+            return f"temperature = {self.temperature:g} K, but the run is at {temperature:g} K"
+        if self.state.size != lattice.sites.size:
+            return f"state: {self.state.size} sites, but the lattice has {lattice.sites.size}"
+        before = 0
+        if isinstance(start, PullHistory | BondHistory):
+            before = int(start.bonds[-1] - start.formed[-1] + start.broken[-1])
+        elif start is not None:
+            before = int(np.count_nonzero(start))
+        if np.any(self.bonds != before + self.formed - self.broken):
+            return "bonds are not those formed less broken"
+        return ""
+
+    def __repr__(self) -> str:
+        return (
+            f"<PullHistory peak {self.peak:.4g} nN, {self.displacement[-1]:.4g} nm by {self.time:g} s ({self.engine})>"
+        )
+
+    __str__ = __repr__
+
+
+Start = PullHistory | BondHistory | np.ndarray | None
+
+
+class Pulling(Component, ABC):
+    """Role ``pulling``: follows bonds that are stretched, break and form while a drive moves the slider."""
+
+    role = "pulling"
+    error_of = "the force"
+
+    def warm_up(self, lattice: ReactionLattice, drive: Drive, temperature: float) -> None:
+        """Compile what :meth:`run` will need."""
+        self.run(lattice, drive, [0.0], temperature=temperature)
+
+    @abstractmethod
+    def _run(
+        self,
+        lattice: ReactionLattice,
+        drive: Drive,
+        times: np.ndarray,
+        temperature: float,
+        seed: Seed,
+        start: Start,
+        partners: Partners | None,
+    ) -> PullHistory:
+        """Run on validated input: ``times`` (m,) s, not before the end of ``start``; ``partners`` None where sites keep
+        theirs."""
+
+    def run(
+        self,
+        lattice: ReactionLattice,
+        drive: Drive,
+        times: Sequence[float] | np.ndarray,
+        *,
+        temperature: QuantityLike,
+        seed: Seed = 0,
+        start: Start = None,
+        partners: Partners | None = None,
+    ) -> PullHistory:
+        """Pull at the bonds on ``lattice`` and give force and bonds at each of ``times``.
+
+        Parameters
+        ----------
+        lattice
+            Sites, barriers and couplings; its breaking barriers are those that the force lowers.
+        drive
+            What pulls.
+        times
+            (m,) seconds since the contact was made, non-decreasing, ≥ 0; the pull begins at the time of ``start``.
+        temperature
+            Kelvin, or a string with its unit.
+        seed
+            An int or a ``numpy.random.SeedSequence``; the same seed gives the same bytes.
+        start
+            None (nothing bonded at time 0), a bool array (n,), a hold, whose bonds are unstretched, or a pull, which
+            goes on. With the same lattice, drive, temperature and seed it goes on bit for bit.
+        partners
+            What sites meet that lost their bond, where the drive says ``new``; see :func:`chemage.plugin.partners_of`.
+
+        Raises
+        ------
+        InputError
+            Naming the argument that is wrong.
+        """
+        expect("lattice", lattice, ReactionLattice, "make one with chemistry.on(contact), or from arrays")
+        expect("drive", drive, Drive, "make one with chemage.plugin.Drive(speed=...)")
+        moments, kelvin = check_times(times), temperature_value(temperature)
+        if not isinstance(seed, np.random.SeedSequence):
+            seed = checked_seed(seed)
+        n = lattice.sites.size
+        if lattice.breaking is None:
+            raise InputError("lattice: bonds last on it, so that no force breaks them; give breaking barriers")
+        if isinstance(start, PullHistory | BondHistory):
+            if fault := start.fault():
+                raise InputError(f"start: contradicts itself: {fault}; pass one as an engine gave it")
+            if start.state.size != n:
+                raise InputError.of("start", f"{start.state.size} sites", f"the lattice has {n}", "use its lattice")
+            if moments[0] < start.time:
+                raise InputError.of("times", float(moments[0]), f"the start is at {start.time} s", "give later times")
+        elif start is not None:
+            start = checked_states("start", start, n)
+        if drive.partner == "new" and partners is None:
+            raise InputError(
+                "partners: a site meets a new one; give chemage.plugin.partners_of(...), or partner='kept'"
+            )
+        if partners is not None and (partners.shift.shape != (n,) or partners.quantiles.size < 2):
+            raise InputError("partners: give two quantiles or more, and one shift for each site")
+        with recording() as recorded:
+            pulled = self._run(
+                lattice, drive, moments, kelvin, seed, start, partners if drive.partner == "new" else None
+            )
+        return pulled.noting({}, (), kept(pulled, recorded)) if recorded else pulled
+
+
+def pulling(kind: str, **options: Any) -> Any:
+    """An engine that follows the bonds of a contact that is pulled."""
+    return registry.current().make("pulling", kind, options)
+
+
+def pull(
+    engine: Pulling,
+    lattice: ReactionLattice,
+    drive: Drive,
+    times: Sequence[float] | np.ndarray,
+    *,
+    temperature: QuantityLike,
+    seed: Seed = 0,
+    start: Start = None,
+    contact: ContactSolution | None = None,
+    chemistry: Chemistry | None = None,
+) -> PullHistory:
+    """Pull one replica, through the hook ``chemage_pull_bonds``; arguments as for :meth:`Pulling.run`.
+
+    With a ``chemistry`` and the ``contact`` on which the lattice was made, new partners have its barriers. The plugins
+    that took part are noted in the ``provenance`` of the result.
+
+    Raises
+    ------
+    PluginError
+        What the engine or a plugin gave contradicts itself or the lattice.
+    """
+    expect(Pulling.role, engine, Pulling, 'make one with chemage.pulling("...")')
+    expect("drive", drive, Drive, "make one with chemage.plugin.Drive(speed=...)")
+    partners = None
+    if drive.partner == "new" and chemistry is not None and contact is not None:
+        partners = partners_of(chemistry, lattice, contact)
+    pulled, plugins, recorded = registry.current().answer(
+        "chemage_pull_bonds",
+        PullHistory,
+        engine=engine,
+        lattice=lattice,
+        drive=drive,
+        times=check_times(times),
+        temperature=temperature_value(temperature),
+        seed=seed,
+        start=start,
+        partners=partners,
+        contact=contact,
+        chemistry=chemistry,
+    )
+    return pulled.noting(providers(engine) | plugins, approximations(engine), kept(pulled, recorded))
+
+
+@displays(PullHistory)
+class PullDisplay(OfRecord[PullHistory]):
+    """A pull as users see it."""
+
+    def rows(self) -> Rows:
+        pull = self.record
+        return [
+            ("sites", str(pull.state.size)),
+            ("peak", f"{pull.peak:.4g} nN at {pull.peak_displacement:.4g} nm, {pull.peak_time:.4g} s"),
+            (f"at {pull.time:g} s", f"{pull.force[-1]:.4g} nN, {pull.bonds[-1]} bonds"),
+            ("work", f"{pull.work[-1]:.4g} nN nm, of which {pull.dissipated[-1]:.4g} nN nm were lost with bonds"),
+            ("formed and broken so far", f"{pull.formed[-1]}, {pull.broken[-1]}"),
+            ("slips", f"{pull.avalanches.sum()}, the largest by {pull.largest_drop:.4g} nN"),
+            ("temperature", f"{pull.temperature:g} K"),
+            ("pulled by", pull.engine),
+            *self.remarks(),
+        ]
+
+    def pictures(self) -> dict[str, Picture]:
+        return {"pull": Picture((Panel(self._draw, "Force of the drive against the displacement of the slider."),))}
+
+    def _draw(self, axes: Axes, medium: Medium) -> None:
+        pull = self.record
+        axes.plot(pull.displacement, pull.force, color=BLUE, lw=1.2)
+        axes.plot([pull.peak_displacement], [pull.peak], "o", color=BLUE, ms=3.5)
+        axes.set(xlabel="displacement (nm)", ylabel="force (nN)")
+        from_zero(axes)

@@ -1,0 +1,217 @@
+"""Checks of an engine that pulls a contact: closed forms of one bond and of steady sliding, energy, and going on."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from chemage.foundation.errors import InputError
+from chemage.foundation.units import EV_PER_GPA_NM3, KB
+from chemage.friction.pulling import BALANCE, Drive, Partners, PullHistory, Pulling
+from chemage.lattices.lattice import ReactionLattice
+from chemage.testing.answers import Questions, asks
+from chemage.testing.checks import (
+    CHANCE,
+    binomial_chance,
+    calls_are_independent,
+    check_of,
+    refuses,
+    require,
+    seeds_are_harmless,
+    whole,
+)
+
+check_pulling = whole(Pulling)
+
+TEMPERATURE, NU = 300.0, 1e13
+KT = KB * TEMPERATURE
+#: standard errors within which a mean must agree with the closed form
+FAR = 6.0
+
+
+def _drive(**changes: Any) -> Drive:
+    fields: dict[str, Any] = {
+        "bond_stiffness": 10.0,
+        "transition_distance": 0.05,
+        "shape": "constant",
+        "partner": "kept",
+    }
+    return Drive(**{"speed": 1e4, **fields, **changes})
+
+
+def _lattice(n: int, forming: float = 3.0, breaking: float = 0.8, interacting: bool = False) -> ReactionLattice:
+    fields: dict[str, Any] = {"forming": np.full(n, forming), "breaking": np.full(n, breaking)}
+    if interacting:
+        ring = np.arange(n)
+        neighbours = np.stack([np.roll(ring, 1), np.roll(ring, -1)], axis=1).astype(np.int32)
+        fields |= {"neighbours": neighbours, "coupling": np.full((n, 2), 0.03)}
+    return ReactionLattice(pixels=(n, 1), sites=np.arange(n), attempt_frequency=NU, **fields)
+
+
+def _hazard(drive: Drive, breaking: float, stretch: np.ndarray) -> np.ndarray:
+    """Of a bond that was stretched at a constant speed, by the trapezoidal rule on ``stretch`` (nm), from 0 on."""
+    lowered = drive.bond_stiffness * stretch * drive.transition_distance * EV_PER_GPA_NM3
+    left = np.clip(1 - drive.exponent * lowered / breaking, 0.0, 1.0)
+    rate = NU * left ** (1 / drive.exponent - 1) * np.exp(-breaking / KT * left ** (1 / drive.exponent))
+    return np.concatenate([[0.0], np.cumsum((rate[1:] + rate[:-1]) / 2 * np.diff(stretch))]) / drive.speed
+
+
+def _run(
+    engine: Pulling, lattice: ReactionLattice, drive: Drive, times: Any, seed: Any = 3, **more: Any
+) -> PullHistory:
+    pulled = engine.run(lattice, drive, times, temperature=TEMPERATURE, seed=seed, **more)
+    fault = pulled.fault() or pulled.fault_of(lattice, np.asarray(times), TEMPERATURE, more.get("start"))
+    require(not fault, f"{lattice!r} at {drive.speed:g} nm/s: {fault}")
+    return pulled
+
+
+@asks(Pulling)
+def _pulls_asked(component: Pulling) -> Questions:
+    for number, speed in enumerate((1e2, 1e4, 1e6)):
+        lattice, times = _lattice(30 + number, 0.5, interacting=True), np.linspace(0, 1.0 / speed, 5)
+        for seed in (1, 2):
+            yield (
+                f"{speed:g} nm/s, seed {seed}",
+                lambda engine, lattice=lattice, times=times, speed=speed, seed=seed: _bytes(
+                    engine.run(lattice, _drive(speed=speed), times, temperature=TEMPERATURE, seed=seed)
+                ),
+            )
+
+
+def _bytes(pulled: PullHistory) -> bytes:
+    return pulled.force.tobytes() + pulled.state.tobytes() + pulled.stretch.tobytes()
+
+
+@check_of(Pulling, known=True)
+def _bonds_break_as_their_barrier_falls(engine: Pulling) -> None:
+    """Of bonds that are stretched at a constant speed, as many are left as the integral of their rate says, for each
+    shape of the energy and also where the drive is a stiff spring."""
+    n = 2000
+    for shape in ("cusp", "cubic", "constant"):
+        for spring in (None, 1e9):
+            drive = _drive(shape=shape, spring=spring)
+            stretch = np.linspace(0, 0.4, 40_001)
+            hazard = _hazard(drive, 0.8, stretch)
+            at = np.searchsorted(hazard, [0.1, 0.7, 2.0])
+            pulled = _run(engine, _lattice(n), drive, stretch[at] / drive.speed, start=np.ones(n, bool))
+            for bonds, where in zip(pulled.bonds, at, strict=True):
+                chance = binomial_chance(int(bonds), n, float(np.exp(-hazard[where])))
+                require(
+                    chance > CHANCE,
+                    f"{shape}, spring {spring}: {bonds} of {n} bonds are left at a stretch of {stretch[where]:.4g} nm; "
+                    f"expected {n * np.exp(-hazard[where]):.1f}",
+                )
+
+
+@check_of(Pulling, known=True)
+def _steady_sliding_is_the_closed_form(engine: Pulling) -> None:
+    """Independent sites in steady sliding carry Ḟ∫tS dt/(1/k_on + ∫S dt) each (Schallamach 1963)."""
+    n, forming, breaking = 300, 0.5, 0.8
+    lattice = _lattice(n, forming, breaking)
+    for speed in (1e2, 1e4, 1e5):
+        drive = _drive(speed=speed)
+        stretch = np.linspace(0, 0.4, 100_001)
+        survival = np.exp(-_hazard(drive, breaking, stretch))
+        cycle = speed / (NU * np.exp(-forming / KT)) + float(survival.sum()) * stretch[1]
+        expected = drive.bond_stiffness * float((stretch * survival).sum()) * stretch[1] / cycle
+        times = np.array([8.0, 30.0]) * cycle / speed
+        forces = []
+        for seed in range(10):
+            pulled = _run(engine, lattice, drive, times, seed)
+            forces.append(float(np.diff(pulled.work)[0] / (np.diff(times)[0] * speed * n)))
+        error = np.std(forces, ddof=1) / len(forces) ** 0.5
+        require(
+            abs(np.mean(forces) - expected) < FAR * error,
+            f"{np.mean(forces):.5g} ± {error:.2g} nN per site at {speed:g} nm/s; expected {expected:.5g} nN",
+        )
+
+
+@check_of(Pulling)
+def _spring_bonds_and_friction_balance(engine: Pulling) -> None:
+    """The spring carries what the bonds and the friction of the slider hold, work is stored or lost, and the slider
+    rests while the spring pulls less than they hold."""
+    n = 200
+    for spring, friction in ((None, 5.0), (1e3, 0.0), (1e3, 50.0), (20.0, 5.0)):
+        drive = _drive(spring=spring, friction=friction)
+        times = np.linspace(0, 2.0 / drive.speed, 41)
+        pulled = _run(engine, _lattice(n, 0.5), drive, times, start=np.ones(n, bool))
+        worst = float(np.abs(pulled.imbalance).max())
+        require(worst < BALANCE, f"spring {spring}: energy is lost or made, {worst:.2g} of the work")
+        held = drive.bond_stiffness * float(pulled.stretch.sum()) + friction
+        moved = drive.speed * times - pulled.displacement - (0.0 if spring is None else pulled.force / spring)
+        require(np.allclose(moved, 0, atol=1e-9), f"spring {spring}: drive, slider and spring do not fit together")
+        if pulled.displacement[-1] > 0:
+            require(
+                np.isclose(pulled.force[-1], held, rtol=1e-9),
+                f"spring {spring}: the force is {pulled.force[-1]:.6g} nN, but bonds and friction hold {held:.6g} nN",
+            )
+        if spring is not None:
+            rests = spring * drive.speed * times < friction
+            require(
+                not pulled.displacement[rests].any(), f"the slider moves although it has a friction of {friction} nN"
+            )
+
+
+@check_of(Pulling)
+def _going_on_is_exact(engine: Pulling) -> None:
+    """A pull that is interrupted and goes on is the same bit for bit, and what is sampled changes nothing."""
+    n = 60
+    lattice, partners = _lattice(n, 0.5, interacting=True), Partners(np.linspace(0.4, 0.6, 50), np.zeros(n))
+    times = np.linspace(0, 1e-4, 9)
+    for changes in ({}, {"partner": "new"}, {"spring": 100.0, "friction": 3.0}):
+        drive = _drive(**changes)
+        more = {"partners": partners} if drive.partner == "new" else {}
+        whole_run = _run(engine, lattice, drive, times, **more)
+        first = _run(engine, lattice, drive, times[:4], **more)
+        second = _run(engine, lattice, drive, times[4:], start=first, **more)
+        once = _run(engine, lattice, drive, times[-1:], **more)
+        for name in ("force", "displacement", "work", "bonds", "formed", "broken"):
+            parts = np.concatenate([getattr(first, name), getattr(second, name)])
+            require(np.array_equal(parts, getattr(whole_run, name)), f"{name} differs where a pull goes on ({changes})")
+        for other, what in ((second, "goes on"), (once, "is sampled less often")):
+            require(_bytes(other)[-9 * n :] == _bytes(whole_run)[-9 * n :], f"the end differs where a pull {what}")
+            require(other.peak >= other.force.max(), "the peak is below a force")
+        require(bool(whole_run.broken[-1]), "no bond broke")
+
+
+@check_of(Pulling)
+def _at_rest_nothing_moves(engine: Pulling) -> None:
+    """Without a speed nothing moves and no work is done; stretched bonds relax; the state goes back to a hold."""
+    n = 80
+    lattice = _lattice(n, 0.5)
+    pulled = _run(engine, lattice, _drive(), [0.1 / 1e4], start=np.ones(n, bool))
+    held = _run(engine, lattice, _drive(speed=0.0), [1.0, 1e3], start=pulled)
+    require((held.displacement == pulled.displacement[-1]).all(), "the slider moves although the drive stands still")
+    require((held.work == pulled.work[-1]).all(), "work is done although the drive stands still")
+    require(held.force[-1] <= pulled.force[-1], "the force rises although the drive stands still")
+    require(held.history.fault() == "", f"the bonds are no history: {held.history.fault()}")
+    none = _run(engine, _lattice(n), _drive(), [1e-4])
+    require(none.peak == 0 and not none.bonds.any(), "a contact without a bond carries a force")
+
+
+@check_of(Pulling)
+def _seeds_decide_the_noise(engine: Pulling) -> None:
+    """The same seed gives the same pull, another one another; calls do not disturb each other."""
+    lattice, times = _lattice(40, 0.5), np.array([1e-4])
+    seeds_are_harmless(lambda seed: _bytes(_run(engine, lattice, _drive(), times, seed)), "a pull", chance=True)
+    lattices = [_lattice(n, 0.5) for n in (20, 21, 40)]
+    calls_are_independent(lambda one: _bytes(_run(engine, one, _drive(), times)), lattices, *lattices)
+
+
+@check_of(Pulling)
+def _what_cannot_be_pulled_is_refused(engine: Pulling) -> None:
+    """Bonds that last, times before the start and new partners that are not given are refused."""
+    lasting = _lattice(5).model_copy(update={"breaking": None})
+    refuses("bonds that last", lambda: engine.run(lasting, _drive(), [1.0], temperature=TEMPERATURE), InputError)
+    first = _run(engine, _lattice(5), _drive(), [1e-5])
+    refuses(
+        "an earlier time",
+        lambda: engine.run(_lattice(5), _drive(), [1e-6], temperature=TEMPERATURE, start=first),
+        InputError,
+    )
+    refuses(
+        "no partners",
+        lambda: engine.run(_lattice(5), _drive(partner="new"), [1.0], temperature=TEMPERATURE),
+        InputError,
+    )

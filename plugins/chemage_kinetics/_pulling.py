@@ -1,0 +1,572 @@
+"""Kernel of the pulled contact: bonds are springs between slider and sites, which break the faster the more they are
+stretched, and form at the rates of the chemistry.
+
+Between events the slider moves at a constant speed, so that only the rates of bonds change. Its path is divided
+into windows in which the force on a bond grows by k_BT/Δx. Every bond has a bound of its rate: the rate that it
+has at the end of a window ahead, because rates never fall with the stretch. Forming rates and bounds are the leaves of
+one tree of sums; a bond that is selected breaks with the probability of its rate over its bound (thinning; Lewis and
+Shedler, Nav. Res. Logist. Q. 26, 403 (1979)). This is exact whatever the speed does, as long as no bond goes beyond the
+window of its bound: bonds are listed by that window and get a new bound when the slider comes to it, also where an
+avalanche carries the slider over many windows at once.
+
+A position is a whole number of windows and the rest, so that a bond's stretch keeps all digits far from the start.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from chemage.plugin import random
+from chemage_kinetics._common import (
+    Float,
+    Int,
+    Key,
+    Model,
+    borrowed,
+    fixed_barrier,
+    fixed_coupling,
+    hot,
+    inner,
+    jit,
+    later,
+    past,
+    rate,
+    until,
+)
+from chemage_kinetics._rejection_free import Rates, mark, refresh, select, tree_total
+
+STREAM = random.KINETICS + 4
+PARTNER = random.KINETICS + 5
+#: windows that are listed, and the furthest window ahead at whose end a bond may have its bound
+RING, FURTHEST = np.int64(256), np.int64(128)
+#: a bond is selected with this probability at most before it has come as far ahead, where that is several windows
+RARE = 0.2
+NONE = np.int64(-1)
+#: the force falls from a maximum by more than this part of the largest force: a slip
+SLIP = 0.05
+
+# real numbers of the state, and counts
+HIGH, LOW, REST, SUM_REST, SLACK, LEFT, WORK, WORK_LOW, LOST, LOST_LOW, RUBBED, PEAK, PEAK_AT, PEAK_TIME = range(14)
+TOP, BOTTOM, LARGEST, MOVED_BEFORE, CHOICE = 14, 15, 16, 17, 18
+REALS = 19
+EVENT, WINDOW, SUM_WINDOWS, BONDS, FORMED, BROKEN, FALLING, FALLS, SLIPS, HOLD, DONE, FIRST = range(12)
+COUNTS = 12
+# columns of what is sampled
+MOVED, FORCE, WORKED, DISSIPATED, STORED, FRICTION = range(6)
+
+
+class Bonds(NamedTuple):
+    """How a bond breaks under force; lengths in nm, forces in nN."""
+
+    barrier: np.ndarray
+    """(n,) breaking barrier over k_BT, not negative"""
+    exponent: float
+    """ν"""
+    gain: float
+    """by how much the barrier falls with the stretch at first, over k_BT: 1/nm"""
+    stiffness: float
+    """nN/nm"""
+    window: float
+    """nm"""
+
+
+class Drive(NamedTuple):
+    """What pulls: speed nm/s; spring nN/nm, inf where the slider itself has the speed; friction nN."""
+
+    speed: float
+    spring: float
+    friction: float
+
+
+class Partners(NamedTuple):
+    """New partners of sites that lost their bond; ``quantiles`` is empty where they keep them."""
+
+    quantiles: np.ndarray
+    """(q,) eV, ascending, of the intrinsic forming barrier"""
+    shift: np.ndarray
+    """(n,) eV, what the forming barrier of a site has beside the intrinsic one"""
+    pixels: np.ndarray
+    """(n,) int64: index of each site's random numbers"""
+
+
+class Run(NamedTuple):
+    """Everything a pull consists of; its arrays carry the state from call to call."""
+
+    key: Key
+    model: Model
+    bonds: Bonds
+    drive: Drive
+    partners: Partners
+    words: np.ndarray
+    """(n,) int64, see `_common`"""
+    base: np.ndarray
+    """(n,) int64: the part of the forming barrier that is the site's own, in fixed point"""
+    rates: Rates
+    made: np.ndarray
+    """(n,) int64: window in which each bond formed"""
+    rest: np.ndarray
+    """(n,) float64 nm: where in that window"""
+    slips: np.ndarray
+    """(n,) int64: bonds that each site has lost"""
+    bound: np.ndarray
+    """(n,) int64: the window at whose beginning the bound of a bond ends"""
+    heads: np.ndarray
+    """(RING,) int64: first bond listed for a window"""
+    links: np.ndarray
+    """(n, 2) int64: next and previous bond of the list"""
+    reals: np.ndarray
+    counts: np.ndarray
+    slip_sizes: np.ndarray
+    """(64,) int64: number of slips with 2^j to 2^(j+1) ruptures"""
+    times: np.ndarray
+    samples: np.ndarray
+    """(m, 6) float64"""
+    tallies: np.ndarray
+    """(m, 3) int64: bonds, formed, broken"""
+
+
+# -- rates ---------------------------------------------------------------------------------------------------------
+
+
+@hot
+def under_force(barrier: Float, lowered: Float, exponent: Float, nu: Float) -> Float:
+    """The rate of a bond whose force times Δx is ``lowered``, both in k_BT; see `chemage_bonds.rupture`."""
+    share = 1.0 - exponent * lowered / barrier if barrier > 0.0 else 0.0
+    if share <= 0.0:
+        return nu
+    if exponent == 1.0:
+        return nu * math.exp(-barrier * share)
+    if exponent == 0.5:
+        left = share * share * barrier
+        factor = share
+    else:
+        factor = math.sqrt(share)
+        left = share * factor * barrier
+    if left < 1.0 - exponent:
+        # the largest rate, which stays; a barrier that was lower from the beginning keeps its rate
+        if barrier <= 1.0 - exponent:
+            return nu * math.exp(-barrier)
+        left = 1.0 - exponent
+        factor = (left / barrier) ** (1.0 - exponent)
+    return nu * factor * math.exp(-left)
+
+
+@hot
+def _stretch(i: Int, run: Run, window: Int, rest: Float) -> Float:
+    return (window - run.made[i]) * run.bonds.window + (rest - run.rest[i])
+
+
+@hot
+def _rate_at(i: Int, run: Run, window: Int, rest: Float) -> Float:
+    """The breaking rate of a bond with the slider there; a bond is never compressed."""
+    lowered = max(_stretch(i, run, window, rest), 0.0) * run.bonds.gain
+    return under_force(run.bonds.barrier[i], lowered, run.bonds.exponent, run.model.nu)
+
+
+@hot
+def _load(run: Run) -> Float:
+    """The force of all bonds, nN."""
+    counts, reals = run.counts, run.reals
+    whole = counts[WINDOW] * counts[BONDS] - counts[SUM_WINDOWS]
+    rest = reals[REST] * counts[BONDS] - reals[SUM_REST]
+    return max(run.bonds.stiffness * (whole * run.bonds.window + rest), 0.0) if counts[BONDS] > 0 else 0.0
+
+
+@hot
+def _speed(run: Run) -> Float:
+    """Of the slider, nm/s."""
+    drive = run.drive
+    if run.reals[SLACK] > 0.0 or drive.spring == 0.0:
+        return 0.0
+    if math.isinf(drive.spring):
+        return drive.speed
+    return drive.speed * (drive.spring / (drive.spring + run.counts[BONDS] * run.bonds.stiffness))
+
+
+# -- lists of bonds by window --------------------------------------------------------------------------------------
+
+
+@hot
+def _enlist(i: Int, window: Int, run: Run) -> None:
+    run.bound[i] = window
+    slot = window & (RING - 1)
+    first = run.heads[slot]
+    run.links[i, 0] = first
+    run.links[i, 1] = NONE
+    if first >= 0:
+        run.links[first, 1] = i
+    run.heads[slot] = i
+
+
+@hot
+def _strike(i: Int, run: Run) -> None:
+    after, before = run.links[i, 0], run.links[i, 1]
+    if before >= 0:
+        run.links[before, 0] = after
+    else:
+        run.heads[run.bound[i] & (RING - 1)] = after
+    if after >= 0:
+        run.links[after, 1] = before
+
+
+@hot
+def _least_barrier(speed: Float, run: Run) -> Float:
+    """The barrier (k_BT) over which bonds break with probability RARE within the FURTHEST windows; inf at rest."""
+    if speed <= 0.0:
+        return np.inf
+    return math.log(run.model.nu * run.bonds.window * FURTHEST / (RARE * speed))
+
+
+@hot
+def _bind(i: Int, least: Float, run: Run) -> None:
+    """Give bond i a bound at the end of a window ahead, and list it there; ``least``: see `_least_barrier`."""
+    window, ahead = run.counts[WINDOW], np.int64(1)
+    barrier, exponent = run.bonds.barrier[i], run.bonds.exponent
+    if 0.0 < least < barrier:
+        # the stretch that leaves so much of the barrier
+        share = least / barrier
+        share = math.sqrt(share) if exponent == 0.5 else share if exponent == 1.0 else share**exponent
+        way = barrier * (1.0 - share) / (exponent * run.bonds.gain) - _stretch(i, run, window, 0.0)
+        ahead = np.int64(min(max(way / run.bonds.window, 1.0), FURTHEST))
+    run.rates.tree[i] = _rate_at(i, run, window + ahead, 0.0)
+    _enlist(i, window + ahead, run)
+
+
+@inner
+def _rebind(passed: Int, run: Run) -> None:
+    """New bounds for the bonds of the last ``passed`` windows, up to the present one."""
+    least, count = _least_barrier(_speed(run), run), np.int64(0)
+    window = run.counts[WINDOW]
+    for back in range(min(passed, RING)):
+        slot = (window - back) & (RING - 1)
+        i = run.heads[slot]
+        run.heads[slot] = NONE
+        while i >= 0:
+            following = run.links[i, 0]
+            _bind(i, least, run)
+            count = mark(run.rates, i >> 3, count)
+            if count == run.rates.dirty.size:
+                refresh(run.rates, count)
+                count = np.int64(0)
+            i = following
+    if count > 0:
+        refresh(run.rates, count)
+
+
+# -- motion --------------------------------------------------------------------------------------------------------
+
+
+@hot
+def _two_sum(reals: np.ndarray, at: Int, more: Float) -> None:
+    """Add to a sum that is kept as a pair."""
+    reals[at], reals[at + 1] = later(reals[at], reals[at + 1], more)
+
+
+@hot
+def _shift(distance: Float, run: Run) -> None:
+    """Move the slider, and give new bounds to the bonds whose window it has come to."""
+    reals, counts = run.reals, run.counts
+    rest = reals[REST] + distance
+    if rest >= run.bonds.window:
+        passed = np.int64(math.floor(rest / run.bonds.window))
+        rest = max(rest - passed * run.bonds.window, 0.0)
+        counts[WINDOW] += passed
+        reals[REST] = rest
+        _rebind(passed, run)
+    else:
+        reals[REST] = rest
+
+
+@hot
+def _work(run: Run, span: Float) -> tuple[Float, Float, Float]:
+    """Of ``span`` seconds ahead, without an event: the work of drive and friction (nN nm), and the way (nm)."""
+    speed, drive = _speed(run), run.drive
+    way = speed * span
+    force = _load(run) + drive.friction - run.reals[SLACK]
+    if math.isinf(drive.spring) or run.reals[SLACK] == 0.0:
+        mean = force + 0.5 * run.bonds.stiffness * run.counts[BONDS] * way
+    else:
+        mean = force + 0.5 * drive.spring * drive.speed * span
+    return (mean if drive.spring > 0.0 else 0.0) * drive.speed * span, drive.friction * way, way
+
+
+@hot
+def _note_peak(run: Run) -> None:
+    """Compare the force before a bond breaks with the largest one, and with that of the last slip."""
+    reals, counts = run.reals, run.counts
+    force = _load(run) + run.drive.friction - reals[SLACK]
+    if force > reals[PEAK]:
+        reals[PEAK] = force
+        reals[PEAK_AT] = reals[MOVED_BEFORE] + (counts[WINDOW] * run.bonds.window + reals[REST])
+        reals[PEAK_TIME] = reals[HIGH]
+    if counts[FALLING] and force > reals[BOTTOM] + SLIP * reals[PEAK]:
+        _end_slip(run)
+        reals[TOP] = force
+        counts[FALLS] = 0
+    elif not counts[FALLING] and force >= reals[TOP]:
+        reals[TOP] = force
+        counts[FALLS] = 0
+
+
+@inner
+def _end_slip(run: Run) -> None:
+    reals, counts = run.reals, run.counts
+    size = np.int64(0)
+    while (counts[FALLS] >> (size + 1)) > 0:
+        size += 1
+    run.slip_sizes[size] += 1
+    counts[SLIPS] += 1
+    reals[LARGEST] = max(reals[LARGEST], reals[TOP] - reals[BOTTOM])
+    counts[FALLING] = 0
+
+
+@hot
+def _note_fall(run: Run) -> None:
+    reals, counts = run.reals, run.counts
+    counts[FALLS] += 1
+    force = _load(run) + run.drive.friction - reals[SLACK]
+    if not counts[FALLING] and force < reals[TOP] - SLIP * reals[PEAK]:
+        counts[FALLING] = 1
+        reals[BOTTOM] = force
+    if counts[FALLING]:
+        reals[BOTTOM] = min(reals[BOTTOM], force)
+
+
+@hot
+def settle(run: Run) -> None:
+    """Let the slider go to where spring, bonds and friction balance, if the spring pulls more than they hold."""
+    reals = run.reals
+    if reals[SLACK] >= 0.0 or math.isinf(run.drive.spring):
+        reals[SLACK] = max(reals[SLACK], 0.0)
+        return
+    stiffness = run.drive.spring + run.counts[BONDS] * run.bonds.stiffness
+    way = -reals[SLACK] / stiffness
+    _two_sum(reals, LOST, 0.5 * stiffness * way * way)
+    reals[RUBBED] += run.drive.friction * way
+    reals[SLACK] = 0.0
+    _shift(way, run)
+
+
+# -- events --------------------------------------------------------------------------------------------------------
+
+
+@hot
+def _form(i: Int, run: Run) -> None:
+    counts, reals = run.counts, run.reals
+    run.made[i] = counts[WINDOW]
+    run.rest[i] = reals[REST]
+    counts[SUM_WINDOWS] += counts[WINDOW]
+    reals[SUM_REST] += reals[REST]
+    counts[BONDS] += 1
+    counts[FORMED] += 1
+    run.words[i] |= 1
+    _bind(i, _least_barrier(_speed(run), run), run)
+
+
+@hot
+def _partner_barrier(key: Key, partners: Partners, i: Int, slips: Int) -> Float:
+    """The forming barrier of a site (eV) with the partner that it met after so many lost bonds."""
+    table = partners.quantiles
+    u = random.uniform(key.k0, key.k1, PARTNER, partners.pixels[i], slips) * (table.size - 1)
+    low = min(np.int64(u), table.size - 2)
+    return table[low] + (u - low) * (table[low + 1] - table[low]) + partners.shift[i]
+
+
+@hot
+def _new_partner(i: Int, run: Run) -> None:
+    new = fixed_barrier(_partner_barrier(run.key, run.partners, i, run.slips[i]))
+    run.words[i] += 2 * (new - run.base[i])
+    run.base[i] = new
+
+
+@hot
+def _break(i: Int, run: Run) -> None:
+    counts, reals = run.counts, run.reals
+    stretch = max(_stretch(i, run, counts[WINDOW], reals[REST]), 0.0)
+    _note_peak(run)
+    _two_sum(reals, LOST, 0.5 * run.bonds.stiffness * stretch * stretch)
+    _strike(i, run)
+    counts[SUM_WINDOWS] -= run.made[i]
+    reals[SUM_REST] -= run.rest[i]
+    counts[BONDS] -= 1
+    if counts[BONDS] == 0:
+        reals[SUM_REST] = 0.0
+    counts[BROKEN] += 1
+    run.words[i] &= ~1
+    run.slips[i] += 1
+    if run.partners.quantiles.size > 0:
+        _new_partner(i, run)
+    run.rates.tree[i] = rate(run.words[i] >> 1, run.model.nu, run.model.per_unit)
+    if not math.isinf(run.drive.spring):
+        reals[SLACK] -= run.bonds.stiffness * stretch
+        settle(run)
+    _note_fall(run)
+
+
+@hot
+def _change(i: Int, run: Run) -> None:
+    """Form or break the bond of site i; new rates of its neighbours."""
+    model = run.model
+    bonded = run.words[i] & 1
+    # first the energies: a slider that jumps gives new bounds to other bonds
+    sign = -2 if bonded else 2
+    for s in range(model.neighbours.shape[1]):
+        j = np.int64(model.neighbours[i, s])
+        if j >= 0:
+            run.words[j] += sign * fixed_coupling(model.coupling[i, s])
+    if bonded:
+        _break(i, run)
+    else:
+        _form(i, run)
+    count = mark(run.rates, i >> 3, np.int64(0))
+    for s in range(model.neighbours.shape[1]):
+        j = np.int64(model.neighbours[i, s])
+        if j >= 0 and run.words[j] & 1 == 0:
+            run.rates.tree[j] = rate(run.words[j] >> 1, model.nu, model.per_unit)
+            count = mark(run.rates, j >> 3, count)
+    refresh(run.rates, count)
+
+
+@inner
+def _sample(run: Run, span: Float, hold: Int) -> None:
+    """What is seen ``span`` seconds ahead, before the next event."""
+    reals, counts, bonds, drive = run.reals, run.counts, run.bonds, run.drive
+    work, rubbed, way = _work(run, span)
+    slack = reals[SLACK]
+    if slack > 0.0:
+        slack = max(slack - drive.spring * drive.speed * span, 0.0)
+    force = _load(run) + bonds.stiffness * counts[BONDS] * way + drive.friction - slack
+    if math.isinf(drive.spring) or drive.spring > 0.0:
+        stored = 0.0 if math.isinf(drive.spring) else 0.5 * force * force / drive.spring
+    else:
+        force = stored = 0.0
+    for i in range(run.words.size):
+        if run.words[i] & 1:
+            stretch = _stretch(i, run, counts[WINDOW], reals[REST]) + way
+            stored += 0.5 * bonds.stiffness * stretch * stretch
+    out = run.samples[hold]
+    out[MOVED] = reals[MOVED_BEFORE] + (counts[WINDOW] * bonds.window + reals[REST] + way)
+    out[FORCE] = force
+    out[WORKED] = reals[WORK] + (reals[WORK_LOW] + work)
+    out[DISSIPATED] = reals[LOST] + reals[LOST_LOW]
+    out[STORED] = stored
+    out[FRICTION] = reals[RUBBED] + rubbed
+    run.tallies[hold, 0] = counts[BONDS]
+    run.tallies[hold, 1] = counts[FORMED]
+    run.tallies[hold, 2] = counts[BROKEN]
+
+
+@hot
+def _to_next_window(run: Run) -> Int:
+    """Windows to the next one for which bonds are listed; RING where there is none."""
+    window = run.counts[WINDOW]
+    for ahead in range(1, RING):
+        if run.heads[(window + ahead) & (RING - 1)] >= 0:
+            return np.int64(ahead)
+    return RING
+
+
+@jit
+def present_barriers(key: Key, partners: Partners, slips: np.ndarray, forming: np.ndarray, base: np.ndarray) -> None:
+    """Fill the forming barriers of the present partners (eV), those of the lattice where a site has its first one, and
+    the same in fixed point."""
+    for i in range(slips.size):
+        if partners.quantiles.size > 0 and slips[i] > 0:
+            forming[i] = _partner_barrier(key, partners, i, slips[i])
+        base[i] = fixed_barrier(forming[i])
+
+
+@jit
+def start(run: Run, goes_on: bool) -> None:
+    """Give every bond its bound, that of before where a pull goes on, and let the slider settle."""
+    run = borrowed(run)
+    least = _least_barrier(_speed(run), run)
+    for i in range(run.words.size):
+        if run.words[i] & 1:
+            if goes_on:
+                run.rates.tree[i] = _rate_at(i, run, run.bound[i], 0.0)
+                _enlist(i, run.bound[i], run)
+            else:
+                _bind(i, least, run)
+            refresh(run.rates, mark(run.rates, i >> 3, np.int64(0)))
+    settle(run)
+
+
+@jit
+def stretches(run: Run, out: np.ndarray) -> None:
+    """Fill the stretch of every bond at the last time."""
+    _, _, way = _work(run, until(run.reals[HIGH], run.reals[LOW], run.times[run.times.size - 1]))
+    for i in range(out.size):
+        if run.words[i] & 1:
+            out[i] = max(_stretch(i, run, run.counts[WINDOW], run.reals[REST]) + way, 0.0)
+
+
+@hot
+def _draw(run: Run) -> None:
+    """The random numbers of the next event: how long it is waited for, and what it is."""
+    u, run.reals[CHOICE] = random.uniform_pair(run.key.k0, run.key.k1, STREAM, run.counts[EVENT], 0)
+    run.reals[LEFT] = -math.log(u)
+
+
+@jit
+def advance(run: Run, events: Int) -> None:
+    """Go on for about ``events`` events, or to the last time (then ``counts[DONE]`` is 1).
+
+    The state is that of the last event; it is followed to a time only to be sampled, so that what is sampled changes
+    nothing.
+    """
+    run = borrowed(run)
+    reals, counts, times = run.reals, run.counts, run.times
+    if counts[FIRST]:
+        counts[FIRST] = 0
+        _draw(run)
+    while events > 0:
+        events -= 1
+        total, speed = tree_total(run.rates), _speed(run)
+        step, event = (reals[LEFT] / total if total > 0.0 else np.inf), 0
+        edge, ahead = np.inf, RING
+        if counts[BONDS] > 0 and speed > 0.0:
+            ahead = _to_next_window(run)
+            edge = (ahead * run.bonds.window - reals[REST]) / speed
+        if edge < step:
+            step, event = edge, 1
+        if reals[SLACK] > 0.0 and run.drive.spring > 0.0 and run.drive.speed > 0.0:
+            free = reals[SLACK] / (run.drive.spring * run.drive.speed)
+            if free < step:
+                step, event = free, 2
+        high, low = (reals[HIGH], reals[LOW]) if step == np.inf else later(reals[HIGH], reals[LOW], step)
+        while counts[HOLD] < times.size and (step == np.inf or past(high, low, times[counts[HOLD]])):
+            _sample(run, until(reals[HIGH], reals[LOW], times[counts[HOLD]]), counts[HOLD])
+            counts[HOLD] += 1
+        if counts[HOLD] == times.size:
+            counts[DONE] = 1
+            return
+        work, rubbed, way = _work(run, step)
+        _two_sum(reals, WORK, work)
+        reals[RUBBED] += rubbed
+        reals[HIGH], reals[LOW] = high, low
+        if event != 0:
+            reals[LEFT] = max(reals[LEFT] - total * step, 0.0)
+            if event == 2:
+                reals[SLACK] = 0.0
+                continue
+            # exactly to the beginning of the window, whatever the way was rounded to
+            reals[REST] = 0.0
+            counts[WINDOW] += ahead
+            _rebind(ahead, run)
+            continue
+        if reals[SLACK] > 0.0:
+            reals[SLACK] = max(reals[SLACK] - run.drive.spring * run.drive.speed * step, 0.0)
+        _shift(way, run)
+        i = select(run.rates, reals[CHOICE] * tree_total(run.rates), 0.0)
+        accepted = True
+        if run.words[i] & 1:
+            v, _ = random.uniform_pair(run.key.k0, run.key.k1, STREAM, counts[EVENT], 1)
+            accepted = v * run.rates.tree[i] < _rate_at(i, run, counts[WINDOW], reals[REST])
+        counts[EVENT] += 1
+        _draw(run)
+        if accepted:
+            _change(i, run)

@@ -1,0 +1,252 @@
+"""The engine that pulls a contact, exactly, event by event; docs/pulling.md."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, ClassVar
+
+import numpy as np
+
+from chemage import InputError, ReactionLattice
+from chemage.plugin import EV_PER_GPA_NM3, KB, BondHistory, Drive, Partners, PullHistory, Pulling, Seed
+from chemage_kinetics import _pulling as kernel
+from chemage_kinetics._common import start_words
+from chemage_kinetics._driver import SLICE, bonded, check_couplings, fingerprint, model_of, noise_key
+from chemage_kinetics._rejection_free import empty_rates, fill
+
+#: part of k_BT/Δx by which the force on a bond grows within a window
+WINDOW = 1.0
+#: windows that positions are counted in at most, so that their sums over the sites are whole numbers
+MOST_WINDOWS = 2**31
+#: events that sites which form and break their bonds all the time may have; some hours
+MOST_EVENTS = 1e10
+
+
+class EventDriven(Pulling):
+    """Every bond that forms and breaks is an event; rates that grow with the force are followed exactly, by thinning.
+
+    A bond has the rate that it would have after a bounded way of the slider, and breaks with the probability of its
+    present rate over that one. Between events the balance of spring, bonds and friction is solved in closed form.
+    """
+
+    kind = "event-driven"
+    cite: ClassVar[tuple[str, ...]] = ("P. A. W. Lewis, G. S. Shedler, Nav. Res. Logist. Q. 26, 403 (1979)",)
+
+    def _run(
+        self,
+        lattice: ReactionLattice,
+        drive: Drive,
+        times: np.ndarray,
+        temperature: float,
+        seed: Seed,
+        start: Any,
+        partners: Partners | None,
+    ) -> PullHistory:
+        job = _Job(lattice, drive, times, temperature, seed, start, partners)
+        run = job.prepared()
+        while not run.counts[kernel.DONE]:
+            kernel.advance(run, SLICE)
+        return job.finished(run, self.kind)
+
+
+class _Job:
+    """One pull: the arguments of `Pulling._run`, the arrays made from them, and the result."""
+
+    def __init__(
+        self,
+        lattice: ReactionLattice,
+        drive: Drive,
+        times: np.ndarray,
+        temperature: float,
+        seed: Seed,
+        start: Any,
+        partners: Partners | None,
+    ) -> None:
+        self.lattice, self.drive, self.times, self.temperature = lattice, drive, times, temperature
+        self.before = start if isinstance(start, PullHistory) else None
+        self.key = noise_key(seed, int(kernel.STREAM), lattice)
+        self.model = model_of(lattice, temperature)
+        n = lattice.sites.size
+        self.time = float(start.time) if isinstance(start, PullHistory | BondHistory) else 0.0
+        self.state = np.zeros(n, np.bool_)
+        if start is not None:
+            self.state = np.array(start.state if isinstance(start, PullHistory | BondHistory) else start)
+        self.counted = (0, 0)
+        if isinstance(start, PullHistory | BondHistory):
+            self.counted = (int(start.formed[-1]), int(start.broken[-1]))
+        thermal = KB * temperature
+        assert lattice.breaking is not None
+        gain = drive.bond_stiffness * drive.transition_distance * EV_PER_GPA_NM3 / thermal
+        window = WINDOW / gain if gain > 0 else 1.0
+        self.bonds = kernel.Bonds(
+            np.maximum(lattice.breaking, 0.0) / thermal, drive.exponent, gain, drive.bond_stiffness, window
+        )
+        self.pull = kernel.Drive(drive.speed, math.inf if drive.spring is None else drive.spring, drive.friction)
+        empty = np.empty(0)
+        self.partners = kernel.Partners(
+            empty if partners is None else np.ascontiguousarray(partners.quantiles, np.float64),
+            empty if partners is None else np.ascontiguousarray(partners.shift, np.float64),
+            lattice.random_index,
+        )
+        self._refuse_too_much()
+
+    def _refuse_too_much(self) -> None:
+        """Refuse what would take for ever, or lose digits."""
+        drive, lattice, span = self.drive, self.lattice, float(self.times[-1]) - self.time
+        way = drive.speed * span if drive.spring != 0 else 0.0
+        if way > MOST_WINDOWS * self.bonds.window:
+            raise InputError(
+                f"times: the drive moves by {way:.3g} nm, more than {MOST_WINDOWS} steps of "
+                f"{self.bonds.window:.3g} nm, in which the force on a bond grows by k_BT/Δx; pull less far, or "
+                "use a smaller bond_stiffness or transition_distance"
+            )
+        check_couplings(lattice)
+        assert lattice.breaking is not None
+        per_kt = 1 / (KB * self.temperature)
+        forming, breaking = (
+            lattice.attempt_frequency * np.exp(-np.maximum(barriers, 0.0) * per_kt)
+            for barriers in (lattice.forming, lattice.breaking)
+        )
+        cycles = span * float((forming * breaking / np.maximum(forming + breaking, 1e-300)).sum())
+        if 2 * cycles > MOST_EVENTS:
+            raise InputError(
+                f"times: about {2 * cycles:.2g} bonds would form and break without a force in {span:.3g} s, more than "
+                f"{MOST_EVENTS:g}; pull for a shorter time, at a lower temperature, or with higher barriers"
+            )
+
+    def _identity(self) -> dict[str, np.ndarray]:
+        """What must be equal for the pending event to hold."""
+        pulled = [self.temperature, *self.bonds[1:], *self.pull]
+        return {
+            "key": np.array(self.key),
+            "lattice": fingerprint(self.lattice),
+            "pulled": np.array(pulled, np.float64),
+            "partners": np.array([self.partners.quantiles.sum(), self.partners.shift.sum()]),
+        }
+
+    def _goes_on(self) -> bool:
+        """Whether the pending event of the pull before still holds."""
+        before = self.before
+        return before is not None and all(
+            np.array_equal(before.resume.get(name, ()), array) for name, array in self._identity().items()
+        )
+
+    def prepared(self) -> kernel.Run:
+        """The state of the contact at the start."""
+        n, before = self.state.size, self.before
+        reals, counts = np.zeros(kernel.REALS), np.zeros(kernel.COUNTS, np.int64)
+        made, rest, bound = np.zeros(n, np.int64), np.zeros(n), np.zeros(n, np.int64)
+        slips = np.zeros(n, np.int64) if before is None else np.array(before.slips)
+        goes_on = self._goes_on()
+        if goes_on:
+            assert before is not None
+            reals[:], counts[:] = before.resume["reals"], before.resume["counts"]
+            made[:], rest[:], bound[:] = (before.resume[name] for name in ("made", "rest", "bound"))
+        else:
+            self._begin(reals, counts, rest)
+        words, base, forming = np.empty(n, np.int64), np.empty(n, np.int64), np.array(self.lattice.forming)
+        kernel.present_barriers(self.key, self.partners, slips, forming, base)
+        forming.setflags(write=False)
+        self.forming = forming
+        start_words(forming, self.model, self.state, words)
+        rates = empty_rates(n, self.model.neighbours.shape[1], listing=False)
+        fill(words, self.model, rates)
+        m = self.times.size
+        counts[kernel.HOLD] = counts[kernel.DONE] = 0
+        run = kernel.Run(
+            key=self.key,
+            model=self.model,
+            bonds=self.bonds,
+            drive=self.pull,
+            partners=self.partners,
+            words=words,
+            base=base,
+            rates=rates,
+            made=made,
+            rest=rest,
+            slips=slips,
+            bound=bound,
+            heads=np.full(kernel.RING, -1, np.int64),
+            links=np.full((n, 2), -1, np.int64),
+            reals=reals,
+            counts=counts,
+            slip_sizes=np.zeros(64, np.int64) if before is None else np.array(before.avalanches),
+            times=np.array(self.times),
+            samples=np.zeros((m, 6)),
+            tallies=np.zeros((m, 3), np.int64),
+        )
+        kernel.start(run, goes_on)
+        return run
+
+    def _begin(self, reals: np.ndarray, counts: np.ndarray, rest: np.ndarray) -> None:
+        """A pull that begins, or goes on under other conditions: bonds keep their stretch, the rest is drawn anew."""
+        before, bonds = self.before, self.bonds
+        reals[kernel.HIGH] = self.time
+        counts[kernel.BONDS] = int(np.count_nonzero(self.state))
+        counts[kernel.FORMED], counts[kernel.BROKEN] = self.counted
+        counts[kernel.FIRST] = 1
+        force = 0.0
+        if before is not None:
+            rest[:] = -before.stretch
+            counts[kernel.EVENT] = int(before.resume["counts"][kernel.EVENT]) + 1 if "counts" in before.resume else 0
+            reals[kernel.WORK], reals[kernel.LOST] = before.work[-1], before.dissipated[-1]
+            reals[kernel.RUBBED], reals[kernel.LARGEST] = before.rubbed[-1], before.largest_drop
+            reals[kernel.PEAK], reals[kernel.PEAK_AT] = before.peak, before.peak_displacement
+            reals[kernel.PEAK_TIME], force = before.peak_time, float(before.force[-1])
+            reals[kernel.MOVED_BEFORE] = before.displacement[-1]
+        reals[kernel.SUM_REST] = rest[self.state].sum()
+        load = bonds.stiffness * -float(reals[kernel.SUM_REST])
+        if math.isfinite(self.pull.spring):
+            # the spring has the force that there was; what it does not carry is held by the friction of the slider
+            reals[kernel.SLACK] = load + self.pull.friction - force
+        drive = self.drive.todict()
+        if before is not None and any(drive[name] != before.drive.get(name) for name in ("spring", "bond_stiffness")):
+            stored = 0.5 * bonds.stiffness * float((before.stretch**2).sum())
+            if 0 < self.pull.spring < math.inf:
+                stored += 0.5 * force**2 / self.pull.spring
+            # another spring or stiffness: what it takes up counts as work, what it releases as lost
+            change = stored - float(before.stored[-1])
+            reals[kernel.WORK if change > 0 else kernel.LOST] += abs(change)
+        reals[kernel.TOP] = force
+
+    def finished(self, run: kernel.Run, kind: str) -> PullHistory:
+        """The result, with what is needed to go on."""
+        reals, samples, tallies = run.reals, run.samples, run.tallies
+        state, stretch = bonded(run.words), np.zeros(run.words.size)
+        kernel.stretches(run, stretch)
+        force, displacement = samples[:, kernel.FORCE], samples[:, kernel.MOVED]
+        highest = int(np.argmax(force))
+        peaks = [tuple(float(reals[place]) for place in (kernel.PEAK, kernel.PEAK_AT, kernel.PEAK_TIME))]
+        peaks += [(float(force[highest]), float(displacement[highest]), float(self.times[highest]))]
+        if self.before is not None:
+            peaks.append((self.before.peak, self.before.peak_displacement, self.before.peak_time))
+        peak, at, when = max(peaks, key=lambda one: one[0])
+        forming = self.forming.copy()
+        kernel.present_barriers(self.key, self.partners, run.slips, forming, np.empty(state.size, np.int64))
+        resume = {"reals": reals, "counts": run.counts, "made": run.made, "rest": run.rest, "bound": run.bound}
+        return PullHistory(
+            times=self.times,
+            displacement=displacement,
+            force=force,
+            bonds=tallies[:, 0],
+            formed=tallies[:, 1],
+            broken=tallies[:, 2],
+            work=samples[:, kernel.WORKED],
+            dissipated=samples[:, kernel.DISSIPATED],
+            rubbed=samples[:, kernel.FRICTION],
+            stored=samples[:, kernel.STORED],
+            state=state,
+            stretch=stretch,
+            slips=run.slips,
+            forming=forming,
+            avalanches=run.slip_sizes,
+            largest_drop=float(reals[kernel.LARGEST]),
+            peak=peak,
+            peak_displacement=at,
+            peak_time=when,
+            time=float(self.times[-1]),
+            temperature=self.temperature,
+            engine=kind,
+            drive=self.drive.todict(),
+            resume={**self._identity(), **resume},
+        )

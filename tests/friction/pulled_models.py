@@ -1,0 +1,192 @@
+"""What a pulled contact does in theory: independent sites in steady sliding and their stability, and small patches."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise, product
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import expm_multiply
+
+import chemage as ca
+from chemage.plugin import Drive
+
+KB, EV_PER_NM = ca.plugin.KB, 0.1602176634
+KT = KB * 300.0
+
+
+def lattice_of(n: int, forming, breaking) -> ca.ReactionLattice:
+    """Independent sites."""
+    values = {
+        name: np.broadcast_to(np.asarray(v, float), n).copy()
+        for name, v in (("forming", forming), ("breaking", breaking))
+    }
+    return ca.ReactionLattice(pixels=(n, 1), sites=np.arange(n), **values)
+
+
+def drive_of(speed: float, **options) -> Drive:
+    fields = {"bond_stiffness": 10.0, "transition_distance": 0.05, "partner": "kept", "shape": "constant"}
+    return Drive(speed=speed, **{**fields, **options})
+
+
+@dataclass
+class Independent:
+    """Equal sites that do not interact, at 300 K; forces per site."""
+
+    speed: float
+    drive: Drive
+    breaking: float
+    forming: float
+
+    def __post_init__(self) -> None:
+        law = ca.rupture(
+            "dudko-hummer-szabo",
+            transition_distance=self.drive.transition_distance,
+            loading_rate=self.drive.bond_stiffness * self.speed,
+            shape=self.drive.shape,
+        )
+        ramp = law.ramp(np.array([self.breaking]), 300.0, 1e13)
+        scale = ramp.thermal / self.drive.bond_stiffness
+        mean = float(law.mean_forces(np.array([self.breaking]), 300.0)[0]) / self.drive.bond_stiffness
+        # logarithmic where bonds break long before they are loaded, even where the hazard rises
+        edges = np.concatenate([[0.0], np.geomspace(1e-6 * mean, 60 * mean, 4000), np.linspace(0, 2 * mean, 4001)[1:]])
+        edges = np.unique(edges)
+        self.stretch = edges
+        self.hazard = ramp.hazard(edges / scale)[0]
+        self.survival = np.exp(-self.hazard)
+        self.k_on = 1e13 * np.exp(-self.forming / KT)
+
+    def integral(self, values: np.ndarray) -> complex:
+        """∫ values ds over the stretch."""
+        return np.sum((values[1:] + values[:-1]) / 2 * np.diff(self.stretch))
+
+    @property
+    def mean_force(self) -> float:
+        """Ḟ∫tS dt/(1/k_on + ∫S dt), nN per site."""
+        s, survival, v = self.stretch, self.survival, self.speed
+        below = v / self.k_on + float(np.real(self.integral(survival)))
+        return self.drive.bond_stiffness * float(np.real(self.integral(s * survival))) / below
+
+    def critical(self) -> tuple[float, float]:
+        """The stiffness per site below which steady sliding is unstable, and the frequency (rad/s) that grows first.
+
+        A perturbation exp(λt) goes on where K = −λG(λ), G the change of the force per change of the speed
+        (`response`): here λ = iω, the imaginary part is zero, and K the largest. 0 where none is.
+        """
+        omega = np.geomspace(1.0, 300.0, 600) * self.speed
+        values = np.array([1j * w * self.response(1j * w) for w in omega])
+        cross = np.flatnonzero(np.diff(np.sign(values.imag)))
+        share = values.imag[cross] / (values.imag[cross] - values.imag[cross + 1])
+        crossings = -(values.real[cross] + share * (values.real[cross + 1] - values.real[cross]))
+        if not crossings.size or crossings.max() <= 0:
+            return 0.0, 0.0
+        first = int(np.argmax(crossings))
+        return float(crossings[first]), float(omega[cross[first]])
+
+    def response(self, rate: complex) -> complex:
+        """Force per site over a small change of the speed that goes as exp(rate t)."""
+        s, survival, v = self.stretch, self.survival, self.speed
+        start = 1 / (v / self.k_on + float(np.real(self.integral(survival))))  # bonds per nm at stretch 0
+        grow = np.exp(np.minimum((rate * s / v).real, 300.0) + 1j * (rate * s / v).imag)
+        # d(hazard) = k ds/v
+        steps = (grow[1:] + grow[:-1]) / 2 * np.diff(self.hazard)
+        gained = start / v * np.concatenate([[0.0], np.cumsum(steps)])
+        # p1 = S e^(−λs/v) (c + gained), c v + start = −k_on ∫p1
+        shape = survival / grow
+        c = -(start + self.k_on * self.integral(shape * gained)) / (v + self.k_on * self.integral(shape))
+        return self.drive.bond_stiffness * self.integral(s * shape * (c + gained))
+
+
+def patches(count: int, seed: int, forming: float = 0.42, breaking: float = 1.1) -> ca.ReactionLattice:
+    """``count`` equal patches of 3 × 3 interacting sites, far from each other."""
+    rng = np.random.default_rng(seed)
+    one = {
+        "forming": forming + 0.02 * rng.standard_normal(9),
+        "breaking": breaking + 0.02 * rng.standard_normal(9),
+    }
+    pairs = {}
+    for i, j in product(range(9), range(9)):
+        if i < j and max(abs(i // 3 - j // 3), abs(i % 3 - j % 3)) == 1:
+            pairs[i, j] = pairs[j, i] = 0.1 * (rng.random() - 0.4)
+    neighbours, coupling = np.full((9, 8), -1, np.int32), np.zeros((9, 8))
+    for i in range(9):
+        for slot, j in enumerate(j for j in range(9) if (i, j) in pairs):
+            neighbours[i, slot], coupling[i, slot] = j, pairs[i, j]
+    start = 9 * np.arange(count)[:, None, None]
+    graph = np.where(neighbours >= 0, neighbours + start, -1).reshape(-1, 8).astype(np.int32)
+    return ca.ReactionLattice(
+        pixels=(9 * count, 1),
+        sites=np.arange(9 * count),
+        neighbours=graph,
+        coupling=np.tile(coupling, (count, 1)),
+        **{name: np.tile(values, count) for name, values in one.items()},
+    )
+
+
+def master_equation(lattice: ca.ReactionLattice, drive: Drive, end: float, steps: int) -> np.ndarray:
+    """The probability of each of 3^9 states of one patch at ``end`` (s), all sites bonded at first.
+
+    A site has its first bond (0), none (1) or another one (2), which is too young to break. The product of the matrix
+    exponentials of the rates in the middle of each step (Magnus, second order); site 0 is the first digit.
+    """
+    n = 9
+    digits = np.array(list(product(range(3), repeat=n)))
+    weights = 3 ** np.arange(n - 1, -1, -1)
+    index = np.arange(len(digits))
+    rows, columns, rates, breaks = [], [], [], []
+    for i in range(n):
+        there = index[digits[:, i] == 0]
+        breaks.append((there, there + weights[i]))
+        open_ = index[digits[:, i] == 1]
+        energy = np.full(open_.size, lattice.forming[i])
+        for slot, j in enumerate(lattice.neighbours[i]):
+            if j >= 0:
+                energy += lattice.coupling[i, slot] * (digits[open_, j] != 1)
+        rows += [open_ + weights[i], open_]
+        rate = 1e13 * np.exp(-np.maximum(energy, 0) / KT)
+        columns += [open_, open_]
+        rates += [rate, -rate]
+    size = (len(digits),) * 2
+    forming = sp.csr_matrix((np.concatenate(rates), (np.concatenate(rows), np.concatenate(columns))), size)
+    parts = []
+    for source, target in breaks:
+        ones = np.ones(source.size)
+        parts.append(
+            sp.csr_matrix(
+                (np.concatenate([ones, -ones]), (np.concatenate([target, source]), np.concatenate([source, source]))),
+                size,
+            )
+        )
+    scale = KT * EV_PER_NM / drive.transition_distance
+    state = np.zeros(len(digits))
+    state[0] = 1.0
+    # equal steps where bonds break, one long one before
+    times = np.concatenate([[0.0], np.linspace(0.4 * end, end, steps)])
+    for low, high in pairwise(times):
+        force = drive.bond_stiffness * drive.speed * (low + high) / 2 / scale
+        matrix = forming.copy()
+        for i, part in enumerate(parts):
+            matrix = matrix + part * (1e13 * np.exp(min(force - lattice.breaking[i] / KT, 0.0)))
+        state = expm_multiply(matrix * (high - low), state)
+    return state
+
+
+def codes(pulled, count: int) -> np.ndarray:
+    """The state of each patch, as `master_equation` numbers them."""
+    state, slips = pulled.state.reshape(count, 9), pulled.slips.reshape(count, 9)
+    digits = np.where(slips == 0, 0, np.where(state, 2, 1))
+    return digits @ 3 ** np.arange(8, -1, -1)
+
+
+def chi_square(found: np.ndarray, expected: np.ndarray, count: int) -> float:
+    """p-value of the states of ``count`` patches; states that are expected fewer than 8 times are one class."""
+    from scipy.stats import chi2
+
+    counts = np.bincount(found, minlength=expected.size)
+    often = expected * count >= 8
+    observed = np.append(counts[often], counts[~often].sum())
+    mean = np.append(expected[often], max(1 - expected[often].sum(), 0.0)) * count
+    if mean[-1] < 8:
+        observed, mean = observed[:-1], mean[:-1]
+    return float(chi2.sf(((observed - mean) ** 2 / mean).sum(), observed.size - 1))

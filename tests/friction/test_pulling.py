@@ -1,0 +1,289 @@
+"""A pulled contact against closed forms, the master equation and linear stability; extremes; one history with holds."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+from pulled_models import Independent, chi_square, codes, drive_of, lattice_of, master_equation, patches
+from scipy.stats import kstest
+from seen import plan
+
+import chemage as ca
+from chemage import InputError
+from chemage.plugin import PullHistory
+
+EXACT = ca.pulling("event-driven")
+
+
+def run(lattice, drive, times, **options) -> PullHistory:
+    pulled = EXACT.run(lattice, drive, times, temperature=300, **options)
+    assert pulled.fault() == ""
+    assert np.abs(pulled.imbalance).max() < 1e-9
+    return pulled
+
+
+def all_bonded(lattice) -> np.ndarray:
+    return np.ones(lattice.sites.size, bool)
+
+
+# -- closed forms -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("shape", ["cusp", "cubic", "constant"])
+@pytest.mark.parametrize("speed", [1e-3, 1e3, 1e9])
+def test_a_slow_pull_after_a_hold_tends_to_the_sum_of_mean_rupture_forces(shape, speed):
+    """One bond at a time: the largest force is its rupture force, whose mean and distribution are those of the law."""
+    drive = drive_of(speed, shape=shape)
+    law = ca.rupture("dudko-hummer-szabo", transition_distance=0.05, speed=speed, stiffness=10, shape=shape)
+    one = lattice_of(1, 3.0, 1.1)
+    end = 1.5 * law.mean_forces(np.array([1.1]), 300.0)[0] / 10 / speed
+    forces = np.array([run(one, drive, [end], seed=seed, start=all_bonded(one)).peak for seed in range(300)])
+    ramp = law.ramp(np.array([1.1]), 300.0, 1e13)
+    assert kstest(-np.expm1(-ramp.hazard(np.sort(forces) / ramp.thermal)[0]), "uniform").pvalue > 1e-4
+    error = forces.std() / 300**0.5
+    assert forces.mean() == pytest.approx(law.mean_forces(np.array([1.1]), 300.0)[0], abs=4 * error)
+
+
+def test_the_sum_over_different_barriers_is_what_the_law_gives():
+    """The bonds that are left at each stretch, times κ and summed up, are all rupture forces together."""
+    rng = np.random.default_rng(4)
+    barriers = rng.normal(1.1, 0.05, 4000)
+    lattice, drive = lattice_of(4000, 3.0, barriers), drive_of(1e2)
+    pulled = run(lattice, drive, np.linspace(0, 0.5 / 1e2, 500), start=all_bonded(lattice))
+    law = ca.rupture("bell", transition_distance=0.05, speed=1e2, stiffness=10)
+    # ∫ (bonds left) κ ds = the sum of the rupture forces
+    ramp = law.ramp(barriers, 300.0, 1e13)
+    summed = float((pulled.bonds[1:] + pulled.bonds[:-1]).sum() / 2 * 10 * 0.5 / 499)
+    assert pulled.bonds[-1] == 0
+    assert summed == pytest.approx(ramp.thermal * ramp.mean().sum(), rel=4 * 0.06 / 4000**0.5 + 1e-3)
+
+
+@pytest.mark.parametrize("forming", [0.35, 0.5, 0.71])
+def test_steady_sliding_of_independent_sites(forming):
+    for speed in (1e0, 1e3, 1e6):
+        model = Independent(speed, drive_of(speed), 0.8, forming)
+        cycle = speed / model.k_on + model.stretch[np.searchsorted(model.hazard, 1)]
+        times = np.array([8, 30]) * cycle / speed
+        pulls = [run(lattice_of(300, forming, 0.8), model.drive, times, seed=seed) for seed in range(8)]
+        forces = [np.diff(one.work)[0] / (np.diff(times)[0] * speed * 300) for one in pulls]
+        assert np.mean(forces) == pytest.approx(model.mean_force, abs=4.5 * np.std(forces, ddof=1) / 8**0.5)
+
+
+def test_schallamachs_maximum_and_both_limits():
+    forces = {v: Independent(v, drive_of(v), 0.8, 0.5).mean_force for v in 10.0 ** np.arange(-8, 11, 2)}
+    values = list(forces.values())
+    top = int(np.argmax(values))
+    assert 0 < top < len(values) - 1
+    assert (np.diff(values[: top + 1]) > 0).all()
+    assert (np.diff(values[top:]) < 0).all()
+    # slow: bonds break by themselves, viscous; fast: no time to form bonds
+    assert values[0] == pytest.approx(values[1] / 100, rel=1e-2)
+    assert values[-1] < 1e-4 * values[top]
+
+
+@pytest.mark.parametrize(("seed", "speed"), [(1, 1e4), (2, 1e6)])
+def test_the_master_equation_of_interacting_patches(seed, speed):
+    """The joint states of 3 × 3 interacting sites in a force ramp, by products of matrix exponentials."""
+    count, lattice, drive = 8000, patches(8000, seed, forming=0.42 if speed < 1e5 else 0.3), drive_of(speed)
+    law = ca.rupture("bell", transition_distance=0.05, speed=speed, stiffness=10)
+    end = 1.04 * law.mean_forces(np.array([1.1]), 300.0)[0] / 10 / speed
+    expected = master_equation(lattice, drive, end, 100)
+    pulled = run(lattice, drive, [end], seed=seed, start=all_bonded(lattice))
+    assert pulled.slips.max() == 1
+    assert 0.2 < pulled.formed[-1] / pulled.broken[-1] < 0.8
+    assert chi_square(codes(pulled, count), expected, count) > 1e-4
+
+
+# -- drives -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_very_stiff_spring_is_a_constant_speed():
+    lattice = lattice_of(4000, 0.5, 0.8)
+    times = np.linspace(0, 1e-4, 21)
+    rigid, stiff = (run(lattice, drive_of(1e4, spring=k), times, seed=2) for k in (None, 1e12))
+    np.testing.assert_allclose(rigid.displacement, stiff.displacement, atol=1e-6)
+    again = run(lattice, drive_of(1e4), times, seed=3)
+    spread = np.abs(rigid.force - again.force).max()
+    assert np.abs(rigid.force - stiff.force).max() < max(2 * spread, 1e-3 * rigid.peak)
+
+
+def test_stick_slip_below_and_smooth_sliding_above_the_critical_stiffness():
+    """The benchmark ``pulling.py`` measures where it begins; here far from it on both sides."""
+    speed, n = 1e4, 3000
+    model = Independent(speed, drive_of(speed), 0.8, 0.5)
+    critical = model.critical()[0] * n
+    unrest = {}
+    for factor in (0.5, 2.0):
+        drive = drive_of(speed, spring=factor * critical)
+        times = np.linspace(0, 20e-4, 801)
+        force = run(lattice_of(n, 0.5, 0.8), drive, times).force[400:]
+        unrest[factor] = force.std() / force.mean()
+    assert unrest[2.0] < 0.1 < 0.4 < unrest[0.5]
+
+
+def test_slips_are_counted_with_their_sizes():
+    speed, n = 1e4, 2000
+    soft = 0.3 * Independent(speed, drive_of(speed), 0.8, 0.5).critical()[0] * n
+    pulled = run(lattice_of(n, 0.5, 0.8), drive_of(speed, spring=soft), np.linspace(0, 20e-4, 4001))
+    falls = np.diff(pulled.force)
+    assert pulled.avalanches.sum() >= 3
+    assert pulled.largest_drop > -falls.min()
+    sizes = 2.0 ** np.arange(64)
+    assert (pulled.avalanches * sizes).sum() <= pulled.broken[-1]
+
+
+def test_a_pull_goes_on_with_another_drive():
+    """The force stays where a spring takes over; energy that another spring or stiffness stores is accounted for."""
+    lattice = lattice_of(200, 0.5, 0.8)
+    first = run(lattice, drive_of(1e4, friction=3.0), [1e-5], start=all_bonded(lattice))
+    for changes in ({"spring": 500.0, "friction": 3.0}, {"friction": 1.0, "speed": 10.0}, {"bond_stiffness": 20.0}):
+        drive = drive_of(**{"speed": 1e4, **changes})
+        after = run(lattice, drive, first.time + np.array([0.0, 1e-5]), start=first)
+        if "spring" in changes:
+            assert after.force[0] == pytest.approx(first.force[-1], rel=1e-9)
+        back = run(lattice, drive_of(1e4), after.time + np.array([0.0, 1e-5]), start=after)
+        assert back.displacement[0] == after.displacement[-1]
+
+
+# -- extremes ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("speed", [1e-3, 1.0, 1e9], ids=["1 pm/s", "1 nm/s", "1 m/s"])
+@pytest.mark.parametrize("stiffness", [0.0, 1e-6, 10.0, 1e6])
+@pytest.mark.parametrize("spring", [None, 0.0, 1e-6, 1e9])
+def test_extremes_of_speed_and_stiffness(speed, stiffness, spring):
+    lattice = lattice_of(20, 0.9, 1.1)
+    drive = drive_of(speed, bond_stiffness=stiffness, spring=spring, friction=0.5)
+    pulled = run(lattice, drive, np.linspace(0, 1.0 / speed, 5), start=all_bonded(lattice))
+    if spring == 0:
+        assert not pulled.displacement.any()
+        assert not pulled.force.any()
+    elif spring is None:
+        assert pulled.displacement[-1] == pytest.approx(1.0)
+    if stiffness == 0 and spring is None:
+        assert pulled.force == pytest.approx(0.5)
+
+
+def test_no_bond_one_bond_and_a_pull_without_a_hold():
+    lattice = lattice_of(50, 2.0, 1.1)
+    none = run(lattice, drive_of(1e3), [1e-3])
+    assert (none.peak, none.bonds[-1], none.work[-1]) == (0.0, 0, 0.0)
+    single = np.arange(50) == 7
+    one = run(lattice, drive_of(1e3), np.linspace(0, 1e-3, 11), start=single)
+    assert 1.5 < one.peak < 3
+    assert (one.broken[-1], one.slips[7], one.bonds[-1]) == (1, 1, 0)
+    assert one.dissipated[-1] == pytest.approx(one.peak**2 / 20, rel=1e-9)
+    empty = ca.ReactionLattice(pixels=(1, 1), sites=[], forming=[], breaking=[])
+    assert run(empty, drive_of(1.0), [1.0]).peak == 0
+
+
+def test_without_a_barrier_it_is_exact_or_refused():
+    quick = lattice_of(5, 2.0, 0.0)
+    gone = run(quick, drive_of(1e3), [0.0, 1e-9], start=all_bonded(quick))
+    assert gone.bonds.tolist() == [5, 0]
+    assert gone.peak < 1e-6
+    with pytest.raises(InputError, match=r"bonds would form and break without a force in 1 s, more than 1e\+10"):
+        EXACT.run(lattice_of(5, 0.0, 0.0), drive_of(1e3), [1.0], temperature=300)
+    with pytest.raises(InputError, match="pull less far"):
+        EXACT.run(lattice_of(5, 1.0, 1.0), drive_of(1e9), [1e3], temperature=300)
+
+
+def test_a_step_of_ten_decades_in_rate():
+    """Spring and bonds go from 1 pm/s to 10 mm/s: the force stays, the bonds go on from their stretch."""
+    lattice = lattice_of(100, 3.0, 1.1)
+    slow = run(lattice, drive_of(1e-3), [30.0], start=all_bonded(lattice))
+    fast = run(lattice, drive_of(1e7), [30.0, 30.0 + 1e-7], start=slow)
+    assert fast.force[0] == pytest.approx(slow.force[-1], rel=1e-12)
+    assert fast.displacement[0] == slow.displacement[-1]
+    law = ca.rupture("bell", transition_distance=0.05, speed=1e7, stiffness=10)
+    assert fast.bonds[-1] == 0
+    assert slow.bonds[-1] == 100
+    assert fast.peak == pytest.approx(100 * law.mean_forces(np.array([1.1]), 300.0)[0], rel=0.2)
+
+
+# -- histories --------------------------------------------------------------------------------------------------------
+
+
+def test_hold_pull_and_hold_are_one_history():
+    lattice = patches(30, 5, forming=0.75, breaking=1.1)
+    hold = ca.engine("rejection-free").run(lattice, [0.1, 1.0], temperature=300, seed=1)
+    partners = ca.plugin.Partners(np.linspace(0.7, 0.9, 100), np.zeros(270))
+    drive = drive_of(1.0, partner="new", spring=500.0)
+    times = 1.0 + np.linspace(0, 2.0, 21)
+    whole = run(lattice, drive, times, seed=2, start=hold, partners=partners)
+    first = run(lattice, drive, times[:8], seed=2, start=hold, partners=partners)
+    rest = run(lattice, drive, times[8:], seed=2, start=first, partners=partners)
+    assert rest.force.tobytes() == whole.force[8:].tobytes()
+    assert (rest.digest() == whole.digest()) == (rest.times.size == whole.times.size)
+    for name in ("state", "stretch", "slips", "forming", "avalanches"):
+        np.testing.assert_array_equal(getattr(rest, name), getattr(whole, name))
+    assert whole.slips.max() > 0
+    changed = whole.slips > 0
+    assert (whole.forming[~changed] == lattice.forming[~changed]).all()
+    assert (whole.forming[changed] != lattice.forming[changed]).all()
+    after = ca.engine("rejection-free").run(
+        whole.lattice_after(lattice), [10.0, 100.0], temperature=300, seed=3, start=whole.history
+    )
+    assert after.formed[0] >= whole.formed[-1]
+    assert after.fault() == ""
+
+
+def test_new_partners_are_a_function_of_seed_site_and_slips():
+    lattice = lattice_of(400, 0.5, 0.8)
+    partners = ca.plugin.Partners(np.linspace(0.4, 0.6, 1000), np.full(400, -0.05))
+    ways = [
+        run(lattice, drive_of(v, partner="new"), [t], seed=6, partners=partners) for v, t in ((1e4, 1e-4), (1e5, 2e-5))
+    ]
+    same = ways[0].slips == ways[1].slips
+    assert same.any()
+    np.testing.assert_array_equal(ways[0].forming[same], ways[1].forming[same])
+    # of sites that lose one bond and form no other; among those that go on, high barriers wait longest
+    slow = ca.plugin.Partners(np.linspace(1.4, 1.6, 1000), np.full(400, -0.05))
+    once = run(lattice, drive_of(1e4, partner="new"), [1e-4], partners=slow, start=all_bonded(lattice))
+    assert (once.slips == 1).all()
+    assert kstest((once.forming - 1.35) / 0.2, "uniform").pvalue > 1e-4
+
+
+# -- the law in a scene -----------------------------------------------------------------------------------------------
+
+
+def scene(**rupture) -> dict:
+    pull = {"kind": "pulled", "speed": "1 um/s", "distance": "0.6 nm", "bond_stiffness": "10 nN/nm"}
+    return {
+        "name": "pulled",
+        "surface": {"kind": "sphere", "radius": 30, "pixels": 32, "pixel_size": 0.4518},
+        "contact": {"kind": "hertz", "modulus": 35.3, "load": 50},
+        "forming": {"kind": "uniform", "lower": 0.7, "upper": 1.2},
+        "breaking": {"kind": "gaussian", "mean": 1.1, "std": 0.02},
+        "engine": {"kind": "rejection-free"},
+        "hold": {"temperature": 300, "start": 1, "stop": 1e3, "per_decade": 1, "replicas": 3},
+        "rupture": {**pull, "transition_distance": 0.05, "points": 20, **rupture},
+    }
+
+
+def test_the_peak_is_the_friction_and_is_the_same_on_any_number_of_threads():
+    made, again = (ca.run(scene(), threads=threads).aging for threads in (1, 2))
+    assert made is not None
+    assert again is not None
+    np.testing.assert_array_equal(made.friction_drop, again.friction_drop)
+    force = made.observables["pull_force"]
+    assert force.shape == (3, 4, 21)
+    assert (made.friction_drop >= force.max(axis=2) - 1e-9).all()
+    law = ca.rupture("dudko-hummer-szabo", transition_distance=0.05, speed=1e3, stiffness=10)
+    most = made.bonds * law.mean_forces(np.array([1.1]), 300.0)[0]
+    assert (made.friction_drop < 1.05 * most).all()
+    assert (made.friction_drop > 0.7 * most).all()
+    maps = made.observables["pull_maps"]
+    np.testing.assert_array_equal(maps[:, 0].sum(axis=(1, 2)), made.bonds[:, -1])
+
+
+def test_the_law_says_beforehand_what_it_cannot_pull():
+    with pytest.raises(ca.plugin.SceneError, match="nothing is pulled; give a speed above 0"):
+        ca.parse_scene(scene(speed=0))
+    short = ca.parse_scene(scene(distance="0.05 nm"))
+    assert any("there may be no peak" in note for note in plan(short).notes)
