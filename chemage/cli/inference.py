@@ -143,31 +143,30 @@ def _candidates(text: str) -> list[dict[str, Any]]:
 
 def _from_file(path: Path) -> list[dict[str, Any]]:
     """Planned measurements in a CSV file: columns hold_time (s), load (nN), temperature (K), error (nN)."""
+    from chemage.ageing.measurements import COLUMNS
     from chemage.foundation.tables import read_columns
-    from chemage.foundation.units import convert
 
+    names = ("hold_time", "load", "temperature", "error")
     example = "hold_time (s), load (nN), temperature (K), error (nN)"
-    table = read_columns(path, list(NEXT), example)
+    table = read_columns(path, {name: COLUMNS[name] for name in names}, example)
     if not table.rows:
         raise user_error(
             f"--next {path}: no planned measurements; write a header, such as {example}, and a row for each"
         )
     if "hold_time" not in table.columns:
         raise user_error(f"--next {path}: no column hold_time; write the header as {example}")
+    for note in table.notes:
+        output.remark(f"note: {path}: {note}")
     plans = []
-    for _, at, cells in table.rows:
-        plan: dict[str, Any] = {}
-        for name, (place, stated) in table.columns.items():
-            unit, cell = stated or _UNITS.get(name, "nN"), cells[place]
-            if not cell:
-                continue
-            where = f"--next {at}, column {name}"
-            if name == "error" and unit == "%":
-                plan[name] = _percent(where, f"{cell} %")
-            else:
-                plan[name] = convert(f"{cell} {unit}", _UNITS.get(name, "nN"), where)
+    for row in table.rows:
+        filled = [name for name, (place, _) in table.columns.items() if row[2][place] != ""]
+        plan: dict[str, Any] = {name: table.number(row, name, _UNITS[name]) for name in filled if name != "error"}
+        if "error" in filled:
+            share = table.columns["error"][1] == "%"
+            number = table.number(row, "error", "" if share else "nN")
+            plan["error"] = _percent(f"--next {row[1]}", f"{100 * number:g} %") if share else number
         if not plan.get("hold_time", 0) > 0:
-            raise user_error(f"--next {at}: the hold time must be above zero")
+            raise user_error(f"--next {row[1]}: the hold time must be above zero")
         plans.append(plan)
     return plans
 
@@ -391,6 +390,8 @@ def _curves(
 
     how: dict[str, Any] = {"load": load, "temperature": temperature, "relative_error": share}
     curves = tuple(curve for file in files for curve in read_curves(file, **how))
+    for note in dict.fromkeys(f"note: {curve.name}: {note}" for curve in curves for note in curve.notes):
+        output.remark(note)
     check_curves(curves)
     return curves
 

@@ -22,7 +22,7 @@ from typing import Any
 from chemage.ageing.aging import Aging
 from chemage.ageing.display import TIMES
 from chemage.ageing.fitting import Fit, Model, fit_aging
-from chemage.ageing.measurements import Measurements, read_measurements
+from chemage.ageing.measurements import Measurements, read_table
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
 from chemage.foundation.result import NONE, Compared, Result, Rows, result_of
@@ -285,7 +285,7 @@ def compare_files(
         Files of results of any kind, as written by :func:`chemage.write` and ``chemage run``, and folders of sweeps: of
         all completed points, or ``FOLDER/3`` of one of them.
     measured
-        CSV files of measurements, see :func:`chemage.read_measurements`.
+        Files (or data frames) of measurements, see :func:`chemage.plugin.read_table`.
     times
         Hold times at which to compare, s or strings with units, besides the last.
 
@@ -302,11 +302,10 @@ def compare_files(
     for time, value in zip(times, seconds, strict=True):
         if not (math.isfinite(value) and value > 0):
             raise InputError.of("times", time, "must be above zero and finite", 'give times such as "1e3 s"')
-    data = [read_measurements(path) for path in measured]
-    repeated = Counter(result.name for result in data)
+    every = [(path, curve) for path in measured for curve in read_table(path)]
+    repeated = Counter(curve.name for _, curve in every)
     data = [
-        result if repeated[result.name] == 1 else replace(result, name=str(path))
-        for result, path in zip(data, measured, strict=True)
+        curve if repeated[curve.name] == 1 else replace(curve, name=f"{path}, {curve.name}") for path, curve in every
     ]
     return Comparison(_entries(files, seconds), data, seconds)
 

@@ -76,7 +76,7 @@ def write_report(
     out
         The HTML file to write.
     measured
-        CSV files of measurements, see :func:`chemage.read_measurements`.
+        Files of measurements, see :func:`chemage.plugin.read_table`.
     force
         Overwrite ``out``, unless it is one of the files that are read.
 

@@ -263,7 +263,7 @@ def test_wrong_options_are_one_clear_message_before_anything_is_computed(command
         ("hold_time (s), error (%)\n1,-3\n", "give a percentage above zero"),
         ("hold_time (s), load (nN)\n", "no planned measurements"),
         ("load (nN)\n5\n", "no column hold_time"),
-        ("hold_time (s), speed\n1,2\n", "column 2"),
+        ("hold_time (s), laod (nN)\n1,2\n", "column 2"),
         ("hold_time (ms)\n-1\n", "must be above zero"),
     ],
 )
