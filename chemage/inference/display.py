@@ -53,7 +53,7 @@ def rows(one: Inference) -> Rows:
         ("effective parameters", f"{one.effective_parameters:.1f} of {one.hold_times.size} points"),
         ("chi²", f"{one.chi2:.1f} for {one.hold_times.size} points; largest residual {_largest_residual(one)}"),
     ]
-    rows_ += [(name, text) for name, text in scalar_rows(one)]
+    rows_ += [*error_rows(one), *scalar_rows(one)]
     sampling = one.diagnostics
     if "effective_samples" in sampling:
         text = f"{len(one.samples)} kept, {sampling['effective_samples']:.0f} effective"
@@ -128,6 +128,23 @@ def scalar_rows(one: Inference) -> Rows:
         within = f"; prior {bounds[0]:.3g} to {bounds[1]:.3g}" if bounds else ""
         text = f"{np.median(values):.3g} {UNITS.get(name, '')} ({low:.3g} to {high:.3g}{within})"
         rows_.append((name, text))
+    return rows_
+
+
+def error_rows(one: Inference) -> Rows:
+    """What was inferred of the errors: median and 90 % interval."""
+    rows_: Rows = []
+    for name, values in one.error_terms.items():
+        low, high = band(values[:, None], 0.9)
+        text = f"{np.median(values):.2f} ({low[0]:.2f} to {high[0]:.2f}, 90 %)"
+        if name.startswith("scale "):
+            about = one.curves[int(name.removeprefix("scale "))]
+            label = "errors" if len(one.curves) == 1 else f"errors of {about['name']}"
+            rows_.append((label, f"{text} times the stated ones"))
+        else:
+            rows_.append((name, f"{text} {'e-folds of the hold time' if name == 'correlation time' else ''}".strip()))
+    if suspects := one.suspects():
+        rows_.append(("suspect points", "; ".join(suspects)))
     return rows_
 
 

@@ -21,6 +21,8 @@ from chemage.foundation.text import jsonable
 from chemage.foundation.units import QuantityLike
 from chemage.inference.curves import MeasuredCurve
 from chemage.inference.forecast import Forecast, Forecaster, band
+from chemage.inference.noise import SUSPECT
+from chemage.inference.problem import LOAD
 from chemage.scene.files import load_scene, parse_scene
 from chemage.scene.scene import Scene
 
@@ -64,7 +66,9 @@ class Inference(Record):
         "curve": (("point",), "", "number of the measured curve, from 0"),
         "hold_times": (("point",), "s", "hold time"),
         "values": (("point",), "nN", "measured friction drop"),
-        "errors": (("point",), "nN", "standard error of the measured friction drop"),
+        "errors": (("point",), "nN", "standard error of the measured friction drop, as inferred"),
+        "stated_errors": (("point",), "nN", "standard error of the measured friction drop, as stated"),
+        "off": (("point",), "", "probability that the point is off by more than its error"),
         "fitted": (("sample", "point"), "nN", "friction drop of each posterior sample"),
         "prior_fitted": (("prior_sample", "point"), "nN", "friction drop of each sample of the prior"),
     }
@@ -85,9 +89,16 @@ class Inference(Record):
     values: Doubles
     """(m,) measured ΔF, nN"""
     errors: Doubles
-    """(m,) its standard errors, nN"""
+    """(m,) its standard errors, nN: the stated ones times their inferred scale"""
+    stated_errors: Doubles | None = None
+    """(m,) the standard errors as stated, with that of the forward model, nN"""
+    off: Doubles | None = None
+    """(m,) probability that a point is off, by far more than its error"""
+    error_terms: Named = {}
+    """what was inferred of the errors -> (S,): ``scale N`` of the stated errors of curve N, ``correlation time``
+    (e-folds of the hold time), ``calibration`` (measured over true friction)"""
     fitted: Doubles
-    """(S, m) ΔF of each posterior sample, nN"""
+    """(S, m) ΔF of each posterior sample as it would be measured, its calibration included, nN"""
     prior_fitted: Doubles
     """(P, m) ΔF of each sample of the prior, nN"""
     curves: tuple[Plain, ...]
@@ -150,6 +161,16 @@ class Inference(Record):
     def residuals(self) -> np.ndarray:
         """(m,) measured minus mean of the fitted, over the standard error."""
         return (self.values - self.fitted.mean(axis=0)) / self.errors
+
+    def suspects(self) -> list[str]:
+        """The points that are probably off, in words."""
+        if self.off is None:
+            return []
+        words = "{:.3g} s of {} ({:+.1f} standard errors, probability {:.2f})"
+        return [
+            words.format(self.hold_times[at], self.curves[self.curve[at]]["name"], self.residuals[at], self.off[at])
+            for at in np.flatnonzero(self.off > SUSPECT)
+        ]
 
     @property
     def scene(self) -> Scene:
@@ -250,13 +271,18 @@ class Inference(Record):
 
     def _forecaster(self, scene: Scene, count: int) -> Forecaster:
         rows = np.linspace(0, len(self.samples) - 1, min(count, len(self.samples))).astype(int)
-        scalars = {name: values[rows] for name, values in self.scalars.items()}
+        # the load is that of the forecast, whatever the stated ones were
+        scalars = {name: values[rows] for name, values in self.scalars.items() if name != LOAD}
         return Forecaster(scene, self.energies, self.samples[rows], self.visible, scalars, self.seed)
 
     def summary(self) -> dict[str, Any]:
         """One JSON-able object with the density, its bands, the scalars, scores and diagnostics."""
         low68, high68 = self.band(0.68)
         low95, high95 = self.band(0.95)
+
+        def ends(values: np.ndarray, level: float) -> list[float]:
+            return [float(end[0]) for end in band(values[:, None], level)]
+
         return {
             "energies": self.energies.tolist(),
             "density": self.density.tolist(),
@@ -273,6 +299,11 @@ class Inference(Record):
                 }
                 for name, values in self.scalars.items()
             },
+            "errors": {
+                name: {"median": float(np.median(values)), "band_68": ends(values, 0.68), "band_90": ends(values, 0.9)}
+                for name, values in self.error_terms.items()
+            },
+            "suspects": self.suspects(),
             "scores": self.scores,
             "families": {
                 name: {key: value for key, value in fit.items() if key != "density"}

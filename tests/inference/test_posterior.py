@@ -239,11 +239,16 @@ def test_combinations_that_tell_nothing_are_left_out_of_the_lines_only():
     made = problem(values=(2.0, 2.0, 1.0), errors=(0.2, 0.2, 0.1))
     made.matrices[0, 1] = made.matrices[0, 0]
     chain = Chain(made, np.ones(12), np.random.default_rng(0))
-    matrix, values, _ = chain._rotated(0)
+    matrix, target = chain._rows(0, 0.0, False, chain.state)
     assert matrix.shape == (12, 2)
-    x = np.linspace(0.1, 2.0, 12)
-    full = made.matrices[0] @ x / made.errors - made.values / made.errors
-    assert np.sum((x @ matrix - values) ** 2) == pytest.approx(np.sum(full**2))
+    x, other = np.linspace(0.1, 2.0, 12), np.linspace(2.0, 0.5, 12)
+
+    def full(x):
+        return np.sum(((made.matrices[0] @ x - made.values) / made.errors) ** 2)
+
+    # the two values that contradict each other add a constant
+    part = [np.sum((x @ matrix - target) ** 2) for x in (x, other)]
+    assert part[1] - part[0] == pytest.approx(full(other) - full(x), rel=1e-6)
 
 
 @pytest.mark.long
