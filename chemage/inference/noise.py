@@ -15,8 +15,10 @@ from functools import cached_property
 import numpy as np
 
 from chemage.foundation.errors import InputError
+from chemage.inference import kernels
 
-#: standard deviation of the normal distribution of the logarithm of a scale, and its bounds: stated errors are at least
+#: standard deviation of the normal distribution of the logarithm of a scale, and its bounds: stated errors are lower
+#: limits, because a smaller scale makes noise a structure of the density
 SPREAD, SMALLEST, LARGEST = 0.7, 1.0, 5.0
 #: probability of a point to be off, how much wider its error is then, and share of points that may be off beforehand
 RARE, WIDER, MOST_OFF = 0.01, 10.0, 0.08
@@ -149,25 +151,22 @@ class Noise:
     def _scaled(self, state: State, residual: np.ndarray, rng: np.random.Generator) -> State:
         count = state.scales.size
         sizes = np.maximum(np.bincount(self.curve, minlength=count), 1)
+        # without correlation summed over which points are off
+        rare = RARE if self.model.robust and not self.model.correlated else 0.0
+        near = self._correlation(state) if self.model.correlated else np.zeros(residual.size)
+        fixed_part = residual, self.stated, self.floors, self.curve, near
+        here = kernels.curve_logs(*fixed_part, state.scales, state.inflation, rare, WIDER)
         for _ in range(3):
             before = np.log(state.scales)
             after = before + 1.7 / np.sqrt(2 * sizes + SPREAD**-2) * rng.standard_normal(count)
             other = replace(state, scales=np.exp(after))
-            change = self._mixed(other, residual) - self._mixed(state, residual)
-            gain = np.bincount(self.curve, change, count) - 0.5 * (after**2 - before**2) / SPREAD**2
+            there = kernels.curve_logs(*fixed_part, other.scales, state.inflation, rare, WIDER)
+            gain = there - here - 0.5 * (after**2 - before**2) / SPREAD**2
             inside = (after >= np.log(SMALLEST)) & (after <= np.log(LARGEST))
             taken = inside & (np.log(rng.random(count)) < gain)
             state = replace(state, scales=np.where(taken, other.scales, state.scales))
+            here = np.where(taken, there, here)
         return state
-
-    def _mixed(self, state: State, residual: np.ndarray) -> np.ndarray:
-        """:meth:`_logs`, without correlation summed over whether points are off."""
-        if self.model.correlated or not self.model.robust:
-            return self._logs(state, residual)
-        calm, wide = (
-            self._logs(replace(state, inflation=np.full(residual.size, factor)), residual) for factor in (1.0, WIDER)
-        )
-        return np.logaddexp(calm + np.log(1 - RARE), wide + np.log(RARE))
 
     def _off(self, state: State, residual: np.ndarray, rng: np.random.Generator) -> State:
         """Draw which points are off; neighbours one after the other, as their errors may be correlated."""

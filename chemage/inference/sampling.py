@@ -21,6 +21,8 @@ from chemage.inference.problem import LEVEL, Problem
 CHAINS, WARM = 4, 400
 #: effective samples and R-hat at which sampling ends, and the most sweeps of a chain for it
 ENOUGH, AGREED, MOST_SWEEPS = 300, 1.03, 4000
+#: sweeps of the density for each of the errors
+EVERY = 2
 #: nodes by which a move of a scalar shifts the density, at most
 SHIFT = 2
 #: standard deviation of the integral of a density that is complete, and its largest
@@ -71,6 +73,8 @@ class Chain:
         self._patterns: list[_Pattern] = []
         choices = len(problem.prior.combinations)
         self._most_patterns = int(np.clip(BYTES / (16 * choices * start.size**2), 2, PATTERNS))
+        self._last: tuple[tuple[int, float, bool], State, tuple[np.ndarray, np.ndarray]] | None = None
+        self._sweep = 0
         self._reduced: dict[int, tuple[np.ndarray, np.ndarray]] = {}
         self.choice = self._drawn(np.arange(choices))
 
@@ -103,7 +107,8 @@ class Chain:
         self._drawn_complete()
         self._drawn_choice()
         self._moved_choice()
-        if not self.noise.fixed:
+        self._sweep += 1
+        if not self.noise.fixed and self._sweep % EVERY == 0:
             self._drawn_errors()
         if self.problem.unknowns.points > 1 or self.problem.unknowns.factor is not None:
             for _ in range(3):
@@ -122,6 +127,12 @@ class Chain:
 
     def _rows(self, point: int, log_factor: float, complete: bool, state: State) -> tuple[np.ndarray, np.ndarray]:
         """Matrix (n, r) and target (r,) of the misfit; a complete density has one row more, for its integral."""
+        key = point, log_factor, complete
+        if self._last is None or self._last[0] != key or self._last[1] is not state:
+            self._last = key, state, self._made_rows(point, log_factor, complete, state)
+        return self._last[2]
+
+    def _made_rows(self, point: int, log_factor: float, complete: bool, state: State) -> tuple[np.ndarray, np.ndarray]:
         axes, parts = self._rotated(point)
         factor = np.exp(log_factor + state.calibration)
         parts = factor * self.noise.white(state, parts)
