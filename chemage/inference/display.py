@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
@@ -17,7 +18,7 @@ import numpy as np
 
 from chemage.foundation.figures import BLACK, BLUE, GREEN, GREY, ORANGE, PALETTE, from_zero, legend, plain
 from chemage.foundation.names import __version__
-from chemage.foundation.result import NONE, Medium, OfRecord, Panel, Picture, Result, Rows, Table, displays
+from chemage.foundation.result import NONE, Compared, Medium, OfRecord, Panel, Picture, Result, Rows, Table, displays
 from chemage.foundation.statistics import NORMAL_LIMIT
 from chemage.foundation.text import plus_minus, power_text
 from chemage.inference.forecast import UNSEEN, Forecast, band
@@ -436,6 +437,13 @@ class InferenceDisplay(Result):
             rows.append((f"{places} eV", "peak of the density" if len(there) == 1 else "peaks of the density"))
         rows.append((f"{one.chi2:.1f} / {one.hold_times.size}", "χ² / measured points"))
         return [*rows, (f"{one.effective_parameters:.1f}", "effective parameters")]
+
+    def compared(self, times: Sequence[float]) -> Compared:
+        def predict(load: float, temperature: float, hold_times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            made = self.inference.forecast(load=load, temperature=temperature, hold_times=hold_times)
+            return made.median, np.atleast_2d(np.cov(made.samples.T))
+
+        return replace(super().compared(times), predict=predict)
 
     def notes(self) -> list[str]:
         of_forecasts = (

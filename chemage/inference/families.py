@@ -163,7 +163,7 @@ def _guess_errors(model: Model, data: Linear) -> None:
     if noise.fixed:
         return
     model.state = noise.start
-    lows, highs = (np.log([1.0, 1.0]) if data.factor is None else np.array(data.factor))
+    lows, highs = np.log([1.0, 1.0]) if data.factor is None else np.array(data.factor)
     for _ in range(GUESSES):
         data = replace(data, errors=noise.errors(model.state))
         fits = [smooth_fit(data, 1e-11, float(factor)) for factor in np.unique(np.exp(np.linspace(lows, highs, 5)))]

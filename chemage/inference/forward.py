@@ -334,7 +334,7 @@ class Model:
     grid: EnergyGrid
     contacts: Contacts
     seed: int
-    error_model: ErrorModel = ErrorModel()
+    error_model: ErrorModel = field(default_factory=ErrorModel)
     #: (point of the grid of scalars, condition) -> its model
     conditions: dict[tuple[int, int], Condition] = field(default_factory=dict)
 

@@ -22,7 +22,7 @@ from chemage.inference.forward import Model, check_scene, make_model
 from chemage.inference.noise import ErrorModel
 from chemage.inference.problem import REACH, UNITS, Data, Prior, Problem, Unknowns, redrawn_outside, unknowns_of
 from chemage.inference.result import Inference, scene_of
-from chemage.inference.sampling import Samples
+from chemage.inference.sampling import CHAINS, Samples
 from chemage.scene.provenance import versions
 from chemage.scene.scene import Scene
 
@@ -143,7 +143,9 @@ def calibrations(given: QuantityLike | Mapping[str, QuantityLike]) -> tuple[floa
     errors = {name: convert(value, "", f"calibration.{name}") for name, value in parts.items()}
     for name, value in errors.items():
         if not 0 <= value <= MOST_CALIBRATION:
-            raise InputError.of(f"calibration.{name}", parts[name], "must be between 0 and 50 %", '10 % is 0.1 or "10 %"')
+            raise InputError.of(
+                f"calibration.{name}", parts[name], "must be between 0 and 50 %", '10 % is 0.1 or "10 %"'
+            )
     return errors.get("force", 0.0), errors.get("load", 0.0)
 
 
@@ -270,6 +272,7 @@ def _inference(
             "effective_samples": samples.effective,
             "r_hat": samples.r_hat,
             "sweeps": samples.sweeps,
+            "chains": CHAINS,
             "iterations": len(changes),
             "changes": changes,
             "cpu_seconds": seconds,

@@ -22,6 +22,7 @@ from chemage.foundation.units import QuantityLike
 from chemage.inference.curves import MeasuredCurve
 from chemage.inference.forecast import Forecast, Forecaster, band
 from chemage.inference.noise import SUSPECT
+from chemage.inference.open import datatree, statistics
 from chemage.inference.problem import LOAD
 from chemage.scene.files import load_scene, parse_scene
 from chemage.scene.scene import Scene
@@ -120,7 +121,7 @@ class Inference(Record):
     """eV: width of the range of barriers that react about one hold time, 2.45 k_BT at the highest temperature"""
     diagnostics: Plain = {}
     """``effective_samples`` (least over the energies between the hold times), ``r_hat`` (largest), ``sweeps`` of each
-    chain, ``iterations`` of the interaction with the ``changes`` of the density at each, ``cpu_seconds``"""
+    of the ``chains``, ``iterations`` of the interaction with the ``changes`` of the density at each, ``cpu_seconds``"""
     seed: int = 0
     notes: tuple[str, ...] = ()
     """what the user should know, in words"""
@@ -161,6 +162,17 @@ class Inference(Record):
     def residuals(self) -> np.ndarray:
         """(m,) measured minus mean of the fitted, over the standard error."""
         return (self.values - self.fitted.mean(axis=0)) / self.errors
+
+    def statistics(self) -> dict[str, dict[str, np.ndarray]]:
+        """Of everything that was sampled: ``mean``, ``sd``, ``ess_bulk`` and ``r_hat`` of the samples that are kept.
+
+        Vehtari et al., Bayesian Anal. 16, 667 (2021), as ArviZ 1 has them.
+        """
+        return statistics(self)
+
+    def datatree(self) -> Any:
+        """An xarray.DataTree with the groups that ArviZ 1 reads: ``az.summary(found.datatree())``."""
+        return datatree(self)
 
     def suspects(self) -> list[str]:
         """The points that are probably off, in words."""

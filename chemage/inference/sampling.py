@@ -15,6 +15,8 @@ import numpy as np
 from chemage.foundation.threads import available, in_order
 from chemage.inference import kernels
 from chemage.inference.noise import State
+from chemage.inference.open import effective as effective_samples
+from chemage.inference.open import r_hat
 from chemage.inference.problem import LEVEL, Problem
 
 #: chains, and sweeps of each before samples are kept
@@ -397,15 +399,15 @@ def sample(
         done += more
         kept = np.linspace(0, done - 1, each).round().astype(int)
         every = np.stack([np.array(chain.densities) for chain in chains])
-        effective, r_hat = convergence(every[:, :, watched] if watched.any() else every)
+        effective, ratio = convergence(every[:, :, watched] if watched.any() else every)
         if not problem.likelihood.fixed:
             errors = np.array(
                 [[[*np.log(state.scales), state.calibration] for state in chain.states] for chain in chains]
             )
             for column in range(errors.shape[2]):
                 own = convergence(errors[:, :, column : column + 1])
-                effective, r_hat = min(effective, own[0]), max(r_hat, own[1])
-        if (effective >= ENOUGH and r_hat <= AGREED) or done >= sweeps:
+                effective, ratio = min(effective, own[0]), max(ratio, own[1])
+        if (effective >= ENOUGH and ratio <= AGREED) or done >= sweeps:
             break
         more = done
     effective = min(effective, float(CHAINS * each))
@@ -414,31 +416,15 @@ def sample(
     points = np.concatenate([np.array(chain.points)[kept] for chain in chains])
     factors = np.concatenate([np.array(chain.factors)[kept] for chain in chains])
     states = [chain.states[number] for chain in chains for number in kept]
-    return Samples(every[:, kept].reshape(CHAINS * each, -1), points, factors, states, effective, r_hat, done)
+    return Samples(every[:, kept].reshape(CHAINS * each, -1), points, factors, states, effective, ratio, done)
 
 
 def convergence(chains: np.ndarray) -> tuple[float, float]:
-    """Least effective number of samples and largest R-hat over the columns of ``chains`` (chains, S, n).
-
-    Gelman et al., Bayesian Data Analysis, 3rd edition, section 11.4, of halves of the chains.
-    """
-    count = chains.shape[1] // 2
-    halves = np.concatenate([chains[:, :count], chains[:, count : 2 * count]])
-    within = halves.var(axis=1, ddof=1).mean(axis=0)
-    between = count * halves.mean(axis=1).var(axis=0, ddof=1)
+    """Least effective number of samples and largest R-hat over the columns of ``chains`` (chains, S, n)."""
+    within = chains.var(axis=1, ddof=1).mean(axis=0)
     # where the density hardly ever differs from zero, a single bump would decide
-    moving = within > max(1e-12, 0.01 * float(within.max()))
-    if not moving.any():
+    moving = np.flatnonzero(within > max(1e-12, 0.01 * float(within.max())))
+    if not moving.size:
         return float(chains.shape[0] * chains.shape[1]), 1.0
-    total = (count - 1) / count * within + between / count
-    r_hat = np.sqrt(total[moving] / within[moving])
-    effective = []
-    for column in np.flatnonzero(moving):
-        values = halves[:, :, column] - halves[:, :, column].mean(axis=1, keepdims=True)
-        spectrum = np.abs(np.fft.rfft(values, 2 * count, axis=1)) ** 2
-        covariance = np.fft.irfft(spectrum, axis=1)[:, :count].mean(axis=0) / count
-        correlation = 1 - (within[column] - covariance * count / (count - 1)) / total[column]
-        pairs = correlation[: 2 * (count // 2)].reshape(-1, 2).sum(axis=1)
-        end = int(np.argmax(pairs < 0)) if (pairs < 0).any() else pairs.size
-        effective.append(halves.shape[0] * count / max(-1 + 2 * float(pairs[:end].sum()), 1e-3))
-    return float(min(min(effective), halves.shape[0] * count)), float(r_hat.max())
+    numbers = [(effective_samples(chains[:, :, column]), r_hat(chains[:, :, column])) for column in moving]
+    return min(ess for ess, _ in numbers), max(ratio for _, ratio in numbers)

@@ -30,6 +30,7 @@ from chemage.foundation.text import jsonable
 from chemage.foundation.units import QuantityLike, convert
 from chemage.lattices.chemistry import SITE_DENSITY, Chemistry
 from chemage.results.kinds import components, is_point, load
+from chemage.results.verdicts import Verdict, verdict
 from chemage.studies.folder import SweepWarning
 from chemage.studies.sweeps.result import in_words, load_sweep
 
@@ -205,6 +206,7 @@ class Comparison:
             "same_chemistry": not different if sum(result.ages for result in self.results) > 1 else None,
             "chemistry_differences": listed(different),
             "other_differences": listed(self.other_differences()),
+            "verdicts": [each.todict() for each in self.verdicts()],
             "fits": [{"data": name, **fit.todict()} for name, fit in self.fits()],
             "not_fitted": [
                 {"data": name, "model": model, "reason": reason} for name, model, reason in self.not_fitted()
@@ -230,6 +232,10 @@ class Comparison:
         writer.writeheader()
         writer.writerows(lines)
         return text.getvalue()
+
+    def verdicts(self) -> list[Verdict]:
+        """Each measured curve beside each result: offset, slope, χ², residuals, and what they mean."""
+        return [verdict(data, entry.name, entry.compared) for data in self.measured for entry in self.results]
 
     def fits(self) -> list[tuple[str, Fit]]:
         """Fit both models to each set of measurements, and to each result over the same hold times: (name, fit)."""

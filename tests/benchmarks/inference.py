@@ -567,7 +567,9 @@ def main() -> None:
     for name in PARTS if given.what == "all" else (given.what,):
         kept = Kept(given.out / f"{name}.jsonl")
         if name in ("coverage", "outside", "peaks", "honest"):
-            {"coverage": coverage, "outside": outside, "peaks": peaks, "honest": honest}[name](kept, given.first, given.cases)
+            {"coverage": coverage, "outside": outside, "peaks": peaks, "honest": honest}[name](
+                kept, given.first, given.cases
+            )
         elif name == "interaction":
             interaction(kept, given.first, (given.contact,) if given.contact else ("tip", "rough"))
         else:
