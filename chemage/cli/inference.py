@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import sys
@@ -101,6 +102,13 @@ def read_unknowns(texts: Sequence[str]) -> dict[str, tuple[str, str]] | list[str
         bare = ", ".join(name for name in names if name not in bounds)
         raise user_error(f"--unknown {bare}: give bounds for all unknowns, or for none")
     return bounds or names
+
+
+def read_calibration(text: str | None) -> Any:
+    """Read ``--calibration "10 %"`` or ``"force=10 %, load=5 %"``."""
+    if text is None or "=" not in text:
+        return text or 0.0
+    return _pairs("--calibration", text, {"force": "10 %", "load": "5 %"})
 
 
 def read_families(text: str | None) -> Sequence[str]:
@@ -274,6 +282,31 @@ UnknownOpt = Annotated[
         'attempt_frequency, or "bond_force=1 nN to 10 nN"; may be repeated; default: none',
     ),
 ]
+ErrorsOpt = Annotated[
+    str,
+    typer.Option(
+        metavar="NAMES",
+        help="what is inferred of the errors, separated by commas: scaled (a factor of the stated ones, of each "
+        "curve), robust (which points are off), correlated (along each curve); or as-stated",
+    ),
+]
+CalibrationOpt = Annotated[
+    str | None,
+    typer.Option(
+        metavar="SHARE",
+        help='standard error of a factor that all forces share, "10 %", or of that of the loads as well, '
+        '"force=10 %, load=5 %"; default: none',
+    ),
+]
+CalibrateOpt = Annotated[
+    int | None,
+    typer.Option(
+        min=10,
+        metavar="N",
+        help="infer N simulated truths measured at the hold times and errors of these curves instead, and print how "
+        "often the bands hold them",
+    ),
+]
 FamiliesOpt = Annotated[
     str | None,
     typer.Option(
@@ -328,6 +361,9 @@ def infer(
     temperature: TemperatureOpt = None,
     relative_error: RelativeErrorOpt = None,
     unknown: UnknownOpt = None,
+    errors: ErrorsOpt = "scaled,robust",
+    calibration: CalibrationOpt = None,
+    calibrate: CalibrateOpt = None,
     families: FamiliesOpt = None,
     predict: PredictOpt = None,
     planned: NextOpt = None,
@@ -357,6 +393,8 @@ def infer(
     wishes = read_wishes(predict or (), planned or (), target)
     how: dict[str, Any] = {
         "unknown": read_unknowns(unknown or ()),
+        "errors": [name.strip() for name in errors.split(",")],
+        "calibration": read_calibration(calibration),
         "families": read_families(families),
         "samples": samples,
         "seed": seed,
@@ -367,6 +405,9 @@ def infer(
     _protect(path, [*measured, *(Path(text) for text in planned or () if "=" not in text)])
     share = None if relative_error is None else convert(relative_error, "", "--relative-error")
     curves = _curves(measured, load, temperature, share)
+    if calibrate is not None:
+        _calibrated(curves, there, calibrate, {name: how[name] for name in _OF_CALIBRATION}, as_json)
+        return
     preflight_result(path, force=force, figures=figures)
     try:
         result, pictures = _computed(curves, there, wishes, how, path, figures=figures, force=force)
@@ -375,6 +416,26 @@ def infer(
         raise
     hint = f'use it   forming = {{ kind = "inferred", path = "{path}" }}'
     output.answer(result_of(result), as_json, [hint], file=path, figures=pictures)
+
+
+#: arguments that a calibration has as well
+_OF_CALIBRATION = ("errors", "calibration", "seed", "threads")
+
+
+def _calibrated(
+    curves: tuple[MeasuredCurve, ...], scene: Scene, count: int, how: dict[str, Any], as_json: bool
+) -> None:
+    """Print how often the bands of an inference of simulated truths hold these."""
+    from chemage.inference.calibrate import LEVELS
+    from chemage.inference.calibrate import calibrate as calibrating
+
+    with progress_bars() as report:
+        found = calibrating(curves, scene, count=count, progress=report, **how)
+    if as_json:
+        print(json.dumps(found.todict()))
+        return
+    columns = ("quantity", "uniform, p", *(f"inside {100 * level:.0f} %" for level in LEVELS))
+    output.show_rows(f"{count} simulated truths, {found.refused} of them refused", columns, found.rows())
 
 
 def _protect(path: Path, inputs: Sequence[Path]) -> None:

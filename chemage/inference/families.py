@@ -19,7 +19,7 @@ from chemage.inference.energies import EnergyGrid
 from chemage.inference.forward import Model
 from chemage.inference.problem import REACH, Linear, Prior, Problem
 from chemage.inference.result import UnexplainedError
-from chemage.inference.sampling import Samples, sample
+from chemage.inference.sampling import MOST_SWEEPS, Samples, sample
 
 #: weights of the penalty on the second derivative that are tried, from strong to weak
 WEIGHTS = np.geomspace(1.0, 1e-7, 15)
@@ -215,7 +215,13 @@ def linear_problem(model: Model, prior: Prior, density: np.ndarray) -> Problem:
 
 
 def sampled(
-    model: Model, density: np.ndarray, count: int, threads: int | None, report: Report, changes: list[float]
+    model: Model,
+    density: np.ndarray,
+    count: int,
+    threads: int | None,
+    report: Report,
+    changes: list[float],
+    sweeps: int = MOST_SWEEPS,
 ) -> tuple[Problem, Samples, list[float]]:
     """``count`` samples of the posterior; with an interaction the model is linear about their mean."""
     prior = Prior(model.grid.nodes)
@@ -239,6 +245,7 @@ def sampled(
         samples=count,
         seed=model.seed,
         watched=model.seen(),
+        sweeps=sweeps,
         threads=threads,
         progress=lambda done, total: report("sampling", done, total),
     )

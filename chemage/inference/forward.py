@@ -417,6 +417,10 @@ class Model:
         """(m,) standard errors as they are thought to be now, with those of the forward model at ``value``."""
         return self.noise(value).errors(self.state)
 
+    def floor_as(self, other: Model) -> None:
+        """Take over what the forward model is thought to be wrong by."""
+        self._floor = other._floor
+
     def labels(self) -> list[str]:
         """What each point is, in words."""
         return [f"{time:.3g} s of {curve.name}" for curve in self.curves for time in curve.hold_times]

@@ -186,7 +186,7 @@ def _visible(model: Model, samples: np.ndarray, prior: np.ndarray, resolution: f
     return model.seen() & (narrower | relative)
 
 
-def _inner_ends(densities: np.ndarray) -> np.ndarray:
+def inner_ends(densities: np.ndarray) -> np.ndarray:
     """``densities`` (S, n) that end at their end nodes as such that go on: of the same integral and mean energy."""
     longer = densities.copy()
     for end, beside in ((0, 1), (-1, -2)):  # the inner half of a hat, whose mean lies a third of a step inside
@@ -195,13 +195,13 @@ def _inner_ends(densities: np.ndarray) -> np.ndarray:
     return longer
 
 
-def _with_hidden(
+def with_hidden(
     model: Model, samples: Samples, prior: Prior, before: np.ndarray
 ) -> tuple[Model, Problem, Samples, np.ndarray]:
     """Samples of the posterior and those ``before``, of the prior, with the barriers that hold times do not reach."""
     wide = model.on(model.grid.wider(*REACH))
     more = ((0, 0), wide.grid.place(model.grid))
-    densities, before = (np.pad(_inner_ends(each), more) for each in (samples.densities, before))
+    densities, before = (np.pad(inner_ends(each), more) for each in (samples.densities, before))
     problem = linear_problem(wide, prior, densities.mean(axis=0))
     noise, state = problem.likelihood, samples.typical
     factor = np.exp(state.calibration)
@@ -232,7 +232,7 @@ def _inference(
     resolution = WIDTH * KB * max(curve.temperature for curve in model.curves)
     visible = _visible(model, samples.densities, prior, resolution)
     smooth = model.grid
-    model, problem, samples, prior = _with_hidden(model, samples, problem.prior, prior)
+    model, problem, samples, prior = with_hidden(model, samples, problem.prior, prior)
     noise, state = problem.likelihood, samples.typical
     factors = np.exp([one.calibration for one in samples.states])
     fitted = factors[:, None] * samples.fitted(problem)

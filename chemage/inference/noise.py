@@ -105,7 +105,7 @@ class Noise:
         """(m,) standard errors."""
         return np.hypot(state.scales[self.curve] * state.inflation * self.stated, self.floors)
 
-    def _correlation(self, state: State) -> np.ndarray:
+    def correlation(self, state: State) -> np.ndarray:
         return np.minimum(np.exp(-self._gaps / np.exp(state.log_time)), NEAREST)
 
     def white(self, state: State, rows: np.ndarray) -> np.ndarray:
@@ -113,14 +113,14 @@ class Noise:
         scaled = rows / self.errors(state).reshape(-1, *[1] * (rows.ndim - 1))
         if not self.model.correlated:
             return scaled
-        near = self._correlation(state).reshape(-1, *[1] * (rows.ndim - 1))
+        near = self.correlation(state).reshape(-1, *[1] * (rows.ndim - 1))
         before = np.roll(scaled, 1, axis=0)
         return (scaled - near * before) / np.sqrt(1 - near**2)
 
     def _logs(self, state: State, residual: np.ndarray) -> np.ndarray:
         """(m,) logarithms of the probability density of the residuals, each given those before."""
         logs = -0.5 * self.white(state, residual) ** 2 - np.log(self.errors(state))
-        return logs - 0.5 * np.log1p(-(self._correlation(state) ** 2)) if self.model.correlated else logs
+        return logs - 0.5 * np.log1p(-(self.correlation(state) ** 2)) if self.model.correlated else logs
 
     def drawn(self, state: State, values: np.ndarray, fitted: np.ndarray, rng: np.random.Generator) -> State:
         """Another state, given the measured ``values`` (m,) and those of the model, ``fitted`` (m,)."""
@@ -153,7 +153,7 @@ class Noise:
         sizes = np.maximum(np.bincount(self.curve, minlength=count), 1)
         # without correlation summed over which points are off
         rare = RARE if self.model.robust and not self.model.correlated else 0.0
-        near = self._correlation(state) if self.model.correlated else np.zeros(residual.size)
+        near = self.correlation(state) if self.model.correlated else np.zeros(residual.size)
         fixed_part = residual, self.stated, self.floors, self.curve, near
         here = kernels.curve_logs(*fixed_part, state.scales, state.inflation, rare, WIDER)
         for _ in range(3):

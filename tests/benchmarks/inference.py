@@ -1,6 +1,6 @@
 """How well `chemage.infer` finds densities that are known: recovery, interaction, coverage, linear ageing, time.
 
-    python tests/benchmarks/inference.py recovery|peaks|interaction|two-curves|coverage|outside|linear|honest|all
+    python tests/benchmarks/inference.py recovery|peaks|interaction|two-curves|coverage|outside|linear|honest|calibration|all
         [--out FOLDER] [--first 1000] [--cases 60] [--contact tip|rough]
 
 Measured curves are made by the quadrature of the ageing method `closure` where sites do not interact, which shares no
@@ -552,7 +552,35 @@ def linear(kept: Kept, first: int) -> None:
     kept.add(f"logarithmic {first}", lambda: one(60.0 * np.log10(log_times / 3e-4), log_times))
 
 
-PARTS = ("recovery", "peaks", "linear", "outside", "coverage", "honest", "interaction", "two-curves")
+def calibration(kept: Kept, first: int, cases: int) -> None:
+    """Simulation-based calibration of three scenes and plans: a tip, a tip at two temperatures, a rough surface."""
+    from chemage.inference.calibrate import calibrate
+
+    def plan(load: float, kelvin: float, times: np.ndarray, scale: float) -> ca.MeasuredCurve:
+        values = scale * np.linspace(0.1, 1, times.size)
+        return ca.MeasuredCurve(
+            load=load, temperature=kelvin, hold_times=times, values=values, errors=0.03 * values + 0.005 * scale
+        )
+
+    tip, rough = scene_of(TIP, TRUTHS["uniform"], 0.0), scene_of("silica-rough", TRUTHS["uniform"], 0.0, **ROUGH)
+    scale = 300.0
+    scenes: dict[str, tuple[ca.Scene, list[ca.MeasuredCurve], dict[str, Any]]] = {
+        "tip": (tip, [plan(50.0, 300.0, TIMES, scale)], {}),
+        "tip at two temperatures, calibration 10 %": (
+            tip, [plan(50.0, kelvin, np.logspace(-2, 3, 13), scale) for kelvin in (300.0, 340.0)], {"calibration": 0.1}
+        ),
+        "rough, errors as stated": (
+            rough, [plan(rough.load, 300.0, np.logspace(-1, 4, 18), 20 * scale)], {"errors": "as-stated"}
+        ),
+    }  # fmt: skip
+    for name, (scene, curves, how) in scenes.items():
+        row = kept.add(f"{name} {first}", lambda s=scene, c=curves, h=how: calibrate(
+            c, s, count=cases, seed=first, **h).todict())  # fmt: skip
+        for quantity, found in row["quantities"].items():
+            print(f"  {quantity:45s} p = {found['uniform']:.3f}, inside {found['coverage']}")
+
+
+PARTS = ("recovery", "peaks", "linear", "outside", "coverage", "honest", "calibration", "interaction", "two-curves")
 
 
 def main() -> None:
@@ -566,10 +594,10 @@ def main() -> None:
     given = parser.parse_args()
     for name in PARTS if given.what == "all" else (given.what,):
         kept = Kept(given.out / f"{name}.jsonl")
-        if name in ("coverage", "outside", "peaks", "honest"):
-            {"coverage": coverage, "outside": outside, "peaks": peaks, "honest": honest}[name](
-                kept, given.first, given.cases
-            )
+        if name in ("coverage", "outside", "peaks", "honest", "calibration"):
+            {"coverage": coverage, "outside": outside, "peaks": peaks, "honest": honest, "calibration": calibration}[
+                name
+            ](kept, given.first, given.cases)
         elif name == "interaction":
             interaction(kept, given.first, (given.contact,) if given.contact else ("tip", "rough"))
         else:
