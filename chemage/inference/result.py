@@ -20,7 +20,7 @@ from chemage.foundation.records import Doubles, Flags, Indices, Named, Plain, Re
 from chemage.foundation.text import jsonable
 from chemage.foundation.units import QuantityLike
 from chemage.inference.curves import MeasuredCurve
-from chemage.inference.forecast import Forecast, Forecaster, band
+from chemage.inference.forecast import WIDE, Forecast, Forecaster, band
 from chemage.inference.noise import SUSPECT
 from chemage.inference.open import datatree, statistics
 from chemage.inference.problem import LOAD
@@ -299,6 +299,7 @@ class Inference(Record):
             "energies": self.energies.tolist(),
             "density": self.density.tolist(),
             "band_68": [low68.tolist(), high68.tolist()],
+            "band_90": [end.tolist() for end in self.band(WIDE)],
             "band_95": [low95.tolist(), high95.tolist()],
             "visible": self.visible.tolist(),
             "visible_range": list(self.visible_range),
@@ -307,6 +308,8 @@ class Inference(Record):
                 name: {
                     "mean": float(values.mean()),
                     "band_68": self.interval(name, 0.68),
+                    "median": float(np.median(values)),
+                    "band_90": self.interval(name, WIDE),
                     "band_95": self.interval(name),
                 }
                 for name, values in self.scalars.items()

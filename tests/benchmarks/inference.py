@@ -1,6 +1,7 @@
 """How well `chemage.infer` finds densities that are known: recovery, interaction, coverage, linear ageing, time.
 
-    python tests/benchmarks/inference.py recovery|peaks|interaction|two-curves|coverage|outside|linear|honest|calibration|all
+    python tests/benchmarks/inference.py recovery|peaks|interaction|two-curves|coverage|outside|linear|honest
+        |calibration|all
         [--out FOLDER] [--first 1000] [--cases 60] [--contact tip|rough]
 
 Measured curves are made by the quadrature of the ageing method `closure` where sites do not interact, which shares no
