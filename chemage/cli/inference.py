@@ -249,8 +249,8 @@ _WIDTH = 80
 MeasuredArg = Annotated[
     list[Path],
     typer.Argument(
-        metavar="MEASURED.csv",
-        help="measured curves of ageing: CSV files with the columns hold_time (s), friction_drop (nN) or "
+        metavar="MEASURED",
+        help="measured curves of ageing: text or Excel files with the columns hold_time (s), friction_drop (nN) or "
         "friction_coefficient_drop, error, load (nN), temperature (K)",
     ),
 ]
@@ -327,7 +327,7 @@ NextOpt = Annotated[
     typer.Option(
         "--next",
         metavar="FILE|CONDITIONS",
-        help="planned measurements to rank by how much they narrow the result: a CSV file with the columns "
+        help="planned measurements to rank by how much they narrow the result: a table with the columns "
         'hold_time (s), load (nN), temperature (K), error (nN), or "hold_time=1 ms to 1e7 s, load=50 nN"; may be '
         "repeated",
     ),
@@ -348,7 +348,7 @@ OutOpt = Annotated[
         "--out",
         "-o",
         metavar="FILE",
-        help="result file, ending in .h5 or .hdf5; default: NAME-inferred.h5, after the first CSV file",
+        help="result file, ending in .h5 or .hdf5; default: NAME-inferred.h5, after the first table",
     ),
 ]
 
@@ -413,6 +413,8 @@ def infer(
         result, pictures = _computed(curves, there, wishes, how, path, figures=figures, force=force)
     except UnexplainedError as error:
         _show_best_fit(error, curves)
+        if figures and len(error.residuals) == sum(curve.hold_times.size for curve in curves):
+            output.say(f"residuals of the best fit: {_drawn_residuals(error, curves, path)}", file=sys.stderr)
         raise
     hint = f'use it   forming = {{ kind = "inferred", path = "{path}" }}'
     output.answer(result_of(result), as_json, [hint], file=path, figures=pictures)
@@ -514,3 +516,22 @@ def _show_best_fit(error: UnexplainedError, curves: Sequence[MeasuredCurve]) -> 
     )
     for (name, time, value), fit, off in zip(points, error.fitted, error.residuals, strict=True):
         output.say(f"{name[:16]:16} {time:13.5g} {value:13.5g} {fit:10.5g} {off:+9.1f}", file=sys.stderr)
+
+
+def _drawn_residuals(error: UnexplainedError, curves: Sequence[MeasuredCurve], path: Path) -> Path:
+    """Draw the residuals of the best fit into the folder of figures."""
+    import numpy as np
+
+    from chemage.foundation.figures import GREY, PALETTE, blank, legend, plain, save_figures
+
+    figure, axes = blank(6.4, 3.4)
+    ends = [0, *(int(end) for end in np.cumsum([curve.hold_times.size for curve in curves]))]
+    axes.axhspan(-2, 2, color=GREY, alpha=0.15, lw=0)
+    for number, curve in enumerate(curves):
+        here = error.residuals[ends[number] : ends[number + 1]]
+        axes.plot(
+            curve.hold_times, here, "o-", lw=0.6, ms=3.2, color=PALETTE[number % len(PALETTE)], label=plain(curve.name)
+        )
+    axes.set(xscale="log", xlabel="hold time (s)", ylabel="residual (stated standard errors)")
+    legend(axes)
+    return save_figures({"residuals": figure}, output.figures_of(path), force=True)[0]

@@ -302,6 +302,7 @@ def draw_data(axes: Axes, medium: Medium, one: Inference) -> None:
         label = plain(f"{about['name']}: {about['load']:g} nN, {about['temperature']:g} K")
         bars = NORMAL_LIMIT * one.errors[here]
         axes.errorbar(one.hold_times[here], one.values[here], bars, fmt="o", ms=3.2, lw=0.9, color=colour, label=label)
+    _ring(axes, one, one.values)
     axes.set(xscale="log", xlabel="hold time (s)", ylabel="friction drop ΔF (nN)")
     axes.set_ylim(bottom=min(0.0, float((one.values - NORMAL_LIMIT * one.errors).min())))
     legend(
@@ -313,6 +314,12 @@ def draw_data(axes: Axes, medium: Medium, one: Inference) -> None:
     )
 
 
+def _ring(axes: Axes, one: Inference, values: np.ndarray) -> None:
+    """Mark the suspect points."""
+    if (off := one.is_suspect).any():
+        axes.plot(one.hold_times[off], values[off], "o", ms=9, mfc="none", color=ORANGE, label="suspect")
+
+
 def draw_residuals(axes: Axes, medium: Medium, one: Inference) -> None:
     """Draw measured minus fitted in standard errors."""
     residuals = one.residuals
@@ -321,6 +328,7 @@ def draw_residuals(axes: Axes, medium: Medium, one: Inference) -> None:
     for number in range(len(one.curves)):
         here = one.curve == number
         axes.plot(one.hold_times[here], residuals[here], "o", ms=3.2, color=PALETTE[number % len(PALETTE)])
+    _ring(axes, one, residuals)
     most = 1.15 * max(3.0, float(np.abs(residuals).max(initial=0)))
     axes.set_ylim(-most, most)
     axes.set(xscale="log", xlabel="hold time (s)", ylabel="residual (standard errors)")

@@ -66,7 +66,7 @@ def infer(
     Parameters
     ----------
     measured
-        Curves from :func:`chemage.read_curves`, or the CSV file itself.
+        Curves from :func:`chemage.read_curves`, or the file or data frame itself.
     scene
         Everything but the density: surface, contact, breaking barriers, interaction, the other values of the chemistry.
         Its ``[forming]``, loads, temperatures and hold times are not used; those of the curves are.
@@ -150,7 +150,7 @@ def calibrations(given: QuantityLike | Mapping[str, QuantityLike]) -> tuple[floa
 
 
 def _curves_of(measured: Any) -> tuple[MeasuredCurve, ...]:
-    if isinstance(measured, str | Path):
+    if isinstance(measured, str | Path) or hasattr(measured, "itertuples"):
         measured = read_curves(measured)
     curves = (measured,) if isinstance(measured, MeasuredCurve) else measured
     if not isinstance(curves, list | tuple) or not all(isinstance(curve, MeasuredCurve) for curve in curves):

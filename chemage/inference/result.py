@@ -174,6 +174,11 @@ class Inference(Record):
         """An xarray.DataTree with the groups that ArviZ 1 reads: ``az.summary(found.datatree())``."""
         return datatree(self)
 
+    @property
+    def is_suspect(self) -> np.ndarray:
+        """(m,) whether a point is probably off."""
+        return np.zeros(self.hold_times.size, dtype=bool) if self.off is None else self.off > SUSPECT
+
     def suspects(self) -> list[str]:
         """The points that are probably off, in words."""
         if self.off is None:
@@ -181,7 +186,7 @@ class Inference(Record):
         words = "{:.3g} s of {} ({:+.1f} standard errors, probability {:.2f})"
         return [
             words.format(self.hold_times[at], self.curves[self.curve[at]]["name"], self.residuals[at], self.off[at])
-            for at in np.flatnonzero(self.off > SUSPECT)
+            for at in np.flatnonzero(self.is_suspect)
         ]
 
     @property
