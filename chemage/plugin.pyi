@@ -93,6 +93,7 @@ from chemage.plugins.registry import fromdict as fromdict
 from chemage.plugins.hooks import hookimpl as hookimpl
 from chemage.contacts.patches import label_patches as label_patches
 from chemage.plugins.hooks import lazy_attributes as lazy_attributes
+from chemage.foundation import looks as looks
 from chemage.foundation import memory as memory
 from chemage.foundation.errors import nearest as nearest
 from chemage.foundation.files import open_file as open_file

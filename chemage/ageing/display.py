@@ -28,7 +28,7 @@ from chemage.foundation.result import (
     Rows,
     Table,
 )
-from chemage.foundation.statistics import half_width, standard_error
+from chemage.foundation.statistics import NORMAL_LIMIT, half_width, standard_error
 from chemage.foundation.text import jsonable, mean_text, percent, plus_minus, power_text
 from chemage.surfaces.role import Scatter
 
@@ -382,7 +382,7 @@ class AgingDisplay(OfRecord[Aging]):
         several = np.unique(times).size > 1
         if not times.size:
             return {}
-        drawn = (Panel(self.draw), *([Panel(self._draw_local_slope)] if several else []))
+        drawn = (Panel(self.draw, name="friction"), *([Panel(self._draw_local_slope, name="slope")] if several else []))
         return {"friction": Picture(drawn, (10.5 if several else 5.6, 4.2), finish=_finish)}
 
     def draw(
@@ -402,14 +402,21 @@ class AgingDisplay(OfRecord[Aging]):
         if fit and chosen == "friction_coefficient_drop":
             draw_fit(axes, self.fit[0])
             self.draw_published(axes)
-        legend(axes, fontsize=medium.font)
+        legend(axes)
 
     def _draw_local_slope(self, axes: Axes, medium: Medium) -> None:
         draw_local_slope(axes, self.record, self.quantity, label=replicas_text(self.record))
         if self.fit[0] is not None and self.record.load > 0:
             fit = self.fit[0]
             axes.plot(fit.span, [fit.beta] * 2, color=ORANGE, lw=1.6, zorder=3, label="β of the fitted line")
-        legend(axes, fontsize=medium.font)
+            scatter = self.scatter.relative if self.scatter is not None else None
+            if scatter and not scatter <= fit.relative_stderr:
+                half = NORMAL_LIMIT * scatter * abs(fit.beta)
+                label = f"β of other surfaces, 95 % (± {percent(half / abs(fit.beta))})"
+                axes.fill_between(
+                    fit.span, fit.beta - half, fit.beta + half, color=ORANGE, alpha=0.2, lw=0, label=label
+                )
+        legend(axes)
 
 
 def at(hold_times: np.ndarray, curves: np.ndarray, time: float) -> np.ndarray:

@@ -124,6 +124,24 @@ FormatOpt = Annotated[
         help="format of the figures: png, pdf or svg",
     ),
 ]
+WidthOpt = Annotated[
+    str | None,
+    typer.Option(
+        "--width",
+        metavar="WIDTH",
+        help="for print: 1 or 2 columns of a page (85 or 180 mm), or a length such as 120mm; default: for a screen",
+    ),
+]
+FontOpt = Annotated[
+    str | None,
+    typer.Option(
+        "--font", metavar="FONT", help='family of the text, its size in pt, or both, such as "Arial 9"; 7 pt at least'
+    ),
+]
+StyleOpt = Annotated[
+    Path | None,
+    typer.Option("--style", metavar="FILE", help="style sheet of matplotlib whose settings replace those of chemage"),
+]
 MeasuredOpt = Annotated[
     list[Path] | None,
     typer.Option(

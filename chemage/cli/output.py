@@ -372,12 +372,11 @@ def _unfinished(folder: Path) -> Path:
 
 def save_picture(result: Result, file: Path, *, force: bool) -> None:
     """Draw the first picture of a result into a file, in the format of its ending."""
-    from chemage.foundation.files import fresh_file
+    from chemage.foundation.figures import save_figure
     from chemage.foundation.result import drawn_picture
 
     (picture, *_) = result.pictures().values()
-    with fresh_file(file, force=force) as part:
-        drawn_picture(picture).savefig(part, format=file.suffix.removeprefix(".").lower() or "png")
+    save_figure(drawn_picture(picture), file, file.suffix.removeprefix(".").lower() or "png", force=force)
 
 
 def protect_inputs(path: Path, source: str, one: Scene) -> None:

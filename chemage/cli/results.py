@@ -14,12 +14,15 @@ from chemage.cli.options import (
     FIGURES,
     PAGES,
     CsvOpt,
+    FontOpt,
     ForceOpt,
     FormatOpt,
     JsonOpt,
     MeasuredOpt,
     ResultArg,
     ResultsArg,
+    StyleOpt,
+    WidthOpt,
     changed_fields,
     check_ending,
     user_error,
@@ -62,6 +65,46 @@ def _csv(result: Result) -> str:
     return text.getvalue()
 
 
+_XOpt = Annotated[
+    str | None,
+    typer.Option(
+        metavar="AXIS",
+        help="sweeps: axis to the right, by the name of its field, or hold_time; default: the numeric axis with most "
+        "values",
+    ),
+]
+_LinesOpt = Annotated[
+    str | None,
+    typer.Option(metavar="AXIS", help="sweeps: axis with a line for each value; default: the next numeric axis"),
+]
+_YOpt = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="RESULT",
+        help="sweeps: what to draw, such as beta, friction_drop, area_fraction; repeatable, one panel each; default: "
+        "beta and friction_drop",
+    ),
+]
+_WhereOpt = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="AXIS=VALUE",
+        help="sweeps: value of a further axis; repeatable; default: the one in the middle; seeds are averaged",
+    ),
+]
+_HeatOpt = Annotated[
+    bool, typer.Option("--heat", help="sweeps: a heat map; default: only in place of more than 8 lines")
+]
+_PanelOpt = Annotated[
+    list[str] | None,
+    typer.Option(metavar="NAME", help="only this panel, in a figure of its own; repeatable; default: all figures"),
+]
+_DataOpt = Annotated[
+    bool,
+    typer.Option("--data", help="write what each figure shows beside it, as NAME.csv; maps of up to 50 000 cells"),
+]
+
+
 def plot(
     file: ResultArg,
     out: Annotated[
@@ -76,36 +119,16 @@ def plot(
             metavar='"X0 X1 Y0 Y1"', help="draw only this part of the maps, with all its pixels; in nm, or with units"
         ),
     ] = None,
-    x: Annotated[
-        str | None,
-        typer.Option(
-            metavar="AXIS",
-            help="sweeps: axis to the right, by the name of its field, or hold_time; default: the numeric axis with "
-            "most values",
-        ),
-    ] = None,
-    lines: Annotated[
-        str | None,
-        typer.Option(metavar="AXIS", help="sweeps: axis with a line for each value; default: the next numeric axis"),
-    ] = None,
-    y: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="RESULT",
-            help="sweeps: what to draw, such as beta, friction_drop, area_fraction; repeatable, one panel each; "
-            "default: beta and friction_drop",
-        ),
-    ] = None,
-    where: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="AXIS=VALUE",
-            help="sweeps: value of a further axis; repeatable; default: the one in the middle; seeds are averaged",
-        ),
-    ] = None,
-    heat: Annotated[
-        bool, typer.Option("--heat", help="sweeps: a heat map; default: only in place of more than 8 lines")
-    ] = False,
+    x: _XOpt = None,
+    lines: _LinesOpt = None,
+    y: _YOpt = None,
+    where: _WhereOpt = None,
+    heat: _HeatOpt = False,
+    panel: _PanelOpt = None,
+    width: WidthOpt = None,
+    font: FontOpt = None,
+    style: StyleOpt = None,
+    data: _DataOpt = False,
     fmt: FormatOpt = "png",
     force: ForceOpt = False,
 ) -> None:
@@ -115,6 +138,7 @@ def plot(
     interval, or heat maps; seeds are averaged over.
     """
     from chemage.foundation.figures import save_figures
+    from chemage.foundation.looks import Look, drawn_as
     from chemage.results import drawing
     from chemage.results.kinds import load
 
@@ -127,14 +151,17 @@ def plot(
         raise user_error(f"--{next(iter(choice))} is for sweeps, and {file} is a file; give the folder of a sweep")
     beside = _near(file.resolve().with_name(f"{file.resolve().name}-figures")) if is_sweep else None
     folder = out or beside or file.with_name(f"{file.stem}-figures")
-    with progress_bars() as report, reported(report, "drawing"):
+    if window is not None and panel:
+        raise user_error("--window and --panel: choose one")
+    look = Look.of(width, font, style)
+    with progress_bars() as report, reported(report, "drawing"), drawn_as(look):
         if window is not None:
             drawn = {"window": drawing.window_figure(file, window)}
         else:
-            drawn = drawing.figures(load(file), **choice)
+            drawn = drawing.figures(load(file), panel or (), **choice)
         if not drawn:
             raise user_error(f"{file} holds nothing that can be drawn; `chemage run` makes files to plot")
-        pictures = save_figures(drawn, folder, force=force, suffix=fmt)
+        pictures = save_figures(drawn, folder, force=force, suffix=fmt, data=data)
     for picture in pictures:
         output.say(picture)
 
@@ -164,6 +191,9 @@ def compare(
         Path | None, typer.Option(metavar="FOLDER", help="draw figures into this folder; default: no figures")
     ] = None,
     fmt: FormatOpt = "png",
+    width: WidthOpt = None,
+    font: FontOpt = None,
+    style: StyleOpt = None,
     measured: MeasuredOpt = None,
     at: Annotated[
         list[str] | None,
@@ -179,14 +209,16 @@ def compare(
     Results of single asperities and of rough contacts can be compared.
     """
     from chemage.foundation.figures import save_figures
+    from chemage.foundation.looks import Look, drawn_as
     from chemage.results import comparison, drawing
 
     if as_json and as_csv:
         raise user_error("--json and --csv: choose one")
+    look = Look.of(width, font, style)
     joined = comparison.compare_files(files, measured=measured or (), times=at or comparison.TIMES)
     pictures: list[Path] = []
     if figures is not None:
-        with progress_bars() as report, reported(report, "drawing"):
+        with progress_bars() as report, reported(report, "drawing"), drawn_as(look):
             pictures = save_figures(drawing.comparison_figures(joined), figures, force=force, suffix=fmt)
     if as_json:
         print(json.dumps({**joined.todict(), "figures": [str(path) for path in pictures]}))
@@ -277,6 +309,9 @@ def arrhenius(
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="file of the figure (.png, .pdf or .svg); default: no figure")
     ] = None,
+    width: WidthOpt = None,
+    font: FontOpt = None,
+    style: StyleOpt = None,
     as_json: JsonOpt = False,
     force: ForceOpt = False,
 ) -> None:
@@ -288,12 +323,14 @@ def arrhenius(
     from chemage.cli.output import save_picture
     from chemage.foundation.errors import InputError
     from chemage.foundation.files import preflight
+    from chemage.foundation.looks import Look, drawn_as
     from chemage.foundation.result import result_of
     from chemage.results.arrhenius import arrhenius as summarise
 
     limits = tuple(window.split()) if window is not None else None
     if limits is not None and len(limits) != 2:
         raise InputError.of("window", window, "is not two hold times", 'give "10 1e4", say, or with units "10s 1e4s"')
+    look = Look.of(width, font, style)
     if out is not None:
         check_ending(out, FIGURES, "a figure")
         preflight(out, force=force)
@@ -306,7 +343,8 @@ def arrhenius(
     )
     result = result_of(energies)
     if out is not None:
-        save_picture(result, out, force=force)
+        with drawn_as(look):
+            save_picture(result, out, force=force)
     output.answer(result, as_json, figure=out)
 
 

@@ -11,11 +11,14 @@ import numpy as np
 
 from chemage.contacts.options import force_text, pressure_text
 from chemage.contacts.solution import ContactSolution, ContactStatistics
-from chemage.foundation.figures import BLUE, GREEN, draw_map, from_zero, pooled
+from chemage.foundation.figures import BLUE, GREEN, draw_map, from_zero, pooled, pressure_colours, seen_blocks
 from chemage.foundation.result import NONE, Compared, Curve, Medium, OfRecord, Panel, Picture, Rows, displays
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+#: pixels around the largest patch that are drawn, at least, and the size of what is drawn over that of the patch
+_LEAST, _MARGIN = 64, 2.0
 
 #: measures that are compared: name -> (label, unit in tables, unit in CSV)
 COMPARED = {
@@ -163,11 +166,17 @@ class ContactDisplay(OfContact[ContactSolution]):
             return {}
         where = f"{contact.patches:g} patches on {100 * contact.area_fraction:.3g} % of the area"
         whole = Panel(
-            partial(draw_pressure if contact.patches > 1 else _draw_only_patch, contact=contact),
-            "Contact pressure; pixels that are not in contact are blank.",
+            partial(draw_pressure, zoom=True, contact=contact)
+            if contact.patches > 1
+            else partial(_draw_only_patch, contact=contact),
+            "Contact pressure, the largest in each block of pixels; what is not in contact is blank. Blue: the part "
+            "that is drawn around the largest patch."
+            if contact.patches > 1
+            else "Contact pressure; what is not in contact is blank.",
             f"Map of the contact pressure: {where}, mean {contact.mean_contact_pressure:.3g} GPa.",
             (4.9, 3.9),
             is_map=True,
+            name="whole",
         )
         if contact.patches == 1:
             return {"pressure": Picture((whole,), (6.0, 4.6))}
@@ -177,6 +186,7 @@ class ContactDisplay(OfContact[ContactSolution]):
             f"Map of the contact pressure around the largest of {contact.patches:g} patches.",
             (4.9, 3.9),
             is_map=True,
+            name="largest-patch",
         )
         return {"pressure": Picture((whole, largest), (10.5, 4.8))}
 
@@ -218,18 +228,25 @@ class StatisticsDisplay(OfContact[ContactStatistics]):
 # -- maps -------------------------------------------------------------------------------------------------------------
 
 
-def draw_pressure(axes: Axes, medium: Medium, contact: ContactSolution) -> None:
-    """Draw the pressure as a map, each block of pixels with its largest pressure."""
+def draw_pressure(axes: Axes, medium: Medium, contact: ContactSolution, *, zoom: bool = False) -> None:
+    """Draw the pressure as a map, each block of pixels that can be seen with its largest pressure; ``zoom``: with the
+    box of what is drawn around the largest patch."""
     nx, ny = contact.shape
     extent = (0.0, nx * contact.pixel_size, 0.0, ny * contact.pixel_size)
-    blocks = np.ma.masked_equal(pooled(contact.pressure, np.max, medium.pixels), 0.0)
+    most = min(medium.pixels, seen_blocks(axes))
+    blocks = np.ma.masked_equal(pooled(contact.pressure, np.max, most), 0.0)
     draw_map(axes, blocks, extent, "pressure (GPa)", **_style(contact))
     axes.set_title(f"{contact.patches} patches, A/A$_0$ = {contact.area_fraction:.3g}")
+    if zoom:
+        from matplotlib.patches import Rectangle
+
+        (x0, x1), (y0, y1) = np.multiply(_around_largest_patch(contact), contact.pixel_size)
+        axes.add_patch(Rectangle((x0, y0), x1 - x0, y1 - y0, fill=False, edgecolor=BLUE, linewidth=1.2))
 
 
 def _style(contact: ContactSolution) -> dict[str, Any]:
     low, top = float(contact.pressure.min()), float(contact.pressure.max()) or 1.0
-    return {"cmap": "inferno_r", "vmin": low if low < top else 0.0, "vmax": top}
+    return {"cmap": pressure_colours(), "vmin": low if low < top else 0.0, "vmax": top}
 
 
 def _draw_only_patch(axes: Axes, medium: Medium, contact: ContactSolution) -> None:
@@ -238,7 +255,7 @@ def _draw_only_patch(axes: Axes, medium: Medium, contact: ContactSolution) -> No
 
 
 def _draw_largest_patch(
-    axes: Axes, medium: Medium, contact: ContactSolution, least: int = 64, margin: float = 2.0
+    axes: Axes, medium: Medium, contact: ContactSolution, least: int = _LEAST, margin: float = _MARGIN
 ) -> None:
     a = contact.pixel_size
     (x0, x1), (y0, y1) = _around_largest_patch(contact, least, margin)
@@ -265,7 +282,7 @@ def _outlines(contact: np.ndarray, x0: int, y0: int, pixel: float, width: float)
 
 
 def _around_largest_patch(
-    contact: ContactSolution, least: int, margin: float
+    contact: ContactSolution, least: int = _LEAST, margin: float = _MARGIN
 ) -> tuple[tuple[int, int], tuple[int, int]]:
     """Pixels of a window ``margin`` times the size of the largest patch, and at least ``least``: (x0, x1), (y0, y1)."""
     from scipy import ndimage

@@ -21,8 +21,13 @@ import importlib
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from chemage.foundation.limits import not_modelled
+
 if TYPE_CHECKING:
     from pydantic import ValidationError
+
+#: words as similar as this differ by typing errors
+_TYPING = 0.8
 
 #: direction marks that reorder what follows on the screen
 _REORDERING = {*range(0x202A, 0x202F), *range(0x2066, 0x206A), 0x2028, 0x2029, 0xFEFF}
@@ -195,8 +200,11 @@ def in_lines(problems: Sequence[tuple[str, str]]) -> str:
 
 
 def nearest(word: str, known: Sequence[str]) -> str:
-    """``" (did you mean 'x'?)"`` when a known word is close, else nothing."""
+    """``" (did you mean 'x'?)"`` when a known word is close, else nothing; of what chemage does not model, that."""
     import difflib
 
     match = difflib.get_close_matches(word, known, n=1, cutoff=0.5)
+    likely = match and difflib.SequenceMatcher(None, word, match[0]).ratio() > _TYPING
+    if not likely and (answer := not_modelled(word)):
+        return f" ({answer})"
     return f" (did you mean {match[0]!r}?)" if match else ""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+import math
 from collections.abc import Callable, Mapping
 from html import escape
 from pathlib import Path
@@ -11,12 +12,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from chemage.foundation.files import fresh_file, make_folder, preflight
+from chemage.foundation.drawn import drawn_data
+from chemage.foundation.files import fresh_file, make_folder, preflight, write_file
+from chemage.foundation.looks import current, drawn_as
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis
     from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.colors import Colormap
     from matplotlib.figure import Figure
 
 #: colour-blind safe (Okabe & Ito 2008)
@@ -24,6 +28,10 @@ BLUE, ORANGE, GREEN, PURPLE, GREY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", 
 BLACK = "#000000"
 #: colours of curves, in order
 PALETTE = (BLUE, ORANGE, GREEN, PURPLE, GREY, "#E69F00", "#56B4E9", "#8C564B")
+#: inches of print that a plot needs
+_PLOT = 2.3
+#: a figure that is not for print has this part of its nominal inches, and as many pixels
+_SCREEN = 0.8
 #: blocks of pixels along a side of a map that is drawn
 MAP_PIXELS = 900
 #: names of chemage's own figures, in the folder of a run, in comparisons and in reports
@@ -46,10 +54,23 @@ def panels(
     return figure, list(np.ravel(figure.subplots(rows, columns)))
 
 
-def blank(width: float, height: float) -> tuple[Figure, Axes]:
-    """Make an empty figure of one plot, ``width`` by ``height`` inches."""
-    figure, (axes,) = panels(width, height)
-    return figure, axes
+def plots(width: float, height: float, columns: int = 1, count: int = 1, dpi: float = 150) -> tuple[Figure, list[Axes]]:
+    """Make an empty figure of ``count`` plots in the current look, nominally ``width`` by ``height`` inches.
+
+    In print it is as wide as the look says, with as many of the ``columns`` as have room; plots keep their proportions.
+    """
+    look = current()
+    if look.width is None:
+        figure, axes = panels(_SCREEN * width, _SCREEN * height, columns, -(-count // columns), dpi=dpi / _SCREEN)
+    else:
+        proportion = (height / -(-count // columns)) / (width / columns)
+        inches = look.width / 25.4
+        columns = max(1, min(columns, int(inches / _PLOT)))
+        rows = -(-count // columns)
+        figure, axes = panels(inches, proportion * inches / columns * rows, columns, rows, dpi=300)
+    for empty in axes[count:]:
+        empty.remove()
+    return figure, axes[:count]
 
 
 def pooled(values: np.ndarray, pool: Callable[..., np.ndarray], most: int = MAP_PIXELS) -> np.ndarray:
@@ -82,9 +103,9 @@ def decades_only(*axes: Axis) -> None:
 def draw_map(
     axes: Axes, values: np.ndarray, extent: tuple[float, float, float, float], label: str, **style: Any
 ) -> None:
-    """Draw ``values`` (nx, ny) as a map with a colour bar: x to the right, y upwards, ``extent`` in nm.
+    """Draw ``values`` (nx, ny) as a map with a colour bar and a scale bar: x to the right, y upwards, ``extent`` in nm.
 
-    A map that is much longer than wide is stretched.
+    A map that is much longer than wide is stretched; it has no scale bar.
     """
     width, height = extent[1] - extent[0], extent[3] - extent[2]
     aspect = "equal" if max(width, height) < 6 * min(width, height) else "auto"
@@ -92,6 +113,38 @@ def draw_map(
     axes.set(xlabel="x (nm)", ylabel="y (nm)")
     bar = axes.figure.colorbar(image, ax=axes, shrink=0.85)
     bar.set_label(label)
+    if aspect == "equal":
+        _draw_scale_bar(axes, width)
+
+
+def _draw_scale_bar(axes: Axes, width: float) -> None:
+    """Draw a bar of 1, 2 or 5 times a power of ten, a sixth to a third of a map that is ``width`` nm wide."""
+    from matplotlib.font_manager import FontProperties
+    from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
+
+    power = 10.0 ** math.floor(math.log10(width / 3))
+    length = max(step * power for step in (1, 2, 5) if step * power <= (1 + 1e-9) * width / 3)
+    words = f"{length / 1000:g} µm" if length >= 1000 else f"{length:g} nm"
+    size = FontProperties(size=current().settings()["legend.fontsize"])
+    bar = AnchoredSizeBar(axes.transData, length, words, "lower left", borderpad=0.4, sep=2, fontproperties=size)
+    bar.size_bar.get_children()[0].set(linewidth=1.5, color=BLACK)
+    bar.patch.set(alpha=0.8, linewidth=0)
+    axes.add_artist(bar)
+
+
+def pressure_colours() -> Colormap:
+    """Colours from orange to black: even the lowest pressure is seen on white."""
+    from matplotlib import colormaps
+    from matplotlib.colors import LinearSegmentedColormap
+
+    return LinearSegmentedColormap.from_list("pressure", list(colormaps["inferno_r"](np.linspace(0.2, 1.0, 256))), 256)
+
+
+def seen_blocks(axes: Axes) -> int:
+    """Blocks of pixels along a side of a map, at most, that are all seen in ``axes``: each is a point of print wide."""
+    points = 72 * axes.figure.bbox.width / axes.figure.dpi
+    columns = place.get_gridspec().ncols if (place := axes.get_subplotspec()) is not None else 1
+    return max(100, int(0.7 * points / columns))
 
 
 def legend_entries(axes: Axes) -> tuple[list[Any], list[str]]:
@@ -107,7 +160,20 @@ def legend(axes: Axes, **options: Any) -> None:
     """Make a legend of the curves first and then of the lines fitted to them; none without entries."""
     handles, labels = legend_entries(axes)
     if labels:
-        axes.legend(handles, labels, **{"frameon": False, **options})
+        axes.legend(handles, labels, **options)
+
+
+def shared_legend(figure: Figure, handles: list[Any], title: str = "", *, beside: bool = False) -> None:
+    """Make a legend for all plots of a figure below them, in as many columns as have room; ``beside`` them where the
+    figure is not for print."""
+    if beside and current().width is None:
+        figure.legend(handles=handles, loc="outside right center", title=title or None)
+        return
+    style: dict[str, Any] = {"handles": handles, "loc": "outside lower center", "title": title or None}
+    made = figure.legend(**style)
+    columns = max(1, int(0.97 * figure.bbox.width / made.get_window_extent().width))
+    made.remove()
+    figure.legend(**style, ncols=min(columns, len(handles), 5))
 
 
 def plain(text: str) -> str:
@@ -135,8 +201,10 @@ def png(figure: Figure, alt: str) -> str:
     )
 
 
-def save_figures(named: Mapping[str, Figure], folder: Path, *, force: bool = False, suffix: str = "png") -> list[Path]:
-    """Write figures as ``folder``/name.``suffix``, and return the paths.
+def save_figures(
+    named: Mapping[str, Figure], folder: Path, *, force: bool = False, suffix: str = "png", data: bool = False
+) -> list[Path]:
+    """Write figures as ``folder``/name.``suffix``, and return the paths; ``data``: what they show as well, as name.csv.
 
     Raises
     ------
@@ -145,12 +213,20 @@ def save_figures(named: Mapping[str, Figure], folder: Path, *, force: bool = Fal
     """
     make_folder(folder)
     made = {folder / f"{name}.{suffix}": figure for name, figure in named.items()}
-    for path in made:
+    tables = {path.with_suffix(".csv"): figure for path, figure in made.items()} if data else {}
+    for path in (*made, *tables):
         preflight(path, force=force)
     for path, figure in made.items():
-        with fresh_file(path, force=force) as part:
-            if suffix == "png":
-                canvas_of(figure).print_png(part)
-            else:
-                figure.savefig(part, format=suffix)
-    return list(made)
+        save_figure(figure, path, suffix, force=force)
+    for path, figure in tables.items():
+        write_file(path, drawn_data(figure), force=force)
+    return [*made, *tables]
+
+
+def save_figure(figure: Figure, path: Path, suffix: str, *, force: bool = False) -> None:
+    """Write a figure into one file, of the format ``suffix``, in the current look."""
+    with drawn_as(), fresh_file(path, force=force) as part:
+        if suffix == "png":
+            canvas_of(figure).print_png(part)
+        else:
+            figure.savefig(part, format=suffix)

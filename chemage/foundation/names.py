@@ -97,6 +97,7 @@ MODULES = {
     "text": "foundation.text",
     "errors": "foundation.errors",
     "figures": "foundation.figures",
+    "looks": "foundation.looks",
     "patches": "contacts.patches",
     "plugin": "plugin",
     "random": "foundation.random",

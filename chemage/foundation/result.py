@@ -8,15 +8,17 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 
-from chemage.foundation.errors import InputError
-from chemage.foundation.figures import panels, png
+from chemage.foundation.arranging import arrange
+from chemage.foundation.errors import InputError, nearest
+from chemage.foundation.figures import panels, plots, png
+from chemage.foundation.looks import drawn_as
 from chemage.foundation.names import PICTURES
 from chemage.foundation.outputs import Observing
 from chemage.foundation.records import Record, approximations_in_words
@@ -34,16 +36,22 @@ NONE = "-"
 
 @dataclass(frozen=True)
 class Medium:
-    """Where something is drawn: points of the font of legends, and blocks of pixels along a side of a map."""
+    """Where something is drawn: blocks of pixels along a side of a map."""
 
-    font: float
     pixels: int
+
+    @property
+    def font(self) -> float:
+        """Points of the font of legends, as the style says."""
+        import matplotlib as mpl
+
+        return mpl.rcParams["legend.fontsize"]
 
 
 #: inches of each panel in the cell of a notebook
 _CELL_SIZE = (3.7, 3.1)
-#: a file, the page of a report (legible on a phone), and the cell of a notebook, whose page holds every picture
-FILE, PAGE, CELL = Medium(8, 900), Medium(7, 900), Medium(7, 160)
+#: a file or the page of a report, and the cell of a notebook, whose page holds every picture
+FILE, CELL = Medium(900), Medium(160)
 
 
 @dataclass(frozen=True)
@@ -61,6 +69,8 @@ class Panel:
     is_map: bool = False
     #: above it on a page
     heading: str = "Figures"
+    #: by which it is chosen of a picture of several panels
+    name: str = ""
 
 
 @dataclass(frozen=True)
@@ -68,7 +78,7 @@ class Picture:
     """A figure of one or several panels, row by row."""
 
     panels: Sequence[Panel]
-    #: inches
+    #: nominal inches; in print panels keep these proportions
     size: tuple[float, float] = (5.6, 4.2)
     columns: int | None = None
     title: str = ""
@@ -290,16 +300,13 @@ class Result(ABC):
         if not chosen:
             return ""
         try:
-            figure, axes = panels(_CELL_SIZE[0] * len(chosen), _CELL_SIZE[1], len(chosen), dpi=96)
+            with drawn_as():
+                figure, axes = panels(_CELL_SIZE[0] * len(chosen), _CELL_SIZE[1], len(chosen), dpi=96)
+                for plot, panel in zip(axes, chosen, strict=True):
+                    panel.draw(plot, CELL)
+                return png(figure, self.heading)
         except ImportError:
             return ""
-        for plot, panel in zip(axes, chosen, strict=True):
-            panel.draw(plot, CELL)
-            plot.title.set_fontsize(9)
-            if (legend := plot.get_legend()) is not None:
-                for text in legend.get_texts():
-                    text.set_fontsize(7)
-        return png(figure, self.heading)
 
 
 R = TypeVar("R", bound=Record)
@@ -408,19 +415,42 @@ def result_of(thing: Any) -> Result:
 
 
 def drawn_picture(picture: Picture) -> Figure:
-    """Draw a picture as it is in a file."""
+    """Draw a picture as it is in a file, in the current look."""
     count = len(picture.panels)
-    columns = picture.columns or count
-    drawn, axes = panels(*picture.size, columns, -(-count // columns), dpi=picture.dpi)
-    for empty in axes[count:]:
-        empty.remove()
-    for panel, plot in zip(picture.panels, axes, strict=False):
-        panel.draw(plot, FILE)
-    if picture.finish is not None:
-        picture.finish(drawn, axes[:count])
-    if picture.title:
-        drawn.suptitle(picture.title, fontsize=10, parse_math=False)  # a dollar sign in a title is not a formula
+    with drawn_as():
+        drawn, axes = plots(*picture.size, picture.columns or count, count, picture.dpi)
+        for panel, plot in zip(picture.panels, axes, strict=True):
+            panel.draw(plot, FILE)
+        if picture.finish is not None:
+            picture.finish(drawn, axes)
+        if picture.title:
+            drawn.suptitle(picture.title, parse_math=False)  # a dollar sign in a title is not a formula
+        arrange(drawn)
     return drawn
+
+
+def single_panels(pictures: Mapping[str, Picture], names: Sequence[str]) -> dict[str, Picture]:
+    """Pictures of one panel each: those called ``names``, or all of a picture with this name.
+
+    Raises
+    ------
+    InputError
+        There is no such panel.
+    """
+    every: dict[str, list[tuple[str, Picture]]] = {}
+    for of, picture in pictures.items():
+        rows = -(-len(picture.panels) // (picture.columns or len(picture.panels)))
+        width, height = picture.size[0] * rows / len(picture.panels), picture.size[1] / rows
+        for panel in picture.panels:
+            name = of if panel.name in ("", of) else f"{of}-{panel.name}"
+            alone = replace(picture, panels=(panel,), size=(width, height), columns=1)
+            for called in dict.fromkeys((panel.name or of, name, of)):
+                every.setdefault(called, []).append((name, alone))
+    if missing := [name for name in names if name not in every]:
+        known = ", ".join(dict.fromkeys(panel.name or of for of, one in pictures.items() for panel in one.panels))
+        problem = f"is no panel of this result{nearest(missing[0], list(every))}"
+        raise InputError.of("panel", missing[0], problem, f"choose of {known}")
+    return dict(entry for name in names for entry in every[name])
 
 
 def draw_result(thing: Any, axes: Axes | None = None, **options: Any) -> Axes:

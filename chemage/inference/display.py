@@ -11,7 +11,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -252,8 +251,8 @@ def _largest_residual(one: Inference) -> str:
     return f"{residuals[at]:+.1f} standard errors at {power_text(one.hold_times[at])} s"
 
 
-#: forecasts that are drawn, in one figure
-MOST = 6
+#: forecasts that are drawn into one panel
+MOST = 4
 _LINES = ("-", "--", ":", "-.")
 
 
@@ -286,14 +285,14 @@ def draw_density(axes: Axes, medium: Medium, one: Inference) -> None:
     axes.set_xlim(max(e[0], low - beyond), min(e[-1], high + beyond))
     axes.set_ylim(0, top or 1.0)
     axes.set(xlabel="forming barrier (eV)", ylabel="density (1/eV)")
-    axes.set_title(fill(density_text(one), 76), fontsize=medium.font)
-    legend(axes, fontsize=medium.font, ncols=2)
+    axes.set_title(density_text(one))
+    legend(axes, ncols=2)
 
 
 def draw_data(axes: Axes, medium: Medium, one: Inference) -> None:
     """Draw the measured friction drop and the bands of the fitted curves."""
     for number, about in enumerate(one.curves):
-        colour, here = PALETTE[number % len(PALETTE)], one.curve == number
+        colour, here = _colour(one, about), one.curve == number
         order = np.argsort(one.hold_times[here], kind="stable")
         times, fitted = one.hold_times[here][order], one.fitted[:, here][:, order]
         for level, alpha in ((WIDE, 0.2), (0.68, 0.35)):
@@ -305,13 +304,7 @@ def draw_data(axes: Axes, medium: Medium, one: Inference) -> None:
     _ring(axes, one, one.values)
     axes.set(xscale="log", xlabel="hold time (s)", ylabel="friction drop ΔF (nN)")
     axes.set_ylim(bottom=min(0.0, float((one.values - NORMAL_LIMIT * one.errors).min())))
-    legend(
-        axes,
-        fontsize=medium.font,
-        title="points: measured, bars 95 %; bands: 68 and 90 %",
-        title_fontsize=medium.font,
-        alignment="left",
-    )
+    legend(axes, title="points: measured, bars 95 %; bands: 68 and 90 %", alignment="left")
 
 
 def _ring(axes: Axes, one: Inference, values: np.ndarray) -> None:
@@ -327,7 +320,7 @@ def draw_residuals(axes: Axes, medium: Medium, one: Inference) -> None:
     axes.axhline(0, color=GREY, lw=0.8)
     for number in range(len(one.curves)):
         here = one.curve == number
-        axes.plot(one.hold_times[here], residuals[here], "o", ms=3.2, color=PALETTE[number % len(PALETTE)])
+        axes.plot(one.hold_times[here], residuals[here], "o", ms=3.2, color=_colour(one, one.curves[number]))
     _ring(axes, one, residuals)
     most = 1.15 * max(3.0, float(np.abs(residuals).max(initial=0)))
     axes.set_ylim(-most, most)
@@ -350,18 +343,31 @@ def draw_predictive(axes: Axes, medium: Medium, one: Inference) -> None:
             axes.fill_between(times, *band(values, WIDE), color=colour, alpha=alpha, lw=0, label=label)
         axes.plot(times, one.values[here], "o", ms=3, color=BLACK, label="measured" if number == 0 else None)
     axes.set(xscale="log", xlabel="hold time (s)", ylabel="friction drop ΔF (nN)")
-    legend(axes, fontsize=medium.font)
+    legend(axes)
 
 
-def draw_forecasts(axes: Axes, medium: Medium, one: Inference, forecasts: Mapping[str, Forecast]) -> None:
-    """Draw forecasts with their bands, and the measurements."""
-    for number in range(len(one.curves)):
-        here = one.curve == number
-        label = "measured" if number == 0 else None
-        axes.plot(one.hold_times[here], one.values[here], "o", ms=2.5, color=GREY, label=label)
-    for number, (label, forecast) in enumerate(list(forecasts.items())[:MOST]):
-        colour = PALETTE[number % len(PALETTE)]
-        times, name = forecast.hold_times, plain(label + unseen_text(forecast))
+def _colour(one: Inference, curve: Mapping[str, Any], forecasts: Mapping[str, Forecast] | None = None) -> str:
+    """The colour of a load and a temperature: measured ones first, then those that are forecast."""
+    conditions = [(about["load"], about["temperature"]) for about in one.curves]
+    conditions += [(forecast.load, forecast.temperature) for forecast in (forecasts or {}).values()]
+    return PALETTE[list(dict.fromkeys(conditions)).index((curve["load"], curve["temperature"])) % len(PALETTE)]
+
+
+def draw_forecasts(
+    axes: Axes, medium: Medium, one: Inference, forecasts: Mapping[str, Forecast], shown: Sequence[str]
+) -> None:
+    """Draw the forecasts ``shown`` with their bands, and the measurements, with one colour for each load and
+    temperature."""
+    for number, about in enumerate(one.curves):
+        here, style = one.curve == number, {"ms": 3.0, "mfc": "none", "color": _colour(one, about)}
+        label = plain(f"measured: {about['load']:g} nN, {about['temperature']:g} K")
+        axes.plot(one.hold_times[here], one.values[here], "o", label=label, **style)
+    for label in shown:
+        forecast = forecasts[label]
+        colour = _colour(one, {"load": forecast.load, "temperature": forecast.temperature}, forecasts)
+        times = forecast.hold_times
+        conditions = f" ({forecast.load:g} nN, {forecast.temperature:g} K)"
+        name = plain(label + conditions * ("=" not in label) + unseen_text(forecast))
         low, high = forecast.band(WIDE)
         single = times.size == 1
         if forecast.bounds_only:
@@ -378,7 +384,7 @@ def draw_forecasts(axes: Axes, medium: Medium, one: Inference, forecasts: Mappin
             axes.vlines(times, low, high, color=colour, lw=1.2)
     axes.set(xscale="log", xlabel="hold time (s)", ylabel="friction drop ΔF (nN)")
     from_zero(axes)
-    legend(axes, fontsize=medium.font, title="bands: 68 and 90 %", title_fontsize=medium.font, alignment="left")
+    legend(axes, title="bands: 68 and 90 %", alignment="left")
 
 
 def draw_scalar(axes: Axes, medium: Medium, one: Inference, name: str) -> None:
@@ -392,7 +398,7 @@ def draw_scalar(axes: Axes, medium: Medium, one: Inference, name: str) -> None:
         axes.axvline(end, color=ORANGE, lw=1.0)
     unit = UNITS.get(name, "")
     axes.set(xlabel=f"{name.replace('_', ' ')}{f' ({unit})' if unit else ''}", ylabel="density of the samples")
-    axes.set_title("orange: 90 %; grey: bounds of the prior", fontsize=8)
+    axes.set_title("orange: 90 %; grey: bounds of the prior")
     axes.set_yticks([])
 
 
@@ -542,7 +548,8 @@ class InferenceDisplay(Result):
         one, forecasts = self.inference, self.result.forecasts
 
         def panel(key: str, alt: str, draw: Any, height: float = _PAGE[1], **more: Any) -> Panel:
-            return Panel(partial(draw, one=one, **more), _CAPTIONS[key], alt, (_PAGE[0], height))
+            size = (_PAGE[0], height)
+            return Panel(partial(draw, one=one, **more), _CAPTIONS[key], alt, size, name=more.get("name", key))
 
         low, high = one.visible_range
         seen = f"Density of barriers; visible from {low:.2f} to {high:.2f} eV: {density_text(one)}."
@@ -558,8 +565,14 @@ class InferenceDisplay(Result):
         if forecasts:
             rows = (forecast_row(label, forecast) for label, forecast in forecasts.items())
             texts = "; ".join(f"{label}: {end if value == NONE else value}" for label, value, _, end in rows)
-            drawn = panel("forecasts", f"Forecasts: {texts}.", draw_forecasts, forecasts=forecasts)
-            pictures["forecasts"] = Picture((drawn,), _FILE)
+            every, drawn = list(forecasts), []
+            for first in range(0, len(every), MOST):
+                shown = every[first : first + MOST]
+                panel_ = panel("forecasts", f"Forecasts: {texts}.", draw_forecasts, forecasts=forecasts, shown=shown)
+                drawn.append(replace(panel_, name="-".join(shown)))
+            columns = min(len(drawn), 2)
+            rows_ = -(-len(drawn) // columns)
+            pictures["forecasts"] = Picture(drawn, (_FILE[0] * columns, _FILE[1] * rows_), columns)
         if one.scalars:
             drawn = [
                 panel("unknowns", f"Histogram of the samples of {name}.", draw_scalar, 2.8, name=name)

@@ -14,7 +14,7 @@ import numpy as np
 from chemage.ageing.aging import Aging
 from chemage.ageing.fitting import FIT_WINDOW
 from chemage.foundation.errors import InputError, StoreError
-from chemage.foundation.figures import BLACK, PALETTE, plain
+from chemage.foundation.figures import BLACK, PALETTE, legend, plain
 from chemage.foundation.result import NONE, Medium, Panel, Picture, Result, Rows, Table, displays, is_result, result_of
 from chemage.foundation.units import KB
 from chemage.results.files import read
@@ -164,8 +164,8 @@ class ArrheniusDisplay(Result):
     def pictures(self) -> dict[str, Picture]:
         """The times of each level against 1/T with their lines, and the activation energy against the level."""
         levels = [energy for energy in self.energies.energies if energy.level is not None]
-        times = Panel(self._draw_times, "Hold times at which each level is reached, against 1/T.")
-        energies = Panel(self._draw_energies, "Activation energy against the level.")
+        times = Panel(self._draw_times, "Hold times at which each level is reached, against 1/T.", name="times")
+        energies = Panel(self._draw_energies, "Activation energy against the level.", name="energies")
         drawn = (times, energies) if levels else (times,)
         return {"arrhenius": Picture(drawn, (9.6 if levels else 5.0, 3.9))}
 
@@ -185,11 +185,7 @@ class ArrheniusDisplay(Result):
         axes.set(yscale="log", xlabel="1000 K / T", ylabel="hold time (s)")
         if energies:
             title = f"bars: {self._sure}; activation energy at"
-            axes.legend(frameon=False, fontsize=7, title=title, title_fontsize=7, loc="upper left")
-            # room for the legend above the lines
-            low, high = axes.get_ylim()
-            part = min(0.6, 0.05 * (len(energies) + 1) + 0.02)
-            axes.set_ylim(low, high * (high / low) ** (part / (1 - part)))
+            legend(axes, title=title, loc="upper left", alignment="left")
             _kelvins(axes, self.energies.temperatures)
 
     @property
@@ -205,7 +201,7 @@ class ArrheniusDisplay(Result):
         axes.errorbar(values, energies, yerr=bars, fmt="o-", ms=4, capsize=3, lw=1, color=PALETTE[0])
         unit = f" ({result.unit})" if result.unit else ""
         axes.set(xlabel=f"{SYMBOLS[result.quantity]}{unit}", ylabel="activation energy (eV)")
-        axes.set_title(f"bars: {self._sure}", fontsize=7)
+        axes.set_title(f"bars: {self._sure}")
         span = max(float(np.ptp(ends[np.isfinite(ends)])) if np.isfinite(ends).any() else 0.0, KB * 300)
         axes.set_ylim(energies.mean() - span, energies.mean() + span)
 

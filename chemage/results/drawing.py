@@ -23,21 +23,22 @@ import numpy as np
 from chemage.ageing.display import FIGURES
 from chemage.ageing.fitting import Quantity
 from chemage.ageing.observables import Maps, Observed, PlottedResult
+from chemage.foundation.arranging import arrange
 from chemage.foundation.components import Component
 from chemage.foundation.errors import ChemageError, InputError
 from chemage.foundation.figures import (
     BLACK,
     CORE,
     PALETTE,
-    blank,
     draw_map,
     legend,
-    legend_entries,
-    panels,
     plain,
+    plots,
     pooled,
+    pressure_colours,
 )
-from chemage.foundation.result import Curve, drawn_picture, result_of
+from chemage.foundation.looks import drawn_as
+from chemage.foundation.result import Curve, drawn_picture, result_of, single_panels
 from chemage.foundation.statistics import NORMAL_LIMIT
 from chemage.foundation.units import convert
 from chemage.lattices.chemistry import Chemistry
@@ -121,10 +122,12 @@ def plugin_figures(sources: Sequence[Source], size: tuple[float, float] = (5.4, 
 
 
 def _drawn(plan: _Plan, size: tuple[float, float]) -> Figure | None:
-    figure, axes = blank(*size)
     try:
-        plan.draw(axes)
-        _rendered(figure)
+        with drawn_as():
+            figure, (axes,) = plots(*size)
+            plan.draw(axes)
+            arrange(figure)
+            _rendered(figure)
     except (Exception, SystemExit) as error:
         if registry.current().strict:
             raise
@@ -245,18 +248,22 @@ _EXPECTED = 'give its edges "X0 X1 Y0 Y1" in nm, or with units, such as "0 1um 2
 #: map -> its name in words, how blocks of pixels are joined, colours
 _MAPS = {
     "surface/heights": ("height", np.mean, "cividis"),
-    "contact/pressure": ("pressure", np.max, "inferno_r"),
+    "contact/pressure": ("pressure", np.max, None),
     "contact/gap": ("gap", np.mean, "viridis"),
 }
 
 
-def figures(thing: Any, **choice: Any) -> dict[str, Figure]:
+def figures(thing: Any, panels: Sequence[str] = (), **choice: Any) -> dict[str, Figure]:
     """Draw every figure of a result of any kind, those of plugins last: name -> figure, as ``chemage plot`` does.
 
-    ``choice``: what of a sweep is drawn, see :meth:`chemage.studies.sweeps.display.SweepDisplay.pictures`.
+    ``panels``: only these panels, each alone. ``choice``: what of a sweep is drawn, see
+    :meth:`chemage.studies.sweeps.display.SweepDisplay.pictures`.
     """
     result = result_of(thing)
-    drawn = {name: drawn_picture(picture) for name, picture in result.pictures(**choice).items()}
+    pictures = result.pictures(**choice)
+    if panels:
+        return {name: drawn_picture(picture) for name, picture in single_panels(pictures, panels).items()}
+    drawn = {name: drawn_picture(picture) for name, picture in pictures.items()}
     return {**drawn, **{name: entry.figure for name, entry in brought_figures([Entry.of(result)], (5.4, 4.0)).items()}}
 
 
@@ -282,7 +289,15 @@ def curve_figures(comparison: Comparison) -> dict[str, Figure]:
 
 def _figure(comparison: Comparison, name: str, curves: Sequence[tuple[Entry, Curve]]) -> Figure:
     """Draw one curve of each result with its 95 % interval, what is known beside them, and measurements."""
-    drawn, axes = blank(*_SIZE)
+    with drawn_as():
+        drawn, (axes,) = plots(*_SIZE)
+        _draw_curves(axes, comparison, name, curves)
+        legend(axes)
+        arrange(drawn)
+    return drawn
+
+
+def _draw_curves(axes: Axes, comparison: Comparison, name: str, curves: Sequence[tuple[Entry, Curve]]) -> None:
     styles = {
         entry.name: style for entry, style in zip(comparison.results, _styles(len(comparison.results)), strict=True)
     }
@@ -291,8 +306,7 @@ def _figure(comparison: Comparison, name: str, curves: Sequence[tuple[Entry, Cur
     axes.set(xlabel=sample.xlabel, ylabel=sample.ylabel)
     if _is_distribution(sample):
         axes.set(xlim=(0, None), ylim=(0, None))
-        axes.legend(frameon=False, fontsize=8)
-        return drawn
+        return
     axes.set_xscale("log")
     if len(comparison.results) <= _FITTED:
         for entry, curve in curves:
@@ -302,7 +316,7 @@ def _figure(comparison: Comparison, name: str, curves: Sequence[tuple[Entry, Cur
     quantity = next((key for key, (figure_name, *_) in FIGURES.items() if figure_name == name), "")
     if quantity in ("friction_drop", "friction_coefficient_drop"):
         _draw_measurements(axes, comparison, quantity)
-    return _finished(drawn, axes, last)
+    _scale(axes, last)
 
 
 def _styles(count: int) -> list[dict[str, Any]]:
@@ -343,9 +357,8 @@ def _draw_curve(axes: Axes, comparison: Comparison, entry: Entry, curve: Curve, 
     return float(curve.mean[-1])
 
 
-def _finished(drawn: Figure, axes: Axes, last: Sequence[float]) -> Figure:
-    """Scale the axis, logarithmic if the curves end more than a decade apart, and put the legend inside or, if it is
-    long, below the plot."""
+def _scale(axes: Axes, last: Sequence[float]) -> None:
+    """Scale the axis, logarithmic if the curves end more than a decade apart."""
     positive = [value for value in last if value > 0]
     if positive and max(positive) > 10 * min(positive):
         lowest = min(positive) / 300
@@ -353,14 +366,6 @@ def _finished(drawn: Figure, axes: Axes, last: Sequence[float]) -> Figure:
         axes.set_ylim(bottom=max(axes.get_ylim()[0], lowest))
     else:
         axes.set_ylim(bottom=0)
-    handles, labels = legend_entries(axes)
-    if len(labels) <= 4:
-        legend(axes, fontsize=7)
-    else:
-        width, height = drawn.get_size_inches()
-        drawn.set_size_inches(width, height + 0.16 * len(labels))
-        drawn.legend(handles, labels, loc="outside lower left", frameon=False, fontsize=7)
-    return drawn
 
 
 def _darker(color: str) -> str:
@@ -434,15 +439,16 @@ def window_figure(path: Path, window: str | Sequence[float | str]) -> Figure:
     if len(edges) != 4:
         raise InputError.of("window", window, "is not four lengths", _EXPECTED)
     lengths = [_length(edge) for edge in edges]
-    with open_maps(path) as maps:
-        figure, axes = panels(5.0 * len(maps) + 0.5, 4.4, len(maps))
+    with open_maps(path) as maps, drawn_as():
+        figure, axes = plots(5.0 * len(maps) + 0.5, 4.4, len(maps), len(maps))
         for entry, (name, stored) in zip(axes, maps.items(), strict=True):
             label, pool, colours = _MAPS[name]
             part, extent = _part(stored, lengths, window)
             values = pooled(part, pool)
             shown = np.ma.masked_equal(values, 0.0) if name == "contact/pressure" else values
-            draw_map(entry, shown, extent, f"{label} ({stored.unit})", cmap=colours)
+            draw_map(entry, shown, extent, f"{label} ({stored.unit})", cmap=colours or pressure_colours())
             entry.set_title(f"{part.shape[0]} x {part.shape[1]} pixels of {stored.pixel_size:g} nm")
+        arrange(figure)
     return figure
 
 

@@ -20,10 +20,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from chemage.foundation.errors import InputError
-from chemage.foundation.figures import panels, png
+from chemage.foundation.figures import png
 from chemage.foundation.files import preflight, write_file
+from chemage.foundation.looks import drawn_as
 from chemage.foundation.names import __version__
-from chemage.foundation.result import NONE, PAGE, Panel, Result, Table
+from chemage.foundation.result import NONE, Panel, Picture, Result, Table, drawn_picture
 from chemage.results.comparison import Comparison, Difference, Entry, compare_files
 from chemage.results.drawing import brought_figures, curve_figures
 from chemage.results.verdicts import COLUMNS, Verdict
@@ -293,8 +294,7 @@ def _brought(comparison: Comparison, key: str) -> list[tuple[Any, str]]:
 
 
 def _panel(panel: Panel, anchor: str, approximate: str) -> tuple[Any, str]:
-    figure, (axes,) = panels(*panel.size)
-    panel.draw(axes, PAGE)
+    figure = drawn_picture(Picture((panel,), panel.size))
     alt = panel.alt or panel.caption
     return _markup(png(figure, alt) if panel.is_map else svg(figure, alt, anchor)), panel.caption + approximate
 
@@ -317,7 +317,7 @@ def svg(figure: Figure, alt: str, key: str) -> str:
 
     data = io.StringIO()
     nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
-    with mpl.rc_context({"svg.fonttype": "path", "svg.hashsalt": "chemage"}):
+    with drawn_as(), mpl.rc_context({"svg.fonttype": "path", "svg.hashsalt": "chemage"}):
         figure.savefig(data, format="svg", transparent=True, metadata=nothing)
     text = data.getvalue()
     text = text[text.index("<svg") :]

@@ -40,8 +40,13 @@ class SurfaceDisplay(OfRecord[Surface]):
             f"Map of the heights of the surface, {self.record.shape[0]} x {self.record.shape[1]} pixels.",
             (4.9, 3.9),
             is_map=True,
+            name="heights",
         )
-        return {"surface": Picture((heights, Panel(partial(_draw_spectrum, surface=self.record))), (10.5, 4.2))}
+        return {
+            "surface": Picture(
+                (heights, Panel(partial(_draw_spectrum, surface=self.record), name="spectrum")), (10.5, 4.2)
+            )
+        }
 
     def maps(self) -> dict[str, Any]:
         return {"surface": self.record}
@@ -68,7 +73,6 @@ def _draw_spectrum(axes: Axes, medium: Medium, surface: Surface) -> None:
         axes.loglog(q[drawn], density[drawn], color=BLUE, marker=".", ms=3, lw=1)
         axes.set(xlabel="wavenumber q (1/nm)", ylabel="power spectral density C(q) (nm$^4$)")
         decades_only(axes.yaxis)
-        axes.tick_params(axis="x", which="minor", labelsize=6)
     else:
         x = (np.arange(nx) + 0.5) * surface.pixel_size
         axes.plot(x, surface.heights[:, ny // 2], color=BLUE, marker="." if nx < 3 else None)

@@ -196,3 +196,17 @@ def in_nm(heights: np.ndarray, unit: float) -> np.ndarray:
         return heights
     with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused by the surface
         return heights * heights.dtype.type(unit)
+
+
+#: words in the names of channels for the two directions of the scan lines
+_WAYS = (("retrace", "trace"), ("backward", "forward"), ("bwd", "fwd"))
+
+
+def opposite(one: str, other: str) -> bool:
+    """Whether two names of channels differ in the direction of the scan lines, and in nothing else."""
+    names = [" ".join(name.lower().replace("_", " ").split()) for name in (one, other)]
+    for back, there in _WAYS:
+        marked = [name.replace(back, "<").replace(there, ">") for name in names]
+        if marked[0] != marked[1] and marked[0].translate({60: ">", 62: "<"}) == marked[1]:
+            return True
+    return False

@@ -53,6 +53,9 @@ TipRadiusOption = Annotated[
     str | None,
     typer.Option(metavar="LENGTH", help="radius of the tip; default: as valleys sharper than peaks show it"),
 ]
+RetraceOption = Annotated[
+    bool, typer.Option(help="take the difference between trace and retrace, where the file has both, as noise")
+]
 SpacingOption = Annotated[
     str | None,
     typer.Option(metavar="LENGTH", help="pixel size in the printed section; default: that of the image"),
@@ -81,6 +84,7 @@ def roughness(
     periodic: PeriodicOption = None,
     resolution: ResolutionOption = None,
     tip_radius: TipRadiusOption = None,
+    retrace: RetraceOption = True,
     spacing: SpacingOption = None,
     cutoff: CutoffOption = None,
     figures: FiguresOption = None,
@@ -100,19 +104,21 @@ def roughness(
     options |= {"detrend": detrend or ("mean" if periodic else "plane"), "resample": resample, "periodic": periodic}
     options |= {"lines": lines, "scars": scars, "missing": missing, "spikes": spikes}
     options = {name: value for name, value in options.items() if value is not None}
-    images = [Measured(path=str(path), **options).image() for path in paths]
+    makers = [Measured(path=str(path), **options) for path in paths]
+    images = [maker.image() for maker in makers]
     measures = [measure(image.heights, image.sides) for image in images]
     for path, image, found in zip(paths, images, measures, strict=True):
         typer.echo("\n".join([*([f"{path}:"] * (len(paths) > 1)), *_done(image), found.text(), ""]))
-    fit, why = None, next((image.faults[0] for image in images if image.faults), "")
+    fit, retraces, why = None, [], next((image.faults[0] for image in images if image.faults), "")
     if not why:
         from chemage import InputError, Surface
 
         surfaces = [
             Surface(heights=image.heights, pixel_size=image.sides[0], periodic=image.periodic) for image in images
         ]
+        retraces = [maker.retrace() if retrace else None for maker in makers]
         try:
-            fit = fit_roughness(surfaces, resolution=resolution, tip_radius=tip_radius)
+            fit = fit_roughness(surfaces, resolution=resolution, tip_radius=tip_radius, retraces=retraces)
         except InputError as error:
             if resolution is not None or tip_radius is not None:
                 raise
@@ -127,7 +133,12 @@ def roughness(
     if fit is None:
         typer.echo(f"no fit: {why}")
         return
-    typer.echo(fit.text() + "\n")
+    typer.echo(
+        "\n".join(
+            [f"retrace             {one.provenance['channel']!r}: the difference is noise" for one in retraces if one]
+            + [fit.text(), ""]
+        )
+    )
     if fit.fault:
         typer.echo(f"no section [surface]: {fit.fault}")
     else:

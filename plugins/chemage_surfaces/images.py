@@ -184,7 +184,7 @@ class Measured(ImageMaker):
         InputError
             The image needs a step that was not asked for, or units that are not stated; or an option does not fit it.
         """
-        surface, fault = _made(self, *self._opened())
+        surface, fault = _made(self, *self._opened())  # pyright: ignore[reportArgumentType]
         if surface is None:
             raise InputError(fault)
         return surface
@@ -193,6 +193,23 @@ class Measured(ImageMaker):
         """The image after all steps that it allows: also where heights are missing, spikes are left or pixels are not
         square, so that it makes no surface. Errors as of :meth:`make`, but for these."""
         return _prepared(self, *self._opened())
+
+    def retrace(self) -> Surface | None:
+        """The image of the other direction of the scan lines after the same steps; None where the file has none that
+        makes a surface. Its difference is the noise."""
+        find = getattr(self._opened()[0], "retrace", None)
+        other = None if find is None else find(self.path)
+        if other is None:
+            return None
+        image = self.replace(reader=other, spikes="interpolate").image()
+        if image.faults:
+            return None
+        return Surface(
+            heights=image.heights,
+            pixel_size=image.sides[0],
+            periodic=image.periodic,
+            provenance={"channel": image.steps[0].get("channel", "")},
+        )
 
     def _opened(self) -> tuple[Reader, FileStamp]:
         reader: Any = self.reader or reader_for(self.path)

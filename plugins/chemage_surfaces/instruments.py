@@ -8,6 +8,7 @@ import struct
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from os import PathLike
 from typing import Any, ClassVar
@@ -17,7 +18,7 @@ import numpy as np
 
 from chemage import ChemageError, InputError, errors
 from chemage.plugin import HeightMap, Length, Reader, StoreError, UnitError, convert, open_file, tables
-from chemage_surfaces._maps import HeightUnit, surface_of
+from chemage_surfaces._maps import HeightUnit, opposite, surface_of
 from chemage_surfaces.readers import as_map, coordinate_side, unpacked
 
 #: containers in containers of a file of Gwyddion
@@ -192,6 +193,17 @@ class _Stream:
         return np.frombuffer(self.take(count * dtype.itemsize), dtype)
 
 
+@contextmanager
+def _whole(path: str | PathLike[str]) -> Iterator[None]:
+    """Errors of a damaged file name it."""
+    try:
+        yield
+    except ChemageError:
+        raise
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError, struct.error) as error:
+        raise _damaged(path, error) from None
+
+
 class Gwy(Instrument):
     """An image in a file of Gwyddion (its user guide, section "Gwyddion Native Format"); masked points are missing."""
 
@@ -208,27 +220,34 @@ class Gwy(Instrument):
 
     def height_map(self, path: str | PathLike[str]) -> HeightMap:
         """The image as it is, of the channel that is asked for, or the first one whose values are lengths."""
+        with _whole(path):
+            number, maps, content = self._maps(path)
+            return self._map(*maps[number], content.get(f"{number}/mask"), str(path))
+
+    def retrace(self, path: str | PathLike[str]) -> Gwy | None:
+        """The reader of the same channel in the other direction of the scan lines; None where the file has none."""
+        with _whole(path):
+            number, maps, _ = self._maps(path)
+            others = [title for title, _ in maps.values() if opposite(maps[number][0], title)]
+        return self.replace(channel=others[0]) if others else None
+
+    def _maps(self, path: str | PathLike[str]) -> tuple[str, dict[str, tuple[str, dict[str, Any]]], dict[str, Any]]:
+        """The number of the channel to read, the titles and fields of heights, and the whole content."""
         data = _bytes(path)
         if not data.startswith(b"GWYP"):
             raise StoreError(f"{path} is no file of Gwyddion")
-        try:
-            _, content = _Stream(data).object()
-            channels = {
-                key[:-5]: (str(content.get(f"{key}/title", key)), field)
-                for key, field in content.items()
-                if key.startswith("/") and key.endswith("/data") and key[1:-5].isdigit() and isinstance(field, dict)
-            }
-            maps = {number: one for number, one in channels.items() if _unit(one[1], "si_unit_z") is not None}
-            number = next((number for number, (title, _) in maps.items() if self.channel in (None, title)), None)
-            if number is None:
-                titles = ", ".join(title for title, _ in maps.values()) or "none"
-                raise InputError(f"channel = {self.channel!r}: {path} has no such channel of heights ({titles})")
-            title, field = maps[number]
-            return self._map(title, field, content.get(f"{number}/mask"), str(path))
-        except ChemageError:
-            raise
-        except (ValueError, KeyError, TypeError, AttributeError, OverflowError, struct.error) as error:
-            raise _damaged(path, error) from None
+        _, content = _Stream(data).object()
+        channels = {
+            key[:-5]: (str(content.get(f"{key}/title", key)), field)
+            for key, field in content.items()
+            if key.startswith("/") and key.endswith("/data") and key[1:-5].isdigit() and isinstance(field, dict)
+        }
+        maps = {number: one for number, one in channels.items() if _unit(one[1], "si_unit_z") is not None}
+        number = next((number for number, (title, _) in maps.items() if self.channel in (None, title)), None)
+        if number is None:
+            titles = ", ".join(title for title, _ in maps.values()) or "none"
+            raise InputError(f"channel = {self.channel!r}: {path} has no such channel of heights ({titles})")
+        return number, maps, content
 
     def _map(self, title: str, field: Mapping[str, Any], mask: Any, source: str) -> HeightMap:
         nx, ny = int(field["xres"]), int(field["yres"])

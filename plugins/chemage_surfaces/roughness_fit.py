@@ -48,7 +48,7 @@ class RoughnessFit:
     misfit: float
     #: why the fit ends at its shortest wavelength
     limit: str = ""
-    #: rms height of the white noise in the image, nm; 0: none is seen
+    #: rms height of the noise in the image, nm: white, or of its retrace; 0: none is seen
     noise: float = 0.0
     #: radius of the tip, nm, given or estimated from valleys that are sharper than peaks; 0: none is seen
     tip_radius: float = 0.0
@@ -139,7 +139,7 @@ class RoughnessFit:
                 f"Hurst exponent      {self.hurst:.3f} ± {self.hurst_error:.3f}",
                 f"roll-off            {roll}",
                 f"shortest wavelength {self.resolution:.4g} nm" + (f" ({self.limit})" if self.limit else ""),
-                *([f"white noise         {self.noise:.4g} nm rms"] if self.noise else []),
+                *([f"noise               {self.noise:.4g} nm rms, subtracted"] if self.noise else []),
                 *(
                     [f"tip radius          {self.tip_radius:.3g} nm, its effect is corrected"]
                     if self.tip_radius
@@ -165,14 +165,16 @@ def fit_roughness(
     *,
     resolution: float | str | None = None,
     tip_radius: float | str | None = None,
+    retraces: Sequence[Surface | None] = (),
 ) -> RoughnessFit:
     """Fit Hurst exponent, roll-off and amplitude to the power spectral density of ``surface``, or of several images of
     one surface, at any magnifications, together.
 
     ``resolution`` is the shortest wavelength (nm) to use, such as the resolution of the instrument; by default each
-    image is used as far as it can be trusted (:func:`trusted`), for which the radius of the tip (nm) may be given. The
-    fit is one of least squares to logarithmic bins, each weighted by its number of independent wave vectors, and less
-    if it is far from the fit (Huber); its errors are enlarged by the misfit, and so by the scatter between images.
+    image is used as far as it can be trusted (:func:`trusted`), for which the radius of the tip (nm) may be given, and
+    for each image its retrace, from which the noise is known, or None. The fit is one of least squares to logarithmic
+    bins, each weighted by its number of independent wave vectors, and less if it is far from the fit (Huber); its
+    errors are enlarged by the misfit, and so by the scatter between images.
 
     Raises
     ------
@@ -186,17 +188,20 @@ def fit_roughness(
     radius = None if tip_radius is None else convert(tip_radius, "nm")
     if radius is not None and not (radius > 0 and math.isfinite(radius)):
         raise InputError.of("tip_radius", tip_radius, "is no radius", "give nm above 0")
+    if retraces and len(retraces) != len(surfaces):
+        raise InputError(f"retraces: {len(retraces)} for {len(surfaces)} images; give one for each, or None")
     parts = []
-    for one in surfaces:
+    for one, retrace in zip(surfaces, retraces or [None] * len(surfaces), strict=True):
         if shortest is not None and not shortest >= 2 * one.pixel_size * (1 - 1e-9):
             raise InputError(
                 f"resolution = {shortest:g} nm: shorter than two pixels, {2 * one.pixel_size:g} nm; give at least this"
             )
-        part = trusted(one, shortest, radius)
+        part = trusted(one, shortest, radius, retrace)
         if len(part.data.q) < 2 * FEWEST or not (part.data.density > 0).all():
             raise InputError(
                 f"{one!r}: its power spectrum has too few wavelengths for a fit"
                 + (f" above those changed by the tip of {part.radius:.3g} nm" if part.limit == "the tip" else "")
+                + (f" above noise of {part.noise:.3g} nm rms" if part.limit == "noise" else "")
                 + "; give a larger image"
             )
         parts.append(part)
@@ -224,7 +229,7 @@ def fit_roughness(
         pixel_size=largest.pixel_size,
         misfit=law.misfit,
         limit=finest.limit,
-        noise=math.sqrt(finest.noise) / sharpest.pixel_size,
+        noise=finest.noise,
         tip_radius=finest.radius,
         data=data,
     )

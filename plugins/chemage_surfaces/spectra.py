@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 from scipy import fft as sfft
+from scipy.integrate import trapezoid
 from scipy.special import digamma, polygamma
 
 from chemage import InputError, Surface
@@ -57,6 +58,11 @@ class Binned:
     def first(self, count: int) -> Binned:
         """The first ``count`` bins."""
         return Binned(self.q[:count], self.density[:count], self.modes[:count])
+
+    @property
+    def rms(self) -> float:
+        """rms height of the waves in the bins, nm: h² = ∫ C q dq/(2π)."""
+        return math.sqrt(float(trapezoid(self.density * self.q**2, np.log(self.q))) / (2 * math.pi))
 
     @property
     def cut(self) -> float | None:

@@ -138,7 +138,7 @@ def find_scars(heights: Floats) -> NDArray[np.bool_]:
         for sign in (1.0, -1.0):
             low = (sign * inside).min(axis=2)
             out = (low - sign * before > height) & (low - sign * after > height)
-            out = ndimage.binary_opening(out, structure=along)
+            out: Any = ndimage.binary_opening(out, structure=along)
             for k in range(width):
                 found[:, 1 + k : 1 + k + out.shape[1]] |= out
     return found

@@ -11,7 +11,7 @@ import numpy as np
 
 from chemage import ChemageError, InputError, Surface, errors
 from chemage.plugin import HeightMap, Length, PluginError, Reader, StoreError, regular_file
-from chemage_surfaces._maps import HeightUnit, surface_of
+from chemage_surfaces._maps import HeightUnit, opposite, surface_of
 
 #: formats without a mark, which the library finds in any file of a certain size
 UNMARKED = ("hgt", "nms")
@@ -99,6 +99,22 @@ class Topography(Reader):
         """
         return surface_of(self.height_map(path))
 
+    def retrace(self, path: str | PathLike[str]) -> Topography | None:
+        """The reader of the same channel in the other direction of the scan lines; None where the file has none."""
+        library = _library(str(path))
+        regular_file(path)
+        try:
+            with warnings.catch_warnings(action="ignore"), library.open_topography(str(path)) as file:
+                own = self._channel(file, str(path))
+                for other in file.channels:
+                    if other.is_height_channel and other.dim == 2 and _directions(own, other):
+                        return self.replace(channel=str(other.channel_id))
+        except ChemageError:
+            raise
+        except Exception:  # each format has errors of its own; reading the image tells which
+            return None
+        return None
+
     def height_map(self, path: str | PathLike[str]) -> HeightMap:
         """Read the image as it is. Errors as of :meth:`read`, but for what is missing or not square."""
         name = str(path)
@@ -150,6 +166,14 @@ class Topography(Reader):
         if self.channel not in maps:
             raise InputError(f"channel = {self.channel!r}: {name} has no such image of heights ({listed})")
         return maps[self.channel]
+
+
+def _directions(one: Any, other: Any) -> bool:
+    """Whether two channels are trace and retrace of one quantity, by their names or by what the format says."""
+    if opposite(str(one.channel_id), str(other.channel_id)):
+        return True
+    ways = [str(channel.info.get("raw_metadata", {}).get("line direction", "")).lower() for channel in (one, other)]
+    return str(one.name) == str(other.name) and sorted(ways) == ["retrace", "trace"]
 
 
 def _library(name: str) -> Any:

@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.optimize import least_squares, minimize_scalar
 
-from chemage import Surface
+from chemage import InputError, Surface
 from chemage_surfaces._maps import Floats
 from chemage_surfaces.measures import measure
 from chemage_surfaces.spectra import (
+    CROSS,
     FEWEST,
     FEWEST_BINS,
     ROBUST,
@@ -24,12 +25,15 @@ from chemage_surfaces.spectra import (
     logs,
     rolled,
 )
+from chemage_surfaces.steps import hann, trend
 
 #: roll-offs that are tried where noise is fitted
 ROLLS = 12
 #: noise of this share of the density of the surface ends what is trusted; and its relative uncertainty, as noise is
 #: not white, and waves shorter than two pixels look like it
 NOISE_SHARE, NOISE_DOUBT = 0.25, 0.5
+#: correlation of an image with its retrace below which they are not of one place
+LEAST_ALIKE = 0.3
 #: relative uncertainty of the correction for a tip of known and of estimated radius
 KNOWN_TIP, ESTIMATED_TIP = 0.35, 0.6
 #: share of the Nyquist wavenumber up to which an image is used: heights are samples, and waves shorter than two pixels
@@ -70,7 +74,7 @@ class Trusted:
 
     data: Binned
     limit: str
-    #: white noise, nm⁴, which was subtracted
+    #: rms height of the noise that was subtracted, nm
     noise: float = 0.0
     #: radius of the tip, nm, given or estimated; 0: none
     radius: float = 0.0
@@ -85,10 +89,51 @@ class Trusted:
         return replace(self.data, density=self.data.density * np.exp(-doubt * added))
 
 
-def trusted(surface: Surface, resolution: float | None = None, tip_radius: float | None = None) -> Trusted:
+def noise_between(trace: Surface, retrace: Surface) -> Surface:
+    """The noise of one image (nm), from its retrace: their difference over √2, after the retrace was shifted along the
+    scan lines (x) to fit best, as the scanner's hysteresis moves it. It contains what else differs, such as creep.
+
+    Raises
+    ------
+    InputError
+        They differ in pixels, or in what they show.
+    """
+    if (trace.shape, trace.pixel_size) != (retrace.shape, retrace.pixel_size):
+        raise InputError(f"retrace: {retrace!r}, but the image is {trace!r}; give the other direction of the same scan")
+    first, second = (one.heights.astype(np.float64) for one in (trace, retrace))
+    a, b = (np.fft.rfft(hann(heights - trend(heights, 1)), axis=0) for heights in (first, second))
+    # the bow of the scanner has another sign on the way back
+    a[: CROSS + 1] = b[: CROSS + 1] = 0
+    cross = (a * b.conj()).sum(axis=1)
+    n = len(first)
+    correlation = np.fft.irfft(cross, n)
+    start = float(n // 2 - (int(np.argmax(correlation)) + n // 2) % n)
+    if correlation.max() * n / 2 < LEAST_ALIKE * float(np.linalg.norm(a) * np.linalg.norm(b)):
+        raise InputError(f"retrace: {retrace!r} does not show what {trace!r} shows; leave the retrace out")
+    from scipy import ndimage
+
+    wave = 2 * np.pi * np.fft.rfftfreq(n)
+    best: Any = minimize_scalar(
+        lambda shift: -float((cross * np.exp(-1j * wave * shift)).real.sum()), bounds=(start - 1, start + 1)
+    )
+    moved = ndimage.shift(second, (-best.x, 0), order=5, mode="nearest")
+    # what was beyond the edge is not known
+    kept = slice(max(math.ceil(-best.x), 0), n - max(math.ceil(best.x), 0))
+    difference = np.zeros_like(first)
+    difference[kept] = (first - moved)[kept]
+    difference[kept] -= trend(difference[kept], 1)
+    return Surface(heights=difference / math.sqrt(2), pixel_size=trace.pixel_size, periodic=trace.periodic)
+
+
+def trusted(
+    surface: Surface,
+    resolution: float | None = None,
+    tip_radius: float | None = None,
+    retrace: Surface | None = None,
+) -> Trusted:
     """What to trust of the spectrum of ``surface``: wavelengths above ``resolution`` (nm) if it is given; else above
     two pixels (three of an image that does not repeat), those that a tip has changed too much to correct, those at
-    which white noise has 25 % of the density, and the end of the spectrum."""
+    which noise has 25 % of the density, and the end of the spectrum. Noise is white, unless ``retrace`` shows it."""
     data, limit = binned(surface), TO_PIXELS
     if resolution is not None:
         return Trusted(data.part(0, 2 * math.pi / resolution), "as given")
@@ -110,24 +155,30 @@ def trusted(surface: Surface, resolution: float | None = None, tip_radius: float
         else:
             data, tip, limit = data.first(kept), tip[:kept], "the tip"
     folded = folded[: len(data.q)]
-    # folded waves are no noise
-    plain = replace(data, density=data.density / (1 + folded))
-    noise = _noise(plain) if len(data.q) >= 3 * FEWEST and (data.density > 0).all() else 0.0
+    noise, rms = np.zeros(len(data.q)), 0.0
+    if retrace is not None:
+        difference = noise_between(surface, retrace)
+        found = binned(difference)
+        noise, rms = found.density[: len(data.q)], found.rms
+    elif len(data.q) >= 3 * FEWEST and (data.density > 0).all():
+        # folded waves are no noise
+        white = _noise(replace(data, density=data.density / (1 + folded)))
+        noise, rms = np.full(len(data.q), white), math.sqrt(white) / surface.pixel_size
     clean = data.density - noise
     noisy = np.nonzero(noise > NOISE_SHARE * clean)[0]
     kept = int(noisy[0]) if noisy.size else len(clean)
     share = clean[:kept] / data.density[:kept]
-    if noise > 0 and kept >= 2 * FEWEST:
+    if rms and (kept >= 2 * FEWEST or retrace is not None):
         data = Binned(data.q[:kept], clean[:kept], data.modes[:kept] * share**2)
         tip, limit = tip[:kept], "noise" if noisy.size else limit
     else:
-        noise = 0.0
+        rms, share = 0.0, np.ones(len(data.q))
     folded = folded[: len(data.q)]
     corrections = [(tip, KNOWN_TIP if tip_radius else ESTIMATED_TIP), (-np.log1p(folded / 2), 1.0)]
-    if noise:
+    if rms:
         corrections.append((np.log(share), NOISE_DOUBT))
     data = replace(data, density=data.density * np.exp(tip) / (1 + folded / 2))
-    return Trusted(data, limit, noise, radius, tuple(corrections))
+    return Trusted(data, limit, rms, radius, tuple(corrections))
 
 
 def _folded(data: Binned, nyquist: float) -> Floats:

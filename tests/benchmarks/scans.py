@@ -31,7 +31,7 @@ from scipy import fft as sfft
 
 import chemage as ca
 from chemage_surfaces.roughness_fit import fit_roughness
-from chemage_surfaces.spectra import binned
+from chemage_surfaces.spectra import binned, rolled
 
 FINE = 2
 
@@ -117,6 +117,7 @@ def by_chemage(truth: dict[str, float], maker: Any, true: Any, radius: float | N
         "error": fit.hurst_error,
         "slope": slope_of(q, law, low, high) / slope_of(true.q, true.density, low, high) - 1,
         "decades": math.log10(high / max(low, 2 * math.pi / truth["roll"])),
+        "resolution": fit.resolution,
     }
 
 
@@ -141,6 +142,17 @@ def by_library(truth: dict[str, float], image: np.ndarray, true: Any) -> dict[st
         "hurst": -power / 2 - 1 - truth["hurst"],
         "slope": slope_of(q, density, q[0], q[-1]) / slope_of(true.q, true.density, q[0], q[-1]) - 1,
         "decades": math.log10(q[-1] / max(q[0], 2 * math.pi / truth["roll"])),
+    }
+
+
+def of_itself(truth: dict[str, float], true: Any, shortest: float) -> dict[str, float]:
+    """What the same waves of the surface itself give: the limit of any scan."""
+    _, _, law = rolled(true.part(0, 2 * math.pi / shortest))
+    low = max(true.q[0], 2 * math.pi / truth["roll"])
+    return {
+        "hurst": law.hurst - truth["hurst"],
+        "slope": 0.0,
+        "decades": math.log10(2 * math.pi / shortest / low),
     }
 
 
@@ -169,6 +181,7 @@ def main() -> None:
     warnings.simplefilter("ignore")
     cases = next((int(word) for word in sys.argv[1:] if word.isdigit()), 200)
     found: dict[str, list[dict[str, float]]] = {"radius given": [], "radius not given": [], "SurfaceTopography": []}
+    found["the surface itself"] = []
     ratios = []
     for case in range(cases):
         began = time.process_time()
@@ -185,6 +198,10 @@ def main() -> None:
                     found[name].append(by_chemage(truth, maker, density, radius))
                 except ca.InputError as error:
                     print(case, name, error, flush=True)
+                else:
+                    if radius is not None:
+                        shortest = found[name][-1]["resolution"]
+                        found["the surface itself"].append(of_itself(truth, density, shortest))
             try:
                 found["SurfaceTopography"].append(by_library(truth, maker.make().heights, density))
             except Exception as error:  # what it cannot do is counted

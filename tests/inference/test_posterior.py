@@ -430,7 +430,8 @@ def test_a_forecast_is_shown_by_its_median_which_lies_in_its_bands():
     (summary,) = made.summary()["forecasts"]
     assert summary["median"] == one.median.tolist()
     assert summary["friction_drop"] == one.friction_drop.tolist()
-    (line,) = [line for line in inference_figures(made)["forecasts"].axes[0].get_lines() if line.get_label() == "a"]
+    lines = inference_figures(made)["forecasts"].axes[0].get_lines()
+    (line,) = [line for line in lines if line.get_label() == f"a ({one.load:g} nN, {one.temperature:g} K)"]
     assert line.get_ydata() == pytest.approx(one.median)
 
 

@@ -197,7 +197,7 @@ def test_the_six_fitted_beta_are_called_calibrated(coarse: tuple[dict[str, chema
     assert text.count("| calibrated |") == 6
 
 
-NO_VERSIONS: dict[str, str] = {"chemage": "0", "numpy": "0", "numba": "0"}
+NO_VERSIONS: dict[str, str] = {"chemage": "0", "numpy": "0", "numba": "0", "processor": "none"}
 
 
 def test_what_disagrees_is_listed():

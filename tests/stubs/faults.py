@@ -11,6 +11,7 @@ import pytest
 
 from chemage.inference import families, sampling
 from chemage.inference import infer as inference
+from chemage.plugin import Scatter
 from chemage.results import comparison, drawing
 from chemage.scene import plan
 from chemage.scene import run as experiment
@@ -99,3 +100,8 @@ def interrupt_drawing(patch: pytest.MonkeyPatch) -> None:
 def many_points(patch: pytest.MonkeyPatch, count: int) -> None:
     """A sweep of more points than this is asked about."""
     patch.setattr(running, "MANY_POINTS", count)
+
+
+def known_scatter(patch: pytest.MonkeyPatch, relative: float | None) -> None:
+    """Surfaces of every maker scatter by this much."""
+    patch.setattr("chemage.scene.display.scatter_of", lambda *_: Scatter(relative, "here"))

@@ -10,7 +10,7 @@ import zipfile
 import numpy as np
 
 
-def gwy(heights, *, mask=None, unit="m", title="Height", side=2e-9):
+def gwy(heights, *, mask=None, unit="m", title="Height", side=2e-9, second=None, second_title=""):
     """Gwyddion's own format: little-endian components of a name, a letter and a value; rows from the top."""
 
     def part(name, code, value):
@@ -42,6 +42,8 @@ def gwy(heights, *, mask=None, unit="m", title="Height", side=2e-9):
         part("/filename", "s", "größe\0".encode()),
         part("strings", "S", struct.pack("<I", 2) + b"a\0b\0"),
     ]
+    if second is not None:
+        parts += [part("/2/data/title", "s", second_title.encode() + b"\0"), part("/2/data", "o", field(second, unit))]
     if mask is not None:
         parts.append(part("/1/mask", "o", field(mask.astype(float), "")))
     return b"GWYP" + container("GwyContainer", parts)

@@ -12,6 +12,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import chemage as ca
+from chemage.foundation import limits
+from chemage.foundation.drawn import drawn_data
 from chemage.foundation.result import Compared, Table, result_of
 from chemage.results.comparison import Comparison, Entry
 from chemage.results.drawing import comparison_figures, figures, window_figure
@@ -36,8 +38,10 @@ __all__ = [
     "Table",
     "TradeMap",
     "comparison_figures",
+    "drawn_data",
     "figures",
     "heading",
+    "limits",
     "options_of",
     "plan",
     "planned",

@@ -7,12 +7,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from instrument_files import gwy
 
 import chemage as ca
 from chemage import InputError, Surface
 from chemage_surfaces import fit_roughness
+from chemage_surfaces._maps import opposite
 from chemage_surfaces.measures import measure
+from chemage_surfaces.spectra import binned
 from chemage_surfaces.steps import find_scars, line_offsets, trend
+from chemage_surfaces.trusted import noise_between
 
 FILES = Path(__file__).parents[1] / "data" / "topographies"
 RANDOM = np.random.default_rng(4)
@@ -223,3 +227,98 @@ def test_files_of_instruments_are_measured(command, name):
     done = command("roughness", FILES / name, "--spikes", "interpolate")
     assert done.status == 0, done.err
     assert "rms height" in done.out
+
+
+# -- trace and retrace -------------------------------------------------------------------------------------------------
+
+
+def scanned(seed, moved=2.3, noise=0.02):
+    """Trace and retrace of one place (nm, pixels of 2 nm): the retrace is moved along the lines, each has noise of its
+    own that is correlated over some pixels, and the scanner bows the two into opposite directions."""
+    random = np.random.default_rng(seed)
+    n, side = 256, 2.0
+    q = np.hypot(2 * np.pi * np.fft.fftfreq(2 * n, side)[:, None], 2 * np.pi * np.fft.fftfreq(2 * n, side))
+    q[0, 0] = np.inf
+    amplitude = q**-1.8
+    waves = np.fft.fft2(random.standard_normal((2 * n, 2 * n))) * amplitude
+    shift = np.exp(-2j * np.pi * np.fft.fftfreq(2 * n) * moved)[:, None]
+    trace, retrace = (np.fft.ifft2(waves * way).real[:n, :n] for way in (1, shift))
+    scale = trace.std()
+    smooth = np.exp(-np.minimum(np.arange(n), n - np.arange(n)) / 1.5)
+    density = np.abs(np.fft.fft(smooth)) ** 2
+
+    def errors():
+        along = np.fft.fft(random.standard_normal((n, n)), axis=0) * np.sqrt(density)[:, None]
+        one = np.fft.ifft(along, axis=0).real
+        return noise * one / one.std()
+
+    bow = 0.5 * ((np.arange(n) - n / 2) / n)[:, None] ** 2
+    noises = [errors(), errors()]
+    both = [trace / scale + bow + noises[0], retrace / scale - bow + noises[1]]
+    return both, noises[0], side
+
+
+def test_noise_is_the_difference_of_trace_and_retrace():
+    found = []
+    for seed in range(4):
+        (trace, retrace), own, side = scanned(seed)
+        one, other, alone = (Surface(heights=h, pixel_size=side, periodic=False) for h in (trace, retrace, own))
+        difference = binned(noise_between(one, other))
+        found.append(difference.density / binned(alone).density)
+    ratio = np.mean(found, axis=0)
+    short = 2 * np.pi / difference.q < 100
+    # a ratio of two means over independent wave vectors
+    assert np.all(np.abs(ratio - 1)[short] < 4 * np.sqrt(2 / (4 * difference.modes[short])) + 0.03)
+    assert np.average(ratio[short], weights=difference.modes[short]) == pytest.approx(1, abs=0.03)
+
+
+def test_noise_that_is_not_white_spoils_no_fit_where_the_retrace_is_there():
+    away = {True: [], False: []}
+    for seed in range(4):
+        (trace, retrace), _, side = scanned(seed, noise=0.05)
+        one, other = (Surface(heights=h, pixel_size=side, periodic=False) for h in (trace, retrace))
+        for known in away:
+            fit = fit_roughness(one, retraces=[other] if known else [])
+            away[known].append((fit.hurst - 0.8) / fit.hurst_error)
+            assert not known or fit.limit == "noise"
+    assert np.abs(away[True]).max() < 3
+    assert np.mean(np.abs(away[True])) < np.mean(np.abs(away[False]))
+
+
+def test_a_retrace_of_another_place_is_refused():
+    one, other = (Surface(heights=scanned(seed)[0][0], pixel_size=2.0, periodic=False) for seed in (1, 2))
+    with pytest.raises(InputError, match="does not show what"):
+        fit_roughness(one, retraces=[other])
+    with pytest.raises(InputError, match="retraces: 1 for 2 images"):
+        fit_roughness([one, other], retraces=[other])
+    with pytest.raises(InputError, match="the other direction of the same scan"):
+        fit_roughness(one, retraces=[Surface(heights=other.heights, pixel_size=1.0, periodic=False)])
+
+
+def test_the_command_finds_trace_and_retrace_in_one_file(command):
+    (trace, retrace), _, side = scanned(3)
+    Path("both.gwy").write_bytes(
+        gwy(1e-9 * trace, title="Z (Trace)", second=1e-9 * retrace, second_title="Z (Retrace)", side=side * 1e-9)
+    )
+    done = command("roughness", "both.gwy")
+    assert done.status == 0, done.err
+    assert "retrace             'Z (Retrace)': the difference is noise" in done.out
+    assert "(noise)" in done.out
+    without = command("roughness", "both.gwy", "--no-retrace")
+    assert "retrace  " not in without.out
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "same"),
+    [
+        ("Scan forward (Z-Axis)", "Scan backward (Z-Axis)", True),
+        ("Scan forward (Z-Axis)", "Scan backward (Z-AxisSensor)", False),
+        ("HeightRetrace", "HeightTrace", True),
+        ("Height trace", "Height trace", False),
+        ("Z fwd", "Z bwd", True),
+        ("Height#1", "Height#2", False),
+    ],
+)
+def test_names_of_the_two_directions(one, other, same):
+    assert opposite(one, other) is same
+    assert opposite(other, one) is same

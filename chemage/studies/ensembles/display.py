@@ -371,6 +371,7 @@ class EnsembleDisplay(OfRecord[Ensemble]):
             f"Parts of the error: {sizes}.",
             (4.9, 2.6),
             heading="Parts of the error",
+            name="errors",
         )
         if not self.ages:
             return {"ensemble": Picture((parts,), (5.6, 3.2), title=ensemble.title)}
@@ -381,6 +382,7 @@ class EnsembleDisplay(OfRecord[Ensemble]):
             f"Mean over {what} with its 95 % interval (band), and single {what.split()[0]} (grey).",
             f"Friction against hold time, mean of {self.over}: from {first:.3g} nN at {begin:g} s to {last:.3g} nN at "
             f"{end:g} s.",
+            name="mean",
         )
         return {"ensemble": Picture((curve, parts), (10.5, 4.2), title=ensemble.title, in_cell=2)}
 
@@ -421,11 +423,11 @@ class EnsembleDisplay(OfRecord[Ensemble]):
         axes.set(xscale="log", xlabel="hold time (s)")
         axes.set_ylabel("friction coefficient drop Δμ" if ensemble.load > 0 else "friction drop ΔF (nN)")
         from_zero(axes)
-        legend(axes, fontsize=min(medium.font, 7.5))
+        legend(axes)
 
     def _draw_parts(self, axes: Axes, medium: Medium) -> None:
         """Draw the standard errors as bars, in percent of the mean, with how each is known."""
-        name, size = self.record.quantities.names[0], medium.font + 0.5
+        name = self.record.quantities.names[0]
         estimate = self.record.estimate(name)
         parts = [(SOURCES.get(part, part), error) for part, error in estimate.errors.items()]
         for number, (label, error) in enumerate(parts):
@@ -433,8 +435,8 @@ class EnsembleDisplay(OfRecord[Ensemble]):
             is_known = math.isfinite(share)
             axes.barh(number, share if is_known else 0.0, color=BLUE, height=0.4)
             text = percent(share / 100) if is_known else "not known"
-            axes.text(0.0, number - 0.28, f" {label}: {text}", fontsize=size, va="bottom", parse_math=False)
-            how = {"fontsize": size - 1.5, "color": GREY, "parse_math": False}
+            axes.text(0.0, number - 0.28, f" {label}: {text}", va="bottom", parse_math=False)
+            how = {"fontsize": medium.font, "color": GREY, "parse_math": False}
             axes.text(0.0, number + 0.24, f" {error.how}", va="top", **how)
         words = {"beta": "β"}.get(name, name.replace("_", " "))
         axes.set_yticks([])

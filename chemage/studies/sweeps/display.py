@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import textwrap
 from collections.abc import Mapping, Sequence
 from functools import cached_property, partial
 from pathlib import Path
@@ -13,7 +12,8 @@ import numpy as np
 
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
-from chemage.foundation.figures import BLUE, PALETTE, from_zero, plain
+from chemage.foundation.figures import BLUE, PALETTE, from_zero, plain, shared_legend
+from chemage.foundation.looks import current
 from chemage.foundation.names import __version__
 from chemage.foundation.result import Medium, Panel, Picture, Result, Rows, Table, displays, result_of
 from chemage.foundation.text import jsonable
@@ -188,19 +188,20 @@ def _picture(data: SweepData, view: View, names: Sequence[str], heat: bool) -> t
         as_map = False
     legend = 0.0 if as_map or view.lines is None else 1.6
     function = _draw_heat if as_map else _draw_lines
-    drawn = [Panel(partial(function, data=data, view=view, quantity=quantity)) for quantity in quantities]
+    drawn = [
+        Panel(partial(function, data=data, view=view, quantity=quantity), name=quantity.name) for quantity in quantities
+    ]
 
     def finish(figure: Figure, plots: list[Axes]) -> None:
         if legend:
-            entries = plots[0].get_legend_handles_labels()
-            place = {"loc": "outside right center", "frameon": False}
-            figure.legend(*entries, title=plain(_axis_label(data, view.lines or "")), **place)
-        title = textwrap.fill(_title(data, view, quantities, bands=not as_map), int(12 * figure.get_figwidth()))
-        figure.suptitle(title, fontsize=9.5, parse_math=False)
+            handles, _ = plots[0].get_legend_handles_labels()
+            shared_legend(figure, handles, plain(_axis_label(data, view.lines or "")), beside=True)
+        figure.suptitle(_title(data, view, quantities, bands=not as_map), parse_math=False)
 
     to = "-and-" if as_map else "-by-"
     name = f"{'-'.join(names)}-against-{view.x}{to + view.lines if view.lines else ''}"
-    return name, Picture(drawn, (4.9 * len(drawn) + legend, 4.1), finish=finish)
+    beside = legend if current().width is None else 0.0
+    return name, Picture(drawn, (4.9 * len(drawn) + beside, 4.1), finish=finish)
 
 
 def _title(data: SweepData, view: View, found: Sequence[Quantity], *, bands: bool) -> str:
@@ -315,7 +316,7 @@ def _draw_heat(axes: Axes, medium: Medium, data: SweepData, view: View, quantity
     _tick_values(axes.yaxis, y[rows], scales[1])
     axes.figure.colorbar(image, ax=axes).set_label(_label(data, quantity))
     if values.mask.any():
-        axes.set_title("grey: not done, or not defined", fontsize=8.5)
+        axes.set_title("grey: not done, or not defined")
 
 
 def _tick_values(axis: Any, values: np.ndarray, scale: str) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from chemage.foundation.figures import BLACK, GREY, PALETTE
+from chemage.foundation.figures import BLACK, GREY, PALETTE, shared_legend
 from chemage.foundation.result import Medium, Panel, Picture, Result, Rows, Table, displays
 from chemage.foundation.text import percent, plus_minus
 from chemage.studies.trade.choices import AGEING, ENGINE, GRID, SOLVER
@@ -103,16 +103,14 @@ class TradeDisplay(Result):
         """
         style, names = _Style(self.trade), _shown(self.trade)
         columns = min(max(len(names), 1), _COLUMNS)
-        height = 2.9 * max(-(-len(names) // columns), 1) + 0.9
+        height = 2.9 * max(-(-len(names) // columns), 1)
         panels = []
         for name in names:
             caption = f"Error of the {words(name)} against CPU time; filled: combinations; line: Pareto front."
-            panels.append(Panel(partial(_draw, trade=self.trade, name=name, style=style), caption))
+            panels.append(Panel(partial(_draw, trade=self.trade, name=name, style=style), caption, name=name))
 
         def finish(figure: Figure, plots: list[Axes]) -> None:
-            handles = style.handles()
-            place = {"loc": "outside lower center", "frameon": False, "fontsize": 8}
-            figure.legend(handles=handles, ncols=min(len(handles), 5), **place)
+            shared_legend(figure, style.handles())
 
         size = (3.1 * max(columns, 2), height)
         return {"trade": Picture(panels, size, columns, finish=finish, dpi=110)} if panels else {}
@@ -220,7 +218,7 @@ def _draw(axes: Axes, medium: Medium, trade: TradeMap, name: str, style: _Style)
     _scale(axes.xaxis, [point.seconds(name) for point in points])
     _scale(axes.yaxis, [max(error, nothing) for error in errors])
     if any(error < nothing for error in errors):
-        text = {"textcoords": "offset points", "fontsize": 8, "va": "center"}
+        text: dict[str, Any] = {"textcoords": "offset points", "va": "center"}
         axes.annotate("0", (0, nothing), xycoords=("axes fraction", "data"), xytext=(3, 0), **text)
     axes.set(xlabel="CPU time (s)", ylabel="error, at most (%)")
 

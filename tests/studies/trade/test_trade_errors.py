@@ -148,7 +148,7 @@ def test_contact_mechanics_alone_has_no_engines():
 
 
 def test_the_figure_has_a_panel_for_each_observable(found: TradeMap):
-    titles = [axes.get_title() for axes in figures(found)["trade"].axes]
+    titles = [" ".join(axes.get_title().split()) for axes in figures(found)["trade"].axes]
     assert titles[0] == "β"
     assert titles[-4:] == [
         "corrected contact area",

@@ -1,0 +1,38 @@
+"""What users ask for and chemage does not model: the answer to options, sections and kinds of that name, in one table.
+
+The same in whole sentences is docs/limits.md. A plugin that brings such an option is not concerned: it is known then.
+"""
+
+from __future__ import annotations
+
+import re
+
+PAGE = "docs/limits.md"
+#: how words begin that ask for something -> what is said
+ABSENT = {
+    ("humid", "water", "vapo", "moist", "capillar", "menisc", "lubric"): "water, vapour and liquids are not modelled",
+    ("velocit", "speed", "sliding", "slid", "rate_state", "direct_effect", "dieterich", "slip", "stick"): (
+        "steady sliding and rate-and-state laws are not modelled"
+    ),
+    ("heating", "cooling", "ramp", "anneal", "temperature_pro"): (
+        "the temperature is constant during a hold; a sweep over hold.temperature compares several"
+    ),
+    ("wear", "abrasi", "debris", "erosion"): "wear is not modelled: surfaces keep their shape",
+    ("plastic", "yield", "harden"): "plastic flow is not modelled: contacts are elastic at any pressure",
+    ("adhesi", "jkr", "dmt", "tabor", "surface_energy", "van_der_waals"): (
+        "adhesion is not modelled: contacts are hard walls"
+    ),
+    ("visco", "creep", "relaxation", "loss_modul", "storage_modul"): (
+        "creep and viscoelasticity are not modelled: contact does not change with time"
+    ),
+    ("inertia", "mass", "damping", "vibrat"): "inertia is not modelled",
+}
+
+
+def not_modelled(word: str) -> str:
+    """What to say of a word that asks for something that chemage does not model, or ""."""
+    asked = re.sub(r"[^a-z]+", "_", word.lower().rpartition(".")[2])
+    for starts, answer in ABSENT.items():
+        if any(asked.startswith(start) or f"_{start}" in asked for start in starts):
+            return f"{answer}; see {PAGE}"
+    return ""
