@@ -522,9 +522,9 @@ def _drawn_residuals(error: UnexplainedError, curves: Sequence[MeasuredCurve], p
     """Draw the residuals of the best fit into the folder of figures."""
     import numpy as np
 
-    from chemage.foundation.figures import GREY, PALETTE, blank, legend, plain, save_figures
+    from chemage.foundation.figures import GREY, PALETTE, legend, panels, plain, save_figures
 
-    figure, axes = blank(6.4, 3.4)
+    figure, (axes,) = panels(6.4, 3.4)
     ends = [0, *(int(end) for end in np.cumsum([curve.hold_times.size for curve in curves]))]
     axes.axhspan(-2, 2, color=GREY, alpha=0.15, lw=0)
     for number, curve in enumerate(curves):

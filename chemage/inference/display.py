@@ -21,7 +21,7 @@ from chemage.foundation.result import NONE, Compared, Medium, OfRecord, Panel, P
 from chemage.foundation.statistics import NORMAL_LIMIT
 from chemage.foundation.text import plus_minus, power_text
 from chemage.inference.forecast import UNSEEN, WIDE, Forecast, band
-from chemage.inference.result import Inference, InferenceResult
+from chemage.inference.result import EXCLUDED, Inference, InferenceResult
 from chemage.inference.shape import empty, peaks, rises, shares, three_shares, trend, unresolved
 
 if TYPE_CHECKING:
@@ -33,8 +33,6 @@ UNITS = {"bond_force": "nN", "activation_volume": "nm³", "attempt_frequency": "
 SURE = 0.95
 #: scores that differ by less do not tell two models apart
 APART = 2.0
-#: scores that are lower by more exclude a model: it is probable to less than one in a hundred
-EXCLUDED = 5.0
 #: name of the smooth density among the scores
 SMOOTH = "density"
 #: planned measurements that are shown
@@ -55,7 +53,7 @@ def rows(one: Inference) -> Rows:
         ("effective parameters", f"{one.effective_parameters:.1f} of {one.hold_times.size} points"),
         ("chi²", f"{one.chi2:.1f} for {one.hold_times.size} points; largest residual {_largest_residual(one)}"),
     ]
-    rows_ += [*error_rows(one), *scalar_rows(one)]
+    rows_ += [*one.error_rows(), *scalar_rows(one)]
     sampling = one.diagnostics
     if "effective_samples" in sampling:
         text = f"{len(one.samples)} kept, {sampling['effective_samples']:.0f} effective"
@@ -133,23 +131,6 @@ def scalar_rows(one: Inference) -> Rows:
     return rows_
 
 
-def error_rows(one: Inference) -> Rows:
-    """What was inferred of the errors: median and 90 % interval."""
-    rows_: Rows = []
-    for name, values in one.error_terms.items():
-        low, high = band(values[:, None], 0.9)
-        text = f"{np.median(values):.2f} ({low[0]:.2f} to {high[0]:.2f}, 90 %)"
-        if name.startswith("scale "):
-            about = one.curves[int(name.removeprefix("scale "))]
-            label = "errors" if len(one.curves) == 1 else f"errors of {about['name']}"
-            rows_.append((label, f"{text} times the stated ones"))
-        else:
-            rows_.append((name, f"{text} {'e-folds of the hold time' if name == 'correlation time' else ''}".strip()))
-    if suspects := one.suspects():
-        rows_.append(("suspect points", "; ".join(suspects)))
-    return rows_
-
-
 def family_rows(one: Inference) -> list[tuple[str, str, str, str]]:
     """Models by their score, the best first: (name, score less that of the best, χ², parameters)."""
     if not one.scores:
@@ -165,12 +146,6 @@ def family_rows(one: Inference) -> list[tuple[str, str, str, str]]:
         chi2 = f"{fit['chi2']:.1f}" if "chi2" in fit else ""
         rows_.append((name, less, chi2, _parameters(fit) if best - score <= EXCLUDED else "excluded"))
     return rows_
-
-
-def possible_families(one: Inference) -> dict[str, Mapping[str, Any]]:
-    """The families that left-out hold times do not exclude: name -> fit."""
-    best = max(one.scores.values(), default=0.0)
-    return {name: fit for name, fit in one.families.items() if best - one.scores.get(name, best) <= EXCLUDED}
 
 
 def family_verdict(one: Inference) -> str:
@@ -274,7 +249,7 @@ def draw_density(axes: Axes, medium: Medium, one: Inference) -> None:
             axes.plot(places, heights, "v", color=BLUE, fillstyle=fill_style, ms=7, label=what)
     prior = one.prior_band(WIDE)
     axes.plot(e, prior[1], color=GREY, lw=0.9, ls="--", label="prior, upper end of the 90 % band")
-    for number, (name, fit) in enumerate(possible_families(one).items()):
+    for number, (name, fit) in enumerate(one.possible_families().items()):
         if density := fit.get("density", ()):
             axes.plot(
                 e[: len(density)], density, color=ORANGE, lw=1.0, ls=_LINES[number % len(_LINES)], label=plain(name)

@@ -29,6 +29,8 @@ from chemage.scene.scene import Scene
 
 #: forecasts that one file can hold
 MOST_FORECASTS = 100
+#: scores that are lower by more exclude a model: it is probable to less than one in a hundred
+EXCLUDED = 5.0
 
 
 class UnexplainedError(InputError):
@@ -173,6 +175,29 @@ class Inference(Record):
     def datatree(self) -> Any:
         """An xarray.DataTree with the groups that ArviZ 1 reads: ``az.summary(found.datatree())``."""
         return datatree(self)
+
+    def error_rows(self) -> list[tuple[str, str]]:
+        """What was inferred of the errors: median and 90 % interval."""
+        rows_: list[tuple[str, str]] = []
+        for name, values in self.error_terms.items():
+            low, high = band(values[:, None], 0.9)
+            text = f"{np.median(values):.2f} ({low[0]:.2f} to {high[0]:.2f}, 90 %)"
+            if name.startswith("scale "):
+                about = self.curves[int(name.removeprefix("scale "))]
+                label = "errors" if len(self.curves) == 1 else f"errors of {about['name']}"
+                rows_.append((label, f"{text} times the stated ones"))
+            else:
+                rows_.append(
+                    (name, f"{text} {'e-folds of the hold time' if name == 'correlation time' else ''}".strip())
+                )
+        if suspects := self.suspects():
+            rows_.append(("suspect points", "; ".join(suspects)))
+        return rows_
+
+    def possible_families(self) -> dict[str, Mapping[str, Any]]:
+        """The families that left-out hold times do not exclude: name -> fit."""
+        best = max(self.scores.values(), default=0.0)
+        return {name: fit for name, fit in self.families.items() if best - self.scores.get(name, best) <= EXCLUDED}
 
     @property
     def is_suspect(self) -> np.ndarray:
