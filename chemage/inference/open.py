@@ -6,14 +6,11 @@ replaced by normal quantiles of their ranks. ArviZ 1 computes the same.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from chemage.foundation.errors import optional_module
-
-if TYPE_CHECKING:
-    from chemage.inference.result import Inference
 
 
 def halves(chains: np.ndarray) -> np.ndarray:
@@ -67,7 +64,7 @@ def _effective(chains: np.ndarray) -> float:
     return float(chains.size / max(time, 1 / np.log10(chains.size)))
 
 
-def sampled(one: Inference) -> dict[str, np.ndarray]:
+def sampled(one: Any) -> dict[str, np.ndarray]:
     """Name -> (chains, draws, ...) of everything that was sampled."""
     chains = int(one.diagnostics.get("chains", 1))
     named = {**one.scalars, **{name.replace(" ", "_"): values for name, values in one.error_terms.items()}}
@@ -75,7 +72,7 @@ def sampled(one: Inference) -> dict[str, np.ndarray]:
     return {name: values.reshape(chains, -1, *values.shape[1:]) for name, values in every.items()}
 
 
-def statistics(one: Inference) -> dict[str, dict[str, np.ndarray]]:
+def statistics(one: Any) -> dict[str, dict[str, np.ndarray]]:
     """Name -> mean, sd, ess_bulk and r_hat of the samples that are kept, of every energy for the density."""
     table = {}
     for name, values in sampled(one).items():
@@ -91,7 +88,7 @@ def statistics(one: Inference) -> dict[str, dict[str, np.ndarray]]:
     return table
 
 
-def datatree(one: Inference) -> Any:
+def datatree(one: Any) -> Any:
     """The groups ``posterior``, ``posterior_predictive``, ``prior``, ``prior_predictive`` and ``observed_data`` as an
     xarray.DataTree, as ArviZ 1 reads it; dimensions ``chain``, ``draw``, ``energy`` (eV) and ``point``."""
     xarray = optional_module("xarray", "xarray")
