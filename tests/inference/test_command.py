@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import faults
+import inferring
 import numpy as np
 import pytest
 from made_inference import made_forecast, made_inference
@@ -317,7 +318,7 @@ def test_the_residuals_of_refused_data_are_drawn(command, folder, monkeypatch):
 
 @pytest.mark.long
 def test_a_plan_is_calibrated(command, folder, monkeypatch):
-    monkeypatch.setattr("chemage.inference.calibrate.SWEEPS", 200)
+    inferring.fewer_sweeps(monkeypatch)
     done = command("infer", "tip.csv", "--scene", "tip.toml", "--calibrate", 10, "--json")
     assert done.status == 0, done.err
     found = json.loads(done.out)["quantities"]

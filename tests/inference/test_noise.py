@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from inferring import LARGEST, NEAREST, RARE, SPREAD, WIDER, ErrorModel, Noise, State
 
 import chemage as ca
-from chemage.inference.noise import LARGEST, NEAREST, RARE, SPREAD, WIDER, ErrorModel, Noise, State
 
 TIMES = np.logspace(-3, 5, 25)
 

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from inferring import effective, r_hat
 from made_inference import made_inference
-
-from chemage.inference.open import effective, r_hat
 
 
 def chains(rho, count=4, length=251, apart=0.0):

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from inferring import Compared, Curve, result_of, verdict
 from made_inference import made_inference
 
 import chemage as ca
-from chemage.foundation.result import Compared, Curve, result_of
-from chemage.results.verdicts import verdict
 
 TIMES = np.logspace(0, 4, 9)
 MODEL = 20 + 10 * np.log10(TIMES)
