@@ -109,6 +109,7 @@ from chemage.foundation.files import preflight as preflight
 from chemage.foundation import progress as progress
 from chemage.friction.pulling import pull as pull
 from chemage.foundation import random as random
+from chemage.ageing.measurements import read_table as read_table
 from chemage.surfaces.reading import reader_for as reader_for
 from chemage.foundation.outputs import record as record
 from chemage.plugins import registry as registry

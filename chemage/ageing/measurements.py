@@ -1,23 +1,42 @@
-"""Measured ageing curves, read from a CSV file."""
+"""Measured ageing curves, and the one table in which they are read."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import get_args
+from typing import Any
 
 import numpy as np
 
 from chemage.ageing.fitting import UNIT, FitData, Quantity
-from chemage.foundation.checks import check_times
-from chemage.foundation.errors import InputError
+from chemage.foundation.checks import check_times, force, temperature_value
+from chemage.foundation.errors import InputError, shown
 from chemage.foundation.records import frozen
-from chemage.foundation.tables import ColumnTable, factor, number, read_columns
-from chemage.foundation.units import array_in
+from chemage.foundation.tables import Cells, ColumnTable, read_columns
+from chemage.foundation.units import QuantityLike, array_in
 
-_COLUMNS = ("hold_time", *UNIT, "error")
-_EXAMPLE = "hold_time (s), friction_coefficient_drop, error"
-_LISTED = "hold_time, friction_coefficient_drop or friction_drop, and error"
+#: name of a column -> other spellings
+COLUMNS = {
+    "hold_time": "t|time|hold|holding time|contact time|waiting time|ageing time|aging time|t hold",
+    "friction_drop": "F|ΔF|∆F|delta F|friction|friction force|friction rise",
+    "friction_coefficient_drop": "mu|μ|µ|Δμ|∆μ|Δµ|∆µ|delta mu|friction coefficient|coefficient of friction|cof",
+    "value": "",
+    "quantity": "",
+    "error": "err|errors|stderr|std err|standard error|se|sem|sigma|σ|uncertainty|±|+/-|friction drop error|"
+    "friction error|F error|F err|mu error|mu err|error F|error mu",
+    "load": "normal load|normal force|F N|FN|Fn",
+    "temperature": "T|temp|temp.",
+    "curve": "series|sample|label",
+}
+_UNCLEAR = {
+    'may be an error or a difference; name it "error", "friction_drop" or "friction_coefficient_drop"': "dF|dmu|d F|"
+    "d mu",
+    'may be the scatter of single measurements or the error of their mean; name the error of the values "error", '
+    "which is the scatter over the root of the number that each is a mean of": "std|sd|stdev|std dev|"
+    "standard deviation|F std|mu std|F sd|mu sd|s.d.|scatter",
+}
+_EXAMPLE = "hold_time (s), friction_drop (nN), error (nN), load (nN), temperature (K)"
+_UNITS = {"hold_time": "s", "load": "nN", "temperature": "K"}
 
 
 @dataclass(frozen=True)
@@ -33,6 +52,11 @@ class Measurements:
     quantity: Quantity
     #: (m,) standard errors in the unit of ``values``, or None
     error: np.ndarray | None = None
+    #: nN and K, where they are known
+    load: float | None = None
+    temperature: float | None = None
+    #: what reading understood and left out, for users
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("hold_times", "values", "error"):
@@ -47,14 +71,15 @@ class Measurements:
         _check_data(self.hold_times, self.values, self.error)
 
     def as_quantity(self, quantity: Quantity, load: float | None) -> Measurements | None:
-        """The same measurements as ΔF or Δμ under ``load`` nN; None where the load is not known."""
+        """The same measurements as ΔF or Δμ under their load, else ``load`` nN; None where neither is known."""
+        load = self.load or load
         if quantity == self.quantity:
             return self
         if not load:
             return None
         factor = load if quantity == "friction_drop" else 1 / load
         error = None if self.error is None else self.error * factor
-        return Measurements(self.name, self.hold_times, self.values * factor, quantity, error)
+        return replace(self, values=self.values * factor, quantity=quantity, error=error)
 
     def fit_data(self, quantity: Quantity | None) -> FitData:
         """The curve as it was measured, for :func:`chemage.fit_aging`."""
@@ -63,93 +88,132 @@ class Measurements:
         return FitData(self.values[None, :], self.quantity, error=self.error)
 
 
-def read_measurements(path: str | Path) -> Measurements:
-    """Read a CSV file of hold times and Δμ or ΔF.
-
-    The first line that is neither empty nor a comment (``#``) names the columns, with their units in brackets::
-
-        # silica on silica, 50 % humidity
-        hold_time (s), friction_coefficient_drop, error
-        1,   0.12, 0.02
-        10,  0.31, 0.02
-
-    Columns may come in any order: ``hold_time`` with a unit of time; ``friction_coefficient_drop`` (no unit, or %) or
-    ``friction_drop`` with a unit of force; and, if known, ``error``, the standard error of the value, in the value's
-    unit unless it names its own. Commas, semicolons or tabs separate columns; numbers have a decimal point. Rows are in
-    order of hold time.
+def read_measurements(path: str | Path | Any) -> Measurements:
+    """Read one curve of hold times and Δμ or ΔF; the table is that of :func:`chemage.plugin.read_table`.
 
     Raises
     ------
     StoreError
         The file cannot be read as text.
     InputError
-        Naming the line and column that is wrong.
+        Naming the line and column that is wrong; or the table holds several curves.
     """
-    source = Path(path)
-    table = read_columns(source, _COLUMNS, _EXAMPLE, _LISTED)
-    columns, quantity = _columns(table)
-    rows = [_row(cells, columns, where) for _, where, cells in table.rows]
-    _check_order([line for line, _, _ in table.rows], [row["hold_time"] for row in rows], source)
+    first, *others = read_table(path)
+    if others:
+        names = ", ".join(curve.name for curve in (first, *others))
+        raise InputError(f"{path}: holds {1 + len(others)} curves, {names}; read them with chemage.read_curves")
+    return first
+
+
+def read_table(
+    source: str | Path | Any, *, load: QuantityLike | None = None, temperature: QuantityLike | None = None
+) -> tuple[Measurements, ...]:
+    """Read measured curves of ageing from a text file, an Excel file (.xlsx) or a data frame, one row for each value.
+
+    A line names the columns, with their units in brackets::
+
+        hold_time (s), friction_drop (nN), error (nN), load (nN), temperature (K), curve
+        0.01,          12.1,               0.4,        50,        300,             a
+        0.1,           25.3,               0.8,        50,        300,             a
+
+    ``hold_time``; ``friction_drop`` or ``friction_coefficient_drop``, or ``value`` beside a column ``quantity`` with
+    one of these names; where they are known ``error``, the standard error in the unit of the value unless it names its
+    own, or in % of the value, ``load``, ``temperature`` and ``curve`` (any text). Usual other names (``t``, ``F``,
+    ``mu``, ``T``) are understood, further columns left out, with a note. Columns and rows come in any order; rows that
+    agree in curve, load, temperature and quantity are one curve. See :func:`chemage.foundation.tables.read_columns`
+    for separators, decimal marks and units.
+
+    Parameters
+    ----------
+    source
+        The file, or the data frame (of pandas, or alike).
+    load, temperature
+        nN and K, or with units, where the table has no such column.
+
+    Raises
+    ------
+    StoreError
+        The file cannot be read as text.
+    InputError
+        Naming the line and the column that is wrong, and the remedy.
+    """
+    table = read_columns(source, COLUMNS, _EXAMPLE, _UNCLEAR)
+    stated: dict[str, float] = {} if load is None else {"load": force(load)}
+    if temperature is not None:
+        stated["temperature"] = temperature_value(temperature)
+    _check_columns(table, stated)
+    groups: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
+    for cells in table.rows:
+        row = stated | _row(table, cells)
+        key = row.get("curve", ""), row.get("load"), row.get("temperature"), row["quantity"]
+        groups.setdefault(key, []).append(row)
+    if not groups:
+        raise InputError(f"{table.where}: has no rows of numbers below; add one for each hold time")
+    stem = Path(source).stem if isinstance(source, str | Path) else "data frame"
+    return tuple(_curve(key, rows, stem, table, len(groups)) for key, rows in groups.items())
+
+
+def _curve(key: tuple[Any, ...], rows: list[dict[str, Any]], stem: str, table: ColumnTable, count: int) -> Measurements:
+    label, load, temperature, quantity = key
+    under = [f"{value:g} {unit}" for value, unit in ((load, "nN"), (temperature, "K")) if value is not None]
+    name = label or (stem if count == 1 else ", ".join([stem, *under]))
+    rows = sorted(rows, key=lambda row: row["hold_time"])
     if len(rows) < 2:
-        raise InputError(f"{source}: {len(rows)} rows of numbers; a course in time needs at least two")
-    error = np.array([row["error"] for row in rows]) if "error" in columns else None
-    return Measurements(
-        source.stem,
-        np.array([row["hold_time"] for row in rows]),
-        np.array([row[quantity] for row in rows]),
-        quantity,
-        error,
-    )
+        of = f" of the curve {name}" if count > 1 else ""
+        raise InputError(f"{table.where}: {len(rows)} rows of numbers{of}; a course in time needs at least two")
+    times, values = (np.array([row[column] for row in rows]) for column in ("hold_time", "value"))
+    error = np.array([row["error"] for row in rows]) if "error" in table.columns else None
+    return Measurements(name, times, values, quantity, error, load, temperature, table.notes)
 
 
-@dataclass(frozen=True)
-class _Column:
-    place: int
-    unit: str
-    factor: float
-
-
-def _columns(table: ColumnTable) -> tuple[dict[str, _Column], Quantity]:
-    places, where = table.columns, table.where
-    if "hold_time" not in places:
+def _check_columns(table: ColumnTable, stated: dict[str, float]) -> None:
+    columns, where = table.columns, table.where
+    if "hold_time" not in columns:
         raise InputError(f"{where}: no column hold_time; write the header as {_EXAMPLE}")
-    quantities = [name for name in get_args(Quantity) if name in places]
-    if len(quantities) != 1:
+    values = [name for name in (*UNIT, "value") if name in columns]
+    if len(values) != 1:
         raise InputError(
-            f"{where}: {'both' if quantities else 'neither'} friction_coefficient_drop (Δμ) "
-            f"{'and' if quantities else 'nor'} friction_drop (ΔF); give one of them"
+            f"{where}: {' and '.join(values) if values else 'neither friction_coefficient_drop (Δμ) nor friction_drop'}"
+            f"{' are both there' if values else ' (ΔF)'}; give one of friction_drop (nN), friction_coefficient_drop, "
+            "and value with a column quantity"
         )
-    quantity: Quantity = quantities[0]
-    units = {"hold_time": "s", quantity: UNIT[quantity], "error": UNIT[quantity]}
-    columns = {}
-    for name in (name for name in ("hold_time", quantity, "error") if name in places):
-        place, unit = places[name]
-        if unit is None and name == "error":
-            unit = columns[quantity].unit
-        columns[name] = _Column(place, unit or "", factor(name, unit, units[name], where))
-    return columns, quantity
+    if "value" in columns and "quantity" not in columns:
+        raise InputError(f"{where}: column value without a column quantity; name it friction_drop (nN) instead")
+    for name in ("load", "temperature"):
+        if name in columns and name in stated:
+            raise InputError(f"{where}: has a column {name}, and {name} is given as well; leave one out")
 
 
-def _row(cells: list[str], columns: dict[str, _Column], where: str) -> dict[str, float]:
-    row = {}
-    for name, column in columns.items():
-        cell = cells[column.place]
-        value = number(cell, f"{where}, column {name}")
-        if name == "hold_time" and value < 0:
-            raise InputError(f"{where}, column hold_time: {cell[:80]} is negative; hold times count from first contact")
-        if name == "error" and value <= 0:
-            raise InputError(f"{where}, column error: {cell[:80]} is not above zero; leave the column out if unknown")
-        row[name] = value * column.factor
-    return row
+def _row(table: ColumnTable, cells: Cells) -> dict[str, Any]:
+    columns, where = table.columns, cells[1]
 
+    def text(name: str) -> str:
+        cell = cells[2][columns[name][0]]
+        return cell if isinstance(cell, str) else f"{cell:g}"
 
-def _check_order(lines: list[int], times: list[float], source: Path) -> None:
-    for line, before, after in zip(lines[1:], times, times[1:], strict=False):
-        if after < before:
+    quantity = next((name for name in UNIT if name in columns), None) or text("quantity")
+    if quantity not in UNIT:
+        raise InputError(f"{where}, column quantity: {shown(quantity)}; write {' or '.join(UNIT)}")
+    unit, value_column = UNIT[quantity], quantity if quantity in columns else "value"
+    row: dict[str, Any] = {"quantity": quantity, "value": table.number(cells, value_column, unit)}
+    row |= {name: table.number(cells, name, _UNITS[name]) for name in _UNITS if name in columns}
+    if "curve" in columns:
+        row["curve"] = text("curve")
+    if "error" in columns:
+        row["error"] = table.error(cells, value_column, row["value"], unit)
+        if row["error"] <= 0:
             raise InputError(
-                f"{source}, line {line}, column hold_time: {after:g} s comes after {before:g} s; "
-                "sort the rows by hold time"
+                f"{where}, column error: {text('error')[:80]}: a standard error must be above zero; give the scatter "
+                "of repeated measurements over the root of their number, or leave the column out"
             )
+    if row["hold_time"] < 0:
+        raise InputError(
+            f"{where}, column hold_time: {text('hold_time')[:80]} is negative; hold times count from first contact"
+        )
+    for name in ("load", "temperature"):
+        if name in row and row[name] <= 0:
+            raise InputError(f"{where}, column {name}: {row[name]:g} is not above zero")
+    return row
 
 
 def _check_data(times: np.ndarray, values: np.ndarray, error: np.ndarray | None) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import sys
@@ -103,6 +104,13 @@ def read_unknowns(texts: Sequence[str]) -> dict[str, tuple[str, str]] | list[str
     return bounds or names
 
 
+def read_calibration(text: str | None) -> Any:
+    """Read ``--calibration "10 %"`` or ``"force=10 %, load=5 %"``."""
+    if text is None or "=" not in text:
+        return text or 0.0
+    return _pairs("--calibration", text, {"force": "10 %", "load": "5 %"})
+
+
 def read_families(text: str | None) -> Sequence[str]:
     """Read ``--families NAME,NAME`` or ``none``."""
     from chemage.inference.infer import FAMILIES
@@ -143,31 +151,30 @@ def _candidates(text: str) -> list[dict[str, Any]]:
 
 def _from_file(path: Path) -> list[dict[str, Any]]:
     """Planned measurements in a CSV file: columns hold_time (s), load (nN), temperature (K), error (nN)."""
+    from chemage.ageing.measurements import COLUMNS
     from chemage.foundation.tables import read_columns
-    from chemage.foundation.units import convert
 
+    names = ("hold_time", "load", "temperature", "error")
     example = "hold_time (s), load (nN), temperature (K), error (nN)"
-    table = read_columns(path, list(NEXT), example)
+    table = read_columns(path, {name: COLUMNS[name] for name in names}, example)
     if not table.rows:
         raise user_error(
             f"--next {path}: no planned measurements; write a header, such as {example}, and a row for each"
         )
     if "hold_time" not in table.columns:
         raise user_error(f"--next {path}: no column hold_time; write the header as {example}")
+    for note in table.notes:
+        output.remark(f"note: {path}: {note}")
     plans = []
-    for _, at, cells in table.rows:
-        plan: dict[str, Any] = {}
-        for name, (place, stated) in table.columns.items():
-            unit, cell = stated or _UNITS.get(name, "nN"), cells[place]
-            if not cell:
-                continue
-            where = f"--next {at}, column {name}"
-            if name == "error" and unit == "%":
-                plan[name] = _percent(where, f"{cell} %")
-            else:
-                plan[name] = convert(f"{cell} {unit}", _UNITS.get(name, "nN"), where)
+    for row in table.rows:
+        filled = [name for name, (place, _) in table.columns.items() if row[2][place] != ""]
+        plan: dict[str, Any] = {name: table.number(row, name, _UNITS[name]) for name in filled if name != "error"}
+        if "error" in filled:
+            share = table.columns["error"][1] == "%"
+            number = table.number(row, "error", "" if share else "nN")
+            plan["error"] = _percent(f"--next {row[1]}", f"{100 * number:g} %") if share else number
         if not plan.get("hold_time", 0) > 0:
-            raise user_error(f"--next {at}: the hold time must be above zero")
+            raise user_error(f"--next {row[1]}: the hold time must be above zero")
         plans.append(plan)
     return plans
 
@@ -242,8 +249,8 @@ _WIDTH = 80
 MeasuredArg = Annotated[
     list[Path],
     typer.Argument(
-        metavar="MEASURED.csv",
-        help="measured curves of ageing: CSV files with the columns hold_time (s), friction_drop (nN) or "
+        metavar="MEASURED",
+        help="measured curves of ageing: text or Excel files with the columns hold_time (s), friction_drop (nN) or "
         "friction_coefficient_drop, error, load (nN), temperature (K)",
     ),
 ]
@@ -275,6 +282,31 @@ UnknownOpt = Annotated[
         'attempt_frequency, or "bond_force=1 nN to 10 nN"; may be repeated; default: none',
     ),
 ]
+ErrorsOpt = Annotated[
+    str,
+    typer.Option(
+        metavar="NAMES",
+        help="what is inferred of the errors, separated by commas: scaled (a factor of the stated ones, of each "
+        "curve), robust (which points are off), correlated (along each curve); or as-stated",
+    ),
+]
+CalibrationOpt = Annotated[
+    str | None,
+    typer.Option(
+        metavar="SHARE",
+        help='standard error of a factor that all forces share, "10 %", or of that of the loads as well, '
+        '"force=10 %, load=5 %"; default: none',
+    ),
+]
+CalibrateOpt = Annotated[
+    int | None,
+    typer.Option(
+        min=10,
+        metavar="N",
+        help="infer N simulated truths measured at the hold times and errors of these curves instead, and print how "
+        "often the bands hold them",
+    ),
+]
 FamiliesOpt = Annotated[
     str | None,
     typer.Option(
@@ -295,7 +327,7 @@ NextOpt = Annotated[
     typer.Option(
         "--next",
         metavar="FILE|CONDITIONS",
-        help="planned measurements to rank by how much they narrow the result: a CSV file with the columns "
+        help="planned measurements to rank by how much they narrow the result: a table with the columns "
         'hold_time (s), load (nN), temperature (K), error (nN), or "hold_time=1 ms to 1e7 s, load=50 nN"; may be '
         "repeated",
     ),
@@ -316,7 +348,7 @@ OutOpt = Annotated[
         "--out",
         "-o",
         metavar="FILE",
-        help="result file, ending in .h5 or .hdf5; default: NAME-inferred.h5, after the first CSV file",
+        help="result file, ending in .h5 or .hdf5; default: NAME-inferred.h5, after the first table",
     ),
 ]
 
@@ -329,6 +361,9 @@ def infer(
     temperature: TemperatureOpt = None,
     relative_error: RelativeErrorOpt = None,
     unknown: UnknownOpt = None,
+    errors: ErrorsOpt = "scaled,robust",
+    calibration: CalibrationOpt = None,
+    calibrate: CalibrateOpt = None,
     families: FamiliesOpt = None,
     predict: PredictOpt = None,
     planned: NextOpt = None,
@@ -358,6 +393,8 @@ def infer(
     wishes = read_wishes(predict or (), planned or (), target)
     how: dict[str, Any] = {
         "unknown": read_unknowns(unknown or ()),
+        "errors": [name.strip() for name in errors.split(",")],
+        "calibration": read_calibration(calibration),
         "families": read_families(families),
         "samples": samples,
         "seed": seed,
@@ -368,14 +405,39 @@ def infer(
     _protect(path, [*measured, *(Path(text) for text in planned or () if "=" not in text)])
     share = None if relative_error is None else convert(relative_error, "", "--relative-error")
     curves = _curves(measured, load, temperature, share)
+    if calibrate is not None:
+        _calibrated(curves, there, calibrate, {name: how[name] for name in _OF_CALIBRATION}, as_json)
+        return
     preflight_result(path, force=force, figures=figures)
     try:
         result, pictures = _computed(curves, there, wishes, how, path, figures=figures, force=force)
     except UnexplainedError as error:
         _show_best_fit(error, curves)
+        if figures and len(error.residuals) == sum(curve.hold_times.size for curve in curves):
+            output.say(f"residuals of the best fit: {_drawn_residuals(error, curves, path)}", file=sys.stderr)
         raise
     hint = f'use it   forming = {{ kind = "inferred", path = "{path}" }}'
     output.answer(result_of(result), as_json, [hint], file=path, figures=pictures)
+
+
+#: arguments that a calibration has as well
+_OF_CALIBRATION = ("errors", "calibration", "seed", "threads")
+
+
+def _calibrated(
+    curves: tuple[MeasuredCurve, ...], scene: Scene, count: int, how: dict[str, Any], as_json: bool
+) -> None:
+    """Print how often the bands of an inference of simulated truths hold these."""
+    from chemage.inference.calibrate import LEVELS
+    from chemage.inference.calibrate import calibrate as calibrating
+
+    with progress_bars() as report:
+        found = calibrating(curves, scene, count=count, progress=report, **how)
+    if as_json:
+        print(json.dumps(found.todict()))
+        return
+    columns = ("quantity", "uniform, p", *(f"inside {100 * level:.0f} %" for level in LEVELS))
+    output.show_rows(f"{count} simulated truths, {found.refused} of them refused", columns, found.rows())
 
 
 def _protect(path: Path, inputs: Sequence[Path]) -> None:
@@ -391,6 +453,8 @@ def _curves(
 
     how: dict[str, Any] = {"load": load, "temperature": temperature, "relative_error": share}
     curves = tuple(curve for file in files for curve in read_curves(file, **how))
+    for note in dict.fromkeys(f"note: {curve.name}: {note}" for curve in curves for note in curve.notes):
+        output.remark(note)
     check_curves(curves)
     return curves
 
@@ -452,3 +516,22 @@ def _show_best_fit(error: UnexplainedError, curves: Sequence[MeasuredCurve]) -> 
     )
     for (name, time, value), fit, off in zip(points, error.fitted, error.residuals, strict=True):
         output.say(f"{name[:16]:16} {time:13.5g} {value:13.5g} {fit:10.5g} {off:+9.1f}", file=sys.stderr)
+
+
+def _drawn_residuals(error: UnexplainedError, curves: Sequence[MeasuredCurve], path: Path) -> Path:
+    """Draw the residuals of the best fit into the folder of figures."""
+    import numpy as np
+
+    from chemage.foundation.figures import GREY, PALETTE, legend, panels, plain, save_figures
+
+    figure, (axes,) = panels(6.4, 3.4)
+    ends = [0, *(int(end) for end in np.cumsum([curve.hold_times.size for curve in curves]))]
+    axes.axhspan(-2, 2, color=GREY, alpha=0.15, lw=0)
+    for number, curve in enumerate(curves):
+        here = error.residuals[ends[number] : ends[number + 1]]
+        axes.plot(
+            curve.hold_times, here, "o-", lw=0.6, ms=3.2, color=PALETTE[number % len(PALETTE)], label=plain(curve.name)
+        )
+    axes.set(xscale="log", xlabel="hold time (s)", ylabel="residual (stated standard errors)")
+    legend(axes)
+    return save_figures({"residuals": figure}, output.figures_of(path), force=True)[0]

@@ -145,9 +145,9 @@ StyleOpt = Annotated[
 MeasuredOpt = Annotated[
     list[Path] | None,
     typer.Option(
-        metavar="CSV",
-        help="measurements to draw and fit beside the results: a CSV file of hold times and friction drops; may be "
-        "repeated",
+        metavar="TABLE",
+        help="measurements to draw, fit and judge beside the results: a text or Excel file of hold times and friction "
+        "drops; may be repeated",
     ),
 ]
 ExecutorOpt = Annotated[

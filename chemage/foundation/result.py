@@ -156,6 +156,9 @@ class Compared:
     #: hold times of the line of β, s; fits a model (quantity, window) as to measurements: a fit, or why there is none
     window: tuple[float, float] | None = None
     fit: Callable[[Any, Any, Any], Any] | None = None
+    #: ΔF (nN, (m,)) at a load (nN), a temperature (K) and hold times (s), and its covariance (m, m), where a result can
+    #: say it
+    predict: Callable[[float, float, np.ndarray], tuple[np.ndarray, np.ndarray]] | None = None
 
     def __or__(self, other: Compared) -> Compared:
         """Both in one, this one first; the hold times are those of the first that has any."""
@@ -170,6 +173,7 @@ class Compared:
             other.load if np.isnan(self.load) else self.load,
             self.window or other.window,
             self.fit or other.fit,
+            self.predict or other.predict,
         )
 
 

@@ -3,20 +3,42 @@
 from __future__ import annotations
 
 import csv
+import difflib
 import math
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from chemage.foundation.errors import InputError, StoreError, UnitError, nearest, shortened, shown
+from chemage.foundation.errors import (
+    InputError,
+    StoreError,
+    UnitError,
+    nearest,
+    optional_module,
+    shortened,
+    shown,
+)
+from chemage.foundation.files import open_file, read_bytes
 from chemage.foundation.files import read_text as read_text
 from chemage.foundation.units import convert
 
 #: number of a line, from 1, and its text
 Line = tuple[int, str]
+#: a text, or a number of a spreadsheet or data frame
+Cell = str | float
+#: number of a line, where it is in words, and its cells
+Cells = tuple[int, str, list[Cell]]
+#: lines among which the header is looked for
+_PREAMBLE = 40
+_NUMBER = re.compile(
+    r"(?P<number>[-+]?(?:\d+(?:[.,]\d+)*[.,]?|[.,]\d+)(?:[eE][-+]?\d+)?)\s*(?P<unit>[^\W\d_].*|[°%].*)?"
+)
+_PLAIN_NUMBERS = "write decimals with a point and no marks of thousands"
 
 
 def data_lines(text: str, comments: str = "#") -> list[Line]:
@@ -63,114 +85,373 @@ def numbers(lines: Sequence[Line], source: str, separator: str | None = None) ->
 
 @dataclass(frozen=True)
 class ColumnTable:
-    """The header and the rows of a file, as text."""
+    """The header and the rows of a table."""
 
     #: name -> place, and unit; None where it has none
     columns: dict[str, tuple[int, str | None]]
     #: where the header is, in words
     where: str
     #: number of the line, where it is in words, and its cells, one for each column
-    rows: list[tuple[int, str, list[str]]]
+    rows: list[Cells]
+    #: what was left out or understood, for users
+    notes: tuple[str, ...] = ()
+    #: mark of decimals
+    decimal: str = "."
+
+    def number(self, row: Cells, name: str, target: str) -> float:
+        """The finite number of a column in a row, in the unit ``target``; "" for pure numbers.
+
+        Raises
+        ------
+        InputError
+            The cell holds none, or no unit says what it is.
+        """
+        place, unit = self.columns[name]
+        cell, where = row[2][place], f"{row[1]}, column {name}"
+        if not isinstance(cell, str):
+            value, own = float(cell), ""
+        elif (match := _NUMBER.fullmatch(cell)) is None:
+            lost = cell.lower() in ("", "nan", "inf", "-inf", "n/a", "na", "-", "--")
+            remedy = "fill in the number, or leave that row out" if lost else _PLAIN_NUMBERS
+            raise InputError(f"{where}: {shown(cell)} is not a {'finite ' * lost}number; {remedy}")
+        else:
+            value, own = float(match["number"].replace(self.decimal, ".")), match["unit"]
+        if not math.isfinite(value):
+            raise InputError(f"{where}: {shown(cell)} is not a finite number; leave that row out")
+        return in_unit(value, unit_of(own, name) or unit, name, target, where if own else self.where)
+
+    def error(self, row: Cells, of: str, value: float, target: str) -> float:
+        """The standard error of ``value`` in a row: in its own unit, else that of the column ``of``, or in %."""
+        place, unit = self.columns["error"]
+        match = _NUMBER.fullmatch(cell) if isinstance(cell := row[2][place], str) else None
+        unit = (match and match["unit"] and unit_of(match["unit"], "error")) or unit
+        if unit == "%" and target:
+            bare = [
+                *row[2][:place],
+                cell.replace("%", "").strip() if isinstance(cell, str) else cell,
+                *row[2][place + 1 :],
+            ]
+            plain = replace(self, columns={"error": (place, "")})
+            return plain.number((*row[:2], bare), "error", "") / 100 * abs(value)
+        own = self.columns | {"error": (place, self.columns[of][1] if unit is None else unit)}
+        return replace(self, columns=own).number(row, "error", target)
 
 
-def read_columns(source: Path, known: Sequence[str], example: str, listed: str = "") -> ColumnTable:
-    """Read a file of columns separated by commas, semicolons or tabs.
+def read_columns(
+    source: Any, known: Mapping[str, str], example: str, unclear: Mapping[str, str] | None = None
+) -> ColumnTable:
+    """Read a table with named columns: a text file, an Excel file (.xlsx) or a data frame.
+
+    Of text, commas, semicolons, tabs or blanks separate the columns, and UTF-8, UTF-16 and Windows code pages are read.
+    Decimals have a point or a comma, the same one everywhere; what could be a thousand or a decimal is refused. The
+    first line that names columns is the header; units stand in brackets, after a comma or a slash, at the end of the
+    name after ``_``, in the line below the header, or with the numbers. Columns with other names are left out.
 
     Parameters
     ----------
     known
-        Names that columns may have.
+        Names that columns may have -> other spellings, separated by ``|``; case matters in single letters.
     example
         A header for messages.
-    listed
-        The names in words for messages; default: ``known``.
+    unclear
+        What to do instead -> names that may mean two things, separated by ``|``.
 
     Raises
     ------
     StoreError
         The file cannot be read as text.
     InputError
-        It is empty, or a line does not have the columns.
+        It is empty, or a line does not have the columns; names line and column, and the remedy.
     """
-    lines = [line for line in data_lines(read_text(source)) if line[1].strip(" \t,;")]
+    name, lines, notes = _lines(source, known)
     if not lines:
-        raise InputError(f"{source}: there is nothing in it; the first line names the columns, such as {example}")
-    (first, header), *rest = lines
-    separator = next((mark for mark in (";", "\t") if mark in header), ",")
-    where = f"{source}, line {first}"
-    columns = _header(_cells(header, separator), where, known, example, listed or ", ".join(known))
-    rows = []
-    for number, line in rest:
-        at = f"{source}, line {number}"
-        rows.append((number, at, _row(_cells(line, separator), len(columns), at)))
-    return ColumnTable(columns, where, rows)
+        raise InputError(f"{name}: there is nothing in it; the first line names the columns, such as {example}")
+    first = next((at for at, (_, _, cells) in enumerate(lines[:_PREAMBLE]) if _is_header(cells, known)), 0)
+    if first:
+        notes.append(f"{first} line{'s' * (first > 1)} before the names of the columns left out")
+    (_, where, header), *rest = lines[first:]
+    columns, more = _header(header, where, known, unclear or {}, example)
+    if rest and (units := _units_below(rest[0][2], columns)) is not None:
+        columns, rest = units, rest[1:]
+    rows = [(number, at, _row(cells, len(header), at)) for number, at, cells in rest]
+    decimal = _decimal(rows, [place for place, _ in columns.values()])
+    return ColumnTable(columns, where, rows, (*notes, *more), decimal)
 
 
-def number(cell: str, where: str) -> float:
-    """The finite number in a cell; ``where`` names line and column.
-
-    Raises
-    ------
-    InputError
-        It is none.
-    """
-    try:
-        value = float(cell)
-    except ValueError:
-        point = "; write a decimal point" * ("," in cell)
-        raise InputError(f"{where}: {shown(cell)} is not a number{point}") from None
-    if not math.isfinite(value):
-        raise InputError(f"{where}: {shown(cell)} is not a finite number; leave that row out")
-    return value
+def unit_of(text: str | None, name: str) -> str | None:
+    """The unit that is meant in a column of this name, as :mod:`chemage.foundation.units` has it."""
+    if text is None:
+        return None
+    text = " ".join(text.replace("\u03bc", "u").replace("\u00b5", "u").split())
+    if name == "temperature" and (match := re.fullmatch(r"(?:°|deg|º)?\s*(C|F|celsius|fahrenheit)|(℃)", text, re.I)):
+        return "degF" if (match[1] or "C")[0] in "fF" else "degC"
+    return {"-": "", "–": "", "—": "", "1": "", "sec": "s", "percent": "%"}.get(text, text)
 
 
-def factor(name: str, unit: str | None, target: str, where: str) -> float:
-    """What numbers of a column are multiplied with to be in the unit ``target``; "" for pure numbers.
+def in_unit(value: float, unit: str | None, name: str, target: str, where: str) -> float:
+    """A number of a column in the unit ``target``; "" for pure numbers.
 
     Raises
     ------
     UnitError
         The unit is missing, or another quantity's.
     """
-    if unit in (None, "", "1"):
+    if unit in (None, ""):
         if target:
             raise UnitError(f"{where}: the column {name} has no unit; write it as {name} ({target})")
-        return 1.0
+        return value
     try:
-        return convert(f"1 {unit}", target)
+        zero, one = _line(unit, target)
     except UnitError as error:
         raise UnitError(f"{where}: the column {name} ({unit}): {error}") from None
+    return zero + value * (one - zero) if zero else value * one
 
 
-def _cells(line: str, separator: str) -> list[str]:
+@lru_cache(maxsize=256)
+def _line(unit: str, target: str) -> tuple[float, float]:
+    """What 0 and 1 of ``unit`` are in ``target``: zeros of temperatures differ."""
+    one = convert(f"1 {unit}", target)
+    return convert(f"0 {unit}", target), one
+
+
+# -- lines of cells ---------------------------------------------------------------------------------------------------
+
+
+def _lines(source: Any, known: Mapping[str, str]) -> tuple[str, list[Cells], list[str]]:
+    """What is read, in words; the lines that hold anything; and notes."""
+    if hasattr(source, "columns") and hasattr(source, "itertuples"):
+        return "the data frame", _frame_lines(source), []
+    path = Path(source)
+    if path.suffix.lower() in (".xlsx", ".xlsm"):
+        return str(path), *_excel_lines(path)
+    if path.suffix.lower() in (".xls", ".ods"):
+        raise InputError(f"{path}: files ending in {path.suffix} are not read; save it as .xlsx or as CSV")
+    return str(path), _text_lines(text_of(read_bytes(path), str(path)), str(path), known), []
+
+
+def text_of(data: bytes, source: str) -> str:
+    """Decode a text: UTF-8, UTF-16 with or without its mark, or the Windows code page 1252.
+
+    Raises
+    ------
+    StoreError
+        It is none: it holds control characters.
+    """
+    code = "utf-8-sig"
+    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        code = "utf-16"
+    for first, name in ((1, "utf-16-le"), (0, "utf-16-be")):  # every other byte of western text is zero
+        if data[first:64:2].count(0) > 0.8 * len(data[first:64:2]):
+            code = name
+    for name in (code, "cp1252"):
+        try:
+            text = data.decode(name).removeprefix("\ufeff")
+        except UnicodeDecodeError:
+            continue
+        if not re.search(r"[\x00-\x08\x0e-\x1f]", text):
+            return text
+    raise StoreError(f"{source} is not a text file")
+
+
+def _text_lines(text: str, source: str, known: Mapping[str, str]) -> list[Cells]:
+    """The lines without comments, split by the separator that makes a header of one of them."""
+    text = re.sub("[\u00a0\u202f\u2007]", " ", text.replace("\u2212", "-"))
+    every = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip(' \t,;"')]
+    lines = [line for line in every if not line[1].lstrip().startswith("#")]
+    marks: list[str | None] = [";", "\t", ",", None]
+    if lines and (match := re.fullmatch(r'"?sep=(.)"?\s*', lines[0][1])):  # as Excel writes and reads it
+        marks, lines = [match[1]], lines[1:]
+    begin = next((at for at, (_, line) in enumerate(lines) if re.match(r'\s*"?[-+.]?\d', line)), len(lines))
+    # of comments the last one, as numpy.savetxt writes the names
+    commented = [(n, line.lstrip("# \t")) for n, line in every if line.lstrip().startswith("#")]
+    for number, line in [*lines[: min(begin + 1, _PREAMBLE)], *reversed(commented[:_PREAMBLE])]:
+        for mark in marks:
+            if len(cells := _cells(line, mark)) > 1 and _is_header(cells, known):
+                if (number, line) not in lines:
+                    lines = [(number, line), *lines]
+                return [(n, f"{source}, line {n}", list(_cells(line, mark))) for n, line in lines]
+    mark = next((mark for mark in marks if mark and lines and mark in lines[0][1]), ",")
+    return [(n, f"{source}, line {n}", list(_cells(line, mark))) for n, line in lines]
+
+
+def _cells(line: str, separator: str | None) -> list[str]:
+    if separator is None:  # blanks, of which a name with its unit may have some
+        line = line.strip()
+        if re.match(r"[-+.,]?\d", line):
+            return line.split()
+        parts = re.split(r"\t|\s{2,}", line)
+        return parts if len(parts) > 1 else re.findall(r'"[^"]*"|[^\s(\[]+(?:\s*[(\[][^)\]]*[)\]])?', line)
     try:
         return [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])]
     except csv.Error as error:  # a cell of more than 131072 characters
         raise InputError(f"{shown(line, 40)}: {error}") from None
 
 
+def _excel_lines(path: Path) -> tuple[list[Cells], list[str]]:
+    """The lines of the first sheet that holds anything."""
+    with open_file(path) as stream:
+        openpyxl = optional_module("openpyxl", "excel")
+        try:
+            book = openpyxl.load_workbook(stream, read_only=True, data_only=True)
+            sheets = [(sheet.title, list(sheet.iter_rows(values_only=True))) for sheet in book.worksheets]
+        except Exception as error:  # of whatever is in it
+            raise StoreError(f"{path} is no Excel file that can be read: {shortened(error, 100)}") from None
+    filled = [(title, rows) for title, rows in sheets if any(cell is not None for row in rows for cell in row)]
+    if not filled:
+        return [], []
+    title, rows = filled[0]
+    notes = [f"sheet {title!r} is read; {len(filled) - 1} others are left out"] if len(filled) > 1 else []
+    lines = []
+    for number, row in enumerate(rows, 1):
+        at = f"{path}, sheet {title}, row {number}"
+        cells = [_cell(value, at) for value in row]
+        if any(cell != "" for cell in cells) and not str(cells[0]).startswith("#"):
+            lines.append((number, at, cells))
+    width = max((at + 1 for _, _, cells in lines for at, cell in enumerate(cells) if cell != ""), default=0)
+    return [(number, at, cells[:width]) for number, at, cells in lines], notes
+
+
+def _frame_lines(frame: Any) -> list[Cells]:
+    index = getattr(frame, "index", None)
+    names = [name for name in getattr(index, "names", ()) if name is not None]
+    if names:
+        frame = frame.reset_index()
+    heads = [
+        f"{name[0]} ({name[1]})".removesuffix(" ()") if isinstance(name, tuple) and len(name) == 2 else str(name)
+        for name in frame.columns
+    ]
+    lines: list[Cells] = [(0, "the data frame", list(heads))]
+    for number, row in enumerate(frame.itertuples(index=False, name=None)):
+        at = f"the data frame, row {number}"
+        lines.append((number, at, [_cell(value, at) for value in row]))
+    return lines
+
+
+def _cell(value: Any, where: str) -> Cell:
+    if value is None or isinstance(value, str):
+        return " ".join((value or "").replace("\u2212", "-").split())
+    if isinstance(value, bool) or not hasattr(value, "__float__"):
+        remedy = "; spreadsheets make dates of numbers such as 1.5: format the cells as numbers"
+        raise InputError(f"{where}: {shown(value)} is not a number{remedy if hasattr(value, 'isoformat') else ''}")
+    return float(value)
+
+
+# -- header -----------------------------------------------------------------------------------------------------------
+
+_HEAD = re.compile(
+    r"(?P<name>.*?)\s*(?:[(\[{]\s*(?P<unit>[^()\[\]{}]*?)\s*[)\]}]|(?:,|\s/|/(?=\s?\S+$))\s*(?P<after>\S+))?\s*"
+)
+
+
+def _named(cell: Cell, known: Mapping[str, str]) -> tuple[str, str | None] | None:
+    """Name and unit of a column that is known."""
+    match = _HEAD.fullmatch(str(cell).strip().strip('"'))
+    if match is None:
+        return None
+    text, unit = match["name"], match["unit"] if match["unit"] is not None else match["after"]
+    found = _known(text, known)
+    if found is None and unit is None and "_" in text:  # hold_time_s
+        stem, _, unit = text.rpartition("_")
+        found = _known(stem, known)
+    return None if found is None else (found, unit_of(unit, found))
+
+
+def _known(text: str, known: Mapping[str, str]) -> str | None:
+    text = re.sub(r"[\s_\-]+", " ", text).strip()
+    for name, others in known.items():
+        for other in (name.replace("_", " "), *filter(None, others.split("|"))):
+            if text == other or (len(other) > 2 and text.lower() == other.lower()):
+                return name
+    return None
+
+
+def _is_header(cells: Sequence[Cell], known: Mapping[str, str]) -> bool:
+    """Whether two cells name columns, or one of two that a mistake is in."""
+    return sum(_named(cell, known) is not None for cell in cells) >= min(2, len(cells))
+
+
 def _header(
-    cells: list[str], where: str, known: Sequence[str], example: str, listed: str
-) -> dict[str, tuple[int, str | None]]:
+    cells: Sequence[Cell], where: str, known: Mapping[str, str], unclear: Mapping[str, str], example: str
+) -> tuple[dict[str, tuple[int, str | None]], list[str]]:
     columns: dict[str, tuple[int, str | None]] = {}
+    left, read = [], []
     for place, cell in enumerate(cells):
-        match = re.fullmatch(r"(?P<name>[^(\[]*?)\s*(?:[(\[]\s*(?P<unit>.*?)\s*[)\]])?", cell)
-        name = match["name"].strip().lower().replace(" ", "_") if match else cell
-        if match is None or name not in known:
-            raise InputError(
-                f"{where}: column {place + 1} is {shown(cell)}{nearest(name, known)}; the columns are {listed}, named "
-                f"on the first line, such as {example}"
-            )
+        found = _named(cell, known)
+        text = " ".join(str(cell).split())
+        if found is None:
+            if not text:
+                continue
+            head = re.sub(r"[\s_]+", " ", re.sub(r"[(\[,/].*", "", text)).strip()
+            if (question := _known(head, unclear)) is not None:
+                raise InputError(f"{where}: column {place + 1}, {shown(text)}, {question}")
+            head = head.lower().replace(" ", "_")
+            number = _NUMBER.fullmatch(text) is not None
+            if number or difflib.get_close_matches(head, known, n=1, cutoff=0.7):
+                raise InputError(
+                    f"{where}: column {place + 1} is {shown(text)}{'' if number else nearest(head, list(known))}; the "
+                    f"columns are {', '.join(known)}, named on the first line, such as {example}"
+                )
+            left.append(text)
+            continue
+        name, unit = found
         if name in columns:
             raise InputError(f"{where}: the column {name} is there twice; keep one")
-        columns[name] = place, match["unit"]
-    return columns
+        columns[name] = place, unit
+        if not re.sub(r"[\s_]+", "_", text.lower()).startswith(name):
+            read.append(f"{text} as {name}")
+    notes = [f"read {', '.join(read)}"] if read else []
+    if left:
+        notes.append(f"{len(left)} column{'s' * (len(left) > 1)} left out: {shortened(', '.join(left), 120)}")
+    return columns, notes
 
 
-def _row(cells: list[str], columns: int, where: str) -> list[str]:
-    while len(cells) > columns and not cells[-1]:
+def _units_below(
+    cells: Sequence[Cell], columns: dict[str, tuple[int, str | None]]
+) -> dict[str, tuple[int, str | None]] | None:
+    """The columns with the units of the line below their names; None where it is a line of numbers."""
+    texts = {name: str(cells[place]).strip("()[] ") for name, (place, _) in columns.items() if place < len(cells)}
+    if not any(texts.values()) or any(re.match(r"[-+.,]*\d", text) and text != "1" for text in texts.values()):
+        return None
+    if any(text and unit is not None for text, (_, unit) in zip(texts.values(), columns.values(), strict=False)):
+        return None
+    return {name: (place, unit_of(texts.get(name) or None, name) or unit) for name, (place, unit) in columns.items()}
+
+
+# -- numbers ----------------------------------------------------------------------------------------------------------
+
+
+def _row(cells: list[Cell], columns: int, where: str) -> list[Cell]:
+    while len(cells) > columns and cells[-1] == "":
         cells = cells[:-1]
     if len(cells) != columns:
-        more = "; write decimals with a point, and separate columns by semicolons or tabs" * (len(cells) > columns)
+        more = ""
+        if len(cells) > columns:
+            more = "; separate columns by semicolons or tabs where decimals have a comma, and quote texts with blanks"
         raise InputError(f"{where}: {len(cells)} values under {columns} columns{more}")
     return cells
+
+
+def _decimal(rows: Sequence[Cells], places: Sequence[int]) -> str:
+    """The mark of decimals, a comma or a point; what could be thousands, or mixes both, is refused."""
+    sure: dict[str, str] = {}
+    unsure: dict[str, tuple[str, str]] = {}
+    for place in places:
+        texts = [(at, cells[place]) for _, at, cells in rows]
+        matches = [(at, _NUMBER.fullmatch(cell)) for at, cell in texts if isinstance(cell, str)]
+        column = [(at, match["number"]) for at, match in matches if match]
+        whole = any(text.lstrip("+-").isdigit() for _, text in column)
+        for at, text in column:
+            if sum(text.count(mark) for mark in ",.") > 1:
+                raise InputError(f"{at}: {text} has marks of thousands; {_PLAIN_NUMBERS}")
+            for mark in (mark for mark in ",." if mark in text):
+                if re.fullmatch(rf"[+-]?[1-9]\d{{0,2}}[{mark}]\d{{3}}", text) and (whole or mark == ","):
+                    unsure[mark] = at, text
+                else:
+                    sure[mark] = at
+    for mark, (at, text) in unsure.items():
+        if mark not in sure:
+            other = f"{text.replace(mark, '')} or {text.replace(mark, '.')}"
+            raise InputError(f"{at}: {text} may be {other}; {_PLAIN_NUMBERS}")
+    if len(sure) > 1:
+        raise InputError(f"{sure[',']}: it has a decimal comma, where others have a point; {_PLAIN_NUMBERS}")
+    return next(iter(sure), ".")

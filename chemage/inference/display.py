@@ -17,11 +17,11 @@ import numpy as np
 
 from chemage.foundation.figures import BLACK, BLUE, GREEN, GREY, ORANGE, PALETTE, from_zero, legend, plain
 from chemage.foundation.names import __version__
-from chemage.foundation.result import NONE, Medium, OfRecord, Panel, Picture, Result, Rows, Table, displays
+from chemage.foundation.result import NONE, Compared, Medium, OfRecord, Panel, Picture, Result, Rows, Table, displays
 from chemage.foundation.statistics import NORMAL_LIMIT
 from chemage.foundation.text import plus_minus, power_text
-from chemage.inference.forecast import UNSEEN, Forecast, band
-from chemage.inference.result import Inference, InferenceResult
+from chemage.inference.forecast import UNSEEN, WIDE, Forecast, band
+from chemage.inference.result import EXCLUDED, Inference, InferenceResult
 from chemage.inference.shape import empty, peaks, rises, shares, three_shares, trend, unresolved
 
 if TYPE_CHECKING:
@@ -46,14 +46,14 @@ def title(one: Inference) -> str:
 
 
 def rows(one: Inference) -> Rows:
-    """The main numbers: (name, text); bands hold 95 % of the posterior."""
+    """The main numbers: (name, text); medians, and intervals of 90 % of the posterior."""
     rows_ = [("measured", measured_text(one)), ("visible energies", visible_text(one))]
     rows_ += shape_rows(one)
     rows_ += [
         ("effective parameters", f"{one.effective_parameters:.1f} of {one.hold_times.size} points"),
         ("chi²", f"{one.chi2:.1f} for {one.hold_times.size} points; largest residual {_largest_residual(one)}"),
     ]
-    rows_ += [(name, text) for name, text in scalar_rows(one)]
+    rows_ += [*one.error_rows(), *scalar_rows(one)]
     sampling = one.diagnostics
     if "effective_samples" in sampling:
         text = f"{len(one.samples)} kept, {sampling['effective_samples']:.0f} effective"
@@ -88,10 +88,10 @@ def shape_rows(one: Inference) -> Rows:
         return []
     rows_: Rows = [("density", density_text(one))]
     for part in shares(one):
-        text = f"{_percent(part.mean, part.band)} of the sites"
+        text = f"{_percent(part.median, part.band)} of the sites"
         rows_.append((f"  {part.low:.3f} to {part.high:.3f} eV", text))
     above = three_shares(one)[2]
-    rows_.append((f"  above {high:.3f} eV", f"{_percent(above.mean, above.band)} of the sites: seen as not reacted"))
+    rows_.append((f"  above {high:.3f} eV", f"{_percent(above.median, above.band)} of the sites: seen as not reacted"))
     return rows_
 
 
@@ -123,7 +123,7 @@ def scalar_rows(one: Inference) -> Rows:
     """The unknown scalars, with their intervals and the bounds of their priors."""
     rows_ = []
     for name, values in one.scalars.items():
-        low, high = one.interval(name)
+        low, high = one.interval(name, WIDE)
         bounds = one.scalar_bounds.get(name)
         within = f"; prior {bounds[0]:.3g} to {bounds[1]:.3g}" if bounds else ""
         text = f"{np.median(values):.3g} {UNITS.get(name, '')} ({low:.3g} to {high:.3g}{within})"
@@ -144,7 +144,7 @@ def family_rows(one: Inference) -> list[tuple[str, str, str, str]]:
             rows_.append(("smooth density", less, f"{one.chi2:.1f}", "as above"))
             continue
         chi2 = f"{fit['chi2']:.1f}" if "chi2" in fit else ""
-        rows_.append((name, less, chi2, _parameters(fit)))
+        rows_.append((name, less, chi2, _parameters(fit) if best - score <= EXCLUDED else "excluded"))
     return rows_
 
 
@@ -161,11 +161,11 @@ def family_verdict(one: Inference) -> str:
 
 
 def forecast_row(label: str, one: Forecast) -> tuple[str, str, str, str]:
-    """(label, median of ΔF at the last hold time, its 68 and 95 % bands), or only bounds of 95 %."""
+    """(label, median of ΔF at the last hold time, its 68 and 90 % bands), or only bounds of 90 %."""
     low68, high68 = one.band(0.68)
-    low95, high95 = one.band(0.95)
+    low90, high90 = one.band(WIDE)
     name = f"{label} at {power_text(one.hold_times[-1])} s{unseen_text(one)}"
-    ends = f"{low95[-1]:.4g} to {high95[-1]:.4g}"
+    ends = f"{low90[-1]:.4g} to {high90[-1]:.4g}"
     if one.bounds_only:
         return name, NONE, NONE, ends
     return name, f"{one.median[-1]:.4g} nN", f"{low68[-1]:.4g} to {high68[-1]:.4g}", ends
@@ -237,7 +237,7 @@ def draw_density(axes: Axes, medium: Medium, one: Inference) -> None:
     low, high = one.visible_range
     if np.isfinite(low):
         axes.axvspan(low, high, color=GREEN, alpha=0.10, lw=0, label="visible energies", zorder=0)
-    for level, alpha in ((0.95, 0.22), (0.68, 0.38)):
+    for level, alpha in ((WIDE, 0.22), (0.68, 0.38)):
         axes.fill_between(e, *one.band(level), color=BLUE, alpha=alpha, lw=0, label=f"{100 * level:.0f} % band")
     axes.plot(e, one.density, color=BLUE, lw=1.6, label="mean")
     for fill_style, what, places in (
@@ -247,15 +247,15 @@ def draw_density(axes: Axes, medium: Medium, one: Inference) -> None:
         if places:
             heights = np.interp(places, e, one.density)
             axes.plot(places, heights, "v", color=BLUE, fillstyle=fill_style, ms=7, label=what)
-    prior = one.prior_band(0.95)
-    axes.plot(e, prior[1], color=GREY, lw=0.9, ls="--", label="prior, upper end of the 95 % band")
-    for number, (name, fit) in enumerate(one.families.items()):
+    prior = one.prior_band(WIDE)
+    axes.plot(e, prior[1], color=GREY, lw=0.9, ls="--", label="prior, upper end of the 90 % band")
+    for number, (name, fit) in enumerate(one.possible_families().items()):
         if density := fit.get("density", ()):
             axes.plot(
                 e[: len(density)], density, color=ORANGE, lw=1.0, ls=_LINES[number % len(_LINES)], label=plain(name)
             )
     seen = one.visible if one.visible.any() else np.ones(e.size, dtype=bool)
-    top = 1.6 * float(max(one.band(0.95)[1][seen].max(), one.density.max()))
+    top = 1.6 * float(max(one.band(WIDE)[1][seen].max(), one.density.max()))
     beyond = 0.4 if np.isfinite(low) else np.inf
     axes.set_xlim(max(e[0], low - beyond), min(e[-1], high + beyond))
     axes.set_ylim(0, top or 1.0)
@@ -270,15 +270,22 @@ def draw_data(axes: Axes, medium: Medium, one: Inference) -> None:
         colour, here = _colour(one, about), one.curve == number
         order = np.argsort(one.hold_times[here], kind="stable")
         times, fitted = one.hold_times[here][order], one.fitted[:, here][:, order]
-        for level, alpha in ((0.95, 0.2), (0.68, 0.35)):
+        for level, alpha in ((WIDE, 0.2), (0.68, 0.35)):
             axes.fill_between(times, *band(fitted, level), color=colour, alpha=alpha, lw=0)
         axes.plot(times, np.median(fitted, axis=0), color=colour, lw=1.0)
         label = plain(f"{about['name']}: {about['load']:g} nN, {about['temperature']:g} K")
         bars = NORMAL_LIMIT * one.errors[here]
         axes.errorbar(one.hold_times[here], one.values[here], bars, fmt="o", ms=3.2, lw=0.9, color=colour, label=label)
+    _ring(axes, one, one.values)
     axes.set(xscale="log", xlabel="hold time (s)", ylabel="friction drop ΔF (nN)")
     axes.set_ylim(bottom=min(0.0, float((one.values - NORMAL_LIMIT * one.errors).min())))
-    legend(axes, title="points: measured, bars 95 %; bands: 68 and 95 %", alignment="left")
+    legend(axes, title="points: measured, bars 95 %; bands: 68 and 90 %", alignment="left")
+
+
+def _ring(axes: Axes, one: Inference, values: np.ndarray) -> None:
+    """Mark the suspect points."""
+    if (off := one.is_suspect).any():
+        axes.plot(one.hold_times[off], values[off], "o", ms=9, mfc="none", color=ORANGE, label="suspect")
 
 
 def draw_residuals(axes: Axes, medium: Medium, one: Inference) -> None:
@@ -289,6 +296,7 @@ def draw_residuals(axes: Axes, medium: Medium, one: Inference) -> None:
     for number in range(len(one.curves)):
         here = one.curve == number
         axes.plot(one.hold_times[here], residuals[here], "o", ms=3.2, color=_colour(one, one.curves[number]))
+    _ring(axes, one, residuals)
     most = 1.15 * max(3.0, float(np.abs(residuals).max(initial=0)))
     axes.set_ylim(-most, most)
     axes.set(xscale="log", xlabel="hold time (s)", ylabel="residual (standard errors)")
@@ -302,12 +310,12 @@ def draw_predictive(axes: Axes, medium: Medium, one: Inference) -> None:
         here = here[np.argsort(one.hold_times[here], kind="stable")]
         times = one.hold_times[here]
         for samples, colour, alpha, what in (
-            (one.prior_fitted, GREY, 0.25, "prior, 95 % band"),
-            (one.fitted, BLUE, 0.35, "posterior with the errors of the data, 95 % band"),
+            (one.prior_fitted, GREY, 0.25, "prior, 90 % band"),
+            (one.fitted, BLUE, 0.35, "posterior with the errors of the data, 90 % band"),
         ):
             values = samples[:, here] + one.errors[here] * rng.standard_normal((len(samples), here.size))
             label = what if number == 0 else None
-            axes.fill_between(times, *band(values, 0.95), color=colour, alpha=alpha, lw=0, label=label)
+            axes.fill_between(times, *band(values, WIDE), color=colour, alpha=alpha, lw=0, label=label)
         axes.plot(times, one.values[here], "o", ms=3, color=BLACK, label="measured" if number == 0 else None)
     axes.set(xscale="log", xlabel="hold time (s)", ylabel="friction drop ΔF (nN)")
     legend(axes)
@@ -335,14 +343,14 @@ def draw_forecasts(
         times = forecast.hold_times
         conditions = f" ({forecast.load:g} nN, {forecast.temperature:g} K)"
         name = plain(label + conditions * ("=" not in label) + unseen_text(forecast))
-        low, high = forecast.band()
+        low, high = forecast.band(WIDE)
         single = times.size == 1
         if forecast.bounds_only:
             style = {"marker": "_", "ms": 9, "lw": 0} if single else {"ls": "--", "lw": 1.0}
             axes.plot(times, low, color=colour, label=name, **style)
             axes.plot(times, high, color=colour, **style)
             continue
-        for level, alpha in ((0.95, 0.2), (0.68, 0.35)):
+        for level, alpha in ((WIDE, 0.2), (0.68, 0.35)):
             axes.fill_between(times, *forecast.band(level), color=colour, alpha=alpha, lw=0)
         axes.plot(
             times, forecast.median, color=colour, lw=1.3, label=name, **({"marker": "o", "ms": 4} if single else {})
@@ -351,7 +359,7 @@ def draw_forecasts(
             axes.vlines(times, low, high, color=colour, lw=1.2)
     axes.set(xscale="log", xlabel="hold time (s)", ylabel="friction drop ΔF (nN)")
     from_zero(axes)
-    legend(axes, title="bands: 68 and 95 %", alignment="left")
+    legend(axes, title="bands: 68 and 90 %", alignment="left")
 
 
 def draw_scalar(axes: Axes, medium: Medium, one: Inference, name: str) -> None:
@@ -361,24 +369,24 @@ def draw_scalar(axes: Axes, medium: Medium, one: Inference, name: str) -> None:
     axes.hist(values, bins=list(np.linspace(low, high, 41)), color=BLUE, alpha=0.6, density=True)
     for end in (low, high):
         axes.axvline(end, color=GREY, lw=0.9, ls="--")
-    for end in one.interval(name):
+    for end in one.interval(name, WIDE):
         axes.axvline(end, color=ORANGE, lw=1.0)
     unit = UNITS.get(name, "")
     axes.set(xlabel=f"{name.replace('_', ' ')}{f' ({unit})' if unit else ''}", ylabel="density of the samples")
-    axes.set_title("orange: 95 %; grey: bounds of the prior")
+    axes.set_title("orange: 90 %; grey: bounds of the prior")
     axes.set_yticks([])
 
 
 #: inches of one figure, and of one panel on a page
 _FILE, _PAGE = (6.4, 4.4), (4.9, 3.6)
 _CAPTIONS = {
-    "density": "Density of forming barriers: mean, 68 and 95 % bands of the posterior, families (orange), and upper "
-    "end of the 95 % band of the prior (grey). Outside the shaded energies the data tell sums only.",
-    "data": "Measured friction drop (bars: 95 %) with the 68 and 95 % bands of the fitted curves.",
+    "density": "Density of forming barriers: mean, 68 and 90 % bands of the posterior, families (orange), and upper "
+    "end of the 90 % band of the prior (grey). Outside the shaded energies the data tell sums only.",
+    "data": "Measured friction drop (bars: 95 %) with the 68 and 90 % bands of the fitted curves.",
     "residuals": "Residuals in standard errors; shaded: two standard errors.",
-    "predictive": "What the prior and the posterior predict of the measurements, 95 % bands.",
-    "forecasts": "Forecasts at conditions that were not measured: median, 68 and 95 % bands of the posterior; dashed: "
-    "bounds of 95 % where nearly all is unseen.",
+    "predictive": "What the prior and the posterior predict of the measurements, 90 % bands.",
+    "forecasts": "Forecasts at conditions that were not measured: median, 68 and 90 % bands of the posterior; dashed: "
+    "bounds of 90 % where nearly all is unseen.",
     "unknowns": "Samples of the unknown scalars within the bounds of their priors.",
 }
 
@@ -404,7 +412,7 @@ class InferenceDisplay(Result):
 
     @property
     def heading(self) -> str:
-        return f"{self.title}; bands hold 95 %"
+        return f"{self.title}; medians, 90 % intervals"
 
     @property
     def plugins(self) -> Mapping[str, str]:
@@ -426,6 +434,13 @@ class InferenceDisplay(Result):
             rows.append((f"{places} eV", "peak of the density" if len(there) == 1 else "peaks of the density"))
         rows.append((f"{one.chi2:.1f} / {one.hold_times.size}", "χ² / measured points"))
         return [*rows, (f"{one.effective_parameters:.1f}", "effective parameters")]
+
+    def compared(self, times: Sequence[float]) -> Compared:
+        def predict(load: float, temperature: float, hold_times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            made = self.inference.forecast(load=load, temperature=temperature, hold_times=hold_times)
+            return made.median, np.atleast_2d(np.cov(made.samples.T))
+
+        return replace(super().compared(times), predict=predict)
 
     def notes(self) -> list[str]:
         of_forecasts = (
@@ -459,7 +474,7 @@ class InferenceDisplay(Result):
             remarks = [f"{verdict[0].upper()}{verdict[1:]}."] if verdict else []
             tables.append(Table(title, columns, families, "Families", remarks, in_detail=False))
         if result.forecasts:
-            columns = ("forecast", "ΔF, median", "68 % (nN)", "95 % (nN)")
+            columns = ("forecast", "ΔF, median", "68 % (nN)", "90 % (nN)")
             rows = [forecast_row(label, forecast) for label, forecast in result.forecasts.items()]
             tables.append(Table("Forecasts of the friction drop", columns, rows, "Forecasts", in_detail=False))
         if result.experiments:
@@ -471,7 +486,7 @@ class InferenceDisplay(Result):
 
     def _measurements(self) -> Table:
         one = self.inference
-        low, high = (np.quantile(one.fitted, end, axis=0) for end in (0.025, 0.975))
+        low, high = (np.quantile(one.fitted, end, axis=0) for end in (0.05, 0.95))
         rows = []
         for at in range(one.hold_times.size):
             about = one.curves[int(one.curve[at])]
@@ -484,12 +499,12 @@ class InferenceDisplay(Result):
                     f"{one.residuals[at]:+.1f}",
                 )
             )
-        columns = ("hold time (s)", "curve", "ΔF (nN), standard error", "fitted, 95 % (nN)", "residual")
+        columns = ("hold time (s)", "curve", "ΔF (nN), standard error", "fitted, 90 % (nN)", "residual")
         return Table("", columns, rows, "Measurements")
 
     def columns(self) -> dict[str, Any]:
         one, bands = self.inference, {}
-        for level in (0.68, 0.95):
+        for level in (0.68, WIDE):
             low, high = one.band(level)
             bands |= {f"low {100 * level:.0f} % (1/eV)": low, f"high {100 * level:.0f} % (1/eV)": high}
         return {"energy (eV)": one.energies, "density (1/eV)": one.density, **bands, "visible": one.visible}
@@ -556,12 +571,14 @@ class ForecastDisplay(OfRecord[Forecast]):
         one = self.record
         name, median, likely, sure = forecast_row("ΔF", one)
         conditions = ("temperature, load", f"{one.temperature:g} K, {one.load:g} nN")
-        return [conditions, (name, f"{median}; 68 %: {likely} nN, 95 %: {sure} nN")]
+        return [conditions, (name, f"{median}; 68 %: {likely} nN, 90 %: {sure} nN")]
 
     def columns(self) -> dict[str, Any]:
         one = self.record
-        low, high = one.band()
-        ends = {"low 95 % (nN)": low, "high 95 % (nN)": high}
+        ends = {}
+        for level in (0.68, WIDE):
+            low, high = one.band(level)
+            ends |= {f"low {100 * level:.0f} % (nN)": low, f"high {100 * level:.0f} % (nN)": high}
         return {"hold_time (s)": one.hold_times, "median (nN)": one.median, **ends}
 
 

@@ -9,7 +9,7 @@ simulated.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ from chemage.inference.energies import EnergyGrid
 from chemage.inference.forward import Model
 from chemage.inference.problem import REACH, Linear, Prior, Problem
 from chemage.inference.result import UnexplainedError
-from chemage.inference.sampling import Samples, sample
+from chemage.inference.sampling import MOST_SWEEPS, Samples, sample
 
 #: weights of the penalty on the second derivative that are tried, from strong to weak
 WEIGHTS = np.geomspace(1.0, 1e-7, 15)
@@ -29,6 +29,8 @@ UNLIKELY = 1e-4
 ROUNDS, STEPS = 4, 6
 #: change of the density, integrated over the visible energies, that ends the iteration
 CONVERGED = 0.01
+#: rounds in which the errors are guessed, and the effective parameters of a density meanwhile
+GUESSES, PARAMETERS = 3, 7
 #: samples of short runs, and sweeps of their chains
 SHORT, SHORT_SWEEPS = 400, 200
 
@@ -61,8 +63,10 @@ def first_estimate(data: Linear, factor: float) -> np.ndarray:
     return best
 
 
-def check_explained(data: Linear, labels: list[str]) -> None:
+def check_explained(data: Linear, labels: list[str], largest: np.ndarray, stated: np.ndarray) -> None:
     """Refuse data that no non-negative density of integral at most 1 explains; ``labels`` name the values.
+
+    Errors (m,) are at most ``largest``; messages count in those that are ``stated``.
 
     Raises
     ------
@@ -71,7 +75,8 @@ def check_explained(data: Linear, labels: list[str]) -> None:
     """
     from scipy.stats import chi2 as distribution
 
-    values, errors, grid = data.values, data.errors, data.grid
+    data = replace(data, errors=largest)
+    values, errors, grid = data.values, stated, data.grid
     fits = []
     for factor in [1.0] if data.factor is None else np.geomspace(np.exp(data.factor[0]), np.exp(data.factor[1]), 9):
         density, chi2 = smooth_fit(data, 1e-12, factor)
@@ -80,6 +85,7 @@ def check_explained(data: Linear, labels: list[str]) -> None:
     if distribution.sf(chi2, values.size) >= UNLIKELY:
         return
     residuals = (values - fitted) / errors
+    chi2, scaled = float(residuals @ residuals), np.any(largest > 1.01 * stated)
     worst = np.argsort(-np.abs(residuals))[:3]
     places = "; ".join(f"{residuals[at]:+.1f} standard errors at {labels[at]}" for at in sorted(worst))
     share = float(density @ grid.areas)
@@ -98,6 +104,8 @@ def check_explained(data: Linear, labels: list[str]) -> None:
         why.append(
             "the curve rises faster with the hold time than a single barrier makes it, or its errors are too small"
         )
+    if scaled:
+        why.append("errors up to five times the stated ones, and single points that are off, would not explain it")
     raise UnexplainedError(
         f"values: no density of barriers explains them; the best fit has χ² = {chi2:.1f} for {values.size} points, "
         f"and is off by {places}" + "".join(f"; {reason}" for reason in why) + "; check units, errors, load and scene",
@@ -113,10 +121,13 @@ def estimated(model: Model, threads: int | None, report: Report) -> tuple[np.nda
     """The density of best fit, smoothed, and how much each round of the interaction changed it."""
     if model.unknowns.points > 1:  # the point at which a density fits best, the neighbours left out
         alone = (_alone(model, point) for point in range(model.unknowns.points))
-        model.middle = int(np.argmin([smooth_fit(data, 1e-11, factor)[1] for data, factor in alone]))
+        fits = np.array([smooth_fit(data, 1e-11, factor)[1] for data, factor in alone])
+        model.middle = int(np.argmin(fits - 2 * model.unknowns.log_priors))
     data, factor = _alone(model, model.middle)
+    _guess_errors(model, data)
+    data = replace(data, errors=model.errors(model.values))
     if not model.interacting:
-        check_explained(data, model.labels())
+        _check_model(model, data)
         return first_estimate(data, factor), []
     density = first_estimate(data, factor)
     seen, changes = model.seen(), []
@@ -127,6 +138,9 @@ def estimated(model: Model, threads: int | None, report: Report) -> tuple[np.nda
             report("interaction", number * STEPS + step, total)
             fitted, slope = model.linear(density, model.middle)
             data = _linear(model, slope, fitted - slope @ density)
+            if number and not step:
+                _guess_errors(model, data)
+                data = replace(data, errors=model.errors(model.values))
             fit = first_estimate(data, _common_factor(data, fitted))
             # full steps in the end, half ones while the neighbours' part still changes much
             change = _distance(model, fit, density, seen)
@@ -138,9 +152,31 @@ def estimated(model: Model, threads: int | None, report: Report) -> tuple[np.nda
         if number and changes[-1] < CONVERGED:
             break
     fitted, slope = model.linear(density, model.middle)
-    check_explained(_linear(model, slope, fitted - slope @ density), model.labels())
+    _check_model(model, _linear(model, slope, fitted - slope @ density))
     report("interaction", total, total)
     return density, changes
+
+
+def _guess_errors(model: Model, data: Linear) -> None:
+    """Errors with which about the smooth density of least χ² explains the data; points that are off last."""
+    noise = model.noise(model.values)
+    if noise.fixed:
+        return
+    model.state = noise.start
+    lows, highs = np.log([1.0, 1.0]) if data.factor is None else np.array(data.factor)
+    for _ in range(GUESSES):
+        data = replace(data, errors=noise.errors(model.state))
+        fits = [smooth_fit(data, 1e-11, float(factor)) for factor in np.unique(np.exp(np.linspace(lows, highs, 5)))]
+        factors = np.unique(np.exp(np.linspace(lows, highs, 5)))
+        best = int(np.argmin([chi2 for _, chi2 in fits]))
+        density = fits[best][0]
+        residual = data.values - factors[best] * (data.offset + data.matrix @ density)
+        model.state = noise.guessed(residual, PARAMETERS)
+
+
+def _check_model(model: Model, data: Linear) -> None:
+    noise = model.noise(model.values)
+    check_explained(data, model.labels(), noise.largest(model.state), noise.errors(noise.start))
 
 
 def _alone(model: Model, point: int) -> tuple[Linear, float]:
@@ -173,11 +209,19 @@ def linear_problem(model: Model, prior: Prior, density: np.ndarray) -> Problem:
         matrices.append(slope)
         offsets.append(value - slope @ density)
     errors, at = model.errors(model.values), (model.unknowns, model.middle)
-    return Problem(prior, model.grid.areas, model.values, errors, np.stack(matrices), np.stack(offsets), *at)
+    linear = np.stack(matrices), np.stack(offsets)
+    noise = model.noise(model.values)
+    return Problem(prior, model.grid.areas, model.values, errors, *linear, *at, noise, model.state)
 
 
 def sampled(
-    model: Model, density: np.ndarray, count: int, threads: int | None, report: Report, changes: list[float]
+    model: Model,
+    density: np.ndarray,
+    count: int,
+    threads: int | None,
+    report: Report,
+    changes: list[float],
+    sweeps: int = MOST_SWEEPS,
 ) -> tuple[Problem, Samples, list[float]]:
     """``count`` samples of the posterior; with an interaction the model is linear about their mean."""
     prior = Prior(model.grid.nodes)
@@ -201,6 +245,7 @@ def sampled(
         samples=count,
         seed=model.seed,
         watched=model.seen(),
+        sweeps=sweeps,
         threads=threads,
         progress=lambda done, total: report("sampling", done, total),
     )
@@ -315,6 +360,7 @@ def compared(
     """Scores of the smooth density and of the families on hold times left out, and the fits of the families."""
     if not families:
         return {}, {}
+    problem = problem.settled(samples.typical)
     blocks = blocks_of(model.curve, model.hold_times)
     total, done = len(families) + int(blocks.max()) + 1, 0
     seen = model.grid.nodes[model.seen()]

@@ -20,6 +20,8 @@ from chemage.scene.scene import Scene
 
 #: shares of the probability that bands hold
 LEVELS = (0.68, 0.90, 0.95)
+#: level of the wider of the two intervals that are printed and drawn; the other is 68 %
+WIDE = 0.90
 #: share of a prediction from energies which the data do not see above which a note says so, and only bounds are shown
 UNSEEN, BOUNDS_ONLY = 0.05, 0.8
 #: what a planned measurement may state
@@ -65,7 +67,7 @@ class Forecast(Record):
 
     @property
     def bounds_only(self) -> bool:
-        """Whether nearly all of a prediction is unseen, so that no value within the 95 % band is more likely."""
+        """Whether nearly all of a prediction is unseen, so that no value within the 90 % band is more likely."""
         return self.unseen > BOUNDS_ONLY
 
     @property
@@ -94,7 +96,7 @@ class Forecast(Record):
         )
 
     def __repr__(self) -> str:
-        low, high = self.band()
+        low, high = self.band(WIDE)
         ends = f"{low[-1]:.4g} to {high[-1]:.4g}"
         value = f"{ends} nN" if self.bounds_only else f"{self.median[-1]:.4g} nN ({ends})"
         return f"<Forecast {self.load:g} nN, {self.temperature:g} K: {value} at {self.hold_times[-1]:g} s>"

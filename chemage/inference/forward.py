@@ -34,7 +34,8 @@ from chemage.inference.energies import (
     energy_grid,
     make_kernel,
 )
-from chemage.inference.problem import Unknowns
+from chemage.inference.noise import ErrorModel, Noise
+from chemage.inference.problem import LOAD, Unknowns
 from chemage.kinetics.role import run_kinetics
 from chemage.lattices.chemistry import Chemistry, build_lattice, contact_statistics
 from chemage.lattices.lattice import ReactionLattice
@@ -333,6 +334,7 @@ class Model:
     grid: EnergyGrid
     contacts: Contacts
     seed: int
+    error_model: ErrorModel = field(default_factory=ErrorModel)
     #: (point of the grid of scalars, condition) -> its model
     conditions: dict[tuple[int, int], Condition] = field(default_factory=dict)
 
@@ -344,8 +346,9 @@ class Model:
         self.curve = np.repeat(np.arange(len(curves)), [curve.hold_times.size for curve in curves])
         self.hold_times = np.concatenate([curve.hold_times for curve in curves])
         self.values = np.concatenate([curve.friction_drop for curve in curves])
-        floor = np.array([MODEL_ERROR * np.abs(curve.friction_drop).max() for curve in curves])[self.curve]
-        self._variances = np.concatenate([curve.friction_drop_errors for curve in curves]) ** 2 + floor**2
+        self._floor = np.array([MODEL_ERROR * np.abs(curve.friction_drop).max() for curve in curves])[self.curve]
+        self.stated = np.concatenate([curve.friction_drop_errors for curve in curves])
+        self.state = self.noise(self.stated * 0).start
         self.which = np.array([self.keys.index((curve.load, curve.temperature)) for curve in curves])[self.curve]
         self.times = [np.unique(self.hold_times[self.which == k]) for k in range(len(self.keys))]
 
@@ -353,7 +356,8 @@ class Model:
         """The model of a condition at a point of the grid of scalars; made once."""
         if (point, number) not in self.conditions:
             load, temperature = self.keys[number]
-            chemistry, contact = self.unknowns.chemistry(self.chemistry, point), self.contacts.at(load)
+            chemistry = self.unknowns.chemistry(self.chemistry, point)
+            contact = self.contacts.at(self.unknowns.load(load, point))
             condition = make_condition(chemistry, contact, temperature, self.times[number], self.grid, self.seed)
             self.conditions[point, number] = condition
             if (middle := self.conditions.get((self.middle, number))) is not None:
@@ -363,7 +367,7 @@ class Model:
     def on(self, grid: EnergyGrid) -> Model:
         """The same model on other energies."""
         other = replace(self, grid=grid, conditions={})
-        other.middle = self.middle
+        other.middle, other.state = self.middle, self.state
         for number in range(len(self.keys)):
             other.condition(self.middle, number).corrected_as(self.condition(self.middle, number))
         return other
@@ -401,10 +405,21 @@ class Model:
                 if other == number:
                     condition.corrected_as(middle)
 
+    def noise(self, value: np.ndarray) -> Noise:
+        """The likelihood of residuals, with the errors of the forward model at ``value`` (m,)."""
+        floors = self._floor
+        if value.any():
+            relative = self._gathered([condition.relative_error for condition in self._at(self.middle)])
+            floors = np.hypot(floors, relative * value)
+        return Noise(self.error_model, self.stated, floors, self.curve, self.hold_times)
+
     def errors(self, value: np.ndarray) -> np.ndarray:
-        """(m,) standard errors of the measured values, with those of the forward model at ``value``."""
-        relative = self._gathered([condition.relative_error for condition in self._at(self.middle)])
-        return np.sqrt(self._variances + (relative * value) ** 2)
+        """(m,) standard errors as they are thought to be now, with those of the forward model at ``value``."""
+        return self.noise(value).errors(self.state)
+
+    def floor_as(self, other: Model) -> None:
+        """Take over what the forward model is thought to be wrong by."""
+        self._floor = other._floor
 
     def labels(self) -> list[str]:
         """What each point is, in words."""
@@ -426,6 +441,7 @@ def make_model(
     curves: Sequence[MeasuredCurve],
     seed: int,
     progress: Callable[[int, int], None] | None = None,
+    error_model: ErrorModel = ErrorModel(),  # noqa: B008
 ) -> Model:
     """Solve the contacts of all loads, and choose the energies."""
     contacts = Contacts(scene)
@@ -439,7 +455,8 @@ def make_model(
     for done, load in enumerate(loads):
         if progress:
             progress(done, len(loads))
-        lowering = max(lowering, largest_lowering(contacts.at(load), widest))
+        top = load * float(unknowns.values[LOAD].max()) if LOAD in unknowns.values else load
+        lowering = max(lowering, largest_lowering(contacts.at(top), widest))
     if progress:
         progress(len(loads), len(loads))
     temperatures = np.concatenate([np.full(curve.hold_times.size, curve.temperature) for curve in curves])
@@ -451,4 +468,4 @@ def make_model(
         )
         count = int(np.ceil((grid.nodes[-1] - lower.first) / grid.step)) + 1
         grid = EnergyGrid(lower.first, grid.step, count)
-    return Model(scene, chemistry, unknowns, curves, grid, contacts, seed)
+    return Model(scene, chemistry, unknowns, curves, grid, contacts, seed, error_model)

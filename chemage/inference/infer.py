@@ -13,15 +13,16 @@ import numpy as np
 from chemage.foundation.checks import checked_count, checked_seed
 from chemage.foundation.errors import InputError, shown
 from chemage.foundation.progress import Report
-from chemage.foundation.units import KB, QuantityLike
+from chemage.foundation.units import KB, QuantityLike, convert
 from chemage.inference.curves import MeasuredCurve, check_curves, read_curves
 from chemage.inference.energies import averaging
 from chemage.inference.families import compared, estimated, linear_problem, sampled
 from chemage.inference.forecast import band
 from chemage.inference.forward import Model, check_scene, make_model
+from chemage.inference.noise import ErrorModel
 from chemage.inference.problem import REACH, UNITS, Data, Prior, Problem, Unknowns, redrawn_outside, unknowns_of
 from chemage.inference.result import Inference, scene_of
-from chemage.inference.sampling import Samples
+from chemage.inference.sampling import CHAINS, Samples
 from chemage.scene.provenance import versions
 from chemage.scene.scene import Scene
 
@@ -41,6 +42,10 @@ MAINLY = 0.5
 #: an energy is visible where the standard deviation of the density, or that over its mean, is below this share of the
 #: prior's
 NARROWER = 0.7
+#: scale of the errors that is surely above this is named in a note
+NOTEWORTHY = 1.1
+#: relative standard error of a calibration at most: beyond, forces were not measured
+MOST_CALIBRATION = 0.5
 
 
 def infer(
@@ -48,6 +53,8 @@ def infer(
     scene: Scene | str | Path | Mapping[str, Any],
     *,
     unknown: Mapping[str, tuple[QuantityLike, QuantityLike]] | Sequence[str] = (),
+    errors: str | Sequence[str] = ("scaled", "robust"),
+    calibration: QuantityLike | Mapping[str, QuantityLike] = 0.0,
     families: Sequence[str] = FAMILIES,
     samples: int = 1000,
     seed: int = 0,
@@ -59,7 +66,7 @@ def infer(
     Parameters
     ----------
     measured
-        Curves from :func:`chemage.read_curves`, or the CSV file itself.
+        Curves from :func:`chemage.read_curves`, or the file or data frame itself.
     scene
         Everything but the density: surface, contact, breaking barriers, interaction, the other values of the chemistry.
         Its ``[forming]``, loads, temperatures and hold times are not used; those of the curves are.
@@ -67,6 +74,12 @@ def infer(
         Scalars of the chemistry that are inferred as well, with the bounds of their priors, such as
         ``{"activation_volume": ("0 angstrom**3", "15 angstrom**3")}``: ``bond_force`` and ``attempt_frequency`` (both
         uniform in the logarithm) and ``activation_volume`` (uniform). As a list of names: with default bounds.
+    errors
+        What is inferred of the errors: "scaled", a factor of the stated ones, for each curve; "robust", which points
+        are off; "correlated", a correlation time along each curve. "as-stated" or none: errors as they are stated.
+    calibration
+        Relative standard error of a factor that all values share, such as "10 %"; or of ``{"force": ..., "load":
+        ...}``, where that of the load is another. Default: 0, calibrated.
     families
         Parametric families to compare, of "uniform", "triangle", "gaussian", "piecewise"; empty: none, and no scores.
     samples
@@ -89,7 +102,9 @@ def infer(
     scene = scene_of(scene).completed()
     chemistry = check_scene(scene)
     curves = _curves_of(measured)
-    unknowns = unknowns_of(unknown, chemistry)
+    force_error, load_error = calibrations(calibration)
+    error_model = ErrorModel.of(tuple(errors) if not isinstance(errors, str) else errors, force_error)
+    unknowns = unknowns_of(unknown, chemistry, load_error)
     _check_chemistry(curves, scene, unknowns)
     seed, samples = checked_seed(seed), checked_count("samples", samples, 50)
     for name in families:
@@ -104,15 +119,38 @@ def infer(
         )
     report = progress or (lambda stage, done, total, note="": None)
     with scene.in_use():
-        model = make_model(scene, chemistry, unknowns, curves, seed, lambda done, all: report("contact", done, all))
+        model = make_model(
+            scene, chemistry, unknowns, curves, seed, lambda done, all: report("contact", done, all), error_model
+        )
         density, changes = estimated(model, threads, report)
         problem, drawn, changes = sampled(model, density, samples, threads, report, changes)
         scores, fits = compared(model, problem, drawn, families, threads, report)
     return _inference(model, problem, drawn, (scores, fits), changes, time.process_time() - begin)
 
 
+def calibrations(given: QuantityLike | Mapping[str, QuantityLike]) -> tuple[float, float]:
+    """Relative standard errors of the common factor of forces, and of loads.
+
+    Raises
+    ------
+    InputError
+        A name that is none, or an error that is negative or more than 50 %.
+    """
+    parts = given if isinstance(given, Mapping) else {"force": given}
+    for name in parts:
+        if name not in ("force", "load"):
+            raise InputError.of("calibration", name, "is no calibration", "choose force or load")
+    errors = {name: convert(value, "", f"calibration.{name}") for name, value in parts.items()}
+    for name, value in errors.items():
+        if not 0 <= value <= MOST_CALIBRATION:
+            raise InputError.of(
+                f"calibration.{name}", parts[name], "must be between 0 and 50 %", '10 % is 0.1 or "10 %"'
+            )
+    return errors.get("force", 0.0), errors.get("load", 0.0)
+
+
 def _curves_of(measured: Any) -> tuple[MeasuredCurve, ...]:
-    if isinstance(measured, str | Path):
+    if isinstance(measured, str | Path) or hasattr(measured, "itertuples"):
         measured = read_curves(measured)
     curves = (measured,) if isinstance(measured, MeasuredCurve) else measured
     if not isinstance(curves, list | tuple) or not all(isinstance(curve, MeasuredCurve) for curve in curves):
@@ -148,7 +186,7 @@ def _visible(model: Model, samples: np.ndarray, prior: np.ndarray, resolution: f
     return model.seen() & (narrower | relative)
 
 
-def _inner_ends(densities: np.ndarray) -> np.ndarray:
+def inner_ends(densities: np.ndarray) -> np.ndarray:
     """``densities`` (S, n) that end at their end nodes as such that go on: of the same integral and mean energy."""
     longer = densities.copy()
     for end, beside in ((0, 1), (-1, -2)):  # the inner half of a hat, whose mean lies a third of a step inside
@@ -157,20 +195,22 @@ def _inner_ends(densities: np.ndarray) -> np.ndarray:
     return longer
 
 
-def _with_hidden(
+def with_hidden(
     model: Model, samples: Samples, prior: Prior, before: np.ndarray
 ) -> tuple[Model, Problem, Samples, np.ndarray]:
     """Samples of the posterior and those ``before``, of the prior, with the barriers that hold times do not reach."""
     wide = model.on(model.grid.wider(*REACH))
     more = ((0, 0), wide.grid.place(model.grid))
-    densities, before = (np.pad(_inner_ends(each), more) for each in (samples.densities, before))
+    densities, before = (np.pad(inner_ends(each), more) for each in (samples.densities, before))
     problem = linear_problem(wide, prior, densities.mean(axis=0))
+    noise, state = problem.likelihood, samples.typical
+    factor = np.exp(state.calibration)
     data = Data(
-        problem.matrices / problem.errors[:, None],
+        factor * np.stack([noise.white(state, matrix) for matrix in problem.matrices]),
         samples.points,
         samples.factors,
-        problem.values / problem.errors,
-        problem.offsets / problem.errors,
+        noise.white(state, problem.values),
+        factor * np.stack([noise.white(state, offset) for offset in problem.offsets]),
         KB * max(curve.temperature for curve in model.curves),
     )
     seen = np.pad(model.seen(), more[1])
@@ -192,10 +232,13 @@ def _inference(
     resolution = WIDTH * KB * max(curve.temperature for curve in model.curves)
     visible = _visible(model, samples.densities, prior, resolution)
     smooth = model.grid
-    model, problem, samples, prior = _with_hidden(model, samples, problem.prior, prior)
-    fitted = samples.fitted(problem)
-    chi2 = float(np.sum(((problem.values - fitted.mean(axis=0)) / problem.errors) ** 2))
-    each = np.sum(((problem.values - fitted) / problem.errors) ** 2, axis=1)
+    model, problem, samples, prior = with_hidden(model, samples, problem.prior, prior)
+    noise, state = problem.likelihood, samples.typical
+    factors = np.exp([one.calibration for one in samples.states])
+    fitted = factors[:, None] * samples.fitted(problem)
+    errors = noise.errors(state)
+    chi2 = float(np.sum(((problem.values - fitted.mean(axis=0)) / errors) ** 2))
+    each = np.sum(((problem.values - fitted) / errors) ** 2, axis=1)
     unknowns = model.unknowns
     scalars = {name: values[samples.points] for name, values in unknowns.values.items()}
     if unknowns.factor is not None:
@@ -208,7 +251,10 @@ def _inference(
         curve=model.curve,
         hold_times=model.hold_times,
         values=problem.values,
-        errors=problem.errors,
+        errors=noise.errors(replace(state, inflation=np.ones(problem.values.size))),
+        stated_errors=np.hypot(noise.stated, noise.floors),
+        off=samples.off,
+        error_terms=_error_terms(model, samples, factors),
         fitted=fitted,
         prior_fitted=problem.offsets[model.middle] + prior @ problem.matrices[model.middle].T,
         curves=tuple(
@@ -226,6 +272,7 @@ def _inference(
             "effective_samples": samples.effective,
             "r_hat": samples.r_hat,
             "sweeps": samples.sweeps,
+            "chains": CHAINS,
             "iterations": len(changes),
             "changes": changes,
             "cpu_seconds": seconds,
@@ -244,6 +291,18 @@ def _inference(
     return inference.noting(plugins, [entry for contact in contacts for entry in contact.approximate])
 
 
+def _error_terms(model: Model, samples: Samples, factors: np.ndarray) -> dict[str, np.ndarray]:
+    """Name -> (S,) what was inferred of the errors."""
+    terms, error_model = {}, model.error_model
+    if error_model.scaled:
+        terms |= {f"scale {number}": scale for number, scale in enumerate(samples.scales.T)}
+    if error_model.correlated:
+        terms["correlation time"] = np.exp([state.log_time for state in samples.states])
+    if error_model.calibration:
+        terms["calibration"] = factors
+    return terms
+
+
 def _cite(scene: Scene) -> list[str]:
     """What to cite: the publications of all parts of the scene but its forming barriers, which are not used."""
     forming = None if scene.chemistry is None else scene.chemistry.forming
@@ -255,7 +314,7 @@ def _notes(model: Model, problem: Problem, points: np.ndarray, inference: Infere
     """What the user should know; ``points`` (S,) of the grid of scalars are those of the samples."""
     visible, diagnostics = inference.visible, inference.diagnostics
     few = _hardly_any(model)
-    notes = [*few]
+    notes = [*dict.fromkeys(f"{curve.name}: {note}" for curve in model.curves for note in curve.notes), *few]
     if not visible.any():
         notes.append("the data tell nothing: at no energy is the band narrower than that of the prior")
     else:
@@ -289,6 +348,15 @@ def _notes(model: Model, problem: Problem, points: np.ndarray, inference: Infere
     chi2, count = inference.chi2, problem.values.size
     if chi2 > 1.5 * count + 10:
         notes.append(f"χ² = {chi2:.0f} for {count} points: the errors are too small, or the scene is off")
+    for number, curve in enumerate(inference.curves):
+        scale = inference.error_terms.get(f"scale {number}")
+        if scale is not None and np.quantile(scale, 0.05) > NOTEWORTHY:
+            notes.append(
+                f"{curve['name']}: the scatter is {np.median(scale):.1f} times the stated errors; all bands contain it"
+            )
+    suspects = inference.suspects()
+    if suspects:
+        notes.append(f"suspect points, which hardly count: {', '.join(suspects)}; measure them again")
     return notes
 
 

@@ -284,3 +284,29 @@ def moved(x, choice, level, candidates, means, factors, inverses, logs, matrix, 
             kept[:] = trial
     x[:] = kept
     return chosen
+
+
+@nb.njit(cache=True, nogil=True)
+def curve_logs(residual, stated, floors, curve, near, scales, inflation, rare, wider):
+    """(curves,) logarithms of the density of residuals (m,), each given the one before, but for a constant.
+
+    ``near`` (m,): correlation with the point before. With ``rare`` above zero each point is ``wider`` with that
+    probability, and summed over it; ``inflation`` (m,) is then left out.
+    """
+    logs = np.zeros(scales.size)
+    before = 0.0
+    for i in range(residual.size):
+        size = scales[curve[i]] * stated[i]
+        error = math.sqrt((size * (1.0 if rare > 0.0 else inflation[i])) ** 2 + floors[i] ** 2)
+        away = residual[i] / error
+        rest = 1.0 - near[i] * near[i]
+        value = -0.5 * (away - near[i] * before) ** 2 / rest - math.log(error) - 0.5 * math.log(rest)
+        before = away
+        if rare > 0.0:
+            wide = math.sqrt((size * wider) ** 2 + floors[i] ** 2)
+            other = math.log(rare) - 0.5 * (residual[i] / wide) ** 2 - math.log(wide)
+            value += math.log(1.0 - rare)
+            top = max(value, other)
+            value = top + math.log(math.exp(value - top) + math.exp(other - top))
+        logs[curve[i]] += value
+    return logs

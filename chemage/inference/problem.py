@@ -27,6 +27,7 @@ import numpy as np
 from chemage.foundation.errors import InputError, nearest
 from chemage.foundation.units import QuantityLike, convert
 from chemage.inference.energies import EnergyGrid
+from chemage.inference.noise import Noise, State, fixed
 from chemage.lattices.chemistry import Chemistry
 
 #: 1/eV: mean of the process, and standard deviation of its level
@@ -43,6 +44,8 @@ UNITS: dict[str, tuple[str, bool]] = {
     "activation_volume": ("nm**3", False),
     "attempt_frequency": ("Hz", True),
 }
+#: name of the true load over the stated one, where that has an error
+LOAD = "load over stated"
 #: values of an unknown on the grid: alone and without interaction, with an interaction or another unknown, with both
 POINTS = 61, 9, 5
 
@@ -130,6 +133,8 @@ class Unknowns:
     factor: tuple[float, float] | None = None
     #: name -> lower and upper bound, in its unit
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    #: standard deviation of the logarithm of the true load over the stated one
+    load_error: float = 0.0
 
     @property
     def points(self) -> int:
@@ -138,14 +143,27 @@ class Unknowns:
 
     def chemistry(self, chemistry: Chemistry, point: int) -> Chemistry:
         """The chemistry at a point of the grid."""
-        values = {name: float(array[point]) for name, array in self.values.items()}
+        values = {name: float(array[point]) for name, array in self.values.items() if name != LOAD}
         return chemistry.replace(**values) if values else chemistry
+
+    def load(self, stated: float, point: int) -> float:
+        """The load (nN) of a stated one at a point of the grid."""
+        return stated * float(self.values[LOAD][point]) if LOAD in self.values else stated
+
+    @cached_property
+    def log_priors(self) -> np.ndarray:
+        """(g,) logarithms of the prior of each point of the grid, but for a constant."""
+        if LOAD not in self.values:
+            return np.zeros(self.points)
+        return -0.5 * (np.log(self.values[LOAD]) / self.load_error) ** 2
 
 
 def unknowns_of(
-    names: Mapping[str, tuple[QuantityLike, QuantityLike]] | Sequence[str], chemistry: Chemistry
+    names: Mapping[str, tuple[QuantityLike, QuantityLike]] | Sequence[str],
+    chemistry: Chemistry,
+    load_error: float = 0.0,
 ) -> Unknowns:
-    """The unknowns of these ``names``, with bounds or with the default ones.
+    """The unknowns of these ``names``, with bounds or with the default ones; and the load, where it has an error.
 
     Raises
     ------
@@ -155,8 +173,11 @@ def unknowns_of(
     names = (names,) if isinstance(names, str) else names
     bounds = {name: _bounds(name, names, chemistry) for name in names}
     on_grid = [name for name in bounds if name != "bond_force"]
-    count = POINTS[(chemistry.interaction is not None) + (len(on_grid) > 1)]
+    count = POINTS[(chemistry.interaction is not None) + (len(on_grid) + (load_error > 0) > 1)]
     axes = [(np.geomspace if UNITS[name][1] else np.linspace)(*bounds[name], count) for name in on_grid]
+    if load_error:
+        on_grid, count = [*on_grid, LOAD], POINTS[1] if len(on_grid) == 0 else count
+        axes.append(np.exp(load_error * np.linspace(-2.5, 2.5, count)))
     values = (mesh.ravel() for mesh in np.meshgrid(*axes, indexing="ij"))
     point = np.arange(count ** len(on_grid)).reshape((count,) * len(on_grid))
     beside = [
@@ -169,7 +190,7 @@ def unknowns_of(
         low, high = np.log(np.array(bounds["bond_force"]) / chemistry.bond_force)
         factor = float(low), float(high)
     neighbours = np.array(beside, dtype=np.int64).reshape(-1, point.size).T
-    return Unknowns(dict(zip(on_grid, values, strict=True)), neighbours, factor, bounds)
+    return Unknowns(dict(zip(on_grid, values, strict=True)), neighbours, factor, bounds, load_error)
 
 
 def _bounds(
@@ -227,6 +248,21 @@ class Problem:
     unknowns: Unknowns = field(default_factory=Unknowns)
     #: point of the grid from which sampling begins
     start: int = 0
+    #: what is inferred of the errors; None: they are known
+    noise: Noise | None = None
+    #: where the errors of a chain begin
+    state: State | None = None
+
+    @property
+    def likelihood(self) -> Noise:
+        """The likelihood of residuals."""
+        return self.noise or fixed(self.errors)
+
+    def settled(self, state: State) -> Problem:
+        """The problem with the errors and the calibration of ``state``, and known: correlations are left out."""
+        factor, errors = np.exp(state.calibration), self.likelihood.errors(state)
+        scaled = {"matrices": factor * self.matrices, "offsets": factor * self.offsets} if factor != 1 else {}
+        return replace(self, errors=errors, noise=None, state=None, **scaled)
 
     def without(self, left_out: np.ndarray) -> Problem:
         """The problem without the points that ``left_out`` (m,) marks."""
@@ -237,6 +273,8 @@ class Problem:
             errors=self.errors[kept],
             matrices=self.matrices[:, kept],
             offsets=self.offsets[:, kept],
+            noise=self.noise and self.noise.without(left_out),
+            state=None,
         )
 
 

@@ -20,12 +20,17 @@ from chemage.foundation.records import Doubles, Flags, Indices, Named, Plain, Re
 from chemage.foundation.text import jsonable
 from chemage.foundation.units import QuantityLike
 from chemage.inference.curves import MeasuredCurve
-from chemage.inference.forecast import Forecast, Forecaster, band
+from chemage.inference.forecast import WIDE, Forecast, Forecaster, band
+from chemage.inference.noise import SUSPECT
+from chemage.inference.open import datatree, statistics
+from chemage.inference.problem import LOAD
 from chemage.scene.files import load_scene, parse_scene
 from chemage.scene.scene import Scene
 
 #: forecasts that one file can hold
 MOST_FORECASTS = 100
+#: scores that are lower by more exclude a model: it is probable to less than one in a hundred
+EXCLUDED = 5.0
 
 
 class UnexplainedError(InputError):
@@ -64,7 +69,9 @@ class Inference(Record):
         "curve": (("point",), "", "number of the measured curve, from 0"),
         "hold_times": (("point",), "s", "hold time"),
         "values": (("point",), "nN", "measured friction drop"),
-        "errors": (("point",), "nN", "standard error of the measured friction drop"),
+        "errors": (("point",), "nN", "standard error of the measured friction drop, as inferred"),
+        "stated_errors": (("point",), "nN", "standard error of the measured friction drop, as stated"),
+        "off": (("point",), "", "probability that the point is off by more than its error"),
         "fitted": (("sample", "point"), "nN", "friction drop of each posterior sample"),
         "prior_fitted": (("prior_sample", "point"), "nN", "friction drop of each sample of the prior"),
     }
@@ -85,9 +92,16 @@ class Inference(Record):
     values: Doubles
     """(m,) measured ΔF, nN"""
     errors: Doubles
-    """(m,) its standard errors, nN"""
+    """(m,) its standard errors, nN: the stated ones times their inferred scale"""
+    stated_errors: Doubles | None = None
+    """(m,) the standard errors as stated, with that of the forward model, nN"""
+    off: Doubles | None = None
+    """(m,) probability that a point is off, by far more than its error"""
+    error_terms: Named = {}
+    """what was inferred of the errors -> (S,): ``scale N`` of the stated errors of curve N, ``correlation time``
+    (e-folds of the hold time), ``calibration`` (measured over true friction)"""
     fitted: Doubles
-    """(S, m) ΔF of each posterior sample, nN"""
+    """(S, m) ΔF of each posterior sample as it would be measured, its calibration included, nN"""
     prior_fitted: Doubles
     """(P, m) ΔF of each sample of the prior, nN"""
     curves: tuple[Plain, ...]
@@ -109,7 +123,7 @@ class Inference(Record):
     """eV: width of the range of barriers that react about one hold time, 2.45 k_BT at the highest temperature"""
     diagnostics: Plain = {}
     """``effective_samples`` (least over the energies between the hold times), ``r_hat`` (largest), ``sweeps`` of each
-    chain, ``iterations`` of the interaction with the ``changes`` of the density at each, ``cpu_seconds``"""
+    of the ``chains``, ``iterations`` of the interaction with the ``changes`` of the density at each, ``cpu_seconds``"""
     seed: int = 0
     notes: tuple[str, ...] = ()
     """what the user should know, in words"""
@@ -150,6 +164,55 @@ class Inference(Record):
     def residuals(self) -> np.ndarray:
         """(m,) measured minus mean of the fitted, over the standard error."""
         return (self.values - self.fitted.mean(axis=0)) / self.errors
+
+    def statistics(self) -> dict[str, dict[str, np.ndarray]]:
+        """Of everything that was sampled: ``mean``, ``sd``, ``ess_bulk`` and ``r_hat`` of the samples that are kept.
+
+        Vehtari et al., Bayesian Anal. 16, 667 (2021), as ArviZ 1 has them.
+        """
+        return statistics(self)
+
+    def datatree(self) -> Any:
+        """An xarray.DataTree with the groups that ArviZ 1 reads: ``az.summary(found.datatree())``."""
+        return datatree(self)
+
+    def error_rows(self) -> list[tuple[str, str]]:
+        """What was inferred of the errors: median and 90 % interval."""
+        rows_: list[tuple[str, str]] = []
+        for name, values in self.error_terms.items():
+            low, high = band(values[:, None], 0.9)
+            text = f"{np.median(values):.2f} ({low[0]:.2f} to {high[0]:.2f}, 90 %)"
+            if name.startswith("scale "):
+                about = self.curves[int(name.removeprefix("scale "))]
+                label = "errors" if len(self.curves) == 1 else f"errors of {about['name']}"
+                rows_.append((label, f"{text} times the stated ones"))
+            else:
+                rows_.append(
+                    (name, f"{text} {'e-folds of the hold time' if name == 'correlation time' else ''}".strip())
+                )
+        if suspects := self.suspects():
+            rows_.append(("suspect points", "; ".join(suspects)))
+        return rows_
+
+    def possible_families(self) -> dict[str, Mapping[str, Any]]:
+        """The families that left-out hold times do not exclude: name -> fit."""
+        best = max(self.scores.values(), default=0.0)
+        return {name: fit for name, fit in self.families.items() if best - self.scores.get(name, best) <= EXCLUDED}
+
+    @property
+    def is_suspect(self) -> np.ndarray:
+        """(m,) whether a point is probably off."""
+        return np.zeros(self.hold_times.size, dtype=bool) if self.off is None else self.off > SUSPECT
+
+    def suspects(self) -> list[str]:
+        """The points that are probably off, in words."""
+        if self.off is None:
+            return []
+        words = "{:.3g} s of {} ({:+.1f} standard errors, probability {:.2f})"
+        return [
+            words.format(self.hold_times[at], self.curves[self.curve[at]]["name"], self.residuals[at], self.off[at])
+            for at in np.flatnonzero(self.is_suspect)
+        ]
 
     @property
     def scene(self) -> Scene:
@@ -250,17 +313,23 @@ class Inference(Record):
 
     def _forecaster(self, scene: Scene, count: int) -> Forecaster:
         rows = np.linspace(0, len(self.samples) - 1, min(count, len(self.samples))).astype(int)
-        scalars = {name: values[rows] for name, values in self.scalars.items()}
+        # the load is that of the forecast, whatever the stated ones were
+        scalars = {name: values[rows] for name, values in self.scalars.items() if name != LOAD}
         return Forecaster(scene, self.energies, self.samples[rows], self.visible, scalars, self.seed)
 
     def summary(self) -> dict[str, Any]:
         """One JSON-able object with the density, its bands, the scalars, scores and diagnostics."""
         low68, high68 = self.band(0.68)
         low95, high95 = self.band(0.95)
+
+        def ends(values: np.ndarray, level: float) -> list[float]:
+            return [float(end[0]) for end in band(values[:, None], level)]
+
         return {
             "energies": self.energies.tolist(),
             "density": self.density.tolist(),
             "band_68": [low68.tolist(), high68.tolist()],
+            "band_90": [end.tolist() for end in self.band(WIDE)],
             "band_95": [low95.tolist(), high95.tolist()],
             "visible": self.visible.tolist(),
             "visible_range": list(self.visible_range),
@@ -269,10 +338,17 @@ class Inference(Record):
                 name: {
                     "mean": float(values.mean()),
                     "band_68": self.interval(name, 0.68),
+                    "median": float(np.median(values)),
+                    "band_90": self.interval(name, WIDE),
                     "band_95": self.interval(name),
                 }
                 for name, values in self.scalars.items()
             },
+            "errors": {
+                name: {"median": float(np.median(values)), "band_68": ends(values, 0.68), "band_90": ends(values, 0.9)}
+                for name, values in self.error_terms.items()
+            },
+            "suspects": self.suspects(),
             "scores": self.scores,
             "families": {
                 name: {key: value for key, value in fit.items() if key != "density"}

@@ -7,19 +7,24 @@ for unknown scalars.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from chemage.foundation.threads import available, in_order
 from chemage.inference import kernels
+from chemage.inference.noise import State
+from chemage.inference.open import effective as effective_samples
+from chemage.inference.open import r_hat
 from chemage.inference.problem import LEVEL, Problem
 
 #: chains, and sweeps of each before samples are kept
 CHAINS, WARM = 4, 400
 #: effective samples and R-hat at which sampling ends, and the most sweeps of a chain for it
 ENOUGH, AGREED, MOST_SWEEPS = 300, 1.03, 4000
+#: sweeps of the density for each of the errors
+EVERY = 2
 #: nodes by which a move of a scalar shifts the density, at most
 SHIFT = 2
 #: standard deviation of the integral of a density that is complete, and its largest
@@ -43,6 +48,8 @@ class _Pattern:
     #: point of the grid of scalars and logarithm of the factor at which it is tabulated
     point: int
     log_factor: float
+    #: errors of the measurements for which it is tabulated
+    state: State
     #: whether the density is complete -> (choices, n) means and (choices, n, n) factors of the inverse covariances
     tables: dict[bool, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
 
@@ -55,18 +62,22 @@ class Chain:
         mass = float(np.maximum(start, 0.0) @ problem.areas)
         self.x = np.ascontiguousarray(start * min(1.0, 0.999 / max(mass, 1e-12)))
         self.point, self.log_factor = problem.start, 0.0
+        self.noise = problem.likelihood
+        self.state = problem.state or self.noise.start
         # whether no barrier lies above the last energy, so that the integral of the density is 1
         self.complete = False
         #: (sweeps, n) densities, points of the grid of scalars and factors, from the end of the warm-up on
         self.densities: list[np.ndarray] = []
         self.points: list[int] = []
         self.factors: list[float] = []
+        self.states: list[State] = []
         self._archive: np.ndarray = np.zeros((0, start.size))
         self._patterns: list[_Pattern] = []
         choices = len(problem.prior.combinations)
         self._most_patterns = int(np.clip(BYTES / (16 * choices * start.size**2), 2, PATTERNS))
-        self._scaled: dict[int, tuple[np.ndarray, np.ndarray]] = {}
-        self._reduced: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
+        self._last: tuple[tuple[int, float, bool], State, tuple[np.ndarray, np.ndarray]] | None = None
+        self._sweep = 0
+        self._reduced: dict[int, tuple[np.ndarray, np.ndarray]] = {}
         self.choice = self._drawn(np.arange(choices))
 
     def warm(self, sweeps: int) -> None:
@@ -90,6 +101,7 @@ class Chain:
             self.densities.append(np.maximum(self.x, 0.0))
             self.points.append(self.point)
             self.factors.append(float(np.exp(self.log_factor)))
+            self.states.append(self.state)
 
     def step(self) -> None:
         """One sweep over all unknowns."""
@@ -97,51 +109,54 @@ class Chain:
         self._drawn_complete()
         self._drawn_choice()
         self._moved_choice()
+        self._sweep += 1
+        if not self.noise.fixed and self._sweep % EVERY == 0:
+            self._drawn_errors()
         if self.problem.unknowns.points > 1 or self.problem.unknowns.factor is not None:
             for _ in range(3):
                 self._moved_scalars()
 
     # -- the misfit ---------------------------------------------------------------------------------------------------
 
-    def _linear(self, point: int) -> tuple[np.ndarray, np.ndarray]:
-        """Matrix (n, m) and offset (m,) in units of the errors, the factor left out."""
-        if point not in self._scaled:
-            problem = self.problem
-            self._scaled[point] = (
-                np.ascontiguousarray((problem.matrices[point] / problem.errors[:, None]).T),
-                problem.offsets[point] / problem.errors,
-            )
-        return self._scaled[point]
-
-    def _rotated(self, point: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Matrix (n, r), values and offset (r,) of the combinations of the measurements that tell of the density."""
+    def _rotated(self, point: int) -> tuple[np.ndarray, np.ndarray]:
+        """Axes (n, r) of the density that the measurements tell of, and the measurements (m, r) by them."""
         if point not in self._reduced:
-            matrix, offset = self._linear(point)
-            _, size, axes = np.linalg.svd(matrix, full_matrices=False)
+            matrix = self.problem.matrices[point]
+            _, size, axes = np.linalg.svd(matrix / self.problem.errors[:, None], full_matrices=False)
             axes = axes[: max(int((size > NEGLIGIBLE).sum()), 1)].T
-            values = self.problem.values / self.problem.errors
-            self._reduced[point] = np.ascontiguousarray(matrix @ axes), values @ axes, offset @ axes
+            self._reduced[point] = axes, matrix @ axes
         return self._reduced[point]
 
-    def _rows(self, point: int, log_factor: float, complete: bool) -> tuple[np.ndarray, np.ndarray]:
+    def _rows(self, point: int, log_factor: float, complete: bool, state: State) -> tuple[np.ndarray, np.ndarray]:
         """Matrix (n, r) and target (r,) of the misfit; a complete density has one row more, for its integral."""
-        matrix, values, offset = self._rotated(point)
-        if log_factor:
-            matrix = np.exp(log_factor) * matrix
-        target = values - np.exp(log_factor) * offset
+        key = point, log_factor, complete
+        if self._last is None or self._last[0] != key or self._last[1] is not state:
+            self._last = key, state, self._made_rows(point, log_factor, complete, state)
+        return self._last[2]
+
+    def _made_rows(self, point: int, log_factor: float, complete: bool, state: State) -> tuple[np.ndarray, np.ndarray]:
+        axes, parts = self._rotated(point)
+        factor = np.exp(log_factor + state.calibration)
+        parts = factor * self.noise.white(state, parts)
+        goal = self.noise.white(state, self.problem.values - factor * self.problem.offsets[point])
+        lower = np.linalg.cholesky(parts.T @ parts + 1e-6 * np.eye(parts.shape[1]))
+        matrix, target = axes @ lower, np.linalg.solve(lower, parts.T @ goal)
         if not complete:
-            return matrix, target
+            return np.ascontiguousarray(matrix), target
         row = self.problem.areas[:, None] / COMPLETE
         return np.ascontiguousarray(np.concatenate([matrix, row], axis=1)), np.append(target, 1 / COMPLETE)
 
-    def _misfit(self, x: np.ndarray, point: int, log_factor: float) -> float:
+    def _fitted(self, x: np.ndarray, point: int, log_factor: float) -> np.ndarray:
+        """(m,) values of the model, before the calibration."""
+        return np.exp(log_factor) * (self.problem.offsets[point] + self.problem.matrices[point] @ np.maximum(x, 0.0))
+
+    def _misfit(self, x: np.ndarray, point: int, log_factor: float, state: State) -> float:
         """Half of χ² of all measurements; infinite where the integral of the density exceeds 1."""
-        density = np.maximum(x, 0.0)
-        mass = float(density @ self.problem.areas)
+        mass = float(np.maximum(x, 0.0) @ self.problem.areas)
         if mass > self._limit:
             return np.inf
-        matrix, offset = self._linear(point)
-        residual = np.exp(log_factor) * (offset + density @ matrix) - self.problem.values / self.problem.errors
+        fitted = np.exp(state.calibration) * self._fitted(x, point, log_factor)
+        residual = self.noise.white(state, self.problem.values - fitted)
         return 0.5 * float(residual @ residual) + (0.5 * ((mass - 1) / COMPLETE) ** 2 if self.complete else 0.0)
 
     @property
@@ -151,12 +166,12 @@ class Chain:
     # -- the density --------------------------------------------------------------------------------------------------
 
     def _pattern(self) -> _Pattern:
-        return _Pattern((self.x > 0).astype(float), self.point, self.log_factor)
+        return _Pattern((self.x > 0).astype(float), self.point, self.log_factor, self.state)
 
     def _table(self, pattern: _Pattern) -> tuple[np.ndarray, np.ndarray]:
         """(choices, n) means and (choices, n, n) lower factors L of the inverse covariances of a pattern."""
         if self.complete not in pattern.tables:
-            matrix, target = self._rows(pattern.point, pattern.log_factor, self.complete)
+            matrix, target = self._rows(pattern.point, pattern.log_factor, self.complete, pattern.state)
             seen = matrix * pattern.positive[:, None]
             factors = np.linalg.cholesky(self.problem.prior.precisions[0] + seen @ seen.T)
             goal = seen @ (target - LEVEL * seen.sum(axis=0))
@@ -194,7 +209,7 @@ class Chain:
     def _drawn_density(self) -> None:
         """Draw the process anew along as many lines as it has nodes."""
         problem = self.problem
-        matrix, target = self._rows(self.point, self.log_factor, self.complete)
+        matrix, target = self._rows(self.point, self.log_factor, self.complete, self.state)
         directions = self._directions(self.x.size)
         inverse = problem.prior.precisions[0][self.choice]
         kernels.sweep(
@@ -250,38 +265,58 @@ class Chain:
                 means,
                 factors,
                 *self.problem.prior.precisions,
-                *self._rows(self.point, self.log_factor, self.complete),
+                *self._rows(self.point, self.log_factor, self.complete, self.state),
                 self.problem.areas,
                 self._limit,
                 self.rng.gumbel(size=candidates.size),
             )
         )
 
+    # -- errors -------------------------------------------------------------------------------------------------------
+
+    def _drawn_errors(self) -> None:
+        """Draw the errors at fixed density, and the calibration with a density that makes up for it."""
+        fitted = self._fitted(self.x, self.point, self.log_factor)
+        self.state = self.noise.drawn(self.state, self.problem.values, fitted, self.rng)
+        if width := self.noise.model.calibration:
+            step = 0.3 * width * float(self.rng.standard_normal())
+            other = replace(self.state, calibration=self.state.calibration + step)
+            gain = self.noise.log_calibration(other.calibration) - self.noise.log_calibration(self.state.calibration)
+            if self._scaled_density(step, self.point, self.log_factor, other, gain):
+                self.state = other
+
+    def _scaled_density(self, step: float, point: int, log_factor: float, state: State, gain: float) -> bool:
+        """Scale the density by exp(−``step``) as the rest changes; ``gain`` of the prior of the rest."""
+        scaled = self.x * np.exp(-step)
+        gain += self._misfit(self.x, self.point, self.log_factor, self.state)
+        gain += self._log_prior(scaled) - self._log_prior(self.x) - self.x.size * step
+        taken = bool(np.log(self.rng.random()) < gain - self._misfit(scaled, point, log_factor, state))
+        if taken:
+            self.x = scaled
+        return taken
+
     # -- unknown scalars ----------------------------------------------------------------------------------------------
 
     def _moved_scalars(self) -> None:
         """Move along the grid of scalars, with the density shifted by whole nodes, and the common factor with it."""
-        unknowns, rng, logs_of = self.problem.unknowns, self.rng, self._log_prior
-        here, logs = self._misfit(self.x, self.point, self.log_factor), logs_of(self.x)
+        unknowns, rng = self.problem.unknowns, self.rng
         if unknowns.neighbours.shape[1]:
             other = int(unknowns.neighbours[self.point, rng.integers(unknowns.neighbours.shape[1])])
             shifted = np.roll(self.x, int(rng.integers(-SHIFT, SHIFT + 1)))
-            there = self._misfit(shifted, other, self.log_factor)
-            gain = here - there + logs_of(shifted) - logs
+            gain = self._log_prior(shifted) - self._log_prior(self.x)
+            gain += float(unknowns.log_priors[other] - unknowns.log_priors[self.point])
+            gain += self._misfit(self.x, self.point, self.log_factor, self.state)
+            gain -= self._misfit(shifted, other, self.log_factor, self.state)
             if other != self.point and np.log(rng.random()) < gain:
-                self.x, self.point, here = shifted, other, there
-                logs = logs_of(self.x)
+                self.x, self.point = shifted, other
         if unknowns.factor is not None:
-            step = 0.15 * rng.standard_normal()
+            step = 0.15 * float(rng.standard_normal())
             factor = self.log_factor + step
             if unknowns.factor[0] <= factor <= unknowns.factor[1]:
                 # the density falls as the factor rises, or stays
                 falls = rng.random() < 0.5
-                scaled = self.x * np.exp(-step) if falls else self.x
-                gain = here - self._misfit(scaled, self.point, factor)
-                gain += logs_of(scaled) - logs - self.x.size * step if falls else 0.0
-                if np.log(rng.random()) < gain:
-                    self.x, self.log_factor = scaled, factor
+                if self._scaled_density(step if falls else 0.0, self.point, factor, self.state, 0.0):
+                    self.log_factor = factor
 
     def _log_prior(self, x: np.ndarray) -> float:
         choice = np.array([self.choice])
@@ -296,13 +331,34 @@ class Samples:
     densities: np.ndarray
     points: np.ndarray
     factors: np.ndarray
+    #: (S,) errors
+    states: list[State]
     #: least effective number of samples and largest R-hat over the nodes watched, and sweeps of each chain
     effective: float
     r_hat: float
     sweeps: int
 
+    @property
+    def scales(self) -> np.ndarray:
+        """(S, curves) of the stated errors."""
+        return np.stack([state.scales for state in self.states])
+
+    @property
+    def off(self) -> np.ndarray:
+        """(m,) share of the samples in which a point is off."""
+        return np.mean([state.inflation > 1 for state in self.states], axis=0)
+
+    @property
+    def typical(self) -> State:
+        """The typical errors: points weigh by the mean of their precision."""
+        precision = np.mean([state.inflation**-2.0 for state in self.states], axis=0)
+        time, calibration = (
+            float(np.mean([getattr(state, name) for state in self.states])) for name in ("log_time", "calibration")
+        )
+        return State(np.exp(np.log(self.scales).mean(axis=0)), precision**-0.5, time, calibration)
+
     def fitted(self, problem: Problem) -> np.ndarray:
-        """(S, m) values of each sample."""
+        """(S, m) values of each sample, before the calibration."""
         values = (
             problem.offsets[self.points]
             + np.einsum("smn,sn->sm", problem.matrices[self.points], self.densities, optimize=False)
@@ -343,8 +399,15 @@ def sample(
         done += more
         kept = np.linspace(0, done - 1, each).round().astype(int)
         every = np.stack([np.array(chain.densities) for chain in chains])
-        effective, r_hat = convergence(every[:, :, watched] if watched.any() else every)
-        if (effective >= ENOUGH and r_hat <= AGREED) or done >= sweeps:
+        effective, ratio = convergence(every[:, :, watched] if watched.any() else every)
+        if not problem.likelihood.fixed:
+            errors = np.array(
+                [[[*np.log(state.scales), state.calibration] for state in chain.states] for chain in chains]
+            )
+            for column in range(errors.shape[2]):
+                own = convergence(errors[:, :, column : column + 1])
+                effective, ratio = min(effective, own[0]), max(ratio, own[1])
+        if (effective >= ENOUGH and ratio <= AGREED) or done >= sweeps:
             break
         more = done
     effective = min(effective, float(CHAINS * each))
@@ -352,31 +415,16 @@ def sample(
         progress(total, total)
     points = np.concatenate([np.array(chain.points)[kept] for chain in chains])
     factors = np.concatenate([np.array(chain.factors)[kept] for chain in chains])
-    return Samples(every[:, kept].reshape(CHAINS * each, -1), points, factors, effective, r_hat, done)
+    states = [chain.states[number] for chain in chains for number in kept]
+    return Samples(every[:, kept].reshape(CHAINS * each, -1), points, factors, states, effective, ratio, done)
 
 
 def convergence(chains: np.ndarray) -> tuple[float, float]:
-    """Least effective number of samples and largest R-hat over the columns of ``chains`` (chains, S, n).
-
-    Gelman et al., Bayesian Data Analysis, 3rd edition, section 11.4, of halves of the chains.
-    """
-    count = chains.shape[1] // 2
-    halves = np.concatenate([chains[:, :count], chains[:, count : 2 * count]])
-    within = halves.var(axis=1, ddof=1).mean(axis=0)
-    between = count * halves.mean(axis=1).var(axis=0, ddof=1)
+    """Least effective number of samples and largest R-hat over the columns of ``chains`` (chains, S, n)."""
+    within = chains.var(axis=1, ddof=1).mean(axis=0)
     # where the density hardly ever differs from zero, a single bump would decide
-    moving = within > max(1e-12, 0.01 * float(within.max()))
-    if not moving.any():
+    moving = np.flatnonzero(within > max(1e-12, 0.01 * float(within.max())))
+    if not moving.size:
         return float(chains.shape[0] * chains.shape[1]), 1.0
-    total = (count - 1) / count * within + between / count
-    r_hat = np.sqrt(total[moving] / within[moving])
-    effective = []
-    for column in np.flatnonzero(moving):
-        values = halves[:, :, column] - halves[:, :, column].mean(axis=1, keepdims=True)
-        spectrum = np.abs(np.fft.rfft(values, 2 * count, axis=1)) ** 2
-        covariance = np.fft.irfft(spectrum, axis=1)[:, :count].mean(axis=0) / count
-        correlation = 1 - (within[column] - covariance * count / (count - 1)) / total[column]
-        pairs = correlation[: 2 * (count // 2)].reshape(-1, 2).sum(axis=1)
-        end = int(np.argmax(pairs < 0)) if (pairs < 0).any() else pairs.size
-        effective.append(halves.shape[0] * count / max(-1 + 2 * float(pairs[:end].sum()), 1e-3))
-    return float(min(min(effective), halves.shape[0] * count)), float(r_hat.max())
+    numbers = [(effective_samples(chains[:, :, column]), r_hat(chains[:, :, column])) for column in moving]
+    return min(ess for ess, _ in numbers), max(ratio for _, ratio in numbers)

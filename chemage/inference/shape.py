@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from chemage.inference.energies import averaging
-from chemage.inference.forecast import band
+from chemage.inference.forecast import WIDE, band
 from chemage.inference.result import Inference
 
 #: parts into which the visible energies are cut, at most
@@ -27,8 +27,8 @@ class Share:
     #: eV
     low: float
     high: float
-    mean: float
-    #: lower and upper end of the 95 % band
+    median: float
+    #: lower and upper end of the 90 % band
     band: tuple[float, float]
 
 
@@ -38,7 +38,7 @@ class Peak:
 
     #: eV
     energy: float
-    #: eV, 95 % band of its position
+    #: eV, 90 % band of its position
     band: tuple[float, float]
     #: 1/eV
     height: float
@@ -53,7 +53,7 @@ def shares(inference: Inference, parts: int = PARTS) -> list[Share]:
     edges = np.linspace(low, high, count + 1)
     below = np.stack([_integral(inference.energies, inference.samples, edge) for edge in edges])
     return [
-        Share(float(edges[at]), float(edges[at + 1]), float(part.mean()), _ends(part))
+        Share(float(edges[at]), float(edges[at + 1]), float(np.median(part)), _ends(part))
         for at, part in enumerate(np.diff(below, axis=0))
     ]
 
@@ -64,7 +64,7 @@ def three_shares(inference: Inference) -> tuple[Share, Share, Share]:
     first, second = (_integral(inference.energies, inference.samples, edge) for edge in (low, high))
     edges = -np.inf, low, high, np.inf
     below, inside, above = (
-        Share(edges[at], edges[at + 1], float(part.mean()), _ends(part))
+        Share(edges[at], edges[at + 1], float(np.median(part)), _ends(part))
         for at, part in enumerate((first, second - first, 1 - second))
     )
     return below, inside, above
@@ -90,7 +90,7 @@ def peaks(inference: Inference) -> list[Peak]:
     for at in sorted(kept):
         left, right = _domain(mean, at, kept)
         places = energies[left + samples[:, left:right].argmax(axis=1)]
-        low, high = band(places[:, None], 0.95)
+        low, high = band(places[:, None], WIDE)
         sure.append(Peak(float(energies[at]), (float(low[0]), float(high[0])), float(mean[at])))
     return sure
 
@@ -179,5 +179,5 @@ def _integral(energies: np.ndarray, samples: np.ndarray, upper: float) -> np.nda
 
 
 def _ends(values: np.ndarray) -> tuple[float, float]:
-    low, high = band(values[:, None], 0.95)
+    low, high = band(values[:, None], WIDE)
     return float(low[0]), float(high[0])

@@ -22,7 +22,7 @@ from typing import Any
 from chemage.ageing.aging import Aging
 from chemage.ageing.display import TIMES
 from chemage.ageing.fitting import Fit, Model, fit_aging
-from chemage.ageing.measurements import Measurements, read_measurements
+from chemage.ageing.measurements import Measurements, read_table
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
 from chemage.foundation.result import NONE, Compared, Result, Rows, result_of
@@ -30,6 +30,7 @@ from chemage.foundation.text import jsonable
 from chemage.foundation.units import QuantityLike, convert
 from chemage.lattices.chemistry import SITE_DENSITY, Chemistry
 from chemage.results.kinds import components, is_point, load
+from chemage.results.verdicts import Verdict, verdict
 from chemage.studies.folder import SweepWarning
 from chemage.studies.sweeps.result import in_words, load_sweep
 
@@ -205,6 +206,7 @@ class Comparison:
             "same_chemistry": not different if sum(result.ages for result in self.results) > 1 else None,
             "chemistry_differences": listed(different),
             "other_differences": listed(self.other_differences()),
+            "verdicts": [each.todict() for each in self.verdicts()],
             "fits": [{"data": name, **fit.todict()} for name, fit in self.fits()],
             "not_fitted": [
                 {"data": name, "model": model, "reason": reason} for name, model, reason in self.not_fitted()
@@ -230,6 +232,10 @@ class Comparison:
         writer.writeheader()
         writer.writerows(lines)
         return text.getvalue()
+
+    def verdicts(self) -> list[Verdict]:
+        """Each measured curve beside each result: offset, slope, χ², residuals, and what they mean."""
+        return [verdict(data, entry.name, entry.compared) for data in self.measured for entry in self.results]
 
     def fits(self) -> list[tuple[str, Fit]]:
         """Fit both models to each set of measurements, and to each result over the same hold times: (name, fit)."""
@@ -285,7 +291,7 @@ def compare_files(
         Files of results of any kind, as written by :func:`chemage.write` and ``chemage run``, and folders of sweeps: of
         all completed points, or ``FOLDER/3`` of one of them.
     measured
-        CSV files of measurements, see :func:`chemage.read_measurements`.
+        Files (or data frames) of measurements, see :func:`chemage.plugin.read_table`.
     times
         Hold times at which to compare, s or strings with units, besides the last.
 
@@ -302,11 +308,10 @@ def compare_files(
     for time, value in zip(times, seconds, strict=True):
         if not (math.isfinite(value) and value > 0):
             raise InputError.of("times", time, "must be above zero and finite", 'give times such as "1e3 s"')
-    data = [read_measurements(path) for path in measured]
-    repeated = Counter(result.name for result in data)
+    every = [(path, curve) for path in measured for curve in read_table(path)]
+    repeated = Counter(curve.name for _, curve in every)
     data = [
-        result if repeated[result.name] == 1 else replace(result, name=str(path))
-        for result, path in zip(data, measured, strict=True)
+        curve if repeated[curve.name] == 1 else replace(curve, name=f"{path}, {curve.name}") for path, curve in every
     ]
     return Comparison(_entries(files, seconds), data, seconds)
 

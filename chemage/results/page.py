@@ -17,6 +17,8 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from chemage.foundation.errors import InputError
 from chemage.foundation.figures import png
 from chemage.foundation.files import preflight, write_file
@@ -25,6 +27,7 @@ from chemage.foundation.names import __version__
 from chemage.foundation.result import NONE, Panel, Picture, Result, Table, drawn_picture
 from chemage.results.comparison import Comparison, Difference, Entry, compare_files
 from chemage.results.drawing import brought_figures, curve_figures
+from chemage.results.verdicts import COLUMNS, Verdict
 
 if TYPE_CHECKING:
     from jinja2 import Template
@@ -77,7 +80,7 @@ def write_report(
     out
         The HTML file to write.
     measured
-        CSV files of measurements, see :func:`chemage.read_measurements`.
+        Files of measurements, see :func:`chemage.plugin.read_table`.
     force
         Overwrite ``out``, unless it is one of the files that are read.
 
@@ -166,6 +169,10 @@ def _comparison(comparison: Comparison, name: str) -> Section:
         ):
             if differences:
                 tables.append(Table(caption, ["field", *names], [_difference_row(entry) for entry in differences]))
+    if verdicts := comparison.verdicts():
+        rows = [each.row() for each in verdicts]
+        tables.append(Table("Model against data: measured = offset + slope × model", COLUMNS, rows))
+        tables += [_residuals(each) for each in verdicts if each.values.size]
     if fits := comparison.fits():
         rows = [(name, fit.describe(), fit.beta_text(), fit.b_text(), fit.cutoff_text()) for name, fit in fits]
         columns = ["data", "model", "β per decade", "b per e-fold", "cut-off time t_c"]
@@ -177,6 +184,17 @@ def _comparison(comparison: Comparison, name: str) -> Section:
     leading.tables = [_main_table(comparison)] if several else []
     parts = [leading, Part(tables=tables), *([Part("Figures", figures=others)] if others else [])]
     return Section(name.lower(), name, parts, [comparison.statement()] if several else [])
+
+
+def _residuals(each: Verdict) -> Table:
+    """Both kinds of error at every hold time."""
+    columns = ("hold time (s)", "measured", "its error", "model", "its error", "residual (both errors)")
+    arrays = (each.values, each.measured_errors, each.model, each.model_errors)
+    rows = [
+        (f"{time:.4g}", *(NONE if np.isnan(x) else f"{x:.4g}" for x in row), NONE if np.isnan(off) else f"{off:+.1f}")
+        for time, *row, off in zip(each.hold_times, *arrays, each.residuals, strict=True)
+    ]
+    return Table(f"Residuals of {each.measured} against {each.result}", columns, rows)
 
 
 def _difference_row(entry: Difference) -> tuple[str, ...]:

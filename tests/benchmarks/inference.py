@@ -1,6 +1,7 @@
 """How well `chemage.infer` finds densities that are known: recovery, interaction, coverage, linear ageing, time.
 
-    python tests/benchmarks/inference.py recovery|peaks|interaction|two-curves|coverage|outside|linear|all
+    python tests/benchmarks/inference.py recovery|peaks|interaction|two-curves|coverage|outside|linear|honest
+        |calibration|all
         [--out FOLDER] [--first 1000] [--cases 60] [--contact tip|rough]
 
 Measured curves are made by the quadrature of the ageing method `closure` where sites do not interact, which shares no
@@ -380,9 +381,11 @@ def noisy(scene: Any, times: np.ndarray, values: np.ndarray, rng: np.random.Gene
     )
 
 
-def closed_form(scene: ca.Scene, weights: np.ndarray, energies: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """ΔF (nN) of independent sites at 300 K: every site is bonded with a/(a + b) (1 − exp(−(a + b) t))."""
-    chemistry, kt = scene.chemistry, ca.plugin.units.KB * 300.0
+def closed_form(
+    scene: ca.Scene, weights: np.ndarray, energies: np.ndarray, times: np.ndarray, kelvin: float = 300.0
+) -> np.ndarray:
+    """ΔF (nN) of independent sites: every site is bonded with a/(a + b) (1 − exp(−(a + b) t))."""
+    chemistry, kt = scene.chemistry, ca.plugin.units.KB * kelvin
     assert chemistry is not None
     assert chemistry.breaking is not None
     contact = ca.solve_contact(scene.solver, ca.make_surface(scene.surface), scene.load)
@@ -435,6 +438,89 @@ def outside(kept: Kept, first: int, cases: int) -> None:
         print(f"{name}: {held.mean():.3f} ± {held.mean(axis=1).std() / len(rows) ** 0.5:.3f} of {held.size}; {every}")
 
 
+#: what is wrong with the stated errors: true over stated, points, what else
+TROUBLES: tuple[tuple[float, int, str], ...] = (
+    *((scale, points, "") for scale in (1.0, 1.5, 2.0, 3.0) for points in (13, 25, 60, 500)),
+    *((1.0, points, kind) for kind in ("outlier", "ar1", "factor", "load") for points in (13, 25, 60)),
+    (1.0, 25, "above"), (1.0, 25, "below"),
+)  # fmt: skip
+
+
+def honest(kept: Kept, first: int, cases: int) -> None:
+    """Errors that are underestimated, correlated, of a shared factor or of single points; closed form of the sites."""
+    energies = np.linspace(0.3, 1.9, 1601)
+    rows = []
+    for number in range(cases):
+        scale, points, trouble = TROUBLES[number % len(TROUBLES)]
+
+        def one(seed: int = first + number, scale: float = scale, points: int = points, trouble: str = trouble) -> Any:
+            rng = np.random.default_rng([seed, 13])
+            kind, forming = drawn_truth(rng)
+            at = rng.uniform(1.16, 1.3) if trouble == "above" else rng.uniform(0.45, 0.55)
+            if trouble in ("above", "below"):
+                forming = table(lambda e: _normal(e, at, 0.02) + _normal(e, 0.95, 0.06))
+            load = float(rng.choice([20.0, 50.0, 120.0]))
+            true_load = load * (np.exp(0.1 * rng.standard_normal()) if trouble == "load" else 1.0)
+            scene = scene_of(TIP, forming, 0.0, **{"contact.load": load})
+            assert scene.chemistry is not None
+            weights = scene.chemistry.forming.density(energies)
+            times = np.logspace(-3, 5, points)
+
+            def truth(load: float, kelvin: float, times: np.ndarray) -> np.ndarray:
+                there = scene_of(TIP, forming, 0.0, **{"contact.load": load})
+                return closed_form(there, weights, energies, times, kelvin)
+
+            values = truth(true_load, 300.0, times)
+            errors = np.maximum(NOISE * values, 1e-3 * values.max())
+            noise = rng.standard_normal(points)
+            if trouble == "ar1":  # one e-fold of the hold time
+                near = np.exp(-np.diff(np.log(times)))
+                for place in range(1, points):
+                    noise[place] = near[place - 1] * noise[place - 1] + (1 - near[place - 1] ** 2) ** 0.5 * noise[place]
+            if trouble == "outlier":
+                noise[rng.integers(points)] += 8.0 * rng.choice([-1, 1])
+            factor = np.exp(0.1 * rng.standard_normal()) if trouble == "factor" else 1.0
+            curve = ca.MeasuredCurve(
+                load=load, temperature=300.0, hold_times=times, errors=errors,
+                values=factor * (values + scale * errors * noise),
+            )  # fmt: skip
+            how: dict[str, Any] = {"families": (), "seed": seed}
+            if trouble == "ar1":
+                how["errors"] = ("scaled", "robust", "correlated")
+            if trouble in ("factor", "load"):
+                how["calibration"] = {"force" if trouble == "factor" else "load": 0.1}
+            about = {"trouble": trouble or f"scale {scale:g}", "count": points, "kind": kind}
+            try:
+                found = ca.infer(curve, scene, **how)
+            except ca.plugin.UnexplainedError as error:
+                return {**about, "refused": str(error)}
+            row = {**about, **compared(found, scene.chemistry.forming), "suspects": len(found.suspects())}
+            row["scales"] = found.error_terms["scale 0"].mean()
+            for what, other, kelvin, asked in (
+                ("loads", 4 * load, 300.0, np.logspace(-2.5, 4.5, 8)),
+                ("temperatures", load, 330.0, np.logspace(-2.5, 2.5, 6)),
+            ):
+                target = truth(other, kelvin, asked)
+                made = found.forecast(load=other, temperature=kelvin, hold_times=asked, samples=1000)
+                low, high = made.band(0.90)
+                floor = 1e-3 * made.samples.max()
+                row[what] = ((target >= low - floor) & (target <= high + floor)).tolist()
+                row[f"{what} off"] = ((made.median - target) / np.maximum(0.5 * (high - low), floor)).tolist()
+            return row
+
+        rows.append(kept.add(f"honest {number} {first}", one))
+    done = [row for row in rows if "refused" not in row]
+    print(f"refused: {len(rows) - len(done)} of {len(rows)}")
+    for trouble in ("", *dict.fromkeys(row["trouble"] for row in done)):
+        some = [row for row in done if trouble in ("", row["trouble"])]
+        held, seen = (np.array([row[name] for row in some]) for name in ("held", "points"))
+        parts = [f"visible energies {held.sum() / seen.sum():.3f} of {seen.sum()}"]
+        for what in ("loads", "temperatures"):
+            every = [np.mean(row[what]) for row in some]
+            parts.append(f"{what} {np.mean(every):.3f} ± {np.std(every) / len(every) ** 0.5:.3f}")
+        print(f"{trouble or 'all':12s} {len(some):3d} cases: {', '.join(parts)}")
+
+
 def linear(kept: Kept, first: int) -> None:
     """Ageing linear in time from 5 to 90 ms, and logarithmic ageing."""
     times = np.linspace(0.005, 0.09, 18)
@@ -467,7 +553,35 @@ def linear(kept: Kept, first: int) -> None:
     kept.add(f"logarithmic {first}", lambda: one(60.0 * np.log10(log_times / 3e-4), log_times))
 
 
-PARTS = ("recovery", "peaks", "linear", "outside", "coverage", "interaction", "two-curves")
+def calibration(kept: Kept, first: int, cases: int) -> None:
+    """Simulation-based calibration of three scenes and plans: a tip, a tip at two temperatures, a rough surface."""
+    from chemage.inference.calibrate import calibrate
+
+    def plan(load: float, kelvin: float, times: np.ndarray, scale: float) -> ca.MeasuredCurve:
+        values = scale * np.linspace(0.1, 1, times.size)
+        return ca.MeasuredCurve(
+            load=load, temperature=kelvin, hold_times=times, values=values, errors=0.03 * values + 0.005 * scale
+        )
+
+    tip, rough = scene_of(TIP, TRUTHS["uniform"], 0.0), scene_of("silica-rough", TRUTHS["uniform"], 0.0, **ROUGH)
+    scale = 300.0
+    scenes: dict[str, tuple[ca.Scene, list[ca.MeasuredCurve], dict[str, Any]]] = {
+        "tip": (tip, [plan(50.0, 300.0, TIMES, scale)], {}),
+        "tip at two temperatures, calibration 10 %": (
+            tip, [plan(50.0, kelvin, np.logspace(-2, 3, 13), scale) for kelvin in (300.0, 340.0)], {"calibration": 0.1}
+        ),
+        "rough, errors as stated": (
+            rough, [plan(rough.load, 300.0, np.logspace(-1, 4, 18), 20 * scale)], {"errors": "as-stated"}
+        ),
+    }  # fmt: skip
+    for name, (scene, curves, how) in scenes.items():
+        row = kept.add(f"{name} {first}", lambda s=scene, c=curves, h=how: calibrate(
+            c, s, count=cases, seed=first, **h).todict())  # fmt: skip
+        for quantity, found in row["quantities"].items():
+            print(f"  {quantity:45s} p = {found['uniform']:.3f}, inside {found['coverage']}")
+
+
+PARTS = ("recovery", "peaks", "linear", "outside", "coverage", "honest", "calibration", "interaction", "two-curves")
 
 
 def main() -> None:
@@ -481,8 +595,10 @@ def main() -> None:
     given = parser.parse_args()
     for name in PARTS if given.what == "all" else (given.what,):
         kept = Kept(given.out / f"{name}.jsonl")
-        if name in ("coverage", "outside", "peaks"):
-            {"coverage": coverage, "outside": outside, "peaks": peaks}[name](kept, given.first, given.cases)
+        if name in ("coverage", "outside", "peaks", "honest", "calibration"):
+            {"coverage": coverage, "outside": outside, "peaks": peaks, "honest": honest, "calibration": calibration}[
+                name
+            ](kept, given.first, given.cases)
         elif name == "interaction":
             interaction(kept, given.first, (given.contact,) if given.contact else ("tip", "rough"))
         else:

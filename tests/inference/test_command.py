@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import faults
+import inferring
 import numpy as np
 import pytest
 from made_inference import made_forecast, made_inference
@@ -263,7 +264,7 @@ def test_wrong_options_are_one_clear_message_before_anything_is_computed(command
         ("hold_time (s), error (%)\n1,-3\n", "give a percentage above zero"),
         ("hold_time (s), load (nN)\n", "no planned measurements"),
         ("load (nN)\n5\n", "no column hold_time"),
-        ("hold_time (s), speed\n1,2\n", "column 2"),
+        ("hold_time (s), laod (nN)\n1,2\n", "column 2"),
         ("hold_time (ms)\n-1\n", "must be above zero"),
     ],
 )
@@ -293,6 +294,37 @@ def test_columns_that_a_file_lacks_are_given_as_options(command, folder, made_up
     (curve,) = made_up["curves"]
     assert (curve.load, curve.temperature) == (20, 300)
     assert curve.errors == pytest.approx(0.03 * curve.values)
+
+
+def test_what_is_inferred_of_the_errors_is_asked_for(command, folder, made_up):
+    words = ["--errors", "scaled, correlated", "--calibration", "force=10 %, load=5 %", "--no-figures"]
+    done = command("infer", "tip.csv", "--scene", "tip.toml", *words)
+    assert done.status == 0, done.err
+    assert made_up["errors"] == ["scaled", "correlated"]
+    assert made_up["calibration"] == {"force": "10 %", "load": "5 %"}
+
+
+def test_the_residuals_of_refused_data_are_drawn(command, folder, monkeypatch):
+    def infer(curves, scene, **how):
+        size = curves[0].hold_times.size
+        lines = {"energies": np.ones(2), "density": np.ones(2), "fitted": np.ones(size), "residuals": np.ones(size)}
+        raise ca.plugin.UnexplainedError("values: no density of barriers explains them", chi2=99.0, **lines)
+
+    faults.infer_by(monkeypatch, infer)
+    done = command("infer", "tip.csv", "--scene", "tip.toml")
+    assert "residuals of the best fit: tip-inferred-figures/residuals.png" in done.err
+    assert Path("tip-inferred-figures/residuals.png").is_file()
+
+
+@pytest.mark.long
+def test_a_plan_is_calibrated(command, folder, monkeypatch):
+    inferring.fewer_sweeps(monkeypatch)
+    done = command("infer", "tip.csv", "--scene", "tip.toml", "--calibrate", 10, "--json")
+    assert done.status == 0, done.err
+    found = json.loads(done.out)["quantities"]
+    assert set(found) >= {"scale of the errors", "friction drop at 1e+05 s"}
+    assert all(len(one["ranks"]) == 10 and 0 <= min(one["ranks"]) < max(one["ranks"]) <= 1 for one in found.values())
+    assert not Path("tip-inferred.h5").exists()
 
 
 @pytest.mark.long

@@ -48,6 +48,11 @@ def test_a_relative_error_stands_for_errors_that_are_missing(tmp_path):
     assert found.errors == pytest.approx([0.3, 0.6])
     with pytest.raises(ca.InputError, match=r"no column error; .* relative_error"):
         ca.read_curves(path, load=50, temperature=300)
+    with pytest.raises(ca.InputError, match=r"has a column error, and relative_error is given as well; leave one out"):
+        ca.read_curves(
+            written(tmp_path, HEADER + "1, 10, 1, 0.05, 300, a\n10, 20, 1, 0.05, 300, a\n"), relative_error=0.03
+        )
+    path = written(tmp_path, "hold_time (s), friction_drop (nN)\n1, 10\n10, 20\n")
     with pytest.raises(ca.InputError, match="no column load; add it, or give load"):
         ca.read_curves(path, temperature=300, relative_error=0.03)
 
@@ -55,14 +60,13 @@ def test_a_relative_error_stands_for_errors_that_are_missing(tmp_path):
 @pytest.mark.parametrize(
     ("rows", "message"),
     [
-        ("10, 10, 1, 1, 300, a\n1, 20, 1, 1, 300, a\n", "line 3, column hold_time: 1 s comes after 10 s .* sort"),
         (
             "1, 10, -2, 1, 300, a\n10, 20, 1, 1, 300, a\n",
             "line 2, column error: -2: a standard error must be above zero",
         ),
         ("1, x, 1, 1, 300, a\n10, 20, 1, 1, 300, a\n", "line 2, column friction_drop: 'x' is not a number"),
         ("1, 10, 1, -1, 300, a\n10, 20, 1, 1, 300, a\n", "line 2, column load: -1000 is not above zero"),
-        ("", "it has no rows of numbers"),
+        ("", "has no rows of numbers below"),
     ],
 )
 def test_a_bad_row_is_named_with_the_remedy(tmp_path, rows, message):
@@ -91,7 +95,6 @@ def test_a_bad_curve_is_refused(given, message):
     [
         ({"times": (1, 2, 3, 4)}, "within one decade"),
         ({"values": (4, 3, 2, 1)}, "values fall, by .* per decade"),
-        ({"values": (1, 5, 3, 6)}, "values fall from 5 nN at 0.1 s to 3 nN at 1 s, 14.1 standard errors"),
     ],
 )
 def test_curves_that_tell_nothing_of_barriers_are_refused(given, message):
@@ -101,7 +104,7 @@ def test_curves_that_tell_nothing_of_barriers_are_refused(given, message):
 
 def test_measurements_become_a_curve_with_load_and_temperature():
     data = ca.Measurements("m", np.array([0.0, 1, 10]), np.array([0.0, 0.1, 0.2]), "friction_coefficient_drop")
-    with pytest.raises(ca.InputError, match="no standard errors"):
+    with pytest.raises(ca.InputError, match="no column error"):
         ca.MeasuredCurve.of(data, load="50 nN", temperature=300)
     found = ca.MeasuredCurve.of(data, load="50 nN", temperature=300, relative_error=0.1)
     assert found.friction_drop == pytest.approx([5, 10])

@@ -239,11 +239,16 @@ def test_combinations_that_tell_nothing_are_left_out_of_the_lines_only():
     made = problem(values=(2.0, 2.0, 1.0), errors=(0.2, 0.2, 0.1))
     made.matrices[0, 1] = made.matrices[0, 0]
     chain = Chain(made, np.ones(12), np.random.default_rng(0))
-    matrix, values, _ = chain._rotated(0)
+    matrix, target = chain._rows(0, 0.0, False, chain.state)
     assert matrix.shape == (12, 2)
-    x = np.linspace(0.1, 2.0, 12)
-    full = made.matrices[0] @ x / made.errors - made.values / made.errors
-    assert np.sum((x @ matrix - values) ** 2) == pytest.approx(np.sum(full**2))
+    x, other = np.linspace(0.1, 2.0, 12), np.linspace(2.0, 0.5, 12)
+
+    def full(x):
+        return np.sum(((made.matrices[0] @ x - made.values) / made.errors) ** 2)
+
+    # the two values that contradict each other add a constant
+    part = [np.sum((x @ matrix - target) ** 2) for x in (x, other)]
+    assert part[1] - part[0] == pytest.approx(full(other) - full(x), rel=1e-6)
 
 
 @pytest.mark.long
@@ -439,7 +444,7 @@ def test_where_nearly_all_is_unseen_only_bounds_are_shown():
     axes = inference_figures(InferenceResult(made_inference(), {"a": one}))["forecasts"].axes[0]
     drawn = np.concatenate([line.get_ydata() for line in axes.get_lines()])
     assert one.median[0] not in drawn
-    assert {float(end[0]) for end in one.band(0.95)} <= {*drawn.tolist()}
+    assert {float(end[0]) for end in one.band(0.9)} <= {*drawn.tolist()}
 
 
 def test_a_rise_towards_an_end_is_named():
@@ -462,9 +467,9 @@ def test_shares_are_integrals_of_the_density():
     assert (found[0].low, found[-1].high) == pytest.approx((low, high))
     inside = (one.energies >= low) & (one.energies <= high)
     whole = np.trapezoid(one.density[inside], one.energies[inside])
-    assert sum(part.mean for part in found) == pytest.approx(whole, rel=1e-9)
-    assert three_shares(one)[2].mean == pytest.approx(
-        1 - np.trapezoid(one.density[one.energies <= high], one.energies[one.energies <= high]), abs=1e-9
+    assert sum(part.median for part in found) == pytest.approx(whole, rel=1e-2)
+    assert three_shares(one)[2].median == pytest.approx(
+        1 - np.trapezoid(one.density[one.energies <= high], one.energies[one.energies <= high]), abs=0.01
     )
 
 
@@ -496,9 +501,10 @@ def test_every_figure_has_a_caption_and_what_it_should_show():
     assert all(panel.caption for picture in result_of(made).pictures().values() for panel in picture.panels)
     (density,) = figures["density"].axes
     labels = density.get_legend_handles_labels()[1]
-    assert {"visible energies", "95 % band", "68 % band", "mean", "gaussian", "uniform"} <= {*labels}
+    assert {"visible energies", "90 % band", "68 % band", "mean", "gaussian"} <= {*labels}
+    assert "uniform" not in labels, "46 below the best: excluded"
     data, residuals = figures["data"].axes
-    assert data.get_legend().get_title().get_text() == "points: measured, bars 95 %; bands: 68 and 95 %"
+    assert data.get_legend().get_title().get_text() == "points: measured, bars 95 %; bands: 68 and 90 %"
     bars = np.array(data.containers[0].lines[2][0].get_segments())
     assert 0.5 * np.ptp(bars[:, :, 1], axis=1) == pytest.approx(1.959964 * one.errors[one.curve == 0])
     assert residuals.get_lines()[-1].get_ydata() == pytest.approx(one.residuals)

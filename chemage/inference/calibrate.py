@@ -1,0 +1,223 @@
+"""Simulation-based calibration: whether the bands of an inference hold as often as they say, for a scene and a plan.
+
+Truths are drawn from the prior, measured as planned, and inferred. Over many, the rank of the truth among the samples
+is uniform if everything is right (Talts, Betancourt, Simpson, Vehtari, Gelman, arXiv:1804.06788).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from chemage.foundation.checks import checked_count, checked_seed
+from chemage.foundation.errors import InputError
+from chemage.foundation.progress import Report
+from chemage.foundation.text import jsonable
+from chemage.foundation.units import QuantityLike
+from chemage.inference.curves import MeasuredCurve
+from chemage.inference.families import estimated, sampled
+from chemage.inference.forward import Model, check_scene, make_model
+from chemage.inference.infer import calibrations, inner_ends, with_hidden
+from chemage.inference.noise import LARGEST, RARE, SMALLEST, SPREAD, TIME, TIME_SPREAD, WIDER, ErrorModel, Noise, State
+from chemage.inference.problem import REACH, Prior, Problem, Unknowns, redrawn_outside
+from chemage.inference.result import UnexplainedError, scene_of
+from chemage.inference.sampling import Chain
+from chemage.scene.scene import Scene
+
+#: sweeps of the prior between two truths, and of each chain of an inference; samples that are kept
+APART, SWEEPS, KEPT = 60, 1200, 400
+#: levels whose coverage is stated
+LEVELS = (0.68, 0.90)
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Ranks of truths among the samples of their inferences."""
+
+    #: quantity -> ranks between 0 and 1
+    ranks: Mapping[str, np.ndarray] = field(default_factory=dict)
+    #: truths that were refused as unexplained
+    refused: int = 0
+
+    def chance(self, name: str) -> float:
+        """Probability of ranks that are less uniform, by Kolmogorov and Smirnov."""
+        from scipy.stats import kstest
+
+        return float(kstest(self.ranks[name], "uniform").pvalue)
+
+    def coverage(self, name: str, level: float) -> float:
+        """Share of the truths inside the central interval of ``level``."""
+        return float(np.mean(np.abs(self.ranks[name] - 0.5) <= level / 2))
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """(quantity, p of uniform ranks, coverage of each level)."""
+        count = len(next(iter(self.ranks.values()), ()))
+        rows = []
+        for name in self.ranks:
+            held = (
+                f"{100 * self.coverage(name, level):.0f} ± {100 * (level * (1 - level) / max(count, 1)) ** 0.5:.0f} %"
+                for level in LEVELS
+            )
+            rows.append((name, f"{self.chance(name):.3f}", *held))
+        return rows
+
+    def todict(self) -> dict[str, Any]:
+        """Plain JSON values."""
+        each = {
+            name: {
+                "ranks": ranks,
+                "uniform": self.chance(name),
+                "coverage": {f"{level:g}": self.coverage(name, level) for level in LEVELS},
+            }
+            for name, ranks in self.ranks.items()
+        }
+        return jsonable({"quantities": each, "refused": self.refused})
+
+
+def calibrate(
+    plan: Sequence[MeasuredCurve],
+    scene: Scene | str | Mapping[str, Any],
+    *,
+    count: int = 50,
+    errors: str | Sequence[str] = ("scaled", "robust"),
+    calibration: QuantityLike | Mapping[str, QuantityLike] = 0.0,
+    seed: int = 0,
+    threads: int | None = None,
+    progress: Report | None = None,
+) -> Calibration:
+    """Calibrate the inference of a plan of measurements by ``count`` simulated truths.
+
+    Parameters
+    ----------
+    plan
+        Curves whose hold times, loads, temperatures and errors are those that will be measured; values are not used.
+    scene
+        As of :func:`chemage.infer`, without an interaction.
+    errors, calibration
+        As of :func:`chemage.infer`; truths have such errors.
+
+    Raises
+    ------
+    InputError
+        The scene has an interaction, whose simulated part belongs to one density; or a loads' calibration was given.
+    """
+    scene = scene_of(scene).completed()
+    chemistry = check_scene(scene)
+    if chemistry.interaction is not None:
+        raise InputError(
+            f"scene {scene.name!r}: neighbours are simulated at one density, which takes hours for {count} truths; "
+            "leave out [interaction] for the calibration"
+        )
+    force, load = calibrations(calibration)
+    if load:
+        raise InputError.of("calibration.load", load, "is not drawn here", "give that of the force alone")
+    error_model = ErrorModel.of(tuple(errors) if not isinstance(errors, str) else errors, force)
+    seed, count = checked_seed(seed), checked_count("count", count, 10)
+    report = progress or (lambda stage, done, total, note="": None)
+    with scene.in_use():
+        model = make_model(scene, chemistry, Unknowns(), tuple(plan), seed, None, error_model)
+        truths = _truths(model, count, seed)
+        ranks: dict[str, list[float]] = {}
+        refused = 0
+        for number, truth in enumerate(truths):
+            report("calibration", number, count)
+            found = _ranks(model, truth, number, threads)
+            refused += found is None
+            for name, rank in (found or {}).items():
+                ranks.setdefault(name, []).append(rank)
+        report("calibration", count, count)
+    return Calibration({name: np.array(values) for name, values in ranks.items()}, refused)
+
+
+def _truths(model: Model, count: int, seed: int) -> np.ndarray:
+    """(count, n) densities of the prior on the wide energies: a chain without measurements."""
+    grid, size = model.grid, model.values.size
+    nothing = np.full(size, 1e12)
+    matrix = model.without_neighbours(0)[None]
+    problem = Problem(Prior(grid.nodes), grid.areas, np.zeros(size), nothing, matrix, np.zeros((1, size)))
+    chain = Chain(problem, np.full(grid.count, 0.3 / grid.areas.sum()), np.random.default_rng([seed, 151]))
+    chain.warm(800)
+    chain.run(count * APART)
+    densities = np.array(chain.densities[APART - 1 :: APART])
+    wide = grid.wider(*REACH)
+    more = wide.place(grid)
+    return redrawn_outside(
+        wide,
+        np.pad(model.seen(), more),
+        np.pad(inner_ends(densities), ((0, 0), more)),
+        np.random.default_rng([seed, 157]),
+    )
+
+
+def _errors(noise: Noise, fitted: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, State]:
+    """Measured values (m,) and their errors, drawn from the prior of errors."""
+    model, state = noise.model, noise.start
+    if model.scaled:
+        scales = np.exp(SPREAD * np.abs(rng.standard_normal((1000, state.scales.size))))
+        inside = (scales >= SMALLEST) & (scales <= LARGEST)
+        state = replace(state, scales=scales[inside.argmax(axis=0), np.arange(state.scales.size)])
+    if model.robust:
+        state = replace(state, inflation=np.where(rng.random(fitted.size) < RARE, WIDER, 1.0))
+    if model.correlated:
+        state = replace(state, log_time=float(np.log(TIME) + TIME_SPREAD * rng.standard_normal()))
+    state = replace(state, calibration=model.calibration * float(rng.standard_normal()))
+    drawn = rng.standard_normal(fitted.size)
+    if model.correlated:
+        near = noise.correlation(state)
+        for at in range(1, drawn.size):
+            drawn[at] = near[at] * drawn[at - 1] + np.sqrt(1 - near[at] ** 2) * drawn[at]
+    return np.exp(state.calibration) * fitted + noise.errors(state) * drawn, state
+
+
+def _ranks(model: Model, truth: np.ndarray, number: int, threads: int | None) -> dict[str, float] | None:
+    """Ranks of a truth; None where its measurements are refused."""
+    rng = np.random.default_rng([model.seed, 163, number])
+    wide = model.on(model.grid.wider(*REACH))
+    fitted, _ = wide.linear(truth, 0)
+    values, state = _errors(model.noise(np.zeros(fitted.size)), fitted, rng)
+    curves = tuple(
+        curve.model_copy(
+            update={
+                "values": values[model.curve == at],
+                "errors": curve.friction_drop_errors,
+                "quantity": "friction_drop",
+            }
+        )
+        for at, curve in enumerate(model.curves)
+    )
+    measured = replace(model, curves=curves, seed=model.seed + 1000 + number, conditions=dict(model.conditions))
+    measured.floor_as(model)
+    silent = lambda stage, done, total, note="": None  # noqa: E731
+    try:
+        density, changes = estimated(measured, threads, silent)
+    except UnexplainedError:
+        return None
+    problem, samples, _ = sampled(measured, density, KEPT, threads, silent, changes, SWEEPS)
+    there, problem, samples, _ = with_hidden(measured, samples, problem.prior, samples.densities[:1])
+    seen = np.flatnonzero(np.pad(model.seen(), there.grid.place(model.grid)))
+    areas, densities = there.grid.areas, samples.densities
+    quantities: dict[str, tuple[np.ndarray, float]] = {}
+    for share in (0.25, 0.5, 0.75):
+        end = seen[int(share * (seen.size - 1))] + 1
+        name = f"share of the sites below {there.grid.nodes[end - 1]:.2f} eV"
+        quantities[name] = densities[:, :end] @ areas[:end], float(truth[:end] @ areas[:end])
+    last = int(np.argmax(model.hold_times))
+    quantities[f"friction drop at {model.hold_times[last]:.3g} s"] = (
+        samples.fitted(problem)[:, last],
+        float(fitted[last]),
+    )
+    if model.error_model.scaled:
+        quantities["scale of the errors"] = samples.scales[:, 0], float(state.scales[0])
+    if model.error_model.calibration:
+        quantities["calibration"] = np.array([one.calibration for one in samples.states]), state.calibration
+    return {name: _rank(drawn, true, rng) for name, (drawn, true) in quantities.items()}
+
+
+def _rank(drawn: np.ndarray, true: float, rng: np.random.Generator) -> float:
+    """The rank of a truth among samples, between 0 and 1; among equal ones, such as zeros, at random."""
+    close = np.abs(drawn - true) <= 1e-9 * max(abs(true), 1e-9)
+    below = np.sum((drawn < true) & ~close)
+    return float((below + rng.random() * (close.sum() + 1)) / (drawn.size + 1))

@@ -1,0 +1,215 @@
+"""Errors of measurements that are inferred: their scale, points that are off, correlation, a common calibration.
+
+The residual of a point is the measured value less ``calibration`` × the value of the model. Over its standard error,
+``scale`` × the stated one, it is normal, or with the probability :data:`RARE` ten times as wide (contaminated normal
+distribution; Tukey 1960; Box & Tiao, Biometrika 55, 119 (1968)). Along a curve residuals may be correlated as
+exp(−|Δ ln t|/τ), an Ornstein-Uhlenbeck process, whose inverse covariance couples neighbours only. Scale, points, τ and
+calibration are sampled with the density.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from chemage.foundation.errors import InputError
+from chemage.inference import kernels
+
+#: standard deviation of the normal distribution of the logarithm of a scale, and its bounds: stated errors are lower
+#: limits, because a smaller scale makes noise a structure of the density
+SPREAD, SMALLEST, LARGEST = 0.7, 1.0, 5.0
+#: probability of a point to be off, how much wider its error is then, and share of points that may be off beforehand
+RARE, WIDER, MOST_OFF = 0.01, 10.0, 0.08
+#: e-folds of the hold time: median of the correlation time, and standard deviation of its logarithm
+TIME, TIME_SPREAD = 0.5, 1.0
+#: correlation of neighbours at most: repeated measurements at one time are not the same number
+NEAREST = 0.99
+#: probability of being off above which a point is suspect
+SUSPECT = 0.5
+#: what may be inferred of errors
+KINDS = ("scaled", "robust", "correlated")
+
+
+@dataclass(frozen=True)
+class ErrorModel:
+    """What is inferred of the errors."""
+
+    scaled: bool = False
+    robust: bool = False
+    correlated: bool = False
+    #: standard deviation of the logarithm of the common factor of all values; 0: calibrated
+    calibration: float = 0.0
+
+    @classmethod
+    def of(cls, kinds: str | tuple[str, ...] | list[str], calibration: float = 0.0) -> ErrorModel:
+        """The model of the names of its parts, such as ``("scaled", "robust")``; none: errors as stated."""
+        names = [kinds] if isinstance(kinds, str) else list(kinds)
+        names = [name for name in names if name != "as-stated" or len(names) > 1]
+        for name in names:
+            if name not in KINDS:
+                raise InputError.of("errors", name, "is not known", f"choose of {', '.join(KINDS)}, or as-stated")
+        return cls(**dict.fromkeys(names, True), calibration=calibration)
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Errors at one moment of a chain."""
+
+    #: (curves,) over the stated errors
+    scales: np.ndarray
+    #: (m,) further factor of each error: 1, or :data:`WIDER` where the point is off
+    inflation: np.ndarray
+    #: logarithms of the correlation time (e-folds) and of the calibration
+    log_time: float = float(np.log(TIME))
+    calibration: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Noise:
+    """The likelihood of residuals, (m,) of several curves, each in the order of its hold times."""
+
+    model: ErrorModel
+    #: (m,) stated standard errors, and those of the forward model, which are not scaled
+    stated: np.ndarray
+    floors: np.ndarray
+    #: (m,) numbers of the curves, ascending, and hold times, s
+    curve: np.ndarray
+    hold_times: np.ndarray
+
+    @cached_property
+    def start(self) -> State:
+        """Errors as stated."""
+        return State(np.ones(int(self.curve.max(initial=-1)) + 1), np.ones(self.stated.size))
+
+    @property
+    def fixed(self) -> bool:
+        """Whether nothing is inferred."""
+        return self.model == ErrorModel()
+
+    def without(self, left_out: np.ndarray) -> Noise:
+        """The same of the points that ``left_out`` (m,) does not mark."""
+        names = ("stated", "floors", "curve", "hold_times")
+        return replace(self, **{name: getattr(self, name)[~left_out] for name in names})
+
+    @cached_property
+    def _gaps(self) -> np.ndarray:
+        """(m,) e-folds since the point before; infinite at the first of a curve."""
+        gaps = np.full(self.stated.size, np.inf)
+        same = self.curve[1:] == self.curve[:-1]
+        gaps[1:][same] = np.diff(np.log(self.hold_times))[same]
+        return gaps
+
+    def errors(self, state: State) -> np.ndarray:
+        """(m,) standard errors."""
+        return np.hypot(state.scales[self.curve] * state.inflation * self.stated, self.floors)
+
+    def correlation(self, state: State) -> np.ndarray:
+        return np.minimum(np.exp(-self._gaps / np.exp(state.log_time)), NEAREST)
+
+    def white(self, state: State, rows: np.ndarray) -> np.ndarray:
+        """``rows`` (m, ...) as combinations whose errors are independent and 1."""
+        scaled = rows / self.errors(state).reshape(-1, *[1] * (rows.ndim - 1))
+        if not self.model.correlated:
+            return scaled
+        near = self.correlation(state).reshape(-1, *[1] * (rows.ndim - 1))
+        before = np.roll(scaled, 1, axis=0)
+        return (scaled - near * before) / np.sqrt(1 - near**2)
+
+    def _logs(self, state: State, residual: np.ndarray) -> np.ndarray:
+        """(m,) logarithms of the probability density of the residuals, each given those before."""
+        logs = -0.5 * self.white(state, residual) ** 2 - np.log(self.errors(state))
+        return logs - 0.5 * np.log1p(-(self.correlation(state) ** 2)) if self.model.correlated else logs
+
+    def drawn(self, state: State, values: np.ndarray, fitted: np.ndarray, rng: np.random.Generator) -> State:
+        """Another state, given the measured ``values`` (m,) and those of the model, ``fitted`` (m,)."""
+        model = self.model
+        residual = values - np.exp(state.calibration) * fitted
+        if model.scaled:  # whichever points are off, and these right after it
+            state = self._scaled(state, residual, rng)
+        if model.robust:
+            state = self._off(state, residual, rng)
+        if model.correlated:
+            other = replace(state, log_time=state.log_time + 0.5 * float(rng.standard_normal()))
+            away = [((one.log_time - np.log(TIME)) / TIME_SPREAD) ** 2 for one in (state, other)]
+            gain = self._logs(other, residual).sum() - self._logs(state, residual).sum() - 0.5 * (away[1] - away[0])
+            state = other if np.log(rng.random()) < gain else state
+        if model.calibration:
+            step = 0.3 * model.calibration * float(rng.standard_normal())
+            other = replace(state, calibration=state.calibration + step)
+            gain = self.log_calibration(other.calibration) - self.log_calibration(state.calibration)
+            for sign, one in ((1, other), (-1, state)):
+                gain += sign * self._logs(one, values - np.exp(one.calibration) * fitted).sum()
+            state = other if np.log(rng.random()) < gain else state
+        return state
+
+    def log_calibration(self, calibration: float) -> float:
+        """Logarithm of the prior of the logarithm of the calibration."""
+        return -0.5 * (calibration / self.model.calibration) ** 2
+
+    def _scaled(self, state: State, residual: np.ndarray, rng: np.random.Generator) -> State:
+        count = state.scales.size
+        sizes = np.maximum(np.bincount(self.curve, minlength=count), 1)
+        # without correlation summed over which points are off
+        rare = RARE if self.model.robust and not self.model.correlated else 0.0
+        near = self.correlation(state) if self.model.correlated else np.zeros(residual.size)
+        fixed_part = residual, self.stated, self.floors, self.curve, near
+        here = kernels.curve_logs(*fixed_part, state.scales, state.inflation, rare, WIDER)
+        for _ in range(3):
+            before = np.log(state.scales)
+            after = before + 1.7 / np.sqrt(2 * sizes + SPREAD**-2) * rng.standard_normal(count)
+            other = replace(state, scales=np.exp(after))
+            there = kernels.curve_logs(*fixed_part, other.scales, state.inflation, rare, WIDER)
+            gain = there - here - 0.5 * (after**2 - before**2) / SPREAD**2
+            inside = (after >= np.log(SMALLEST)) & (after <= np.log(LARGEST))
+            taken = inside & (np.log(rng.random(count)) < gain)
+            state = replace(state, scales=np.where(taken, other.scales, state.scales))
+            here = np.where(taken, there, here)
+        return state
+
+    def _off(self, state: State, residual: np.ndarray, rng: np.random.Generator) -> State:
+        """Draw which points are off; neighbours one after the other, as their errors may be correlated."""
+        odds = np.log(RARE / (1 - RARE))
+        for first in (0, 1) if self.model.correlated else (None,):
+            chosen = np.ones(residual.size, dtype=bool)
+            if first is not None:
+                chosen = np.arange(residual.size) % 2 == first
+            calm, wide = (
+                replace(state, inflation=np.where(chosen, factor, state.inflation)) for factor in (1.0, WIDER)
+            )
+            change = self._logs(wide, residual) - self._logs(calm, residual)
+            if self.model.correlated:  # what the next point says of this one
+                change = change + np.append(np.where(chosen[1:], 0.0, change[1:]), 0.0)
+            off = rng.logistic(size=residual.size) < change + odds
+            state = replace(state, inflation=np.where(chosen, np.where(off, WIDER, 1.0), state.inflation))
+        return state
+
+    def guessed(self, residual: np.ndarray, parameters: int) -> State:
+        """Errors that about explain the residuals of a fit with so many parameters: where a chain begins."""
+        away, state = np.abs(residual) / np.hypot(self.stated, self.floors), self.start
+        scales, inflation = state.scales.copy(), state.inflation.copy()
+        for number in range(scales.size):
+            here = np.flatnonzero(self.curve == number)
+            spread = here.size / max(here.size - parameters, here.size / 2)
+            typical = 1.48 * float(np.median(away[here])) * np.sqrt(spread)
+            if self.model.scaled:
+                scales[number] = np.clip(typical, 1.0, LARGEST)
+            if self.model.robust:
+                most = int(np.ceil(MOST_OFF * here.size))
+                worst = here[np.argsort(-away[here])[:most]]
+                inflation[worst[away[worst] > 3 * max(typical, 1.0)]] = WIDER
+        return replace(state, scales=scales, inflation=inflation)
+
+    def largest(self, state: State) -> np.ndarray:
+        """(m,) the largest errors that are thought possible: beyond, no density explains the data."""
+        if not self.model.scaled:
+            return self.errors(state)
+        wider = np.where(state.inflation > 1, WIDER / LARGEST, 1.0)
+        return self.errors(State(np.full_like(state.scales, LARGEST), wider))
+
+
+def fixed(errors: np.ndarray) -> Noise:
+    """Independent normal errors (m,) of which nothing is inferred."""
+    zero = np.zeros(errors.size)
+    return Noise(ErrorModel(), errors, zero, zero.astype(np.int64), zero + 1)

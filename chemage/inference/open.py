@@ -1,0 +1,119 @@
+"""An inference for other programs: R-hat and effective samples as Vehtari et al. define them, and a tree of xarray.
+
+Vehtari, Gelman, Simpson, Carpenter, Bürkner, Bayesian Anal. 16, 667 (2021): chains are split in halves, and values
+replaced by normal quantiles of their ranks. ArviZ 1 computes the same.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from chemage.foundation.errors import optional_module
+
+
+def halves(chains: np.ndarray) -> np.ndarray:
+    """(2 chains, S // 2) of ``chains`` (chains, S); of an odd number the middle one is left out."""
+    half = chains.shape[1] // 2
+    return np.concatenate([chains[:, :half], chains[:, -half:]])
+
+
+def _normal(values: np.ndarray) -> np.ndarray:
+    """Normal quantiles of the ranks of all values, equal ones of their mean rank."""
+    from scipy.special import ndtri
+    from scipy.stats import rankdata
+
+    return ndtri((rankdata(values).reshape(values.shape) - 3 / 8) / (values.size + 1 / 4))
+
+
+def r_hat(chains: np.ndarray) -> float:
+    """Rank-normalised split R-hat of ``chains`` (chains, S): the larger of that of location and that of spread."""
+    split = halves(np.asarray(chains, dtype=np.float64))
+    return max(_ratio(_normal(split)), _ratio(_normal(np.abs(split - np.median(split)))))
+
+
+def _ratio(chains: np.ndarray) -> float:
+    count = chains.shape[1]
+    within = chains.var(axis=1, ddof=1).mean()
+    between = count * chains.mean(axis=1).var(ddof=1)
+    return float(np.sqrt((between / within + count - 1) / count)) if within > 0 else 1.0
+
+
+def effective(chains: np.ndarray) -> float:
+    """Effective samples of the bulk of ``chains`` (chains, S)."""
+    return _effective(_normal(halves(np.asarray(chains, dtype=np.float64))))
+
+
+def _effective(chains: np.ndarray) -> float:
+    """By Geyer's initial monotone sequence; Vehtari et al., eqs. 10 to 13."""
+    count, length = chains.shape
+    if np.ptp(chains) < 1e-15:
+        return float(chains.size)
+    centred = chains - chains.mean(axis=1, keepdims=True)
+    spectrum = np.fft.rfft(centred, 2 * length, axis=1)
+    covariance = np.fft.irfft(spectrum * spectrum.conj(), axis=1)[:, :length].mean(axis=0) / length
+    within = covariance[0] * length / (length - 1)
+    total = covariance[0] + (chains.mean(axis=1).var(ddof=1) if count > 1 else 0.0)
+    correlation = 1 - (within - covariance) / total
+    correlation[0] = 1.0
+    pairs = correlation[: 2 * ((length - 1) // 2)].reshape(-1, 2).sum(axis=1)
+    negative = np.flatnonzero(pairs < 0)
+    end = int(negative[0]) if negative.size else pairs.size - 1
+    time = -1 + 2 * float(np.minimum.accumulate(pairs[:end]).sum()) + max(float(correlation[2 * end]), 0.0)
+    return float(chains.size / max(time, 1 / np.log10(chains.size)))
+
+
+def sampled(one: Any) -> dict[str, np.ndarray]:
+    """Name -> (chains, draws, ...) of everything that was sampled."""
+    chains = int(one.diagnostics.get("chains", 1))
+    named = {**one.scalars, **{name.replace(" ", "_"): values for name, values in one.error_terms.items()}}
+    every = {"density": one.samples, **named}
+    return {name: values.reshape(chains, -1, *values.shape[1:]) for name, values in every.items()}
+
+
+def statistics(one: Any) -> dict[str, dict[str, np.ndarray]]:
+    """Name -> mean, sd, ess_bulk and r_hat of the samples that are kept, of every energy for the density."""
+    table = {}
+    for name, values in sampled(one).items():
+        columns = values.reshape(*values.shape[:2], -1)
+        each = [columns[:, :, at] for at in range(columns.shape[2])]
+        found = {
+            "mean": [column.mean() for column in each],
+            "sd": [column.std() for column in each],
+            "ess_bulk": [effective(column) for column in each],
+            "r_hat": [r_hat(column) for column in each],
+        }
+        table[name] = {key: np.array(numbers).reshape(values.shape[2:]) for key, numbers in found.items()}
+    return table
+
+
+def datatree(one: Any) -> Any:
+    """The groups ``posterior``, ``posterior_predictive``, ``prior``, ``prior_predictive`` and ``observed_data`` as an
+    xarray.DataTree, as ArviZ 1 reads it; dimensions ``chain``, ``draw``, ``energy`` (eV) and ``point``."""
+    xarray = optional_module("xarray", "xarray")
+    chains = int(one.diagnostics.get("chains", 1))
+
+    def data(fields: dict[str, tuple[np.ndarray, tuple[str, ...], str]], count: int | None = chains) -> Any:
+        arrays = {}
+        for name, (values, dims, unit) in fields.items():
+            shaped = values if count is None else values.reshape(count, -1, *values.shape[1:])
+            arrays[name] = ((*(() if count is None else ("chain", "draw")), *dims), shaped, {"units": unit})
+        coordinates: dict[str, Any] = {"energy": ("energy", one.energies, {"units": "eV"})}
+        coordinates |= {"hold_time": ("point", one.hold_times, {"units": "s"}), "curve": ("point", one.curve)}
+        used = {dim for dims, *_ in arrays.values() for dim in dims}
+        dataset = xarray.Dataset(arrays, {key: value for key, value in coordinates.items() if value[0] in used})
+        if count is not None:
+            dataset = dataset.assign_coords(chain=range(count), draw=range(dataset.sizes["draw"]))
+        return dataset.assign_attrs(inference_library="chemage")
+
+    scalars = {name: (values.reshape(-1), (), "") for name, values in sampled(one).items() if name != "density"}
+    energies, points = ("energy",), ("point",)
+    groups = {
+        "posterior": data({"density": (one.samples, energies, "1/eV"), **scalars}),
+        "posterior_predictive": data({"friction_drop": (one.fitted, points, "nN")}),
+        "prior": data({"density": (one.prior, energies, "1/eV")}, 1),
+        "prior_predictive": data({"friction_drop": (one.prior_fitted, points, "nN")}, 1),
+        "observed_data": data({"friction_drop": (one.values, points, "nN"), "error": (one.errors, points, "nN")}, None),
+    }
+    return xarray.DataTree.from_dict({f"/{name}": dataset for name, dataset in groups.items()})

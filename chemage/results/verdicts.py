@@ -1,0 +1,171 @@
+"""Model against data: how a measured curve and a result differ, with both kinds of error, and what that means."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from chemage.ageing.display import FIGURES
+from chemage.ageing.fitting import UNIT
+from chemage.ageing.measurements import Measurements
+from chemage.foundation.result import Compared
+from chemage.foundation.statistics import NORMAL_LIMIT
+from chemage.foundation.text import jsonable, plus_minus, power_text
+
+#: probability of a larger χ² by chance from which on curves agree, and below which they surely do not
+AGREE, DIFFER = 0.05, 1e-3
+#: relative standard error of the slope from which on the errors are too large to tell anything
+TELLS_NOTHING = 0.5
+#: relative difference of load or temperature (K) up to which conditions are the same
+SAME = 0.005
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """A measured curve beside a result: measured = offset + slope × model."""
+
+    measured: str
+    result: str
+    #: in words
+    verdict: str
+    quantity: str = ""
+    #: (m,) s, measured, and of the model
+    hold_times: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    values: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    model: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    #: (m,) standard errors of the measurements and of the model; nan where they are not known
+    measured_errors: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    model_errors: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    offset: tuple[float, float] = (math.nan, math.nan)
+    slope: tuple[float, float] = (math.nan, math.nan)
+    chi2: float = math.nan
+    #: probability of a larger χ² by chance
+    chance: float = math.nan
+
+    @property
+    def residuals(self) -> np.ndarray:
+        """(m,) measured minus model over both errors together."""
+        return (self.values - self.model) / np.hypot(self.measured_errors, self.model_errors)
+
+    def row(self) -> tuple[str, ...]:
+        """Its line in a table."""
+        if not self.values.size:
+            return self.measured, self.result, "", "", "", self.verdict
+        chi2 = "errors unknown" if math.isnan(self.chi2) else f"{self.chi2:.1f} of {self.values.size}"
+        unit = UNIT[self.quantity]
+        offset = plus_minus(*self.offset, unit)
+        return self.measured, self.result, offset, plus_minus(*self.slope, ""), chi2, self.verdict
+
+    def todict(self) -> dict[str, Any]:
+        """Plain JSON values; what is not known is null."""
+        fields = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        return jsonable({**fields, "residuals": self.residuals})
+
+
+COLUMNS = ("measured", "result", "offset", "slope", "χ²", "verdict")
+
+
+def verdict(data: Measurements, name: str, compared: Compared) -> Verdict:
+    """Judge measurements beside a result, interpolated in log t at the measured hold times."""
+    said = _model(data, compared)
+    if isinstance(said, str):
+        return Verdict(data.name, name, f"not compared: {said}")
+    data, mean, covariance = said
+    inside = np.isfinite(mean)
+    if inside.sum() < 3:
+        return Verdict(data.name, name, f"not compared: only {inside.sum()} hold times in common, which needs 3")
+    times, values, mean = (array[inside] for array in (data.hold_times, data.values, mean))
+    covariance = covariance[np.ix_(inside, inside)]
+    own = np.full(times.size, math.nan) if data.error is None else data.error[inside]
+    model_errors = np.sqrt(np.diag(covariance))
+    weight = 1 / np.hypot(own, model_errors) if data.error is not None else np.ones(times.size)
+    design = np.stack([np.ones(times.size), mean], axis=1) * weight[:, None]
+    inverse = np.linalg.pinv(design.T @ design)
+    offset, slope = inverse @ design.T @ (values * weight)
+    left = float(np.sum((values * weight - design @ (offset, slope)) ** 2)) / max(times.size - 2, 1)
+    errors = np.sqrt(np.diag(inverse) * (max(left, 1.0) if data.error is not None else left))
+    made: dict[str, Any] = {
+        "quantity": data.quantity, "hold_times": times, "values": values, "model": mean, "measured_errors": own,
+        "model_errors": model_errors, "offset": (float(offset), float(errors[0])),
+        "slope": (float(slope), float(errors[1])),
+    }  # fmt: skip
+    if data.error is None:
+        away = float(np.sqrt(np.mean((values - mean) ** 2)))
+        text = f"{_trend(made)}; r.m.s. difference {away:.3g} {UNIT[data.quantity]}".rstrip()
+        return Verdict(data.name, name, f"{text}; the measurements state no errors", **made)
+    from scipy.stats import chi2 as distribution
+
+    residual = values - mean
+    chi2 = float(residual @ np.linalg.solve(np.diag(own**2) + covariance, residual))
+    chance = float(distribution.sf(chi2, times.size))
+    made |= {"chi2": chi2, "chance": chance}
+    fitted = float(distribution.sf(left * max(times.size - 2, 1), max(times.size - 2, 1)))
+    return Verdict(data.name, name, _in_words(made, fitted), **made)
+
+
+def _model(data: Measurements, compared: Compared) -> tuple[Measurements, np.ndarray, np.ndarray] | str:
+    """The measurements in the quantity of the result; its values (m,), nan where it has none, and their covariance; or
+    why there are none."""
+    if compared.predict is not None:
+        if data.load is None or data.temperature is None:
+            return "the table has no load and temperature at which the density would be carried forward"
+        there = data.as_quantity("friction_drop", data.load)
+        assert there is not None
+        kept = there.hold_times > 0
+        mean, covariance = np.full(kept.size, math.nan), np.zeros((kept.size, kept.size))
+        mean[kept], covariance[np.ix_(kept, kept)] = compared.predict(
+            data.load, data.temperature, there.hold_times[kept]
+        )
+        return there, mean, covariance
+    kelvin = compared.chemistry.get("temperature")
+    for own, theirs, unit in ((data.load, compared.load, "nN"), (data.temperature, kelvin, "K")):
+        if own is not None and theirs is not None and abs(own - theirs) > SAME * own:
+            return f"measured at {own:g} {unit}, the result is at {theirs:g} {unit}"
+    for quantity in (data.quantity, *UNIT):
+        there = data.as_quantity(quantity, compared.load if np.isfinite(compared.load) else None)  # pyright: ignore[reportArgumentType]
+        curve = compared.curves.get(FIGURES[quantity][0])
+        if there is None or curve is None:
+            continue
+        positive = curve.x > 0
+        x, at = np.log(curve.x[positive]), np.log(np.maximum(there.hold_times, 1e-300))
+        mean = np.interp(at, x, curve.mean[positive], left=math.nan, right=math.nan)
+        half = np.nan_to_num(curve.half[positive]) if curve.half.size else np.zeros(x.size)
+        # the hold times share their bonds: their errors are taken as one
+        deviation = np.interp(at, x, half) / NORMAL_LIMIT
+        return there, mean, np.outer(deviation, deviation)
+    return "the result has no friction against hold time"
+
+
+def _trend(made: dict[str, Any]) -> str:
+    """How the measurements differ from the model, from offset and slope."""
+    (offset, offset_error), (slope, slope_error) = made["offset"], made["slope"]
+    unit = UNIT[made["quantity"]]
+    scaled, shifted = abs(slope - 1) > 2 * slope_error, abs(offset) > 2 * offset_error
+    factor = f"{plus_minus(slope, slope_error, '')} times the model"
+    shift = f"{plus_minus(abs(offset), offset_error, unit)} {'above' if offset > 0 else 'below'} it"
+    if scaled and shifted:
+        return f"measured values are {factor} and {shift}"
+    if scaled:
+        return f"measured values are {factor}"
+    return f"measured values lie {shift}" if shifted else "neither an offset nor a factor between them"
+
+
+def _in_words(made: dict[str, Any], fitted: float) -> str:
+    """The verdict; ``fitted`` is the probability of the χ² of offset and slope."""
+    slope, error = made["slope"]
+    away = made["values"] - made["model"]
+    both = np.hypot(made["measured_errors"], made["model_errors"])
+    worst = int(np.argmax(np.abs(away / both)))
+    where = f"{(away / both)[worst]:+.1f} standard errors at {power_text(made['hold_times'][worst])} s"
+    if made["chance"] >= AGREE:
+        if error > TELLS_NOTHING * max(abs(slope), 1.0):
+            return "the errors are too large to tell: any rise agrees"
+        return "agrees within the errors"
+    sure = "differs" if made["chance"] < DIFFER else "differs somewhat"
+    if fitted >= DIFFER and (trend := _trend(made))[0] == "m":
+        return f"{sure}: the same shape, but {trend}"
+    largest = "model" if np.median(made["model_errors"]) > np.median(made["measured_errors"]) else "measurements"
+    return f"{sure} in shape: up to {where}; the errors are mainly those of the {largest}"

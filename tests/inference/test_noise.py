@@ -1,0 +1,144 @@
+"""Errors that are inferred: the likelihood against its closed form, draws against their posterior, and whole cases."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from inferring import LARGEST, NEAREST, RARE, SPREAD, WIDER, ErrorModel, Noise, State
+
+import chemage as ca
+
+TIMES = np.logspace(-3, 5, 25)
+
+
+def scene():
+    data, _ = ca.plugin.scene_data("silica-tip")
+    return ca.parse_scene(ca.plugin.override(data, {"observe": [], "interaction": None}))
+
+
+def curve(forming, times=TIMES, noise=0.03):
+    """A curve of the quadrature of the method ``closure``, and errors of 3 %."""
+    made = scene()
+    contact = ca.solve_contact(made.solver, ca.make_surface(made.surface), made.load)
+    call = {"engine": made.engine, "hold_times": times, "temperature": 300.0, "replicas": 1}
+    aging = ca.age(contact, made.chemistry.replace(forming=forming), method=ca.ageing_method("closure"), **call)
+    values = aging.friction_drop[0]
+    noisy = values * (1 + noise * np.random.default_rng(7).standard_normal(times.size))
+    return ca.MeasuredCurve(load=made.load, temperature=300.0, hold_times=times, values=noisy, errors=noise * values)
+
+
+def noise(size=12, **model):
+    return Noise(
+        ErrorModel(**model),
+        np.linspace(0.5, 1.5, size),
+        np.full(size, 0.1),
+        np.repeat([0, 1], size // 2),
+        np.tile(np.geomspace(1, 100, size // 2), 2),
+    )
+
+
+@pytest.mark.parametrize("correlated", [False, True])
+def test_white_residuals_have_the_likelihood_of_the_covariance(correlated):
+    from scipy.stats import multivariate_normal
+
+    one = noise(correlated=correlated)
+    state = State(np.array([1.5, 2.0]), np.where(np.arange(12) == 3, WIDER, 1.0), log_time=0.7)
+    errors = np.hypot(np.array([1.5, 2.0])[one.curve] * state.inflation * one.stated, one.floors)
+    apart = np.abs(np.log(one.hold_times)[:, None] - np.log(one.hold_times))
+    near = np.where(one.curve[:, None] == one.curve, np.exp(-apart / np.exp(0.7)), 0.0)
+    covariance = np.outer(errors, errors) * (near if correlated else np.eye(12))
+    residual = np.random.default_rng(0).standard_normal(12)
+    expected = multivariate_normal(np.zeros(12), covariance).logpdf(residual)
+    found = one._logs(state, residual).sum() - 6 * np.log(2 * np.pi)
+    assert found == pytest.approx(expected, rel=1e-10)
+    white = one.white(state, residual)
+    assert white @ white == pytest.approx(residual @ np.linalg.solve(covariance, residual), rel=1e-9)
+    assert float(np.exp(-1e-9)) > NEAREST
+
+
+def test_the_drawn_scale_has_its_posterior():
+    """Against the integral of likelihood × prior over a grid of scales."""
+    one = noise(40, scaled=True)
+    residual = 2.0 * one.stated * np.random.default_rng(2).standard_normal(40)
+    grid = np.linspace(1, LARGEST, 4001)
+    errors = np.hypot(grid[:, None] * one.stated, one.floors)[:, :20]
+    logs = (-0.5 * (residual[:20] / errors) ** 2 - np.log(errors)).sum(axis=1)
+    weights = np.exp(logs - logs.max() - 0.5 * (np.log(grid) / SPREAD) ** 2) / grid
+    mean = weights @ grid / weights.sum()
+    rng, state, drawn = np.random.default_rng(3), one.start, []
+    for _ in range(4000):
+        state = one.drawn(state, residual, np.zeros(40), rng)
+        drawn.append(state.scales[0])
+    assert np.mean(drawn) == pytest.approx(mean, rel=0.02)
+
+
+@pytest.mark.parametrize("correlated", [False, True])
+def test_points_are_off_with_their_probability(correlated):
+    one = noise(robust=True, correlated=correlated)
+    residual = np.where(np.arange(12) == 4, 4.0, 0.3) * one.stated
+    rng, state, off = np.random.default_rng(3), one.start, np.zeros(12)
+    for _ in range(3000):
+        state = one.drawn(state, residual, np.zeros(12), rng)
+        off += state.inflation > 1
+    if not correlated:
+        calm, wide = (np.hypot(factor * one.stated, 0.1) for factor in (1.0, WIDER))
+        odds = RARE / (1 - RARE) * calm / wide * np.exp(0.5 * residual**2 * (calm**-2 - wide**-2))
+        assert off / 3000 == pytest.approx(odds / (1 + odds), abs=0.03)
+    assert off.argmax() == 4
+
+
+def test_a_calibration_is_drawn_from_its_prior_where_nothing_tells():
+    one = noise(calibration=0.1)
+    rng, state, drawn = np.random.default_rng(3), one.start, []
+    for _ in range(20_000):
+        state = one.drawn(state, np.zeros(12), np.zeros(12), rng)
+        drawn.append(state.calibration)
+    assert np.std(drawn) == pytest.approx(0.1, rel=0.1)
+
+
+WRONG = {
+    "errors": ({"errors": "large"}, "errors = 'large': is not known; choose of scaled, robust, correlated"),
+    "calibration": ({"calibration": "200 %"}, "must be between 0 and 50 %"),
+    "kind": ({"calibration": {"lever": 0.1}}, "is no calibration; choose force or load"),
+}
+
+
+@pytest.mark.parametrize(("given", "message"), WRONG.values(), ids=WRONG)
+def test_wrong_models_of_errors_are_refused(given, message):
+    with pytest.raises(ca.InputError, match=message):
+        ca.infer(curve(ca.barriers("gaussian", mean=0.95, std=0.1)), scene(), **given)
+
+
+def off_by(data, factor=1.0, scale=1.0, outlier=None):
+    """The same curve with a factor, errors that are understated by ``scale``, and one point off by 8 of them."""
+    values = np.array(data.values) * factor
+    if outlier is not None:
+        values[outlier] += 8 * data.errors[outlier]
+    return data.model_copy(update={"values": values, "errors": np.array(data.errors) / scale})
+
+
+@pytest.mark.long
+def test_understated_errors_and_a_point_that_is_off_are_found():
+    data = curve(ca.barriers("gaussian", mean=0.95, std=0.1), times=np.logspace(-3, 5, 60))
+    found = ca.infer(off_by(data, scale=2.5), scene(), families=(), samples=200)
+    low, high = np.quantile(found.error_terms["scale 0"], [0.01, 0.99])
+    assert low < 2.5 < high
+    assert any("times the stated errors" in note for note in found.notes)
+    assert found.errors[-1] == pytest.approx(found.stated_errors[-1] * np.median(found.error_terms["scale 0"]), rel=0.1)
+    found = ca.infer(off_by(data, outlier=30), scene(), families=(), samples=200)
+    assert len(found.suspects()) == 1
+    assert found.off[30] > 0.9
+    stated = ca.infer(data, scene(), families=(), samples=200, errors="as-stated")
+    assert not stated.error_terms
+    assert stated.errors[-1] == pytest.approx(data.errors[-1], rel=0.1)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("kind", ["force", "load"])
+def test_a_shared_factor_widens_what_is_inferred(kind):
+    data = curve(ca.barriers("gaussian", mean=0.9, std=0.05), times=TIMES)
+    narrow = ca.infer(data, scene(), families=(), samples=200)
+    wide = ca.infer(data, scene(), families=(), samples=200, calibration={kind: "10 %"})
+    assert (wide.error_terms["calibration"] if kind == "force" else wide.scalars["load over stated"]).std() > 0.03
+    last = [one.forecast(hold_times=[1e3], samples=200).samples.std() for one in (narrow, wide)]
+    assert last[1] > 1.5 * last[0]
