@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from os import PathLike
 from typing import Any, ClassVar
@@ -120,8 +121,8 @@ class Text(Unitless):
             )
         stated, unit = found.get("pixel_size"), found.get("unit")
         if "factor" in found:
-            factor = tables.number(found["factor"], f"{source}, conversion factor")
-            if factor <= 0:
+            factor = float(tables.numbers([(1, found["factor"])], f"{source}, conversion factor").flat[0])
+            if not 0 < factor < math.inf:
                 raise StoreError(f"{source} states a conversion factor of {factor:g} for its heights; it is above 0")
             heights, unit = heights * factor, found["factor_unit"]
         if "width" in found or "height" in found or None not in counts:
