@@ -11,8 +11,8 @@ PAGE = "docs/limits.md"
 #: how words begin that ask for something -> what is said
 ABSENT = {
     ("humid", "water", "vapo", "moist", "capillar", "menisc", "lubric"): "water, vapour and liquids are not modelled",
-    ("velocit", "speed", "sliding", "slid", "rate_state", "direct_effect", "dieterich", "slip", "stick"): (
-        "steady sliding and rate-and-state laws are not modelled"
+    ("velocit", "sliding", "slid", "rate_state", "direct_effect", "dieterich", "slip", "stick"): (
+        "laws of sliding such as rate-and-state are not modelled; the rupture law 'pulled' has a speed"
     ),
     ("heating", "cooling", "ramp", "anneal", "temperature_pro"): (
         "the temperature is constant during a hold; a sweep over hold.temperature compares several"

@@ -9,6 +9,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -221,6 +222,8 @@ def _lines(source: Any, known: Mapping[str, str]) -> tuple[str, list[Cells], lis
     """What is read, in words; the lines that hold anything; and notes."""
     if hasattr(source, "columns") and hasattr(source, "itertuples"):
         return "the data frame", _frame_lines(source), []
+    if not isinstance(source, str | PathLike):
+        raise InputError.of("table", source, "is neither the path of a file nor a data frame")
     path = Path(source)
     if path.suffix.lower() in (".xlsx", ".xlsm"):
         return str(path), *_excel_lines(path)

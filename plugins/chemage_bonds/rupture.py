@@ -264,6 +264,44 @@ class UnderForce(Rupture):
             axes.legend(frameon=False, fontsize=7)
 
 
+BELL = """@article{bell1978,
+  author = {Bell, G. I.},
+  title = {Models for the specific adhesion of cells to cells},
+  journal = {Science},
+  volume = {200},
+  pages = {618--627},
+  year = {1978},
+  doi = {10.1126/science.347575},
+}"""
+EVANS = """@article{evans1997,
+  author = {Evans, E. and Ritchie, K.},
+  title = {Dynamic strength of molecular adhesion bonds},
+  journal = {Biophysical Journal},
+  volume = {72},
+  pages = {1541--1555},
+  year = {1997},
+  doi = {10.1016/S0006-3495(97)78802-7},
+}"""
+DUDKO = """@article{dudko2006,
+  author = {Dudko, O. K. and Hummer, G. and Szabo, A.},
+  title = {Intrinsic rates and activation free energies from single-molecule pulling experiments},
+  journal = {Physical Review Letters},
+  volume = {96},
+  pages = {108101},
+  year = {2006},
+  doi = {10.1103/PhysRevLett.96.108101},
+}"""
+FRIDDLE = """@article{friddle2008,
+  author = {Friddle, R. W.},
+  title = {Unified model of dynamic forced barrier crossing in single molecules},
+  journal = {Physical Review Letters},
+  volume = {100},
+  pages = {138302},
+  year = {2008},
+  doi = {10.1103/PhysRevLett.100.138302},
+}"""
+
+
 class Bell(UnderForce):
     """Force lowers the barrier by F Δx: ⟨F⟩ = (k_BT/Δx) e^y E₁(y), y = k₀k_BT/(ΔxḞ), up to the force ΔE/Δx.
 
@@ -276,6 +314,7 @@ class Bell(UnderForce):
         "G. I. Bell, Science 200, 618 (1978)",
         "E. Evans, K. Ritchie, Biophys. J. 72, 1541 (1997)",
     )
+    bibtex = (BELL, EVANS)
 
     def _mean(self, ramp: Ramp) -> np.ndarray:
         log_end = np.full(ramp.barrier.shape, np.log(ramp.attempts))  # of the hazard rate at ΔE/Δx
@@ -291,6 +330,7 @@ class DudkoHummerSzabo(UnderForce):
 
     kind = "dudko-hummer-szabo"
     cite = ("O. K. Dudko, G. Hummer, A. Szabo, Phys. Rev. Lett. 96, 108101 (2006)",)
+    bibtex = (DUDKO,)
 
     shape: Literal["cusp", "cubic", "constant"] = "cubic"
     """energy along the pull: a cusp (ν = 1/2), linear-cubic (ν = 2/3), or Bell's constant distance (ν = 1)"""
@@ -309,6 +349,7 @@ class Friddle(DudkoHummerSzabo):
 
     kind = "friddle"
     cite = ("R. W. Friddle, Phys. Rev. Lett. 100, 138302 (2008)",)
+    bibtex = (FRIDDLE,)
 
     @property
     def exact(self) -> bool:

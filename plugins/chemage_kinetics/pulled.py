@@ -38,6 +38,26 @@ AFTER_PEAK = 4.0 / 3.0
 CURVES = 5
 
 
+DUDKO = """@article{dudko2006,
+  author = {Dudko, O. K. and Hummer, G. and Szabo, A.},
+  title = {Intrinsic rates and activation free energies from single-molecule pulling experiments},
+  journal = {Physical Review Letters},
+  volume = {96},
+  pages = {108101},
+  year = {2006},
+  doi = {10.1103/PhysRevLett.96.108101},
+}"""
+SCHALLAMACH = """@article{schallamach1963,
+  author = {Schallamach, A.},
+  title = {A theory of dynamic rubber friction},
+  journal = {Wear},
+  volume = {6},
+  pages = {375--382},
+  year = {1963},
+  doi = {10.1016/0043-1648(63)90206-0},
+}"""
+
+
 class Pulled(Rupture, Drive):
     """The contact is pulled after each hold time; ΔF is the largest force, less the friction of the slider itself.
 
@@ -52,6 +72,7 @@ class Pulled(Rupture, Drive):
         "O. K. Dudko, G. Hummer, A. Szabo, Phys. Rev. Lett. 96, 108101 (2006)",
         "A. Schallamach, Wear 6, 375 (1963)",
     )
+    bibtex = (DUDKO, SCHALLAMACH)
     figures: ClassVar[Mapping[str, str]] = {
         "force-displacement": "Force of the drive against its displacement after some hold times; mean over replicas.",
         "pull-maps": "Bonds on the contact while it is pulled after the last hold time, from left to right; first "

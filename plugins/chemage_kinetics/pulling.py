@@ -22,6 +22,17 @@ MOST_WINDOWS = 2**31
 MOST_EVENTS = 1e10
 
 
+LEWIS = """@article{lewis1979,
+  author = {Lewis, P. A. W. and Shedler, G. S.},
+  title = {Simulation of nonhomogeneous {Poisson} processes by thinning},
+  journal = {Naval Research Logistics Quarterly},
+  volume = {26},
+  pages = {403--413},
+  year = {1979},
+  doi = {10.1002/nav.3800260304},
+}"""
+
+
 class EventDriven(Pulling):
     """Every bond that forms and breaks is an event; rates that grow with the force are followed exactly, by thinning.
 
@@ -31,6 +42,7 @@ class EventDriven(Pulling):
 
     kind = "event-driven"
     cite: ClassVar[tuple[str, ...]] = ("P. A. W. Lewis, G. S. Shedler, Nav. Res. Logist. Q. 26, 403 (1979)",)
+    bibtex: ClassVar[tuple[str, ...]] = (LEWIS,)
 
     def _run(
         self,

@@ -37,7 +37,8 @@ class Roughened(SurfaceMaker):
     Waves of the image longer than ``resolution`` stay as they are. Shorter ones are replaced by random waves with
     C(q) = C0 q^(−2−2H) down to ``cutoff``; C0, and H unless it is given, are fitted to the measured spectrum between
     ``fit_from`` and ``resolution``. A periodic image is refined by its Fourier series; one that is not by the cosine
-    series of the image (mirror images at its edges), and the random waves are periodic on the fine grid.
+    series of the image (mirror images at its edges), and the random waves are periodic on the fine grid; waves that the
+    alignment of scan lines took from it are random, with the density of the image in other directions.
 
     H and C0 with their errors, and the spectrum of the image, are in ``provenance["roughened"]``.
     """
@@ -138,7 +139,11 @@ class Roughened(SurfaceMaker):
         if measured.periodic:
             half = _with_image(half, measured, plan)
         else:
-            heights = _cosines(measured.heights.astype(np.float64), measured.pixel_size, plan, self.pixel_size)
+            series = _series(measured, plan)
+            lost = _lost(measured, plan)
+            random = np.random.Generator(np.random.Philox(_own_stream(seed).spawn(1)[0]))
+            series[: len(lost)] = np.where(lost > 0, lost * random.standard_normal(lost.shape), series[: len(lost)])
+            heights = _cosines(series, measured.pixel_size, plan.shape, self.pixel_size)
         columns = sfft.ifft(half, axis=0, overwrite_x=True, workers=threads.available())
         added = np.asarray(sfft.irfft(columns, n=plan.shape[1], axis=1, overwrite_x=True, workers=threads.available()))
         heights = np.ascontiguousarray(added if heights is None else heights + added)
@@ -202,7 +207,7 @@ class Roughened(SurfaceMaker):
                 f"{law.hurst_error:.2f}, which is not self-affine (0 to 1); give a resolution longer than what the "
                 "instrument blurs, another fit_from, or hurst"
             )
-        return _Plan(shape, join, law, spectrum)
+        return _Plan(shape, join, law, spectrum, part.data.part(0, join))
 
     def draw(self, figure: str, axes: Axes, results: Sequence[Any]) -> None:
         """The spectra before and after, of one result or of several."""
@@ -247,6 +252,8 @@ class _Plan(NamedTuple):
     law: PowerLaw
     #: of the image
     spectrum: Binned
+    #: the part that is trusted, tip and noise corrected
+    data: Binned
 
     def added_slope(self, shortest: float) -> float:
         """rms slope of the continuation: h'² = ∫ C q³ dq/(2π)."""
@@ -297,29 +304,65 @@ def _with_image(half: NDArray[np.complex128], measured: Surface, plan: _Plan) ->
     return result
 
 
-def _cosines(image: Floats, side: float, plan: _Plan, pixel_size: float) -> Floats:
-    """The cosine series of an image, waves from ``join`` on left out, at the centres of the fine pixels."""
-    (nx, ny), (mx, my) = image.shape, plan.shape
-    series = np.asarray(sfft.dctn(image, type=2, norm="forward", workers=threads.available()))
+def _series(measured: Surface, plan: _Plan) -> Floats:
+    """Amplitudes of the cosine series of an image, waves from ``join`` on left out."""
+    heights = measured.heights.astype(np.float64)
+    series = np.asarray(sfft.dctn(heights, type=2, norm="forward", workers=threads.available()))
     series[1:] *= 2
     series[:, 1:] *= 2
-    qx, qy = (np.pi * np.arange(count) / (count * side) for count in (nx, ny))
+    qx, qy = _half_waves(measured)
     series[np.hypot(qx[:, None], qy) >= plan.join * (1 - 1e-9)] = 0.0
-    at_x, at_y = (np.cos(np.outer((np.arange(m) + 0.5) * pixel_size, q)) for m, q in ((mx, qx), (my, qy)))
+    return series
+
+
+def _half_waves(measured: Surface) -> tuple[Floats, Floats]:
+    """Wavenumbers of the cosines along both axes, 1/nm."""
+    nx, ny = measured.shape
+    step = math.pi / measured.pixel_size
+    return np.arange(float(nx)) * (step / nx), np.arange(float(ny)) * (step / ny)
+
+
+def _lost(measured: Surface, plan: _Plan) -> Floats:
+    """Standard deviations (nm) of the amplitudes that the alignment of scan lines took from the image, by its density
+    at other directions: those that hardly change along a line, (waves along x, ny); 0 where the image has them."""
+    steps = measured.provenance.get("steps", ())
+    lines = next((step["lines"] for step in steps if step["step"] == "lines"), None)
+    qx, qy = _half_waves(measured)
+    rows = {None: 0, "linear": 2, "quadratic": 3}.get(lines, 1)
+    q = np.hypot(qx[:rows, None], qy)
+    density = np.exp(np.interp(np.log(np.maximum(q, 1e-300)), np.log(plan.data.q), np.log(plan.data.density)))
+    area = measured.nominal_area
+    # a cosine along both axes has four wave vectors, one along an axis two that others share
+    variance = density / area * np.where(np.arange(rows)[:, None] == 0, 1.0, 4.0)
+    variance[(q >= plan.join * (1 - 1e-9)) | (qy == 0.0)] = 0.0
+    return np.sqrt(variance)
+
+
+def _cosines(series: Floats, side: float, shape: tuple[int, int], pixel_size: float) -> Floats:
+    """The sum of cosines with these amplitudes at the centres of the pixels of another grid."""
+    at_x, at_y = (
+        np.cos(np.outer((np.arange(m) + 0.5) * pixel_size, np.pi * np.arange(n) / (n * side)))
+        for n, m in zip(series.shape, shape, strict=True)
+    )
     return at_x @ series @ at_y.T
 
 
 def _kept_slope(measured: Surface, plan: _Plan) -> float:
-    """rms slope of the waves of the image that stay."""
-    heights = measured.heights.astype(np.float64)
+    """rms slope of the waves of the image that stay, with what was lost between its lines."""
     if measured.periodic:
-        half = np.asarray(sfft.rfft2(heights, workers=threads.available()))
+        half = np.asarray(sfft.rfft2(measured.heights.astype(np.float64), workers=threads.available()))
         half[~_kept(measured.shape, measured.pixel_size, plan.join)] = 0.0
         low = np.asarray(sfft.irfft2(half, s=measured.shape, workers=threads.available()))
-    else:
-        same = plan._replace(shape=measured.shape)
-        low = _cosines(heights, measured.pixel_size, same, measured.pixel_size)
-    return roughness.rms_slope(low, measured.pixel_size, measured.periodic)
+        return roughness.rms_slope(low, measured.pixel_size, True)
+    series, lost = _series(measured, plan), _lost(measured, plan)
+    series[: len(lost)][lost > 0] = 0.0
+    low = _cosines(series, measured.pixel_size, measured.shape, measured.pixel_size)
+    qx, qy = _half_waves(measured)
+    q = np.hypot(qx[: len(lost), None], qy)
+    share = np.where(np.arange(len(lost))[:, None] == 0, 2.0, 4.0)
+    return math.hypot(
+        roughness.rms_slope(low, measured.pixel_size, False), math.sqrt(float((lost**2 * q**2 / share).sum()))
+    )
 
 
 def _record(measured: Surface, plan: _Plan) -> dict[str, Any]:

@@ -21,9 +21,9 @@ SCENE = {
 ASKED = {
     "chemistry.humidity": "water, vapour and liquids are not modelled",
     "chemistry.relative_humidity": "water, vapour and liquids are not modelled",
-    "hold.velocity": "steady sliding and rate-and-state laws are not modelled",
-    "hold.sliding_speed": "steady sliding and rate-and-state laws are not modelled",
-    "velocity": "steady sliding and rate-and-state laws are not modelled",
+    "hold.velocity": "laws of sliding such as rate-and-state are not modelled",
+    "hold.sliding_speed": "laws of sliding such as rate-and-state are not modelled",
+    "velocity": "laws of sliding such as rate-and-state are not modelled",
     "hold.temperature_programme": "the temperature is constant during a hold",
     "hold.heating_rate": "the temperature is constant during a hold",
     "wear": "wear is not modelled",

@@ -22,7 +22,7 @@ KINDS = {
     *("Ensemble", "Inference", "InferenceResult", "Forecast", "Arrhenius", "TradeMap"),
 }
 #: rooms in which contacts, histories and maps are arguments of a computation, and checks of what a plugin returns
-COMPUTING = {"surfaces", "contacts", "kinetics", "ageing", "scene", "studies", "inference", "testing"}
+COMPUTING = {"surfaces", "contacts", "kinetics", "friction", "ageing", "scene", "studies", "inference", "testing"}
 
 
 class Grains(Result):

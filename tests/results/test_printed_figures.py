@@ -290,9 +290,9 @@ def test_the_table_beside_a_figure_has_its_numbers():
 
 def test_bands_bars_and_maps_are_in_the_table(results, drawn):
     inference = {name.removeprefix("inference-"): one for name, one in drawn("2").items()}
-    band = [row for row in table(inference["density"]) if row["curve"] == "95 % band"]
+    band = [row for row in table(inference["density"]) if row["curve"] == "90 % band"]
     one = results["inference"].inference
-    low, high = one.band(0.95)
+    low, high = one.band(0.90)
     assert [(float(row["low"]), float(row["high"])) for row in band] == list(zip(low, high, strict=True))
     heights = [row for row in table(figures(made_surface())["surface"]) if row["value"]]
     assert (
@@ -312,7 +312,7 @@ def test_forecasts_and_measurements_have_the_colour_of_their_condition(results, 
     assert sorted(shown) == sorted(result.forecasts), "all of the table are drawn"
     for label, one in result.forecasts.items():
         lines = [line for axes in plots_ for line in axes.lines if str(line.get_label()).startswith(label)]
-        assert lines[0].get_ydata() == pytest.approx(one.band()[0] if one.bounds_only else one.median)
+        assert lines[0].get_ydata() == pytest.approx(one.band(0.90)[0] if one.bounds_only else one.median)
 
 
 def test_scatter_between_surfaces_is_drawn_where_it_is_larger_than_the_error_of_the_replicas(monkeypatch):

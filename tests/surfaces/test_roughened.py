@@ -61,6 +61,32 @@ def test_measured_waves_stay_as_they_are(factor, resolution):
     assert np.all(after[between] != before[between])
 
 
+@pytest.mark.parametrize("lines", ["none", "differences", "linear"])
+def test_waves_that_the_alignment_of_lines_took_are_drawn_from_the_spectrum(lines):
+    """Their mean squares, over eight surfaces, are those of the same waves of the surfaces themselves."""
+    n, rows = 64, {"none": 0, "linear": 2}.get(lines, 1)
+    own, found = [], []
+    for seed in range(8):
+        part = benchmark.image(REFERENCE.replace(pixels=(2 * PIXELS, 2 * PIXELS)).make(seed).heights, 4)[:n, :n]
+        np.save("part.npy", part)
+        image = {"kind": "measured", "path": "part.npy", "height_unit": "nm", "pixel_size": 4 * SIDE, "lines": lines}
+        maker = roughened({**image, "spikes": "keep"}, hurst=0.8)
+        rough = maker.make(seed)
+        assert maker.expected()["rms_slope"] == pytest.approx(rough.rms_slope, rel=0.03)
+        coarse = rough.heights.reshape(n, 4, n, 4).mean(axis=(1, 3))
+        own.append(dctn(part, norm="ortho"))
+        found.append(dctn(coarse, norm="ortho"))
+    own, found = np.array(own), np.array(found)
+    # from four periods to half of the waves that stay
+    for row in range(max(rows, 1)):
+        before, after = (np.mean(one[:, row, 8:24] ** 2 * np.arange(8, 24) ** 3.6) for one in (own, found))
+        # ratio of two means of 128 squares of normal variates
+        assert math.log(after / before) == pytest.approx(0, abs=4 * math.sqrt(4 / 128))
+    alike = np.corrcoef(own[:, 0, 8:24].ravel(), found[:, 0, 8:24].ravel())[0, 1]
+    assert alike > 0.99 if rows == 0 else alike < 0.5
+    np.testing.assert_allclose(found[:, 4, 8:20], own[:, 4, 8:20], atol=0.1 * own[:, 4, 8:20].std())
+
+
 def test_the_seed_draws_the_waves_that_are_added():
     maker = roughened(imaged(REFERENCE.make(1).heights), hurst=0.8)
     one, two = maker.make(1), maker.make(2)
