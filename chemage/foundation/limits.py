@@ -12,7 +12,7 @@ PAGE = "docs/limits.md"
 ABSENT = {
     ("humid", "water", "vapo", "moist", "capillar", "menisc", "lubric"): "water, vapour and liquids are not modelled",
     ("velocit", "sliding", "slid", "rate_state", "direct_effect", "dieterich", "slip", "stick"): (
-        "laws of sliding such as rate-and-state are not modelled; the rupture law 'pulled' has a speed"
+        "laws of sliding such as rate-and-state are not modelled; a rupture law may have a speed"
     ),
     ("heating", "cooling", "ramp", "anneal", "temperature_pro"): (
         "the temperature is constant during a hold; a sweep over hold.temperature compares several"
