@@ -410,9 +410,9 @@ class AgingDisplay(OfRecord[Aging]):
             fit = self.fit[0]
             axes.plot(fit.span, [fit.beta] * 2, color=ORANGE, lw=1.6, zorder=3, label="β of the fitted line")
             scatter = self.scatter.relative if self.scatter is not None else None
-            if scatter and not scatter <= fit.relative_stderr:
+            if scatter and fit.beta != 0 and not scatter <= fit.relative_stderr:
                 half = NORMAL_LIMIT * scatter * abs(fit.beta)
-                label = f"β of other surfaces, 95 % (± {percent(half / abs(fit.beta))})"
+                label = f"β of other surfaces, 95 % (± {percent(NORMAL_LIMIT * scatter)})"
                 axes.fill_between(
                     fit.span, fit.beta - half, fit.beta + half, color=ORANGE, alpha=0.2, lw=0, label=label
                 )

@@ -135,6 +135,7 @@ def test_a_figure_that_fails_costs_nothing_else(tiny, parts, tmp_path):
     def draw(self, figure, axes, results):
         if figure == "broken":
             raise ValueError("no such thing")
+        axes.plot([0, 1])
         axes.set_title("$x_$" if figure == "formula" else "fine")
 
     drawing(parts.Flat, "mine", {"broken": "A.", "formula": "B.", "right": "C."}, draw)
