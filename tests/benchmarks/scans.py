@@ -147,12 +147,15 @@ def by_library(truth: dict[str, float], image: np.ndarray, true: Any) -> dict[st
 
 def of_itself(truth: dict[str, float], true: Any, shortest: float) -> dict[str, float]:
     """What the same waves of the surface itself give: the limit of any scan."""
-    _, _, law = rolled(true.part(0, 2 * math.pi / shortest))
-    low = max(true.q[0], 2 * math.pi / truth["roll"])
+    data = true.part(0, 2 * math.pi / shortest)
+    roll, _, law = rolled(data)
+    low, high = float(data.q[0]), float(data.q[-1])
+    q = np.geomspace(low, high, 500)
+    fitted = law(np.maximum(q, roll or 0.0))
     return {
         "hurst": law.hurst - truth["hurst"],
-        "slope": 0.0,
-        "decades": math.log10(2 * math.pi / shortest / low),
+        "slope": slope_of(q, fitted, low, high) / slope_of(data.q, data.density, low, high) - 1,
+        "decades": math.log10(high / max(low, 2 * math.pi / truth["roll"])),
     }
 
 
