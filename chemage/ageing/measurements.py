@@ -27,6 +27,7 @@ COLUMNS = {
     "load": "normal load|normal force|F N|FN|Fn",
     "temperature": "T|temp|temp.",
     "curve": "series|sample|label",
+    "instrument": "lever|cantilever|tip|setup|rig",
 }
 _UNCLEAR = {
     'may be an error or a difference; name it "error", "friction_drop" or "friction_coefficient_drop"': "dF|dmu|d F|"
@@ -36,6 +37,7 @@ _UNCLEAR = {
     "standard deviation|F std|mu std|F sd|mu sd|s.d.|scatter",
 }
 _EXAMPLE = "hold_time (s), friction_drop (nN), error (nN), load (nN), temperature (K)"
+_TEXTS = ("curve", "instrument")
 _UNITS = {"hold_time": "s", "load": "nN", "temperature": "K"}
 
 
@@ -55,6 +57,8 @@ class Measurements:
     #: nN and K, where they are known
     load: float | None = None
     temperature: float | None = None
+    #: with which it was measured: curves of one instrument share its calibration
+    instrument: str = ""
     #: what reading understood and left out, for users
     notes: tuple[str, ...] = ()
 
@@ -118,9 +122,9 @@ def read_table(
 
     ``hold_time``; ``friction_drop`` or ``friction_coefficient_drop``, or ``value`` beside a column ``quantity`` with
     one of these names; where they are known ``error``, the standard error in the unit of the value unless it names its
-    own, or in % of the value, ``load``, ``temperature`` and ``curve`` (any text). Usual other names (``t``, ``F``,
-    ``mu``, ``T``) are understood, further columns left out, with a note. Columns and rows come in any order; rows that
-    agree in curve, load, temperature and quantity are one curve. See :func:`chemage.foundation.tables.read_columns`
+    own, or in % of the value, ``load``, ``temperature``, and ``curve`` and ``instrument`` (any text). Usual other names
+    (``t``, ``F``, ``mu``, ``T``) are understood, further columns left out, with a note. Columns and rows come in any
+    order; rows that agree in all but times and values are one curve. See :func:`chemage.foundation.tables.read_columns`
     for separators, decimal marks and units.
 
     Parameters
@@ -145,7 +149,7 @@ def read_table(
     groups: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
     for cells in table.rows:
         row = stated | _row(table, cells)
-        key = row.get("curve", ""), row.get("load"), row.get("temperature"), row["quantity"]
+        key = *(row.get(name, "") for name in _TEXTS), row.get("load"), row.get("temperature"), row["quantity"]
         groups.setdefault(key, []).append(row)
     if not groups:
         raise InputError(f"{table.where}: has no rows of numbers below; add one for each hold time")
@@ -154,16 +158,16 @@ def read_table(
 
 
 def _curve(key: tuple[Any, ...], rows: list[dict[str, Any]], stem: str, table: ColumnTable, count: int) -> Measurements:
-    label, load, temperature, quantity = key
+    label, instrument, load, temperature, quantity = key
     under = [f"{value:g} {unit}" for value, unit in ((load, "nN"), (temperature, "K")) if value is not None]
-    name = label or (stem if count == 1 else ", ".join([stem, *under]))
+    name = label or (stem if count == 1 else ", ".join([stem, *([instrument] if instrument else []), *under]))
     rows = sorted(rows, key=lambda row: row["hold_time"])
     if len(rows) < 2:
         of = f" of the curve {name}" if count > 1 else ""
         raise InputError(f"{table.where}: {len(rows)} rows of numbers{of}; a course in time needs at least two")
     times, values = (np.array([row[column] for row in rows]) for column in ("hold_time", "value"))
     error = np.array([row["error"] for row in rows]) if "error" in table.columns else None
-    return Measurements(name, times, values, quantity, error, load, temperature, table.notes)
+    return Measurements(name, times, values, quantity, error, load, temperature, instrument, table.notes)
 
 
 def _check_columns(table: ColumnTable, stated: dict[str, float]) -> None:
@@ -197,8 +201,7 @@ def _row(table: ColumnTable, cells: Cells) -> dict[str, Any]:
     unit, value_column = UNIT[quantity], quantity if quantity in columns else "value"
     row: dict[str, Any] = {"quantity": quantity, "value": table.number(cells, value_column, unit)}
     row |= {name: table.number(cells, name, _UNITS[name]) for name in _UNITS if name in columns}
-    if "curve" in columns:
-        row["curve"] = text("curve")
+    row |= {name: text(name) for name in _TEXTS if name in columns}
     if "error" in columns:
         row["error"] = table.error(cells, value_column, row["value"], unit)
         if row["error"] <= 0:

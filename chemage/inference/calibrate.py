@@ -163,13 +163,13 @@ def _errors(noise: Noise, fitted: np.ndarray, rng: np.random.Generator) -> tuple
         state = replace(state, inflation=np.where(rng.random(fitted.size) < RARE, WIDER, 1.0))
     if model.correlated:
         state = replace(state, log_time=float(np.log(TIME) + TIME_SPREAD * rng.standard_normal()))
-    state = replace(state, calibration=model.calibration * float(rng.standard_normal()))
+    state = replace(state, calibration=model.calibration * rng.standard_normal(state.calibration.size))
     drawn = rng.standard_normal(fitted.size)
     if model.correlated:
         near = noise.correlation(state)
         for at in range(1, drawn.size):
             drawn[at] = near[at] * drawn[at - 1] + np.sqrt(1 - near[at] ** 2) * drawn[at]
-    return np.exp(state.calibration) * fitted + noise.errors(state) * drawn, state
+    return noise.factor(state) * fitted + noise.errors(state) * drawn, state
 
 
 def _ranks(model: Model, truth: np.ndarray, number: int, threads: int | None) -> dict[str, float] | None:
@@ -212,7 +212,7 @@ def _ranks(model: Model, truth: np.ndarray, number: int, threads: int | None) ->
     if model.error_model.scaled:
         quantities["scale of the errors"] = samples.scales[:, 0], float(state.scales[0])
     if model.error_model.calibration:
-        quantities["calibration"] = np.array([one.calibration for one in samples.states]), state.calibration
+        quantities["calibration"] = samples.calibrations[:, 0], float(np.exp(state.calibration[0]))
     return {name: _rank(drawn, true, rng) for name, (drawn, true) in quantities.items()}
 
 

@@ -44,6 +44,8 @@ class MeasuredCurve(Record):
     """(m,) ΔF in nN, or Δμ"""
     errors: Doubles
     """(m,) standard errors, > 0, in the unit of ``values``"""
+    instrument: str = ""
+    """with which it was measured: curves of one instrument share its calibration"""
     notes: tuple[str, ...] = ()
     """what reading understood and left out"""
     chemistry: Plain = {}
@@ -131,6 +133,7 @@ class MeasuredCurve(Record):
             hold_times=measurements.hold_times[kept],
             values=values,
             errors=np.abs(values) * float(relative_error or 0) if there is None else there[kept],
+            instrument=measurements.instrument,
             notes=measurements.notes,
         )
 

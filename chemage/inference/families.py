@@ -17,7 +17,7 @@ import numpy as np
 from chemage.foundation.progress import Report
 from chemage.inference.energies import EnergyGrid
 from chemage.inference.forward import Model
-from chemage.inference.problem import REACH, Linear, Prior, Problem
+from chemage.inference.problem import FINE, REACH, Linear, Prior, Problem
 from chemage.inference.result import UnexplainedError
 from chemage.inference.sampling import MOST_SWEEPS, Samples, sample
 
@@ -208,10 +208,10 @@ def linear_problem(model: Model, prior: Prior, density: np.ndarray) -> Problem:
         value, slope = model.linear(density, point)
         matrices.append(slope)
         offsets.append(value - slope @ density)
-    errors, at = model.errors(model.values), (model.unknowns, model.middle)
-    linear = np.stack(matrices), np.stack(offsets)
-    noise = model.noise(model.values)
-    return Problem(prior, model.grid.areas, model.values, errors, *linear, *at, noise, model.state)
+    unknowns, *linear = model.unknowns.refined(np.stack(matrices), np.stack(offsets))
+    start = model.middle if unknowns is model.unknowns else FINE * model.middle
+    errors, noise = model.errors(model.values), model.noise(model.values)
+    return Problem(prior, model.grid.areas, model.values, errors, *linear, unknowns, start, noise, model.state)
 
 
 def sampled(

@@ -411,7 +411,13 @@ class Model:
         if value.any():
             relative = self._gathered([condition.relative_error for condition in self._at(self.middle)])
             floors = np.hypot(floors, relative * value)
-        return Noise(self.error_model, self.stated, floors, self.curve, self.hold_times)
+        numbers = np.array([self.instruments.index(curve.instrument) for curve in self.curves])
+        return Noise(self.error_model, self.stated, floors, self.curve, self.hold_times, numbers)
+
+    @property
+    def instruments(self) -> list[str]:
+        """Names of the instruments with which the curves were measured."""
+        return list(dict.fromkeys(curve.instrument for curve in self.curves))
 
     def errors(self, value: np.ndarray) -> np.ndarray:
         """(m,) standard errors as they are thought to be now, with those of the forward model at ``value``."""

@@ -78,8 +78,9 @@ def infer(
         What is inferred of the errors: "scaled", a factor of the stated ones, for each curve; "robust", which points
         are off; "correlated", a correlation time along each curve. "as-stated" or none: errors as they are stated.
     calibration
-        Relative standard error of a factor that all values share, such as "10 %"; or of ``{"force": ..., "load":
-        ...}``, where that of the load is another. Default: 0, calibrated.
+        Relative standard error of a factor that all values of an instrument share, such as "10 %"; or of
+        ``{"force": ..., "load": ...}``, where that of the load is another, which all curves share. Default: 0,
+        calibrated.
     families
         Parametric families to compare, of "uniform", "triangle", "gaussian", "piecewise"; empty: none, and no scores.
     samples
@@ -204,13 +205,13 @@ def with_hidden(
     densities, before = (np.pad(inner_ends(each), more) for each in (samples.densities, before))
     problem = linear_problem(wide, prior, densities.mean(axis=0))
     noise, state = problem.likelihood, samples.typical
-    factor = np.exp(state.calibration)
+    factor = noise.factor(state)
     data = Data(
-        factor * np.stack([noise.white(state, matrix) for matrix in problem.matrices]),
+        np.stack([noise.white(state, factor[:, None] * matrix) for matrix in problem.matrices]),
         samples.points,
         samples.factors,
         noise.white(state, problem.values),
-        factor * np.stack([noise.white(state, offset) for offset in problem.offsets]),
+        np.stack([noise.white(state, factor * offset) for offset in problem.offsets]),
         KB * max(curve.temperature for curve in model.curves),
     )
     seen = np.pad(model.seen(), more[1])
@@ -234,12 +235,11 @@ def _inference(
     smooth = model.grid
     model, problem, samples, prior = with_hidden(model, samples, problem.prior, prior)
     noise, state = problem.likelihood, samples.typical
-    factors = np.exp([one.calibration for one in samples.states])
-    fitted = factors[:, None] * samples.fitted(problem)
+    fitted = samples.calibrations[:, noise.instrument] * samples.fitted(problem)
     errors = noise.errors(state)
     chi2 = float(np.sum(((problem.values - fitted.mean(axis=0)) / errors) ** 2))
     each = np.sum(((problem.values - fitted) / errors) ** 2, axis=1)
-    unknowns = model.unknowns
+    unknowns = problem.unknowns
     scalars = {name: values[samples.points] for name, values in unknowns.values.items()}
     if unknowns.factor is not None:
         scalars["bond_force"] = samples.factors * model.chemistry.bond_force
@@ -254,9 +254,9 @@ def _inference(
         errors=noise.errors(replace(state, inflation=np.ones(problem.values.size))),
         stated_errors=np.hypot(noise.stated, noise.floors),
         off=samples.off,
-        error_terms=_error_terms(model, samples, factors),
+        error_terms=_error_terms(model, samples),
         fitted=fitted,
-        prior_fitted=problem.offsets[model.middle] + prior @ problem.matrices[model.middle].T,
+        prior_fitted=problem.offsets[problem.start] + prior @ problem.matrices[problem.start].T,
         curves=tuple(
             {name: getattr(curve, name) for name in ("name", "load", "temperature", "quantity")}
             for curve in model.curves
@@ -291,7 +291,7 @@ def _inference(
     return inference.noting(plugins, [entry for contact in contacts for entry in contact.approximate])
 
 
-def _error_terms(model: Model, samples: Samples, factors: np.ndarray) -> dict[str, np.ndarray]:
+def _error_terms(model: Model, samples: Samples) -> dict[str, np.ndarray]:
     """Name -> (S,) what was inferred of the errors."""
     terms, error_model = {}, model.error_model
     if error_model.scaled:
@@ -299,7 +299,8 @@ def _error_terms(model: Model, samples: Samples, factors: np.ndarray) -> dict[st
     if error_model.correlated:
         terms["correlation time"] = np.exp([state.log_time for state in samples.states])
     if error_model.calibration:
-        terms["calibration"] = factors
+        names = [f"calibration of {name}" for name in model.instruments]
+        terms |= dict(zip(names if len(names) > 1 else ("calibration",), samples.calibrations.T, strict=True))
     return terms
 
 
@@ -334,7 +335,7 @@ def _notes(model: Model, problem: Problem, points: np.ndarray, inference: Infere
         low, high = inference.interval(name)
         if high - low > 0.8 * (top - bottom):
             notes.append(f"{name}: its interval is as wide as its bounds, so that the data do not tell it")
-        notes += _coarse(name, inference.scalars[name], model.unknowns)
+        notes += _coarse(name, inference.scalars[name], problem.unknowns)
     if diagnostics["r_hat"] > APART or diagnostics["effective_samples"] < FEW:
         notes.append(
             f"sampling has not converged ({diagnostics['effective_samples']:.0f} effective samples, R-hat "

@@ -7,12 +7,13 @@ Graph. Stat. 2, 251 (1993), call it hit and run). There is nothing to adapt, and
 stall, are no obstacle. Memory: n (m + n) doubles, which stay in the cache of one core; each direction reads them about
 once.
 
-**Choices** (strength, smoothness, length). With the positive nodes fixed, the posterior of a choice is normal,
-N(m, (L Lᵀ)⁻¹). The process x is written as m + L⁻ᵀ η, and the choice is drawn anew at fixed η, so that the density
-adapts to it: where the positive nodes are those assumed, this draws from the posterior of the choice alone. Drawing the
-choice at fixed x as well makes this an interweaving of two parametrisations (Yu & Meng, J. Comput. Graph. Stat. 20, 531
-(2011); the variable η is that of Murray & Adams, NeurIPS 23 (2010), with the measurements as surrogate data). Memory: a
-candidate reads n² doubles of its factor and n² of its inverse covariance, once.
+**Choices** (strength, smoothness, length). Given which nodes are positive, the posterior of a choice is a normal
+distribution N(m, (L Lᵀ)⁻¹) restricted to these signs. The process is written by numbers v, uniform between 0 and 1:
+from the last node to the first, x_j has the tail probability v_j in its normal distribution given the nodes after it,
+cut at zero (Geweke 1991; Hajivassiliou & McFadden 1998). The choice is drawn anew at fixed v and fixed signs, so that
+the density adapts to it; the probability of a choice is its evidence times the probabilities of the signs. This is a
+non-centred parametrisation (Papaspiliopoulos, Roberts & Sköld, Statist. Sci. 22, 59 (2007)) that rectification does not
+spoil. Memory: a candidate is one Cholesky factor, n² doubles.
 """
 
 from __future__ import annotations
@@ -21,6 +22,9 @@ import math
 
 import numba as nb
 import numpy as np
+
+#: twice the logarithm by which a density is lower where it is left out
+NEGLIGIBLE = 120.0
 
 
 @nb.njit(cache=True, nogil=True)
@@ -64,32 +68,63 @@ def piece(a, b, c, low, high):
 
 
 @nb.njit(cache=True, nogil=True)
+def log_tail(z):
+    """Logarithm of the probability that a standard normal number exceeds ``z``."""
+    if z < 0.0:
+        return math.log1p(-0.5 * math.erfc(-z / math.sqrt(2.0)))
+    return -0.5 * z * z + math.log(0.5 * scaled_erfc(z / math.sqrt(2.0)))
+
+
+@nb.njit(cache=True, nogil=True)
+def at_log_tail(log_share):
+    """The z of which :func:`log_tail` is ``log_share``; at least −38, where it is 0 to double precision.
+
+    Newton's method from an upper bound, Q(z) ≤ exp(−z²/2)/2, from which it converges monotonically as log Q is concave.
+    """
+    if log_share >= -1e-300:
+        return -38.0
+    lower = log_share > -math.log(2.0)  # by the other tail, which is the smaller one
+    goal = math.log(-math.expm1(log_share)) if lower else log_share
+    z = math.sqrt(max(-2.0 * (goal + math.log(2.0)), 0.0))
+    for _ in range(60):
+        tail = 0.5 * scaled_erfc(z / math.sqrt(2.0))
+        step = (math.log(tail) - 0.5 * z * z - goal) * tail * math.sqrt(2.0 * math.pi)
+        z += step
+        if abs(step) < 1e-12 * (1.0 + z):
+            break
+    return -z if lower else z
+
+
+@nb.njit(cache=True, nogil=True)
 def drawn(a, b, low, high, uniform):
-    """α between ``low`` and ``high`` with the density exp(−(aα² + 2bα)/2), by bisection of its integral."""
-    centre, width = -b / a, 1.0 / math.sqrt(a)
-    if low < centre < high:
-        first, last = max(low, centre - 9.0 * width), min(high, centre + 9.0 * width)
-        root = math.sqrt(0.5 * a)
-        begin, end = math.erf((first - centre) * root), math.erf((last - centre) * root)
-        goal = begin + uniform * (end - begin)
-        for _ in range(46):
-            middle = 0.5 * (first + last)
-            if math.erf((middle - centre) * root) < goal:
-                first = middle
-            else:
-                last = middle
-        return 0.5 * (first + last)
-    edge, sign = (low, 1.0) if centre <= low else (high, -1.0)
-    slope = abs(a * edge + b)
-    length = min(high - low, 40.0 * min(width, 1.0 / slope if slope > 0.0 else width))
-    goal, first, last = uniform * edge_integral(slope, a, length), 0.0, length
-    for _ in range(46):
-        middle = 0.5 * (first + last)
-        if edge_integral(slope, a, middle) < goal:
-            first = middle
-        else:
-            last = middle
-    return edge + sign * 0.5 * (first + last)
+    """α between ``low`` and ``high`` with the density exp(−(aα² + 2bα)/2), by the tails of the normal distribution."""
+    root = math.sqrt(a)
+    first, last = low * root + b / root, high * root + b / root
+    sign = 1.0
+    if first + last < 0.0:  # by the smaller tails
+        first, last, sign = -last, -first, -1.0
+    most = log_tail(first)
+    z = at_log_tail(most + math.log1p(uniform * math.expm1(log_tail(last) - most)))
+    return min(max((sign * z - b / root) / root, low), high)
+
+
+@nb.njit(cache=True, nogil=True)
+def log_misfit(x, matrix, target, areas, limit):
+    """Minus half of χ² of the positive part of ``x``; −∞ where its integral exceeds ``limit``."""
+    n, m = matrix.shape
+    mass = 0.0
+    residual = -target
+    for i in range(n):
+        if x[i] > 0.0:
+            mass += areas[i] * x[i]
+            for k in range(m):
+                residual[k] += x[i] * matrix[i, k]
+    if mass > limit:
+        return -np.inf
+    total = 0.0
+    for k in range(m):
+        total += residual[k] * residual[k]
+    return -0.5 * total
 
 
 @nb.njit(cache=True, nogil=True)
@@ -104,7 +139,8 @@ def sweep(x, pull, matrix, target, areas, limit, directions, pulls, uniforms):
     breaks, places = np.empty(n), np.empty(n, np.int64)
     fixed, moving = np.empty(m), np.empty(m)
     lows, highs, logs = np.empty(n + 1), np.empty(n + 1), np.empty(n + 1)
-    curves, linears = np.empty(n + 1), np.empty(n + 1)
+    curves, linears, rests = np.empty(n + 1), np.empty(n + 1), np.empty(n + 1)
+    misfit = -2.0 * log_misfit(x, matrix, target, areas, np.inf)
     for number in range(directions.shape[0]):
         v = directions[number]
         a0 = b0 = 0.0
@@ -113,24 +149,30 @@ def sweep(x, pull, matrix, target, areas, limit, directions, pulls, uniforms):
             b0 += v[i] * pull[i]
         if not a0 > 0.0:
             continue
+        # beyond, the prior alone is below exp(−NEGLIGIBLE/2) of the present density
+        reach = math.sqrt(b0 * b0 + a0 * (misfit + NEGLIGIBLE)) / a0
+        first, last = -b0 / a0 - reach, -b0 / a0 + reach
         count, mass, mass_rate = 0, 0.0, 0.0
         for k in range(m):
             fixed[k], moving[k] = -target[k], 0.0
         for i in range(n):
             if v[i] != 0.0:
-                breaks[count], places[count] = -x[i] / v[i], i
-                count += 1
-            if v[i] < 0.0 or (v[i] == 0.0 and x[i] > 0.0):  # positive for α → −∞
+                at = -x[i] / v[i]
+                if first < at < last:
+                    breaks[count], places[count] = at, i
+                    count += 1
+            # positive at the first α
+            if (at <= first) == (v[i] > 0.0) if v[i] != 0.0 else x[i] > 0.0:
                 mass += areas[i] * x[i]
                 mass_rate += areas[i] * v[i]
                 for k in range(m):
                     fixed[k] += x[i] * matrix[i, k]
                     moving[k] += v[i] * matrix[i, k]
         order = np.argsort(breaks[:count])
-        best = -np.inf
+        top = -np.inf
         for part in range(count + 1):
-            low = -np.inf if part == 0 else breaks[order[part - 1]]
-            high = np.inf if part == count else breaks[order[part]]
+            low = first if part == 0 else breaks[order[part - 1]]
+            high = last if part == count else breaks[order[part]]
             if mass_rate > 1e-14:
                 high = min(high, (limit - mass) / mass_rate)
             elif mass_rate < -1e-14:
@@ -144,9 +186,10 @@ def sweep(x, pull, matrix, target, areas, limit, directions, pulls, uniforms):
                     a += moving[k] * moving[k]
                     b += fixed[k] * moving[k]
                     c += fixed[k] * fixed[k]
-                lows[part], highs[part], curves[part], linears[part] = low, high, a, b
-                logs[part] = piece(a, b, c, low, high)
-                best = max(best, logs[part])
+                lows[part], highs[part], curves[part], linears[part], rests[part] = low, high, a, b, c
+                peak = min(max(-b / a, low), high)
+                logs[part] = -0.5 * (a * peak * peak + 2.0 * b * peak + c)  # the highest density, for now
+                top = max(top, logs[part])
             if part < count:
                 i = places[order[part]]
                 sign = 1.0 if v[i] > 0.0 else -1.0
@@ -155,8 +198,15 @@ def sweep(x, pull, matrix, target, areas, limit, directions, pulls, uniforms):
                 for k in range(m):
                     fixed[k] += sign * x[i] * matrix[i, k]
                     moving[k] += sign * v[i] * matrix[i, k]
-        if not best > -np.inf:
+        if not top > -np.inf:
             continue
+        best = -np.inf
+        for part in range(count + 1):
+            if logs[part] < top - 0.5 * NEGLIGIBLE:
+                logs[part] = -np.inf
+            else:
+                logs[part] = piece(curves[part], linears[part], rests[part], lows[part], highs[part])
+                best = max(best, logs[part])
         total = 0.0
         for part in range(count + 1):
             total += math.exp(logs[part] - best)
@@ -169,6 +219,7 @@ def sweep(x, pull, matrix, target, areas, limit, directions, pulls, uniforms):
                 if goal <= 0.0:
                     break
         step = drawn(curves[chosen], linears[chosen], lows[chosen], highs[chosen], uniforms[number, 1])
+        misfit = (curves[chosen] - a0) * step * step + 2.0 * (linears[chosen] - b0) * step + rests[chosen]
         for i in range(n):
             x[i] += step * v[i]
             pull[i] += step * pulls[number, i]
@@ -195,25 +246,6 @@ def log_priors(x, level, candidates, inverses, logs):
 
 
 @nb.njit(cache=True, nogil=True)
-def log_misfit(x, matrix, target, areas, limit):
-    """Minus half of χ² of the positive part of ``x``; −∞ where its integral exceeds ``limit``."""
-    n, m = matrix.shape
-    mass = 0.0
-    residual = -target
-    for i in range(n):
-        if x[i] > 0.0:
-            mass += areas[i] * x[i]
-            for k in range(m):
-                residual[k] += x[i] * matrix[i, k]
-    if mass > limit:
-        return -np.inf
-    total = 0.0
-    for k in range(m):
-        total += residual[k] * residual[k]
-    return -0.5 * total
-
-
-@nb.njit(cache=True, nogil=True)
 def solved(factor, goals):
     """(k, n) solutions of Lᵀ x = g for the rows g of ``goals`` (k, n); ``factor`` (n, n) is L, lower triangular."""
     solutions = goals.copy()
@@ -227,60 +259,63 @@ def solved(factor, goals):
 
 
 @nb.njit(cache=True, nogil=True)
-def solved_twice(factors, goal):
-    """(k, n) solutions of L Lᵀ x = ``goal`` (n,) for each of the lower triangular L of ``factors`` (k, n, n)."""
-    solutions = np.empty((factors.shape[0], goal.size))
-    for k in range(factors.shape[0]):
-        lower, x = factors[k], solutions[k]
-        for i in range(goal.size):
-            total = goal[i]
-            for j in range(i):
-                total -= lower[i, j] * x[j]
-            x[i] = total / lower[i, i]
-        for j in range(goal.size - 1, -1, -1):
-            x[j] /= lower[j, j]
-            for i in range(j):
-                x[i] -= lower[j, i] * x[j]
-    return solutions
+def solved_both(lower, goal):
+    """(n,) solution of L Lᵀ x = ``goal``; ``lower`` (n, n) is L."""
+    x = goal.copy()
+    for i in range(x.size):
+        for j in range(i):
+            x[i] -= lower[i, j] * x[j]
+        x[i] /= lower[i, i]
+    for j in range(x.size - 1, -1, -1):
+        x[j] /= lower[j, j]
+        for i in range(j):
+            x[i] -= lower[j, i] * x[j]
+    return x
 
 
 @nb.njit(cache=True, nogil=True)
-def moved(x, choice, level, candidates, means, factors, inverses, logs, matrix, target, areas, limit, gumbels):
-    """Draw the choice among ``candidates`` (k,) at fixed η; changes ``x`` (n,) in place, returns the choice.
+def moved(x, choice, level, candidates, inverses, logs, matrix, target, areas, limit, gumbels):
+    """Draw the choice among ``choice`` and the ``candidates`` (k,) other than it, at fixed v and fixed signs.
 
-    ``means`` (choices, n) and ``factors`` (choices, n, n), lower triangular: m and L of every choice. ``candidates``
-    contains ``choice``; ``gumbels`` (k,) are standard Gumbel numbers. The others are those of :func:`log_priors` and
-    :func:`log_misfit`.
+    Changes ``x`` (n,) in place, returns the choice. ``gumbels`` (k + 1,) are standard Gumbel numbers, the first that of
+    ``choice``. The others are those of :func:`log_priors` and :func:`log_misfit`.
     """
     n = x.size
-    eta = np.zeros(n)
-    lower, mean = factors[choice], means[choice]
-    for j in range(n):
-        away = x[j] - mean[j]
-        for i in range(j + 1):
-            eta[i] += lower[j, i] * away
-    best, chosen, kept = -np.inf, choice, x.copy()
-    candidate = np.empty(1, np.int64)
-    trial = np.empty(n)
-    for k in range(candidates.size):
-        number = candidates[k]
-        lower, mean = factors[number], means[number]
-        trial[:] = eta
-        volume = 0.0
-        for j in range(n - 1, -1, -1):  # Lᵀ trial = η
-            trial[j] /= lower[j, j]
-            volume += math.log(lower[j, j])
+    seen, pull = np.zeros_like(matrix), target.copy()
+    for i in range(n):
+        if x[i] > 0.0:
+            seen[i] = matrix[i]
+            pull -= level * matrix[i]
+    precision, goal = seen @ seen.T, seen @ pull
+    log_shares, trial, kept = np.empty(n), x.copy(), x.copy()
+    number = np.full(1, choice)
+    best, chosen = -np.inf, choice
+    for k in range(-1, candidates.size):
+        if k >= 0:
+            number[0] = candidates[k]
+            if number[0] == choice:
+                continue
+        lower = np.linalg.cholesky(inverses[number[0]] + precision)
+        mean = solved_both(lower, goal)
+        after = np.zeros(n)  # of each node, what those after it pull
+        value = gumbels[k + 1]
+        for j in range(n - 1, -1, -1):
+            sign, middle = (1.0 if x[j] > 0.0 else -1.0), level + mean[j]
+            room = log_tail(sign * (after[j] - lower[j, j] * middle))
+            if k < 0:
+                z = sign * (after[j] + lower[j, j] * (x[j] - middle))
+                log_shares[j] = log_tail(z) - room
+            else:
+                z = at_log_tail(log_shares[j] + room)
+                at = middle + (sign * z - after[j]) / lower[j, j]
+                trial[j] = max(at, 1e-300) if sign > 0.0 else min(at, 0.0)  # rounding keeps the sign
+            value += room + 0.5 * z * z - math.log(lower[j, j])
             for i in range(j):
-                trial[i] -= lower[j, i] * trial[j]
-        for j in range(n):
-            trial[j] += mean[j]
-        if number == choice:
-            trial[:] = x
-        candidate[0] = number
-        value = gumbels[k] - volume + log_misfit(trial, matrix, target, areas, limit)
-        value += log_priors(trial, level, candidate, inverses, logs)[0]
+                after[i] += lower[j, i] * (trial[j] - middle)
+        value += log_misfit(trial, matrix, target, areas, limit)
+        value += log_priors(trial, level, number, inverses, logs)[0]
         if value > best:
-            best, chosen = value, number
+            best, chosen = value, number[0]
             kept[:] = trial
     x[:] = kept
     return chosen

@@ -4,7 +4,7 @@ The residual of a point is the measured value less ``calibration`` × the value 
 ``scale`` × the stated one, it is normal, or with the probability :data:`RARE` ten times as wide (contaminated normal
 distribution; Tukey 1960; Box & Tiao, Biometrika 55, 119 (1968)). Along a curve residuals may be correlated as
 exp(−|Δ ln t|/τ), an Ornstein-Uhlenbeck process, whose inverse covariance couples neighbours only. Scale, points, τ and
-calibration are sampled with the density.
+calibration, one for each instrument, are sampled with the density.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class ErrorModel:
     scaled: bool = False
     robust: bool = False
     correlated: bool = False
-    #: standard deviation of the logarithm of the common factor of all values; 0: calibrated
+    #: standard deviation of the logarithm of the common factor of all values of an instrument; 0: calibrated
     calibration: float = 0.0
 
     @classmethod
@@ -61,9 +61,10 @@ class State:
     scales: np.ndarray
     #: (m,) further factor of each error: 1, or :data:`WIDER` where the point is off
     inflation: np.ndarray
-    #: logarithms of the correlation time (e-folds) and of the calibration
+    #: (instruments,) logarithms of the calibrations
+    calibration: np.ndarray
+    #: logarithm of the correlation time (e-folds)
     log_time: float = float(np.log(TIME))
-    calibration: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,11 +78,23 @@ class Noise:
     #: (m,) numbers of the curves, ascending, and hold times, s
     curve: np.ndarray
     hold_times: np.ndarray
+    #: (curves,) numbers of their instruments
+    instruments: np.ndarray
 
     @cached_property
     def start(self) -> State:
         """Errors as stated."""
-        return State(np.ones(int(self.curve.max(initial=-1)) + 1), np.ones(self.stated.size))
+        instruments = np.zeros(int(self.instruments.max(initial=0)) + 1)
+        return State(np.ones(int(self.curve.max(initial=-1)) + 1), np.ones(self.stated.size), instruments)
+
+    @cached_property
+    def instrument(self) -> np.ndarray:
+        """(m,) numbers of the instruments."""
+        return self.instruments[self.curve]
+
+    def factor(self, state: State) -> np.ndarray:
+        """(m,) measured over true value."""
+        return np.exp(state.calibration)[self.instrument]
 
     @property
     def fixed(self) -> bool:
@@ -125,7 +138,7 @@ class Noise:
     def drawn(self, state: State, values: np.ndarray, fitted: np.ndarray, rng: np.random.Generator) -> State:
         """Another state, given the measured ``values`` (m,) and those of the model, ``fitted`` (m,)."""
         model = self.model
-        residual = values - np.exp(state.calibration) * fitted
+        residual = values - self.factor(state) * fitted
         if model.scaled:  # whichever points are off, and these right after it
             state = self._scaled(state, residual, rng)
         if model.robust:
@@ -136,16 +149,18 @@ class Noise:
             gain = self._logs(other, residual).sum() - self._logs(state, residual).sum() - 0.5 * (away[1] - away[0])
             state = other if np.log(rng.random()) < gain else state
         if model.calibration:
-            step = 0.3 * model.calibration * float(rng.standard_normal())
+            step = 0.3 * model.calibration * rng.standard_normal(state.calibration.size)
             other = replace(state, calibration=state.calibration + step)
-            gain = self.log_calibration(other.calibration) - self.log_calibration(state.calibration)
-            for sign, one in ((1, other), (-1, state)):
-                gain += sign * self._logs(one, values - np.exp(one.calibration) * fitted).sum()
-            state = other if np.log(rng.random()) < gain else state
+            change = self._logs(other, values - self.factor(other) * fitted)
+            change -= self._logs(state, values - self.factor(state) * fitted)
+            gain = np.bincount(self.instrument, change, step.size)
+            gain += self.log_calibrations(other.calibration) - self.log_calibrations(state.calibration)
+            taken = np.log(rng.random(step.size)) < gain
+            state = replace(state, calibration=np.where(taken, other.calibration, state.calibration))
         return state
 
-    def log_calibration(self, calibration: float) -> float:
-        """Logarithm of the prior of the logarithm of the calibration."""
+    def log_calibrations(self, calibration: np.ndarray) -> np.ndarray:
+        """(instruments,) logarithms of the priors of the logarithms of the calibrations."""
         return -0.5 * (calibration / self.model.calibration) ** 2
 
     def _scaled(self, state: State, residual: np.ndarray, rng: np.random.Generator) -> State:
@@ -206,10 +221,10 @@ class Noise:
         if not self.model.scaled:
             return self.errors(state)
         wider = np.where(state.inflation > 1, WIDER / LARGEST, 1.0)
-        return self.errors(State(np.full_like(state.scales, LARGEST), wider))
+        return self.errors(replace(state, scales=np.full_like(state.scales, LARGEST), inflation=wider))
 
 
 def fixed(errors: np.ndarray) -> Noise:
     """Independent normal errors (m,) of which nothing is inferred."""
     zero = np.zeros(errors.size)
-    return Noise(ErrorModel(), errors, zero, zero.astype(np.int64), zero + 1)
+    return Noise(ErrorModel(), errors, zero, zero.astype(np.int64), zero + 1, np.zeros(1, dtype=np.int64))

@@ -18,6 +18,7 @@ them on and off (product space method, Carlin & Chib, J. R. Stat. Soc. B 57, 473
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -48,6 +49,8 @@ UNITS: dict[str, tuple[str, bool]] = {
 LOAD = "load over stated"
 #: values of an unknown on the grid: alone and without interaction, with an interaction or another unknown, with both
 POINTS = 61, 9, 5
+#: steps of the load in sampling for each one that is solved
+FINE = 12
 
 
 def matern(smoothness: float, distance: np.ndarray) -> np.ndarray:
@@ -125,10 +128,8 @@ class Prior:
 class Unknowns:
     """What is inferred beside the density: scalars on a grid of values, each with its linear model, and ⟨f⟩."""
 
-    #: name -> (g,) its value at each point of the grid; bond_force is not on it, but scales everything
-    values: Mapping[str, np.ndarray] = field(default_factory=dict)
-    #: (g, k) points beside each, itself where the grid ends
-    neighbours: np.ndarray = field(default_factory=lambda: np.zeros((1, 0), dtype=np.int64))
+    #: name -> its values along its axis of the grid; bond_force is not on it, but scales everything
+    axes: Mapping[str, np.ndarray] = field(default_factory=dict)
     #: bounds of the logarithm of bond_force over that of the scene; None where it is known
     factor: tuple[float, float] | None = None
     #: name -> lower and upper bound, in its unit
@@ -136,10 +137,41 @@ class Unknowns:
     #: standard deviation of the logarithm of the true load over the stated one
     load_error: float = 0.0
 
+    @cached_property
+    def values(self) -> dict[str, np.ndarray]:
+        """Name -> (g,) its value at each point of the grid."""
+        meshes = np.meshgrid(*self.axes.values(), indexing="ij")
+        return {name: mesh.ravel() for name, mesh in zip(self.axes, meshes, strict=True)}
+
     @property
     def points(self) -> int:
         """Points of the grid."""
-        return len(self.neighbours)
+        return math.prod(axis.size for axis in self.axes.values())
+
+    def moved(self, point: int, axis: int, steps: int) -> int | None:
+        """The point so many steps along an axis; None beyond the grid."""
+        shape = tuple(each.size for each in self.axes.values())
+        place = list(np.unravel_index(point, shape))
+        place[axis] += steps
+        return int(np.ravel_multi_index(place, shape)) if 0 <= place[axis] < shape[axis] else None
+
+    def refined(self, matrices: np.ndarray, offsets: np.ndarray) -> tuple[Unknowns, np.ndarray, np.ndarray]:
+        """The grid with :data:`FINE` steps for each step of the load, and ``matrices`` (g, m, n) and ``offsets``
+        (g, m) on it, which are smooth functions of the load: by cubic splines."""
+        if LOAD not in self.axes:
+            return self, matrices, offsets
+        from scipy.interpolate import CubicSpline
+
+        *others, load = (axis.size for axis in self.axes.values())
+        here, there = np.arange(load), np.linspace(0, load - 1, FINE * (load - 1) + 1)
+        fine = (
+            CubicSpline(here, array.reshape(*others, load, *array.shape[1:]), axis=len(others))(there).reshape(
+                -1, *array.shape[1:]
+            )
+            for array in (matrices, offsets)
+        )
+        axis = np.exp(np.interp(there, here, np.log(self.axes[LOAD])))
+        return replace(self, axes={**self.axes, LOAD: axis}), *fine
 
     def chemistry(self, chemistry: Chemistry, point: int) -> Chemistry:
         """The chemistry at a point of the grid."""
@@ -178,19 +210,11 @@ def unknowns_of(
     if load_error:
         on_grid, count = [*on_grid, LOAD], POINTS[1] if len(on_grid) == 0 else count
         axes.append(np.exp(load_error * np.linspace(-2.5, 2.5, count)))
-    values = (mesh.ravel() for mesh in np.meshgrid(*axes, indexing="ij"))
-    point = np.arange(count ** len(on_grid)).reshape((count,) * len(on_grid))
-    beside = [
-        point.take(np.clip(np.arange(count) + step, 0, count - 1), axis).ravel()
-        for axis in range(len(on_grid))
-        for step in (-1, 1)
-    ]
     factor = None
     if "bond_force" in bounds:
         low, high = np.log(np.array(bounds["bond_force"]) / chemistry.bond_force)
         factor = float(low), float(high)
-    neighbours = np.array(beside, dtype=np.int64).reshape(-1, point.size).T
-    return Unknowns(dict(zip(on_grid, values, strict=True)), neighbours, factor, bounds, load_error)
+    return Unknowns(dict(zip(on_grid, axes, strict=True)), factor, bounds, load_error)
 
 
 def _bounds(
@@ -260,8 +284,8 @@ class Problem:
 
     def settled(self, state: State) -> Problem:
         """The problem with the errors and the calibration of ``state``, and known: correlations are left out."""
-        factor, errors = np.exp(state.calibration), self.likelihood.errors(state)
-        scaled = {"matrices": factor * self.matrices, "offsets": factor * self.offsets} if factor != 1 else {}
+        factor, errors = self.likelihood.factor(state), self.likelihood.errors(state)
+        scaled = {"matrices": factor[:, None] * self.matrices, "offsets": factor * self.offsets}
         return replace(self, errors=errors, noise=None, state=None, **scaled)
 
     def without(self, left_out: np.ndarray) -> Problem:

@@ -1,7 +1,7 @@
 """Samples of the posterior: Markov chains that are continued until there are enough, and the measures of that.
 
-A chain moves along lines for the density, by two Gibbs moves for what the prior leaves open, and by Metropolis moves
-for unknown scalars.
+A chain moves along lines for the density, by a Gibbs move for what the prior leaves open, and by Metropolis moves for
+unknown scalars.
 """
 
 from __future__ import annotations
@@ -27,21 +27,27 @@ ENOUGH, AGREED, MOST_SWEEPS = 300, 1.03, 4000
 EVERY = 2
 #: nodes by which a move of a scalar shifts the density, at most
 SHIFT = 2
+#: steps along the grid of scalars at once
+STEPS = 1, 1, 2, 4
 #: standard deviation of the integral of a density that is complete, and its largest
 COMPLETE, LIMIT = 0.003, 1.02
-#: sets of positive nodes that directions and choices are drawn with, at most; bytes of their tables
-PATTERNS, BYTES = 8, 64e6
+#: passes over the density in a sweep
+PASSES = 3
+#: sets of positive nodes that directions are drawn with, at most
+PATTERNS = 8
 #: choices of the prior among which one is drawn
-CANDIDATES = 24
+CANDIDATES = 8
 #: densities of the warm-up whose differences serve as directions; bumps of which some are drawn for every sweep
 ARCHIVE, BUMPS = 100, 2000
+#: derivatives of a bump that serve as directions, from the 0th
+ORDERS = 5
 #: standard errors by which a combination of the measurements changes with the density (1/eV) at least, or is left out
 NEGLIGIBLE = 2e-3
 
 
 @dataclass(eq=False)
 class _Pattern:
-    """A set of positive nodes; the posterior for it is normal under every choice of the prior."""
+    """A set of positive nodes; the posterior for it is nearly normal under every choice of the prior."""
 
     #: (n,) 1 where positive
     positive: np.ndarray
@@ -50,8 +56,10 @@ class _Pattern:
     log_factor: float
     #: errors of the measurements for which it is tabulated
     state: State
-    #: whether the density is complete -> (choices, n) means and (choices, n, n) factors of the inverse covariances
-    tables: dict[bool, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
+    #: choice, and whether the density is complete -> (n, n) lower factor of the inverse covariance
+    factors: dict[tuple[int, bool], np.ndarray] = field(default_factory=dict)
+    #: these, and the points of a factor -> (n,) answer to it, see :meth:`Chain._answer`
+    answers: dict[tuple[int, bool, bytes], np.ndarray] = field(default_factory=dict)
 
 
 class Chain:
@@ -73,20 +81,19 @@ class Chain:
         self.states: list[State] = []
         self._archive: np.ndarray = np.zeros((0, start.size))
         self._patterns: list[_Pattern] = []
-        choices = len(problem.prior.combinations)
-        self._most_patterns = int(np.clip(BYTES / (16 * choices * start.size**2), 2, PATTERNS))
         self._last: tuple[tuple[int, float, bool], State, tuple[np.ndarray, np.ndarray]] | None = None
         self._sweep = 0
         self._reduced: dict[int, tuple[np.ndarray, np.ndarray]] = {}
-        self.choice = self._drawn(np.arange(choices))
+        logs = kernels.log_priors(self.x, LEVEL, np.arange(len(problem.prior.combinations)), *problem.prior.precisions)
+        self.choice = int(np.argmax(logs + rng.gumbel(size=logs.size)))
 
     def warm(self, sweeps: int) -> None:
         """Forget the start, and choose the directions; nothing is kept."""
-        every = max(sweeps // (2 * self._most_patterns), 1)
+        every = max(sweeps // (2 * PATTERNS), 1)
         archive = []
         for sweep in range(sweeps):
             if sweep % every == every - 1:
-                self._patterns = [*self._patterns, self._pattern()][-self._most_patterns :]
+                self._patterns = [*self._patterns, self._pattern()][-PATTERNS:]
             if sweep == sweeps // 2:
                 self._archive = np.array(archive)
             self.step()
@@ -105,15 +112,15 @@ class Chain:
 
     def step(self) -> None:
         """One sweep over all unknowns."""
-        self._drawn_density()
-        self._drawn_complete()
+        for _ in range(PASSES):
+            self._drawn_density()
+            self._drawn_complete()
         self._drawn_choice()
-        self._moved_choice()
         self._sweep += 1
         if not self.noise.fixed and self._sweep % EVERY == 0:
             self._drawn_errors()
         if self.problem.unknowns.points > 1 or self.problem.unknowns.factor is not None:
-            for _ in range(3):
+            for _ in range(6):
                 self._moved_scalars()
 
     # -- the misfit ---------------------------------------------------------------------------------------------------
@@ -136,8 +143,8 @@ class Chain:
 
     def _made_rows(self, point: int, log_factor: float, complete: bool, state: State) -> tuple[np.ndarray, np.ndarray]:
         axes, parts = self._rotated(point)
-        factor = np.exp(log_factor + state.calibration)
-        parts = factor * self.noise.white(state, parts)
+        factor = np.exp(log_factor) * self.noise.factor(state)
+        parts = self.noise.white(state, factor[:, None] * parts)
         goal = self.noise.white(state, self.problem.values - factor * self.problem.offsets[point])
         lower = np.linalg.cholesky(parts.T @ parts + 1e-6 * np.eye(parts.shape[1]))
         matrix, target = axes @ lower, np.linalg.solve(lower, parts.T @ goal)
@@ -155,7 +162,7 @@ class Chain:
         mass = float(np.maximum(x, 0.0) @ self.problem.areas)
         if mass > self._limit:
             return np.inf
-        fitted = np.exp(state.calibration) * self._fitted(x, point, log_factor)
+        fitted = self.noise.factor(state) * self._fitted(x, point, log_factor)
         residual = self.noise.white(state, self.problem.values - fitted)
         return 0.5 * float(residual @ residual) + (0.5 * ((mass - 1) / COMPLETE) ** 2 if self.complete else 0.0)
 
@@ -168,27 +175,27 @@ class Chain:
     def _pattern(self) -> _Pattern:
         return _Pattern((self.x > 0).astype(float), self.point, self.log_factor, self.state)
 
-    def _table(self, pattern: _Pattern) -> tuple[np.ndarray, np.ndarray]:
-        """(choices, n) means and (choices, n, n) lower factors L of the inverse covariances of a pattern."""
-        if self.complete not in pattern.tables:
-            matrix, target = self._rows(pattern.point, pattern.log_factor, self.complete, pattern.state)
+    def _factor(self, pattern: _Pattern) -> np.ndarray:
+        """(n, n) lower factor L of the inverse covariance of a pattern, under the present choice of the prior."""
+        key = self.choice, self.complete
+        if key not in pattern.factors:
+            matrix, _ = self._rows(pattern.point, pattern.log_factor, self.complete, pattern.state)
             seen = matrix * pattern.positive[:, None]
-            factors = np.linalg.cholesky(self.problem.prior.precisions[0] + seen @ seen.T)
-            goal = seen @ (target - LEVEL * seen.sum(axis=0))
-            pattern.tables[self.complete] = LEVEL + kernels.solved_twice(factors, goal), factors
-        return pattern.tables[self.complete]
+            pattern.factors[key] = np.linalg.cholesky(self.problem.prior.precisions[0][self.choice] + seen @ seen.T)
+        return pattern.factors[key]
 
     def _directions(self, count: int) -> np.ndarray:
-        """(count, n): bumps of all widths, and bumps beside dips, which keep the integral; as wide as the posterior is
-        in them, if the nodes that are positive were those of an earlier sample; and differences of earlier samples."""
+        """(count, n): bumps of all widths, and their derivatives, which keep the integral, the mean and so on; as wide
+        as the posterior is in them, if the nodes that are positive were those of an earlier sample; and differences of
+        earlier samples."""
         nodes, rng = self.problem.prior.nodes, self.rng
         others = count // 3 if self._patterns else 0
         between = count // 3 if len(self._archive) > 10 else 0
         bumps = count - others - between
         parts = [self._bumps[rng.integers(BUMPS, size=bumps)]]
         if others:
-            _, factors = self._table(self._patterns[rng.integers(len(self._patterns))])
-            parts.append(kernels.solved(factors[self.choice], rng.standard_normal((others, nodes.size))))
+            factor = self._factor(self._patterns[rng.integers(len(self._patterns))])
+            parts.append(kernels.solved(factor, rng.standard_normal((others, nodes.size))))
         if between:
             pairs = rng.integers(len(self._archive), size=(between, 2))
             parts.append(self._archive[pairs[:, 0]] - self._archive[pairs[:, 1]])
@@ -202,7 +209,11 @@ class Chain:
         centre = rng.uniform(nodes[0] - step, nodes[-1] + step, (BUMPS, 1))
         width = np.exp(rng.uniform(np.log(0.3 * step), np.log(0.5), (BUMPS, 1)))
         away = (nodes - centre) / width
-        bumps = np.exp(-0.5 * away**2) * np.where(rng.random((BUMPS, 1)) < 0.5, 1.0, away)
+        # Hermite functions, the derivatives of a bump
+        order = rng.integers(ORDERS, size=(BUMPS, 1))
+        bumps = np.exp(-0.5 * away**2) * np.choose(
+            order, (np.ones_like(away), away, away**2 - 1, away**3 - 3 * away, away**4 - 6 * away**2 + 3)
+        )
         bumps[np.abs(bumps) < 1e-6] = 0.0
         return bumps
 
@@ -233,42 +244,21 @@ class Chain:
 
     # -- the prior ----------------------------------------------------------------------------------------------------
 
-    def _candidates(self) -> np.ndarray:
-        """(k,) choices drawn at random, and the present one."""
-        count = len(self.problem.prior.combinations)
-        drawn = self.rng.permutation(count)[: min(CANDIDATES, count)]
-        if self.choice not in drawn:
-            drawn[0] = self.choice
-        return drawn
-
     def _drawn_choice(self) -> None:
-        """Draw the choice of the prior at fixed x."""
-        self.choice = self._drawn(self._candidates())
-
-    def _drawn(self, candidates: np.ndarray) -> int:
-        """One of the ``candidates`` (k,), by their priors of x."""
-        logs = kernels.log_priors(self.x, LEVEL, candidates, *self.problem.prior.precisions)
-        return int(candidates[np.argmax(logs + self.rng.gumbel(size=logs.size))])
-
-    def _moved_choice(self) -> None:
         """Draw the choice of the prior with a density that adapts to it."""
-        if not self._patterns:
-            return
-        means, factors = self._table(self._patterns[self.rng.integers(len(self._patterns))])
-        candidates = self._candidates()
+        count = len(self.problem.prior.combinations)
+        candidates = self.rng.permutation(count)[: min(CANDIDATES, count)]
         self.choice = int(
             kernels.moved(
                 self.x,
                 self.choice,
                 LEVEL,
                 candidates,
-                means,
-                factors,
                 *self.problem.prior.precisions,
                 *self._rows(self.point, self.log_factor, self.complete, self.state),
                 self.problem.areas,
                 self._limit,
-                self.rng.gumbel(size=candidates.size),
+                self.rng.gumbel(size=candidates.size + 1),
             )
         )
 
@@ -278,21 +268,47 @@ class Chain:
         """Draw the errors at fixed density, and the calibration with a density that makes up for it."""
         fitted = self._fitted(self.x, self.point, self.log_factor)
         self.state = self.noise.drawn(self.state, self.problem.values, fitted, self.rng)
-        if width := self.noise.model.calibration:
-            step = 0.3 * width * float(self.rng.standard_normal())
-            other = replace(self.state, calibration=self.state.calibration + step)
-            gain = self.noise.log_calibration(other.calibration) - self.noise.log_calibration(self.state.calibration)
-            if self._scaled_density(step, self.point, self.log_factor, other, gain):
+        for number in range(self.state.calibration.size if self.noise.model.calibration else 0):
+            step = self._step(self.noise.model.calibration)
+            calibration = self.state.calibration.copy()
+            calibration[number] += step
+            other = replace(self.state, calibration=calibration)
+            gain = (
+                self.noise.log_calibrations(calibration) - self.noise.log_calibrations(self.state.calibration)
+            ).sum()
+            x = self.x + step * self._answer(self.noise.instrument == number)
+            if self._moved(x, self.point, self.log_factor, other, float(gain)):
                 self.state = other
 
-    def _scaled_density(self, step: float, point: int, log_factor: float, state: State, gain: float) -> bool:
-        """Scale the density by exp(−``step``) as the rest changes; ``gain`` of the prior of the rest."""
-        scaled = self.x * np.exp(-step)
+    def _step(self, width: float) -> float:
+        """A step of the logarithm of a factor, small or as large as its ``width``."""
+        return width * float(self.rng.choice([0.1, 0.3, 1.0]) * self.rng.standard_normal())
+
+    def _answer(self, here: np.ndarray) -> np.ndarray:
+        """(n,) how the density answers to a larger logarithm of the factor of the points ``here`` (m,).
+
+        It is the change of the most probable density of an earlier set of positive nodes, where the model fits, and
+        does not depend on the present density, so that a move by it is reversible.
+        """
+        if not self._patterns:
+            return np.zeros(self.x.size)
+        pattern = self._patterns[self.rng.integers(len(self._patterns))]
+        key = self.choice, self.complete, here.tobytes()
+        if key not in pattern.answers:
+            axes, parts = self._rotated(pattern.point)
+            factor = np.exp(pattern.log_factor) * self.noise.factor(pattern.state)
+            slope = self.noise.white(pattern.state, factor[:, None] * parts)
+            pull = axes @ (slope.T @ self.noise.white(pattern.state, np.where(here, self.problem.values, 0.0)))
+            pattern.answers[key] = -kernels.solved_both(self._factor(pattern), pattern.positive * pull)
+        return pattern.answers[key]
+
+    def _moved(self, x: np.ndarray, point: int, log_factor: float, state: State, gain: float) -> bool:
+        """Move the density to ``x`` (n,) as the rest changes; ``gain`` of the prior of the rest."""
         gain += self._misfit(self.x, self.point, self.log_factor, self.state)
-        gain += self._log_prior(scaled) - self._log_prior(self.x) - self.x.size * step
-        taken = bool(np.log(self.rng.random()) < gain - self._misfit(scaled, point, log_factor, state))
+        gain += self._log_prior(x) - self._log_prior(self.x)
+        taken = bool(np.log(self.rng.random()) < gain - self._misfit(x, point, log_factor, state))
         if taken:
-            self.x = scaled
+            self.x = x
         return taken
 
     # -- unknown scalars ----------------------------------------------------------------------------------------------
@@ -300,22 +316,22 @@ class Chain:
     def _moved_scalars(self) -> None:
         """Move along the grid of scalars, with the density shifted by whole nodes, and the common factor with it."""
         unknowns, rng = self.problem.unknowns, self.rng
-        if unknowns.neighbours.shape[1]:
-            other = int(unknowns.neighbours[self.point, rng.integers(unknowns.neighbours.shape[1])])
+        if unknowns.axes:
+            steps = int(rng.choice([-1, 1]) * rng.choice(STEPS))
+            other = unknowns.moved(self.point, int(rng.integers(len(unknowns.axes))), steps)
             shifted = np.roll(self.x, int(rng.integers(-SHIFT, SHIFT + 1)))
-            gain = self._log_prior(shifted) - self._log_prior(self.x)
-            gain += float(unknowns.log_priors[other] - unknowns.log_priors[self.point])
-            gain += self._misfit(self.x, self.point, self.log_factor, self.state)
-            gain -= self._misfit(shifted, other, self.log_factor, self.state)
-            if other != self.point and np.log(rng.random()) < gain:
-                self.x, self.point = shifted, other
+            if other is not None:
+                gain = float(unknowns.log_priors[other] - unknowns.log_priors[self.point])
+                if self._moved(shifted, other, self.log_factor, self.state, gain):
+                    self.point = other
         if unknowns.factor is not None:
-            step = 0.15 * float(rng.standard_normal())
+            step = self._step(0.5)
             factor = self.log_factor + step
             if unknowns.factor[0] <= factor <= unknowns.factor[1]:
+                answer = self._answer(np.ones(self.problem.values.size, dtype=bool))
                 # the density falls as the factor rises, or stays
-                falls = rng.random() < 0.5
-                if self._scaled_density(step if falls else 0.0, self.point, factor, self.state, 0.0):
+                x = self.x + step * answer * (rng.random() < 0.7)
+                if self._moved(x, self.point, factor, self.state, 0.0):
                     self.log_factor = factor
 
     def _log_prior(self, x: np.ndarray) -> float:
@@ -344,6 +360,11 @@ class Samples:
         return np.stack([state.scales for state in self.states])
 
     @property
+    def calibrations(self) -> np.ndarray:
+        """(S, instruments) measured over true value."""
+        return np.exp([state.calibration for state in self.states])
+
+    @property
     def off(self) -> np.ndarray:
         """(m,) share of the samples in which a point is off."""
         return np.mean([state.inflation > 1 for state in self.states], axis=0)
@@ -352,10 +373,9 @@ class Samples:
     def typical(self) -> State:
         """The typical errors: points weigh by the mean of their precision."""
         precision = np.mean([state.inflation**-2.0 for state in self.states], axis=0)
-        time, calibration = (
-            float(np.mean([getattr(state, name) for state in self.states])) for name in ("log_time", "calibration")
-        )
-        return State(np.exp(np.log(self.scales).mean(axis=0)), precision**-0.5, time, calibration)
+        time = float(np.mean([state.log_time for state in self.states]))
+        calibration = np.log(self.calibrations).mean(axis=0)
+        return State(np.exp(np.log(self.scales).mean(axis=0)), precision**-0.5, calibration, time)
 
     def fitted(self, problem: Problem) -> np.ndarray:
         """(S, m) values of each sample, before the calibration."""
@@ -402,7 +422,7 @@ def sample(
         effective, ratio = convergence(every[:, :, watched] if watched.any() else every)
         if not problem.likelihood.fixed:
             errors = np.array(
-                [[[*np.log(state.scales), state.calibration] for state in chain.states] for chain in chains]
+                [[[*np.log(state.scales), *state.calibration] for state in chain.states] for chain in chains]
             )
             for column in range(errors.shape[2]):
                 own = convergence(errors[:, :, column : column + 1])

@@ -30,7 +30,7 @@ def test_the_rank_among_equal_values_is_random():
 def test_drawn_errors_are_those_of_the_model():
     size = 4000
     noise = Noise(ErrorModel(correlated=True), np.full(size, 2.0), np.zeros(size), np.zeros(size, dtype=np.int64),
-                  np.exp(0.1 * np.arange(size)))  # fmt: skip
+                  np.exp(0.1 * np.arange(size)), np.zeros(1, dtype=np.int64))  # fmt: skip
     values, state = drawn_errors(noise, np.zeros(size), RNG)
     assert values.std() == pytest.approx(2.0, rel=0.3)
     near = np.corrcoef(values[1:], values[:-1])[0, 1]
@@ -38,9 +38,11 @@ def test_drawn_errors_are_those_of_the_model():
     white = noise.white(state, values)
     assert white.std() == pytest.approx(1.0, rel=0.1)
     zero = np.zeros(9)
-    noise = Noise(ErrorModel(calibration=0.1), zero + 1e-9, zero, zero.astype(np.int64), zero + 1)
+    noise = Noise(
+        ErrorModel(calibration=0.1), zero + 1e-9, zero, zero.astype(np.int64), zero + 1, np.zeros(1, dtype=np.int64)
+    )
     values, state = drawn_errors(noise, np.ones(9), RNG)
-    assert values == pytest.approx(np.exp(state.calibration))
+    assert values == pytest.approx(np.full(9, np.exp(state.calibration[0])))
 
 
 def test_a_scene_with_an_interaction_is_refused():

@@ -34,6 +34,7 @@ def noise(size=12, **model):
         np.full(size, 0.1),
         np.repeat([0, 1], size // 2),
         np.tile(np.geomspace(1, 100, size // 2), 2),
+        np.arange(2),
     )
 
 
@@ -42,7 +43,7 @@ def test_white_residuals_have_the_likelihood_of_the_covariance(correlated):
     from scipy.stats import multivariate_normal
 
     one = noise(correlated=correlated)
-    state = State(np.array([1.5, 2.0]), np.where(np.arange(12) == 3, WIDER, 1.0), log_time=0.7)
+    state = State(np.array([1.5, 2.0]), np.where(np.arange(12) == 3, WIDER, 1.0), np.zeros(2), 0.7)
     errors = np.hypot(np.array([1.5, 2.0])[one.curve] * state.inflation * one.stated, one.floors)
     apart = np.abs(np.log(one.hold_times)[:, None] - np.log(one.hold_times))
     near = np.where(one.curve[:, None] == one.curve, np.exp(-apart / np.exp(0.7)), 0.0)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from made_inference import made_forecast, made_inference
+from scipy.special import ndtr
 from seen import figures as inference_figures
 from seen import result_of
 
@@ -13,15 +16,17 @@ from chemage.inference import display as words
 from chemage.inference.energies import EnergyGrid, bonded_probability, energy_grid
 from chemage.inference.forward import check_scene, largest_lowering, make_condition
 from chemage.inference.kernels import (
+    at_log_tail,
     drawn,
     edge_integral,
     log_misfit,
     log_priors,
+    log_tail,
     moved,
     piece,
     scaled_erfc,
     solved,
-    solved_twice,
+    solved_both,
 )
 from chemage.inference.problem import LEVEL, Data, Hidden, Prior, Problem, Unknowns, redrawn_outside
 from chemage.inference.result import InferenceResult
@@ -213,7 +218,7 @@ def test_the_kernels_of_the_choice_agree_with_numpy():
     goals = rng.standard_normal((3, 12))
     assert solved(factor, goals) == pytest.approx(np.linalg.solve(factor.T, goals.T).T)
     expected = np.linalg.solve(factor @ factor.T, goals[0])
-    assert solved_twice(factor[None], goals[0]) == pytest.approx(expected[None])
+    assert solved_both(factor, goals[0]) == pytest.approx(expected)
     made = problem()
     matrix, target = made.matrices[0].T / made.errors, made.values / made.errors
     expected = -0.5 * np.sum((np.maximum(x, 0) @ matrix - target) ** 2)
@@ -221,17 +226,56 @@ def test_the_kernels_of_the_choice_agree_with_numpy():
     assert log_misfit(x, np.ascontiguousarray(matrix), target, made.areas, 0.001) == -np.inf
 
 
+def test_tails_are_those_of_the_normal_distribution_and_are_inverted():
+    from scipy.special import log_ndtr
+
+    for z in (-30.0, -7.0, -0.5, 0.0, 0.3, 2.0, 8.0, 40.0, 300.0):
+        assert log_tail(z) == pytest.approx(log_ndtr(-z), rel=1e-10, abs=1e-300)
+    for z in (-7.0, -0.5, 0.0, 0.3, 2.0, 8.0, 40.0, 300.0):
+        assert at_log_tail(log_tail(z)) == pytest.approx(z, abs=1e-5 if z < -6 else 1e-9)
+    assert at_log_tail(0.0) == -38.0
+
+
+def choices_drawn(made, draws=4000):
+    """Choices that are drawn again and again, with a density that is drawn by lines between."""
+    chain = Chain(made, np.ones(made.areas.size), np.random.default_rng(3))
+    found, signs = [], []
+    for _ in range(draws):
+        chain.step()
+        found.append(chain.choice)
+        signs.append(chain.x > 0)
+    return np.array(found), np.array(signs)
+
+
 def test_a_choice_that_is_the_only_candidate_changes_nothing():
     prior, made = Prior(NODES), problem()
-    x = LEVEL + np.random.default_rng(2).standard_normal(12)
-    before = x.copy()
-    factors = np.linalg.cholesky(prior.precisions[0])
-    means = np.full((len(factors), 12), LEVEL)
+    chain = Chain(made, np.ones(12), np.random.default_rng(2))
+    for _ in range(50):
+        chain.step()
+    x, before = chain.x.copy(), chain.x.copy()
     matrix, target = np.ascontiguousarray(made.matrices[0].T / made.errors), made.values / made.errors
-    one, zero = np.array([7]), np.zeros(1)
-    rest = (matrix, target, made.areas, 100.0, zero)
-    assert moved(x, 7, LEVEL, one, means, factors, *prior.precisions, *rest) == 7
+    rest = (matrix, target, made.areas, 100.0)
+    assert moved(x, 7, LEVEL, np.array([7]), *prior.precisions, *rest, np.zeros(2)) == 7
     assert np.array_equal(x, before)
+    # there and back again is where it was, and no sign has changed
+    assert moved(x, 7, LEVEL, np.array([90]), *prior.precisions, *rest, np.array([0, 1e6])) == 90
+    assert np.array_equal(x > 0, before > 0)
+    assert not np.allclose(x, before, rtol=1e-3)
+    assert moved(x, 90, LEVEL, np.array([7]), *prior.precisions, *rest, np.array([0, 1e6])) == 7
+    assert x == pytest.approx(before, rel=1e-6)
+
+
+def test_choices_that_are_drawn_without_data_are_those_of_the_prior():
+    """All are equally probable then; and so are the signs, of a process whose mean is above zero."""
+    made = problem(values=(1.0, 1.0, 1.0), errors=(1e9, 1e9, 1e9))
+    made = replace(made, areas=1e-9 * made.areas)
+    found, signs = choices_drawn(made)
+    counts = np.bincount(found, minlength=120)
+    for axis in range(3):  # smoothness, length, strength
+        shares = counts.reshape(3, 4, 10).sum(axis=tuple({0, 1, 2} - {axis})) / counts.sum()
+        assert shares == pytest.approx(np.full(shares.size, 1 / shares.size), rel=0.25)
+    spread = [np.sqrt(np.diag(made.prior.covariance(choice))) for choice in range(120)]
+    assert signs.mean() == pytest.approx(ndtr(LEVEL / np.array(spread)).mean(), abs=0.03)
 
 
 def test_combinations_that_tell_nothing_are_left_out_of_the_lines_only():
@@ -286,10 +330,9 @@ def test_a_scalar_on_a_grid_moves_to_the_values_that_fit():
     nodes = NODES[:3]
     ratio = np.linspace(0.5, 1.5, 11)
     matrices = np.stack([np.stack([np.ones(3), r * np.ones(3)]) / 3 for r in ratio])
-    beside = np.stack([np.maximum(np.arange(11) - 1, 0), np.minimum(np.arange(11) + 1, 10)], axis=1)
     made = Problem(
         Prior(nodes), np.full(3, 0.02), np.array([2.0, 2.4]), np.array([0.05, 0.05]), matrices, np.zeros((11, 2)),
-        Unknowns({"ratio": ratio}, beside),
+        Unknowns({"ratio": ratio}),
     )  # fmt: skip
     found = sample(made, np.full(3, 2.0), samples=600, seed=2)
     values = ratio[found.points]
