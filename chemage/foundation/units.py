@@ -104,8 +104,9 @@ def convert(value: object, unit: str, field: str = "") -> float:
         raise UnitError(f"{shown(value)}: {error}") from None
     except Exception:  # of whatever library
         what = "a quantity; give a" if data is None else "one quantity; give one"
+        several = "; several are compared by a sweep, see docs/sweeps.md" if isinstance(value, list | tuple) else ""
         raise UnitError(
-            f"{shown(value)} is not {what} number in {unit or 'no unit'} or a string with its unit"
+            f"{shown(value)} is not {what} number in {unit or 'no unit'} or a string with its unit{several}"
         ) from None
     # with exact decimals, as strings are read, so that equal quantities have equal bits; not where a registry of units
     # has a meaning of its own

@@ -268,16 +268,16 @@ class Chain:
         """Draw the errors at fixed density, and the calibration with a density that makes up for it."""
         fitted = self._fitted(self.x, self.point, self.log_factor)
         self.state = self.noise.drawn(self.state, self.problem.values, fitted, self.rng)
-        for number in range(self.state.calibration.size if self.noise.model.calibration else 0):
+        if not self.noise.model.calibration:
+            return
+        count = self.state.calibration.size
+        # each instrument alone, and all together
+        for here in (*np.eye(count, dtype=bool), *np.ones((int(count > 1), count), dtype=bool)):
             step = self._step(self.noise.model.calibration)
-            calibration = self.state.calibration.copy()
-            calibration[number] += step
-            other = replace(self.state, calibration=calibration)
-            gain = (
-                self.noise.log_calibrations(calibration) - self.noise.log_calibrations(self.state.calibration)
-            ).sum()
-            x = self.x + step * self._answer(self.noise.instrument == number)
-            if self._moved(x, self.point, self.log_factor, other, float(gain)):
+            other = replace(self.state, calibration=self.state.calibration + step * here)
+            gain = self.noise.log_calibrations(other.calibration) - self.noise.log_calibrations(self.state.calibration)
+            x = self.x + step * self._answer(here[self.noise.instrument])
+            if self._moved(x, self.point, self.log_factor, other, float(gain.sum())):
                 self.state = other
 
     def _step(self, width: float) -> float:
@@ -429,7 +429,7 @@ def sample(
                 effective, ratio = min(effective, own[0]), max(ratio, own[1])
         if (effective >= ENOUGH and ratio <= AGREED) or done >= sweeps:
             break
-        more = done
+        more = done // 2
     effective = min(effective, float(CHAINS * each))
     if progress:
         progress(total, total)

@@ -63,6 +63,7 @@ def refuse(command, small, *words, verbs=("check", "run")):
         ("contact.load='twenty'", "contact.load", "twenty"),
         ("contact.load=true", "contact.load", "not a quantity"),
         ("contact.load=[1]", "contact.load", "not a quantity"),
+        ("hold.temperature=[300, 350]", "hold.temperature", "several are compared by a sweep"),
         ("surface.pixel_size='1 nN'", "surface.pixel_size", "nN"),
         ("hold.temperature='3 eV'", "hold.temperature", "3 eV"),
         ("chemistry.activation_volume='6.4 angstrom'", "chemistry.activation_volume", "angstrom"),

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from inferring import LARGEST, NEAREST, RARE, SPREAD, WIDER, ErrorModel, Noise, State
 
 import chemage as ca
+from chemage.inference.open import effective
+from chemage.inference.problem import Prior, Problem
+from chemage.inference.sampling import Chain
 
 TIMES = np.logspace(-3, 5, 25)
 
@@ -95,6 +100,37 @@ def test_a_calibration_is_drawn_from_its_prior_where_nothing_tells():
         state = one.drawn(state, np.zeros(12), np.zeros(12), rng)
         drawn.append(state.calibration)
     assert np.std(drawn) == pytest.approx(0.1, rel=0.1)
+
+
+def test_instruments_have_calibrations_of_their_own():
+    """Two curves of one density, 20 % apart: the difference is known, and what they share is that of the prior."""
+    size, width = 12, 0.1
+    likelihood = noise(size, calibration=width)
+    values = np.where(likelihood.instrument == 0, 1.1, 0.9)
+    likelihood = replace(likelihood, stated=np.full(size, 0.02), floors=np.zeros(size))
+    made = Problem(
+        Prior(np.array([0.8, 0.85, 0.9])), np.full(3, 0.1), values, np.full(size, 0.02), np.full((1, size, 3), 1 / 3),
+        np.zeros((1, size)), noise=likelihood,
+    )  # fmt: skip
+    chain = Chain(made, np.ones(3), np.random.default_rng(1))
+    chain.warm(200)
+    chain.run(6000)
+    drawn = np.array([state.calibration for state in chain.states])
+    assert (drawn[:, 0] - drawn[:, 1]).mean() == pytest.approx(np.log(1.1 / 0.9), abs=0.006)
+    assert (drawn[:, 0] - drawn[:, 1]).std() == pytest.approx(np.hypot(0.02 / 1.1, 0.02 / 0.9) / 6**0.5, rel=0.15)
+    # the prior of the density tells next to nothing of their mean
+    assert drawn.mean(axis=1).std() == pytest.approx(width / 2**0.5, rel=0.15)
+    assert effective(drawn.mean(axis=1)[None]) > 60
+
+
+def test_curves_of_two_instruments_are_told_apart(tmp_path):
+    text = "t (s), F (nN), err (nN), load (nN), T (K), lever\n"
+    text += "".join(f"{t}, {t + 1}, 0.1, 50, 300, {lever}\n" for lever in ("a", "b") for t in (1, 10, 100))
+    (tmp_path / "m.csv").write_text(text)
+    found = ca.read_curves(tmp_path / "m.csv")
+    assert [(one.name, one.instrument) for one in found] == [
+        ("m, a, 50 nN, 300 K", "a"), ("m, b, 50 nN, 300 K", "b"),
+    ]  # fmt: skip
 
 
 WRONG = {
