@@ -116,7 +116,7 @@ def roughness(
         surfaces = [
             Surface(heights=image.heights, pixel_size=image.sides[0], periodic=image.periodic) for image in images
         ]
-        retraces = [maker.retrace() if retrace else None for maker in makers]
+        retraces = [maker.retrace() if retrace and resolution is None else None for maker in makers]
         try:
             fit = fit_roughness(surfaces, resolution=resolution, tip_radius=tip_radius, retraces=retraces)
         except InputError as error:
