@@ -156,13 +156,14 @@ def sweep(x, pull, matrix, target, areas, limit, directions, pulls, uniforms):
         for k in range(m):
             fixed[k], moving[k] = -target[k], 0.0
         for i in range(n):
+            positive = x[i] > 0.0  # at the first α
             if v[i] != 0.0:
                 at = -x[i] / v[i]
+                positive = (at <= first) == (v[i] > 0.0)
                 if first < at < last:
                     breaks[count], places[count] = at, i
                     count += 1
-            # positive at the first α
-            if (at <= first) == (v[i] > 0.0) if v[i] != 0.0 else x[i] > 0.0:
+            if positive:
                 mass += areas[i] * x[i]
                 mass_rate += areas[i] * v[i]
                 for k in range(m):

@@ -23,8 +23,8 @@ from chemage.inference.problem import LEVEL, Problem
 CHAINS, WARM = 4, 400
 #: effective samples and R-hat at which sampling ends, and the most sweeps of a chain for it
 ENOUGH, AGREED, MOST_SWEEPS = 300, 1.03, 4000
-#: sweeps of the density for each of the errors
-EVERY = 2
+#: sweeps of the density for each of the errors, and moves of the calibrations then
+EVERY, CALIBRATIONS = 2, 4
 #: nodes by which a move of a scalar shifts the density, at most
 SHIFT = 2
 #: steps along the grid of scalars at once
@@ -272,7 +272,7 @@ class Chain:
             return
         count = self.state.calibration.size
         # each instrument alone, and all together
-        for here in (*np.eye(count, dtype=bool), *np.ones((int(count > 1), count), dtype=bool)):
+        for here in CALIBRATIONS * (*np.eye(count, dtype=bool), *np.ones((int(count > 1), count), dtype=bool)):
             step = self._step(self.noise.model.calibration)
             other = replace(self.state, calibration=self.state.calibration + step * here)
             gain = self.noise.log_calibrations(other.calibration) - self.noise.log_calibrations(self.state.calibration)
@@ -319,20 +319,32 @@ class Chain:
         if unknowns.axes:
             steps = int(rng.choice([-1, 1]) * rng.choice(STEPS))
             other = unknowns.moved(self.point, int(rng.integers(len(unknowns.axes))), steps)
-            shifted = np.roll(self.x, int(rng.integers(-SHIFT, SHIFT + 1)))
             if other is not None:
+                if rng.random() < 0.5:  # sites react at other energies, or more of them everywhere
+                    x = np.roll(self.x, int(rng.integers(-SHIFT, SHIFT + 1)))
+                else:
+                    x = self.x + (self._levels[other] - self._levels[self.point]) * self._answer(self._everywhere)
                 gain = float(unknowns.log_priors[other] - unknowns.log_priors[self.point])
-                if self._moved(shifted, other, self.log_factor, self.state, gain):
+                if self._moved(x, other, self.log_factor, self.state, gain):
                     self.point = other
         if unknowns.factor is not None:
             step = self._step(0.5)
             factor = self.log_factor + step
             if unknowns.factor[0] <= factor <= unknowns.factor[1]:
-                answer = self._answer(np.ones(self.problem.values.size, dtype=bool))
                 # the density falls as the factor rises, or stays
-                x = self.x + step * answer * (rng.random() < 0.7)
+                x = self.x + step * self._answer(self._everywhere) * (rng.random() < 0.7)
                 if self._moved(x, self.point, factor, self.state, 0.0):
                     self.log_factor = factor
+
+    @cached_property
+    def _everywhere(self) -> np.ndarray:
+        """(m,) all points."""
+        return np.ones(self.problem.values.size, dtype=bool)
+
+    @cached_property
+    def _levels(self) -> np.ndarray:
+        """(g,) logarithms of the sum of all values under a uniform density, at each point of the grid."""
+        return np.log(np.maximum(self.problem.matrices.sum(axis=(1, 2)), 1e-300))
 
     def _log_prior(self, x: np.ndarray) -> float:
         choice = np.array([self.choice])

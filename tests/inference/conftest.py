@@ -1,12 +1,11 @@
-"""Inferences of tests end at fewer effective samples: bands are within a tenth of their width then."""
+"""Inferences of tests end early: bands are within a tenth of their width then."""
 
 from __future__ import annotations
 
 import pytest
+from inferring import few_effective
 
 
 @pytest.fixture(autouse=True)
 def few_samples(monkeypatch):
-    """A third of the effective samples that are usual."""
-    monkeypatch.setattr("chemage.inference.sampling.ENOUGH", 100)
-    monkeypatch.setattr("chemage.inference.sampling.AGREED", 1.06)
+    few_effective(monkeypatch)

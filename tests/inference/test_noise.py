@@ -6,12 +6,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from inferring import LARGEST, NEAREST, RARE, SPREAD, WIDER, ErrorModel, Noise, State
+from inferring import (
+    LARGEST,
+    NEAREST,
+    RARE,
+    SPREAD,
+    WIDER,
+    Chain,
+    ErrorModel,
+    Noise,
+    Prior,
+    Problem,
+    State,
+    effective,
+)
 
 import chemage as ca
-from chemage.inference.open import effective
-from chemage.inference.problem import Prior, Problem
-from chemage.inference.sampling import Chain
 
 TIMES = np.logspace(-3, 5, 25)
 

@@ -540,6 +540,7 @@ EXPM1 = {
     "plugins/chemage_kinetics/_independent.py": "two-state sites, for kernels",
     "chemage/contacts/theory.py": "a difference of two Gaussians",
     "chemage/results/arrhenius.py": "an interval of a logarithm",
+    "chemage/inference/kernels.py": "the other tail of a normal distribution",
     "plugins/chemage_bonds/distributions.py": "a difference of two probabilities",
     "plugins/chemage_bonds/rupture.py": "a hazard that grows exponentially from zero",
 }

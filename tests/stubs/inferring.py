@@ -6,16 +6,24 @@ from chemage.foundation.result import Compared, Curve, result_of
 from chemage.inference.calibrate import Calibration, _errors, _rank, calibrate
 from chemage.inference.noise import LARGEST, NEAREST, RARE, SPREAD, WIDER, ErrorModel, Noise, State
 from chemage.inference.open import effective, r_hat
+from chemage.inference.problem import Prior, Problem
+from chemage.inference.sampling import Chain
 from chemage.results.verdicts import verdict
 
 drawn_errors, rank = _errors, _rank
 
 __all__ = [
-    "LARGEST", "NEAREST", "RARE", "SPREAD", "WIDER", "Calibration", "Compared", "Curve", "ErrorModel", "Noise",
-    "State", "calibrate", "drawn_errors", "effective", "r_hat", "rank", "result_of", "verdict",
+    "LARGEST", "NEAREST", "RARE", "SPREAD", "WIDER", "Calibration", "Chain", "Compared", "Curve", "ErrorModel", "Noise",
+    "Prior", "Problem", "State", "calibrate", "drawn_errors", "effective", "r_hat", "rank", "result_of", "verdict",
 ]  # fmt: skip
 
 
 def fewer_sweeps(monkeypatch):
     """Make a calibration fast."""
     monkeypatch.setattr("chemage.inference.calibrate.SWEEPS", 200)
+
+
+def few_effective(monkeypatch):
+    """End sampling at a third of the effective samples that are usual."""
+    monkeypatch.setattr("chemage.inference.sampling.ENOUGH", 100)
+    monkeypatch.setattr("chemage.inference.sampling.AGREED", 1.06)
