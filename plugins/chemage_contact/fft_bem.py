@@ -10,10 +10,10 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from chemage import ContactSolution, InputError, Surface
-from chemage.plugin import ContactModulus, ContactSolver, ConvergenceError, Length, Unit, convert, threads
+from chemage.plugin import ContactModulus, ContactSolver, ConvergenceError, Length, Pressure, Unit, convert, threads
 from chemage_contact import _iteration as iteration
 from chemage_contact import _kernels as kernels
-from chemage_contact._grid import rescale, sums
+from chemage_contact._grid import bounded, rescale, sums
 from chemage_contact._kernels import Heights
 from chemage_contact._operators import FreeHalfSpace, PeriodicHalfSpace, PeriodicLayer, Substrate, Team
 
@@ -93,6 +93,8 @@ class FFTBEM(ContactSolver):
     modulus: ContactModulus
     """contact modulus E* = E/(1−ν²) of the elastic body (or of both, combined), GPa; or their young
     and poisson"""
+    hardness: Pressure | None = None
+    """largest pressure, GPa: the material flows where it is reached, and the load spreads; default: elastic"""
     tolerance: float = Field(default=1e-5, gt=0, lt=1, allow_inf_nan=False)
     """largest error of the gap, relative to the rms height (or to the approach since first touch, where smaller)"""
     pressure_tolerance: float | None = Field(default=None, gt=0, lt=1, allow_inf_nan=False)
@@ -117,6 +119,10 @@ class FFTBEM(ContactSolver):
     """Fourier transform library; all but scipy must be installed separately (note their licences)"""
     threads: int | None = Field(default=None, ge=1)
     """threads of one solve; default: all processors available to this process"""
+
+    def identity(self) -> dict[str, Any]:
+        """As for every component; without ``hardness`` where there is none, as before there was this option."""
+        return {name: value for name, value in super().identity().items() if name != "hardness" or value is not None}
 
     @property
     def declared_error(self) -> float | None:  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -211,7 +217,8 @@ class FFTBEM(ContactSolver):
         shape, pixel = (int(surface["nx"]), int(surface["ny"])), (surface["pixel_size"], surface["pixel_size"])
         periodic = self.is_nominally_flat(surface.get("periodic") != 0)
         # of the body, only its grid matters
-        iteration.compile_kernels((PeriodicHalfSpace if periodic else FreeHalfSpace)(shape, pixel), self._settings())
+        body = (PeriodicHalfSpace if periodic else FreeHalfSpace)(shape, pixel)
+        iteration.compile_kernels(body, self._settings(), bounded=self.hardness is not None)
 
     def _check_range(self, area: float, pixel_size: float, load: float) -> None:
         """Refuse pressures and layers that leave the range of numbers; ``area`` nominal, nm²."""
@@ -226,6 +233,13 @@ class FFTBEM(ContactSolver):
         if load == 0:
             return
         pressure = load / area
+        if self.hardness is not None and pressure > self.hardness * (1 + 1e-12):
+            raise InputError.of(
+                "hardness",
+                self.hardness,
+                f"is below the mean pressure of {load:.6g} nN on {area:.6g} nm², which no contact can bear",
+                f"give a hardness of at least {pressure:.6g} GPa, or a smaller load",
+            )
         if not (SMALLEST_PRESSURE < pressure < LARGEST_PRESSURE and pressure / self.modulus > SMALLEST_PRESSURE):
             raise InputError.of("load", load, "leaves the range of numbers when spread over the surface")
         if self.precision == "single" and not (load / pixel_size**2 > 1e-35 and pressure < 1e35):
@@ -253,7 +267,7 @@ class FFTBEM(ContactSolver):
         quantum = _power_of_two(pressure)
         with Team(self.threads or threads.available()) as team:
             heights, unit = _dimensionless(surface, pressure / self.modulus, team)
-            goal = {"mean": pressure / quantum, "start": _usable(start, surface, load)}
+            goal: dict[str, Any] = {"mean": pressure / quantum, "start": _usable(start, surface, load)}
             return self._solved(surface, self._body(surface), heights, unit, quantum, load, team, goal)
 
     def sweep(self, surface: Surface, loads: Sequence[float | str]) -> list[ContactSolution]:
@@ -287,7 +301,7 @@ class FFTBEM(ContactSolver):
         if approach <= 0:
             return self._untouched(surface, approach)
         body = self._body(surface)
-        if isinstance(body, PeriodicHalfSpace):
+        if isinstance(body, PeriodicHalfSpace) and self.hardness is None:
             limit = float(heights.max()) - float(heights.mean(dtype=np.float64))
             if approach >= limit:
                 raise InputError.of(
@@ -342,10 +356,15 @@ class FFTBEM(ContactSolver):
         gap = None
         if self.gap:
             gap = float(surface.heights.max()) - approach - surface.heights
+        flow = None
+        if self.hardness is not None:
+            flow = np.zeros_like(pressure)
+            flow.setflags(write=False)
         return self._solution(
             surface,
             pressure=pressure,
             gap=gap,
+            plastic_displacement=flow,
             load=0.0,
             displacement=approach,
             convergence=_report(self, None, force_error=0.0, complementarity=0.0, scale=0.0),
@@ -366,9 +385,17 @@ class FFTBEM(ContactSolver):
         """The solution of ``goal`` in units of ``unit`` (nm) and ``pressure`` (GPa); without ``load``, it is the sum of
         the pressure."""
         stiffness = pressure / self.modulus * (surface.pixel_size / unit)
-        result = iteration.solve(body, heights, stiffness=stiffness, settings=self._settings(), team=team, **goal)
+        hardness = None if self.hardness is None else self.hardness / pressure
+        goal |= {"stiffness": stiffness, "hardness": hardness, "settings": self._settings()}
+        result = iteration.solve(body, heights, team=team, **goal)
         values = result.pressure
         area = surface.pixel_size**2
+        flow = None
+        if hardness is not None:
+            flow = np.where(values >= bounded(hardness, values.dtype.type), np.maximum(-result.gap, 0), 0)
+            result.gap += flow
+            flow *= unit
+            flow.setflags(write=False)
         total, weighted, least = sums(values, result.gap, team)
         complementarity = weighted / total / result.scale if weighted else 0.0
         # The factor is a power of two: nothing is rounded.
@@ -409,6 +436,7 @@ class FFTBEM(ContactSolver):
             surface,
             pressure=values,
             gap=gap,
+            plastic_displacement=flow,
             load=load,
             displacement=-result.offset * unit,
             converged=result.converged,
