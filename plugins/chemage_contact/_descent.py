@@ -46,6 +46,9 @@ LONGEST_STEP = 1e3
 LITTLE_EXCESS, LOAD_ACCURACY, NEWTON_STEPS = 1e-3, 1e-10, 50
 #: The same with a hardness.
 BOUNDED_STEPS = 12
+#: Free pixels are few if they could bear less than this part of the load; a number of pixels counts as whole if it is
+#: by this part.
+FEW_FREE, INTEGER = 0.01, 1e-9
 #: The load is restored before an evaluation of the gap if it is wrong by more than this, relatively.
 LOAD_ROUNDING = 1e-13
 #: A direction shorter than this many rounding errors of the terms it is the difference of is noise. Only so few pixels
@@ -226,17 +229,14 @@ class Descent:
         grid = self.grid
         scope = grid.everywhere if self.evaluated or not self.split else self.active
         total, count = grid.sums(2)
-        offset = 0.0
-        if grid.offset_fixed is None:
-            offset = -total / count if count else self._offset_without_free()
-        args = self.state, offset, grid.hardness, self.search.v
-        grid.run(kernels.residual, scope, *args, grid.residual_part)
-        squares, _, pixels, residual_sum, norm, through = (float(x) for x in grid.residual_part.sum(axis=0))
-        rms = math.sqrt(squares / count) if count else 0.0
-        deepest = float(grid.residual_part[:, 1].max())
-        self.standing = Standing(offset, rms, deepest, pixels, residual_sum, math.sqrt(norm), squares + through)
+        few = grid.offset_fixed is None and (not count or self._yields(count))
+        mean = -total / count if count and grid.offset_fixed is None else 0.0
+        s = self._measured(scope, self._offset_of_few() if few else mean, count)
+        if few and count and not s.penetration:
+            s = self._measured(scope, mean, count)  # the few free pixels are all that is left
+        self.standing = s
         del grid.history[self.iteration :]
-        grid.history.append((rms, deepest))
+        grid.history.append((s.rms_gap, s.penetration))
         if self.evaluated or not self.split:
             self.active = grid.working_set(2 if self.split else 0)
             self._keep()
@@ -245,17 +245,37 @@ class Descent:
         if self.standing.error < 0.5 * self.best:
             self.best, self.best_iteration = self.standing.error, self.iteration
 
-    def _offset_without_free(self) -> float:
-        """The offset where no pixel is free: no gap is negative outside the contact, and none positive where it
-        yields, if that can be."""
-        p, r = self.state
+    def _measured(self, scope: Active, offset: float, free: float) -> Standing:
+        """The residual with this ``offset``, its sums and its errors."""
+        grid = self.grid
+        args = self.state, offset, grid.hardness, self.search.v
+        grid.run(kernels.residual, scope, *args, grid.residual_part)
+        squares, _, pixels, residual_sum, norm, through = (float(x) for x in grid.residual_part.sum(axis=0))
+        rms = math.sqrt(squares / free) if free else 0.0
+        deepest = float(grid.residual_part[:, 1].max())
+        return Standing(offset, rms, deepest, pixels, residual_sum, math.sqrt(norm), squares + through)
+
+    def _yields(self, free: float) -> bool:
+        """Whether nearly all of the load is where the contact yields, so that few free pixels say little of the
+        offset."""
+        hardness = self.grid.hardness
+        return hardness is not None and free * float(hardness) < FEW_FREE * self.grid.load
+
+    def _offset_of_few(self) -> float:
+        """The offset where no pixel, or hardly one, is free: as many gaps are negative as pixels at the hardness would
+        bear the load."""
+        r = self.state.r
         if self.grid.hardness is None:
             return -float(r.min())
-        lowest = r.min(where=p <= 0, initial=np.inf)
-        if not p.any():
-            return -float(lowest)
-        highest = r.max(where=p > 0, initial=-np.inf)
-        return -float(highest if lowest == np.inf else 0.5 * (lowest + highest))
+        number = self.grid.load / float(self.grid.hardness)
+        whole = round(number)
+        if abs(number - whole) > INTEGER * number:
+            first = last = math.floor(number)
+        else:  # none need be free: any offset between the last that yields and the first that is not in contact
+            first, last = whole - 1, whole
+        first, last = max(first, 0), min(last, r.size - 1)
+        levels = np.partition(r, (first, last), axis=None)
+        return -0.5 * float(levels[first] + levels[last])
 
     def _trusted(self) -> bool:
         """Whether the errors are those of a gap that may be reported."""
