@@ -68,5 +68,9 @@ def restored(p: Array, total: float, load: float, hardness: Any, team: Team) -> 
         total = rescale(p, factor, team, hardness)
     else:
         return total
-    p[...] = projected(p, load / p.size, float(hardness))
+    touching = p > 0
+    if hardness * int(np.count_nonzero(touching)) < load:
+        touching[...] = True
+    some = p[touching]
+    p[touching] = projected(some, load / some.size, float(hardness))
     return sums(p, p, team)[0]
