@@ -12,7 +12,7 @@ from ._operators import Team
 
 Array = NDArray[Any]
 
-#: Free pixels are multiplied by at most this factor, or divided, to restore the load; beyond it the pressure is shifted.
+#: To restore the load, free pixels are multiplied or divided by at most this factor; beyond it the pressure is shifted.
 LARGEST_FACTOR = 2.0
 #: Passes of multiplication, each of which may take more pixels to the hardness.
 PASSES = 4

@@ -5,8 +5,9 @@ negative where p = H, by the plastic displacement. Method:
 
 * Conjugate gradients on the working set {p > 0} ∪ {gap < 0}, without pixels that yield, p = H, until their gap is
   positive; projected onto the bounds and the load after an exact line search (by a shift, which gives the nearest
-  admissible pressure), restarted only when the direction is not one of descent: I. A. Polonsky, L. M. Keer, Wear 231, 206 (1999) without its
-  restarts, after L. Bugnicourt, P. Sainsot, D. Dureisseix, C. Gauthier, A. A. Lubrecht, Tribol. Lett. 66, 29 (2018).
+  admissible pressure), restarted only when the direction is not one of descent: I. A. Polonsky, L. M. Keer, Wear 231,
+  206 (1999) without its restarts, after L. Bugnicourt, P. Sainsot, D. Dureisseix, C. Gauthier, A. A. Lubrecht, Tribol.
+  Lett. 66, 29 (2018).
 * Preconditioner of opposite order: the inverse symbol |q|, restricted to the working set: E. A. H. Vollebregt, J.
   Optim. Theory Appl. 162, 862 (2014). Most of its term for flow out of the working set is removed again (the regional
   instead of the restricted fractional Laplacian), which saves up to a third of the iterations.
@@ -39,7 +40,7 @@ from numpy.typing import NDArray
 from . import _kernels as kernels
 from ._bounds import projected, restored
 from ._descent import Descent, Outcome
-from ._grid import PRECISIONS, Grid, Settings, dimensionless, divides, grids, regridded, resampled, rescale, suits, sums
+from ._grid import PRECISIONS, Grid, Settings, dimensionless, divides, grids, regridded, resampled, suits, sums
 from ._kernels import Heights, State
 from ._operators import Substrate, Team
 
@@ -95,8 +96,8 @@ def solve(
 
     ``stiffness`` is (unit of pressure)·pixel/(E*·unit of height). With ``offset`` None ``mean`` is the mean pressure;
     otherwise the gap is G p - h + offset and the load follows (negative: approach since first touch). ``hardness`` is
-    the largest pressure, not below the mean one. ``start`` is a
-    pressure to begin from instead of a coarser grid. Never raises for lack of convergence: look at ``converged``.
+    the largest pressure, not below the mean one. ``start`` is a pressure to begin from instead of a coarser grid. Never
+    raises for lack of convergence: look at ``converged``.
     """
     state = PRECISIONS[settings.precision][0]
     shapes = grids(substrate.shape, 1 if start is not None else settings.levels)
@@ -204,8 +205,9 @@ def _first_guess(grid: Grid) -> Array:
 def compile_kernels(body: Substrate, settings: Settings, heights: Any = np.float64, bounded: bool = False) -> None:
     """Compile what a solve on ``body`` calls, the last kernel first.
 
-    ``heights``: dtype of the heights of the surface; ``bounded``: there is a hardness. The order is the reverse of that in which a solve calls them, so
-    that a second process that does this while the first one solves compiles what the first one has not reached yet.
+    ``heights``: dtype of the heights of the surface; ``bounded``: there is a hardness. The order is the reverse of that
+    in which a solve calls them, so that a second process that does this while the first one solves compiles what the
+    first one has not reached yet.
     """
     for kernel, args in reversed(list(_calls(body, settings, np.dtype(heights), bounded))):
         kernel(0, 0, *args)

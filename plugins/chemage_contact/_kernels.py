@@ -172,9 +172,8 @@ def residual(lo, hi, blocks, state, offset, hardness, v, part):
                 for i in range(pb.size):
                     if pb[i] <= 0 and rb[i] + offset < -deepest:
                         deepest = -(rb[i] + offset)
-                    if hardness is not None:
-                        if pb[i] >= hardness and rb[i] + offset > deepest:
-                            deepest = rb[i] + offset
+                    if hardness is not None and pb[i] >= hardness and rb[i] + offset > deepest:
+                        deepest = rb[i] + offset
         part[b, 0] = squares
         part[b, 1] = deepest
         part[b, 2] = count

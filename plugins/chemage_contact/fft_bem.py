@@ -151,18 +151,27 @@ class FFTBEM(ContactSolver):
         pixels = surface["nx"] * surface["ny"]
         repeats = self.is_nominally_flat(surface.get("periodic") != 0)
         estimate = {"bytes": pixels * (_BYTES if repeats else _BYTES_FREE)[self.precision]}
-        if self.gap:
-            estimate["gap_bytes"] = pixels * float(np.dtype(iteration.PRECISIONS[self.precision][0]).itemsize)
+        if maps := self.gap + (self.hardness is not None):
+            size = float(np.dtype(iteration.PRECISIONS[self.precision][0]).itemsize)
+            estimate["gap_bytes"] = pixels * size * maps
             estimate["bytes"] += estimate["gap_bytes"]
         fraction = 0.1
         if {"pixel_size", "rms_slope"} <= surface.keys():
             x = load / (pixels * surface["pixel_size"] ** 2) / self.modulus
             x = x / surface["rms_slope"] if surface["rms_slope"] > 0 else math.inf if load > 0 else 0.0
             fraction = estimate["area_fraction"] = math.erf(2.2 * x / math.sqrt(4.0 / math.pi))
+            if self.hardness is not None:
+                full = load / (pixels * surface["pixel_size"] ** 2) / self.hardness
+                fraction = estimate["area_fraction"] = min(max(fraction, full), 1.0)
         if {"pixel_size", "radius"} <= surface.keys() and not repeats:
-            edge = math.cbrt(0.75 * load * surface["radius"] / self.modulus)
+            edge = self._radius(surface["radius"], load)
             fraction = estimate["area_fraction"] = min(math.pi * edge**2 / (pixels * surface["pixel_size"] ** 2), 1.0)
         return estimate | {"cpu_seconds": self._seconds(pixels, fraction, repeats)}
+
+    def _radius(self, radius: float, load: float) -> float:
+        """Radius of the contact of a sphere, nm: the larger one of Hertz and of full yield."""
+        elastic = math.cbrt(0.75 * load * radius / self.modulus)
+        return elastic if self.hardness is None else max(elastic, math.sqrt(load / self.hardness / math.pi))
 
     def _seconds(self, pixels: float, fraction: float, periodic: bool) -> float:
         """CPU seconds of a solve, as measured on a 2-core Intel Xeon machine (``tests/benchmarks/estimates.py``)."""
@@ -170,6 +179,7 @@ class FFTBEM(ContactSolver):
         digits = math.log10(1e-5 / required)
         work = (1.8e-7 + 1.2e-6 * math.sqrt(fraction)) * max(0.5, 1.0 + 0.14 * digits)
         factor = {"single": 0.95, "mixed": 1.0, "double": 1.4}[self.precision]
+        factor *= 1.0 if self.hardness is None else 1.3
         return 0.03 + pixels * work * factor * (1.0 if periodic else 1.4) * (2.0 if self.levels == 1 else 1.0)
 
     def check(self, surface: Mapping[str, float], load: float) -> tuple[str, ...]:
@@ -184,12 +194,12 @@ class FFTBEM(ContactSolver):
         # to the outermost pixels, which must not touch (see _at_edge)
         room = 0.5 * (min(surface["nx"], surface["ny"]) - 1) * size
         if "radius" in surface:
-            edge = math.cbrt(0.75 * load * surface["radius"] / self.modulus)
+            edge = self._radius(surface["radius"], load)
             if edge > room:
                 raise InputError.of(
                     "load",
                     load,
-                    f"the contact has a radius of about {edge:.4g} nm (Hertz), but the surface reaches only "
+                    f"the contact has a radius of about {edge:.4g} nm, but the surface reaches only "
                     f"{room:.4g} nm from the apex, so that the contact would be cut off at the edge of the grid",
                     "use more pixels or a smaller load",
                 )
@@ -415,6 +425,8 @@ class FFTBEM(ContactSolver):
         edge = [] if self.is_nominally_flat(surface.periodic) else self._at_edge(surface, values, load)
         if not (values.size and least > 0.0):
             notes += edge
+        elif flow is not None and flow.any():
+            notes.append("full contact: every pixel touches, and more load only makes more of it yield")
         else:
             more = "uniform pressure" if self.is_nominally_flat(surface.periodic) else "the pressure of a flat punch"
             notes.append(f"full contact: every pixel touches, and more load only adds {more}")
