@@ -437,6 +437,8 @@ class Descent:
     def _find_direction(self, renew: bool) -> tuple[float, float]:
         """The conjugate direction d; returns its product with the residual, and its norm, 0 if d is only noise."""
         grid, s = self.grid, self.standing
+        if not s.pixels:
+            return 0.0, 0.0
         # Blocks that were active before may not be any more.
         clear = self.since_evaluation == 1 or not self.split
         self._precondition(clear, renew)

