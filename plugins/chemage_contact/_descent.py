@@ -535,6 +535,7 @@ class Descent:
         """As ``_project``, with a hardness: the sum is not convex in the shift, so that Newton's method is kept within
         bounds, and the shift is found by sorting where it is slow."""
         grid, shift, low, high = self.grid, 0.0, -math.inf, math.inf
+        assert grid.hardness is not None
         args = self.active, self.state.p, self.search.d, step
         for _ in range(BOUNDED_STEPS):
             excess = total - grid.load

@@ -484,7 +484,10 @@ class Grid:
 
     def working_set(self, reach: int) -> Active:
         """Blocks with a pixel of the working set or with pressure in them or up to ``reach`` rows away."""
-        here = (self.residual_part[:, [2, 4]] > 0.0).any(axis=1).reshape(-1, self.per_row)
+        here = self.residual_part[:, 2] > 0.0
+        if self.hardness is not None:
+            here |= self.residual_part[:, 4] > 0.0
+        here = here.reshape(-1, self.per_row)
         near = here.copy()
         for shift in range(1, min(reach, len(here) - 1) + 1):
             near[shift:] |= here[:-shift]
