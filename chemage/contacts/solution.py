@@ -365,7 +365,7 @@ class ContactSolution(Contact):
             raise InputError("this contact is elastic and leaves the surface as it was; give its solver a hardness")
         same = surface.shape == self.shape and surface.pixel_size == self.pixel_size
         if not (same and math.isclose(surface.rms_height, self.rms_height, rel_tol=1e-6, abs_tol=1e-300)):
-            raise InputError.of("surface", surface, f"is not the one of {self!r}", "give the surface that was solved")
+            raise InputError(f"surface: {surface!r} is not the one of {self!r}; give the surface that was solved")
         made = {name: value for name, value in surface.provenance.items() if name != "radius"}  # no sphere any more
         return Surface(
             heights=surface.heights - self.plastic_displacement.astype(surface.heights.dtype),

@@ -84,7 +84,8 @@ class Hertz(ContactSolver):
         nominal = surface["nx"] * surface["ny"] * surface["pixel_size"] ** 2
         pixels = surface["nx"] * surface["ny"]
         cost = {"cpu_seconds": 0.005 + 3e-7 * pixels, "bytes": 46.0 * pixels + gap.get("gap_bytes", 0.0)}
-        return {"area_fraction": min(math.pi * edge**2 / nominal, 1.0), **cost, **gap}
+        most = {} if self.hardness is None else {"max_pressure": self.hardness}
+        return {"area_fraction": min(math.pi * edge**2 / nominal, 1.0), **cost, **gap, **most}
 
     def is_nominally_flat(self, periodic: bool) -> bool:
         """A sphere is not."""

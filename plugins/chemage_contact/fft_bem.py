@@ -155,6 +155,8 @@ class FFTBEM(ContactSolver):
             size = float(np.dtype(iteration.PRECISIONS[self.precision][0]).itemsize)
             estimate["gap_bytes"] = pixels * size * maps
             estimate["bytes"] += estimate["gap_bytes"]
+        if self.hardness is not None:
+            estimate["max_pressure"] = self.hardness
         fraction = 0.1
         if {"pixel_size", "rms_slope"} <= surface.keys():
             x = load / (pixels * surface["pixel_size"] ** 2) / self.modulus
@@ -400,12 +402,7 @@ class FFTBEM(ContactSolver):
         result = iteration.solve(body, heights, team=team, **goal)
         values = result.pressure
         area = surface.pixel_size**2
-        flow = None
-        if hardness is not None:
-            flow = np.where(values >= bounded(hardness, values.dtype.type), np.maximum(-result.gap, 0), 0)
-            result.gap += flow
-            flow *= unit
-            flow.setflags(write=False)
+        flow = None if hardness is None else _flow(result, hardness, unit)
         total, weighted, least = sums(values, result.gap, team)
         complementarity = weighted / total / result.scale if weighted else 0.0
         # The factor is a power of two: nothing is rounded.
@@ -423,18 +420,7 @@ class FFTBEM(ContactSolver):
                 )
             notes.append(message)
         edge = [] if self.is_nominally_flat(surface.periodic) else self._at_edge(surface, values, load)
-        if not (values.size and least > 0.0):
-            notes += edge
-        elif flow is not None and flow.any():
-            notes.append("full contact: every pixel touches, and more load only makes more of it yield")
-        else:
-            more = "uniform pressure" if self.is_nominally_flat(surface.periodic) else "the pressure of a flat punch"
-            notes.append(f"full contact: every pixel touches, and more load only adds {more}")
-            if result.converged and result.error >= self.tolerance:
-                notes.append(
-                    f"the pressure is exact up to the rounding of {values.dtype} numbers, which at this load leaves "
-                    f"a relative gap error of {result.error:.3g} (tolerance {self.tolerance:g})"
-                )
+        notes += self._full(surface, result, flow) if values.size and least > 0.0 else edge
         force_error = abs(force / load - 1.0) if load > 0 else 0.0
         if not force_error < 1e-3:
             raise InputError.of("load", load, f"the pressure leaves the range of {values.dtype} numbers")
@@ -463,6 +449,18 @@ class FFTBEM(ContactSolver):
             ),
             notes=tuple(notes),
         )
+
+    def _full(self, surface: Surface, result: iteration.Result, flow: np.ndarray | None) -> list[str]:
+        """Notes of a contact in which every pixel touches."""
+        more = "uniform pressure" if self.is_nominally_flat(surface.periodic) else "the pressure of a flat punch"
+        more = f"adds {more}" if flow is None or not flow.any() else "makes more of it yield"
+        notes = [f"full contact: every pixel touches, and more load only {more}"]
+        if result.converged and result.error >= self.tolerance:
+            notes.append(
+                f"the pressure is exact up to the rounding of {result.pressure.dtype} numbers, which at this load "
+                f"leaves a relative gap error of {result.error:.3g} (tolerance {self.tolerance:g})"
+            )
+        return notes
 
     def _at_edge(self, surface: Surface, pressure: np.ndarray, load: float) -> list[str]:
         """A note of contact on the outermost pixels of a free surface; of a tip, an error: its contact is cut off."""
@@ -501,6 +499,16 @@ class FFTBEM(ContactSolver):
             f"(rms gap {result.rms_gap:.3g}, penetration {result.penetration:.3g}; tolerance {self.tolerance:g}): "
             f"{remedy}"
         )
+
+
+def _flow(result: iteration.Result, hardness: float, unit: float) -> np.ndarray:
+    """The overlap where the pressure is the hardness, in nm; it is taken from the gap, which is then closed."""
+    values = result.pressure
+    flow = np.where(values >= bounded(hardness, values.dtype.type), np.maximum(-result.gap, 0), 0)
+    result.gap += flow
+    flow *= unit
+    flow.setflags(write=False)
+    return flow
 
 
 def _report(solver: FFTBEM, result: iteration.Result | None, **errors: float) -> dict[str, Any]:
