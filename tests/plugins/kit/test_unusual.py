@@ -237,7 +237,7 @@ def warning_import(self, uniform):
 UNUSUAL: dict[str, Any] = {
     "a hardness": lambda: FFT(modulus=35.3, hardness=3.0),
     "a low hardness": lambda: FFT(modulus=35.3, hardness=2.5, gap=True),
-    "a sphere that yields": lambda: type(ca.contact("hertz", modulus=35.3))(modulus=35.3, hardness=0.8, gap=True),
+    "a sphere that yields": lambda: ca.contact("hertz", modulus=35.3, hardness=0.8, gap=True),
     "a solver without gap": lambda: Bed(),
     "a solver with an error that it declares": lambda: Loose(modulus=35.3),
     "a layer": lambda: FFT(modulus=35.3, thickness="5 nm"),
