@@ -107,7 +107,7 @@ class _Ageing(Stage):
         from chemage.ageing.aging import NOTED_ELASTIC
 
         hardness, mean = parts["chemistry"].hardness, stated["contact"].get("mean_pressure")
-        if hardness is None or mean is None:
+        if hardness is None or mean is None or stated["contact"].get("max_pressure", math.inf) <= hardness:
             return
         ratio = hardness / mean
         # Hertz: p0 = 3/2 of the mean; rough: a Rayleigh distribution

@@ -80,8 +80,13 @@ class OfContact(OfRecord[C], Generic[C]):
             ("kappa", f"{contact.kappa:.3f}"),
             *self.of_map(),
             ("mean contact pressure", f"{contact.mean_contact_pressure:.4g} GPa"),
+            *self.flow(),
             *self.recorded(),
         ]
+
+    def flow(self) -> Rows:
+        """The row of plastic flow, where the solver has a hardness."""
+        return []
 
     def recorded(self) -> Rows:
         """The rows of what was recorded of the surface and of the contact."""
@@ -147,6 +152,11 @@ class ContactDisplay(OfContact[ContactSolution]):
     def of_map(self) -> Rows:
         contact = self.record
         return [("patches", f"{contact.patches}"), ("perimeter to area C/A", f"{contact.perimeter_to_area:.4f} /nm")]
+
+    def flow(self) -> Rows:
+        area, load = self.record.yielded
+        text = f"{100 * area:.3g} % of the contact area, {100 * load:.3g} % of the load"
+        return [("plastic flow", text)] if math.isfinite(area) else []
 
     def pressures(self) -> tuple[np.ndarray, np.ndarray] | None:
         sites = self.record.sites.size

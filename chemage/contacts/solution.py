@@ -28,6 +28,7 @@ from chemage.foundation.records import (
 )
 from chemage.foundation.result import draw_result, notebook_html
 from chemage.foundation.units import LARGEST, QuantityLike, convert
+from chemage.surfaces.surface import Surface
 
 if TYPE_CHECKING:
     import pandas
@@ -54,6 +55,11 @@ MEASURES: dict[str, tuple[str, str]] = {
 }
 
 
+#: the same of contacts that know where the material flows
+FLOW_MEASURES: dict[str, tuple[str, str]] = {
+    "yielded_area": ("1", "share of the contact area where the material flows"),
+    "yielded_load": ("1", "share of the load carried where the material flows"),
+}
 #: relative error of the force up to which rounding may be the cause
 LOAD_ERROR = 1e-6
 
@@ -178,10 +184,11 @@ class ContactSolution(Contact):
     arrays = {
         "pressure": (("x", "y"), "GPa", "contact pressure"),
         "gap": (("x", "y"), "nm", "gap between the surfaces, 0 in contact"),
+        "plastic_displacement": (("x", "y"), "nm", "height lost by plastic flow"),
     }
 
     has_map = True
-    added = ("carries", "observables", "outputs")
+    added = ("carries", "observables", "outputs", "plastic_displacement")
 
     pressure: Reals
     """(nx, ny) GPa, ≥ 0; contact is where it is positive"""
@@ -202,6 +209,9 @@ class ContactSolution(Contact):
     """of the surface, nm"""
     gap: Reals | None = None
     """(nx, ny) nm ≥ 0, where the solver gives it"""
+    plastic_displacement: Reals | None = None
+    """(nx, ny) nm ≥ 0, what heights lose where the pressure is the hardness, if the solver has one; it stays when the
+    load is removed, see :meth:`residual_surface`"""
     displacement: float | None = Field(default=None, allow_inf_nan=False)
     """rigid approach of the bodies, nm, where the solver gives it"""
     carries: str = ""
@@ -226,11 +236,15 @@ class ContactSolution(Contact):
     def _check(self) -> Self:
         if self.pressure.ndim != 2 or self.pressure.size == 0:
             raise ValueError(f"pressure: shape {self.pressure.shape}; give a two-dimensional, non-empty array (nx, ny)")
-        if self.gap is not None and self.gap.shape != self.pressure.shape:
-            raise ValueError(f"gap: shape {self.gap.shape}, but pressure has {self.pressure.shape}")
         require_finite("pressure", self.pressure, "the solver that made it is at fault")
-        if self.gap is not None:
-            require_finite("gap", self.gap, "the solver that made it is at fault")
+        for name in ("gap", "plastic_displacement"):
+            if (values := getattr(self, name)) is None:
+                continue
+            if values.shape != self.pressure.shape:
+                raise ValueError(f"{name}: shape {values.shape}, but pressure has {self.pressure.shape}")
+            require_finite(name, values, "the solver that made it is at fault")
+        if self.plastic_displacement is not None and (lowest := float(self.plastic_displacement.min())) < 0:
+            raise ValueError(f"plastic_displacement: its smallest value is {lowest:g} nm; flow only lowers, it is ≥ 0")
         if float(self.pressure.max()) > LARGEST:
             raise ValueError(f"pressure: up to {self.pressure.max():g} GPa, out of range; give pressures in GPa")
         lowest = float(self.pressure.min())
@@ -324,6 +338,43 @@ class ContactSolution(Contact):
         return patches.above(self.pressure, pressure)
 
     @property
+    def yielded(self) -> Above:
+        """Which shares of contact area and load lie where the material flows; both nan where that is not known."""
+        if self.plastic_displacement is None or not self.sites.size:
+            return Above(math.nan, math.nan)
+        flows = self.plastic_displacement > 0
+        force = float(self.pressure.sum(where=flows, dtype=np.float64)) * self.pixel_size**2
+        return Above(float(np.count_nonzero(flows)) / self.sites.size, force / self.carried)
+
+    def summary(self) -> dict[str, float]:
+        """See :meth:`Contact.summary`; with :data:`FLOW_MEASURES` where they are known."""
+        flow = {} if self.plastic_displacement is None else dict(zip(FLOW_MEASURES, self.yielded, strict=True))
+        return super().summary() | flow
+
+    def residual_surface(self, surface: Surface) -> Surface:
+        """What ``surface``, of which this is the contact, is after the load is removed: its heights less
+        :attr:`plastic_displacement`. Solve with it to unload, and to load again: up to the load of this contact it does
+        not flow.
+
+        Raises
+        ------
+        InputError
+            The solver has no hardness, or the surface is another one.
+        """
+        if self.plastic_displacement is None:
+            raise InputError("this contact is elastic and leaves the surface as it was; give its solver a hardness")
+        same = surface.shape == self.shape and surface.pixel_size == self.pixel_size
+        if not (same and math.isclose(surface.rms_height, self.rms_height, rel_tol=1e-6, abs_tol=1e-300)):
+            raise InputError(f"surface: {surface!r} is not the one of {self!r}; give the surface that was solved")
+        made = {name: value for name, value in surface.provenance.items() if name != "radius"}  # no sphere any more
+        return Surface(
+            heights=surface.heights - self.plastic_displacement.astype(surface.heights.dtype),
+            pixel_size=surface.pixel_size,
+            periodic=surface.periodic,
+            provenance={**made, "flowed": [*made.get("flowed", []), {"load": self.load, **_solver(self.provenance)}]},
+        )
+
+    @property
     def max_pressure(self) -> float:
         """Largest pressure, GPa."""
         return float(self.pressure.max())
@@ -338,6 +389,11 @@ class ContactSolution(Contact):
 
     def __repr__(self) -> str:
         return f"<ContactSolution {self.load:g} nN, area fraction {self.area_fraction:.4g}, {self.patches} patches>"
+
+
+def _solver(provenance: dict[str, Any]) -> dict[str, Any]:
+    """Kind and options of the solver of a contact."""
+    return {name: provenance[name] for name in ("kind", "options") if name in provenance}
 
 
 class ContactStatistics(Contact):

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from chemage.plugin import progress
 
 from . import _kernels as kernels
-from ._grid import Convolution, Grid, Split, rescale, suits
+from ._bounds import restored, shift_to
+from ._grid import Convolution, Grid, Split, suits
 from ._kernels import Search, State
 from ._operators import Active
 
@@ -43,6 +44,11 @@ LONGEST_STEP = 1e3
 #: After clipping, the load is restored by a shift, found in at most so many Newton steps. A step from an excess of less
 #: than this part of the load is the last one: the next projection or evaluation restores the rest.
 LITTLE_EXCESS, LOAD_ACCURACY, NEWTON_STEPS = 1e-3, 1e-10, 50
+#: The same with a hardness.
+BOUNDED_STEPS = 12
+#: Free pixels are few if they could bear less than this part of the load; a number of pixels counts as whole if it is
+#: by this part.
+FEW_FREE, INTEGER = 0.01, 1e-9
 #: The load is restored before an evaluation of the gap if it is wrong by more than this, relatively.
 LOAD_ROUNDING = 1e-13
 #: A direction shorter than this many rounding errors of the terms it is the difference of is noise. Only so few pixels
@@ -186,7 +192,7 @@ class Descent:
             self.base += self.standing.offset if math.isfinite(self.standing.offset) else 0.0
             allowed = max(LOAD_ROUNDING, 4.0 * float(np.finfo(self.grid.state).eps))
             if operator is self._reporting_operator() and abs(self.load / self.grid.load - 1.0) > allowed:
-                self.load = rescale(self.state.p, self.grid.load / self.load, self.grid.team)
+                self.load = restored(self.state.p, self.load, self.grid.load, self.grid.hardness, self.grid.team)
         self.grid.gap(operator, self.base, self.state)
         self.evaluated = True
         self.evaluated_by = operator
@@ -223,16 +229,14 @@ class Descent:
         grid = self.grid
         scope = grid.everywhere if self.evaluated or not self.split else self.active
         total, count = grid.sums(2)
-        offset = 0.0
-        if grid.offset_fixed is None:
-            offset = -total / count if count else -float(self.state.r.min())
-        grid.run(kernels.residual, scope, self.state, offset, self.search.v, grid.residual_part)
-        squares, _, pixels, residual_sum, norm, through = (float(x) for x in grid.residual_part.sum(axis=0))
-        rms = math.sqrt(squares / count) if count else 0.0
-        deepest = float(grid.residual_part[:, 1].max())
-        self.standing = Standing(offset, rms, deepest, pixels, residual_sum, math.sqrt(norm), squares + through)
+        few = grid.offset_fixed is None and (not count or self._yields(count))
+        mean = -total / count if count and grid.offset_fixed is None else 0.0
+        s = self._measured(scope, self._offset_of_few() if few else mean, count)
+        if few and count and not s.penetration:
+            s = self._measured(scope, mean, count)  # the few free pixels are all that is left
+        self.standing = s
         del grid.history[self.iteration :]
-        grid.history.append((rms, deepest))
+        grid.history.append((s.rms_gap, s.penetration))
         if self.evaluated or not self.split:
             self.active = grid.working_set(2 if self.split else 0)
             self._keep()
@@ -240,6 +244,38 @@ class Descent:
             self.evaluated_error, self.since_evaluation = self.standing.error, 0
         if self.standing.error < 0.5 * self.best:
             self.best, self.best_iteration = self.standing.error, self.iteration
+
+    def _measured(self, scope: Active, offset: float, free: float) -> Standing:
+        """The residual with this ``offset``, its sums and its errors."""
+        grid = self.grid
+        args = self.state, offset, grid.hardness, self.search.v
+        grid.run(kernels.residual, scope, *args, grid.residual_part)
+        squares, _, pixels, residual_sum, norm, through = (float(x) for x in grid.residual_part.sum(axis=0))
+        rms = math.sqrt(squares / free) if free else 0.0
+        deepest = float(grid.residual_part[:, 1].max())
+        return Standing(offset, rms, deepest, pixels, residual_sum, math.sqrt(norm), squares + through)
+
+    def _yields(self, free: float) -> bool:
+        """Whether nearly all of the load is where the contact yields, so that few free pixels say little of the
+        offset."""
+        hardness = self.grid.hardness
+        return hardness is not None and free * float(hardness) < FEW_FREE * self.grid.load
+
+    def _offset_of_few(self) -> float:
+        """The offset where no pixel, or hardly one, is free: as many gaps are negative as pixels at the hardness would
+        bear the load."""
+        r = self.state.r
+        if self.grid.hardness is None:
+            return -float(r.min())
+        number = self.grid.load / float(self.grid.hardness)
+        whole = round(number)
+        if abs(number - whole) > INTEGER * number:
+            first = last = math.floor(number)
+        else:  # none need be free: any offset between the last that yields and the first that is not in contact
+            first, last = whole - 1, whole
+        first, last = max(first, 0), min(last, r.size - 1)
+        levels = np.partition(r, (first, last), axis=None)
+        return -0.5 * float(levels[first] + levels[last])
 
     def _trusted(self) -> bool:
         """Whether the errors are those of a gap that may be reported."""
@@ -401,6 +437,8 @@ class Descent:
     def _find_direction(self, renew: bool) -> tuple[float, float]:
         """The conjugate direction d; returns its product with the residual, and its norm, 0 if d is only noise."""
         grid, s = self.grid, self.standing
+        if not s.pixels:
+            return 0.0, 0.0
         # Blocks that were active before may not be any more.
         clear = self.since_evaluation == 1 or not self.split
         self._precondition(clear, renew)
@@ -453,7 +491,7 @@ class Descent:
         # A vanishing load makes the body look infinitely soft; no pixel needs more than the whole load.
         step = min(step, LONGEST_STEP * grid.load / largest)
         shift, scale, squares = self._project(step)
-        grid.run(kernels.move, self.active, self.state.p, d, step, shift, scale, grid.part)
+        grid.run(kernels.move, self.active, self.state.p, d, step, shift, scale, grid.hardness, grid.part)
         self.load = grid.sums(1)[0]
         left_out = math.sqrt(squares) + abs(scale - 1.0) * self.standing.norm
         if grid.stiffness * left_out > NEGLIGIBLE * self.standing.error:
@@ -463,7 +501,7 @@ class Descent:
             factor = grid.stiffness * step
             y = y if near else self._displacement(spectrum)
         scope: Active = self.active if self.split else grid.everywhere
-        grid.run(kernels.advance, scope, self.state, y, factor, grid.part)
+        grid.run(kernels.advance, scope, self.state, y, factor, grid.hardness, grid.part)
         self.search = search._replace(y=y)
         self.evaluated = self.evaluated_exactly = self.steepest = False
 
@@ -476,10 +514,12 @@ class Descent:
         """
         grid, shift = self.grid, 0.0
         args = self.active, self.state.p, self.search.d, step
-        grid.run(kernels.projection, *args, shift, grid.part)
+        grid.run(kernels.projection, *args, shift, grid.hardness, grid.part)
         total, count, squares = grid.sums(3)
         if grid.offset_fixed is not None:
             return 0.0, 1.0, squares
+        if grid.hardness is not None:
+            return self._project_to_both(step, total, count, squares)
         for _ in range(NEWTON_STEPS):
             excess = total - grid.load
             if not squares or not count or excess <= LOAD_ACCURACY * grid.load:
@@ -487,9 +527,35 @@ class Descent:
             shift += excess / count
             if excess < LITTLE_EXCESS * grid.load:
                 return shift, 1.0, squares + count * shift**2
-            grid.run(kernels.projection, *args, shift, grid.part)
+            grid.run(kernels.projection, *args, shift, None, grid.part)
             total, count, squares = grid.sums(3)
         return shift, grid.load / total if total > 0.0 else 1.0, squares
+
+    def _project_to_both(self, step: float, total: float, count: float, squares: float) -> tuple[float, float, float]:
+        """As ``_project``, with a hardness: the sum is not convex in the shift, so that Newton's method is kept within
+        bounds, and the shift is found by sorting where it is slow."""
+        grid, shift, low, high = self.grid, 0.0, -math.inf, math.inf
+        assert grid.hardness is not None
+        args = self.active, self.state.p, self.search.d, step
+        for _ in range(BOUNDED_STEPS):
+            excess = total - grid.load
+            if abs(excess) <= LOAD_ACCURACY * grid.load:
+                return shift, 1.0, squares
+            low, high = (shift, high) if excess > 0.0 else (low, shift)
+            new = shift + excess / count if count else math.nan
+            if not low < new < high:
+                break
+            if abs(excess) < LITTLE_EXCESS * grid.load:
+                return new, 1.0, squares + count * (new - shift) ** 2
+            shift = new
+            grid.run(kernels.projection, *args, shift, grid.hardness, grid.part)
+            total, count, squares = grid.sums(3)
+        p, d = self.state.p, self.search.d
+        moved = d != 0
+        q = p[moved] + step * d[moved].astype(np.float64)
+        shift = shift_to(q, grid.load - float(p.sum(where=~moved, dtype=np.float64)), float(grid.hardness))
+        grid.run(kernels.projection, *args, shift, grid.hardness, grid.part)
+        return shift, 1.0, grid.sums(3)[2]
 
     def _displacement(self, spectrum: Array) -> Array:
         return self.grid.operator.displacement(spectrum)

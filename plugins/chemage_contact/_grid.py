@@ -411,6 +411,7 @@ class Grid:
         settings: Settings,
         team: Team,
         finest: bool = True,
+        hardness: float | None = None,
     ) -> None:
         self.substrate, self.settings, self.team = substrate, settings, team
         #: given if the approach is prescribed, None if the load is
@@ -420,6 +421,8 @@ class Grid:
         self.load = mean * substrate.shape[0] * substrate.shape[1]
         self.mean, self.finest = mean, finest
         self.state, self.work = PRECISIONS[settings.precision]
+        #: largest dimensionless pressure, in the precision of the state
+        self.hardness = None if hardness is None else bounded(hardness, self.state)
         self.heights = heights
         #: displacement = stiffness · (pixel-unit operator applied to dimensionless pressure)
         self.stiffness = stiffness
@@ -461,10 +464,11 @@ class Grid:
     def gap(self, operator: Convolution, base: float, state: State) -> None:
         """The gap G p - h + base, in the precision of the operator, into ``state.r``.
 
-        The sums of the gap and of the pixels in contact are in ``part`` afterwards.
+        The sums of the gap and of the free pixels are in ``part`` afterwards.
         """
         u = operator.apply(state.p)
-        self.run(kernels.subtract, self.everywhere, u, self.heights, self.stiffness, base, state, self.part)
+        fields = u, self.heights, self.stiffness, base, state, self.hardness
+        self.run(kernels.subtract, self.everywhere, *fields, self.part)
 
     def run(self, kernel: Callable[..., None], active: Active, *args: Any) -> None:
         """Run a kernel over the active blocks."""
@@ -479,8 +483,11 @@ class Grid:
         return Active(mask, self.width, self.per_row, self.team.threads)
 
     def working_set(self, reach: int) -> Active:
-        """Blocks with a pixel of the working set in them or up to ``reach`` rows away."""
-        here = (self.residual_part[:, 2] > 0.0).reshape(-1, self.per_row)
+        """Blocks with a pixel of the working set or with pressure in them or up to ``reach`` rows away."""
+        here = self.residual_part[:, 2] > 0.0
+        if self.hardness is not None:
+            here |= self.residual_part[:, 4] > 0.0
+        here = here.reshape(-1, self.per_row)
         near = here.copy()
         for shift in range(1, min(reach, len(here) - 1) + 1):
             near[shift:] |= here[:-shift]
@@ -496,9 +503,15 @@ def sums(p: Array, r: Array, team: Team) -> tuple[float, float, float]:
     return float(part[:, 0].sum()), float(part[:, 1].sum()), float(part[:, 2].min(initial=math.inf))
 
 
-def rescale(p: Array, factor: float, team: Team) -> float:
-    """Multiply p (nx, ny) in place; returns the new sum."""
-    return float(team.table(kernels.scale, p.shape[0], 1, p, p.dtype.type(factor)).sum())
+def rescale(p: Array, factor: float, team: Team, hardness: Any = None) -> float:
+    """Multiply p (nx, ny) in place, up to ``hardness`` and except where p is it already; returns the new sum."""
+    return float(team.table(kernels.scale, p.shape[0], 1, p, p.dtype.type(factor), hardness).sum())
+
+
+def bounded(hardness: float, dtype: Any) -> Any:
+    """The largest number of ``dtype`` that is not above ``hardness``."""
+    value = dtype(hardness)
+    return value if float(value) <= hardness else np.nextafter(value, dtype(0))
 
 
 def grids(shape: tuple[int, int], levels: int | None) -> list[tuple[int, int]]:
@@ -519,6 +532,7 @@ def resampled(
     periodic: bool,
     team: Team,
     kernel: Callable[..., None] = kernels.resample,
+    *bounds: Any,
 ) -> Array:
     """Bilinear resampling of (nx, ny) to another grid of the same extent whose first pixels coincide."""
     axes = []
@@ -528,7 +542,7 @@ def resampled(
         high = (low + 1) % n if periodic else np.minimum(low + 1, n - 1)
         axes.append(kernels.Axis(low, high, x - low))
     target = np.empty(shape, dtype)
-    team.run(kernel, shape[0], source, *axes, target)
+    team.run(kernel, shape[0], source, *axes, *bounds, target)
     return target
 
 

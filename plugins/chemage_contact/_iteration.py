@@ -1,11 +1,13 @@
 """The hard-wall contact problem on arrays: minimise ½ pᵀGp - pᵀh over p ≥ 0 at a given load or a given approach.
 
-The gradient is the gap, so the solution satisfies p ≥ 0, gap ≥ 0, p·gap = 0. Method:
+The gradient is the gap, so the solution satisfies p ≥ 0, gap ≥ 0, p·gap = 0. With a hardness H, 0 ≤ p ≤ H: the gap is
+negative where p = H, by the plastic displacement. Method:
 
-* Conjugate gradients on the working set {p > 0} ∪ {gap < 0}, projected onto p ≥ 0 and the load after an exact line
-  search (by a shift, which gives the nearest admissible pressure), restarted only when the direction is not one of
-  descent: I. A. Polonsky, L. M. Keer, Wear 231, 206 (1999) without its
-  restarts, after L. Bugnicourt, P. Sainsot, D. Dureisseix, C. Gauthier, A. A. Lubrecht, Tribol. Lett. 66, 29 (2018).
+* Conjugate gradients on the working set {p > 0} ∪ {gap < 0}, without pixels that yield, p = H, until their gap is
+  positive; projected onto the bounds and the load after an exact line search (by a shift, which gives the nearest
+  admissible pressure), restarted only when the direction is not one of descent: I. A. Polonsky, L. M. Keer, Wear 231,
+  206 (1999) without its restarts, after L. Bugnicourt, P. Sainsot, D. Dureisseix, C. Gauthier, A. A. Lubrecht, Tribol.
+  Lett. 66, 29 (2018).
 * Preconditioner of opposite order: the inverse symbol |q|, restricted to the working set: E. A. H. Vollebregt, J.
   Optim. Theory Appl. 162, 862 (2014). Most of its term for flow out of the working set is removed again (the regional
   instead of the restricted fractional Laplacian), which saves up to a third of the iterations.
@@ -36,8 +38,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _kernels as kernels
+from ._bounds import projected, restored
 from ._descent import Descent, Outcome
-from ._grid import PRECISIONS, Grid, Settings, dimensionless, divides, grids, regridded, resampled, rescale, suits, sums
+from ._grid import PRECISIONS, Grid, Settings, dimensionless, divides, grids, regridded, resampled, suits, sums
 from ._kernels import Heights, State
 from ._operators import Substrate, Team
 
@@ -77,21 +80,13 @@ class Result:
         return max(self.rms_gap, self.penetration)
 
 
-def projected(q: Array, mean: float = 1.0) -> Array:
-    """The nearest array to q that has no negative entry and the given mean: max(q - t, 0)."""
-    order = np.sort(q, axis=None)[::-1].astype(np.float64)
-    excess = np.cumsum(order) - mean * q.size
-    index = np.arange(1, q.size + 1)
-    last = int(np.flatnonzero(order * index > excess)[-1])
-    return np.maximum(q - excess[last] / (last + 1), 0.0)
-
-
 def solve(
     substrate: Substrate,
     heights: Heights,
     *,
     stiffness: float,
     mean: float = 1.0,
+    hardness: float | None = None,
     offset: float | None = None,
     start: Array | None = None,
     settings: Settings,
@@ -100,8 +95,9 @@ def solve(
     """Solve on ``substrate`` for ``heights``.
 
     ``stiffness`` is (unit of pressure)·pixel/(E*·unit of height). With ``offset`` None ``mean`` is the mean pressure;
-    otherwise the gap is G p - h + offset and the load follows (negative: approach since first touch). ``start`` is a
-    pressure to begin from instead of a coarser grid. Never raises for lack of convergence: look at ``converged``.
+    otherwise the gap is G p - h + offset and the load follows (negative: approach since first touch). ``hardness`` is
+    the largest pressure, not below the mean one. ``start`` is a pressure to begin from instead of a coarser grid. Never
+    raises for lack of convergence: look at ``converged``.
     """
     state = PRECISIONS[settings.precision][0]
     shapes = grids(substrate.shape, 1 if start is not None else settings.levels)
@@ -113,7 +109,7 @@ def solve(
         h = heights if finest else regridded(heights, shape, state, substrate.periodic, team)
         # Displacements are counted in pixels of the grid at hand.
         pixels = here.pixel[0] * here.pixel[1] / (substrate.pixel[0] * substrate.pixel[1])
-        grid = Grid(here, h, stiffness * math.sqrt(pixels), mean, offset, settings, team, finest)
+        grid = Grid(here, h, stiffness * math.sqrt(pixels), mean, offset, settings, team, finest, hardness)
         end = _solve_on(grid, p, finest)
         p = end.pressure
         levels.append((shape, end.iterations))
@@ -144,10 +140,12 @@ def _solve_on(grid: Grid, p: Array | None, finest: bool) -> Outcome:
     if p is None:
         p = _first_guess(grid)
     elif p.shape != body.shape:
-        p = resampled(p, body.shape, grid.state, body.periodic, grid.team, kernels.resample_pressure)
+        p = resampled(p, body.shape, grid.state, body.periodic, grid.team, kernels.resample_pressure, grid.hardness)
+    if grid.hardness is not None:
+        np.minimum(p, grid.hardness, out=p)
     if load_given:
         total, _, least = sums(p, p, grid.team)
-        rescale(p, grid.load / total, grid.team)
+        restored(p, total, grid.load, grid.hardness, grid.team)
         if body.padded == body.shape and least > 0.0:
             end = _full_contact(grid)
             if end is not None:
@@ -177,7 +175,7 @@ def _full_contact(grid: Grid) -> Outcome | None:
     mean = grid.state(grid.mean)
     p = _flattening(grid)
     p += mean
-    if float(p.min()) <= 0.0:
+    if float(p.min()) <= 0.0 or (grid.hardness is not None and float(p.max()) > grid.hardness):
         return None
     varying = p - mean
     r = np.empty_like(p)
@@ -198,19 +196,20 @@ def _full_contact(grid: Grid) -> Outcome | None:
 def _first_guess(grid: Grid) -> Array:
     """The admissible pressure nearest to the one that presses the heights flat."""
     if grid.offset_fixed is None:
-        return projected(_flattening(grid) + grid.mean, grid.mean).astype(grid.state)
+        return projected(_flattening(grid) + grid.mean, grid.mean, grid.hardness).astype(grid.state)
     scaled = dimensionless(grid.heights, grid.work, grid.team)
     q = grid.operator.precondition(scaled - grid.work(grid.offset_fixed))
     return np.maximum(q, 0.0).astype(grid.state) / grid.state(grid.stiffness)
 
 
-def compile_kernels(body: Substrate, settings: Settings, heights: Any = np.float64) -> None:
+def compile_kernels(body: Substrate, settings: Settings, heights: Any = np.float64, bounded: bool = False) -> None:
     """Compile what a solve on ``body`` calls, the last kernel first.
 
-    ``heights``: dtype of the heights of the surface. The order is the reverse of that in which a solve calls them, so
-    that a second process that does this while the first one solves compiles what the first one has not reached yet.
+    ``heights``: dtype of the heights of the surface; ``bounded``: there is a hardness. The order is the reverse of that
+    in which a solve calls them, so that a second process that does this while the first one solves compiles what the
+    first one has not reached yet.
     """
-    for kernel, args in reversed(list(_calls(body, settings, np.dtype(heights)))):
+    for kernel, args in reversed(list(_calls(body, settings, np.dtype(heights), bounded))):
         kernel(0, 0, *args)
 
 
@@ -220,9 +219,10 @@ def _frozen(dtype: Any) -> Array:
     return array
 
 
-def _calls(body: Substrate, settings: Settings, heights: Any) -> Iterator[Call]:
+def _calls(body: Substrate, settings: Settings, heights: Any, bounded: bool) -> Iterator[Call]:
     """The kernels of a solve with their arguments, in the order in which they are first called."""
     state, work = PRECISIONS[settings.precision]
+    bound = state(1) if bounded else None
     shapes = grids(body.shape, settings.levels)
     part = np.zeros((1, 7))
     surface = kernels.Heights(_frozen(heights), 0.0, 1.0)
@@ -235,15 +235,15 @@ def _calls(body: Substrate, settings: Settings, heights: Any) -> Iterator[Call]:
         finest = shape == body.shape
         here = body if finest else body.regrid(shape)
         if number:
-            yield kernels.resample_pressure, (p, axis, axis, p)
+            yield kernels.resample_pressure, (p, axis, axis, bound, p)
         else:
             yield from _convolution(here, state)
         yield kernels.totals, (p, p, part)
-        yield kernels.scale, (p, state(1), part)
-        yield from _descent(here, settings, surface if finest else kernels.Heights(_frozen(state)), part)
+        yield kernels.scale, (p, state(1), bound, part)
+        yield from _descent(here, settings, surface if finest else kernels.Heights(_frozen(state)), bound, part)
     if state != work:
         yield from _convolution(body, state)
-        yield kernels.subtract, (*_blocks(), p, surface, 1.0, 0.0, kernels.State(p, p), part)
+        yield kernels.subtract, (*_blocks(), p, surface, 1.0, 0.0, kernels.State(p, p), bound, part)
     yield kernels.correct, (*_blocks(), _search(work), np.zeros((1, 1), work), 1.0, 1.0, part)
 
 
@@ -265,14 +265,14 @@ def _convolution(body: Substrate, dtype: Any) -> Iterator[Call]:
         yield kernels.multiply, (spectrum, np.zeros((1, 1), dtype))
 
 
-def _descent(body: Substrate, settings: Settings, heights: kernels.Heights, part: Array) -> Iterator[Call]:
+def _descent(body: Substrate, settings: Settings, heights: kernels.Heights, bound: Any, part: Array) -> Iterator[Call]:
     """The kernels of the iteration on one grid."""
     state, work = PRECISIONS[settings.precision]
     p, pixel = np.zeros((1, 1), state), np.zeros((1, 1), work)
     both, search, blocks = kernels.State(p, p), _search(work), _blocks()
     yield from _convolution(body, work)
-    yield kernels.subtract, (*blocks, pixel, heights, 1.0, 0.0, both, part)
-    yield kernels.residual, (*blocks, both, 0.0, pixel, part)
+    yield kernels.subtract, (*blocks, pixel, heights, 1.0, 0.0, both, bound, part)
+    yield kernels.residual, (*blocks, both, 0.0, bound, pixel, part)
     yield kernels.indicator, (*blocks, pixel, pixel, True)
     split = suits(body, settings.any_size)
     if split:
@@ -290,8 +290,8 @@ def _descent(body: Substrate, settings: Settings, heights: kernels.Heights, part
     spectrum = np.zeros((1, 1), np.result_type(work, np.complex64))
     if not split:
         yield kernels.quadratic_form, (spectrum, pixel, 1, part)
-    yield kernels.projection, (*blocks, p, pixel, 1.0, 1.0, part)
-    yield kernels.move, (*blocks, p, pixel, 1.0, 1.0, 1.0, part)
+    yield kernels.projection, (*blocks, p, pixel, 1.0, 1.0, bound, part)
+    yield kernels.move, (*blocks, p, pixel, 1.0, 1.0, 1.0, bound, part)
     if not split:
         yield kernels.multiply, (spectrum, pixel)
-    yield kernels.advance, (*blocks, both, pixel, 1.0, part)
+    yield kernels.advance, (*blocks, both, pixel, 1.0, bound, part)

@@ -11,7 +11,9 @@ Two dtypes occur: that of the *state* (pressure and gap) and that of the *work* 
 arrays are (nx, ny). A pixel belongs to the working set where the residual is not zero.
 
 Every kernel starts with the range ``lo`` … ``hi`` of blocks or rows that one thread processes. Arguments that belong
-together are named tuples, which numba compiles as if they were passed one by one.
+together are named tuples, which numba compiles as if they were passed one by one. ``hardness``, the largest pressure,
+is None where there is none: numba then leaves out what would need it. Pixels are *free* where the pressure is strictly
+between its bounds, and yield where it is the hardness.
 """
 
 from __future__ import annotations
@@ -108,8 +110,8 @@ def _block(blocks, b, columns):
 
 
 @njit(**_OPTIONS)
-def advance(lo, hi, blocks, state, y, factor, part):
-    """r += factor·y; part[b] = (Σ r, Σ 1) over p > 0. Reads p, y; updates r."""
+def advance(lo, hi, blocks, state, y, factor, hardness, part):
+    """r += factor·y; part[b] = (Σ r, Σ 1) over free pixels. Reads p, y; updates r."""
     p, r = state.p, state.r
     for b in range(lo, hi):
         total = 0.0
@@ -121,6 +123,8 @@ def advance(lo, hi, blocks, state, y, factor, part):
                 new = r.dtype.type(rb[i] + factor * yb[i])
                 rb[i] = new
                 weight = 1.0 if pb[i] > 0 else 0.0
+                if hardness is not None:
+                    weight = weight if pb[i] < hardness else 0.0
                 total += weight * new
                 count += weight
         part[b, 0] = total
@@ -128,12 +132,13 @@ def advance(lo, hi, blocks, state, y, factor, part):
 
 
 @njit(**_OPTIONS)
-def residual(lo, hi, blocks, state, offset, v, part):
-    """Residual on the working set {p > 0} ∪ {gap < 0}: v = -gap there, 0 elsewhere.
+def residual(lo, hi, blocks, state, offset, hardness, v, part):
+    """Residual on the working set, all free pixels and those whose gap has the wrong sign (gap < 0 where p = 0, gap > 0
+    where p is the hardness): v = -gap there, 0 elsewhere.
 
-    part[b] = (Σ gap² over p > 0, largest penetration where p = 0, pixels in the working set, Σ v, Σ p², Σ gap² where
-    p = 0 and gap < 0). Reads p, r; writes v. A gap of exactly zero inside the set is written as a negligible number,
-    because v ≠ 0 marks the set.
+    part[b] = (Σ gap² over free pixels, largest |gap| of a wrong sign, pixels in the working set, Σ v, Σ p², Σ gap² of
+    wrong signs). Reads p, r; writes v. A gap of exactly zero inside the set is written as a negligible number, because
+    v ≠ 0 marks the set.
     """
     p, r = state.p, state.r
     for b in range(lo, hi):
@@ -149,10 +154,14 @@ def residual(lo, hi, blocks, state, offset, v, part):
             for i in range(pb.size):
                 gap = rb[i] + offset
                 inside = pb[i] > 0
+                wrong = gap < 0.0
+                if hardness is not None:
+                    wrong = (gap > 0.0) if pb[i] >= hardness else wrong
+                    inside = inside and pb[i] < hardness
                 pressures += float(pb[i]) * float(pb[i])
                 held = gap if inside else 0.0
                 squares += held * held
-                outside = gap if gap < 0.0 and not inside else 0.0
+                outside = gap if wrong and not inside else 0.0
                 through += outside * outside
                 value = -(held + outside)
                 value = 1e-30 if inside and value == 0.0 else value
@@ -163,6 +172,8 @@ def residual(lo, hi, blocks, state, offset, v, part):
                 for i in range(pb.size):
                     if pb[i] <= 0 and rb[i] + offset < -deepest:
                         deepest = -(rb[i] + offset)
+                    if hardness is not None and pb[i] >= hardness and rb[i] + offset > deepest:
+                        deepest = rb[i] + offset
         part[b, 0] = squares
         part[b, 1] = deepest
         part[b, 2] = count
@@ -255,9 +266,11 @@ def direction(lo, hi, blocks, search, beta, shift, clear, terms, part):
 
 
 @njit(**_OPTIONS)
-def projection(lo, hi, blocks, p, d, step, shift, part):
-    """Sums of max(q - shift, 0) with q = p + step·d, without storing it: part[b] = (its sum, pixels where it is
-    positive, Σ of its squared difference from q). Reads p, d; writes nothing else."""
+def projection(lo, hi, blocks, p, d, step, shift, hardness, part):
+    """Sums of q - shift, cut to the bounds of the pressure, with q = p + step·d, without storing it: part[b] = (its
+    sum, pixels where it is free, Σ of its squared difference from q). With a hardness, pixels with d = 0 stay as they
+    are: the shift may have any sign, and must not move what is no part of the working set. Reads p, d; writes nothing
+    else."""
     for b in range(lo, hi):
         total = 0.0
         count = 0.0
@@ -268,21 +281,31 @@ def projection(lo, hi, blocks, p, d, step, shift, part):
             for i in range(pb.size):
                 new = pb[i] + step * db[i] - shift
                 cut = new if new < 0.0 else 0.0
-                change = cut + shift
-                squares += change * change
-                total += new - cut
-                count += 1.0 if new > 0.0 else 0.0
+                if hardness is None:
+                    change = cut + shift
+                    squares += change * change
+                    total += new - cut
+                    count += 1.0 if new > 0.0 else 0.0
+                else:
+                    cut = new - hardness if new > hardness else cut
+                    moved = 1.0 if db[i] != 0 else 0.0
+                    change = moved * (cut + shift)
+                    squares += change * change
+                    total += new - cut if db[i] != 0 else pb[i]
+                    count += moved if new > 0.0 and new < hardness else 0.0
         part[b, 0] = total
         part[b, 1] = count
         part[b, 2] = squares
 
 
 @njit(**_OPTIONS)
-def move(lo, hi, blocks, p, d, step, shift, scale, part):
-    """p = scale·max(p + step·d - shift, 0), and d = the change of p. part[b] = Σ p. Updates p, d.
+def move(lo, hi, blocks, p, d, step, shift, scale, hardness, part):
+    """p = scale·max(p + step·d - shift, 0), at most the hardness (see ``projection``), and d = the change of p.
+    part[b] = Σ p. Updates p, d.
 
     The change is rounded to the work precision first and the rounded change is added, so that p stays consistent with
-    the gap, which is only updated by changes. A pixel that leaves the contact is set to exactly zero.
+    the gap, which is only updated by changes. A pixel that leaves the contact is set to exactly zero, one that yields
+    to exactly the hardness.
     """
     for b in range(lo, hi):
         total = 0.0
@@ -293,8 +316,12 @@ def move(lo, hi, blocks, p, d, step, shift, scale, part):
                 old = pb[i]
                 new = old + step * db[i] - shift
                 new = scale * new if new > 0.0 else 0.0
+                if hardness is not None:
+                    new = min(new, hardness) if db[i] != 0 else old
                 db[i] = new - old
                 rounded = old + db[i]
+                if hardness is not None:
+                    rounded = hardness if new >= hardness else min(rounded, hardness)
                 new = rounded if new > 0.0 and rounded > 0.0 else 0.0
                 pb[i] = new
                 total += new
@@ -333,9 +360,9 @@ def correct(lo, hi, blocks, search, e, step, factor, part):
 
 
 @njit(**_OPTIONS)
-def subtract(lo, hi, blocks, u, heights, factor, base, state, part):
+def subtract(lo, hi, blocks, u, heights, factor, base, state, hardness, part):
     """r = factor·u - (values - top)·scale + base with the heights' values, top and factor (scale), in every block;
-    part[b] = (Σ r, Σ 1) over p > 0. Reads u, the heights and p; writes r."""
+    part[b] = (Σ r, Σ 1) over free pixels. Reads u, the heights and p; writes r."""
     h, top, scale = heights.values, heights.top, heights.factor
     p, r = state.p, state.r
     for b in range(lo, hi):
@@ -347,6 +374,8 @@ def subtract(lo, hi, blocks, u, heights, factor, base, state, part):
             new = r.dtype.type(factor * ub[i] - (hb[i] - top) * scale + base)
             rb[i] = new
             weight = 1.0 if pb[i] > 0 else 0.0
+            if hardness is not None:
+                weight = weight if pb[i] < hardness else 0.0
             total += weight * new
             count += weight
         part[b, 0] = total
@@ -378,13 +407,15 @@ def totals(lo, hi, p, r, part):
 
 
 @njit(**_OPTIONS)
-def scale(lo, hi, p, factor, part):
-    """p *= factor; part[row] = Σ p. Updates p."""
+def scale(lo, hi, p, factor, hardness, part):
+    """p *= factor, up to the hardness and except where p is it already; part[row] = Σ p. Updates p."""
     for i in range(lo, hi):
         pb = p[i]
         total = 0.0
         for j in range(pb.size):
             new = pb[j] * factor
+            if hardness is not None:
+                new = hardness if pb[j] >= hardness else min(new, hardness)
             pb[j] = new
             total += new
         part[i, 0] = total
@@ -484,8 +515,9 @@ def multiply_packed(lo, hi, z, symbol, turn):
 
 
 @njit(**_OPTIONS)
-def resample_pressure(lo, hi, source, rows, columns, target):
-    """As ``resample``, but zero where pixels without pressure make up more than half of the interpolation weights.
+def resample_pressure(lo, hi, source, rows, columns, hardness, target):
+    """As ``resample``, but zero where pixels without pressure make up more than half of the interpolation weights, and
+    the hardness where pixels that yield do.
 
     Bilinear interpolation alone would widen every patch by up to a coarse pixel.
     """
@@ -498,6 +530,11 @@ def resample_pressure(lo, hi, source, rows, columns, target):
             u = wj[j]
             value = (1.0 - w) * ((1.0 - u) * p00 + u * p01) + w * ((1.0 - u) * p10 + u * p11)
             inside = (1.0 - w) * ((1.0 - u) * (p00 > 0) + u * (p01 > 0)) + w * ((1.0 - u) * (p10 > 0) + u * (p11 > 0))
+            if hardness is not None:
+                full = (1.0 - w) * ((1.0 - u) * (p00 >= hardness) + u * (p01 >= hardness)) + w * (
+                    (1.0 - u) * (p10 >= hardness) + u * (p11 >= hardness)
+                )
+                value = hardness if full >= 0.5 else min(value, hardness)
             target[i, j] = value if inside >= 0.5 else 0.0
 
 

@@ -11,7 +11,9 @@ import numpy as np
 from pydantic import Field
 
 from chemage import ContactSolution, InputError, Surface
-from chemage.plugin import ContactModulus, ContactSolver, ContactStatistics, ContactTheory, Roughness, theory
+from chemage.plugin import ContactModulus, ContactSolver, ContactStatistics, ContactTheory, Pressure, Roughness, theory
+from chemage_contact._bounds import projected
+from chemage_contact._yielding_sphere import YieldingSphere, yielding_sphere
 
 _HERTZ = """@article{hertz1881,
   author = {Hertz, H.},
@@ -39,11 +41,14 @@ class Hertz(ContactSolver):
     of p over its square; the small force on pixels just outside is distributed in proportion, so that the pixels
     add up to the load. The radius is the one the surface was made with, ``surface.provenance["radius"]`` in nm; its
     apex is the middle of the grid.
+
+    With a ``hardness`` below p0 the pressure is at most that: the axisymmetric solution, of one dimension
+    (``chemage_contact._yielding_sphere``). Pixels then carry the mean of p by quadrature, and what is left of the load
+    raises all that do not yield equally.
     """
 
     kind = "hertz"
     implemented_properties: ClassVar[tuple[str, ...]] = ("pressure", "gap", "displacement")
-    declared_error: ClassVar[float | None] = 0.01
     cite: ClassVar[tuple[str, ...]] = (
         "H. Hertz, J. reine angew. Math. 92, 156 (1881)",
         "K. L. Johnson, Contact Mechanics, Cambridge University Press (1985), ch. 4",
@@ -53,23 +58,34 @@ class Hertz(ContactSolver):
     modulus: ContactModulus
     """contact modulus E* = E/(1−ν²) of the elastic body (or of both, combined), GPa; or their young
     and poisson"""
+    hardness: Pressure | None = None
+    """largest pressure, GPa: the material flows where it is reached, and the contact grows; default: elastic"""
     gap: bool = False
     """whether the solution contains the gap, at the centre of each pixel"""
 
+    @property
+    def declared_error(self) -> float:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """More where the sphere may yield: its pressure is a step at the rim, which pixels are inside of or not."""
+        return 0.01 if self.hardness is None else 0.05
+
     def identity(self) -> dict[str, Any]:
-        """As for every component; without ``gap`` where there is none, as before there was this option."""
-        return {name: value for name, value in super().identity().items() if name != "gap" or value}
+        """As for every component; without ``gap`` and ``hardness`` where there are none, as before these options."""
+        return {name: value for name, value in super().identity().items() if value or name not in ("gap", "hardness")}
 
     def expected(self, surface: Mapping[str, float], load: float) -> dict[str, float]:
         """Area fraction πa²/A0 where the radius is known, and memory of the gap."""
         if not {"nx", "ny", "pixel_size", "radius"} <= surface.keys():
             return {}
-        gap = {"gap_bytes": 8.0 * surface["nx"] * surface["ny"]} if self.gap else {}
+        maps = self.gap + (self.hardness is not None)
+        gap = {"gap_bytes": 8.0 * maps * surface["nx"] * surface["ny"]} if maps else {}
         edge = math.cbrt(0.75 * load * surface["radius"] / self.modulus)
+        if self.hardness is not None:
+            edge = max(edge, math.sqrt(load / self.hardness / math.pi))
         nominal = surface["nx"] * surface["ny"] * surface["pixel_size"] ** 2
         pixels = surface["nx"] * surface["ny"]
         cost = {"cpu_seconds": 0.005 + 3e-7 * pixels, "bytes": 46.0 * pixels + gap.get("gap_bytes", 0.0)}
-        return {"area_fraction": min(math.pi * edge**2 / nominal, 1.0), **cost, **gap}
+        most = {} if self.hardness is None else {"max_pressure": self.hardness}
+        return {"area_fraction": min(math.pi * edge**2 / nominal, 1.0), **cost, **gap, **most}
 
     def is_nominally_flat(self, periodic: bool) -> bool:
         """A sphere is not."""
@@ -85,10 +101,37 @@ class Hertz(ContactSolver):
                 "use surface kind 'sphere' or contact 'fft-bem'"
             )
         shape = (int(surface["nx"]), int(surface["ny"]))
-        self._edge(shape, surface["pixel_size"], surface["radius"], load)
+        self._contact(shape, surface["pixel_size"], surface["radius"], load)
 
-    def _edge(self, shape: tuple[int, int], size: float, radius: float, load: float) -> float:
-        """Radius of the contact, nm."""
+    def _contact(
+        self, shape: tuple[int, int], size: float, radius: float, load: float
+    ) -> tuple[float, YieldingSphere | None]:
+        """Radius of the contact, nm, and where the sphere yields, its contact."""
+        edge = self._elastic_edge(shape, size, radius, load)
+        if self.hardness is None or not load > 0:
+            return edge, None
+        room, least = 0.5 * min(shape) * size, math.sqrt(load / self.hardness / math.pi)
+        if least > room:
+            raise InputError.of(
+                "hardness",
+                self.hardness,
+                f"bears {load:.6g} nN on a radius of at least {least:.4g} nm, but the surface reaches only {room:.4g} "
+                "nm from the apex",
+                f"give a hardness of at least {load / (math.pi * room**2):.6g} GPa, a smaller load, or more pixels",
+            )
+        sphere = yielding_sphere(load, radius, self.modulus, self.hardness)
+        if sphere is not None and sphere.edge > room:
+            raise InputError.of(
+                "load",
+                load,
+                f"the contact has a radius of {sphere.edge:.4g} nm, but the surface reaches only {room:.4g} nm from "
+                "the apex",
+                "use more pixels or a smaller load",
+            )
+        return (edge if sphere is None else sphere.edge), sphere
+
+    def _elastic_edge(self, shape: tuple[int, int], size: float, radius: float, load: float) -> float:
+        """Radius of the elastic contact, nm."""
         edge = math.cbrt(0.75 * load * radius / self.modulus)
         room = 0.5 * min(shape) * size
         if edge > room:
@@ -105,21 +148,28 @@ class Hertz(ContactSolver):
     def _solve(self, surface: Surface, load: float, start: ContactSolution | None) -> ContactSolution:
         radius = _radius(surface)
         size = surface.pixel_size
-        edge = self._edge(surface.shape, size, radius, load)
+        edge, sphere = self._contact(surface.shape, size, radius, load)
         pressure = np.zeros(surface.shape)
-        if load > 0:
+        if sphere is not None:
+            pressure = _yielding_pixels(surface, sphere, load)
+        elif load > 0:
             nx, ny = surface.shape
             pressure = _pixel_forces(_edges(nx, size), _edges(ny, size), edge, load) / size**2
         total = float(pressure.sum()) * size**2
-        gap = None
+        gap, flow = None, None if self.hardness is None else np.zeros(surface.shape)
         if self.gap:
-            gap = _gap(surface, edge, radius)
+            gap = _gap(surface, edge, radius) if sphere is None else np.maximum(sphere.gap(_distances(surface)), 0.0)
             gap[pressure > 0] = 0.0
             gap.setflags(write=False)
+        if sphere is not None:
+            flow = np.where(pressure > 0, np.maximum(-sphere.gap(_distances(surface)), 0.0), 0.0)
+        if flow is not None:
+            flow.setflags(write=False)
         pressure.setflags(write=False)
         return ContactSolution(
             pressure=pressure,
             gap=gap,
+            plastic_displacement=flow,
             load=load,
             pixel_size=size,
             modulus=self.modulus,
@@ -127,7 +177,7 @@ class Hertz(ContactSolver):
             contact_pixels="centres",
             rms_slope=surface.rms_slope,
             rms_height=surface.rms_height,
-            displacement=edge * edge / radius,
+            displacement=edge * edge / radius if sphere is None else sphere.approach,
             convergence={"force_error": abs(total / load - 1.0) if load > 0 else 0.0},
             notes=() if load > 0 else ("no load: the bodies just touch and no pixel carries pressure",),
             provenance=self.provenance(surface),
@@ -149,10 +199,15 @@ def _edges(n: int, size: float) -> np.ndarray:
     return (np.arange(n + 1) - 0.5 * n) * size
 
 
+def _distances(surface: Surface) -> np.ndarray:
+    """Distances of the centres of pixels from the apex, nm."""
+    x, y = (_edges(n, surface.pixel_size) for n in surface.shape)
+    return np.hypot((0.5 * (x[1:] + x[:-1]))[:, None], 0.5 * (y[1:] + y[:-1]))
+
+
 def _gap(surface: Surface, edge: float, radius: float) -> np.ndarray:
     """Gap at the centres of pixels, nm: (a²/πR) [√(ρ² − 1) + (ρ² − 2) acos(1/ρ)] at ρ = r/a > 1 (Johnson, eq. 3.42)."""
-    x, y = (_edges(n, surface.pixel_size) for n in surface.shape)
-    r = np.hypot((0.5 * (x[1:] + x[:-1]))[:, None], 0.5 * (y[1:] + y[:-1]))
+    r = _distances(surface)
     if not edge > 0:
         return r * r / (2 * radius)
     rho = np.maximum(r / edge, 1.0)
@@ -199,6 +254,32 @@ def _pixel_forces(x: np.ndarray, y: np.ndarray, edge: float, load: float) -> np.
         inside = centre <= centre.min()
     force = np.where(inside, np.maximum(force, 0.0), 0.0)
     return force * (load / force.sum())
+
+
+def _yielding_pixels(surface: Surface, sphere: YieldingSphere, load: float) -> np.ndarray:
+    """Pressure of each pixel of a sphere that yields, GPa: the mean over its square of those whose centre is inside."""
+    size, r = surface.pixel_size, _distances(surface)
+    inside = r < sphere.edge
+    least = load / sphere.hardness / size**2 * (1 - 1e-12)
+    if np.count_nonzero(inside) < least:  # their number is near πa²/size², not always above it
+        inside = r <= np.sort(r, axis=None)[math.ceil(least) - 1]
+    away = r[inside]
+    means = np.full(away.size, sphere.hardness)
+    x, y = (np.broadcast_to(v, r.shape)[inside] for v in np.ogrid[tuple(slice(0, n) for n in r.shape)])
+    places = [(v - 0.5 * (n - 1)) * size for v, n in zip((x, y), r.shape, strict=True)]
+    rim = np.minimum(np.abs(away - sphere.core), np.abs(away - sphere.edge)) < size
+    for points, there in ((16, rim), (3, ~rim & (away > sphere.core))):
+        offsets = ((np.arange(points) + 0.5) / points - 0.5) * size
+        for some in np.array_split(np.flatnonzero(there), max(1, np.count_nonzero(there) * points**2 >> 20)):
+            fine = np.hypot(
+                (places[0][some, None] + offsets)[:, :, None], (places[1][some, None] + offsets)[:, None, :]
+            )
+            means[some] = sphere.pressure(fine.ravel()).reshape(fine.shape).mean(axis=(1, 2))
+    mean = load / size**2 / away.size
+    means *= min(1.0, mean / float(means.mean()))
+    pressure = np.zeros(r.shape)
+    pressure[inside] = projected(means, mean, sphere.hardness)
+    return pressure
 
 
 #: classes of pressure, and standard deviations beyond the mean pressure up to which they reach

@@ -10,10 +10,10 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from chemage import ContactSolution, InputError, Surface
-from chemage.plugin import ContactModulus, ContactSolver, ConvergenceError, Length, Unit, convert, threads
+from chemage.plugin import ContactModulus, ContactSolver, ConvergenceError, Length, Pressure, Unit, convert, threads
 from chemage_contact import _iteration as iteration
 from chemage_contact import _kernels as kernels
-from chemage_contact._grid import rescale, sums
+from chemage_contact._grid import bounded, rescale, sums
 from chemage_contact._kernels import Heights
 from chemage_contact._operators import FreeHalfSpace, PeriodicHalfSpace, PeriodicLayer, Substrate, Team
 
@@ -93,6 +93,8 @@ class FFTBEM(ContactSolver):
     modulus: ContactModulus
     """contact modulus E* = E/(1−ν²) of the elastic body (or of both, combined), GPa; or their young
     and poisson"""
+    hardness: Pressure | None = None
+    """largest pressure, GPa: the material flows where it is reached, and the load spreads; default: elastic"""
     tolerance: float = Field(default=1e-5, gt=0, lt=1, allow_inf_nan=False)
     """largest error of the gap, relative to the rms height (or to the approach since first touch, where smaller)"""
     pressure_tolerance: float | None = Field(default=None, gt=0, lt=1, allow_inf_nan=False)
@@ -117,6 +119,10 @@ class FFTBEM(ContactSolver):
     """Fourier transform library; all but scipy must be installed separately (note their licences)"""
     threads: int | None = Field(default=None, ge=1)
     """threads of one solve; default: all processors available to this process"""
+
+    def identity(self) -> dict[str, Any]:
+        """As for every component; without ``hardness`` where there is none, as before there was this option."""
+        return {name: value for name, value in super().identity().items() if name != "hardness" or value is not None}
 
     @property
     def declared_error(self) -> float | None:  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -145,18 +151,29 @@ class FFTBEM(ContactSolver):
         pixels = surface["nx"] * surface["ny"]
         repeats = self.is_nominally_flat(surface.get("periodic") != 0)
         estimate = {"bytes": pixels * (_BYTES if repeats else _BYTES_FREE)[self.precision]}
-        if self.gap:
-            estimate["gap_bytes"] = pixels * float(np.dtype(iteration.PRECISIONS[self.precision][0]).itemsize)
+        if maps := self.gap + (self.hardness is not None):
+            size = float(np.dtype(iteration.PRECISIONS[self.precision][0]).itemsize)
+            estimate["gap_bytes"] = pixels * size * maps
             estimate["bytes"] += estimate["gap_bytes"]
+        if self.hardness is not None:
+            estimate["max_pressure"] = self.hardness
         fraction = 0.1
         if {"pixel_size", "rms_slope"} <= surface.keys():
             x = load / (pixels * surface["pixel_size"] ** 2) / self.modulus
             x = x / surface["rms_slope"] if surface["rms_slope"] > 0 else math.inf if load > 0 else 0.0
             fraction = estimate["area_fraction"] = math.erf(2.2 * x / math.sqrt(4.0 / math.pi))
+            if self.hardness is not None:
+                full = load / (pixels * surface["pixel_size"] ** 2) / self.hardness
+                fraction = estimate["area_fraction"] = min(max(fraction, full), 1.0)
         if {"pixel_size", "radius"} <= surface.keys() and not repeats:
-            edge = math.cbrt(0.75 * load * surface["radius"] / self.modulus)
+            edge = self._radius(surface["radius"], load)
             fraction = estimate["area_fraction"] = min(math.pi * edge**2 / (pixels * surface["pixel_size"] ** 2), 1.0)
         return estimate | {"cpu_seconds": self._seconds(pixels, fraction, repeats)}
+
+    def _radius(self, radius: float, load: float) -> float:
+        """Radius of the contact of a sphere, nm: the larger one of Hertz and of full yield."""
+        elastic = math.cbrt(0.75 * load * radius / self.modulus)
+        return elastic if self.hardness is None else max(elastic, math.sqrt(load / self.hardness / math.pi))
 
     def _seconds(self, pixels: float, fraction: float, periodic: bool) -> float:
         """CPU seconds of a solve, as measured on a 2-core Intel Xeon machine (``tests/benchmarks/estimates.py``)."""
@@ -164,6 +181,7 @@ class FFTBEM(ContactSolver):
         digits = math.log10(1e-5 / required)
         work = (1.8e-7 + 1.2e-6 * math.sqrt(fraction)) * max(0.5, 1.0 + 0.14 * digits)
         factor = {"single": 0.95, "mixed": 1.0, "double": 1.4}[self.precision]
+        factor *= 1.0 if self.hardness is None else 1.3
         return 0.03 + pixels * work * factor * (1.0 if periodic else 1.4) * (2.0 if self.levels == 1 else 1.0)
 
     def check(self, surface: Mapping[str, float], load: float) -> tuple[str, ...]:
@@ -178,12 +196,12 @@ class FFTBEM(ContactSolver):
         # to the outermost pixels, which must not touch (see _at_edge)
         room = 0.5 * (min(surface["nx"], surface["ny"]) - 1) * size
         if "radius" in surface:
-            edge = math.cbrt(0.75 * load * surface["radius"] / self.modulus)
+            edge = self._radius(surface["radius"], load)
             if edge > room:
                 raise InputError.of(
                     "load",
                     load,
-                    f"the contact has a radius of about {edge:.4g} nm (Hertz), but the surface reaches only "
+                    f"the contact has a radius of about {edge:.4g} nm, but the surface reaches only "
                     f"{room:.4g} nm from the apex, so that the contact would be cut off at the edge of the grid",
                     "use more pixels or a smaller load",
                 )
@@ -211,7 +229,8 @@ class FFTBEM(ContactSolver):
         shape, pixel = (int(surface["nx"]), int(surface["ny"])), (surface["pixel_size"], surface["pixel_size"])
         periodic = self.is_nominally_flat(surface.get("periodic") != 0)
         # of the body, only its grid matters
-        iteration.compile_kernels((PeriodicHalfSpace if periodic else FreeHalfSpace)(shape, pixel), self._settings())
+        body = (PeriodicHalfSpace if periodic else FreeHalfSpace)(shape, pixel)
+        iteration.compile_kernels(body, self._settings(), bounded=self.hardness is not None)
 
     def _check_range(self, area: float, pixel_size: float, load: float) -> None:
         """Refuse pressures and layers that leave the range of numbers; ``area`` nominal, nm²."""
@@ -226,6 +245,13 @@ class FFTBEM(ContactSolver):
         if load == 0:
             return
         pressure = load / area
+        if self.hardness is not None and pressure > self.hardness * (1 + 1e-12):
+            raise InputError.of(
+                "hardness",
+                self.hardness,
+                f"is below the mean pressure of {load:.6g} nN on {area:.6g} nm², which no contact can bear",
+                f"give a hardness of at least {pressure:.6g} GPa, or a smaller load",
+            )
         if not (SMALLEST_PRESSURE < pressure < LARGEST_PRESSURE and pressure / self.modulus > SMALLEST_PRESSURE):
             raise InputError.of("load", load, "leaves the range of numbers when spread over the surface")
         if self.precision == "single" and not (load / pixel_size**2 > 1e-35 and pressure < 1e35):
@@ -253,7 +279,7 @@ class FFTBEM(ContactSolver):
         quantum = _power_of_two(pressure)
         with Team(self.threads or threads.available()) as team:
             heights, unit = _dimensionless(surface, pressure / self.modulus, team)
-            goal = {"mean": pressure / quantum, "start": _usable(start, surface, load)}
+            goal: dict[str, Any] = {"mean": pressure / quantum, "start": _usable(start, surface, load)}
             return self._solved(surface, self._body(surface), heights, unit, quantum, load, team, goal)
 
     def sweep(self, surface: Surface, loads: Sequence[float | str]) -> list[ContactSolution]:
@@ -287,7 +313,7 @@ class FFTBEM(ContactSolver):
         if approach <= 0:
             return self._untouched(surface, approach)
         body = self._body(surface)
-        if isinstance(body, PeriodicHalfSpace):
+        if isinstance(body, PeriodicHalfSpace) and self.hardness is None:
             limit = float(heights.max()) - float(heights.mean(dtype=np.float64))
             if approach >= limit:
                 raise InputError.of(
@@ -342,10 +368,15 @@ class FFTBEM(ContactSolver):
         gap = None
         if self.gap:
             gap = float(surface.heights.max()) - approach - surface.heights
+        flow = None
+        if self.hardness is not None:
+            flow = np.zeros_like(pressure)
+            flow.setflags(write=False)
         return self._solution(
             surface,
             pressure=pressure,
             gap=gap,
+            plastic_displacement=flow,
             load=0.0,
             displacement=approach,
             convergence=_report(self, None, force_error=0.0, complementarity=0.0, scale=0.0),
@@ -366,9 +397,12 @@ class FFTBEM(ContactSolver):
         """The solution of ``goal`` in units of ``unit`` (nm) and ``pressure`` (GPa); without ``load``, it is the sum of
         the pressure."""
         stiffness = pressure / self.modulus * (surface.pixel_size / unit)
-        result = iteration.solve(body, heights, stiffness=stiffness, settings=self._settings(), team=team, **goal)
+        hardness = None if self.hardness is None else self.hardness / pressure
+        goal |= {"stiffness": stiffness, "hardness": hardness, "settings": self._settings()}
+        result = iteration.solve(body, heights, team=team, **goal)
         values = result.pressure
         area = surface.pixel_size**2
+        flow = None if hardness is None else _flow(result, hardness, unit)
         total, weighted, least = sums(values, result.gap, team)
         complementarity = weighted / total / result.scale if weighted else 0.0
         # The factor is a power of two: nothing is rounded.
@@ -386,16 +420,7 @@ class FFTBEM(ContactSolver):
                 )
             notes.append(message)
         edge = [] if self.is_nominally_flat(surface.periodic) else self._at_edge(surface, values, load)
-        if not (values.size and least > 0.0):
-            notes += edge
-        else:
-            more = "uniform pressure" if self.is_nominally_flat(surface.periodic) else "the pressure of a flat punch"
-            notes.append(f"full contact: every pixel touches, and more load only adds {more}")
-            if result.converged and result.error >= self.tolerance:
-                notes.append(
-                    f"the pressure is exact up to the rounding of {values.dtype} numbers, which at this load leaves "
-                    f"a relative gap error of {result.error:.3g} (tolerance {self.tolerance:g})"
-                )
+        notes += self._full(surface, result, flow) if values.size and least > 0.0 else edge
         force_error = abs(force / load - 1.0) if load > 0 else 0.0
         if not force_error < 1e-3:
             raise InputError.of("load", load, f"the pressure leaves the range of {values.dtype} numbers")
@@ -409,6 +434,7 @@ class FFTBEM(ContactSolver):
             surface,
             pressure=values,
             gap=gap,
+            plastic_displacement=flow,
             load=load,
             displacement=-result.offset * unit,
             converged=result.converged,
@@ -423,6 +449,18 @@ class FFTBEM(ContactSolver):
             ),
             notes=tuple(notes),
         )
+
+    def _full(self, surface: Surface, result: iteration.Result, flow: np.ndarray | None) -> list[str]:
+        """Notes of a contact in which every pixel touches."""
+        more = "uniform pressure" if self.is_nominally_flat(surface.periodic) else "the pressure of a flat punch"
+        more = f"adds {more}" if flow is None or not flow.any() else "makes more of it yield"
+        notes = [f"full contact: every pixel touches, and more load only {more}"]
+        if result.converged and result.error >= self.tolerance:
+            notes.append(
+                f"the pressure is exact up to the rounding of {result.pressure.dtype} numbers, which at this load "
+                f"leaves a relative gap error of {result.error:.3g} (tolerance {self.tolerance:g})"
+            )
+        return notes
 
     def _at_edge(self, surface: Surface, pressure: np.ndarray, load: float) -> list[str]:
         """A note of contact on the outermost pixels of a free surface; of a tip, an error: its contact is cut off."""
@@ -461,6 +499,16 @@ class FFTBEM(ContactSolver):
             f"(rms gap {result.rms_gap:.3g}, penetration {result.penetration:.3g}; tolerance {self.tolerance:g}): "
             f"{remedy}"
         )
+
+
+def _flow(result: iteration.Result, hardness: float, unit: float) -> np.ndarray:
+    """The overlap where the pressure is the hardness, in nm; it is taken from the gap, which is then closed."""
+    values = result.pressure
+    flow = np.where(values >= bounded(hardness, values.dtype.type), np.maximum(-result.gap, 0), 0)
+    result.gap += flow
+    flow *= unit
+    flow.setflags(write=False)
+    return flow
 
 
 def _report(solver: FFTBEM, result: iteration.Result | None, **errors: float) -> dict[str, Any]:

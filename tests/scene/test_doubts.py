@@ -161,6 +161,14 @@ def test_what_is_doubtful_is_said(case):
     assert not any(said in note for note in planned(base, {}).notes)
 
 
+def test_a_solver_that_limits_the_pressure_is_not_above_the_hardness():
+    texts = [
+        "\n".join(planned(PATCH, {"chemistry.hardness": "1 GPa", **more}).notes)
+        for more in ({}, {"contact.hardness": "1 GPa"})
+    ]
+    assert ["above the hardness" in text for text in texts] == [True, False]
+
+
 @pytest.mark.parametrize("case", HOPELESS)
 def test_what_is_hopeless_is_refused_by_check_and_run_alike(case):
     base, changes, said = HOPELESS[case]

@@ -132,7 +132,8 @@ def contact(**changes):
     fields = {"pressure": pressure, "load": float(pressure.sum()) * 0.25, "pixel_size": 0.5, "modulus": 35.0}
     return ca.ContactSolution(
         **{**fields, "periodic": True, "gap": np.maximum(0.8 - HEIGHTS, 0.0), "rms_slope": 0.1, "displacement": 1.0,
-           "convergence": {}, "notes": (), "provenance": {}, "residual": 0.0, "iterations": 3, **changes}
+           "convergence": {}, "notes": (), "provenance": {}, "residual": 0.0, "iterations": 3,
+           "plastic_displacement": np.where(pressure > 1.5, 0.1, 0.0), **changes}
     )  # fmt: skip
 
 
@@ -189,10 +190,11 @@ COMPONENTS = [
     ("surface", "sphere", {"radius": 30.0, "pixels": 16, "pixel_size": 0.5}),
     ("contact", "fft-bem", {"modulus": 35.0, "tolerance": 1e-5, "pressure_tolerance": None, "precision": "mixed",
                             "boundary": "auto", "levels": None, "max_iterations": 500, "on_failure": "raise",
-                            "gap": True, "thickness": None, "poisson_ratio": 0.25, "fft": "scipy", "threads": None}),
+                            "gap": True, "thickness": None, "poisson_ratio": 0.25, "fft": "scipy", "threads": None,
+                            "hardness": 9.0}),
     ("contact", "fft-bem", {"modulus": 35.0, "thickness": 5.0, "poisson_ratio": 0.25, "precision": "single",
                             "tolerance": 1e-4}),
-    ("contact", "hertz", {"modulus": 35.0}),
+    ("contact", "hertz", {"modulus": 35.0, "hardness": 9.0}),
     ("barriers", "gaussian", {"mean": 0.9, "std": 0.1, "lower": 0.5, "upper": 1.5}),
     ("barriers", "uniform", {"lower": 1.0, "upper": 1.2}),
     ("barriers", "tabulated", {"energies": np.array([0.5, 1.0, 1.5]), "weights": np.array([0.0, 1.0, 0.0]),

@@ -15,7 +15,7 @@ import numpy as np
 
 from chemage.ageing.aging import CURVES, ELASTIC_MEASURES, FIT
 from chemage.ageing.fitting import LN10
-from chemage.contacts.solution import MEASURES
+from chemage.contacts.solution import FLOW_MEASURES, MEASURES
 from chemage.foundation.container import seal
 from chemage.foundation.errors import optional_module
 from chemage.foundation.files import write_file
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 #: scalar results of a point: name in the summary -> (unit, meaning)
 SCALARS: dict[str, tuple[str, str]] = {
     **MEASURES,
+    **FLOW_MEASURES,
     "sites": ("1", "reactive sites, mean over replicas"),
     "replicas": ("1", "replicas"),
     "events": ("1", "bonds formed and broken, all replicas"),
@@ -381,9 +382,10 @@ def error_text(error: Mapping[str, Any] | None) -> str:
 
 
 def _unknown(name: str, column: np.ndarray, means: bool) -> bool:
-    """Whether a column is left out: of a limit of the material with which no point was compared, or of what means over
-    surfaces do not have."""
-    return (means or name in ELASTIC_MEASURES) and bool(np.isnan(column).all())
+    """Whether a column is left out: of a limit of the material with which no point was compared, of plastic flow where
+    there is none, or of what means over surfaces do not have."""
+    optional = name in ELASTIC_MEASURES or name in FLOW_MEASURES
+    return (means or optional) and bool(np.isnan(column).all())
 
 
 def _column(values: Sequence[Any]) -> np.ndarray:

@@ -13,32 +13,10 @@ from kit_examples import Bed, Shell, mutant
 from pydantic import Field
 
 import chemage as ca
-from chemage import ContactSolution, InputError, Surface, testing
-from chemage.plugin import KB, Barriers, BondHistory, Energy, Engine, Length, Observable, Pressure, SurfaceMaker
+from chemage import InputError, Surface, testing
+from chemage.plugin import KB, Barriers, BondHistory, Energy, Engine, Length, Observable, SurfaceMaker
 
 FFT: Any = type(ca.contact("fft-bem", modulus=35.3))
-
-
-class Capped(FFT):
-    """An elastic contact whose pressure is capped at a hardness; what is cut off is carried by the other pixels."""
-
-    kind = "capped"
-    hardness: Pressure = 3.0
-    """largest pressure"""
-
-    def _solve(self, surface, load, start):
-        solution = FFT._solve(self, surface, load, start)
-        pressure = np.array(solution.pressure, dtype=np.float64)
-        for _ in range(100):
-            full = pressure >= self.hardness
-            excess = (pressure[full] - self.hardness).sum()
-            if excess <= 0 or not (pressure[~full] > 0).any():
-                break
-            pressure[full] = self.hardness
-            pressure[~full] *= 1 + excess / pressure[~full].sum()
-        if pressure.max() > 0:
-            pressure *= load / surface.pixel_size**2 / pressure.sum()
-        return solution.model_copy(update={"pressure": pressure})
 
 
 class Oblong(Bed):
@@ -257,8 +235,9 @@ def warning_import(self, uniform):
 
 
 UNUSUAL: dict[str, Any] = {
-    "a hardness cap that conserves the load": lambda: Capped(modulus=35.3),
-    "a low hardness cap": lambda: Capped(modulus=35.3, hardness=2.5),
+    "a hardness": lambda: FFT(modulus=35.3, hardness=3.0),
+    "a low hardness": lambda: FFT(modulus=35.3, hardness=2.5, gap=True),
+    "a sphere that yields": lambda: ca.contact("hertz", modulus=35.3, hardness=0.8, gap=True),
     "a solver without gap": lambda: Bed(),
     "a solver with an error that it declares": lambda: Loose(modulus=35.3),
     "a layer": lambda: FFT(modulus=35.3, thickness="5 nm"),
@@ -280,8 +259,8 @@ LONG = (
     "two hundred neighbours",
     "an approximate engine",
     "an engine that draws in another way",
-    "a low hardness cap",
-    "a hardness cap that conserves the load",
+    "a low hardness",
+    "a hardness",
     "a solver with an error that it declares",
 )
 
@@ -310,9 +289,3 @@ def test_a_library_that_warns_when_it_is_imported_is_no_failure(tmp_path, monkey
         return 0.8 + 0.6 * uniform
 
     testing.check_barriers(mutant(Flat, "old", quantile=old)(), all=True)
-
-
-def test_a_capped_pressure_is_capped():
-    solution = Capped(modulus=35.3).solve(testing.rough_surface(), 400.0)
-    assert isinstance(solution, ContactSolution)
-    assert solution.pressure.max() == pytest.approx(3.0)
