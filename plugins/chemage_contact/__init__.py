@@ -1,4 +1,5 @@
-"""Contacts: ``fft-bem`` (any surface), ``hertz`` (the closed form of a sphere), ``persson`` (theory without a map)."""
+"""Contacts: ``fft-bem`` (any surface), ``hertz`` (the closed form of a sphere), ``persson`` (theory without a map), and
+two other codes for comparison, ``tamaas`` (AGPL) and ``contactmechanics``."""
 
 from __future__ import annotations
 
@@ -10,12 +11,16 @@ if TYPE_CHECKING:
     from chemage_contact.closed_forms import Hertz as Hertz
     from chemage_contact.closed_forms import Persson as Persson
     from chemage_contact.fft_bem import FFTBEM as FFTBEM
+    from chemage_contact.peers import ContactMechanics as ContactMechanics
+    from chemage_contact.peers import Tamaas as Tamaas
 
 KINDS = {
     "contact": {
         "fft-bem": "chemage_contact.fft_bem:FFTBEM",
         "hertz": "chemage_contact.closed_forms:Hertz",
         "persson": "chemage_contact.closed_forms:Persson",
+        "tamaas": "chemage_contact.peers:Tamaas",
+        "contactmechanics": "chemage_contact.peers:ContactMechanics",
     }
 }
 
