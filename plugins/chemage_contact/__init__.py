@@ -34,3 +34,9 @@ __getattr__ = lazy_attributes(KINDS)
 def chemage_register() -> dict[str, dict[str, str]]:
     """The solvers of this package."""
     return KINDS
+
+
+@hookimpl
+def chemage_scenes() -> dict[str, str]:
+    """The scene of the Contact-Mechanics Challenge."""
+    return {"contact-challenge": "chemage_contact:scenes/contact-challenge.toml"}
