@@ -65,8 +65,8 @@ class Peer(ContactSolver):
     """contact modulus E* = E/(1−ν²) of the elastic body (or of both, combined), GPa; or their young
     and poisson"""
     tolerance: float = Field(default=1e-6, gt=0, lt=1, allow_inf_nan=False)
-    """relative error at which the library stops, by its own measure; errors of the gap as ``fft-bem`` measures them are in
-    ``convergence``"""
+    """relative error at which the library stops, by its own measure; ``convergence`` has the errors of the gap as
+    ``fft-bem`` measures them"""
     max_iterations: int = Field(default=10_000, ge=1)
     """largest number of iterations"""
 

@@ -22,9 +22,7 @@ if TYPE_CHECKING:
 FIGURE = "challenge.png"
 
 
-def write_study(
-    out: Path, *, quick: bool = False, force: bool = False, surface: Path | None = None
-) -> list[Path]:
+def write_study(out: Path, *, quick: bool = False, force: bool = False, surface: Path | None = None) -> list[Path]:
     """Run the study, write page, figure and table into ``out``, and return their paths; its sweeps are there as well.
 
     Raises
@@ -159,7 +157,7 @@ def page(study: Study) -> str:
 
 def _tamaas(study: Study) -> str:
     if "tamaas" not in study.differences:
-        return "Tamaas is not installed; with `pip install 'chemage[tamaas]'` the study solves one surface with it as well."
+        return "With Tamaas (`pip install 'chemage[tamaas]'`) the study solves one surface with it as well."
     ours, theirs = study.of("fft-bem")[0], study.of("tamaas")[0]
     return (
         f"Tamaas gives {theirs.area * theirs.pixels**2:.0f} pixels in contact on one of these surfaces with "

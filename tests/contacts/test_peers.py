@@ -73,7 +73,7 @@ def test_what_tamaas_cannot_do_is_refused_with_the_remedy():
     tip = rough_surface(periodic=False)
     solver = ca.contact("tamaas", modulus=35.3)
     for fails in (lambda: solver.solve(tip, 1.0), lambda: solver.check({"periodic": 0.0}, 1.0)):
-        with pytest.raises(InputError, match="needs a periodic surface.*use contact 'fft-bem'"):
+        with pytest.raises(InputError, match=r"needs a periodic surface.*use contact 'fft-bem'"):
             fails()
     assert solver.replace(boundary="periodic").solve(tip, 1.0).periodic
 
