@@ -18,13 +18,15 @@ from typing import Any
 import numpy as np
 
 from chemage import ContactSolution, PlanWarning, Surface, make_surface, parse_scene, sweep
-from chemage.plugin import Point, override, scene_data, theory
+from chemage.plugin import Point, override, registry, scene_data, theory
 
 SCENE = "contact-challenge"
 #: nominal pressures, GPa: contact areas of about 0.1 to 15 %; and the reference load
 PRESSURES = (1.25e-5, 3e-5, 6.25e-5, 1.25e-4, 2.5e-4, 5e-4, 1e-3, 1.9e-3)
 REFERENCE = 2.5e-4
 SEEDS = (1, 2, 3, 4)
+#: solver with adhesion, and the work of adhesion (J/m²) and range (nm) of the challenge
+ADHESIVE, WORK, RANGE = "adhesive-bem", 0.05, 2.071
 #: pixels along the side of 100 µm, and sides in units of 100 µm, of surfaces of one pixel size
 GRIDS = (2048, 4096, 8192)
 SIDES = (0.5, 1.0, 2.0)
@@ -138,13 +140,22 @@ def sweeps(quick: bool, file: Path | None) -> dict[str, dict[str, Any]]:
             surface__eta=[base["surface"]["eta"] * side for side, _ in sides],
         ),
     }
-    smaller = {"surface.pixels": GRIDS[0] // coarser, "surface.pixel_size": 1e5 * coarser / GRIDS[0]}
-    kinds = {"fft-bem": {"tolerance": 1e-8}, "tamaas": {"tolerance": 1e-8}}
-    for kind, options in kinds.items():
-        if find_spec("tamaas") is not None:
-            contact = {"kind": kind, **{name: base["contact"][name] for name in ("modulus", "load")}, **options}
-            found[kind] = {**of(smaller, surface__seed=[1]), "contact": contact}
+    size = 1e5 * coarser / GRIDS[0]
+    smaller = {"surface.pixels": GRIDS[0] // coarser, "surface.pixel_size": size}
+    beside = {"fft-bem": {"tolerance": 1e-8}}
+    if find_spec("tamaas") is not None:
+        beside["tamaas"] = {"tolerance": 1e-8}
+    if ADHESIVE in registry.current().kinds("contact"):
+        beside[ADHESIVE] = {"work_of_adhesion": WORK, "range": resolved_range(25e-3, size)}
+    for kind, options in beside.items():
+        contact = {"kind": kind, **{name: base["contact"][name] for name in ("modulus", "load")}, **options}
+        found[kind] = {**of(smaller, surface__seed=[1]), "contact": contact}
     return found
+
+
+def resolved_range(modulus: float, pixel_size: float) -> float:
+    """The shortest range of the attraction, nm, of which pixels resolve the zone E* ρ²/w with two, and a margin."""
+    return math.sqrt(2.1 * pixel_size * WORK / modulus)
 
 
 def compute(folder: Path, report: Any, *, quick: bool = False, file: Path | None = None) -> Study:
