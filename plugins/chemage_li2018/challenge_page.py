@@ -13,7 +13,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from chemage.plugin import figures, progress, text, theory
-from chemage_li2018.challenge import REFERENCE, Row, Study, compute, extrapolated
+from chemage_li2018.challenge import (
+    ADHESIVE,
+    RANGE,
+    REFERENCE,
+    WORK,
+    Row,
+    Study,
+    compute,
+    extrapolated,
+    resolved_range,
+)
 from chemage_li2018.pages import filled, free_folder, table, write_pages
 
 if TYPE_CHECKING:
@@ -151,6 +161,7 @@ def page(study: Study) -> str:
             half=f"{int(np.searchsorted(np.cumsum(sizes), 0.5 * sizes.sum())) + 1}",
             biggest=f"{100 * sizes[0] / sizes.sum():.0f}",
             tamaas=_tamaas(study),
+            adhesion=_adhesion(study),
         )
     )
 
@@ -164,6 +175,18 @@ def _tamaas(study: Study) -> str:
         f"{ours.pixels}² pixels, `fft-bem` {ours.area * ours.pixels**2:.0f}; their pressures differ by "
         f"{study.differences['tamaas']:.1e} (relative L2 norm, tolerances of 1e-8)."
     )
+
+
+def _adhesion(study: Study) -> dict[str, str]:
+    """What the section on adhesion says; empty of a surface from a file."""
+    if not (plain := study.of("fft-bem")):
+        return {}
+    zone = study.modulus * RANGE**2 / WORK
+    said = {"zone": f"{zone:.2g}", "needed": f"{0.5 * zone:.2f}", "side": f"{2e2 / zone:.0f}", "range": ""}
+    for row in study.of(ADHESIVE):
+        said |= {"range": f"{resolved_range(study.modulus, row.pixel_size):.1f}", "grid": f"{row.pixels}²"}
+        said |= {"with_it": f"{100 * row.area:.3f}", "without": f"{100 * plain[0].area:.3f}"}
+    return said
 
 
 def figure(study: Study) -> Figure:
