@@ -212,7 +212,8 @@ def _top(data: Mapping[str, Any], point: Point) -> float:
     """Height of the highest point above the mean plane, nm."""
     surface = {path: value for path, value in point.changes.items() if path.startswith("surface.")}
     scene = parse_scene(override({name: value for name, value in data.items() if name != "sweep"}, surface))
-    made = _made(scene.surface, scene.surface_seed)
+    maker: Any = scene.surface
+    made = _made(maker, scene.surface_seed)
     return float(made.heights.max()) - float(made.heights.mean(dtype=np.float64))
 
 
