@@ -142,9 +142,9 @@ def sweeps(quick: bool, file: Path | None) -> dict[str, dict[str, Any]]:
     }
     size = 1e5 * coarser / GRIDS[0]
     smaller = {"surface.pixels": GRIDS[0] // coarser, "surface.pixel_size": size}
-    beside = {"fft-bem": {"tolerance": 1e-8}}
+    beside: dict[str, dict[str, Any]] = {"fft-bem": {"tolerance": 1e-6}}
     if find_spec("tamaas") is not None:
-        beside["tamaas"] = {"tolerance": 1e-8}
+        beside["tamaas"] = {"tolerance": 1e-6}
     if ADHESIVE in registry.current().kinds("contact"):
         beside[ADHESIVE] = {"work_of_adhesion": WORK, "range": resolved_range(25e-3, size)}
     for kind, options in beside.items():

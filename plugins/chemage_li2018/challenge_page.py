@@ -173,7 +173,7 @@ def _tamaas(study: Study) -> str:
     return (
         f"Tamaas gives {theirs.area * theirs.pixels**2:.0f} pixels in contact on one of these surfaces with "
         f"{ours.pixels}² pixels, `fft-bem` {ours.area * ours.pixels**2:.0f}; their pressures differ by "
-        f"{study.differences['tamaas']:.1e} (relative L2 norm, tolerances of 1e-8)."
+        f"{study.differences['tamaas']:.1e} (relative L2 norm, tolerances of 1e-6)."
     )
 
 
