@@ -14,6 +14,7 @@ from pydantic import Field, model_validator
 
 from chemage.ageing.fitting import FIT_WINDOW, Fit, FitData, Quantity, fit_aging, why_not_fitted
 from chemage.ageing.replicas import COMMON
+from chemage.contacts.role import sphere_radius
 from chemage.contacts.solution import Contact
 from chemage.foundation.checks import check_times
 from chemage.foundation.codec import Derived, dataset, frame
@@ -459,10 +460,10 @@ def elastic_limits(contact: Contact, chemistry: Chemistry) -> dict[str, float]:
         area, load = contact.above(limits["hardness"])
         if math.isfinite(area) and math.isfinite(load):
             limits |= {"area_above_hardness": area, "load_above_hardness": load}
-    radius = contact.provenance.get("surface", {}).get("radius")
+    radius = sphere_radius(contact)
     # a solver with adhesion says where the surfaces touch
     if "work_of_adhesion" in limits and radius and contact.load > 0 and getattr(contact, "touching", None) is None:
-        limits["pull_off_to_load"] = 2 * math.pi * limits["work_of_adhesion"] * float(radius) / contact.load
+        limits["pull_off_to_load"] = 2 * math.pi * limits["work_of_adhesion"] * radius / contact.load
     return limits
 
 

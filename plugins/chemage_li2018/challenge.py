@@ -29,8 +29,8 @@ SEEDS = (1, 2, 3, 4)
 ADHESIVE, WORK, RANGE = "adhesive-bem", 0.05, 2.071
 #: pixels along the side of 100 µm, and sides in units of 100 µm, of surfaces of one pixel size
 GRIDS = (2048, 4096, 8192)
-SIDES = (0.5, 1.0, 2.0)
-SEEDS_OF_SIDES = {0.5: 8, 1.0: 4, 2.0: 2}
+SIDES = (0.25, 0.5, 1.0)
+SEEDS_OF_SIDES = {0.25: 16, 0.5: 8, 1.0: 4}
 #: bins of the distributions
 BINS = 60
 
