@@ -27,10 +27,9 @@ REFERENCE = 2.5e-4
 SEEDS = (1, 2, 3, 4)
 #: solver with adhesion, and the work of adhesion (J/m²) and range (nm) of the challenge
 ADHESIVE, WORK, RANGE = "adhesive-bem", 0.05, 2.071
-#: pixels along the side of 100 µm, and sides in units of 100 µm, of surfaces of one pixel size
+#: pixels along the side of 100 µm; and sides of smaller surfaces of the same pixels, in units of 100 µm -> how many
 GRIDS = (2048, 4096, 8192)
-SIDES = (0.25, 0.5, 1.0)
-SEEDS_OF_SIDES = {0.25: 16, 0.5: 8, 1.0: 4}
+SEEDS_OF_SIDES = {0.25: 16, 0.5: 8}
 #: bins of the distributions
 BINS = 60
 
@@ -90,6 +89,11 @@ class Study:
     #: kind -> relative L2 difference of its pressure from that of fft-bem on the same surface
     differences: dict[str, float] = field(default_factory=dict)
 
+    @property
+    def reference(self) -> list[Row]:
+        """Those of the surfaces of 100 µm at the reference load."""
+        return [row for row in self.of("loads") if abs(row.pressure / REFERENCE - 1) < 1e-6]
+
     def of(self, part: str) -> list[Row]:
         """The rows of one part."""
         return [row for row in self.rows if row.part == part]
@@ -121,7 +125,7 @@ def sweeps(quick: bool, file: Path | None) -> dict[str, dict[str, Any]]:
     if file is not None:
         return {"loads": of({}, contact__load=loads), "shape": of(gap, contact__load=[f"{REFERENCE!r} GPa"])}
     points = [(seed, load) for seed in seeds for load in loads]
-    sides = [(side, seed) for side in SIDES for seed in range(1, 1 + SEEDS_OF_SIDES[side])]
+    sides = [(side, seed) for side, count in SEEDS_OF_SIDES.items() for seed in range(1, 1 + count)]
     grids = [(grid // coarser, seed) for grid in GRIDS for seed in seeds[:2]]
     found = {
         "loads": of({}, surface__seed=[seed for seed, _ in points], contact__load=[load for _, load in points]),
