@@ -145,7 +145,9 @@ def sweeps(quick: bool, file: Path | None) -> dict[str, dict[str, Any]]:
         ),
     }
     size = 1e5 * coarser / GRIDS[0]
-    smaller = {"surface.pixels": GRIDS[0] // coarser, "surface.pixel_size": size}
+    # half as wide, because other codes take long
+    smaller: dict[str, Any] = {"surface.pixels": GRIDS[0] // 2 // coarser, "surface.pixel_size": size}
+    smaller |= {f"surface.{name}": base["surface"][name] / 2 for name in ("zeta", "eta")}
     beside: dict[str, dict[str, Any]] = {"fft-bem": {"tolerance": 1e-6}}
     if find_spec("tamaas") is not None:
         beside["tamaas"] = {"tolerance": 1e-6}

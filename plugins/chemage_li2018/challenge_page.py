@@ -173,7 +173,7 @@ def _tamaas(study: Study) -> str:
         return "With Tamaas (`pip install 'chemage[tamaas]'`) the study solves one surface with it as well."
     ours, theirs = study.of("fft-bem")[0], study.of("tamaas")[0]
     return (
-        f"Tamaas gives {theirs.area * theirs.pixels**2:.0f} pixels in contact on one of these surfaces with "
+        f"Tamaas gives {theirs.area * theirs.pixels**2:.0f} pixels in contact on a surface of 50 µm with "
         f"{ours.pixels}² pixels, `fft-bem` {ours.area * ours.pixels**2:.0f}; their pressures differ by "
         f"{study.differences['tamaas']:.1e} (relative L2 norm, tolerances of 1e-6)."
     )
