@@ -14,6 +14,7 @@ from pydantic import Field, model_validator
 
 from chemage.ageing.fitting import FIT_WINDOW, Fit, FitData, Quantity, fit_aging, why_not_fitted
 from chemage.ageing.replicas import COMMON
+from chemage.contacts.role import sphere_radius
 from chemage.contacts.solution import Contact
 from chemage.foundation.checks import check_times
 from chemage.foundation.codec import Derived, dataset, frame
@@ -442,6 +443,8 @@ ELASTIC_MEASURES: dict[str, tuple[str, str]] = {
     ),
     "shear_strength": ("GPa", "shear strength of the material"),
     "shear_stress_to_strength": ("1", "mean shear stress over shear strength"),
+    "work_of_adhesion": ("J/m2", "work of adhesion of the surfaces"),
+    "pull_off_to_load": ("1", "pull-off force 2πwR of the sphere over the load, which is without adhesion"),
 }
 #: a share of area or load, or a ratio of stress to strength, above this is noted
 NOTED_ELASTIC = 0.05
@@ -457,6 +460,10 @@ def elastic_limits(contact: Contact, chemistry: Chemistry) -> dict[str, float]:
         area, load = contact.above(limits["hardness"])
         if math.isfinite(area) and math.isfinite(load):
             limits |= {"area_above_hardness": area, "load_above_hardness": load}
+    radius = sphere_radius(contact)
+    # a solver with adhesion says where the surfaces touch
+    if "work_of_adhesion" in limits and radius and contact.load > 0 and getattr(contact, "touching", None) is None:
+        limits["pull_off_to_load"] = 2 * math.pi * limits["work_of_adhesion"] * radius / contact.load
     return limits
 
 
@@ -512,6 +519,12 @@ def elastic_notes(aging: Aging | None) -> tuple[str, ...]:
             f"at {aging.hold_times[-1]:g} s the bonds carry a mean shear stress of {stress:.3g} GPa, "
             f"{_percent(stress / strength)} of the shear strength of {strength:g} GPa: the model does not limit it, "
             "but the solid would yield at its strength"
+        )
+    if (pull := measures.get("pull_off_to_load", 0.0)) > NOTED_ELASTIC:
+        notes.append(
+            f"a work of adhesion of {measures['work_of_adhesion']:g} J/m² holds this sphere with up to "
+            f"{_percent(pull)} of the load (2πwR, DMT), and the contact is solved without adhesion: its area and "
+            "pressures are those of a smaller load; use a contact with adhesion"
         )
     return tuple(notes)
 

@@ -82,6 +82,8 @@ _ELASTIC = {
     "mean_shear_stress": "mean shear stress at the last hold time",
     "shear_strength": "shear strength",
     "shear_stress_to_strength": "mean shear stress over shear strength",
+    "work_of_adhesion": "work of adhesion",
+    "pull_off_to_load": "pull-off force over the load",
 }
 
 

@@ -32,7 +32,7 @@ def plugins_list(as_json: JsonOpt = False) -> None:
             "role": role,
             "kind": kind,
             "plugin": record.name,
-            "from": record.source,
+            "from": record.source + _needed(plugins, record, kind),
             "target": record.kinds[role][kind],
         }
         for role in plugins.roles
@@ -66,6 +66,12 @@ def plugins_list(as_json: JsonOpt = False) -> None:
     output.show(table)
     for item in broken:
         output.say(f"skipped: {item['plugin']} ({item['from']}): {item['error']}")
+
+
+def _needed(plugins: Registry, record: PluginRecord, kind: str) -> str:
+    """The optional library of a kind, with its licence, as the plugin states it in ``CHEMAGE_NEEDS``."""
+    needs = getattr(plugins.implementation(record.name), "CHEMAGE_NEEDS", {})
+    return f"; needs {needs[kind]}" if kind in needs else ""
 
 
 def _stage_hooks(plugins: Registry, record: PluginRecord) -> list[str]:

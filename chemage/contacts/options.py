@@ -15,8 +15,13 @@ from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError, UnitError, nearest, shown
 from chemage.foundation.units import QuantityLike, Unit, convert, in_range, is_in_table
 
-#: what a table of elastic constants holds
+#: what a table of elastic constants holds: those of isotropic bodies, and of a transversely isotropic one
 CONSTANTS = ("young", "poisson")
+CRYSTAL = ("c11", "c13", "c33", "c44")
+_FORM_CRYSTAL = (
+    'give c11, c13, c33 and c44, such as "209.7 GPa", with the axis along z, and young and poisson of the counter-body '
+    "unless it is rigid; c12 and c66 do not enter"
+)
 _FORM = 'give young = ["72 GPa", "210 GPa"] and poisson = [0.17, 0.3], or one of each for a rigid counter-body'
 
 
@@ -124,15 +129,43 @@ def _compliance(young_name: str, young: object, poisson_name: str, poisson: obje
     return (1 - ratio**2) / in_range(modulus, "GPa")
 
 
+def indentation_modulus(c11: QuantityLike, c13: QuantityLike, c33: QuantityLike, c44: QuantityLike) -> float:
+    """The contact modulus (GPa) of a transversely isotropic body with its axis normal to the surface, against a rigid
+    one: E* = 2 √[(c11 c33 − c13²)/c11 / (1/c44 + 2/(√(c11 c33) + c13))]; constants in GPa, or strings with their unit.
+
+    Raises
+    ------
+    InputError
+        A body with these constants is not stable: c11, c33 and c44 must be positive, and c13² below c11 c33.
+
+    Source: A. Delafargue, F.-J. Ulm, Int. J. Solids Struct. 41, 7351 (2004); H. A. Elliott, Proc. Camb. Phil. Soc. 44,
+    522 (1948).
+    """
+    values = [convert(each, "GPa") for each in (c11, c13, c33, c44)]
+    for name, value in zip(CRYSTAL, values, strict=True):
+        if not math.isfinite(value) or (name != "c13" and not value > 0):
+            raise InputError.of(name, value, "must be finite and positive", "give an elastic constant in GPa")
+        in_range(abs(value) or 1.0, "GPa")
+    axial, cross, normal, shear = values
+    mean = math.sqrt(axial) * math.sqrt(normal)
+    if not abs(cross) < mean:
+        raise InputError.of("c13", cross, f"must be smaller than √(c11 c33) = {mean:.6g}", "check the constants")
+    squared = (mean - cross) * (mean + cross) / axial / (1 / shear + 2 / (mean + cross))
+    return in_range(2 * math.sqrt(squared), "GPa")
+
+
 def modulus_of(constants: Mapping[Any, Any]) -> float:
     """The contact modulus (GPa) of a table with the entries ``young`` and ``poisson``: one number each for an elastic
-    body against a rigid one, lists of two for two bodies.
+    body against a rigid one, lists of two for two bodies. Or with ``c11``, ``c13``, ``c33`` and ``c44`` of a body for
+    which see :func:`indentation_modulus`; ``young`` and ``poisson`` are then those of the counter-body.
 
     Raises
     ------
     InputError
         Entries are missing, unknown, of unlike number or out of range.
     """
+    if any(name in constants for name in CRYSTAL):
+        return _crystal_modulus(constants)
     if unknown := [name for name in constants if name not in CONSTANTS]:
         raise InputError(f"{shown(unknown[0])}: no such elastic constant{nearest(str(unknown[0]), CONSTANTS)}; {_FORM}")
     if missing := [name for name in CONSTANTS if name not in constants]:
@@ -144,6 +177,18 @@ def modulus_of(constants: Mapping[Any, Any]) -> float:
     if not len(young) == len(poisson) <= 2 or not young:
         raise InputError(f"young has {len(young)} entries and poisson {len(poisson)}; {_FORM}")
     return contact_modulus(young[0], poisson[0], *young[1:], *poisson[1:])
+
+
+def _crystal_modulus(constants: Mapping[Any, Any]) -> float:
+    if unknown := [name for name in constants if name not in (*CRYSTAL, *CONSTANTS)]:
+        raise InputError(f"{shown(unknown[0])}: not among these elastic constants; {_FORM_CRYSTAL}")
+    counter = [name for name in CONSTANTS if name in constants]
+    if missing := [name for name in (*CRYSTAL, *(CONSTANTS if counter else ())) if name not in constants]:
+        raise InputError(f"{missing[0]} is missing; {_FORM_CRYSTAL}")
+    own = indentation_modulus(*(constants[name] for name in CRYSTAL))
+    if not counter:
+        return own
+    return in_range(1 / (1 / own + _compliance("young", constants["young"], "poisson", constants["poisson"])), "GPa")
 
 
 class _ModulusUnit(Unit):
@@ -165,10 +210,16 @@ class _ModulusUnit(Unit):
             },
             extra_behavior="forbid",
         )
+        fields = {name: core_schema.typed_dict_field(scalar) for name in CRYSTAL}
+        fields |= {
+            name: core_schema.typed_dict_field(one, required=False)
+            for name, one in zip(CONSTANTS, (scalar, ratio), strict=True)
+        }
+        crystal = core_schema.typed_dict_schema(fields, extra_behavior="forbid")
         return core_schema.no_info_before_validator_function(
             self._read,
             number,
-            json_schema_input_schema=core_schema.union_schema([number, core_schema.str_schema(), table]),
+            json_schema_input_schema=core_schema.union_schema([number, core_schema.str_schema(), table, crystal]),
         )
 
     def _read(self, value: object) -> float:

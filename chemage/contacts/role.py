@@ -195,6 +195,12 @@ def contact(kind: str, **options: Any) -> Any:
     return registry.current().make("contact", kind, options)
 
 
+def sphere_radius(contact: Contact) -> float | None:
+    """Radius (nm) of the sphere that was pressed, by the ``provenance`` of its contact; None: another surface."""
+    radius = contact.provenance.get("surface", {}).get("radius")
+    return float(radius) if isinstance(radius, int | float) and not isinstance(radius, bool) else None
+
+
 def expect_contact(value: Any, cls: type[Contact] = ContactSolution) -> None:
     """Raise an InputError if ``value`` is no contact, or none with a map where ``cls`` is as by default."""
     expect("contact", value, cls, "make one with chemage.contact(...).solve(surface, load)")

@@ -17,7 +17,7 @@ from chemage.foundation.errors import InputError
 from chemage.foundation.outputs import kept
 from chemage.foundation.records import frozen
 from chemage.foundation.threads import OncePerObject
-from chemage.foundation.units import EV_PER_GPA_NM3, KB, Force, Frequency, Pressure, UnitOrWord, Volume
+from chemage.foundation.units import EV_PER_GPA_NM3, KB, Force, Frequency, Pressure, Unit, UnitOrWord, Volume
 from chemage.lattices.lattice import ReactionLattice
 from chemage.lattices.role import Barriers, Interaction
 from chemage.lattices.site_grid import ONE_PER_PIXEL, ContactSites, Density, contact_sites
@@ -51,7 +51,7 @@ class Chemistry(Component):
     """
 
     #: options with which a result is compared: they change no bond, and are no part of :meth:`identity`
-    limits: ClassVar[tuple[str, ...]] = ("hardness", "shear_strength")
+    limits: ClassVar[tuple[str, ...]] = ("hardness", "shear_strength", "work_of_adhesion")
 
     forming: Choice[Barriers]
     """distribution of the intrinsic barrier to forming a bond"""
@@ -78,6 +78,9 @@ class Chemistry(Component):
     shear_strength: Pressure | None = None
     """shear strength of the material, GPa, with which the mean shear stress that the bonds carry is compared; None: not
     compared"""
+    work_of_adhesion: Annotated[float, Unit("J/m**2", gt=0)] | None = None
+    """work of adhesion of the two surfaces, J/m²: the result compares the load of a sphere without adhesion with its
+    pull-off force; None: not compared"""
 
     def identity(self) -> dict[str, Any]:
         """What decides the bonds: the options without :attr:`limits`, and without the default ``site_density``, which
@@ -88,7 +91,7 @@ class Chemistry(Component):
         return options
 
     def given_limits(self) -> dict[str, float]:
-        """Those of :attr:`limits` that are given: name -> GPa."""
+        """Those of :attr:`limits` that are given: name -> GPa, and J/m² of the work of adhesion."""
         return {name: value for name in self.limits if (value := getattr(self, name)) is not None}
 
     def rates(self, barriers: np.ndarray, temperature: float) -> np.ndarray:

@@ -272,7 +272,7 @@ def taking_part(setting: Setting) -> Took:
 
 
 def _own(setting: Setting) -> Chemistry:
-    return setting.chemistry.replace(site_density="pixel", hardness=None, shear_strength=None)
+    return setting.chemistry.replace(site_density="pixel", **dict.fromkeys(setting.chemistry.limits))
 
 
 def _pressure(setting: Setting, number: int) -> float:

@@ -188,16 +188,25 @@ class PeriodicHalfSpace:
 
 @dataclass(frozen=True)
 class PeriodicLayer:
-    """Elastic layer of ``thickness`` nm bonded to a rigid base, periodic pressure on its face.
+    """Elastic layer of ``thickness`` nm bonded to a rigid base or to an elastic half-space, periodic pressure on its
+    face.
 
-    symbol = 2/|q| · [(3-4ν) sinh 2qt - 2qt] / [5 + 2(qt)² - 4ν(3-2ν) + (3-4ν) cosh 2qt] with t the thickness (G.
-    Carbone, L. Mangialardi, J. Mech. Phys. Solids 56, 684 (2008)); at q = 0 the confined compression t(1-2ν)/(1-ν)².
+    symbol = 2/|q| · [1 + 4mqt e^(-2qt) - mn e^(-4qt)] / [1 - (m + n + 4m(qt)²) e^(-2qt) + mn e^(-4qt)] with t the
+    thickness, m = (k - 1)/(k + 3 - 4ν), n = 1 - 4(1 - ν)/(1 + k(3 - 4ν₀)) and k the ratio of the shear moduli of layer
+    and half-space (B. N. J. Persson, J. Phys.: Condens. Matter 24, 095008 (2012)). With k = 0 it is that on a rigid
+    base (G. Carbone, L. Mangialardi, J. Mech. Phys. Solids 56, 684 (2008)), and at q = 0 the confined compression
+    t(1-2ν)/(1-ν)²; else the mean plane is the reference.
     """
 
     shape: tuple[int, int]
     pixel: tuple[float, float]
     thickness: float
     poisson: float = 0.25
+    """ν, of the layer"""
+    ratio: float = 0.0
+    """k"""
+    poisson_below: float = 0.25
+    """ν₀, of the half-space"""
     periodic = True
 
     @property
@@ -205,21 +214,25 @@ class PeriodicLayer:
         return self.shape
 
     def symbol(self) -> Floats:
-        nu = self.poisson
+        # Numerator and denominator times e^(2qt) and the denominators of m and n, over cosh 2qt: nothing overflows, and
+        # all large terms are positive, so that neither a thin layer nor a rigid or soft half-space cancels.
+        k, a, b = self.ratio, 3.0 - 4.0 * self.poisson_below, 3.0 - 4.0 * self.poisson
         q = wave_numbers(self.shape, self.pixel)
         q[0, 0] = 1.0
         x = 2.0 * q * self.thickness
-        # Numerator and denominator divided by cosh(x), so that thick layers do not overflow.
         sech = 2.0 * np.exp(-x) / (1.0 + np.exp(-2.0 * x))
-        constant = 5.0 - 4.0 * nu * (3.0 - 2.0 * nu)
-        numerator = (3.0 - 4.0 * nu) * _sinh_less_x(x, sech) + (2.0 - 4.0 * nu) * x * sech
-        values = 2.0 / q * numerator / ((constant + 0.5 * x * x) * sech + (3.0 - 4.0 * nu))
-        values[0, 0] = self.thickness * (1.0 - 2.0 * nu) / (1.0 - nu) ** 2
+        both, even = k * (1.0 + a) * (1.0 + b), 2.0 * k * k * a + k * (a - 1.0) * (b - 1.0) + 2.0 * b
+        odd = 4.0 * k * k * a + k * (a - 1.0) * (b - 3.0) + 2.0 * (b - 1.0)
+        numerator = both + even * _sinh_less_x(x, sech) + odd * x * sech
+        thin = (1.0 + b) * (1.0 + b + 0.5 * (k * (a - 1.0) + 2.0) * x * x)
+        values = 2.0 / q * numerator / (even * _cosh_less_parabola(x, sech) + thin * sech + both * np.tanh(x))
+        nu = self.poisson
+        values[0, 0] = self.thickness * (1.0 - 2.0 * nu) / (1.0 - nu) ** 2 if k == 0.0 else 0.0
         return values
 
     def inverse(self) -> Floats:
         values = self.symbol()
-        if values[0, 0] <= 0.0:  # an incompressible layer cannot be compressed uniformly: as the longest wave
+        if values[0, 0] <= 0.0:  # a uniform pressure does not move the reference: as the longest wave
             longest = [float(edge[0]) for edge in (values[1:, 0], values[0, 1:]) if edge.size]
             values[0, 0] = min(longest, default=1.0)
         return 1.0 / values
@@ -277,6 +290,16 @@ def _sinh_less_x(x: Floats, sech: Floats) -> Floats:
     y = np.square(x[small])
     series = 1.0 + y / 20.0 * (1.0 + y / 42.0 * (1.0 + y / 72.0 * (1.0 + y / 110.0 * (1.0 + y / 156.0))))
     values[small] = x[small] * y / 6.0 * series * sech[small]
+    return values
+
+
+def _cosh_less_parabola(x: Floats, sech: Floats) -> Floats:
+    """(cosh x - 1 - x²/2)/cosh x; by its series where the difference would cancel."""
+    values = 1.0 - (1.0 + 0.5 * x * x) * sech
+    small = x < 0.5
+    y = np.square(x[small])
+    series = 1.0 + y / 30.0 * (1.0 + y / 56.0 * (1.0 + y / 90.0 * (1.0 + y / 132.0 * (1.0 + y / 182.0))))
+    values[small] = y * y / 24.0 * series * sech[small]
     return values
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
@@ -32,6 +33,8 @@ NEAR_EDGE = 0.9
 SINGLE_LIMIT = 1e-6
 #: A reference: rounding errors of double precision allow little less than its tolerance.
 REFERENCE_TOLERANCE, REFERENCE_ITERATIONS = 1e-12, 500
+
+_Ratio = Annotated[float, Unit("", ge=0, le=0.5)]
 
 _POLONSKY = """@article{polonsky1999,
   author = {Polonsky, I. A. and Keer, L. M.},
@@ -112,17 +115,21 @@ class FFTBEM(ContactSolver):
     gap: bool = False
     """whether the solution contains the gap (memory and file size double)"""
     thickness: Length | None = None
-    """thickness of an elastic layer bonded to a rigid base, nm (periodic only); default: half-space"""
-    poisson_ratio: Annotated[float, Unit("", ge=0, le=0.5)] = 0.25
+    """thickness of an elastic layer with this modulus, nm (periodic only); default: half-space"""
+    poisson_ratio: _Ratio = 0.25
     """Poisson's ratio of the layer; not used for a half-space"""
+    substrate: tuple[Annotated[float, Unit("GPa", gt=0)], _Ratio] | None = None
+    """Young's modulus (GPa) and Poisson's ratio of the elastic half-space to which the layer is bonded; default: a
+    rigid base"""
     fft: Literal["scipy", "ducc0", "pyfftw", "mkl_fft"] = "scipy"
     """Fourier transform library; all but scipy must be installed separately (note their licences)"""
     threads: int | None = Field(default=None, ge=1)
     """threads of one solve; default: all processors available to this process"""
 
     def identity(self) -> dict[str, Any]:
-        """As for every component; without ``hardness`` where there is none, as before there was this option."""
-        return {name: value for name, value in super().identity().items() if name != "hardness" or value is not None}
+        """As for every component; without ``hardness`` and ``substrate`` where there are none, as before they were options."""
+        later = ("hardness", "substrate")
+        return {name: value for name, value in super().identity().items() if name not in later or value is not None}
 
     @property
     def declared_error(self) -> float | None:  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -142,6 +149,8 @@ class FFTBEM(ContactSolver):
             )
         if self.thickness is not None and self.boundary == "free":
             raise ValueError("thickness: a layer needs boundary = 'periodic'; leave one of the two out")
+        if self.substrate is not None and self.thickness is None:
+            raise ValueError("substrate: it lies below a layer; give the thickness of the layer, or leave it out")
         return self
 
     def expected(self, surface: Mapping[str, float], load: float) -> dict[str, float]:
@@ -313,7 +322,8 @@ class FFTBEM(ContactSolver):
         if approach <= 0:
             return self._untouched(surface, approach)
         body = self._body(surface)
-        if isinstance(body, PeriodicHalfSpace) and self.hardness is None:
+        flat = body.periodic and (self.thickness is None or self.substrate is not None)
+        if flat and self.hardness is None:
             limit = float(heights.max()) - float(heights.mean(dtype=np.float64))
             if approach >= limit:
                 raise InputError.of(
@@ -333,7 +343,12 @@ class FFTBEM(ContactSolver):
         if self.thickness is not None:
             if not self.is_nominally_flat(surface.periodic):
                 raise InputError(_LAYER)
-            return PeriodicLayer(surface.shape, pixel, self.thickness, self.poisson_ratio)
+            layer = PeriodicLayer(surface.shape, pixel, self.thickness, self.poisson_ratio)
+            if self.substrate is None:
+                return layer
+            young, poisson = self.substrate
+            ratio = self.modulus * (1.0 - self.poisson_ratio) * (1.0 + poisson) / young
+            return replace(layer, ratio=ratio, poisson_below=poisson)
         if self.is_nominally_flat(surface.periodic):
             return PeriodicHalfSpace(surface.shape, pixel)
         return FreeHalfSpace(surface.shape, pixel)

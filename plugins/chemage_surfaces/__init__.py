@@ -52,6 +52,7 @@ KINDS = {
         "topography": "chemage_surfaces.topographies:Topography",
     },
 }
+CHEMAGE_NEEDS = {"topography": "SurfaceTopography (MIT)"}
 __getattr__ = lazy_attributes(
     KINDS,
     "chemage_surfaces._maps:HeightUnit",

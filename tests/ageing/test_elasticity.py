@@ -79,6 +79,15 @@ def shown(command, tmp_path):
     return shown
 
 
+def test_a_tip_that_adhesion_holds_is_noted(contact, shown):
+    """2πwR of 0.05 J/m² and 10 nm is 3.14 nN; JKR has 3/4 of it."""
+    aging = aged(contact, work_of_adhesion="50 mJ/m**2")
+    assert np.array_equal(aging.bonds, aged(contact).bonds)
+    assert aging.elasticity["pull_off_to_load"] == pytest.approx(2 * math.pi * 0.05 * 10 / 60)
+    assert "holds this sphere with up to 5.24 % of the load" in shown(aging)
+    assert "holds this sphere" not in shown(aged(contact, work_of_adhesion=0.01))
+
+
 def test_the_measures_are_those_of_contact_and_bonds(contact, numbers):
     found = aged(contact, hardness="4 GPa", shear_strength="4.6 GPa")
     known = numbers(found)

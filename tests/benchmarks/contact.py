@@ -9,7 +9,7 @@ relative L2 errors of the pressure against a double-precision solution at a tole
 convergence differently, so the speed-up compares another code at its tolerance 1e-6 with fft-bem at the loosest
 tolerance whose measured error is no larger.
 Completed cases in FOLDER/contact_benchmark.json (``--write FOLDER``) are skipped.
-``--peer-python`` is an interpreter in which the other codes are installed (pip install tamaas ContactMechanics).
+The other codes need ``pip install -e '.[bench]'``; Tamaas is under the AGPL.
 """
 
 from __future__ import annotations
@@ -42,58 +42,22 @@ TOLERANCES = {"mixed": (1e-4, 1e-5, 1e-6, 3e-7, 1e-7, 3e-8), "single": (1e-5,), 
 # -- one solve, in a process of its own -------------------------------------------------------------------------------
 
 
-def solve_fft_bem(heights: np.ndarray, pressure: float, options: dict[str, Any]) -> tuple[np.ndarray, dict[str, Any]]:
-    from chemage import Surface
-    from chemage_contact import FFTBEM
-
-    solver = FFTBEM(modulus=MODULUS, threads=options.pop("threads", 1), **options)
-    if solver.precision == "single":
-        heights = heights.astype(np.float32)
-    small = Surface(heights=np.random.default_rng(0).standard_normal((128, 128)), pixel_size=PIXEL)
-    solver.replace(tolerance=1e-4, threads=1).solve(small, 1e4)
-    heights.setflags(write=False)
-    surface = Surface(heights=heights, pixel_size=PIXEL)
-    contact, timing = timed(lambda: solver.solve(surface, pressure * surface.nominal_area))
-    report = {"iterations": contact.iterations, "transforms": contact.convergence["transforms"]}
-    return contact.pressure, report | timing
-
-
-def solve_tamaas(heights: np.ndarray, pressure: float, options: dict[str, Any]) -> tuple[np.ndarray, dict[str, Any]]:
-    import tamaas  # pyright: ignore[reportMissingImports]
-
-    tamaas.set_log_level(tamaas.LogLevel.error)
-    model = tamaas.ModelFactory.createModel(
-        tamaas.model_type.basic_2d, [n * PIXEL for n in heights.shape], list(heights.shape)
-    )
-    model.E, model.nu = MODULUS, 0.0
-
-    def work() -> float:
-        model.traction[...] = 0.0
-        solver = tamaas.PolonskyKeerRey(model, heights, options["tolerance"])
-        solver.max_iter = 5000
-        return solver.solve(pressure)
-
-    error, timing = timed(work)
-    return np.array(model.traction).reshape(heights.shape), timing | {"own_error": float(error)}
-
-
-def solve_contactmechanics(
-    heights: np.ndarray, pressure: float, options: dict[str, Any]
+def solve(
+    code: str, heights: np.ndarray, pressure: float, options: dict[str, Any]
 ) -> tuple[np.ndarray, dict[str, Any]]:
-    from ContactMechanics import PeriodicFFTElasticHalfSpace  # pyright: ignore[reportMissingImports]
-    from ContactMechanics.Systems import NonSmoothContactSystem  # pyright: ignore[reportMissingImports]
-    from SurfaceTopography import Topography  # pyright: ignore[reportMissingImports]
+    """The pressure by one of the codes, and what it cost."""
+    import chemage as ca
 
-    sides = tuple(n * PIXEL for n in heights.shape)
-    substrate = PeriodicFFTElasticHalfSpace(heights.shape, MODULUS, sides)
-    system = NonSmoothContactSystem(substrate, Topography(heights, physical_sizes=sides, periodic=True))
-    limit = options["tolerance"] * float(heights.std())
-    found, timing = timed(
-        lambda: system.minimize_proxy(external_force=pressure * sides[0] * sides[1], pentol=limit, maxiter=5000)
-    )
-    force = np.asarray(substrate.force) / PIXEL**2
-    report = {"iterations": int(found.nit), "own_error": 0.0 if found.success else np.inf}
-    return force * np.sign(force.sum()), timing | report
+    solver = ca.contact(code, modulus=MODULUS, **options, **({"threads": 1} if code == "fft-bem" else {}))
+    if options.get("precision") == "single":
+        heights = heights.astype(np.float32)
+    small = ca.Surface(heights=np.random.default_rng(0).standard_normal((128, 128)), pixel_size=PIXEL)
+    solver.replace(tolerance=1e-4).solve(small, 1e4)
+    heights.setflags(write=False)
+    surface = ca.Surface(heights=heights, pixel_size=PIXEL)
+    contact, timing = timed(lambda: solver.solve(surface, pressure * surface.nominal_area))
+    report = {"transforms": contact.convergence["transforms"]} if code == "fft-bem" else {}
+    return contact.pressure, report | {"iterations": contact.iterations or None} | timing
 
 
 def timed(work: Callable[[], Any]) -> tuple[Any, dict[str, float]]:
@@ -110,13 +74,10 @@ def timed(work: Callable[[], Any]) -> tuple[Any, dict[str, float]]:
     return result, {"wall": min(walls), "cpu": min(cpus), "memory": memory}
 
 
-SOLVERS = {"fft-bem": solve_fft_bem, "tamaas": solve_tamaas, "contactmechanics": solve_contactmechanics}
-
-
 def worker(job: dict[str, Any]) -> None:
     """Solve one job and print its cost as a line of JSON."""
     heights = np.load(job["heights"])
-    pressure, report = SOLVERS[job["code"]](heights, job["pressure"], dict(job["options"]))
+    pressure, report = solve(job["code"], heights, job["pressure"], dict(job["options"]))
     report["area"] = float(np.mean(pressure > 0))
     np.save(job["out"], pressure)
     print("RESULT " + json.dumps(report))
@@ -128,8 +89,8 @@ def worker(job: dict[str, Any]) -> None:
 class Runner:
     """Runs each job in a process of its own."""
 
-    def __init__(self, folder: Path, peer_python: str, limit: float) -> None:
-        self.folder, self.peer_python, self.limit = folder, peer_python, limit
+    def __init__(self, folder: Path, limit: float) -> None:
+        self.folder, self.limit = folder, limit
         threads = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
         self.environment = os.environ | dict.fromkeys(threads, "1")
 
@@ -141,8 +102,7 @@ class Runner:
             "options": options,
             "out": str(self.folder / "p.npy"),
         }
-        python = sys.executable if code == "fft-bem" else self.peer_python
-        command = [python, __file__, "--worker", json.dumps(job)]
+        command = [sys.executable, __file__, "--worker", json.dumps(job)]
         try:
             done = subprocess.run(command, capture_output=True, text=True, env=self.environment, timeout=self.limit)
         except subprocess.TimeoutExpired:
@@ -224,7 +184,7 @@ def row(case: dict[str, Any], result: dict[str, Any]) -> str:
     gains = [f"{result[key]:.0f}×" for key in ("speedup_mixed", "speedup_double") if key in result]
     return (
         f"| {surface} | {name} | {how} | {result['cpu']:.2f} | {result['wall']:.2f} | {result['memory']:.0f} | "
-        f"{result.get('iterations', '–')} | {result.get('transforms', '–')} | {result['error']:.1e} | "
+        f"{result.get('iterations') or '–'} | {result.get('transforms', '–')} | {result['error']:.1e} | "
         f"{result['area_error']:.0e} | {' / '.join(gains) or '–'} |"
     )
 
@@ -261,9 +221,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--grids", type=int, nargs="+", default=[512, 1024], help="pixels along an edge")
     parser.add_argument("--peers", nargs="*", choices=PEERS, help="compare with these codes (default: all of them)")
-    parser.add_argument(
-        "--peer-python", default=sys.executable, help="interpreter in which the other codes are installed"
-    )
     parser.add_argument("--loads", type=float, nargs="+", help="only these mean pressures, in GPa")
     parser.add_argument("--limit", type=float, default=1200.0, help="largest wall time of one solve in seconds")
     parser.add_argument("--write", type=Path, help="folder for contact_benchmark.json, such as docs/data")
@@ -277,7 +234,7 @@ def main() -> None:
     results = json.loads(kept.read_text()) if kept and kept.exists() else []
     known = [{name: r[name] for name in CASE} for r in results]
     with tempfile.TemporaryDirectory() as folder:
-        run = Runner(Path(folder), arguments.peer_python, arguments.limit)
+        run = Runner(Path(folder), arguments.limit)
         for case in cases(arguments.grids):
             if case in known or (arguments.loads and case["pressure"] not in arguments.loads):
                 continue

@@ -205,7 +205,7 @@ def test_init_writes_a_scene_that_is_valid_and_is_the_installed_one(command, sma
 def test_init_says_what_it_copies_and_keeps_no_title_of_another_scene(command, small):
     done = command("init", "gouge")
     assert "gouge.toml is a copy of silica-rough" in done.out
-    assert "another scene to begin with: --like SCENE (silica-afm-tip, " in done.out
+    assert "another scene to begin with: --like SCENE (contact-challenge, " in done.out
     text = (small.parent / "gouge.toml").read_text()
     assert 'name = "gouge"' in text
     assert "title = " not in text

@@ -180,6 +180,15 @@ def test_every_solver_takes_elastic_constants(kind):
     assert rigid.modulus == pytest.approx(72 / (1 - 0.17**2))
 
 
+def test_an_isotropic_body_is_a_transversely_isotropic_one():
+    """Lamé's constants of E = 72 GPa and ν = 0.17, rigid and elastic counter-body."""
+    lame, shear = 72 * 0.17 / 1.17 / 0.66, 72 / 2.34
+    body = {"c11": lame + 2 * shear, "c13": lame, "c33": f"{lame + 2 * shear!r} GPa", "c44": shear}
+    assert ca.contact("hertz", modulus=body).modulus == pytest.approx(ca.contact_modulus(72, 0.17))
+    both = ca.contact("hertz", modulus={**body, "young": "210 GPa", "poisson": 0.3})
+    assert both.modulus == pytest.approx(ca.contact_modulus(72, 0.17, 210, 0.3))
+
+
 def test_a_scene_shows_and_keeps_the_contact_modulus(command, tmp_path):
     given = ca.parse_scene(scene(**{"contact.modulus": {"young": ["72 GPa"] * 2, "poisson": [0.17, 0.17]}}))
     plain = ca.parse_scene(scene(**{"contact.modulus": given.contact.modulus}))
@@ -203,6 +212,11 @@ def test_a_scene_shows_and_keeps_the_contact_modulus(command, tmp_path):
         ({"young": 72, "poisson": -1}, "above -1 and at most 0.5"),
         ({"young": 72, "poisson": math.nan}, "above -1 and at most 0.5"),
         ({"young": True, "poisson": 0.2}, "is not a quantity"),
+        ({"c11": 3, "c13": 1, "c33": 2}, "c44 is missing; give c11, c13, c33 and c44"),
+        ({"c11": 3, "c12": 1, "c13": 1, "c33": 2, "c44": 1}, "c12 and c66 do not enter"),
+        ({"c11": 3, "c13": 2.5, "c33": 2, "c44": 1}, r"c13 = 2.5: must be smaller than √\(c11 c33\) = 2.44949"),
+        ({"c11": 3, "c13": 1, "c33": 2, "c44": "-1 GPa"}, "must be finite and positive"),
+        ({"c11": 3, "c13": 1, "c33": 2, "c44": 1, "young": 3}, "poisson is missing"),
     ],
 )
 def test_wrong_elastic_constants_are_refused(constants, message):

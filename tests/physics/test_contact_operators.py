@@ -8,8 +8,9 @@ import math
 import numpy as np
 import pytest
 from scipy.integrate import dblquad
+from scipy.linalg import expm, schur
 
-from chemage import Surface
+from chemage import InputError, Surface
 from chemage_contact import FFTBEM, _kernels, _operators
 from chemage_contact._grid import Convolution, Split, _axis, resampled, suits
 from chemage_contact._iteration import projected
@@ -91,6 +92,86 @@ def test_layer_symbol_is_smooth_where_its_series_takes_over(poisson):
     switch = 4 * math.pi / 1e-3
     below, above = symbol(switch * (1 + 1e-6)), symbol(switch * (1 - 1e-6))
     assert below == pytest.approx(above, rel=1e-5)
+
+
+def states(c11, c13, c33, c44):
+    """d/dz of (ux, uz, σxz, σzz) under a wave of unit wave number along x, in plane strain of a transversely isotropic
+    body with the axis along z (ux and σxz a quarter of a wave ahead)."""
+    inner = np.array([c13, 0, 0, 1]) / c33
+    return np.array([[0, -1, 1 / c44, 0], inner, c11 * np.eye(4)[0] - c13 * inner, [0, 0, 1, 0]])
+
+
+def compliance(layer, thickness, below):
+    """uz under a unit wave of pressure, by the equations of elasticity: the layer carries the state of the face down,
+    where it is one that decays in the half-space."""
+    _, basis, _ = schur(below, sort="lhp")
+    down = expm(layer * thickness)
+    solved = np.linalg.solve(np.column_stack([down[:, :2], -basis[:, :2]]), down[:, 3])
+    return solved[1]
+
+
+def isotropic(young, poisson):
+    lame, shear = young * poisson / (1 + poisson) / (1 - 2 * poisson), young / 2 / (1 + poisson)
+    return states(lame + 2 * shear, lame, lame + 2 * shear, shear)
+
+
+@pytest.mark.parametrize("below", [(1e-3, 0.4), (0.2, 0.1), (1.0, 0.3), (30.0, 0.3), (1e6, 0.0)])
+@pytest.mark.parametrize("poisson", [0.0, 0.3, 0.499])
+def test_coating_obeys_the_equations_of_elasticity(below, poisson):
+    """One wave of 4 nm on a layer of any thickness; a rigid half-space is a rigid base, a like one no layer at all."""
+    modulus = 1 / (1 - poisson**2)
+    shears = [young / 2 / (1 + nu) for young, nu in ((1.0, poisson), below)]
+    for depth in (1e-4, 0.01, 0.3, 1.0, 4.0):
+        body = PeriodicLayer((8, 1), (0.5, 0.5), depth * 4 / 2 / math.pi, poisson, shears[0] / shears[1], below[1])
+        found = body.symbol()[1, 0] / modulus
+        expected = compliance(isotropic(1.0, poisson), depth, isotropic(*below)) * 4 / 2 / math.pi
+        assert found == pytest.approx(expected, rel=1e-7)
+
+
+def test_coating_has_the_limits_of_both_bodies():
+    shape, pixel = (32, 24), (0.5, 0.5)
+    half_space = PeriodicHalfSpace(shape, pixel).symbol()
+    for ratio, below in ((0.1, 0.3), (7.0, 0.5)):
+        moduli = ratio * (1 - below) / (1 - 0.2)  # of layer and half-space
+        thin = PeriodicLayer(shape, pixel, 1e-9, 0.2, ratio, below).symbol()
+        np.testing.assert_allclose(thin, moduli * half_space, rtol=1e-6)
+        thick = PeriodicLayer(shape, pixel, 1e12, 0.2, ratio, below).symbol()
+        np.testing.assert_allclose(thick, half_space, rtol=1e-12)
+    for thickness in (1e-6, 0.1, 1.0, 30.0):
+        same = PeriodicLayer(shape, pixel, thickness, 0.2, 1.0, 0.2).symbol()
+        np.testing.assert_allclose(same, half_space, rtol=1e-12)
+        rigid = PeriodicLayer(shape, pixel, thickness, 0.2, 1e-12, 0.3).symbol()
+        np.testing.assert_allclose(rigid[1:], PeriodicLayer(shape, pixel, thickness, 0.2).symbol()[1:], rtol=1e-4)
+
+
+def test_layer_on_a_rigid_base_is_that_of_carbone_and_mangialardi():
+    nu, x = 0.3, 2 * 2 * math.pi / 4 * np.array([0.1, 1.0, 7.0])
+    stated = (3 - 4 * nu) * np.sinh(x) - x
+    stated /= 5 + x**2 / 2 - 4 * nu * (3 - 2 * nu) + (3 - 4 * nu) * np.cosh(x)
+    found = [PeriodicLayer((8, 1), (0.5, 0.5), t, nu).symbol()[1, 0] for t in (0.1, 1.0, 7.0)]
+    np.testing.assert_allclose(found, 2 * 4 / 2 / math.pi * stated, rtol=1e-12)
+
+
+def test_a_stiff_substrate_brings_less_of_a_coating_into_contact():
+    surface = SelfAffine(pixels=64, pixel_size=0.5, hurst=0.8, zeta=10, eta=2, rms_slope=0.1).make(1)
+    solver = FFTBEM(modulus=35.3, thickness="2 nm")
+    areas = [
+        solver.replace(substrate=below).solve(surface, 300.0).area_fraction
+        for below in (None, ["350 GPa", 0.2], [35.3 * (1 - 0.25**2), 0.25], ["3 GPa", 0.2])
+    ]
+    assert areas == sorted(areas)
+    assert areas[2] == pytest.approx(FFTBEM(modulus=35.3).solve(surface, 300.0).area_fraction, abs=1e-3)
+    with pytest.raises(InputError, match="substrate: it lies below a layer; give the thickness"):
+        FFTBEM(modulus=35.3, substrate=["350 GPa", 0.2])
+
+
+@pytest.mark.parametrize("constants", [(3.0, 1.0, 2.0, 0.7), (60.0, 27.0, 180.0, 20.0), (209.7, 105.1, 210.9, 42.5)])
+def test_transversely_isotropic_modulus_obeys_the_equations_of_elasticity(constants):
+    """uz = 2p/(E*q); the last constants are those of zinc oxide, in GPa."""
+    names = ("c11", "c13", "c33", "c44")
+    solver = FFTBEM(modulus=dict(zip(names, constants, strict=True)))
+    body = states(*constants)
+    assert solver.modulus == pytest.approx(2 / compliance(body, 0.0, body), rel=1e-10)
 
 
 def test_thin_layer_presses_like_springs():

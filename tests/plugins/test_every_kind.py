@@ -81,6 +81,8 @@ CASES: dict[tuple[str, str], list[dict[str, Any]]] = {
     ],
     ("contact", "fft-bem"): [{"modulus": "35.3 GPa"}, {"modulus": 35.3, "tolerance": 1e-7, "gap": True}],
     ("contact", "hertz"): [{"modulus": "35.3 GPa"}],
+    ("contact", "tamaas"): [{"modulus": "35.3 GPa"}, {"modulus": 35.3, "hardness": "10 GPa"}],
+    ("contact", "contactmechanics"): [{"modulus": "35.3 GPa"}],
     ("contact", "persson"): [{"modulus": "35.3 GPa"}, {"modulus": 35.3, "kappa": 2.1}],
     ("barriers", "gaussian"): [
         {"mean": "1.1 eV", "std": "0.02 eV"},
@@ -124,8 +126,14 @@ CASES: dict[tuple[str, str], list[dict[str, Any]]] = {
     ("reader", "xyz"): [{"unit": "nm"}],
     ("reader", "topography"): [{}],
 }
-if find_spec("SurfaceTopography") is None:  # an optional library
-    del CASES["reader", "topography"]
+#: kinds that need an optional library
+OPTIONAL = {
+    ("reader", "topography"): "SurfaceTopography",
+    ("contact", "tamaas"): "tamaas",
+    ("contact", "contactmechanics"): "ContactMechanics",
+}
+for absent in [kind for kind, library in OPTIONAL.items() if find_spec(library) is None]:
+    del CASES[absent]
 
 INPUTS: dict[tuple[str, str], dict[str, Any]] = {
     ("reader", kind): {"path": FILES / f"map.{ending}", "surface": MAP}
@@ -214,7 +222,7 @@ def test_keeps_the_promises_that_take_longest(role, kind, options):
 
 
 def test_every_installed_kind_is_checked():
-    assert own_kinds() - set(CASES) <= {("reader", "topography")}
+    assert own_kinds() - set(CASES) <= set(OPTIONAL)
     assert set(CASES) <= own_kinds()
 
 

@@ -36,7 +36,7 @@ SCALARS: dict[str, tuple[str, str]] = {
     **ELASTIC_MEASURES,
 }
 #: those of SCALARS that only repeat a field of the scene; where that is swept, it has their place in the dataset
-GIVEN = {"load", "nominal_pressure", "modulus", "replicas", "hardness", "shear_strength"}
+GIVEN = {"load", "nominal_pressure", "modulus", "replicas", "hardness", "shear_strength", "work_of_adhesion"}
 #: dimensions, values, attributes
 Variable = tuple[tuple[str, ...], np.ndarray, dict[str, str]]
 #: what is listed of an output of an observable: suffix of the column -> (key in the summary, meaning)
