@@ -265,7 +265,7 @@ def _draw_largest_patch(
     draw_map(axes, blocks, extent, "pressure (GPa)", **_style(contact))
     # thinner where pixels are small, so that outlines leave the pressure to be seen
     width = min(0.8, 160 / max(part.shape))
-    axes.add_collection(_outlines(part > 0, x0, y0, a, width))
+    axes.add_collection(_outlines(contact.contact[x0:x1, y0:y1], x0, y0, a, width))
     axes.set_title("around the largest patch")
 
 

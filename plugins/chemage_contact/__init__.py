@@ -1,4 +1,5 @@
-"""Contacts: ``fft-bem`` (any surface), ``hertz`` (the closed form of a sphere), ``persson`` (theory without a map)."""
+"""Contacts: ``fft-bem`` (any surface), ``hertz`` (the closed form of a sphere), ``persson`` (theory without a map); with
+adhesion ``adhesive-bem`` (any surface), ``jkr``, ``dmt`` and ``maugis`` (spheres)."""
 
 from __future__ import annotations
 
@@ -7,6 +8,9 @@ from typing import TYPE_CHECKING
 from chemage.plugin import hookimpl, lazy_attributes
 
 if TYPE_CHECKING:
+    from chemage_contact.adhesion import DMT as DMT
+    from chemage_contact.adhesion import JKR as JKR
+    from chemage_contact.adhesion import Maugis as Maugis
     from chemage_contact.closed_forms import Hertz as Hertz
     from chemage_contact.closed_forms import Persson as Persson
     from chemage_contact.fft_bem import FFTBEM as FFTBEM
@@ -15,6 +19,9 @@ KINDS = {
     "contact": {
         "fft-bem": "chemage_contact.fft_bem:FFTBEM",
         "hertz": "chemage_contact.closed_forms:Hertz",
+        "jkr": "chemage_contact.adhesion:JKR",
+        "dmt": "chemage_contact.adhesion:DMT",
+        "maugis": "chemage_contact.adhesion:Maugis",
         "persson": "chemage_contact.closed_forms:Persson",
     }
 }
