@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from chemage_contact.adhesion import DMT as DMT
     from chemage_contact.adhesion import JKR as JKR
     from chemage_contact.adhesion import Maugis as Maugis
+    from chemage_contact.adhesive_bem import AdhesiveBEM as AdhesiveBEM
     from chemage_contact.closed_forms import Hertz as Hertz
     from chemage_contact.closed_forms import Persson as Persson
     from chemage_contact.fft_bem import FFTBEM as FFTBEM
@@ -19,6 +20,7 @@ KINDS = {
     "contact": {
         "fft-bem": "chemage_contact.fft_bem:FFTBEM",
         "hertz": "chemage_contact.closed_forms:Hertz",
+        "adhesive-bem": "chemage_contact.adhesive_bem:AdhesiveBEM",
         "jkr": "chemage_contact.adhesion:JKR",
         "dmt": "chemage_contact.adhesion:DMT",
         "maugis": "chemage_contact.adhesion:Maugis",
