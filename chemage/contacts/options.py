@@ -43,7 +43,8 @@ def normal_force(load: QuantityLike, area: float | None, *, flat: bool, signed: 
     Raises
     ------
     InputError
-        It is negative where nothing adheres, or out of range; or a pressure, and the surface is not nominally ``flat`` or its area not known.
+        It is negative where nothing adheres, or out of range; or a pressure, and the surface is not nominally ``flat``
+        or its area not known.
     UnitError
         It is neither a force nor a pressure.
     """

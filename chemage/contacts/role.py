@@ -41,7 +41,8 @@ class ContactSolver(Component, ABC):
 
     @abstractmethod
     def _solve(self, surface: Surface, load: float, start: ContactSolution | None) -> ContactSolution:
-        """Solve for ``load`` in nN (finite, ≥ 0 unless the class ``adheres``). ``start`` is a neighbouring solution to begin from, or None."""
+        """Solve for ``load`` in nN (finite, ≥ 0 unless the class ``adheres``). ``start`` is a neighbouring
+        solution to begin from, or None."""
 
     def expected(self, surface: Mapping[str, float], load: float) -> dict[str, float]:
         """Estimate what a solve will give and cost from :meth:`SurfaceMaker.expected`, as far as it is known:

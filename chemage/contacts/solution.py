@@ -343,8 +343,8 @@ class ContactSolution(Contact):
         return self.perimeter / self.area if self.area > 0 else math.nan
 
     def pressure_histogram(self, bins: int = 50, upper: float | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Distribution of the pressure over the contact: bin edges (bins + 1,) GPa and density (bins,) 1/GPa; from zero,
-        or with adhesion from the largest tension."""
+        """Distribution of the pressure over the contact, from zero or with adhesion from the largest tension: bin edges
+        (bins + 1,) GPa and density (bins,) 1/GPa."""
         if upper is not None and not (isinstance(upper, int | float) and 0 < upper < math.inf):
             raise InputError.of("upper", upper, "must be finite and above zero", "give a pressure in GPa")
         values = self.pressure[self.contact]

@@ -46,7 +46,8 @@ def expect(name: str, value: object, kind: type, remedy: str) -> None:
 
 
 def force(load: QuantityLike, *, signed: bool = False) -> float:
-    """``load`` in nN, finite and ≥ 0 unless ``signed``; also a deflection times a spring constant, such as ``"20 nm * 2.5 N/m"``."""
+    """``load`` in nN, finite and ≥ 0 unless ``signed``; also a deflection times a spring constant, such as
+    ``"20 nm * 2.5 N/m"``."""
     deflection, times, spring = load.partition(" * ") if isinstance(load, str) else ("", "", "")
     if times:
         value = convert(deflection, "nm", "load") * convert(spring, "nN/nm", "load")

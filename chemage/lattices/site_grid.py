@@ -234,11 +234,9 @@ def _made(contact: ContactSolution, density: Density, pressed: bool) -> ContactS
 def adhering(pixel_size: float, density: Density) -> tuple[str, str]:
     """What is wrong with sites smaller than the pixels of surfaces that adhere, and the remedy."""
     size = 1.0 if isinstance(density, str) else density**-0.5
-    return (
-        f"sites of {size:.4g} nm are smaller than the pixels of {pixel_size:.4g} nm, and where surfaces adhere the "
-        "pressure below the pixel is not known",
-        f'use pixels of {size:.4g} nm or less, or site_density = "pixel"',
-    )
+    why = f"sites of {size:.4g} nm are smaller than the pixels of {pixel_size:.4g} nm"
+    why += ", and where surfaces adhere the pressure below the pixel is not known"
+    return why, f'use pixels of {size:.4g} nm or less, or site_density = "pixel"'
 
 
 def _bearing(contact: ContactSolution, pressure: np.ndarray, area: float) -> np.ndarray:

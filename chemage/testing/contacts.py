@@ -230,17 +230,30 @@ def _contacts_asked(component: ContactSolver, surfaces: Sequence[Surface] = (), 
 
 @check_of(ContactSolver, unless=(ContactTheory,), known=True)
 def _contact_carries_the_load(component: ContactSolver, surfaces: Sequence[Surface] = (), force_tolerance=1e-6) -> None:
-    """The pressure (GPa) adds up to the load (nN), is nowhere negative, and some but not all pixels are in contact."""
+    """The pressure (GPa) adds up to the load (nN), and some but not all pixels are in contact. It is nowhere negative,
+    unless the surfaces adhere: then there is tension (or ``carries`` says where the attraction is left out), and
+    ``touching`` says where they touch."""
     for surface, load in _solvable(component, surfaces):
         solution = component.solve(surface, load)
         require(solution.load == load, f"the load is {load} nN, the solution has {solution.load} nN")
         force = float(solution.pressure.sum(dtype=np.float64)) * solution.pixel_size**2
         require(
-            math.isclose(force, load, rel_tol=force_tolerance),
+            bool(solution.carries and component.adheres) or abs(force - load) <= force_tolerance * solution.borne,
             f"the pressure integrates to {force!r} nN, the load is {load!r} nN (1 GPa nm² is 1 nN)",
         )
         require(0 < solution.sites.size < solution.pressure.size, f"{solution.area_fraction=}: expected some contact")
-        require(solution.pressure.min() >= 0, "negative pressure")
+        told = solution.touching is not None
+        require(
+            told == component.adheres,
+            f"adheres = {component.adheres}, and the solution has touching: {told}; with adhesion it must, else not",
+        )
+        if component.adheres:
+            require(
+                solution.pressure.min() < 0 or bool(solution.carries),
+                "adheres, but there is no tension, and carries does not say where the attraction is",
+            )
+        else:
+            require(solution.pressure.min() >= 0, "negative pressure")
 
 
 @check_of(ContactSolver, unless=(ContactTheory,))
@@ -285,7 +298,9 @@ def _solution_describes_itself(component: ContactSolver, surfaces: Sequence[Surf
 
 @check_of(ContactSolver, unless=(ContactTheory,), known=True)
 def _no_load_is_no_contact(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
-    """At load 0 no pixel is in contact."""
+    """At load 0 no pixel is in contact, unless the surfaces adhere."""
+    if component.adheres:
+        return
     for surface, _ in _solvable(component, surfaces):
         solution = component.solve(surface, 0)
         require(solution.sites.size == 0 and solution.load == 0, f"{solution.sites.size} pixels in contact at load 0")
@@ -293,9 +308,11 @@ def _no_load_is_no_contact(component: ContactSolver, surfaces: Sequence[Surface]
 
 @check_of(ContactSolver, unless=(ContactTheory,))
 def _wrong_load_is_refused(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
-    """Negative and infinite loads, and loads in another dimension, are InputErrors; a load may have its unit."""
+    """Negative and infinite loads, and loads in another dimension, are InputErrors, and with adhesion a pull that parts
+    the surfaces; a load may have its unit."""
     surface, load = _solvable(component, surfaces)[0]
-    for wrong in (-1.0, math.nan, math.inf, "20 nm", "20", True):
+    pull = -1e3 * load if component.adheres else -1.0
+    for wrong in (pull, math.nan, math.inf, "20 nm", "20", True):
         refuses(f"load {wrong!r}", lambda wrong=wrong: component.solve(surface, wrong))
     require(
         component.solve(surface, f"{load!r} nN") == component.solve(surface, load),
@@ -333,7 +350,8 @@ def _summits_touch_first(component: ContactSolver, surfaces: Sequence[Surface] =
             f"which is {heights.max() - heights[at]:.3g} nm lower (rms height {surface.rms_height:.3g} nm)",
         )
         high = heights >= np.quantile(heights, 0.9)
-        share = float(solution.pressure[high].sum() / solution.pressure.sum())
+        size = np.maximum(solution.pressure, 0)  # with adhesion the load is less than what presses
+        share = float(size[high].sum() / size.sum())
         require(
             share > 0.5,
             f"at a very small load the highest tenth of the surface carries {share:.0%} of it; expected nearly all",

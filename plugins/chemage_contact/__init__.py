@@ -1,5 +1,6 @@
-"""Contacts: ``fft-bem`` (any surface), ``hertz`` (the closed form of a sphere), ``persson`` (theory without a map); with
-adhesion ``adhesive-bem`` (any surface), ``jkr``, ``dmt`` and ``maugis`` (spheres)."""
+"""Contacts: ``fft-bem`` (any surface), ``hertz`` (the closed form of a sphere), ``persson`` (theory without a map).
+
+With adhesion: ``adhesive-bem`` (any surface), ``jkr``, ``dmt`` and ``maugis`` (closed forms of a sphere)."""
 
 from __future__ import annotations
 

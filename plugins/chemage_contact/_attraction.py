@@ -1,8 +1,8 @@
 """The adhesive contact on arrays: minimise ½ uᵀKu + Σ φ(g) + p̄ Σ g over gaps g ≥ 0, u = g + h.
 
 K is the inverse of the substrate's symbol, φ the energy of attraction. The gradient is the sum of net traction and
-attraction, so that at a minimum it vanishes where the gap is open, and presses where it is closed. The energy has several
-minima, between which real contacts jump; the one that is found is below the start.
+attraction, so that at a minimum it vanishes where the gap is open, and presses where it is closed. The energy has
+several minima, between which real contacts jump; the one that is found is below the start.
 
 * Nonlinear conjugate gradients (Polak–Ribière) on the working set, the open pixels and those closed under tension,
   projected onto g ≥ 0: R. Bugnicourt, P. Sainsot, D. Dureisseix, C. Gauthier, A. A. Lubrecht, Tribol. Lett. 66, 29
@@ -38,6 +38,10 @@ LEVEL = 3.0
 NEWTON, FLAT = 4, 0.1
 #: times that a step which raises the energy is halved
 HALVINGS = 25
+#: rms pressure, of the largest attraction, below which errors are not relative to the pressure any more
+FAINT = 1e-6
+#: how many times the relative error of the load counts in the error, where the approach is free
+LOAD = 300.0
 #: part of the terms of the energy that rounding may change
 ROUNDING = 1e-13
 
@@ -144,8 +148,8 @@ def evaluate(problem: Adhesive, x: Array, rise: float, spectrum: Array) -> Point
         total, count = problem.sums(cohesion.balance, 2, x, p, problem.law, problem.shape)
         mean = -total / count if count else 0.0
     r = np.empty(problem.padded)
-    rr, pp, force, up, attracted, gaps, contact, level, count = problem.sums(
-        cohesion.gradient, 9, x, p, problem.h, rise, mean, problem.law, r
+    rr, pp, force, up, attracted, gaps, contact, level, count, borne = problem.sums(
+        cohesion.gradient, 10, x, p, problem.h, rise, mean, problem.law, r
     )
     pixels = math.prod(problem.shape)
     excess = 0.0
@@ -155,8 +159,11 @@ def evaluate(problem: Adhesive, x: Array, rise: float, spectrum: Array) -> Point
     if free or goal.pressure is not None:
         level = 0.0
     shift = level / count if count else 0.0
-    residual = max(rr - shift * level, 0.0) + excess**2 / pixels
+    residual = max(rr - shift * level, 0.0)
+    pp = max(pp, (FAINT * problem.law.work / problem.law.range) ** 2 * pixels)
     error = math.sqrt(residual / pp) if pp > 0 else (0.0 if residual == 0 else math.inf)
+    if excess:
+        error = max(error, LOAD * abs(excess) / borne if borne else math.inf)
     energy, terms = 0.5 * up + attracted + work, abs(0.5 * up) + abs(attracted) + abs(work)
     return Point(x, rise, spectrum, p, mean, r, energy, terms, error, excess, shift, count, contact)
 

@@ -1,4 +1,4 @@
-"""Kernels of the adhesive contact: plain functions of arrays that compute rows lo … hi and fill one row of ``part`` each.
+"""Kernels of the adhesive contact: plain functions of arrays that compute rows lo … hi and fill their rows of ``part``.
 
 Lengths are in pixels, stresses in units of the contact modulus. ``x`` is the unknown on the padded grid: the gap on the
 pixels of the surface (``h.shape``), beyond them the displacement of the free surface. ``law`` is :class:`Law`.
@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
@@ -80,12 +79,12 @@ def gradient(lo, hi, x, p, h, rise, mean, law, r, part):
     """r = gradient of the energy on the working set (gap open, or closed under tension), 0 elsewhere.
 
     ``p`` is the traction without its ``mean``. part = (Σ r², Σ (p + mean)², Σ p + mean, Σ u p, Σ energy of attraction,
-    Σ gap, pixels in contact, Σ r, pixels of the working set), all but the first, fourth and the last two over the
-    surface.
+    Σ gap, pixels in contact, Σ r, pixels of the working set, Σ |p + mean|), all but the first, fourth, eighth and ninth
+    over the surface.
     """
     nx, ny = h.shape
     for i in range(lo, hi):
-        s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = s8 = 0.0
+        s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = s8 = s9 = 0.0
         columns = ny if i < nx else 0
         for j in range(columns):
             gap, traction = x[i, j], p[i, j] + mean
@@ -93,6 +92,7 @@ def gradient(lo, hi, x, p, h, rise, mean, law, r, part):
             force = traction + stress
             s1 += traction * traction
             s2 += traction
+            s9 += abs(traction)
             s3 += (gap + h[i, j] + rise) * p[i, j]
             s4 += energy
             s5 += gap
@@ -113,12 +113,12 @@ def gradient(lo, hi, x, p, h, rise, mean, law, r, part):
             s7 += value
             s8 += 1.0
         part[i, 0], part[i, 1], part[i, 2], part[i, 3], part[i, 4] = s0, s1, s2, s3, s4
-        part[i, 5], part[i, 6], part[i, 7], part[i, 8] = s5, s6, s7, s8
+        part[i, 5], part[i, 6], part[i, 7], part[i, 8], part[i, 9] = s5, s6, s7, s8, s9
 
 
 @njit(**_OPTIONS)
 def products(lo, hi, r, before, z, shift, part):
-    """Take z off the working set (r = 0); part = (Σ r z, Σ before z, Σ z); ``shift`` is subtracted from z and r on it."""
+    """Take z off outside the working set (r = 0); part = (Σ (r − shift) z, Σ before z, Σ z) on it."""
     for i in range(lo, hi):
         a = b = c = 0.0
         for j in range(r.shape[1]):

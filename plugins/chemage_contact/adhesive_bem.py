@@ -19,7 +19,7 @@ from chemage_contact.adhesion import Loop
 from chemage_contact.fft_bem import _BUGNICOURT, FFTBEM
 
 #: largest pixel in units of E*ρ²/w, the length of the zone of cohesion; measured, see ``docs/contact.md``
-COARSEST = 1.0
+COARSEST = 0.5
 #: tolerance of the contact without attraction from which the iteration starts
 START_TOLERANCE = 1e-3
 #: attraction on the outermost pixels of a free surface that is noted, of the largest
@@ -55,8 +55,9 @@ class AdhesiveBEM(ContactSolver):
     restoring stress, negative where attraction prevails, outside the contact too.
 
     Converged means that the L2 norm of the stress out of balance (pressure plus attraction where the gap is open,
-    tension beyond the attraction where it is closed), relative to that of the pressure, is below ``tolerance``, in
-    double precision, for the gap that is returned.
+    tension beyond the attraction where it is closed), relative to that of the pressure (or of w/ρ times 1e-6 on every
+    pixel, where that is larger: surfaces apart), is below ``tolerance``, in
+    double precision, for the gap that is returned; and for a free boundary the error of the load below a 300th of it.
 
     A contact that adheres has a history: under one load there may be several. ``start`` says from which side it is
     approached, :meth:`sweep` and :meth:`loop` follow a programme of loads or of approaches.
@@ -289,8 +290,8 @@ class AdhesiveBEM(ContactSolver):
         else:
             why, remedy = "no step lowers the energy any more", "accept a larger tolerance"
         return (
-            f"adhesive-bem: {why} after {found.iterations} iterations with a relative stress of {found.error:.3g} out of "
-            f"balance (tolerance {self.tolerance:g}): {remedy}"
+            f"adhesive-bem: {why} after {found.iterations} iterations with a relative stress of {found.error:.3g} out "
+            f"of balance (tolerance {self.tolerance:g}): {remedy}"
         )
 
 

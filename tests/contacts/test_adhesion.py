@@ -125,7 +125,7 @@ def test_a_pull_beyond_pull_off_names_it():
 
 def test_solvers_without_adhesion_refuse_a_pull():
     for kind in ("hertz", "fft-bem"):
-        with pytest.raises(InputError, match="load = -1.*not negative"):
+        with pytest.raises(InputError, match=r"load = -1.*not negative"):
             ca.contact(kind, modulus=E).solve(sphere(), -1)
 
 
@@ -197,7 +197,7 @@ def test_sites_in_all_or_in_pressed_contact():
     # larger sites are averages, smaller ones are refused, in check too
     larger = chemistry.replace(site_density=0.25 / SIZE**2).on(contact)
     assert larger.sites.size == pytest.approx(chemistry.on(contact).sites.size / 4, rel=0.2)
-    with pytest.raises(InputError, match="smaller than the pixels.*use pixels of"):
+    with pytest.raises(InputError, match=r"smaller than the pixels.*use pixels of"):
         chemistry.replace(site_density=30.0).on(contact)
     with pytest.raises(InputError, match="smaller than the pixels"):
         ca.run(ca.parse_scene(scene(**{"chemistry.site_density": 30.0})))
