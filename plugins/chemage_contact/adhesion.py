@@ -269,9 +269,10 @@ class JKR(AdhesiveSphere):
 
     def _state(self, radius: float, edge: float, load: float | None = None) -> State:
         w, modulus = self.work_of_adhesion, self.modulus
-        if load is None:
-            load = 4 * modulus * edge**3 / (3 * radius) - math.sqrt(8 * math.pi * w * modulus * edge**3)
-        return State(load, edge, edge, edge**2 / radius - math.sqrt(2 * math.pi * w * edge / modulus))
+        force = 4 * modulus * edge**3 / (3 * radius) - math.sqrt(8 * math.pi * w * modulus * edge**3)
+        return State(
+            force if load is None else load, edge, edge, edge**2 / radius - math.sqrt(2 * math.pi * w * edge / modulus)
+        )
 
     def at_approach(self, radius: float, displacement: float, *, touching: bool = True) -> State | None:
         """See :meth:`AdhesiveSphere.at_approach`: surfaces apart jump into contact where they touch, at 0."""

@@ -206,8 +206,7 @@ class AdhesiveBEM(ContactSolver):
         pixel = (size, size)
         flat = self.is_nominally_flat(surface.periodic)
         body: Substrate = (PeriodicHalfSpace if flat else FreeHalfSpace)(surface.shape, pixel)
-        peak = self.work_of_adhesion / self.range / modulus
-        law = Law(self.law == "exponential", self.work_of_adhesion / modulus / size, self.range / size, peak)
+        law = self._law(size)
         if load is not None and not math.isfinite(load / surface.nominal_area / modulus):
             raise InputError.of("load", load, "leaves the range of numbers when spread over the surface")
         if load is not None and "radius" in surface.provenance:
@@ -229,6 +228,12 @@ class AdhesiveBEM(ContactSolver):
                 "give a load above the pull-off force, which loop() finds, or start = 'contact'",
             )
         return self._solution(surface, found, load, law, coarse), _Before(found.unknown, found.approach)
+
+    def _law(self, size: float) -> Law:
+        """The attraction in pixels of ``size`` nm and contact moduli; a stress that falls to zero over its own elastic
+        deformation of a pixel leaves no pixel the choice of two gaps."""
+        work, reach = self.work_of_adhesion / self.modulus / size, self.range / size
+        return Law(self.law == "exponential", work, reach, 0.5 * work / reach)
 
     def _begin(self, surface: Surface, problem: Adhesive, load: float | None) -> _Before:
         x, rise = np.zeros(problem.padded), 0.0

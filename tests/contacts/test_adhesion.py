@@ -171,15 +171,19 @@ def scene(**changes: Any) -> dict[str, Any]:
     return sections
 
 
+def parsed(**changes: Any) -> Any:
+    return ca.parse_scene(scene(**changes))
+
+
 def test_tension_raises_barriers_and_a_pulled_contact_ages():
-    run = ca.run(ca.parse_scene(scene()))
+    run: Any = ca.run(parsed())
     contact, aging = run.contact, run.aging
     assert contact.load == -5
     assert contact.carried == pytest.approx(-5, rel=1e-9)
     assert aging.load == -5
     assert np.isnan(aging.friction_coefficient_drop).all()
     assert aging.bonds[:, -1].mean() > 0
-    chemistry = ca.parse_scene(scene()).chemistry
+    chemistry = parsed().chemistry
     lattice, bare = chemistry.on(contact), chemistry.replace(activation_volume=0).on(contact)
     pressure = contact.pressure.ravel()[contact.sites]
     assert (pressure < 0).any()
@@ -187,8 +191,8 @@ def test_tension_raises_barriers_and_a_pulled_contact_ages():
 
 
 def test_sites_in_all_or_in_pressed_contact():
-    contact = ca.parse_scene(scene()).contact.solve(sphere(), 10)
-    chemistry = ca.parse_scene(scene()).chemistry
+    contact = parsed().contact.solve(sphere(), 10)
+    chemistry = parsed().chemistry
     pressed = chemistry.replace(tensile_sites=False)
     assert chemistry.on(contact).sites.size == np.count_nonzero(contact.touching)
     assert pressed.on(contact).sites.size == np.count_nonzero(contact.touching & (contact.pressure > 0))
@@ -200,7 +204,7 @@ def test_sites_in_all_or_in_pressed_contact():
     with pytest.raises(InputError, match=r"smaller than the pixels.*use pixels of"):
         chemistry.replace(site_density=30.0).on(contact)
     with pytest.raises(InputError, match="smaller than the pixels"):
-        ca.run(ca.parse_scene(scene(**{"chemistry.site_density": 30.0})))
+        ca.run(parsed(**{"chemistry.site_density": 30.0}))
     with pytest.raises(InputError, match="tensile_sites"):
         contact_statistics(contact, chemistry)
     assert contact_statistics(contact, pressed).contact_area == pytest.approx(pressed.on(contact).sites.size * SIZE**2)
@@ -223,9 +227,9 @@ def test_measures_of_a_contact_under_tension():
 
 
 def test_a_contact_with_tension_is_stored(tmp_path):
-    run = ca.run(ca.parse_scene(scene()))
+    run: Any = ca.run(parsed())
     ca.write(tmp_path / "run.h5", run)
-    again = ca.read(tmp_path / "run.h5")
+    again: Any = ca.read(tmp_path / "run.h5")
     assert again.contact == run.contact
     assert np.array_equal(again.contact.touching, run.contact.touching)
 

@@ -41,7 +41,7 @@ def adhering(name: str, change: Any, base: Any = JKR) -> Any:
 
 
 def _unbreakable(self: Any, surface: Surface, load: float, start: Any) -> ContactSolution:
-    pull = self.pull_off(surface.provenance["radius"])
+    pull = self.pull_off(surface.provenance.get("radius", 1.0))
     return changed(JKR._solve(self, surface, max(load, -pull), start), load=load)
 
 
