@@ -186,6 +186,8 @@ class AdhesiveSphere(ContactSolver, ABC):
         size = surface.pixel_size
         x, y = (_edges(n, size) for n in surface.shape)
         pressure = self._forces(radius, state, x, y) / size**2
+        nearest = [np.minimum(np.abs(edges[1:]), np.abs(edges[:-1])) * (edges[1:] * edges[:-1] > 0) for edges in (x, y)]
+        pressure[np.hypot(nearest[0][:, None], nearest[1]) >= state.outer] = 0.0  # else rounding errors
         centre = np.hypot(0.5 * (x[1:] + x[:-1])[:, None], 0.5 * (y[1:] + y[:-1]))
         # a contact smaller than a pixel is the pixel in the middle
         touching = centre < max(state.edge, float(centre.min()) * (1 + 1e-9))

@@ -2,13 +2,12 @@
 
     python tests/benchmarks/tip_adhesion.py
 
-The scene ``silica-tip`` with the contacts ``hertz``, ``jkr`` and ``dmt``. The work of adhesion of the measured tips is not
-published with them, so that it is varied. Sites under tension react or not (``tensile_sites``).
+The scene ``silica-tip`` with the contacts ``hertz``, ``jkr`` and ``dmt``. The work of adhesion of the measured tips is
+not published, so that it is varied. Sites under tension react or not (``tensile_sites``).
 """
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import chemage as ca
