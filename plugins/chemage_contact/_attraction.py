@@ -70,8 +70,6 @@ class Found:
     history: list[float] = field(default_factory=list)
     apart: bool = False
     """the surfaces moved away from each other without end"""
-    stuck: bool = False
-    """no step lowers the energy any more"""
 
 
 class Adhesive:
@@ -136,11 +134,15 @@ class Point:
     open_sum: float
     open_count: float
     contact: float
+    fresh: bool
+    """whether the spectrum is the transform of the unknown itself"""
 
 
-def evaluate(problem: Adhesive, x: Array, rise: float, spectrum: Array) -> Point:
-    """Traction, gradient and energy at ``x``."""
-    goal = problem.goal
+def evaluate(problem: Adhesive, x: Array, rise: float, spectrum: Array | None = None) -> Point:
+    """Traction, gradient and energy at ``x``, whose ``spectrum`` may be known."""
+    goal, fresh = problem.goal, spectrum is None
+    if spectrum is None:
+        spectrum = problem.spectrum(x, rise)
     p = problem.backward(spectrum.copy(), problem.stiffness)
     free = not problem.periodic
     mean = 0.0 if free or goal.pressure is None else goal.pressure
@@ -165,16 +167,22 @@ def evaluate(problem: Adhesive, x: Array, rise: float, spectrum: Array) -> Point
     if excess:
         error = max(error, LOAD * abs(excess) / borne if borne else math.inf)
     energy, terms = 0.5 * up + attracted + work, abs(0.5 * up) + abs(attracted) + abs(work)
-    return Point(x, rise, spectrum, p, mean, r, energy, terms, error, excess, shift, count, contact)
+    return Point(x, rise, spectrum, p, mean, r, energy, terms, error, excess, shift, count, contact, fresh)
 
 
 def minimise(problem: Adhesive, x: Array, rise: float, tolerance: float, limit: int) -> Found:
     """The minimum below the gap ``x`` (padded) at the approach ``rise``. Never raises for lack of convergence."""
-    here = evaluate(problem, x, rise, problem.spectrum(x, rise))
+    here = evaluate(problem, x, rise)
     d, before = np.zeros(problem.padded), np.zeros(problem.padded)
-    history, size, ds, restart, iteration, before_excess = [here.error], 0.0, 0.0, True, 0, 0.0
-    apart = stuck = False
-    while here.error > tolerance and iteration < limit:
+    history, size, ds, restart, iteration, before_excess = [min(here.error, 1e300)], 0.0, 0.0, True, 0, 0.0
+    apart = False
+    while iteration < limit:
+        if here.error <= tolerance:
+            if here.fresh:
+                break
+            # the spectrum was a sum of those of the steps
+            here = evaluate(problem, here.x, here.rise)
+            continue
         iteration += 1
         z = problem.backward(problem.forward(here.r), problem.inverse)
         shift = here.open_sum
@@ -194,13 +202,12 @@ def minimise(problem: Adhesive, x: Array, rise: float, tolerance: float, limit: 
         there = step(problem, here, d, ds, slope)
         if there is None:
             if restart:
-                stuck = True
                 break
             restart = True
             continue
         restart = False
         here = there
-        history.append(here.error)
+        history.append(min(here.error, 1e300))
         if _gone(problem, here):
             apart = True
             break
@@ -216,7 +223,6 @@ def minimise(problem: Adhesive, x: Array, rise: float, tolerance: float, limit: 
         transforms=problem.transforms,
         history=history,
         apart=apart,
-        stuck=stuck,
     )
 
 
@@ -246,10 +252,7 @@ def step(problem: Adhesive, here: Point, d: Array, ds: float, slope: float) -> P
         stopped, total, count = problem.sums(cohesion.move, 3, x, d, length, 0.0, shape, out)
         if problem.periodic and problem.goal.pressure is None:
             out, shifted = _levelled(problem, x, d, length, total, count, out)
-        if stopped or shifted:
-            new = problem.spectrum(out, here.rise + length * ds)
-        else:
-            new = here.spectrum + length * spectrum
+        new = None if stopped or shifted else here.spectrum + length * spectrum
         there = evaluate(problem, out, here.rise + length * ds, new)
         if there.energy <= here.energy + ROUNDING * (here.terms + there.terms):
             return there

@@ -38,7 +38,7 @@ solver = tm.PolonskyKeerRey(model, h, float(case["tolerance"]), tm.PolonskyKeerR
 attraction = tm.ExponentialAdhesionFunctional(h)
 attraction.parameters = {"rho": float(case["range"]), "surface_energy": float(case["work"])}
 solver.addFunctionalTerm(attraction)
-solver.max_iter = 20000
+solver.max_iter = 3000
 error = solver.solve(float(case["pressure"]))
 np.savez(sys.argv[2], gap=np.array(model["gap"]), traction=np.array(model.traction), error=error,
          seconds=time.process_time() - begin)
@@ -153,7 +153,7 @@ def tamaas(python: str, pixels: int) -> None:
             given, answer = Path(folder, "case.npz"), Path(folder, "answer.npz")
             np.savez(
                 given, h=surface.heights, side=pixels * surface.pixel_size, modulus=E, range=reach, work=work,
-                pressure=load / surface.nominal_area, tolerance=1e-9,
+                pressure=load / surface.nominal_area, tolerance=1e-6,
             )  # fmt: skip
             subprocess.run([python, "-c", TAMAAS, str(given), str(answer)], check=True, env={"OMP_NUM_THREADS": "1"})
             other = dict(np.load(answer))
