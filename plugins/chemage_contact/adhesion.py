@@ -67,8 +67,9 @@ class State:
 class AdhesiveSphere(ContactSolver, ABC):
     """A sphere of radius R on an elastic half-space, with adhesion.
 
-    A pixel is in contact if its centre is, and every pixel carries the exact mean of the pressure over its square, so
-    that the pixels add up to the load. The radius is ``surface.provenance["radius"]`` in nm, the apex the middle of
+    A pixel is in contact if its centre is, and carries the exact mean of the pressure over its square. Where nothing
+    acts outside the contact, the force on pixels across its rim goes to their neighbours inside, so that all of it is
+    carried by the contact. The radius is ``surface.provenance["radius"]`` in nm, the apex the middle of
     the grid. A load may be negative, down to the pull-off force; below it there is no contact. Of the two contacts
     under a pull the stable one is given.
     """
@@ -191,6 +192,8 @@ class AdhesiveSphere(ContactSolver, ABC):
         centre = np.hypot(0.5 * (x[1:] + x[:-1])[:, None], 0.5 * (y[1:] + y[:-1]))
         # a contact smaller than a pixel is the pixel in the middle
         touching = centre < max(state.edge, float(centre.min()) * (1 + 1e-9))
+        if state.outer == state.edge:
+            pressure = _gathered(pressure, touching)
         carries = self._carries(radius)
         scale = float(np.abs(pressure).sum()) * size**2
         force_error = 0.0 if carries or not scale else abs(float(pressure.sum()) * size**2 - load) / scale
@@ -470,6 +473,18 @@ def _solved(function: Any, value: float, last: float) -> float:
     while function(first) < value:
         first *= 0.5
     return float(brentq(lambda angle: function(angle) - value, first, last, xtol=1e-300, rtol=1e-14))  # pyright: ignore[reportArgumentType]
+
+
+def _gathered(pressure: np.ndarray, touching: np.ndarray) -> np.ndarray:
+    """The pressure with that of pixels outside the contact shared by those of their eight neighbours that are in it."""
+    from scipy import ndimage
+
+    around = np.ones((3, 3))
+    count = ndimage.convolve(touching.astype(np.float64), around, mode="constant")
+    moves = ~touching & (count > 0)
+    share = np.where(moves, pressure / np.maximum(count, 1.0), 0.0)
+    gained = ndimage.convolve(share, around, mode="constant")
+    return np.where(moves, 0.0, pressure) + np.where(touching, gained, 0.0)
 
 
 def _pixels(corner: Any, x: np.ndarray, y: np.ndarray) -> np.ndarray:
