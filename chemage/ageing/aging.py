@@ -29,6 +29,7 @@ from chemage.foundation.records import (
     Plain,
     PositiveNumber,
     Record,
+    SignedNumber,
     require_finite,
 )
 from chemage.foundation.result import draw_result, notebook_html
@@ -96,7 +97,7 @@ class Aging(Observing, Record):
     """(replicas,), of the whole contact"""
     events: Indices | None = None
     """(replicas,); None: not known"""
-    load: Number
+    load: SignedNumber
     """nN"""
     temperature: PositiveNumber
     """K"""
@@ -244,8 +245,8 @@ class Aging(Observing, Record):
 
     @property
     def friction_coefficient_drop(self) -> np.ndarray:
-        """Δμ = ΔF / F_N, (replicas, m); nan without load."""
-        if self.load == 0:
+        """Δμ = ΔF / F_N, (replicas, m); nan without load, and under a pull."""
+        if self.load <= 0:
             return np.full(self.bonds.shape, np.nan)
         return self.friction_drop / self.load
 
@@ -315,8 +316,10 @@ class Aging(Observing, Record):
     def fit_data(self, quantity: Quantity | None) -> FitData:
         """The friction drop of every replica, for :func:`chemage.fit_aging`."""
         chosen: Quantity = quantity or "friction_coefficient_drop"
-        if chosen == "friction_coefficient_drop" and self.load == 0:
-            raise InputError("load = 0: the friction coefficient is undefined; fit quantity='friction_drop'")
+        if chosen == "friction_coefficient_drop" and self.load <= 0:
+            raise InputError(
+                f"load = {self.load:g}: the friction coefficient is undefined; fit quantity='friction_drop'"
+            )
         scale = 1 / self.load if chosen == "friction_coefficient_drop" else 1.0
         return FitData(self.friction_drop, chosen, scale, simulated=True)
 

@@ -479,7 +479,7 @@ def draw_friction(axes: Axes, aging: Aging, quantity: Quantity, colour: str = BL
     """Draw means of ``quantity`` against hold time, with 95 % intervals over replicas."""
     drawn = aging.hold_times > 0
     coefficient = quantity == "friction_coefficient_drop"
-    if coefficient and aging.load == 0:
+    if coefficient and aging.load <= 0:
         _write(axes, "undefined: no load")
     elif not drawn.any():
         _write(axes, "no hold time above 0")

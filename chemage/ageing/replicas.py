@@ -101,7 +101,9 @@ def identity(contact: ContactSolution, chemistry: Chemistry, engine: Engine, tem
 
 
 def _distribution(pressure: np.ndarray) -> list[int]:
-    """The share of the load on each block of pixels, and the mean pressure that the load sees, rounded."""
+    """The share of the load on each block of pixels, and the mean pressure that the load sees, rounded; tension counts
+    as pressure."""
+    pressure = np.abs(pressure)
     rows, columns = (np.unique(np.arange(BLOCKS) * side // BLOCKS) for side in pressure.shape)
     sums = np.add.reduceat(np.add.reduceat(pressure, rows, axis=0, dtype=np.float64), columns, axis=1)
     total = float(sums.sum())

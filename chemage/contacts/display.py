@@ -244,8 +244,7 @@ def draw_pressure(axes: Axes, medium: Medium, contact: ContactSolution, *, zoom:
     nx, ny = contact.shape
     extent = (0.0, nx * contact.pixel_size, 0.0, ny * contact.pixel_size)
     most = min(medium.pixels, seen_blocks(axes))
-    blocks = np.ma.masked_equal(pooled(contact.pressure, np.max, most), 0.0)
-    draw_map(axes, blocks, extent, "pressure (GPa)", **_style(contact))
+    draw_map(axes, _blocks(contact, slice(None), slice(None), most), extent, "pressure (GPa)", **_style(contact))
     axes.set_title(f"{contact.patches} patches, A/A$_0$ = {contact.area_fraction:.3g}")
     if zoom:
         from matplotlib.patches import Rectangle
@@ -254,8 +253,15 @@ def draw_pressure(axes: Axes, medium: Medium, contact: ContactSolution, *, zoom:
         axes.add_patch(Rectangle((x0, y0), x1 - x0, y1 - y0, fill=False, edgecolor=BLUE, linewidth=1.2))
 
 
+def _blocks(contact: ContactSolution, rows: slice, columns: slice, most: int) -> np.ma.MaskedArray:
+    """The largest pressure of the contact in each block of a part of the map, masked where there is no contact."""
+    pressure = np.where(contact.contact[rows, columns], contact.pressure[rows, columns], -np.inf)
+    return np.ma.masked_equal(pooled(pressure, np.max, most), -np.inf)
+
+
 def _style(contact: ContactSolution) -> dict[str, Any]:
-    low, top = float(contact.pressure.min()), float(contact.pressure.max()) or 1.0
+    within = contact.pressure if contact.touching is None else contact.pressure[contact.touching]
+    low, top = float(within.min(initial=np.inf)), float(within.max(initial=0.0)) or 1.0
     return {"cmap": pressure_colours(), "vmin": low if low < top else 0.0, "vmax": top}
 
 
@@ -269,13 +275,13 @@ def _draw_largest_patch(
 ) -> None:
     a = contact.pixel_size
     (x0, x1), (y0, y1) = _around_largest_patch(contact, least, margin)
-    part = contact.pressure[x0:x1, y0:y1]
+    part = contact.contact[x0:x1, y0:y1]
     extent = (x0 * a, x1 * a, y0 * a, y1 * a)
-    blocks = np.ma.masked_equal(pooled(part, np.max, medium.pixels), 0.0)
+    blocks = _blocks(contact, slice(x0, x1), slice(y0, y1), medium.pixels)
     draw_map(axes, blocks, extent, "pressure (GPa)", **_style(contact))
     # thinner where pixels are small, so that outlines leave the pressure to be seen
     width = min(0.8, 160 / max(part.shape))
-    axes.add_collection(_outlines(part > 0, x0, y0, a, width))
+    axes.add_collection(_outlines(part, x0, y0, a, width))
     axes.set_title("around the largest patch")
 
 

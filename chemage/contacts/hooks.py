@@ -43,8 +43,9 @@ PIXEL_SECONDS = 2e-8
 NO_SITE = 1.0
 #: the load in a section of a scene
 _LOAD = {
-    "anyOf": [{"type": "number", "minimum": 0}, {"type": "string"}],
-    "description": "normal force (nN), or a nominal pressure such as 10 MPa, on the nominal area of the surface",
+    "anyOf": [{"type": "number"}, {"type": "string"}],
+    "description": "normal force (nN), or a nominal pressure such as 10 MPa, on the nominal area of the surface; below "
+    "zero only with adhesion",
     "unit": "nN",
 }
 
@@ -57,9 +58,9 @@ class _Contact(Stage):
 
         if value is None:
             raise InputError('is required; give the normal force, such as load = "20 uN", or a nominal pressure')
-        if nominal_pressure(value) is None:
-            return normal_force(value, None, flat=True)
         solver, maker = parts.get(self.section), parts.get("surface")
+        if nominal_pressure(value) is None:
+            return normal_force(value, None, flat=True, signed=solver is None or solver.adheres)
         # what is wrong with them is said by themselves
         return None if solver is None or maker is None else solver.normal_force(value, maker.expected())
 
@@ -87,7 +88,7 @@ class _Contact(Stage):
         area = numbers["nominal_area"] = pixels * surface.get("pixel_size", 0.0) ** 2
         touching = area * numbers.get("area_fraction", 0.0)
         if touching > 0:
-            numbers["mean_pressure"] = load / touching
+            numbers["mean_pressure"] = max(load, 0.0) / touching
         if parts[self.section].gives_map:
             numbers["pixels"] = pixels
             if "cpu_seconds" in numbers:
@@ -110,7 +111,7 @@ class _Contact(Stage):
         surface, load, numbers = stated["surface"], parts["contact.load"], stated[self.section]
         for text in parts[self.section].check(surface, load) or ():
             yield Doubt("parts", text)
-        if load == 0:
+        if load == 0 and not parts[self.section].adheres:
             yield Doubt("load", "the load is 0: nothing touches, the friction drop is 0 and its coefficient undefined")
             return
         fraction = numbers.get("area_fraction")

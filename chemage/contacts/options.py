@@ -41,27 +41,29 @@ def nominal_pressure(load: object) -> float | None:
     return None
 
 
-def normal_force(load: QuantityLike, area: float | None, *, flat: bool) -> float:
-    """``load`` in nN, finite and ≥ 0; a pressure is multiplied by the nominal ``area`` (nm²; None: not known).
+def normal_force(load: QuantityLike, area: float | None, *, flat: bool, signed: bool = False) -> float:
+    """``load`` in nN, finite, and ≥ 0 unless ``signed``; a pressure is multiplied by the nominal ``area`` (nm²; None:
+    not known).
 
     Raises
     ------
     InputError
-        It is negative or out of range; or a pressure, and the surface is not nominally ``flat`` or its area not known.
+        It is negative where nothing adheres, or out of range; or a pressure, and the surface is not nominally ``flat``
+        or its area not known.
     UnitError
         It is neither a force nor a pressure.
     """
     pressure = nominal_pressure(load)
     if pressure is None:
         try:
-            return force(load)
+            return force(load, signed=signed)
         except UnitError as error:
             raise UnitError(
                 f'{error}; a load is a force, such as "20 uN" or "20 nm * 2.5 N/m" (deflection times spring constant), '
                 'or a nominal pressure, such as "10 MPa"'
             ) from None
     give = 'give the normal force, such as load = "20 uN"'
-    if not math.isfinite(pressure) or pressure < 0:
+    if not math.isfinite(pressure) or (pressure < 0 and not signed):
         raise InputError.of("load", load, "must be finite and not negative", "give a nominal pressure such as 10 MPa")
     if not flat:
         raise InputError.of(
@@ -73,20 +75,20 @@ def normal_force(load: QuantityLike, area: float | None, *, flat: bool) -> float
         )
     if area is None:
         raise InputError.of("load", load, "the nominal area of this surface is not known before it is made", give)
-    return force(pressure * area)
+    return force(pressure * area, signed=signed)
 
 
 def force_text(force: float) -> str:
     """A force (nN) with the unit in which it is usually given."""
     for unit, size in (("N", 1e9), ("mN", 1e6), ("µN", 1e3)):
-        if force >= size:
+        if abs(force) >= size:
             return f"{force / size:.4g} {unit}"
     return f"{force:.4g} nN"
 
 
 def pressure_text(pressure: float) -> str:
     """A nominal pressure (GPa) with the unit in which it is usually given."""
-    return f"{pressure:.4g} GPa" if pressure >= 0.1 else f"{1e3 * pressure:.4g} MPa"
+    return f"{pressure:.4g} GPa" if abs(pressure) >= 0.1 else f"{1e3 * pressure:.4g} MPa"
 
 
 def contact_modulus(

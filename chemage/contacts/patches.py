@@ -1,6 +1,6 @@
 """Measures of a contact map, as plain functions of arrays: patches, perimeter, corrected area, shares above a pressure.
 
-Lengths are in nm. Contact is where the pressure is positive.
+Lengths are in nm.
 """
 
 from __future__ import annotations
@@ -82,13 +82,14 @@ class Above(NamedTuple):
     area: float
     """of the contact area"""
     load: float
-    """of the load"""
+    """of the load; with adhesion, of the force that presses"""
 
 
-def above(pressure: np.ndarray, limit: float) -> Above:
-    """Which shares of contact area and load lie where the pressure (GPa) is above ``limit``; nan without contact."""
+def above(pressure: np.ndarray, limit: float, contact: np.ndarray) -> Above:
+    """Which shares of the area of ``contact`` (bool) and of the load lie where the pressure (GPa) is above ``limit``,
+    which is above zero; nan without contact."""
     beyond = pressure[pressure > limit]
-    pixels, total = int(np.count_nonzero(pressure > 0)), float(pressure.sum(dtype=np.float64))
-    if not pixels:
+    pixels, total = int(np.count_nonzero(contact)), float(np.maximum(pressure, 0).sum(dtype=np.float64))
+    if not pixels or not total > 0:
         return Above(math.nan, math.nan)
     return Above(beyond.size / pixels, float(beyond.sum(dtype=np.float64)) / total)

@@ -30,15 +30,19 @@ class ContactSolver(Component, ABC):
     if TYPE_CHECKING:
         implemented_properties = cast("tuple[str, ...]", ())
         gives_map = True
+        adheres = False
     else:
         #: what a solution of this solver carries
         implemented_properties: ClassVar[tuple[str, ...]] = ("pressure",)
         #: gives the pressure at each pixel; False for a :class:`ContactTheory`
         gives_map: ClassVar[bool] = True
+        #: its surfaces adhere: its solutions have contact without load and under a pull, which is a load below zero
+        adheres: ClassVar[bool] = False
 
     @abstractmethod
     def _solve(self, surface: Surface, load: float, start: ContactSolution | None) -> ContactSolution:
-        """Solve for ``load`` in nN (finite, ≥ 0). ``start`` is a neighbouring solution to begin from, or None."""
+        """Solve for ``load`` in nN (finite, ≥ 0 unless the class ``adheres``). ``start`` is a neighbouring
+        solution to begin from, or None."""
 
     def expected(self, surface: Mapping[str, float], load: float) -> dict[str, float]:
         """Estimate what a solve will give and cost from :meth:`SurfaceMaker.expected`, as far as it is known:
@@ -78,8 +82,8 @@ class ContactSolver(Component, ABC):
         Raises
         ------
         InputError
-            The load is negative, not finite or of another dimension, or it is a pressure and the surface has no nominal
-            area: it is a tip, not periodic, or not known yet.
+            The load is negative and nothing adheres, not finite or of another dimension, or it is a pressure and the
+            surface has no nominal area: it is a tip, not periodic, or not known yet.
         """
         area: float | None
         if isinstance(surface, Mapping):
@@ -88,7 +92,7 @@ class ContactSolver(Component, ABC):
             periodic = surface.get("periodic", 0.0 if "radius" in surface else 1.0) != 0
         else:
             area, periodic = surface.nominal_area, getattr(surface, "periodic", True)
-        return normal_force(load, area, flat=self.is_nominally_flat(periodic))
+        return normal_force(load, area, flat=self.is_nominally_flat(periodic), signed=self.adheres)
 
     def warm_up(self, surface: Mapping[str, float], load: float) -> None:
         """Compile what :meth:`solve` will need for a surface of which :meth:`SurfaceMaker.expected` gives ``surface``,
@@ -161,6 +165,11 @@ class WrappedSolver(ContactSolver):
     def gives_map(self) -> bool:
         """That of :attr:`inner`."""
         return self.inner.gives_map
+
+    @property
+    def adheres(self) -> bool:
+        """That of :attr:`inner`."""
+        return self.inner.adheres
 
     def expected(self, surface: Mapping[str, float], load: float) -> dict[str, float]:
         """See :meth:`ContactSolver.expected`."""

@@ -17,12 +17,14 @@ from chemage.foundation.errors import InputError
 from chemage.foundation.outputs import Observing
 from chemage.foundation.records import (
     Doubles,
+    Flags,
     Named,
     Number,
     Plain,
     PositiveNumber,
     Reals,
     Record,
+    SignedNumber,
     frozen,
     require_finite,
 )
@@ -88,6 +90,8 @@ class Contact(Observing, Record):
         @property
         def carried(self) -> float: ...
         @property
+        def borne(self) -> float: ...
+        @property
         def nominal_area(self) -> float: ...
         def _above(self, pressure: float) -> Above: ...
 
@@ -104,7 +108,7 @@ class Contact(Observing, Record):
     @property
     def mean_contact_pressure(self) -> float:
         """Mean pressure over the contact F_N / A, GPa; nan without contact. Of a contact that ``carries`` another force
-        than the load, that force over A."""
+        than the load, that force over A; with adhesion, the mean over the pixels that touch."""
         force = self.carried if self.carries else self.load
         return force / self.contact_area if self.contact_area > 0 else math.nan
 
@@ -118,7 +122,7 @@ class Contact(Observing, Record):
         of its pressure, in words; "" where it does or where ``carries`` says that it does not."""
         stated = getattr(self, "convergence", {}).get("pressure_error")
         error = max(error, LOAD_ERROR, stated if isinstance(stated, int | float) else 0.0)
-        if self.carries or abs(self.carried - self.load) <= error * self.load:
+        if self.carries or abs(self.carried - self.load) <= error * self.borne:
             return ""
         return (
             f"the pressure adds up to {self.carried:.6g} nN, and the load is {self.load:.6g} nN; where it cannot carry "
@@ -185,15 +189,17 @@ class ContactSolution(Contact):
         "pressure": (("x", "y"), "GPa", "contact pressure"),
         "gap": (("x", "y"), "nm", "gap between the surfaces, 0 in contact"),
         "plastic_displacement": (("x", "y"), "nm", "height lost by plastic flow"),
+        "touching": (("x", "y"), "1", "whether the surfaces touch, where they adhere"),
     }
 
     has_map = True
-    added = ("carries", "observables", "outputs", "plastic_displacement")
+    added = ("carries", "touching", "observables", "outputs", "plastic_displacement")
 
     pressure: Reals
-    """(nx, ny) GPa, ≥ 0; contact is where it is positive"""
-    load: Number
-    """normal force, nN"""
+    """(nx, ny) GPa, ≥ 0; contact is where it is positive. With ``touching`` it may be negative: tension, by which the
+    surfaces adhere where they touch, and attract each other where they do not"""
+    load: SignedNumber
+    """normal force, nN; negative where the surfaces adhere and are pulled"""
     pixel_size: PositiveNumber
     """edge of a pixel, nm"""
     modulus: PositiveNumber
@@ -212,6 +218,8 @@ class ContactSolution(Contact):
     plastic_displacement: Reals | None = None
     """(nx, ny) nm ≥ 0, what heights lose where the pressure is the hardness, if the solver has one; it stays when the
     load is removed, see :meth:`residual_surface`"""
+    touching: Flags | None = None
+    """(nx, ny), with adhesion: the pixels in contact, those of zero gap; None: those of positive pressure"""
     displacement: float | None = Field(default=None, allow_inf_nan=False)
     """rigid approach of the bodies, nm, where the solver gives it"""
     carries: str = ""
@@ -248,8 +256,18 @@ class ContactSolution(Contact):
         if float(self.pressure.max()) > LARGEST:
             raise ValueError(f"pressure: up to {self.pressure.max():g} GPa, out of range; give pressures in GPa")
         lowest = float(self.pressure.min())
-        if lowest < 0:
-            raise ValueError(f"pressure: its smallest value is {lowest:g} GPa; a hard wall only pushes, it must be ≥ 0")
+        if self.touching is not None:
+            if self.touching.shape != self.pressure.shape:
+                raise ValueError(f"touching: shape {self.touching.shape}, but pressure has {self.pressure.shape}")
+            if lowest < -LARGEST:
+                raise ValueError(f"pressure: down to {lowest:g} GPa, out of range; give pressures in GPa")
+        elif lowest < 0:
+            raise ValueError(
+                f"pressure: its smallest value is {lowest:g} GPa; a hard wall only pushes, it must be ≥ 0, unless the "
+                "surfaces adhere and touching says where"
+            )
+        if self.load < 0 and self.touching is None:
+            raise ValueError(f"load: {self.load} nN is negative; without adhesion nothing can be pulled")
         return self
 
     @property
@@ -261,7 +279,7 @@ class ContactSolution(Contact):
     @cached_property
     def contact(self) -> np.ndarray:
         """(nx, ny) bool: pixels in contact."""
-        return frozen(self.pressure > 0)
+        return frozen(self.pressure > 0) if self.touching is None else self.touching
 
     @cached_property
     def sites(self) -> np.ndarray:
@@ -279,8 +297,21 @@ class ContactSolution(Contact):
         return float(self.pressure.sum(dtype=np.float64)) * self.pixel_size**2
 
     @property
+    def borne(self) -> float:
+        """The forces on all pixels without their signs, nN: that by which errors of the load are measured."""
+        if self.touching is None:
+            return self.load
+        return float(np.abs(self.pressure).sum(dtype=np.float64)) * self.pixel_size**2
+
+    @property
+    def mean_contact_pressure(self) -> float:
+        if self.touching is None or not self.sites.size:
+            return super().mean_contact_pressure
+        return float(self.pressure[self.touching].mean(dtype=np.float64))
+
+    @property
     def contact_area(self) -> float:
-        """Contact area A, nm²: pixels with positive pressure."""
+        """Contact area A, nm²: pixels with positive pressure, or with adhesion those that touch."""
         return self.sites.size * self.pixel_size**2
 
     @property
@@ -326,16 +357,18 @@ class ContactSolution(Contact):
         return self.perimeter / self.area if self.area > 0 else math.nan
 
     def pressure_histogram(self, bins: int = 50, upper: float | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Distribution of the pressure over the contact: bin edges (bins + 1,) GPa and density (bins,) 1/GPa."""
+        """Distribution of the pressure over the contact, from zero or with adhesion from the largest tension: bin edges
+        (bins + 1,) GPa and density (bins,) 1/GPa."""
         if upper is not None and not (isinstance(upper, int | float) and 0 < upper < math.inf):
             raise InputError.of("upper", upper, "must be finite and above zero", "give a pressure in GPa")
         values = self.pressure[self.contact]
-        top = upper if upper is not None else (float(values.max()) if values.size else 1.0)
-        counts, edges = np.histogram(values, bins=checked_count("bins", bins, most=MOST_BINS), range=(0.0, top))
+        top = upper if upper is not None else (float(values.max(initial=0.0)) if values.size else 1.0)
+        least = float(values.min(initial=0.0))
+        counts, edges = np.histogram(values, bins=checked_count("bins", bins, most=MOST_BINS), range=(least, top))
         return edges, counts / (max(values.size, 1) * np.diff(edges))
 
     def _above(self, pressure: float) -> Above:
-        return patches.above(self.pressure, pressure)
+        return patches.above(self.pressure, pressure, self.contact)
 
     @property
     def yielded(self) -> Above:
@@ -463,6 +496,11 @@ class ContactStatistics(Contact):
     def carried(self) -> float:
         """The force that the pressures add up to, nN."""
         return float(self.pressure @ self.area)
+
+    @property
+    def borne(self) -> float:
+        """The same: nothing pulls."""
+        return self.load
 
     @property
     def converged(self) -> bool:

@@ -45,17 +45,18 @@ def expect(name: str, value: object, kind: type, remedy: str) -> None:
         raise InputError(f"{name} must be {article} {kind.__name__}, got {what}; {remedy}")
 
 
-def force(load: QuantityLike) -> float:
-    """``load`` in nN, finite and ≥ 0; also a deflection times a spring constant, such as ``"20 nm * 2.5 N/m"``."""
+def force(load: QuantityLike, *, signed: bool = False) -> float:
+    """``load`` in nN, finite and ≥ 0 unless ``signed``; also a deflection times a spring constant, such as
+    ``"20 nm * 2.5 N/m"``."""
     deflection, times, spring = load.partition(" * ") if isinstance(load, str) else ("", "", "")
     if times:
         value = convert(deflection, "nm", "load") * convert(spring, "nN/nm", "load")
     else:
         value = convert(load, "nN", "load")
     remedy = "give a force such as 20 uN"
-    if not np.isfinite(value) or value < 0:
+    if not np.isfinite(value) or (value < 0 and not signed):
         raise InputError.of("load", load, "must be finite and not negative", remedy)
-    if value > LARGEST:
+    if abs(value) > LARGEST:
         raise InputError.of("load", load, f"is out of range, above {LARGEST:g} nN", remedy)
     return value
 

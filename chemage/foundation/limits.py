@@ -19,9 +19,6 @@ ABSENT = {
     ),
     ("wear", "abrasi", "debris", "erosion"): "wear is not modelled: surfaces keep their shape",
     ("plastic", "yield", "harden"): "plastic flow is not modelled: contacts are elastic at any pressure",
-    ("adhesi", "jkr", "dmt", "tabor", "surface_energy", "van_der_waals"): (
-        "adhesion is not modelled: contacts are hard walls"
-    ),
     ("visco", "creep", "relaxation", "loss_modul", "storage_modul"): (
         "creep and viscoelasticity are not modelled: contact does not change with time"
     ),

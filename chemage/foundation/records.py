@@ -163,6 +163,7 @@ Plain = Annotated[dict[str, Any], AfterValidator(_plain)]
 #: a quantity in a record: what is zero or a number that computations can hold
 _Ranged = AfterValidator(lambda value: in_range(value, ""))
 Number = Annotated[float, Field(ge=0, allow_inf_nan=False), _Ranged]
+SignedNumber = Annotated[float, Field(allow_inf_nan=False), _Ranged]
 PositiveNumber = Annotated[float, Field(gt=0, allow_inf_nan=False), _Ranged]
 
 

@@ -72,6 +72,9 @@ class Chemistry(Component):
     site_density: Annotated[Density, UnitOrWord("pixel", "1/nm**2", gt=0)] = SITE_DENSITY
     """sites per nm²; where their spacing differs from the pixels of the contact, the pressure is reconstructed below
     the pixel, or averaged; "pixel": one site per pixel, whatever its size"""
+    tensile_sites: bool = True
+    """whether sites of an adhesive contact react that are in contact under tension, with a barrier that is raised by
+    ΔV times that tension; no: those under pressure alone"""
     hardness: Pressure | None = None
     """hardness of the material, GPa: the result says which share of contact area and load lies above it; None: not
     compared"""
@@ -83,11 +86,13 @@ class Chemistry(Component):
     pull-off force; None: not compared"""
 
     def identity(self) -> dict[str, Any]:
-        """What decides the bonds: the options without :attr:`limits`, and without the default ``site_density``, which
-        changes nothing where the pixels of the contact are sites."""
+        """What decides the bonds: the options without :attr:`limits`, and without the defaults of ``site_density``,
+        which changes nothing where the pixels of the contact are sites, and of ``tensile_sites``."""
         options = {name: value for name, value in super().identity().items() if name not in self.limits}
         if options["site_density"] == SITE_DENSITY:
             del options["site_density"]
+        if self.tensile_sites:
+            del options["tensile_sites"]
         return options
 
     def given_limits(self) -> dict[str, float]:
@@ -102,7 +107,7 @@ class Chemistry(Component):
     def sites_of(self, contact: ContactSolution) -> ContactSites:
         """The sites of ``contact`` in contact, and their pressures; see :func:`chemage.plugin.contact_sites`."""
         expect_contact(contact)
-        return contact_sites(contact, self.site_density)
+        return contact_sites(contact, self.site_density, pressed=not self.tensile_sites)
 
     def sites_per_area(self, contact: Contact) -> float:
         """Sites per nm² on ``contact``: those of its grid of sites, or where its map is not known the option.
@@ -232,6 +237,11 @@ def contact_statistics(contact: ContactSolution | ContactStatistics, chemistry: 
     expect("chemistry", chemistry, Chemistry, "make one with chemage.chemistry(forming=...)")
     sites = chemistry.sites_of(contact)
     pressure = sites.pressure.astype(np.float64)
+    if float(pressure.min(initial=0.0)) < 0:
+        raise InputError(
+            "contact: sites under tension have no statistics by pressure; leave them out with tensile_sites = false in "
+            "[chemistry], or simulate every site"
+        )
     top = float(pressure.max(initial=0.0))
     place = np.minimum((pressure * (CLASSES / top)).astype(np.int64), CLASSES - 1) if top > 0 else np.zeros(0, np.int64)
     counts = np.bincount(place, minlength=CLASSES)

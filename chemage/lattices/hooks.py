@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
-from chemage.plugins.hooks import Parts, Stage, Stated, hookimpl, hookspec
+from chemage.plugins.hooks import Doubt, Parts, Stage, Stated, hookimpl, hookspec
 
 if TYPE_CHECKING:
     import numpy as np
@@ -85,6 +85,16 @@ class _Chemistry(Stage):
             numbers |= {"events": expected.events, "bonded": expected.bonded}
         return numbers
 
+    def doubts(self, parts: Parts, stated: Stated) -> Iterator[Doubt]:
+        from chemage.foundation.errors import InputError
+        from chemage.lattices.site_grid import adhering
+
+        grids = parts.get("grids")
+        if grids and parts["contact"].adheres and grids[1][0] * grids[1][1] > grids[0][0] * grids[0][1]:
+            density = parts[self.section].site_density
+            raise InputError.of("site_density", density, *adhering(stated["surface"]["pixel_size"], density))
+        return iter(())
+
     def fault(self, answer: Any, arguments: Mapping[str, Any]) -> str:
         import numpy as np
 
@@ -100,7 +110,7 @@ class _Chemistry(Stage):
                 return f"a grid of {nx} x {ny} sites that are not the {contact.shape} pixels needs their pressure"
             if answer.pixel_size != contact.pixel_size:
                 return f"pixel_size is {answer.pixel_size:g} nm, but that of the contact is {contact.pixel_size:g} nm"
-        elif (answer.pressure < 0).any():
+        elif contact.touching is None and (answer.pressure < 0).any():
             return f"a pressure of {answer.pressure.min():g} GPa on a site; a contact only pushes"
         return ""
 

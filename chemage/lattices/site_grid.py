@@ -127,7 +127,7 @@ class ContactSites:
     origin: tuple[float, float]
     #: (n,) int64: flat indices of the sites in contact, ascending
     sites: np.ndarray
-    #: (n,) GPa, above zero
+    #: (n,) GPa, above zero unless the surfaces adhere
     pressure: np.ndarray
     #: how sites and pixels belong together
     rule: Rule
@@ -180,7 +180,7 @@ class ContactSites:
 _kept: OncePerObject[ContactSites] = OncePerObject()
 
 
-def contact_sites(contact: ContactSolution, density: Density) -> ContactSites:
+def contact_sites(contact: ContactSolution, density: Density, pressed: bool = False) -> ContactSites:
     """The sites of ``density`` (1/nm², or "pixel") that are in contact, and their pressures.
 
     Site (0, 0) is at pixel (0, 0) of a periodic contact; on one that is not, both grids cover the same square. Where
@@ -193,15 +193,27 @@ def contact_sites(contact: ContactSolution, density: Density) -> ContactSites:
     more than four pixels a side are in contact where about half of the square is. The whole load is kept. The sites in
     contact are an estimate of the pixels that would be in contact on a grid of one pixel per site.
 
+    Where the surfaces adhere there is tension at the rim and no such law of it: sites are pixels, or larger than they
+    are and averaged. With ``pressed`` those under tension are left out.
+
+    Raises
+    ------
+    InputError
+        The surfaces adhere, and sites are smaller than pixels.
+
     Results are kept as long as the contact is, because replicas share them.
     """
-    return _kept.get(contact, density, lambda: _made(contact, density))
+    return _kept.get(contact, (density, pressed), lambda: _made(contact, density, pressed))
 
 
-def _made(contact: ContactSolution, density: Density) -> ContactSites:
+def _made(contact: ContactSolution, density: Density, pressed: bool) -> ContactSites:
     shape = site_shape(contact.shape, contact.pixel_size, density)
     rule = site_rule(contact.shape, shape)
     size = contact.pixel_size
+    if contact.touching is not None and rule == "reconstructed":
+        if shape[0] * shape[1] > contact.pressure.size:
+            raise InputError.of("site_density", density, *adhering(contact.pixel_size, density))
+        rule = "averaged"
     if rule == "pixels":
         sites, pressure = contact.sites, contact.pressure.ravel()[contact.sites]
     else:
@@ -212,13 +224,26 @@ def _made(contact: ContactSolution, density: Density) -> ContactSites:
         sites, pressure = make(contact, shape, size) if contact.sites.size else (contact.sites, np.empty(0))
     # site (0, 0) is in the middle of pixel (0, 0) where both grids repeat
     corner = 0.5 * (contact.pixel_size - size) if contact.periodic and rule != "pixels" else 0.0
+    if pressed:
+        sites, pressure = sites[pressure > 0], pressure[pressure > 0]
     words = in_words(contact.shape, shape, contact.gap is not None, nominal_ratio(contact.pixel_size, density))
     arrays = frozen(sites, np.int64), frozen(pressure)
     return ContactSites(shape, size, contact.periodic, (corner, corner), *arrays, rule, words)
 
 
+def adhering(pixel_size: float, density: Density) -> tuple[str, str]:
+    """What is wrong with sites smaller than the pixels of surfaces that adhere, and the remedy."""
+    size = 1.0 if isinstance(density, str) else density**-0.5
+    why = f"sites of {size:.4g} nm are smaller than the pixels of {pixel_size:.4g} nm"
+    why += ", and where surfaces adhere the pressure below the pixel is not known"
+    return why, f'use pixels of {size:.4g} nm or less, or site_density = "pixel"'
+
+
 def _bearing(contact: ContactSolution, pressure: np.ndarray, area: float) -> np.ndarray:
-    """``pressure`` in arbitrary units, scaled so that sites of ``area`` nm² carry the load of the pixels."""
+    """``pressure`` in arbitrary units, scaled so that sites of ``area`` nm² carry the load of the pixels; that of
+    surfaces that adhere, whose sites carry less, as it is, in GPa."""
+    if contact.touching is not None:
+        return pressure
     load = float(contact.pressure.sum(dtype=np.float64)) * contact.pixel_size**2
     return pressure * (load / area / float(pressure.sum()))
 

@@ -196,7 +196,7 @@ class Plan:
         require(most, f"[surface] {grid}", "use fewer pixels")
         if hold is None:
             return
-        if grids and scene.load > 0:  # a contact has one pixel at least
+        if grids and (scene.load > 0 or scene.contact.adheres):  # a contact has one pixel at least
             least = grids[1][0] * grids[1][1] / (grids[0][0] * grids[0][1])
             require(BYTES_PER_SITE * least, f"[chemistry] {least:.3g} sites per pixel", "use a smaller site_density")
         on = f" on {grids[1][0]} x {grids[1][1]} sites" if grids and grids[1] != grids[0] else ""

@@ -1,5 +1,7 @@
-"""Contacts: ``fft-bem`` (any surface), ``hertz`` (the closed form of a sphere), ``persson`` (theory without a map), and
-two other codes for comparison, ``tamaas`` (AGPL) and ``contactmechanics``."""
+"""Contacts: ``fft-bem`` (any surface), ``hertz`` (the closed form of a sphere), ``persson`` (theory without a map).
+
+With adhesion: ``adhesive-bem`` (any surface), ``jkr``, ``dmt`` and ``maugis`` (closed forms of a sphere). Two other
+codes for comparison: ``tamaas`` (AGPL) and ``contactmechanics``."""
 
 from __future__ import annotations
 
@@ -8,6 +10,10 @@ from typing import TYPE_CHECKING
 from chemage.plugin import hookimpl, lazy_attributes
 
 if TYPE_CHECKING:
+    from chemage_contact.adhesion import DMT as DMT
+    from chemage_contact.adhesion import JKR as JKR
+    from chemage_contact.adhesion import Maugis as Maugis
+    from chemage_contact.adhesive_bem import AdhesiveBEM as AdhesiveBEM
     from chemage_contact.closed_forms import Hertz as Hertz
     from chemage_contact.closed_forms import Persson as Persson
     from chemage_contact.fft_bem import FFTBEM as FFTBEM
@@ -18,6 +24,10 @@ KINDS = {
     "contact": {
         "fft-bem": "chemage_contact.fft_bem:FFTBEM",
         "hertz": "chemage_contact.closed_forms:Hertz",
+        "adhesive-bem": "chemage_contact.adhesive_bem:AdhesiveBEM",
+        "jkr": "chemage_contact.adhesion:JKR",
+        "dmt": "chemage_contact.adhesion:DMT",
+        "maugis": "chemage_contact.adhesion:Maugis",
         "persson": "chemage_contact.closed_forms:Persson",
         "tamaas": "chemage_contact.peers:Tamaas",
         "contactmechanics": "chemage_contact.peers:ContactMechanics",

@@ -83,6 +83,13 @@ CASES: dict[tuple[str, str], list[dict[str, Any]]] = {
     ("contact", "hertz"): [{"modulus": "35.3 GPa"}],
     ("contact", "tamaas"): [{"modulus": "35.3 GPa"}, {"modulus": 35.3, "hardness": "10 GPa"}],
     ("contact", "contactmechanics"): [{"modulus": "35.3 GPa"}],
+    ("contact", "adhesive-bem"): [
+        {"modulus": 35.3, "work_of_adhesion": "50 mJ/m^2", "range": 0.3},
+        {"modulus": 35.3, "work_of_adhesion": 0.05, "range": 0.3, "law": "dugdale", "start": "contact"},
+    ],
+    ("contact", "jkr"): [{"modulus": "35.3 GPa", "work_of_adhesion": "50 mJ/m^2"}],
+    ("contact", "dmt"): [{"modulus": "35.3 GPa", "work_of_adhesion": "50 mJ/m^2"}],
+    ("contact", "maugis"): [{"modulus": "35.3 GPa", "work_of_adhesion": 0.05, "range": 0.2}],
     ("contact", "persson"): [{"modulus": "35.3 GPa"}, {"modulus": 35.3, "kappa": 2.1}],
     ("barriers", "gaussian"): [
         {"mean": "1.1 eV", "std": "0.02 eV"},

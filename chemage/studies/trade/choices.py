@@ -514,7 +514,7 @@ def _distance(contact: ContactSolution, reference: ContactSolution) -> float:
     """Wasserstein distance of the distributions of pressure over the contact, over the mean pressure."""
     from scipy import stats
 
-    pressure, other = (solution.pressure[solution.pressure > 0] for solution in (contact, reference))
+    pressure, other = (solution.pressure[solution.contact] for solution in (contact, reference))
     if not pressure.size or not other.size:
         return math.nan
-    return float(stats.wasserstein_distance(pressure, other)) / float(other.mean(dtype=np.float64))
+    return float(stats.wasserstein_distance(pressure, other)) / float(np.abs(other).mean(dtype=np.float64))

@@ -17,6 +17,7 @@ pytestmark = pytest.mark.long
 FFT: Any = type(ca.contact("fft-bem", modulus=35.3))
 Persson: Any = type(ca.contact("persson", modulus=35.3))
 HERTZ: Any = type(ca.contact("hertz", modulus=35.3))
+JKR: Any = type(ca.contact("jkr", modulus=35.3, work_of_adhesion=0.05))
 
 
 def solver(name: str, change: Any = None, before: Any = None, base: Any = FFT, **attributes: Any) -> Any:
@@ -28,6 +29,20 @@ def solver(name: str, change: Any = None, before: Any = None, base: Any = FFT, *
         return solution if change is None else change(self, solution, surface, load, start)
 
     return mutant(base, name, _solve=_solve, **attributes)(modulus=35.3)
+
+
+def adhering(name: str, change: Any, base: Any = JKR) -> Any:
+    """An adhesive solver whose solution is passed through ``change(solution, load)``."""
+
+    def _solve(self: Any, surface: Surface, load: float, start: Any) -> Any:
+        return change(base._solve(self, surface, load, start), load)
+
+    return mutant(base, name, _solve=_solve)(modulus=35.3, work_of_adhesion=0.05)
+
+
+def _unbreakable(self: Any, surface: Surface, load: float, start: Any) -> ContactSolution:
+    pull = self.pull_off(surface.provenance.get("radius", 1.0))
+    return changed(JKR._solve(self, surface, max(load, -pull), start), load=load)
 
 
 def pressed(change: Any) -> Any:
@@ -181,6 +196,28 @@ MUTANTS: dict[str, tuple[Any, str]] = {
     "always periodic": (
         lambda: solver("looped", lambda self, s, *g: changed(s, periodic=True)),
         "solution_describes_itself",
+    ),
+    "adheres without tension": (
+        lambda: adhering(
+            "pushes",
+            lambda s, load: changed(
+                s,
+                pressure=np.maximum(s.pressure, 0)
+                * (load / max(float(np.maximum(s.pressure, 0).sum()) * s.pixel_size**2, 1e-300)),
+            ),
+        ),
+        "contact_carries_the_load",
+    ),
+    "does not say where it touches": (
+        lambda: adhering(
+            "silent",
+            lambda s, load: changed(s, touching=None, pressure=np.full(s.shape, max(load, 0.0) / s.nominal_area)),
+        ),
+        "contact_carries_the_load",
+    ),
+    "bears any pull": (
+        lambda: mutant(JKR, "unbreakable", _solve=_unbreakable)(modulus=35.3, work_of_adhesion=0.05),
+        "wrong_load_is_refused",
     ),
     "touches without a load": (
         lambda: solver("sticky", lambda self, s, *g: changed(s, pressure=s.pressure + (s.load == 0))),

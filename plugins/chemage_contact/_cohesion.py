@@ -1,0 +1,186 @@
+"""Kernels of the adhesive contact: plain functions of arrays that compute rows lo … hi and fill their rows of ``part``.
+
+Lengths are in pixels, stresses in units of the contact modulus. ``x`` is the unknown on the padded grid: the gap on the
+pixels of the surface (``h.shape``), beyond them the displacement of the free surface. ``law`` is :class:`Law`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[Any]
+_OPTIONS = {"cache": True, "nogil": True, "fastmath": {"reassoc", "nsz", "contract"}, "error_model": "numpy"}
+#: exponential attraction beyond so many ranges is none
+_FAR = 60.0
+
+
+class Law(NamedTuple):
+    """The attraction of two surfaces as a function of their gap."""
+
+    exponential: bool
+    work: float
+    """work of adhesion"""
+    range: float
+    ramp: float
+    """of the constant stress: half the length over which it falls to zero, about the range"""
+
+
+@njit(**_OPTIONS)
+def attraction(gap, law):
+    """Stress, energy (≤ 0) and derivative of the stress (≤ 0) at a gap ≥ 0."""
+    peak = law.work / law.range
+    if law.exponential:
+        distance = gap / law.range
+        if distance > _FAR:
+            return 0.0, 0.0, 0.0
+        stress = peak * math.exp(-distance)
+        return stress, -stress * law.range, -stress / law.range
+    rest = law.range + law.ramp - gap
+    if rest <= 0.0:
+        return 0.0, 0.0, 0.0
+    if rest >= 2.0 * law.ramp:
+        return peak, -peak * (law.range - gap), 0.0
+    part = 0.5 * rest / law.ramp
+    return peak * part, -peak * law.ramp * part * part, -0.5 * peak / law.ramp
+
+
+@njit(**_OPTIONS)
+def displaced(lo, hi, x, h, rise, u):
+    """u = x + h + rise on the surface, x beyond it."""
+    nx, ny = h.shape
+    for i in range(lo, hi):
+        for j in range(x.shape[1]):
+            u[i, j] = x[i, j]
+        if i < nx:
+            for j in range(ny):
+                u[i, j] += h[i, j] + rise
+
+
+@njit(**_OPTIONS)
+def balance(lo, hi, x, p, law, shape, part):
+    """part = (Σ p + stress, Σ 1) over the surface where the gap is open."""
+    for i in range(lo, min(hi, shape[0])):
+        total = 0.0
+        count = 0.0
+        for j in range(shape[1]):
+            if x[i, j] > 0.0:
+                total += p[i, j] + attraction(x[i, j], law)[0]
+                count += 1.0
+        part[i, 0] = total
+        part[i, 1] = count
+
+
+@njit(**_OPTIONS)
+def gradient(lo, hi, x, p, h, rise, mean, law, r, part):
+    """r = gradient of the energy on the working set (gap open, or closed under tension), 0 elsewhere.
+
+    ``p`` is the traction without its ``mean``. part = (Σ r², Σ (p + mean)², Σ p + mean, Σ u p, Σ energy of attraction,
+    Σ gap, pixels in contact, Σ r, pixels of the working set, Σ |p + mean|), all but the first, fourth, eighth and ninth
+    over the surface.
+    """
+    nx, ny = h.shape
+    for i in range(lo, hi):
+        s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = s8 = s9 = 0.0
+        columns = ny if i < nx else 0
+        for j in range(columns):
+            gap, traction = x[i, j], p[i, j] + mean
+            stress, energy, _ = attraction(gap, law)
+            force = traction + stress
+            s1 += traction * traction
+            s2 += traction
+            s9 += abs(traction)
+            s3 += (gap + h[i, j] + rise) * p[i, j]
+            s4 += energy
+            s5 += gap
+            if gap > 0.0 or force < 0.0:
+                r[i, j] = force
+                s0 += force * force
+                s7 += force
+                s8 += 1.0
+            else:
+                r[i, j] = 0.0
+            if gap <= 0.0:
+                s6 += 1.0
+        for j in range(columns, x.shape[1]):
+            value = p[i, j]
+            r[i, j] = value
+            s0 += value * value
+            s3 += x[i, j] * value
+            s7 += value
+            s8 += 1.0
+        part[i, 0], part[i, 1], part[i, 2], part[i, 3], part[i, 4] = s0, s1, s2, s3, s4
+        part[i, 5], part[i, 6], part[i, 7], part[i, 8], part[i, 9] = s5, s6, s7, s8, s9
+
+
+@njit(**_OPTIONS)
+def products(lo, hi, r, before, z, shift, part):
+    """Take z off outside the working set (r = 0); part = (Σ (r − shift) z, Σ before z, Σ z) on it."""
+    for i in range(lo, hi):
+        a = b = c = 0.0
+        for j in range(r.shape[1]):
+            if r[i, j] != 0.0:
+                value = z[i, j]
+                a += (r[i, j] - shift) * value
+                b += before[i, j] * value
+                c += value
+            else:
+                z[i, j] = 0.0
+        part[i, 0], part[i, 1], part[i, 2] = a, b, c
+
+
+@njit(**_OPTIONS)
+def direction(lo, hi, r, z, shift, beta, d, part):
+    """d = shift − z + β d on the working set, 0 elsewhere; part = (Σ r d,)."""
+    for i in range(lo, hi):
+        total = 0.0
+        for j in range(r.shape[1]):
+            if r[i, j] != 0.0:
+                value = shift - z[i, j] + beta * d[i, j]
+                d[i, j] = value
+                total += r[i, j] * value
+            else:
+                d[i, j] = 0.0
+        part[i, 0] = total
+
+
+@njit(**_OPTIONS)
+def along(lo, hi, x, d, step, law, shape, part):
+    """part = (Σ change of stress · d, Σ derivative of stress · d²) at a step along d."""
+    for i in range(lo, min(hi, shape[0])):
+        a = b = 0.0
+        for j in range(shape[1]):
+            if d[i, j] != 0.0:
+                gap = x[i, j] + step * d[i, j]
+                stress, _, slope = attraction(max(gap, 0.0), law)
+                a += (stress - attraction(x[i, j], law)[0]) * d[i, j]
+                if gap > 0.0:
+                    b += slope * d[i, j] * d[i, j]
+        part[i, 0], part[i, 1] = a, b
+
+
+@njit(**_OPTIONS)
+def move(lo, hi, x, d, step, shift, shape, out, part):
+    """out = x + step·d − shift, on the surface not below zero; part = (pixels stopped there, Σ out, pixels open)."""
+    nx, ny = shape
+    for i in range(lo, hi):
+        stopped = total = count = 0.0
+        columns = ny if i < nx else 0
+        for j in range(columns):
+            value = x[i, j] + step * d[i, j]
+            if value > 0.0:
+                value -= shift
+            if value <= 0.0:
+                if d[i, j] != 0.0 and (value < 0.0 or x[i, j] > 0.0):
+                    stopped += 1.0
+                value = 0.0
+            else:
+                count += 1.0
+            out[i, j] = value
+            total += value
+        for j in range(columns, x.shape[1]):
+            out[i, j] = x[i, j] + step * d[i, j]
+        part[i, 0], part[i, 1], part[i, 2] = stopped, total, count

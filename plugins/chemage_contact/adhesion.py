@@ -1,0 +1,506 @@
+"""Spheres that adhere: the closed forms of JKR, of DMT, and of Maugis between them."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+
+from chemage import ContactSolution, InputError, Surface
+from chemage.plugin import ContactModulus, ContactSolver, Length, Unit, convert
+from chemage_contact.closed_forms import _corner_force, _edges, _radius
+
+#: work of adhesion: 1 J/m² is 1 nN/nm
+Adhesion = Annotated[float, Unit("J/m**2", gt=0)]
+#: nodes of the integral over the zone of cohesion: the load is exact, the pressure of a pixel at the rims within half a
+#: percent of the stress
+_NODES = 48
+#: spans of the logarithm of the angle in which a Maugis contact is sought
+_ANGLES = 600
+
+_JKR = """@article{johnson1971,
+  author = {Johnson, K. L. and Kendall, K. and Roberts, A. D.},
+  title = {Surface energy and the contact of elastic solids},
+  journal = {Proceedings of the Royal Society of London A},
+  volume = {324},
+  pages = {301--313},
+  year = {1971},
+  doi = {10.1098/rspa.1971.0141},
+}"""
+
+_DMT = """@article{derjaguin1975,
+  author = {Derjaguin, B. V. and Muller, V. M. and Toporov, Yu. P.},
+  title = {Effect of contact deformations on the adhesion of particles},
+  journal = {Journal of Colloid and Interface Science},
+  volume = {53},
+  pages = {314--326},
+  year = {1975},
+  doi = {10.1016/0021-9797(75)90018-1},
+}"""
+
+_MAUGIS = """@article{maugis1992,
+  author = {Maugis, D.},
+  title = {Adhesion of spheres: the {JKR}--{DMT} transition using a {Dugdale} model},
+  journal = {Journal of Colloid and Interface Science},
+  volume = {150},
+  pages = {243--269},
+  year = {1992},
+  doi = {10.1016/0021-9797(92)90285-T},
+}"""
+
+
+@dataclass(frozen=True)
+class State:
+    """A sphere in contact: force (nN), radius of the contact and of the zone around it in which there is attraction,
+    and approach since first touch (nm)."""
+
+    load: float
+    edge: float
+    outer: float
+    displacement: float
+
+
+class AdhesiveSphere(ContactSolver, ABC):
+    """A sphere of radius R on an elastic half-space, with adhesion.
+
+    A pixel is in contact if its centre is, and carries the exact mean of the pressure over its square. Where nothing
+    acts outside the contact, the force on pixels across its rim goes to their neighbours inside, so that all of it is
+    carried by the contact. The radius is ``surface.provenance["radius"]`` in nm, the apex the middle of
+    the grid. A load may be negative, down to the pull-off force; below it there is no contact. Of the two contacts
+    under a pull the stable one is given.
+    """
+
+    adheres: ClassVar[bool] = True
+    implemented_properties: ClassVar[tuple[str, ...]] = ("pressure", "displacement")
+
+    modulus: ContactModulus
+    """contact modulus E* = E/(1−ν²) of the elastic body (or of both, combined), GPa; or their young
+    and poisson"""
+    work_of_adhesion: Adhesion
+    """work of adhesion w of the two surfaces, J/m² (the same number in nN/nm)"""
+
+    @abstractmethod
+    def pull_off(self, radius: float) -> float:
+        """The largest pull (nN, > 0) that a sphere of ``radius`` nm bears."""
+
+    @abstractmethod
+    def at_load(self, radius: float, load: float) -> State:
+        """The stable contact under ``load`` nN, which is at least that of pull-off."""
+
+    @abstractmethod
+    def at_approach(self, radius: float, displacement: float, *, touching: bool = True) -> State | None:
+        """The contact at an approach of ``displacement`` nm since first touch, as it is where the surfaces were
+        ``touching`` before, or were not; None: they do not touch."""
+
+    @abstractmethod
+    def _forces(self, radius: float, state: State, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Force (nN) on each pixel between the edges ``x`` and ``y``, nm from the apex."""
+
+    def _carries(self, radius: float) -> str:
+        return ""
+
+    def expected(self, surface: Mapping[str, float], load: float) -> dict[str, float]:
+        """Area fraction where the radius is known."""
+        if not {"nx", "ny", "pixel_size", "radius"} <= surface.keys():
+            return {}
+        pixels = surface["nx"] * surface["ny"]
+        cost = {"cpu_seconds": 0.02 + 5e-6 * pixels, "bytes": 120.0 * pixels}
+        if load < -self.pull_off(surface["radius"]):
+            return cost
+        edge = self.at_load(surface["radius"], load).edge
+        return {"area_fraction": min(math.pi * edge**2 / pixels / surface["pixel_size"] ** 2, 1.0), **cost}
+
+    def is_nominally_flat(self, periodic: bool) -> bool:
+        """A sphere is not."""
+        return False
+
+    def check(self, surface: Mapping[str, float], load: float) -> None:
+        """See :meth:`chemage.plugin.ContactSolver.check`."""
+        if not {"nx", "ny", "pixel_size"} <= surface.keys():
+            return
+        if "radius" not in surface:
+            raise InputError(
+                f"contact {self.kind!r} needs a sphere, but this surface has no radius; use surface kind 'sphere' or "
+                "contact 'adhesive-bem'"
+            )
+        self._at(surface["radius"], load, (int(surface["nx"]), int(surface["ny"])), surface["pixel_size"])
+
+    def _at(self, radius: float, load: float, shape: tuple[int, int], size: float) -> State:
+        """The contact under ``load``, if it is one and on the grid."""
+        pull = self.pull_off(radius)
+        # the last bits are those of the conversion of units
+        if load < -pull * (1 + 1e-12):
+            raise InputError.of(
+                "load",
+                load,
+                f"pulls the surfaces apart: the pull-off force is {pull:.6g} nN (work of adhesion "
+                f"{self.work_of_adhesion:g} J/m², radius {radius:g} nm)",
+                f"give a load of at least {-pull:.6g} nN",
+            )
+        state = self.at_load(radius, max(load, -pull))
+        room = 0.5 * min(shape) * size
+        if state.outer > room:
+            raise InputError.of(
+                "load",
+                load,
+                f"contact and attraction have a radius of {state.outer:.4g} nm, but the surface reaches only "
+                f"{room:.4g} nm from the apex",
+                "use more pixels or a smaller load",
+            )
+        if not state.edge > 1e-60 * size:
+            raise InputError.of("load", load, "leaves the range of numbers: no contact is left", "give nN and nm")
+        return state
+
+    def _solve(self, surface: Surface, load: float, start: ContactSolution | None) -> ContactSolution:
+        radius = _radius(surface)
+        return self._solution(surface, radius, self._at(radius, load, surface.shape, surface.pixel_size), load)
+
+    def solve_displacement(
+        self, surface: Surface, displacement: float | str, *, touching: bool = True
+    ) -> ContactSolution | None:
+        """The contact at an approach (nm, or a string with its unit) since first touch, see :meth:`at_approach`."""
+        radius = _radius(surface)
+        state = self.at_approach(radius, convert(displacement, "nm"), touching=touching)
+        if state is None:
+            return None
+        self._at(radius, state.load if state.load > 0 else 0.0, surface.shape, surface.pixel_size)
+        return self._solution(surface, radius, state, state.load)
+
+    def loop(self, surface: Surface, displacements: Sequence[float]) -> Loop:
+        """Load and contact radius along a programme of approaches (nm), in the order given, from surfaces apart."""
+        radius, states, touching = _radius(surface), [], False
+        for displacement in displacements:
+            state = self.at_approach(radius, displacement, touching=touching)
+            touching = state is not None
+            states.append(state or State(0.0, 0.0, 0.0, displacement))
+        return Loop(
+            np.array(displacements, dtype=np.float64),
+            np.array([state.load for state in states]),
+            np.array([math.pi * state.edge**2 for state in states]),
+        )
+
+    def _solution(self, surface: Surface, radius: float, state: State, load: float) -> ContactSolution:
+        size = surface.pixel_size
+        x, y = (_edges(n, size) for n in surface.shape)
+        pressure = self._forces(radius, state, x, y) / size**2
+        nearest = [np.minimum(np.abs(edges[1:]), np.abs(edges[:-1])) * (edges[1:] * edges[:-1] > 0) for edges in (x, y)]
+        pressure[np.hypot(nearest[0][:, None], nearest[1]) >= state.outer] = 0.0  # else rounding errors
+        centre = np.hypot(0.5 * (x[1:] + x[:-1])[:, None], 0.5 * (y[1:] + y[:-1]))
+        # a contact smaller than a pixel is the pixel in the middle
+        touching = centre < max(state.edge, float(centre.min()) * (1 + 1e-9))
+        if state.outer == state.edge:
+            pressure = _gathered(pressure, touching)
+        carries = self._carries(radius)
+        scale = float(np.abs(pressure).sum()) * size**2
+        force_error = 0.0 if carries or not scale else abs(float(pressure.sum()) * size**2 - load) / scale
+        for array in (pressure, touching):
+            array.setflags(write=False)
+        return ContactSolution(
+            pressure=pressure,
+            touching=touching,
+            load=load,
+            pixel_size=size,
+            modulus=self.modulus,
+            periodic=False,
+            contact_pixels="centres",
+            rms_slope=surface.rms_slope,
+            rms_height=surface.rms_height,
+            displacement=state.displacement,
+            carries=carries,
+            convergence={"force_error": force_error, "pull_off": self.pull_off(radius)},
+            provenance=self.provenance(surface),
+        )
+
+
+@dataclass(frozen=True)
+class Loop:
+    """A programme of approaches: (n,) approach since first touch (nm), load (nN) and contact area (nm²; 0: apart)."""
+
+    displacement: np.ndarray
+    load: np.ndarray
+    area: np.ndarray
+
+    @property
+    def pull_off(self) -> float:
+        """The largest pull, nN."""
+        return max(-float(self.load.min()), 0.0)
+
+    @property
+    def jump_in(self) -> float:
+        """Approach at which contact begins, nm; nan if it never does."""
+        return self._first(self.area[1:] > 0, self.area[:-1] == 0, 1)
+
+    @property
+    def jump_out(self) -> float:
+        """The last approach at which there is contact, nm; nan if it never ends."""
+        return self._first(self.area[1:] == 0, self.area[:-1] > 0, 0)
+
+    def _first(self, now: np.ndarray, before: np.ndarray, shift: int) -> float:
+        at = np.flatnonzero(now & before)
+        return float(self.displacement[at[0] + shift]) if at.size else math.nan
+
+    @property
+    def dissipated(self) -> float:
+        """Work (nN nm = 1e-18 J) that a closed programme turns into heat: ∮F dδ."""
+        return float(np.trapezoid(self.load, self.displacement))
+
+
+class JKR(AdhesiveSphere):
+    """Sphere with adhesion in its contact alone: soft, large, of short-ranged attraction (Tabor's parameter above 5).
+
+    a³ = (3R/4E*)(F + 3πwR + √(6πwRF + (3πwR)²)), p(r) = (2E*a/πR) √(1 − r²/a²) − √(2wE*/πa)/√(1 − r²/a²), approach
+    a²/R − √(2πwa/E*). Pull-off at (3/2)πwR. K. L. Johnson, K. Kendall, A. D. Roberts, Proc. R. Soc. A 324, 301 (1971).
+    """
+
+    kind = "jkr"
+    cite: ClassVar[tuple[str, ...]] = (
+        "K. L. Johnson, K. Kendall, A. D. Roberts, Proc. R. Soc. Lond. A 324, 301 (1971)",
+    )
+    bibtex: ClassVar[tuple[str, ...]] = (_JKR,)
+
+    def pull_off(self, radius: float) -> float:
+        """(3/2)πwR."""
+        return 1.5 * math.pi * self.work_of_adhesion * radius
+
+    def at_load(self, radius: float, load: float) -> State:
+        """See :meth:`AdhesiveSphere.at_load`."""
+        pull = self.pull_off(radius)
+        cubed = 0.75 * radius / self.modulus * (load + 2 * pull + 2 * math.sqrt(max(pull * (load + pull), 0.0)))
+        return self._state(radius, math.cbrt(cubed), load)
+
+    def _state(self, radius: float, edge: float, load: float | None = None) -> State:
+        w, modulus = self.work_of_adhesion, self.modulus
+        force = 4 * modulus * edge**3 / (3 * radius) - math.sqrt(8 * math.pi * w * modulus * edge**3)
+        return State(
+            force if load is None else load, edge, edge, edge**2 / radius - math.sqrt(2 * math.pi * w * edge / modulus)
+        )
+
+    def at_approach(self, radius: float, displacement: float, *, touching: bool = True) -> State | None:
+        """See :meth:`AdhesiveSphere.at_approach`: surfaces apart jump into contact where they touch, at 0."""
+        # a = x² a₁, in which x⁴ − x = d on the stable branch beyond its lowest point
+        scale = math.cbrt(2 * math.pi * self.work_of_adhesion * radius**2 / self.modulus)
+        depth, lowest = displacement * radius / scale**2, 4.0 ** (-1 / 3)
+        if depth < (0.0 if not touching else lowest**4 - lowest):
+            return None
+        roots = np.roots([1.0, 0.0, 0.0, -1.0, -depth])
+        root = max(float(value.real) for value in roots if abs(value.imag) < 1e-6)
+        return self._state(radius, max(root, lowest) ** 2 * scale)
+
+    def _forces(self, radius: float, state: State, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        edge, modulus = state.edge, self.modulus
+        hertz = 2 * modulus * edge**3 / (math.pi * radius)
+        punch = math.sqrt(2 * self.work_of_adhesion * modulus / (math.pi * edge)) * edge**2
+        return hertz * _pixels(_corner_force, x / edge, y / edge) - punch * _pixels(_corner_punch, x / edge, y / edge)
+
+
+class DMT(AdhesiveSphere):
+    """Sphere with attraction around its contact that does not deform it: hard, small, long-ranged (Tabor's parameter
+    below 0.1).
+
+    The contact of Hertz under F + 2πwR. Where the attraction 2πwR acts is not part of the theory, so that the
+    pressure adds up to that sum, not to the load. Pull-off at 2πwR. B. V. Derjaguin, V. M. Muller, Yu. P. Toporov, J.
+    Colloid Interface Sci. 53, 314 (1975).
+    """
+
+    kind = "dmt"
+    cite: ClassVar[tuple[str, ...]] = (
+        "B. V. Derjaguin, V. M. Muller, Yu. P. Toporov, J. Colloid Interface Sci. 53, 314 (1975)",
+    )
+    bibtex: ClassVar[tuple[str, ...]] = (_DMT,)
+
+    def pull_off(self, radius: float) -> float:
+        """2πwR."""
+        return 2 * math.pi * self.work_of_adhesion * radius
+
+    def at_load(self, radius: float, load: float) -> State:
+        """See :meth:`AdhesiveSphere.at_load`."""
+        edge = math.cbrt(0.75 * radius / self.modulus * (load + self.pull_off(radius)))
+        return State(load, edge, edge, edge**2 / radius)
+
+    def at_approach(self, radius: float, displacement: float, *, touching: bool = True) -> State | None:
+        """See :meth:`AdhesiveSphere.at_approach`."""
+        if displacement < 0:
+            return None
+        edge = math.sqrt(displacement * radius)
+        return State(4 * self.modulus * edge**3 / (3 * radius) - self.pull_off(radius), edge, edge, displacement)
+
+    def _forces(self, radius: float, state: State, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        edge = state.edge
+        forces = 2 * self.modulus * edge**3 / (math.pi * radius) * _pixels(_corner_force, x / edge, y / edge)
+        return np.maximum(forces, 0.0)
+
+    def _carries(self, radius: float) -> str:
+        return (
+            f"the attraction of {self.pull_off(radius):.6g} nN acts around the contact, where DMT theory does not say"
+        )
+
+
+class Maugis(AdhesiveSphere):
+    """Sphere whose surfaces attract each other with a constant stress w/z₀ up to a gap z₀: JKR, DMT and all between.
+
+    The load follows from the angle θ with cos θ = a/c, the zone of attraction reaching to c, by Maugis' equations (his
+    6.15 to 6.19) in powers of c, which have no large numbers at either end. D. Maugis, J. Colloid Interface Sci. 150,
+    243 (1992).
+    """
+
+    kind = "maugis"
+    cite: ClassVar[tuple[str, ...]] = ("D. Maugis, J. Colloid Interface Sci. 150, 243 (1992)",)
+    bibtex: ClassVar[tuple[str, ...]] = (_MAUGIS,)
+
+    range: Length
+    """gap z₀ up to which the surfaces attract each other, nm; the stress is w/z₀"""
+
+    def units(self, radius: float) -> tuple[float, float, float, float]:
+        """Units of load (nN), contact radius and approach (nm), and Maugis' λ, which is 1.157 times Tabor's
+        parameter for a potential of the same stress."""
+        stiffness, w = 4 * self.modulus / 3, self.work_of_adhesion
+        edge = math.cbrt(math.pi * w * radius**2 / stiffness)
+        return math.pi * w * radius, edge, edge**2 / radius, 2 * w / self.range * radius / (stiffness * edge)
+
+    def pull_off(self, radius: float) -> float:
+        """Of the least load of all contacts, nN."""
+        force, _, _, strength = self.units(radius)
+        return -force * _load(_weakest(strength), strength)
+
+    def at_load(self, radius: float, load: float) -> State:
+        """See :meth:`AdhesiveSphere.at_load`."""
+        force, _, _, strength = self.units(radius)
+        return self._state(radius, _solved(lambda angle: _load(angle, strength), load / force, _weakest(strength)))
+
+    def _state(self, radius: float, angle: float) -> State:
+        force, unit, depth, strength = self.units(radius)
+        outer = _outer(angle, strength)
+        displacement = _approach(angle, strength) * depth
+        return State(force * _load(angle, strength), unit * outer * math.cos(angle), unit * outer, displacement)
+
+    def at_approach(self, radius: float, displacement: float, *, touching: bool = True) -> State | None:
+        """See :meth:`AdhesiveSphere.at_approach`: surfaces apart jump into contact where their bulge has closed the
+        gap, or at once where the attraction begins at a gap z₀."""
+        _, _, depth, strength = self.units(radius)
+        last = _last(strength)
+        if displacement < _approach(last, strength) * depth:
+            return None
+        if not touching and displacement < self._touch(radius):
+            return None
+        return self._state(radius, _solved(lambda angle: _approach(angle, strength), displacement / depth, last))
+
+    def _touch(self, radius: float) -> float:
+        """Approach (nm, negative) at which surfaces that were apart touch: a disc of radius c under the stress w/z₀
+        lifts the surface by 2σc/E* in its middle and 4σc/(πE*) at its rim, where the gap is z₀ (Johnson, section
+        3.4)."""
+        strain = self.work_of_adhesion / self.range / self.modulus
+        # the gap in the middle, z₀ − c²/2R + (4/π − 2)σc/E*, is closed at this c
+        middle = (2 - 4 / math.pi) * strain * radius
+        closed = math.sqrt(middle**2 + 2 * radius * self.range) - middle
+        # ... if the attraction did not spread at once when it began
+        return -self.range if closed < 8 * strain * radius / math.pi else -2 * strain * closed
+
+    def _forces(self, radius: float, state: State, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        edge, outer = state.edge, state.outer
+        forces = 2 * self.modulus * edge**3 / (math.pi * radius) * _pixels(_corner_force, x / edge, y / edge)
+        # the attraction as a sum of flat punches of radius t from a to c: (2σ/π) ∫ t dt/√(c² − t²) 1/√(t² − r²)
+        nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+        span = math.sqrt(max((outer - edge) * (outer + edge), 0.0))
+        stress = 2 / math.pi * self.work_of_adhesion / self.range
+        for s, weight in zip(0.5 * span * (nodes + 1), 0.5 * span * weights, strict=True):
+            punch = math.sqrt((outer - s) * (outer + s))
+            forces -= stress * weight * punch * _pixels(_corner_punch, x / punch, y / punch)
+        return forces
+
+
+def _outer(angle: float, strength: float) -> float:
+    """c in units of the contact radius, from the condition that the gap at c is z₀."""
+    twice = 2 * angle
+    if twice < 0.1:  # sin φ − φ cos φ by its series
+        square = twice * twice
+        first = twice**3 / 3 * (1 - square / 10 * (1 - square / 28 * (1 - square / 54)))
+    else:
+        first = math.sin(twice) - twice * math.cos(twice)
+    second = angle * math.sin(angle) - 2 * math.sin(0.5 * angle) ** 2
+    quadratic, linear = 0.25 * strength * first, 4 / 3 * strength**2 * second
+    return 2 / (linear + math.sqrt(linear**2 + 4 * quadratic))
+
+
+def _load(angle: float, strength: float) -> float:
+    """Load in units of πwR."""
+    outer = _outer(angle, strength)
+    edge = outer * math.cos(angle)
+    return edge**3 - strength * outer**2 * (math.sin(angle) * math.cos(angle) + angle)
+
+
+def _approach(angle: float, strength: float) -> float:
+    """Approach in its unit."""
+    outer = _outer(angle, strength)
+    return (outer * math.cos(angle)) ** 2 - 4 / 3 * strength * outer * math.sin(angle)
+
+
+def _weakest(strength: float) -> float:
+    """The angle of the least load, ½π where the contact vanishes before."""
+    return _lowest(lambda angle: _load(angle, strength))
+
+
+def _last(strength: float) -> float:
+    """The angle of the least approach."""
+    return _lowest(lambda angle: _approach(angle, strength))
+
+
+def _lowest(function: Any) -> float:
+    from scipy.optimize import minimize_scalar
+
+    angles = np.append(np.geomspace(1e-9, 1.5, _ANGLES), 0.5 * math.pi - np.geomspace(0.07, 1e-12, _ANGLES // 4))
+    angles = np.append(angles, 0.5 * math.pi)
+    values = np.array([function(angle) for angle in angles])
+    # the first minimum is that of the stable branch
+    at = int(np.argmax(np.append(np.diff(values) >= 0, True)))
+    low, high = angles[max(at - 1, 0)], angles[min(at + 1, angles.size - 1)]
+    if at == angles.size - 1:
+        return float(angles[at])
+    found = minimize_scalar(function, bounds=(low, high), method="bounded", options={"xatol": 1e-12 * high})
+    return float(found.x)
+
+
+def _solved(function: Any, value: float, last: float) -> float:
+    """The angle below ``last`` at which the falling ``function`` has ``value``."""
+    from scipy.optimize import brentq
+
+    if value <= function(last):
+        return last
+    first = last
+    while function(first) < value:
+        first *= 0.5
+    return float(brentq(lambda angle: function(angle) - value, first, last, xtol=1e-300, rtol=1e-14))  # pyright: ignore[reportArgumentType]
+
+
+def _gathered(pressure: np.ndarray, touching: np.ndarray) -> np.ndarray:
+    """The pressure with that of pixels outside the contact shared by those of their eight neighbours that are in it."""
+    from scipy import ndimage
+
+    around = np.ones((3, 3))
+    count = ndimage.convolve(touching.astype(np.float64), around, mode="constant")
+    moves = ~touching & (count > 0)
+    share = np.where(moves, pressure / np.maximum(count, 1.0), 0.0)
+    gained = ndimage.convolve(share, around, mode="constant")
+    return np.where(moves, 0.0, pressure) + np.where(touching, gained, 0.0)
+
+
+def _pixels(corner: Any, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Integrals over each pixel from those over rectangles at the apex."""
+    signed = (np.sign(x)[:, None] * np.sign(y)) * corner(np.abs(x)[:, None], np.abs(y)[None, :])
+    return np.diff(np.diff(signed, axis=0), axis=1)
+
+
+def _corner_punch(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """∫₀ˣ∫₀ʸ 1/√(1 − s² − t²) over the part of the rectangle inside the unit circle, for x, y ≥ 0; broadcast.
+
+    Inside the circle: x atan(y/w) + y atan(x/w) − atan(x y/w), w the root; beyond, as for the pressure of Hertz.
+    """
+    x, y = np.broadcast_arrays(np.minimum(x, 1.0), np.minimum(y, 1.0))
+    w2 = 1.0 - x * x - y * y
+    w = np.sqrt(np.maximum(w2, 0.0))
+    c = np.where(w2 > 0, x, np.sqrt(np.maximum(1.0 - y * y, 0.0)))
+    inner = c * np.arctan2(y, w) + y * np.arctan2(c, w) - np.arctan2(c * y, w)
+    return inner + 0.5 * math.pi * (x - c)

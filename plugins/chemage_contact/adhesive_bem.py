@@ -1,0 +1,332 @@
+"""Any surface on an elastic half-space that attracts it: the boundary element method with a law of cohesion."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from chemage import ContactSolution, InputError, Surface
+from chemage.plugin import ContactModulus, ContactSolver, ConvergenceError, Length, Unit, convert, threads
+from chemage_contact._attraction import Adhesive, Found, Goal, minimise
+from chemage_contact._cohesion import Law
+from chemage_contact._operators import FreeHalfSpace, PeriodicHalfSpace, Substrate, Team
+from chemage_contact.adhesion import Loop
+from chemage_contact.fft_bem import _BUGNICOURT, FFTBEM
+
+#: largest pixel in units of E*ρ²/w, the length of the zone of cohesion; measured, see ``docs/contact.md``
+COARSEST = 0.5
+#: tolerance of the contact without attraction from which the iteration starts
+START_TOLERANCE = 1e-3
+#: attraction on the outermost pixels of a free surface that is noted, of the largest
+AT_EDGE = 1e-2
+#: tolerance of a reference, and its iterations
+REFERENCE_TOLERANCE, REFERENCE_ITERATIONS = 1e-8, 5000
+
+_REY = """@article{rey2017,
+  author = {Rey, V. and Anciaux, G. and Molinari, J.-F.},
+  title = {Normal adhesive contact on rough surfaces: efficient algorithm for {FFT}-based {BEM} resolution},
+  journal = {Computational Mechanics},
+  volume = {60},
+  pages = {69--81},
+  year = {2017},
+  doi = {10.1007/s00466-017-1392-5},
+}"""
+
+
+@dataclass(frozen=True)
+class _Before:
+    """Where an iteration begins: the unknown on the padded grid and the approach, in pixels."""
+
+    x: np.ndarray
+    rise: float
+
+
+class AdhesiveBEM(ContactSolver):
+    """Frictionless contact of a rigid surface with a flat elastic body that attracts it, at a given load.
+
+    The surfaces do not overlap, and attract each other with the energy φ(g) per area at a gap g: ``exponential``,
+    φ = −w exp(−g/ρ), or ``dugdale``, a constant stress w/ρ up to the gap ρ (over one elastic deformation of a pixel it
+    falls to zero linearly, which keeps w). In contact are the pixels of zero gap. The pressure is the net one: elastic
+    restoring stress, negative where attraction prevails, outside the contact too.
+
+    Converged means that the L2 norm of the stress out of balance (pressure plus attraction where the gap is open,
+    tension beyond the attraction where it is closed), relative to that of the pressure (or of w/ρ times 1e-6 on every
+    pixel, where that is larger: surfaces apart), is below ``tolerance``, in
+    double precision, for the gap that is returned; and for a free boundary the error of the load below a 300th of it.
+
+    A contact that adheres has a history: under one load there may be several. ``start`` says from which side it is
+    approached, :meth:`sweep` and :meth:`loop` follow a programme of loads or of approaches.
+    """
+
+    kind = "adhesive-bem"
+    adheres: ClassVar[bool] = True
+    implemented_properties: ClassVar[tuple[str, ...]] = ("pressure", "gap", "displacement")
+    speed_only: ClassVar[tuple[str, ...]] = ("threads",)
+    trade: ClassVar[Mapping[str, tuple[Any, ...]]] = {"tolerance": (1e-2, 1e-3, 1e-4, 1e-6)}
+    cite: ClassVar[tuple[str, ...]] = (
+        "L. Bugnicourt, P. Sainsot, D. Dureisseix, C. Gauthier, A. A. Lubrecht, Tribol. Lett. 66, 29 (2018)",
+        "V. Rey, G. Anciaux, J.-F. Molinari, Comput. Mech. 60, 69 (2017)",
+    )
+    bibtex: ClassVar[tuple[str, ...]] = (_BUGNICOURT, _REY)
+
+    modulus: ContactModulus
+    """contact modulus E* = E/(1−ν²) of the elastic body (or of both, combined), GPa; or their young
+    and poisson"""
+    work_of_adhesion: Annotated[float, Unit("J/m**2", ge=0)]
+    """work of adhesion w of the two surfaces, J/m² (the same number in nN/nm)"""
+    range: Length
+    """range ρ of the attraction, nm: the largest stress is w/ρ"""
+    law: Literal["exponential", "dugdale"] = "exponential"
+    """how the attraction falls with the gap"""
+    start: Literal["apart", "contact"] = "apart"
+    """where the surfaces come from, if both are possible: from the contact without attraction, or from gaps closed
+    everywhere"""
+    tolerance: float = Field(default=1e-4, ge=1e-12, lt=1, allow_inf_nan=False)
+    """largest stress out of balance, relative to the pressure (L2 norms)"""
+    boundary: Literal["auto", "periodic", "free"] = "auto"
+    """periodic or free (an isolated contact on an infinite half-space); auto: periodic if the surface is"""
+    coarse: Literal["refuse", "note"] = "refuse"
+    """pixels too large for the zone of cohesion: an error, or a note in the result"""
+    max_iterations: int = Field(default=2000, ge=0)
+    """largest number of iterations"""
+    on_failure: Literal["raise", "return"] = "raise"
+    """if the tolerance is not reached: raise ConvergenceError, or return a solution with ``converged`` False"""
+    gap: bool = False
+    """whether the solution contains the gap (memory and file size double)"""
+    threads: int | None = Field(default=None, ge=1)
+    """threads of one solve; default: all processors available to this process"""
+
+    def is_nominally_flat(self, periodic: bool) -> bool:
+        """See :meth:`chemage.plugin.ContactSolver.is_nominally_flat`; ``boundary`` may make it periodic, or free."""
+        return periodic if self.boundary == "auto" else self.boundary == "periodic"
+
+    def reference(self) -> AdhesiveBEM:
+        """At a tolerance of 1e-8."""
+        least = min(self.tolerance, REFERENCE_TOLERANCE)
+        most = max(self.max_iterations, REFERENCE_ITERATIONS)
+        return self.replace(tolerance=least, max_iterations=most, on_failure="return")
+
+    def expected(self, surface: Mapping[str, float], load: float) -> dict[str, float]:
+        """Area and cost of the contact without attraction, and the iterations of this one, as measured."""
+        if not {"nx", "ny"} <= surface.keys():
+            return {}
+        estimate = self._plain().expected(surface, max(load, 0.0))
+        pixels = surface["nx"] * surface["ny"]
+        padded = pixels * (1 if self.is_nominally_flat(surface.get("periodic") != 0) else 4)
+        estimate["bytes"] = max(estimate["bytes"], 150.0 * padded)
+        estimate["cpu_seconds"] += 0.05 + 3e-6 * padded * max(1.0, 1 - 0.3 * math.log10(self.tolerance / 1e-4))
+        estimate.pop("gap_bytes", None)
+        return estimate | ({"gap_bytes": 8.0 * pixels} if self.gap else {})
+
+    def check(self, surface: Mapping[str, float], load: float) -> tuple[str, ...]:
+        """See :meth:`chemage.plugin.ContactSolver.check`."""
+        doubts = []
+        if "pixel_size" in surface and (text := self._unresolved(surface["pixel_size"])):
+            doubts.append(text)
+        if "radius" in surface:
+            self._bearable(surface["radius"], load)
+        if {"nx", "ny", "pixel_size"} <= surface.keys() and load > 0:
+            doubts += self._plain().check({k: v for k, v in surface.items() if k != "radius"}, load)
+        return tuple(doubts)
+
+    def _bearable(self, radius: float, load: float) -> None:
+        most = 2 * math.pi * self.work_of_adhesion * radius
+        if load < -most:
+            raise InputError.of(
+                "load",
+                load,
+                f"pulls the surfaces apart: the pull-off force of a sphere of {radius:g} nm is at most 2πwR = "
+                f"{most:.6g} nN",
+                f"give a load above {-most:.6g} nN",
+            )
+
+    def _plain(self) -> FFTBEM:
+        """The contact without attraction."""
+        options = {"modulus": self.modulus, "boundary": self.boundary, "threads": self.threads}
+        return FFTBEM(tolerance=START_TOLERANCE, gap=True, on_failure="return", **options)
+
+    def _unresolved(self, size: float) -> str:
+        """What is wrong with pixels of ``size`` nm, if they are not refused."""
+        if not self.work_of_adhesion:
+            return ""
+        needed = COARSEST * self.modulus * self.range**2 / self.work_of_adhesion
+        if size <= needed * (1 + 1e-9):
+            return ""
+        why = (
+            f"pixels of {size:.4g} nm do not resolve the zone in which the surfaces attract each other, "
+            f"E*ρ²/w = {needed / COARSEST:.4g} nm long, so that the contact sticks to the grid"
+        )
+        if self.coarse == "refuse":
+            raise InputError.of("range", self.range, why, f"use pixels of {needed:.4g} nm or less, or a longer range")
+        return f"{why}; use pixels of {needed:.4g} nm or less"
+
+    def _solve(self, surface: Surface, load: float, start: ContactSolution | None) -> ContactSolution:
+        return self._from(surface, load, None)[0]
+
+    def sweep(self, surface: Surface, loads: Sequence[float | str]) -> list[ContactSolution]:
+        """Contacts of ``surface`` under each of ``loads`` in the order given, each from the one before: a history."""
+        contacts, before = [], None
+        for load in loads:
+            contact, before = self._from(surface, self.normal_force(load, surface), before)
+            contacts.append(contact)
+        return contacts
+
+    def solve_displacement(self, surface: Surface, displacement: float | str) -> ContactSolution:
+        """The contact at a given approach: ``displacement`` in nm since first touch without attraction, of the mean
+        plane of the elastic body (periodic) or of points far away (free); below zero the surfaces are apart, or held
+        together by adhesion. The load follows."""
+        return self._from(surface, None, None, convert(displacement, "nm"))[0]
+
+    def loop(self, surface: Surface, displacements: Sequence[float]) -> Loop:
+        """Load and contact area along a programme of approaches (nm), in the order given: jump-in, pull-off, and the
+        work that is lost between them."""
+        contacts, before = [], None
+        for displacement in displacements:
+            contact, before = self._from(surface, None, before, float(displacement))
+            contacts.append(contact)
+        return Loop(
+            np.array(displacements, dtype=np.float64),
+            np.array([contact.load for contact in contacts]),
+            np.array([contact.area for contact in contacts]),
+        )
+
+    def _from(
+        self, surface: Surface, load: float | None, before: _Before | None, approach: float | None = None
+    ) -> tuple[ContactSolution, _Before]:
+        """The contact under ``load``, or at ``approach`` (nm), and where the next one may begin."""
+        size, modulus = surface.pixel_size, self.modulus
+        coarse = self._unresolved(size)
+        heights = surface.heights.astype(np.float64)
+        heights = (heights - heights.max()) / size
+        pixel = (size, size)
+        flat = self.is_nominally_flat(surface.periodic)
+        body: Substrate = (PeriodicHalfSpace if flat else FreeHalfSpace)(surface.shape, pixel)
+        law = self._law(size)
+        if load is not None and not math.isfinite(load / surface.nominal_area / modulus):
+            raise InputError.of("load", load, "leaves the range of numbers when spread over the surface")
+        if load is not None and "radius" in surface.provenance:
+            self._bearable(float(surface.provenance["radius"]), load)
+        pressure = None if load is None else load / surface.nominal_area / modulus
+        goal = Goal(pressure, None if approach is None else approach / size)
+        with Team(self.threads or threads.available()) as team:
+            problem = Adhesive(body, heights, law, goal, team)
+            begin = before or self._begin(surface, problem, load)
+            if goal.approach is not None:
+                begin = _placed(problem, begin, goal.approach)
+            found = minimise(problem, begin.x, begin.rise, self.tolerance, self.max_iterations)
+        if found.apart:
+            raise InputError.of(
+                "load",
+                load,
+                f"pulls the surfaces apart: no contact bears it from start = {self.start!r} at a work of adhesion of "
+                f"{self.work_of_adhesion:g} J/m²",
+                "give a load above the pull-off force, which loop() finds, or start = 'contact'",
+            )
+        return self._solution(surface, found, load, law, coarse), _Before(found.unknown, found.approach)
+
+    def _law(self, size: float) -> Law:
+        """The attraction in pixels of ``size`` nm and contact moduli; a stress that falls to zero over its own elastic
+        deformation of a pixel leaves no pixel the choice of two gaps."""
+        work, reach = self.work_of_adhesion / self.modulus / size, self.range / size
+        return Law(self.law == "exponential", work, reach, 0.5 * work / reach)
+
+    def _begin(self, surface: Surface, problem: Adhesive, load: float | None) -> _Before:
+        x, rise = np.zeros(problem.padded), 0.0
+        nx, ny = surface.shape
+        if self.start == "contact" and load is not None:
+            return _Before(x, rise)
+        if load is not None and load > 0:
+            plain = self._plain().solve(surface, load)
+            assert plain.gap is not None  # asked for
+            x[:nx, :ny] = plain.gap.astype(np.float64) / surface.pixel_size
+            rise = (plain.displacement or 0.0) / surface.pixel_size
+        else:
+            x[:nx, :ny] = -problem.h
+        return _Before(x, 0.0 if problem.periodic else rise)
+
+    def _solution(self, surface: Surface, found: Found, load: float | None, law: Law, coarse: str) -> ContactSolution:
+        size, area = surface.pixel_size, surface.pixel_size**2
+        pressure, gap, touching = found.traction * self.modulus, found.gap * size, found.gap <= 0
+        force = float(pressure.sum()) * area
+        borne = float(np.abs(pressure).sum()) * area
+        notes = [coarse] if coarse else []
+        if not found.converged:
+            message = self._failure(found)
+            if self.on_failure == "raise":
+                raise ConvergenceError(message, history=found.history, residual=found.error, tolerance=self.tolerance)
+            notes.append(message)
+        if not self.is_nominally_flat(surface.periodic):
+            notes += _at_edge(found.gap, law)
+        for array in (pressure, gap, touching):
+            array.setflags(write=False)
+        return ContactSolution(
+            pressure=pressure,
+            touching=touching,
+            gap=gap if self.gap else None,
+            load=force if load is None else load,
+            pixel_size=size,
+            modulus=self.modulus,
+            periodic=self.is_nominally_flat(surface.periodic),
+            rms_slope=surface.rms_slope,
+            rms_height=surface.rms_height,
+            displacement=found.approach * size,
+            converged=found.converged,
+            residual=found.error,
+            iterations=found.iterations,
+            convergence={
+                "tolerance": self.tolerance,
+                "pressure_error": found.error,
+                "force_error": abs(force - load) / borne if load is not None and borne else 0.0,
+                "transforms": found.transforms,
+                "history": found.history,
+            },
+            notes=tuple(notes),
+            provenance=self.provenance(surface),
+        )
+
+    def _failure(self, found: Found) -> str:
+        if found.iterations >= self.max_iterations:
+            why, remedy = "the iteration limit was reached", "raise max_iterations, or accept a larger tolerance"
+        else:
+            why, remedy = "no step lowers the energy any more", "accept a larger tolerance"
+        return (
+            f"adhesive-bem: {why} after {found.iterations} iterations with a relative stress of {found.error:.3g} out "
+            f"of balance (tolerance {self.tolerance:g}): {remedy}"
+        )
+
+
+def _placed(problem: Adhesive, before: _Before, approach: float) -> _Before:
+    """The surfaces moved to another approach with the elastic body as it is, but not into each other."""
+    nx, ny = problem.shape
+    x = before.x.copy()
+    inside = x[:nx, :ny]
+    if not problem.periodic:
+        np.maximum(inside - (approach - before.rise), 0.0, out=inside)
+        return _Before(x, approach)
+    wanted = -float(problem.h.mean()) - approach
+    if not wanted > 0:
+        raise InputError.of(
+            "displacement", approach, "is one at which the surfaces touch everywhere", "give a smaller approach"
+        )
+    low, high = -wanted - float(inside.max()), float(inside.max())
+    for _ in range(200):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if float(np.maximum(inside - middle, 0.0).mean()) > wanted else (low, middle)
+    np.maximum(inside - 0.5 * (low + high), 0.0, out=inside)
+    return _Before(x, 0.0)
+
+
+def _at_edge(gap: np.ndarray, law: Law) -> list[str]:
+    """A note of contact or attraction on the outermost pixels of a free surface, beyond which nothing acts."""
+    nearest = min(float(edge.min()) for edge in (gap[0], gap[-1], gap[:, 0], gap[:, -1]))
+    if nearest <= 0:
+        return ["contact at the edge of the grid, beyond which nothing carries load"]
+    reach = law.range * -math.log(AT_EDGE) if law.exponential else law.range
+    if not law.work or nearest > reach:
+        return []
+    return ["the surfaces attract each other at the edge of the grid, beyond which nothing acts: use more pixels"]

@@ -1,0 +1,209 @@
+"""The adhesive boundary elements: limits, equilibrium, history, and what is refused."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+import chemage as ca
+from chemage import InputError
+from chemage.plugin import ConvergenceError
+
+E = 35.3
+
+
+def rough(seed: int = 1, pixels: int = 64, slope: float = 0.1) -> Any:
+    maker = ca.surface(
+        "self-affine", pixels=pixels, pixel_size=0.4518, hurst=0.8, zeta=pixels / 8, eta=3, rms_slope=slope
+    )
+    return maker.make(seed)
+
+
+def bem(**options: Any) -> Any:
+    return ca.contact("adhesive-bem", **{"modulus": E, "work_of_adhesion": 0.05, "range": 0.3, **options})
+
+
+def load_of(surface: Any, part: float = 0.01) -> float:
+    return part * E * surface.rms_slope * surface.nominal_area
+
+
+def attraction(solver: Any, gap: np.ndarray) -> np.ndarray:
+    return solver.work_of_adhesion / solver.range * np.exp(-gap / solver.range)
+
+
+@pytest.mark.parametrize("work", [0.0, 1e-9])
+@pytest.mark.parametrize("periodic", [True, False])
+def test_without_adhesion_it_is_fft_bem(work, periodic):
+    surface = rough() if periodic else ca.surface("sphere", radius=30, pixels=48, pixel_size=0.4518).make()
+    load = load_of(surface) if periodic else 100.0
+    plain = ca.contact("fft-bem", modulus=E, gap=True, tolerance=1e-9).solve(surface, load)
+    contact = bem(work_of_adhesion=work, tolerance=1e-6, gap=True).solve(surface, load)
+    assert np.linalg.norm(contact.pressure - plain.pressure) < 1e-5 * np.linalg.norm(plain.pressure)
+    assert contact.displacement == pytest.approx(plain.displacement, rel=1e-5)
+    assert np.abs(contact.gap - plain.gap).max() < 1e-5 * surface.rms_height
+    assert np.mean(contact.contact != plain.contact) < 1e-3
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("start", ["apart", "contact"])
+def test_pressure_attraction_and_elastic_displacement_are_in_balance(seed, start):
+    """From the pressure alone, by the Green's function: gap, attraction, and no traction without either."""
+    surface = rough(seed)
+    solver = bem(gap=True, tolerance=1e-8, start=start, max_iterations=5000)
+    contact = solver.solve(surface, load_of(surface))
+    q = np.hypot(*np.meshgrid(*(2 * np.pi * np.fft.fftfreq(n, 0.4518) for n in surface.shape), indexing="ij"))
+    q[0, 0] = np.inf
+    gap = np.fft.ifft2(2 * np.fft.fft2(contact.pressure) / (E * q)).real - surface.heights
+    gap -= gap.min()
+    assert np.abs(gap - contact.gap).max() < 1e-6 * surface.rms_height
+    touching = contact.touching
+    assert 0 < touching.sum() < touching.size
+    assert np.array_equal(touching, contact.gap == 0)
+    force = contact.pressure + attraction(solver, contact.gap)
+    size = np.sqrt(np.mean(contact.pressure**2))
+    assert np.abs(force[~touching]).max() < 1e-5 * size
+    assert force[touching].min() > -1e-5 * size
+    assert contact.pressure.min() < 0
+    assert contact.carried == pytest.approx(load_of(surface), rel=1e-9)
+
+
+def test_adhesion_enlarges_the_contact_and_holds_under_a_pull():
+    surface = rough(slope=0.05)
+    loads = [load_of(surface, 0.02), 0.0, -load_of(surface, 0.002)]
+    plain = ca.contact("fft-bem", modulus=E).solve(surface, loads[0])
+    contacts = bem(range=0.5, work_of_adhesion=0.1).sweep(surface, loads)
+    areas = [contact.area for contact in contacts]
+    assert areas[0] > plain.area
+    assert areas[0] > areas[1] > areas[2] > 0
+    assert contacts[2].load < 0
+
+
+@pytest.mark.long
+def test_a_cycle_loses_what_maugis_predicts():
+    """Tabor's parameter 2.6: jump-in, jump-out and the work between them, in steps of 0.01 nm of the approach."""
+    radius, work, reach = 10.0, 0.3, 0.03 * 1.2
+    maugis: Any = ca.contact("maugis", modulus=E, work_of_adhesion=work, range=reach)
+    surface = ca.surface("sphere", radius=radius, pixels=140, pixel_size=0.043).make()
+    there = np.linspace(-0.2, 0.1, 31)
+    programme = [*there, *there[::-1]]
+    found, expected = (
+        solver.loop(surface, programme) for solver in (bem(range=reach, work_of_adhesion=work, law="dugdale"), maugis)
+    )
+    assert found.jump_in > found.jump_out
+    assert found.jump_in == pytest.approx(expected.jump_in, abs=0.02)
+    assert found.jump_out == pytest.approx(expected.jump_out, abs=0.02)
+    assert found.pull_off == pytest.approx(expected.pull_off, rel=0.03)
+    assert found.dissipated == pytest.approx(expected.dissipated, rel=0.25)
+
+
+def test_a_cycle_of_long_range_loses_nothing():
+    surface = ca.surface("sphere", radius=10, pixels=48, pixel_size=0.3).make()
+    there = np.linspace(-1.0, 0.2, 13)
+    loop = bem(range=1.5, work_of_adhesion=0.3, tolerance=1e-5).loop(surface, [*there, *there[::-1]])
+    assert abs(loop.dissipated) < 1e-3 * loop.pull_off
+
+
+@pytest.mark.parametrize("law", ["exponential", "dugdale"])
+def test_a_hard_small_sphere_pulls_off_as_dmt(law):
+    """Tabor's parameter 0.05: 2πwR within 2 %, and the law does not matter."""
+    radius, work = 30.0, 0.1
+    reach = (radius * work**2 / E**2 / 0.05**3) ** (1 / 3)
+    surface = ca.surface("sphere", radius=radius, pixels=128, pixel_size=8 * math.sqrt(2 * radius * reach) / 128).make()
+    solver = bem(work_of_adhesion=work, range=reach, law=law)
+    loop = solver.loop(surface, np.linspace(0.1, -0.1, 12))
+    assert loop.pull_off == pytest.approx(2 * math.pi * work * radius, rel=0.02)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("law", ["exponential", "dugdale"])
+def test_a_soft_large_sphere_is_jkr(law):
+    """Tabor's parameter 5: pull-off within 2 %, radius at every load within 3 %."""
+    radius, work = 30.0, 0.1
+    reach = (radius * work**2 / E**2 / 5.0**3) ** (1 / 3)
+    jkr: Any = ca.contact("jkr", modulus=E, work_of_adhesion=work)
+    size = 0.5 * E * reach**2 / work
+    pixels = 2 * math.ceil(1.4 * jkr.at_load(radius, 3.0).edge / size)
+    surface = ca.surface("sphere", radius=radius, pixels=pixels, pixel_size=size).make()
+    depths = np.linspace(jkr.at_load(radius, 3.0).displacement, -0.16, 40)
+    loop = bem(work_of_adhesion=work, range=reach, law=law).loop(surface, depths)
+    assert loop.pull_off == pytest.approx(jkr.pull_off(radius), rel=0.02)
+    stable = slice(0, int(np.argmin(loop.load)) - 2)
+    edges = np.sqrt(loop.area[stable] / math.pi)
+    expected = [jkr.at_load(radius, load).edge for load in loop.load[stable]]
+    np.testing.assert_allclose(edges, expected, rtol=0.03)
+
+
+def test_a_dugdale_sphere_is_that_of_maugis():
+    radius, work, reach = 30.0, 0.1, 0.0622
+    maugis: Any = ca.contact("maugis", modulus=E, work_of_adhesion=work, range=reach)
+    surface = ca.surface("sphere", radius=radius, pixels=112, pixel_size=0.13).make()
+    solver = bem(work_of_adhesion=work, range=reach, law="dugdale")
+    for load in (40.0, 0.0):
+        contact, state = solver.solve(surface, load), maugis.at_load(radius, load)
+        assert math.sqrt(contact.area / math.pi) == pytest.approx(state.edge, rel=0.02)
+        assert contact.displacement == pytest.approx(state.displacement, abs=0.02 * state.edge**2 / radius)
+        assert contact.pressure.min() == pytest.approx(-work / reach, rel=1e-3)
+
+
+def test_a_given_approach_has_the_load_of_that_contact():
+    for surface, load in (
+        (rough(), load_of(rough())),
+        (ca.surface("sphere", radius=30, pixels=48, pixel_size=0.4518).make(), 50.0),
+    ):
+        solver = bem(tolerance=1e-6)
+        contact = solver.solve(surface, load)
+        again = solver.solve_displacement(surface, contact.displacement)
+        assert again.displacement == pytest.approx(contact.displacement, rel=1e-9)
+        assert again.load == pytest.approx(load, rel=1e-3)
+
+
+def test_pixels_too_large_for_the_zone_of_cohesion_are_refused_with_the_pixel_needed():
+    surface = rough()
+    needed = 0.5 * E * 0.02**2 / 0.05
+    with pytest.raises(InputError, match=rf"range = 0.02: pixels of 0.4518 nm .*use pixels of {needed:.4g} nm or less"):
+        bem(range=0.02).solve(surface, load_of(surface))
+    with pytest.raises(InputError, match="use pixels of"):
+        bem(range=0.02).check({"pixel_size": 0.4518, "nx": 64, "ny": 64}, 1.0)
+    contact = bem(range=0.02, coarse="note", on_failure="return").solve(surface, load_of(surface))
+    assert any("do not resolve" in note for note in contact.notes)
+
+
+def test_a_pull_that_parts_the_surfaces_is_refused():
+    surface = rough()
+    with pytest.raises(InputError, match=r"load = -.*pulls the surfaces apart"):
+        bem().solve(surface, -100 * load_of(surface))
+    sphere = ca.surface("sphere", radius=30, pixels=48, pixel_size=0.4518).make()
+    with pytest.raises(InputError, match=rf"at most 2πwR = {2 * math.pi * 0.05 * 30:.6g} nN"):
+        bem().solve(sphere, -10.0)
+
+
+def test_what_is_not_reached_is_an_error_or_said():
+    surface = rough()
+    with pytest.raises(ConvergenceError, match="iteration limit"):
+        bem(max_iterations=2).solve(surface, load_of(surface))
+    contact = bem(max_iterations=2, on_failure="return").solve(surface, load_of(surface))
+    assert not contact.converged
+    assert contact.residual > 1e-4
+
+
+def test_threads_change_no_bit():
+    surface = rough(pixels=128)
+    one, two = (bem(threads=n).solve(surface, load_of(surface)) for n in (1, 2))
+    assert np.array_equal(one.pressure, two.pressure)
+
+
+def test_tips_adhere_in_a_scene():
+    scene = {
+        "surface": {"kind": "sphere", "radius": 30, "pixels": 48, "pixel_size": 0.4518},
+        "contact": {"kind": "adhesive-bem", "modulus": E, "work_of_adhesion": 0.05, "range": 0.3, "load": -3},
+        "forming": {"kind": "uniform", "lower": 0.8, "upper": 1.4},
+        "chemistry": {"site_density": "pixel"},
+        "engine": {"kind": "rejection-free"},
+        "hold": {"temperature": 300, "start": 0.1, "stop": 10, "replicas": 2},
+    }
+    run: Any = ca.run(ca.parse_scene(scene))
+    assert run.contact.load == -3
+    assert run.aging.bonds.shape[0] == 2
