@@ -18,7 +18,7 @@ ABSENT = {
         "the temperature is constant during a hold; a sweep over hold.temperature compares several"
     ),
     ("wear", "abrasi", "debris", "erosion"): "wear is not modelled: surfaces keep their shape",
-    ("plastic", "yield", "harden"): "plastic flow is not modelled: contacts are elastic at any pressure",
+    ("plastic", "yield", "harden"): ("of plastic flow there is the hardness of a contact, its largest pressure"),
     ("visco", "creep", "relaxation", "loss_modul", "storage_modul"): (
         "creep and viscoelasticity are not modelled: contact does not change with time"
     ),

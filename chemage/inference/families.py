@@ -208,10 +208,10 @@ def linear_problem(model: Model, prior: Prior, density: np.ndarray) -> Problem:
         value, slope = model.linear(density, point)
         matrices.append(slope)
         offsets.append(value - slope @ density)
-    unknowns, *linear = model.unknowns.refined(np.stack(matrices), np.stack(offsets))
+    unknowns, fine, shifts = model.unknowns.refined(np.stack(matrices), np.stack(offsets))
     start = model.middle if unknowns is model.unknowns else FINE * model.middle
     errors, noise = model.errors(model.values), model.noise(model.values)
-    return Problem(prior, model.grid.areas, model.values, errors, *linear, unknowns, start, noise, model.state)
+    return Problem(prior, model.grid.areas, model.values, errors, fine, shifts, unknowns, start, noise, model.state)
 
 
 def sampled(

@@ -246,7 +246,7 @@ def _contact_cost_is_estimated(component: ContactSolver) -> None:
     many = {"nx": 64.0, "ny": 48.0, "pixel_size": 0.5, "rms_slope": 0.1, "shortest_wavelength": 4.0}
     for surface in ({}, {"nx": 64.0, "ny": 48.0}, many):
         for load in (0.0, 1.0, 1e9):
-            bounds = dict.fromkeys(("cpu_seconds", "bytes", "gap_bytes", "max_pressure"), math.inf)
+            bounds: dict[str, float] = dict.fromkeys(("cpu_seconds", "bytes", "gap_bytes", "max_pressure"), math.inf)
             bounds["area_fraction"] = 1.0
             require_estimates(f"expected({surface}, {load})", component.expected(surface, load), bounds)
 

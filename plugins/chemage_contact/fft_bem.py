@@ -127,7 +127,7 @@ class FFTBEM(ContactSolver):
     """threads of one solve; default: all processors available to this process"""
 
     def identity(self) -> dict[str, Any]:
-        """As for every component; without ``hardness`` and ``substrate`` where there are none, as before they were options."""
+        """As for every component; without ``hardness`` and ``substrate`` where they are not given, as before."""
         later = ("hardness", "substrate")
         return {name: value for name, value in super().identity().items() if name not in later or value is not None}
 

@@ -27,8 +27,8 @@ ASKED = {
     "hold.temperature_programme": "the temperature is constant during a hold",
     "hold.heating_rate": "the temperature is constant during a hold",
     "wear": "wear is not modelled",
-    "contact.plasticity": "plastic flow is not modelled",
-    "contact.yield_stress": "plastic flow is not modelled",
+    "contact.plasticity": "of plastic flow there is the hardness of a contact",
+    "contact.yield_stress": "of plastic flow there is the hardness of a contact",
     "contact.viscosity": "creep and viscoelasticity are not modelled",
 }
 
