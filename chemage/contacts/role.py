@@ -206,7 +206,8 @@ def contact(kind: str, **options: Any) -> Any:
 
 def sphere_radius(contact: Contact) -> float | None:
     """Radius (nm) of the sphere that was pressed, by the ``provenance`` of its contact; None: another surface."""
-    radius = contact.provenance.get("surface", {}).get("radius")
+    made = contact.provenance.get("surface")
+    radius = made.get("radius") if isinstance(made, Mapping) else None
     return float(radius) if isinstance(radius, int | float) and not isinstance(radius, bool) else None
 
 

@@ -90,8 +90,11 @@ def examples() -> tuple[list[Component], dict[str, str]]:
         for kind in plugins.kinds(role) if role != Surface.__name__.lower() else ():
             try:
                 cls = plugins.component(role, kind)
-                required = [option for option, field in cls.model_fields.items() if field.is_required()]
-                options = {option: values[role, option] for option in required if (role, option) in values}
+                options = {
+                    option: values[role, option] if (role, option) in values else field.examples[0]
+                    for option, field in cls.model_fields.items()
+                    if field.is_required() and ((role, option) in values or field.examples)
+                }
                 components.append(used.get((role, kind)) or cls(**options))
             except (InputError, PluginError) as error:
                 unmade[f"{role} {kind}"] = str(error)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
+from pydantic import Field
 
 from chemage import ContactSolution, InputError, Surface
 from chemage.plugin import ContactModulus, ContactSolver, Length, Unit, convert
@@ -80,7 +81,7 @@ class AdhesiveSphere(ContactSolver, ABC):
     modulus: ContactModulus
     """contact modulus E* = E/(1−ν²) of the elastic body (or of both, combined), GPa; or their young
     and poisson"""
-    work_of_adhesion: Adhesion
+    work_of_adhesion: Adhesion = Field(examples=["50 mJ/m^2"])
     """work of adhesion w of the two surfaces, J/m² (the same number in nN/nm)"""
 
     @abstractmethod
@@ -351,7 +352,7 @@ class Maugis(AdhesiveSphere):
     cite: ClassVar[tuple[str, ...]] = ("D. Maugis, J. Colloid Interface Sci. 150, 243 (1992)",)
     bibtex: ClassVar[tuple[str, ...]] = (_MAUGIS,)
 
-    range: Length
+    range: Length = Field(examples=["0.3 nm"])
     """gap z₀ up to which the surfaces attract each other, nm; the stress is w/z₀"""
 
     def units(self, radius: float) -> tuple[float, float, float, float]:

@@ -77,9 +77,9 @@ class AdhesiveBEM(ContactSolver):
     modulus: ContactModulus
     """contact modulus E* = E/(1−ν²) of the elastic body (or of both, combined), GPa; or their young
     and poisson"""
-    work_of_adhesion: Annotated[float, Unit("J/m**2", ge=0)]
+    work_of_adhesion: Annotated[float, Unit("J/m**2", ge=0)] = Field(examples=["50 mJ/m^2"])
     """work of adhesion w of the two surfaces, J/m² (the same number in nN/nm)"""
-    range: Length
+    range: Length = Field(examples=["0.3 nm"])
     """range ρ of the attraction, nm: the largest stress is w/ρ"""
     law: Literal["exponential", "dugdale"] = "exponential"
     """how the attraction falls with the gap"""

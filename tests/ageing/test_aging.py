@@ -55,7 +55,7 @@ def test_one_replica_has_no_standard_error(aging):
         ({"bonds": np.empty((0, 3), int), "sites": [], "events": []}, r"bonds: shape \(0, 3\)"),
         ({"sites": [50]}, "sites, events: give one number for each of the 2 replicas"),
         ({"events": [1, 2, 3]}, "sites, events: give one number for each of the 2 replicas"),
-        ({"load": -1}, "load: -1"),
+        ({"load": math.nan}, "load: nan"),
         ({"bond_force": -3.0}, "bond_force: -3.0"),
         ({"temperature": math.nan}, "temperature: nan"),
     ],

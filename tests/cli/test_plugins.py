@@ -72,26 +72,26 @@ def test_strict_mode_stops_at_a_broken_plugin(command, small, site, monkeypatch)
 
 def test_two_plugins_with_one_kind_are_both_named(command, small, site, everything):
     for name in ("one", "two"):
-        site.install(name, {f"{name}.py": HOOK % ("jkr", name)}, {name: name})
+        site.install(name, {f"{name}.py": HOOK % ("winkler", name)}, {name: name})
     everything()
-    done = command("run", small, "--set", "contact.kind='jkr'")
+    done = command("run", small, "--set", "contact.kind='winkler'")
     assert (done.status, done.out) == (2, "")
-    assert "contact 'jkr' is claimed by 'one' (one 1.0) and by 'two' (two 1.0)" in done.err
+    assert "contact 'winkler' is claimed by 'one' (one 1.0) and by 'two' (two 1.0)" in done.err
     # who does not use it is not disturbed
     assert command("run", small, "--no-figures").status == 0
     assert command("plugins", "check").status == 1
     schema = command("schema")
     assert schema.status == 0
     assert "FFTBEM" in json.loads(schema.out)["$defs"]
-    assert "not in the schema: contact 'jkr' is claimed by" in schema.err
+    assert "not in the schema: contact 'winkler' is claimed by" in schema.err
 
 
 def test_a_kind_whose_class_is_missing_says_which_plugin(command, small, site, everything):
-    site.install("ghost", {"ghost.py": HOOK % ("jkr", "ghost")}, {"ghost": "ghost"})
+    site.install("ghost", {"ghost.py": HOOK % ("winkler", "ghost")}, {"ghost": "ghost"})
     everything()
-    done = command("check", small, "--set", "contact.kind='jkr'")
+    done = command("check", small, "--set", "contact.kind='winkler'")
     assert done.status == 2
-    assert "contact 'jkr' of plugin 'ghost' (ghost 1.0)" in done.err
+    assert "contact 'winkler' of plugin 'ghost' (ghost 1.0)" in done.err
 
 
 def test_an_installed_scene_that_is_missing(command, small, site, everything):

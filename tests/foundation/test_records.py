@@ -73,6 +73,8 @@ def test_every_field_is_part_of_the_digest(make):
     }
     optional = {
         "gap": np.zeros((4, 5)),
+        "plastic_displacement": np.zeros((4, 5)),
+        "touching": np.ones((4, 5), dtype=bool),
         "contact_pixels": "centres",
         "displacement": 0.5,
         "breaking": np.ones(3),
