@@ -95,7 +95,10 @@ def test_a_cycle_loses_what_maugis_predicts():
     assert found.jump_in > found.jump_out
     assert found.jump_in == pytest.approx(expected.jump_in, abs=0.02)
     assert found.jump_out == pytest.approx(expected.jump_out, abs=0.02)
-    assert found.pull_off == pytest.approx(expected.pull_off, rel=0.03)
+    # too large in proportion to the pixel, by 0.14 of it in units of E*ρ²/w (measured 5.5, 3.9, 2.7 and 2.3 % at pixels
+    # of 0.06, 0.043, 0.03 and 0.025 nm)
+    pixel = 0.043 * work / (E * reach**2)
+    assert expected.pull_off < found.pull_off < (1 + 0.16 * pixel) * expected.pull_off
     assert found.dissipated == pytest.approx(expected.dissipated, rel=0.25)
 
 
