@@ -51,7 +51,6 @@ WRONG = [
     {"surface.seed": 0.5},
     {"surface": None},
     {"contact.load": None},
-    {"contact.load": -1},
     {"contact.load": True},
     {"contact.load": []},
     {"contact.modulus": 0},
