@@ -22,7 +22,7 @@ from chemage.inference.problem import LEVEL, Problem
 #: chains, and sweeps of each before samples are kept
 CHAINS, WARM = 4, 400
 #: effective samples and R-hat at which sampling ends, and the most sweeps of a chain for it
-ENOUGH, AGREED, MOST_SWEEPS = 300, 1.03, 4000
+ENOUGH, AGREED, MOST_SWEEPS = 250, 1.03, 4000
 #: sweeps of the density for each of the errors, and moves of the calibrations then
 EVERY, CALIBRATIONS = 2, 4
 #: nodes by which a move of a scalar shifts the density, at most
@@ -36,7 +36,7 @@ PASSES = 3
 #: sets of positive nodes that directions are drawn with, at most
 PATTERNS = 8
 #: choices of the prior among which one is drawn
-CANDIDATES = 8
+CANDIDATES = 5
 #: densities of the warm-up whose differences serve as directions; bumps of which some are drawn for every sweep
 ARCHIVE, BUMPS = 100, 2000
 #: derivatives of a bump that serve as directions, from the 0th
