@@ -70,7 +70,7 @@ pressure. A line through it has an offset, but fits worse by far. The paper quot
 contact without adhesion has a ratio of the areas of 17^(2/3) = 6.6, so that no radius gives both. The likely reason is
 adhesion, which the paper's model does not have: an adhesive force of about {adhesion:.0f} nN added to both loads gives
 the ratio (Hertz, area ∝ F^(2/3)). With the contacts `jkr` and `dmt` a tip of 100 nm and a work of adhesion of 0.2 and
-0.5 J/m² has β of 12.3 and 1.41, and of 12.7 and 1.25 (`tests/benchmarks/tip_adhesion.py`); one of 30 nm needs more than
+0.5 J/m² has β of 12.2 and 1.40, and of 12.8 and 1.25 (`tests/benchmarks/tip_adhesion.py`); one of 30 nm needs more than
 2 J/m². Neither radius nor adhesion is published with β, and two parameters for two numbers test nothing, so they are
 not fitted: the measured pull-off force, 94 nN and 314 nN here, would decide.""",
     "temperature": """The claim is from the model of a single asperity that the paper builds on. It is tested for
