@@ -12,7 +12,6 @@ from pydantic import Field
 
 from chemage import ContactSolution, InputError, Surface
 from chemage.plugin import ContactModulus, ContactSolver, ContactStatistics, ContactTheory, Pressure, Roughness, theory
-from chemage_contact._bounds import projected
 from chemage_contact._yielding_sphere import YieldingSphere, yielding_sphere
 
 _HERTZ = """@article{hertz1881,
@@ -277,6 +276,9 @@ def _yielding_pixels(surface: Surface, sphere: YieldingSphere, load: float) -> n
             means[some] = sphere.pressure(fine.ravel()).reshape(fine.shape).mean(axis=(1, 2))
     mean = load / size**2 / away.size
     means *= min(1.0, mean / float(means.mean()))
+    # whose module loads the kernels of the boundary elements
+    from chemage_contact._bounds import projected
+
     pressure = np.zeros(r.shape)
     pressure[inside] = projected(means, mean, sphere.hardness)
     return pressure
