@@ -121,10 +121,9 @@ def test_a_hard_small_sphere_pulls_off_as_dmt(law):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("law", ["exponential", "dugdale"])
-def test_a_soft_large_sphere_is_jkr(law):
-    """Tabor's parameter 5: pull-off within 2 %, radius at every load within 3 %. That of Dugdale's law is too large by
-    up to 0.16 of the pixel over the zone of attraction."""
+def test_a_soft_large_sphere_is_jkr():
+    """Tabor's parameter 5: pull-off within 2 %, radius at every load within 3 %. Dugdale's law needs finer pixels, and
+    is compared with Maugis' sphere."""
     radius, work = 30.0, 0.1
     reach = (radius * work**2 / E**2 / 5.0**3) ** (1 / 3)
     jkr: Any = ca.contact("jkr", modulus=E, work_of_adhesion=work)
@@ -132,12 +131,8 @@ def test_a_soft_large_sphere_is_jkr(law):
     pixels = 2 * math.ceil(1.4 * jkr.at_load(radius, 3.0).edge / size)
     surface = ca.surface("sphere", radius=radius, pixels=pixels, pixel_size=size).make()
     depths = np.linspace(jkr.at_load(radius, 3.0).displacement, -0.16, 40)
-    loop = bem(work_of_adhesion=work, range=reach, law=law).loop(surface, depths)
-    if law == "dugdale":
-        maugis: Any = ca.contact("maugis", modulus=E, work_of_adhesion=work, range=reach)
-        assert 0.98 < loop.pull_off / maugis.pull_off(radius) < 1 + 0.16 * 0.5
-    else:
-        assert loop.pull_off == pytest.approx(jkr.pull_off(radius), rel=0.02)
+    loop = bem(work_of_adhesion=work, range=reach).loop(surface, depths)
+    assert loop.pull_off == pytest.approx(jkr.pull_off(radius), rel=0.02)
     stable = slice(0, int(np.argmin(loop.load)) - 2)
     edges = np.sqrt(loop.area[stable] / math.pi)
     expected = [jkr.at_load(radius, load).edge for load in loop.load[stable]]
