@@ -13,7 +13,7 @@ from pydantic import Field
 
 from chemage import ContactSolution, InputError, Surface
 from chemage.plugin import ContactModulus, ContactSolver, Length, Unit, convert
-from chemage_contact.closed_forms import _corner_force, _edges, _radius
+from chemage_contact.closed_forms import _corner_force, _distances, _edges, _radius
 
 #: work of adhesion: 1 J/m² is 1 nN/nm
 Adhesion = Annotated[float, Unit("J/m**2", gt=0)]
@@ -157,14 +157,14 @@ class AdhesiveSphere(ContactSolver, ABC):
         return state
 
     def _solve(self, surface: Surface, load: float, start: ContactSolution | None) -> ContactSolution:
-        radius = _radius(surface)
+        radius = _radius(surface, self.kind)
         return self._solution(surface, radius, self._at(radius, load, surface.shape, surface.pixel_size), load)
 
     def solve_displacement(
         self, surface: Surface, displacement: float | str, *, touching: bool = True
     ) -> ContactSolution | None:
         """The contact at an approach (nm, or a string with its unit) since first touch, see :meth:`at_approach`."""
-        radius = _radius(surface)
+        radius = _radius(surface, self.kind)
         state = self.at_approach(radius, convert(displacement, "nm"), touching=touching)
         if state is None:
             return None
@@ -173,7 +173,7 @@ class AdhesiveSphere(ContactSolver, ABC):
 
     def loop(self, surface: Surface, displacements: Sequence[float]) -> Loop:
         """Load and contact radius along a programme of approaches (nm), in the order given, from surfaces apart."""
-        radius, states, touching = _radius(surface), [], False
+        radius, states, touching = _radius(surface, self.kind), [], False
         for displacement in displacements:
             state = self.at_approach(radius, displacement, touching=touching)
             touching = state is not None
@@ -190,7 +190,7 @@ class AdhesiveSphere(ContactSolver, ABC):
         pressure = self._forces(radius, state, x, y) / size**2
         nearest = [np.minimum(np.abs(edges[1:]), np.abs(edges[:-1])) * (edges[1:] * edges[:-1] > 0) for edges in (x, y)]
         pressure[np.hypot(nearest[0][:, None], nearest[1]) >= state.outer] = 0.0  # else rounding errors
-        centre = np.hypot(0.5 * (x[1:] + x[:-1])[:, None], 0.5 * (y[1:] + y[:-1]))
+        centre = _distances(surface)
         # a contact smaller than a pixel is the pixel in the middle
         touching = centre < max(state.edge, float(centre.min()) * (1 + 1e-9))
         if state.outer == state.edge:

@@ -119,27 +119,14 @@ class Hertz(ContactSolver):
                 f"give a hardness of at least {load / (math.pi * room**2):.6g} GPa, a smaller load, or more pixels",
             )
         sphere = yielding_sphere(load, radius, self.modulus, self.hardness)
-        if sphere is not None and sphere.edge > room:
-            raise InputError.of(
-                "load",
-                load,
-                f"the contact has a radius of {sphere.edge:.4g} nm, but the surface reaches only {room:.4g} nm from "
-                "the apex",
-                "use more pixels or a smaller load",
-            )
+        if sphere is not None:
+            _require_room(sphere.edge, room, load)
         return (edge if sphere is None else sphere.edge), sphere
 
     def _elastic_edge(self, shape: tuple[int, int], size: float, radius: float, load: float) -> float:
         """Radius of the elastic contact, nm."""
         edge = math.cbrt(0.75 * load * radius / self.modulus)
-        room = 0.5 * min(shape) * size
-        if edge > room:
-            raise InputError.of(
-                "load",
-                load,
-                f"the contact has a radius of {edge:.4g} nm, but the surface reaches only {room:.4g} nm from the apex",
-                "use more pixels or a smaller load",
-            )
+        _require_room(edge, 0.5 * min(shape) * size, load)
         if load > 0 and not (edge > 1e-60 * size and 1e-290 < load / size**2 < 1e100):
             raise InputError.of("load", load, f"leaves the range of numbers on pixels of {size:g} nm", "give nN and nm")
         return edge
@@ -183,11 +170,22 @@ class Hertz(ContactSolver):
         )
 
 
-def _radius(surface: Surface) -> float:
+def _require_room(edge: float, room: float, load: float) -> None:
+    """Refuse a contact of radius ``edge`` (nm) on a surface that reaches only ``room`` nm from the apex."""
+    if edge > room:
+        raise InputError.of(
+            "load",
+            load,
+            f"the contact has a radius of {edge:.4g} nm, but the surface reaches only {room:.4g} nm from the apex",
+            "use more pixels or a smaller load",
+        )
+
+
+def _radius(surface: Surface, kind: str = "hertz") -> float:
     radius = surface.provenance.get("radius")
     if isinstance(radius, bool) or not isinstance(radius, int | float) or not (0 < radius < math.inf):
         raise InputError(
-            f"contact 'hertz' needs a sphere, but this surface has no radius (provenance['radius'] = {radius!r}); "
+            f"contact {kind!r} needs a sphere, but this surface has no radius (provenance['radius'] = {radius!r}); "
             "use surface kind 'sphere' or contact 'fft-bem'"
         )
     return float(radius)
