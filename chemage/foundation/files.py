@@ -253,10 +253,13 @@ def open_file(path: str | os.PathLike[str], most: float | None = None, *, links:
     with _named(shown):
         stream = os.fdopen(_handle(path, os.O_RDONLY, links=links), "rb")
     try:  # what it is now: another file may have its name since
-        _checked(os.fstat(stream.fileno()), shown, most)
+        size = _checked(os.fstat(stream.fileno()), shown, most).st_size
     except StoreError:
         stream.close()
         raise
+    if size == 0:  # a file of the kernel, such as /proc/kmsg, may say so and never end
+        stream.close()
+        return io.BufferedReader(io.BytesIO())  # pyright: ignore[reportArgumentType]
     return stream
 
 
@@ -288,8 +291,10 @@ def _checked(status: os.stat_result, shown: str, most: float | None) -> os.stat_
         raise StoreError(f"{shown}: Is a directory; name a file")
     if stat.S_ISLNK(status.st_mode):
         raise StoreError(f"{shown} is a link, which is not followed; name the file itself")
+    if stat.S_ISFIFO(status.st_mode):
+        raise StoreError(f"{shown} is a pipe, not a file; save it to a file first")
     if not stat.S_ISREG(status.st_mode):
-        raise StoreError(f"{shown} is a device or a pipe; name an ordinary file")
+        raise StoreError(f"{shown} is a device or a socket; name an ordinary file")
     limit = most if most is not None else capacity()
     if limit is not None and status.st_size > limit:
         raise StoreError(f"{shown} has {readable(status.st_size)}, more than the {readable(limit)} that can be read")
