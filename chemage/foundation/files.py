@@ -18,6 +18,7 @@ import stat
 import uuid
 from collections.abc import Iterator
 from functools import lru_cache
+from math import inf
 from pathlib import Path
 from typing import IO, Any
 
@@ -28,6 +29,8 @@ from chemage.foundation.memory import capacity, readable
 FileStamp = tuple[int, int, int, int]
 #: tables inside tables, lists inside lists
 DEEPEST = 32
+#: names in one table of a scene, or tables in one list
+MOST_NAMES = 10_000
 #: characters of one text, and of a number written out
 LONGEST_TEXT = 1_000_000
 #: whole numbers beyond this many bits are neither counts nor seeds
@@ -139,7 +142,7 @@ def write_file(path: str | os.PathLike[str], content: str | bytes | memoryview, 
     StoreError
         ``path`` exists (unless ``force``), or cannot be written; nothing is left behind.
     """
-    data = content.encode() if isinstance(content, str) else content
+    data = content.encode(errors="backslashreplace") if isinstance(content, str) else content
     with fresh_file(path, force=force, size=len(data)) as part:
         create(part, data)
 
@@ -333,8 +336,10 @@ def described(path: Path) -> str:
     return read_text(path, LARGEST_DESCRIPTION)
 
 
-def check_data(data: Any) -> None:
+def check_data(data: Any, most: float = inf) -> None:
     """Check the size of parsed TOML or JSON data: depth, length of texts, size of whole numbers.
+
+    A table has at most ``most`` names, and a list at most as many tables.
 
     Raises
     ------
@@ -342,6 +347,14 @@ def check_data(data: Any) -> None:
         Naming the path of what is too deep, too long or too large.
     """
     for path, item in _walk(data):
+        if isinstance(item, dict):
+            count = len(item)
+        elif isinstance(item, list):
+            count = sum(isinstance(part, dict) for part in item)
+        else:
+            count = 0
+        if count > most:
+            raise InputError("", [(shortened(path), f"has {count} entries; give at most {most}")])
         if isinstance(item, int) and item.bit_length() > MOST_BITS:
             raise InputError("", [(path, f"a whole number of more than {MOST_BITS} bits; give a smaller one")])
         if isinstance(item, str) and len(item) > LONGEST_TEXT:

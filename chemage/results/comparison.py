@@ -24,7 +24,7 @@ from chemage.ageing.display import TIMES
 from chemage.ageing.fitting import Fit, Model, fit_aging
 from chemage.ageing.measurements import Measurements, read_table
 from chemage.foundation.components import Component
-from chemage.foundation.errors import InputError
+from chemage.foundation.errors import InputError, printable
 from chemage.foundation.result import NONE, Compared, Result, Rows, result_of
 from chemage.foundation.text import jsonable
 from chemage.foundation.units import QuantityLike, convert
@@ -71,8 +71,8 @@ class Entry:
         """Make an entry of a result of any kind."""
         result = result_of(thing)
         return cls(
-            name or result.name,
-            source,
+            printable(name or result.name),
+            printable(source),
             result.title,
             result.compared(times),
             (result.summary(), result.summary(beside=True)),
