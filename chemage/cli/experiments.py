@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -37,6 +38,7 @@ from chemage.cli.options import (
 )
 from chemage.cli.output import drawn, figures_of, preflight_result, protect_inputs, result_written, save_picture
 from chemage.foundation import compiling
+from chemage.foundation.errors import printable
 from chemage.foundation.progress import loaded, loading, progress_bars, reported, watching
 
 if TYPE_CHECKING:
@@ -121,7 +123,7 @@ def _run_scene(
     source: str, one: Scene, out: Path | None, *, checkpoints: Path | None, where: dict[str, Any], **how: Any
 ) -> None:
     """Run one surface of a scene, or the ensemble that it asks for."""
-    path = out or Path(f"{one.name}.h5")
+    path = out or Path(os.fsdecode(f"{one.name}.h5".encode()))  # also where the terminal is in ASCII
     protect_inputs(path, source, one)
     if out is not None:
         check_ending(out, RESULTS, "a result file")
@@ -342,9 +344,9 @@ def init(
     if name.suffix not in ("", ".toml") and not name.suffix[1:].isdigit():  # tip-0.5 has no ending
         raise user_error(f"{name}: the name ends in {name.suffix}; a scene file must end in .toml")
     try:
-        file_name(file.stem)
+        file_name(printable(file.stem))
     except ValueError as error:
-        raise user_error(f"{file.stem!r} cannot be the name of a scene: {error}") from None
+        raise user_error(f"{printable(file.stem)!r} cannot be the name of a scene: {error}") from None
     plugins = registry.current()
     if like not in plugins.scenes():
         known = sorted(plugins.scenes())

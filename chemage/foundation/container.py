@@ -21,6 +21,7 @@ import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import islice
 from pathlib import Path
 from typing import IO, Any
 from zipfile import ZipFile
@@ -45,9 +46,9 @@ _TRACE = re.compile(rb"sha256|[0-9a-f]{64}")
 _CHANGED = "not what chemage wrote: it is damaged, or another program changed it"
 _CUT = "it was cut short, or another program wrote to it"
 #: what a file below SMALL bytes may hold, which a stranger can make of zeros: bytes of data, and chunks of a dataset
-SMALL, _UNPACKED, _CHUNKS = 1 << 20, 1 << 26, 20_000
-#: members of the root among which groups of chemage are looked for
-_MEMBERS = 1000
+SMALL, _UNPACKED, _CHUNKS = 1_000_000, 50_000_000, 20_000
+#: members of the root among which groups of chemage are looked for, and datasets in one of its files
+_MEMBERS, _DATASETS = 1000, 2000
 
 
 class Arrays(Record):
@@ -216,7 +217,10 @@ def _check_ours(file: Any, path: Path) -> None:
     if "chemage_format" not in file.attrs:
         raise StoreError(f"{path} is an HDF5 file, but not one of chemage's")
     _check_layout(file, path)
-    size = sum(_size_of(dataset, path) for dataset in _datasets(file, path, set()))
+    datasets = list(islice(_datasets(file, path, set()), _DATASETS + 1))
+    if len(datasets) > _DATASETS:
+        raise DamagedError(f"{path} holds more than {_DATASETS} datasets, which chemage never writes")
+    size = sum(_size_of(dataset, path) for dataset in datasets)
     _check_size(size, str(path))
 
 

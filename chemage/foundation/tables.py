@@ -361,7 +361,7 @@ def _rows_of(sheet: Any) -> list[tuple[int, list[Any]]]:
     rows, cells = [], 0
     for number, row in enumerate(sheet.iter_rows(values_only=True), 1):
         cells += len(row)
-        if number > 1 << 20 or cells > 10 * _CELLS:
+        if number > 1 << 20 or len(row) > 1 << 14 or cells > 10 * _CELLS:
             raise ValueError(f"it has cells at row {number}, column {len(row)}; delete what is far from the table")
         last = next((at for at in range(len(row), 0, -1) if row[at - 1] is not None), 0)
         if last:
@@ -440,7 +440,7 @@ def _known(text: str, known: Mapping[str, str]) -> str | None:
 
 def _is_header(cells: Sequence[Cell], known: Mapping[str, str]) -> bool:
     """Whether two cells name columns, or one of two that a mistake is in."""
-    return sum(_named(cell, known) is not None for cell in cells) >= min(2, len(cells))
+    return sum(_named(cell, known) is not None for cell in cells[:_COLUMNS]) >= min(2, len(cells))
 
 
 def _header(

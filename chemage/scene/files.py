@@ -22,6 +22,7 @@ from chemage.foundation.errors import (
     StoreError,
     UnknownKindError,
     nearest,
+    printable,
     shortened,
     shown,
 )
@@ -287,7 +288,7 @@ def _parsed(where: str | Path) -> tuple[dict[str, Any], str, Path | None]:
         except StoreError as error:
             raise StoreError(f"{error}: it cannot be read as a scene") from None
     data = parse_toml(text, source)
-    data.setdefault("name", path.stem)
+    data.setdefault("name", printable(path.stem))
     return data, source, folder
 
 

@@ -117,7 +117,7 @@ def reader_for(path: str | PathLike[str]) -> Reader:
     kinds = _first(_able(path, readers, ending))[0]
     if not kinds:
         if not regular_file(path).st_size:
-            raise StoreError(f"{path} is empty, or a file of the system that does not state its size; name another file")
+            raise StoreError(f"{path} is empty, or a file of the system without a size; name another file")
         known_endings = ", ".join(sorted(readers)) or "nothing"
         what = f"files ending in {ending!r}" if ending else "a file without ending"
         general = [kind for kinds in readers.values() for kind in kinds if _general(kind)]
