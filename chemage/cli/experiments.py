@@ -38,7 +38,6 @@ from chemage.cli.options import (
 )
 from chemage.cli.output import drawn, figures_of, preflight_result, protect_inputs, result_written, save_picture
 from chemage.foundation import compiling
-from chemage.foundation.errors import printable
 from chemage.foundation.progress import loaded, loading, progress_bars, reported, watching
 
 if TYPE_CHECKING:
@@ -123,7 +122,7 @@ def _run_scene(
     source: str, one: Scene, out: Path | None, *, checkpoints: Path | None, where: dict[str, Any], **how: Any
 ) -> None:
     """Run one surface of a scene, or the ensemble that it asks for."""
-    path = out or Path(os.fsdecode(f"{one.name}.h5".encode()))  # also where the terminal is in ASCII
+    path = out or Path(os.fsdecode(f"{one.name}.h5".encode()))  # also where the locale is ASCII
     protect_inputs(path, source, one)
     if out is not None:
         check_ending(out, RESULTS, "a result file")
@@ -344,9 +343,9 @@ def init(
     if name.suffix not in ("", ".toml") and not name.suffix[1:].isdigit():  # tip-0.5 has no ending
         raise user_error(f"{name}: the name ends in {name.suffix}; a scene file must end in .toml")
     try:
-        file_name(printable(file.stem))
+        file_name(os.fsencode(file.stem).decode(errors="replace"))
     except ValueError as error:
-        raise user_error(f"{printable(file.stem)!r} cannot be the name of a scene: {error}") from None
+        raise user_error(f"{file.stem!r} cannot be the name of a scene: {error}") from None
     plugins = registry.current()
     if like not in plugins.scenes():
         known = sorted(plugins.scenes())

@@ -22,7 +22,6 @@ from chemage.foundation.errors import (
     StoreError,
     UnknownKindError,
     nearest,
-    printable,
     shortened,
     shown,
 )
@@ -288,7 +287,7 @@ def _parsed(where: str | Path) -> tuple[dict[str, Any], str, Path | None]:
         except StoreError as error:
             raise StoreError(f"{error}: it cannot be read as a scene") from None
     data = parse_toml(text, source)
-    data.setdefault("name", printable(path.stem))
+    data.setdefault("name", os.fsencode(path.stem).decode(errors="replace"))  # also where the locale is ASCII
     return data, source, folder
 
 

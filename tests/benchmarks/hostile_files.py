@@ -57,9 +57,9 @@ def tables(rng: np.random.Generator) -> list[bytes]:
     return [
         f"hold_time{' ' * n}x (s,b\n1,2\n".encode(), f"hold_time{mark * n}x (s{mark}{one}\n1,2\n".encode(),
         repeated("1,1\n", HEAD), repeated(one + mark), repeated(f"{one}{mark}{one}\n"),
-        repeated(f"{one}{mark}\n", HEAD),
-        repeated(f"{one}{mark}" * 300 + "\n"), repeated(f"#{one}{mark}\n", "", HEAD),
-        repeated(f"{one} (", "hold_time "),        (HEAD + one * n + f",{mark * n}\n").encode(), ("hold_time,friction_coefficient_drop\n" + units).encode(),
+        repeated(f"{one}{mark}\n", HEAD), repeated(f"{one}{mark}" * 300 + "\n"),
+        repeated(f"#{one}{mark}\n", "", HEAD), repeated(f"{one} (", "hold_time "),
+        (HEAD + one * n + f",{mark * n}\n").encode(), ("hold_time,friction_coefficient_drop\n" + units).encode(),
         f"{one * n}{mark * n}{one}".encode(), repeated('"a\n'), repeated(f"1 {one}{mark * 50},1\n", HEAD),
         rng.bytes(n), (HEAD + f"1{mark}1\n" * 5).encode("utf-16") * 50, b"\xff\xfe" + rng.bytes(n),
         repeated(f"{'1' * 120_000},1\n", HEAD), repeated("".join(f"c{i}," for i in range(900)) + "\n"),
@@ -251,7 +251,8 @@ def scenes(rng: np.random.Generator) -> list[bytes]:
     quantity = str(rng.choice(["1" * n + "!", "1" + " " * n + "!", "1_" * n, "1." * n, "1 " + "m*" * n, "e" * n]))
     return [
         f"{SCENE}{f'{one}.' * n}a = 1".encode(), f"{SCENE}[{f'{one}.' * n}a]".encode(),
-        repeated("[[observe]]\n", SCENE),        "".join(f"[a{i}]\n" for i in range(n)).encode(), "".join(f"a{i} = 1\n" for i in range(n)).encode(),
+        repeated("[[observe]]\n", SCENE),
+        "".join(f"[a{i}]\n" for i in range(n)).encode(), "".join(f"a{i} = 1\n" for i in range(n)).encode(),
         (SCENE + "".join(f"a{i} = 1\n" for i in range(n))).encode(), f"{SCENE}a = {'[' * n}".encode(),
         (SCENE + f"a = {{{','.join(f'a{i} = 1' for i in range(n))}}}").encode(), repeated("1,", "a = [", "]"),
         "".join(f"{'a.' * 30}b{i} = 1\n" for i in range(n // 4)).encode()[:LARGEST],
