@@ -262,13 +262,13 @@ def _size_of(dataset: Any, path: str | os.PathLike[str]) -> int:
     name = f"{path}:{dataset.name}"
     if dataset.external or dataset.is_virtual:
         raise StoreError(f"{name} keeps its data in other files, which are not read; copy the data into this file")
+    size = dataset.size * dataset.dtype.itemsize
+    _check_size(size, name)
     stored = dataset.file.id.get_filesize()
     if dataset.chunks and stored < SMALL:
         chunks = math.prod(-(-side // part) for side, part in zip(dataset.shape, dataset.chunks, strict=True))
         if chunks > _CHUNKS:
             raise StoreError(f"{name} is cut into {chunks} chunks in a file of {readable(stored)}; use larger chunks")
-    size = dataset.size * dataset.dtype.itemsize
-    _check_size(size, name)
     return size
 
 
