@@ -103,6 +103,7 @@ FIRST, STRINGS = "xl/worksheets/sheet1.xml", "xl/sharedStrings.xml"
     ],
 )
 def test_what_a_workbook_unpacks_to_is_counted_before_it_is_parsed(tmp_path, parts, refusal):
+    pytest.importorskip("openpyxl")
     path = tmp_path / "t.xlsx"
     path.write_bytes(hostile.workbook(parts))
     with pytest.raises(StoreError, match=refusal):
@@ -110,6 +111,7 @@ def test_what_a_workbook_unpacks_to_is_counted_before_it_is_parsed(tmp_path, par
 
 
 def test_cells_far_from_a_table_cost_no_more_than_themselves(tmp_path, monkeypatch):
+    pytest.importorskip("openpyxl")
     far = b"<row><c><v>1</v></c><c><v>2</v></c></row>" * 2 + b'<row r="4000"><c r="XFD4000"><v>1</v></c></row>'
     path = tmp_path / "t.xlsx"
     path.write_bytes(hostile.workbook({FIRST: hostile.SHEET % (far, b"")}))
@@ -169,6 +171,7 @@ def test_parts_of_scans_are_nested_and_overlap_no_more_than_they_do_in_real_ones
 
 @pytest.mark.long
 def test_small_files_of_every_kind_cost_less_than_2_s_and_500_mb(tmp_path):
+    pytest.importorskip("openpyxl")
     done = subprocess.run([sys.executable, hostile.__file__, "300"], capture_output=True, text=True, check=False)
     assert done.returncode == 0, "\n".join(line for line in done.stdout.splitlines() if line.startswith("!"))
 
