@@ -20,7 +20,8 @@ def access(path, mode, **more):
     return not (str(path).startswith({shut!r}) and mode & os.W_OK) and real(path, mode, **more)
 os.access = access
 import chemage
-print(os.environ.get("NUMBA_CACHE_DIR", ""))
+from chemage.foundation.machine import kernel_folder
+print(kernel_folder())
 print(chemage.plugin.random.uniforms(1, 2, [3, 4]).size)
 """
 
@@ -57,10 +58,9 @@ def test_a_folder_that_somebody_else_may_write_to_is_not_used(tmp_path, monkeypa
 
 
 @pytest.mark.parametrize("given", ["there", "not-yet/there"])
-def test_a_folder_that_was_chosen_is_left_alone(tmp_path, monkeypatch, given):
+def test_kernels_are_kept_where_numba_is_told_to_keep_them(tmp_path, monkeypatch, given):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / given))
-    machine.provide_kernels()
-    assert os.environ["NUMBA_CACHE_DIR"] == str(tmp_path / given)
+    assert machine.kernel_folder() == tmp_path / given
 
 
 @pytest.mark.parametrize(("variable", "below"), [("CHEMAGE_CACHE", "."), ("XDG_CACHE_HOME", "chemage")])
@@ -71,6 +71,4 @@ def test_everything_that_can_be_computed_again_is_in_one_folder(tmp_path, monkey
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv(variable, str(tmp_path))
     assert chemage.plugin.cache_folder() == tmp_path / below
-    monkeypatch.setattr("numba.config.CACHE_DIR", "")
-    machine.provide_kernels()
-    assert Path(os.environ["NUMBA_CACHE_DIR"]) == machine.kernel_folder() == tmp_path / below / "kernels"
+    assert machine.kernel_folder() == tmp_path / below / "kernels"
