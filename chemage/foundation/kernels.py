@@ -17,7 +17,7 @@ from typing import Any
 import llvmlite
 import numba
 from llvmlite import binding
-from numba.core import caching
+from numba.core import caching, config
 
 from chemage.foundation.container import is_intact, seal
 from chemage.foundation.files import FileStamp, file_stamp
@@ -100,8 +100,8 @@ class Sources:
 
 def _compiler() -> tuple[str, ...]:
     """What compiles kernels, and for which processor."""
-    name = numba.config.CPU_NAME or binding.get_host_cpu_name()
-    features = numba.config.CPU_FEATURES
+    name, features = (vars(config)[field] for field in ("CPU_NAME", "CPU_FEATURES"))
+    name = name or binding.get_host_cpu_name()
     if features is None:
         features = binding.get_host_cpu_features().flatten()
     return numba.__version__, llvmlite.__version__, name, features
@@ -121,13 +121,13 @@ class _Locator(caching._CacheLocator):
     def ensure_cache_path(self) -> None:
         self.sources.make_folder()
 
-    def get_cache_path(self) -> str:
+    def get_cache_path(self) -> Any:
         return str(self.sources.folder)
 
-    def get_source_stamp(self) -> str:
+    def get_source_stamp(self) -> Any:
         return self.sources.folder.name
 
-    def get_disambiguator(self) -> str:
+    def get_disambiguator(self) -> Any:
         return str(self._line)
 
 

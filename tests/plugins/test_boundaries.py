@@ -42,7 +42,7 @@ ROOMS = (
     "cli",
 )
 #: modules in no room: those through which users and plugins reach the rooms
-FRONT = {"chemage", "chemage.plugin"}
+FRONT = {"chemage", "chemage.plugin", "chemage.__main__"}
 #: what a kernel may use of the framework
 FOR_KERNELS = {"chemage.foundation.random", "chemage.foundation.kernels"}
 #: modules that import numba and compile nothing -> what they want of it
@@ -269,6 +269,10 @@ def imports_numba(module: str) -> bool:
     return any(source.partition(".")[0] == "numba" for _, source, _ in imports(module))
 
 
+def imports_decorator(module: str) -> bool:
+    return any(target == "chemage.foundation.kernels" for _, target in imported_modules(module))
+
+
 def compiled_with(module: str) -> set[str]:
     """Names of the decorators in a module, as far as they are plain names: ``jit`` of ``@jit``."""
     found = set()
@@ -283,12 +287,7 @@ def compiled_with(module: str) -> set[str]:
 @cache
 def kernels() -> frozenset[str]:
     """Modules that compile functions: they import numba, at any level, or a decorator from a module that does."""
-    found = {
-        module
-        for module in MODULES
-        if module not in NO_KERNELS
-        and (imports_numba(module) or "chemage.foundation.kernels" in {target for _, target in imported_modules(module)})
-    }
+    found = {module for module in MODULES if imports_numba(module) or imports_decorator(module)} - NO_KERNELS.keys()
     while True:
         more = {
             module
@@ -320,6 +319,9 @@ def test_a_kernel_knows_nothing_of_the_framework():
         for line, target in imported_modules(module):
             allowed = target in FOR_KERNELS or target in kernels()
             assert allowed, f"{where(module, line)}: a kernel imports {target}"
+            # of others an update would not be noticed
+            alike = target in FOR_KERNELS or target.rpartition(".")[0] == module.rpartition(".")[0]
+            assert alike, f"{where(module, line)}: a kernel imports {target} of another package"
 
 
 def test_what_imports_numba_without_a_kernel_compiles_nothing():
@@ -525,7 +527,7 @@ def test_one_function_fits_beta():
 HASHES = {
     "chemage/foundation/container.py": "the seal of files",
     "chemage/foundation/records.py": "content_hash, text_hash and the digest of arrays",
-    "chemage/foundation/random.py": "the number of a named stream; a kernel's module, which imports nothing",
+    "chemage/foundation/random.py": "the number of a named stream; a module of kernels, which imports no other",
 }
 
 
