@@ -20,9 +20,8 @@ from llvmlite import binding
 from numba.core import caching, config
 
 from chemage.foundation.container import is_intact, seal
-from chemage.foundation.files import FileStamp, file_stamp
 from chemage.foundation.machine import kernel_folder
-from chemage.foundation.records import content_hash, file_hash
+from chemage.foundation.records import text_hash
 
 #: of each package, so many folders of kernels are left, and those used within so many seconds
 KEPT, RECENT = 16, 86400.0
@@ -63,20 +62,23 @@ class Sources:
         self.package = package
         self._roots = roots
         self._stamps = self._found()
-        content = [(os.path.basename(path), file_hash(path, stamp)) for path, stamp in self._stamps.items()]
-        self.folder = kernel_folder() / f"{package}-{content_hash([_compiler(), content])}"
+        content = [repr(_compiler())]
+        for path, (size, _) in self._stamps.items():
+            with open(path, encoding="utf-8", errors="backslashreplace") as file:
+                content.append(f"\n{os.path.basename(path)} {size}\n{file.read()}")
+        self.folder = kernel_folder() / f"{package}-{text_hash(''.join(content))}"
         with suppress(OSError):
             os.utime(self.folder)  # it is in use
 
-    def _found(self) -> dict[str, FileStamp]:
-        """Path -> stamp of each file, chemage's own for all kernels included."""
+    def _found(self) -> dict[str, tuple[int, int]]:
+        """Path -> size and modification time of each file, chemage's own for all kernels included."""
         paths = [str(Path(__file__)), str(Path(__file__).with_name("random.py"))]
         for root in self._roots:
             if os.path.isfile(root):
                 paths.append(root)
             for folder, _, names in sorted(os.walk(root)):
                 paths += [os.path.join(folder, name) for name in sorted(names) if name.endswith(".py")]
-        return {path: file_stamp(path) for path in paths}
+        return {path: ((status := os.stat(path)).st_size, status.st_mtime_ns) for path in paths}
 
     def unchanged(self) -> bool:
         """Whether the files are still those that were imported; what is compiled beside others is not kept."""
