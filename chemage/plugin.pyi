@@ -95,6 +95,7 @@ from chemage.foundation.checks import force as force
 from chemage.foundation.files import fresh_file as fresh_file
 from chemage.plugins.registry import fromdict as fromdict
 from chemage.plugins.hooks import hookimpl as hookimpl
+from chemage.foundation.kernels import kernel as kernel
 from chemage.contacts.patches import label_patches as label_patches
 from chemage.plugins.hooks import lazy_attributes as lazy_attributes
 from chemage.foundation import looks as looks

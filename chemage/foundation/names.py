@@ -46,6 +46,7 @@ NAMES = {
     "scene.run": "Run run",
     "scene.scene": "Scene",
     "scene.files": "load_scene override parse_scene scene_data",
+    "foundation.kernels": "kernel",
     "foundation.machine": "cache_folder",
     "foundation.outputs": "Output record",
     "foundation.records": "content_hash file_hash",

@@ -334,7 +334,7 @@ def test_what_is_printed_does_not_move_the_cursor(command, small, tmp_path):
     assert errors.printable("Δµ\t1\n") == "Δµ\t1\n"
 
 
-PROGRAM = [sys.executable, "-m", "chemage.cli"]
+PROGRAM = [sys.executable, "-m", "chemage"]
 
 
 @pytest.mark.parametrize("words", ["show small.h5", "check small.toml", "--version"])
@@ -385,7 +385,7 @@ def test_a_fault_of_the_program_is_one_line_and_its_place_is_in_the_log(command,
 @pytest.mark.long
 @pytest.mark.parametrize("closing", ["| head -1", ">&-", "> /dev/full"])
 def test_closed_and_full_outputs_leave_no_traceback(small, closing):
-    line = f"{sys.executable} -m chemage.cli schema {closing}; exit 0"
+    line = f"{sys.executable} -m chemage schema {closing}; exit 0"
     done = subprocess.run(["bash", "-c", line], capture_output=True, text=True, check=True)
     assert "Traceback" not in done.stderr
     assert "Exception ignored" not in done.stderr

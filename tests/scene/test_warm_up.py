@@ -234,8 +234,8 @@ def test_early_only_where_nothing_is_compiled(tmp_path, monkeypatch):
     with compiling.begun_early("silica-tip", {"hold.replicas": 2}, None):
         assert [stage for _, stage, *_ in started] == ["ageing", "contact"]
     started.clear()
-    (tmp_path / "foundation_1").mkdir()
-    (tmp_path / "foundation_1" / "random._fill-1.py311.nbi").touch()
+    (tmp_path / "chemage.foundation-1").mkdir()
+    (tmp_path / "chemage.foundation-1" / "random._fill-1.py311.nbi").touch()
     assert not machine.is_cold()
     with compiling.begun_early("silica-tip", {}, None) as begun:
         assert not begun
