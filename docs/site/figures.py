@@ -14,7 +14,7 @@ from PIL import Image
 
 DOCS = Path(__file__).parents[1]
 GALLERY = DOCS / "figures" / "gallery"
-CHEMAGE = [sys.executable, "-m", "chemage.cli"]
+CHEMAGE = [sys.executable, "-m", "chemage"]
 
 
 def keep(source: Path, name: str, folder: Path = GALLERY) -> None:
