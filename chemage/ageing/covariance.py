@@ -25,6 +25,8 @@ EXCHANGES = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 SMALLEST = 1e-6
 #: values of v and of s over which is averaged, as many per cent of probability apart
 VARIANCES, SCALES = 64, 8
+#: probability below which a value of c is left out
+UNLIKELY = 1e-3
 #: how often the mean curve is found again from samples and measurements together
 ROUNDS = 3
 
@@ -103,17 +105,19 @@ class CurveError:
 
         along = places @ self.along
         variances = self.variance * _drawn(self.freedom, VARIANCES)
-        first = second = 0.0
-        for weight, rest in zip(self.weights, self.rests, strict=True):
-            own = places @ rest @ places.T
-            for scale in _drawn(self.rest_freedom, SCALES):
-                factor = np.linalg.cholesky(noise + scale * own)
-                scaled, direction = np.linalg.solve(factor, np.stack([residual, along], axis=1)).T
-                error = 1 / (direction @ direction)
-                part = (direction @ scaled) * error
-                left = scaled @ scaled - part**2 / error
-                first += weight / SCALES * stats.chi2.sf(part**2 / (variances + error), 1).mean()
-                second += weight / SCALES * stats.chi2.sf(left, residual.size - 1)
+        likely = self.weights > UNLIKELY
+        rests = (places @ self.rests[likely] @ places.T)[:, None]
+        scales = _drawn(self.rest_freedom, SCALES)[:, None, None]
+        factors = np.linalg.cholesky(noise + scales * rests)
+        both = np.linalg.solve(factors, np.stack([residual, along], axis=1))
+        scaled, direction = both[..., 0], both[..., 1]
+        error = 1 / (direction**2).sum(axis=-1)
+        part = (direction * scaled).sum(axis=-1) * error
+        left = (scaled**2).sum(axis=-1) - part**2 / error
+        weights = self.weights[likely] / self.weights[likely].sum()
+        above = stats.chi2.sf((part**2)[..., None] / (variances + error[..., None]), 1)
+        first = weights @ above.mean(axis=(1, 2))
+        second = weights @ stats.chi2.sf(left, residual.size - 1).mean(axis=1)
         return float(stats.chi2.sf(-2 * (np.log(max(first, 1e-300)) + np.log(max(second, 1e-300))), 4))
 
 
