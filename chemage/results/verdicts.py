@@ -112,7 +112,10 @@ def verdict(data: Measurements, name: str, compared: Compared) -> Verdict:
         chance = float(distribution.sf(chi2, times.size))
     made |= {"chi2": chi2, "chance": chance}
     fitted = float(distribution.sf(left * max(times.size - 2, 1), max(times.size - 2, 1)))
-    return Verdict(data.name, name, _in_words(made, fitted), **made)
+    text = _in_words(made, fitted)
+    if chance < AGREE and not covariance.any():
+        text += "; the result has no error of its own, as a single replica has none: age several"
+    return Verdict(data.name, name, text, **made)
 
 
 class _Model(NamedTuple):

@@ -3,8 +3,8 @@
 Tips and rough surfaces of random size, slope, Hurst exponent, spectrum and load, with a random chemistry and
 temperature. The truth is the kinetics of every site with the exact engine ``next-reaction``, beside the same sites
 without interaction with the same barriers and noise, whose bonds are known by a quadrature of their own (a control
-variate); small contacts are simulated side by side, apart from each other. Constants were chosen on other contacts and on scenes of
-the seeds ``TUNING``; those of ``VALIDATION`` were used for nothing.
+variate); small contacts are simulated side by side, apart from each other. Constants were chosen on other contacts and
+on scenes of the seeds ``TUNING``; those of ``VALIDATION`` were used for nothing.
 
 With ``--wide`` the temperatures are 50 to 600 K, the pressures up to 20 GPa, and barriers, couplings and attempt
 frequencies of all sizes with which ten bonds at least are there in the end.
