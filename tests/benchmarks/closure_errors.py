@@ -163,20 +163,22 @@ def wide_scenes(seed: int, count: int) -> Iterator[Scene]:
 
 
 def independent(own: ca.Chemistry, temperature: float, pressure: np.ndarray) -> np.ndarray:
-    """(n, m) share of bonded sites that do not interact, by midpoints that are the denser the nearer to either end of
-    the ranks, between pressures by splines."""
+    """(n, m) share of bonded sites that do not interact: by trapezoids over the logits of the ranks of the forming
+    barriers, by Gauss and Hermite over the breaking ones, between pressures by splines."""
     from scipy.interpolate import CubicSpline
+    from scipy.special import expit
 
-    edges = 1 / (1 + np.exp(-np.linspace(-36, 36, 1201)))
-    ranks, weights = 0.5 * (edges[1:] + edges[:-1]), np.diff(edges)
+    logits = np.linspace(-36, 36, 801)
+    forming = own.forming.quantile(expit(logits))
+    weights = expit(logits) * expit(-logits)
+    weights /= weights.sum()
     kt = ca.plugin.KB * temperature
-    forming, breaking = own.forming.quantile(ranks), np.array([np.inf])
-    parts = np.ones(1)
+    breaking, parts = np.array([np.inf]), np.ones(1)
     if own.breaking is not None:
-        chosen = (np.arange(24) + 0.5) / 24
-        breaking, parts = own.breaking.quantile(chosen), np.full(24, 1 / 24)
+        deviations, parts = np.polynomial.hermite_e.hermegauss(48)
+        breaking, parts = own.breaking.mean + own.breaking.std * deviations, parts / parts.sum()  # pyright: ignore
     b = own.attempt_frequency * np.exp(-np.maximum(breaking, 0.0) / kt)
-    nodes = np.linspace(0.0, float(pressure.max()), 120)
+    nodes = np.linspace(0.0, float(pressure.max()), 160)
     shares = np.zeros((nodes.size, TIMES.size))
     for number, node in enumerate(nodes):
         lowered = forming - own.activation_volume * ca.plugin.EV_PER_GPA_NM3 * node
