@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from inferring import Compared, Curve, result_of, verdict
+from inferring import Compared, Curve, CurveError, result_of, verdict
 from made_inference import made_inference
 
 import chemage as ca
-from chemage.ageing.covariance import CurveError
-from chemage.studies.ensembles.ensemble import Ensemble
 
 TIMES = np.logspace(0, 4, 9)
 MODEL = 20 + 10 * np.log10(TIMES)
@@ -129,7 +127,7 @@ def small_contact_run():
     fields = {"load": 50.0, "temperature": 300.0}
     aging = ca.Aging(hold_times=TIMES, bonds=bonds, sites=np.full(4, 500), **fields)
     rows = np.concatenate([np.ones((6, 1)), run_of(rng, 6)], axis=1)
-    ensemble = Ensemble(
+    ensemble = ca.Ensemble(
         hold_times=TIMES,
         load=50.0,
         window=(10.0, 1e4),
