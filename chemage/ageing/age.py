@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from chemage.ageing.aging import Aging, elastic_limits, fit_or_reason
+from chemage.ageing.aging import BARRIERS, Aging, elastic_limits, fit_or_reason
 from chemage.ageing.fitting import line_slopes, line_weights
 from chemage.ageing.methods import (
     EVERY_SITE,
@@ -238,8 +238,6 @@ def kept_bytes(replicas: int, hold_times: int) -> float:
     return replicas * (16.0 * hold_times + 500.0)
 
 
-#: name of the error
-BARRIERS = "barriers"
 #: members that are aged, sites over all replicas of each, and most replicas
 MEMBERS, SITES, MOST = 8, 2000, 40
 

@@ -45,6 +45,8 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.axes import Axes
 
+#: name of the error
+BARRIERS = "barriers"
 #: standard deviations from what is possible at which an estimate is taken for a fault
 FAR = 8.0
 #: at each hold time: name -> (unit, meaning)
@@ -230,6 +232,15 @@ class Aging(Observing, Record):
         last = [(name, float(error[-1])) for name, error in self.errors.items() if error.size]
         parts = [f"{name} {percent(error)} ({self.error_sources[name]})" for name, error in last]
         return "; ".join(parts)
+
+    @property
+    def stated_error(self) -> np.ndarray:
+        """(m,) relative standard error of a mean without replicas, from :attr:`errors`; 0 beside a scatter of replicas.
+
+        That of the distribution of barriers is left out: it is an error of the input.
+        """
+        parts = [error for name, error in self.errors.items() if name != BARRIERS and self.replicas == 1]
+        return np.sqrt(sum((np.nan_to_num(error) ** 2 for error in parts), np.zeros(self.hold_times.size)))
 
     @property
     def rupture(self) -> str | None:

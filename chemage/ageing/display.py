@@ -347,9 +347,19 @@ class AgingDisplay(OfRecord[Aging]):
             if not np.isfinite(values).any():
                 continue
             beside = self._draw_beside if name == "friction_coefficient_drop" else None
-            numbers = aging.hold_times, values.mean(axis=0), half_width(values)
+            mean = values.mean(axis=0)
+            numbers = aging.hold_times, mean, half_width(values)
             curves[figure] = Curve(
-                words, unit, "hold time (s)", label, caption, *numbers, replicas_text(aging), beside=beside
+                words,
+                unit,
+                "hold time (s)",
+                label,
+                caption,
+                *numbers,
+                replicas_text(aging),
+                beside=beside,
+                samples=(values,) if aging.replicas > 1 else (),
+                known=aging.stated_error * mean,
             )
         return curves
 

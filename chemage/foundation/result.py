@@ -131,6 +131,10 @@ class Curve:
     alone: bool = True
     #: draws what is known beside it, such as a fit: called with axes, label ("" alone) and colour
     beside: Callable[[Axes, str, str], None] | None = None
+    #: (n, m) each: independent samples whose means add up to ``mean``
+    samples: Sequence[np.ndarray] = ()
+    #: (m,) standard error that the samples do not contain, shared by all hold times; empty: none
+    known: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
 
 @dataclass

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, NamedTuple
 
@@ -9,7 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from chemage import Chemistry, InputError
-from chemage.plugin import AgedBonds, AgeingMethod, AgeingRequest, Engine, Unit, random
+from chemage.plugin import AgedBonds, AgeingMethod, AgeingRequest, Engine, Unit, random, statistics
 from chemage_ageing._table import grouped_bonds
 
 STREAM = "chemage-ageing/windows"
@@ -144,7 +145,7 @@ class Sample(AgeingMethod):
         estimates = values.mean(axis=1)
         count = bonds.shape[1]
         mean, windowed = estimates.mean(axis=0), values.var(axis=1, ddof=1) / count
-        error = np.sqrt(windowed.sum(axis=0)) / len(replicas)
+        error = np.sqrt(windowed.sum(axis=0)) / len(replicas) * _few(bonds[:, 1::2, 0].size)
         reactive = sites * request.chemistry.hydroxylation
         followed = np.mean([replica.sites for replica in replicas]) / reactive
         note = f"{replicas[0].drawn.size} windows a replica; {100 * followed:.2g} % of the sites were followed"
@@ -178,6 +179,12 @@ def _coefficient(bonds: np.ndarray, alone: np.ndarray) -> np.ndarray:
     spread = (centred**2).sum(axis=(0, 1))
     together = (centred * bonds).sum(axis=(0, 1))
     return np.divide(together, spread, out=np.zeros(spread.shape), where=spread > 0)
+
+
+def _few(windows: int) -> float:
+    """By how much the standard error is larger because the coefficient comes from so many windows, which adds its own
+    error (Cochran, Sampling Techniques, 3rd ed. (1977), section 12.6), and the error itself (Student's t)."""
+    return math.sqrt(1 + 1 / (windows - 3)) * statistics.student_limit(windows - 2) / statistics.NORMAL_LIMIT
 
 
 class Windows(NamedTuple):

@@ -2,9 +2,12 @@
 
 Tips and rough surfaces of random size, slope, Hurst exponent, spectrum and load, with a random chemistry and
 temperature. The truth is the kinetics of every site with the exact engine ``next-reaction``, beside the same sites
-without interaction with the same barriers and noise, whose bonds are known by quadrature (a control variate); small
-contacts are simulated side by side, apart from each other. Constants were chosen on other contacts and on scenes of
-the seeds ``TUNING``; those of ``VALIDATION`` were used for nothing.
+without interaction with the same barriers and noise, whose bonds are known by a quadrature of their own (a control
+variate); small contacts are simulated side by side, apart from each other. Constants were chosen on other contacts and
+on scenes of the seeds ``TUNING``; those of ``VALIDATION`` were used for nothing.
+
+With ``--wide`` the temperatures are 50 to 600 K, the pressures up to 20 GPa, and barriers, couplings and attempt
+frequencies of all sizes with which ten bonds at least are there in the end.
 
 ``python tests/benchmarks/closure_errors.py FILE`` appends a line per scene to FILE, and resumes an interrupted run;
 ``--table`` prints the coverage. Another method is measured by its own function beside ``closure``.
@@ -25,15 +28,14 @@ import numpy as np
 import chemage as ca
 from chemage.ageing.age import beta_errors
 from chemage.plugin import random
-from chemage_ageing._table import bonded_share
 
-TUNING, VALIDATION = (1000, 2000), 3000
+TUNING, VALIDATION, WIDE = (1000, 2000), 3000, 4000
 TIMES = 10.0 ** np.arange(-4, 6)
 #: hold times of β
 WINDOW = slice(5, 9)
 MODULUS, PIXEL = 35.3, 0.4518
 #: contacts of one chemistry, whose table they share
-CONTACTS = 12
+CONTACTS, WIDE_CONTACTS = 12, 4
 #: relative standard error of the kinetics that is aimed at, at each hold time; seconds of a scene; fewest replicas
 NOISE, SECONDS, FEWEST = 0.004, 1.5, 8
 #: sites that are simulated side by side, where a contact has fewer
@@ -80,6 +82,30 @@ def chemistry(rng: np.random.Generator) -> tuple[ca.Chemistry, float]:
     ), temperature
 
 
+def wide_chemistry(rng: np.random.Generator) -> tuple[ca.Chemistry, float]:
+    """A random chemistry and temperature (K) of ``--wide``."""
+    temperature, frequency = float(rng.uniform(50, 600)), float(10 ** rng.uniform(11, 14))
+    volume = rng.uniform(0.0, 0.008)
+    reached = ca.plugin.KB * temperature * math.log(frequency * TIMES[-1])
+    lowered = 20 * volume * ca.plugin.EV_PER_GPA_NM3
+    middle, width = reached * rng.uniform(0.6, 1.3) + lowered * rng.uniform(0.0, 1.0), rng.uniform(0.02, 0.3)
+    kind = rng.integers(3)
+    forming: Any = ca.barriers("md-silica")
+    if kind == 1:
+        forming = ca.barriers("gaussian", mean=middle, std=width / 3)
+    if kind == 2:
+        forming = ca.barriers("uniform", lower=max(middle - width, 0.0), upper=middle + width)
+    breaks = 10 ** rng.uniform(-3, 1)
+    mean = ca.plugin.KB * temperature * math.log(frequency * TIMES[-1] / breaks)
+    return ca.chemistry(
+        forming=forming,
+        breaking=ca.barriers("gaussian", mean=mean, std=0.02) if rng.random() < 0.5 else None,
+        interaction=ca.interaction("elastic-pairs", strength=10 ** rng.uniform(-1.3, -0.2), bias=0.1),
+        activation_volume=volume,
+        attempt_frequency=frequency,
+    ), temperature
+
+
 def tip(rng: np.random.Generator) -> ca.ContactSolution:
     """A Hertz contact of 10 to 10⁴ sites."""
     sites, radius = 10 ** rng.uniform(1.0, 4.0), 10 ** rng.uniform(0.4, 2.3)
@@ -114,6 +140,54 @@ def scenes(seed: int, count: int) -> Iterator[Scene]:
         yield Scene(f"{seed}/{number} {'tip' if number % 2 else 'rough'}", contact, own, temperature)
 
 
+def wide_scenes(seed: int, count: int) -> Iterator[Scene]:
+    """Random scenes of ``--wide`` with contacts of up to 20 GPa."""
+    group = number = 0
+    while number < count:
+        group += 1
+        own, temperature = wide_chemistry(np.random.default_rng([seed, group]))
+        for trial in range(WIDE_CONTACTS):
+            contact = (tip, rough)[trial % 2](np.random.default_rng([seed, group, trial]))
+            factor = float(np.random.default_rng([seed, group, trial, 1]).uniform(0.1, 20)) / contact.pressure.max()
+            contact = ca.ContactSolution(
+                pressure=factor * contact.pressure,
+                load=factor * contact.load,
+                pixel_size=contact.pixel_size,
+                modulus=factor * MODULUS,
+                periodic=contact.periodic,
+            )
+            here = contact.pressure[contact.contact]
+            if 10 <= here.size <= 30_000 and independent(own, temperature, here).sum(axis=0)[-1] > 10:
+                yield Scene(f"{seed}/{group}/{trial}", contact, own, temperature)
+                number += 1
+
+
+def independent(own: ca.Chemistry, temperature: float, pressure: np.ndarray) -> np.ndarray:
+    """(n, m) share of bonded sites that do not interact: by trapezoids over the logits of the ranks of the forming
+    barriers, by Gauss and Hermite over the breaking ones, between pressures by splines."""
+    from scipy.interpolate import CubicSpline
+    from scipy.special import expit
+
+    logits = np.linspace(-36, 36, 801)
+    forming = own.forming.quantile(expit(logits))
+    weights = expit(logits) * expit(-logits)
+    weights /= weights.sum()
+    kt = ca.plugin.KB * temperature
+    breaking, parts = np.array([np.inf]), np.ones(1)
+    if own.breaking is not None:
+        deviations, parts = np.polynomial.hermite_e.hermegauss(48)
+        breaking, parts = own.breaking.mean + own.breaking.std * deviations, parts / parts.sum()  # pyright: ignore
+    b = own.attempt_frequency * np.exp(-np.maximum(breaking, 0.0) / kt)
+    nodes = np.linspace(0.0, float(pressure.max()), 160)
+    shares = np.zeros((nodes.size, TIMES.size))
+    for number, node in enumerate(nodes):
+        lowered = forming - own.activation_volume * ca.plugin.EV_PER_GPA_NM3 * node
+        a = (own.attempt_frequency * np.exp(-np.maximum(lowered, 0.0) / kt))[:, None]
+        for column, time_ in enumerate(TIMES):
+            shares[number, column] = weights @ (a / (a + b) * -np.expm1(-(a + b) * time_)) @ parts
+    return np.exp(CubicSpline(nodes, np.log(np.maximum(shares, 1e-300)))(np.asarray(pressure, dtype=np.float64)))
+
+
 def tiled(contact: ca.ContactSolution) -> tuple[ca.ContactSolution, int]:
     """Copies of a small contact apart from each other, and their number."""
     count = int(math.sqrt(TILED / np.count_nonzero(contact.contact)))
@@ -133,7 +207,7 @@ def truth(scene: Scene, seed: int = 7) -> Truth:
     contact, copies = tiled(scene.contact)
     engine, free = ca.engine("next-reaction"), scene.chemistry.replace(interaction=None)
     pressure = contact.pressure[contact.contact]
-    exact = bonded_share(free, scene.temperature, TIMES, pressure).sum(axis=0) / copies
+    exact = independent(free, scene.temperature, pressure).sum(axis=0) / copies
     changes: list[np.ndarray] = []
     begin = time.process_time()
     while True:
@@ -220,13 +294,15 @@ def main() -> None:
     parser.add_argument("--method", default="closure", choices=METHODS)
     parser.add_argument("--seed", type=int, default=VALIDATION)
     parser.add_argument("--scenes", type=int, default=96)
+    parser.add_argument("--wide", action="store_true", help="50 to 600 K, up to 20 GPa")
     parser.add_argument("--folder", default="", help="folder of tables; default: the cache folder of the user")
     parser.add_argument("--table", action="store_true")
     options = parser.parse_args()
     lines = [json.loads(line) for line in options.file.read_text().splitlines()] if options.file.exists() else []
     if not options.table:
         done = {line["scene"] for line in lines}
-        for scene in scenes(options.seed, options.scenes):
+        drawn = wide_scenes(WIDE, options.scenes) if options.wide else scenes(options.seed, options.scenes)
+        for scene in drawn:
             if scene.name not in done:
                 lines.append(measured(scene, options.method, options.folder))
                 with options.file.open("a", encoding="utf-8") as file:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from chemage.ageing.covariance import CurveError
 from chemage.foundation.result import Compared, Curve, result_of
 from chemage.inference.calibrate import Calibration, _errors, _rank, calibrate
 from chemage.inference.noise import LARGEST, NEAREST, RARE, SPREAD, WIDER, ErrorModel, Noise, State
@@ -13,8 +14,28 @@ from chemage.results.verdicts import verdict
 drawn_errors, rank = _errors, _rank
 
 __all__ = [
-    "LARGEST", "NEAREST", "RARE", "SPREAD", "WIDER", "Calibration", "Chain", "Compared", "Curve", "ErrorModel", "Noise",
-    "Prior", "Problem", "State", "calibrate", "drawn_errors", "effective", "r_hat", "rank", "result_of", "verdict",
+    "LARGEST",
+    "NEAREST",
+    "RARE",
+    "SPREAD",
+    "WIDER",
+    "Calibration",
+    "Chain",
+    "Compared",
+    "Curve",
+    "CurveError",
+    "ErrorModel",
+    "Noise",
+    "Prior",
+    "Problem",
+    "State",
+    "calibrate",
+    "drawn_errors",
+    "effective",
+    "r_hat",
+    "rank",
+    "result_of",
+    "verdict",
 ]  # fmt: skip
 
 

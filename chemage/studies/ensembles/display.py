@@ -331,6 +331,8 @@ class EnsembleDisplay(OfRecord[Ensemble]):
                     what,
                     band=ensemble.random,
                     alone=False,
+                    samples=[scale * curves for curves in ensemble.friction_drop_terms],
+                    known=scale * ensemble.friction_drop_known,
                 )
 
     def _compare_beta(self, joined: Compared) -> None:

@@ -168,10 +168,13 @@ class Ensemble(Record):
     @cached_property
     def half_widths(self) -> np.ndarray:
         """(quantities,) half the widths of their 95 % intervals."""
-        counts = [len(rows) for rows in self._terms]
+        return half_width(self._spreads, [len(rows) for rows in self._terms], self._known)
+
+    @property
+    def _known(self) -> np.ndarray:
+        """(quantities,) standard errors that are known before."""
         errors = [np.abs(self.mean) * relative for relative in self.known.values()]
-        total = np.sqrt(np.sum([error**2 for error in errors], axis=0)) if errors else np.zeros(self.quantities.count)
-        return half_width(self._spreads, counts, total)
+        return np.sqrt(np.sum([error**2 for error in errors], axis=0)) if errors else np.zeros(self.quantities.count)
 
     def estimate(self, name: str, time: float | None = None) -> Estimate:
         """The mean of a quantity over surfaces; of a curve at a hold time (s), by default the last.
@@ -251,6 +254,16 @@ class Ensemble(Record):
     def single_friction_drops(self) -> np.ndarray:
         """ΔF of each sample of the first level, nN, (samples, m)."""
         return self.rows["0"][:, self._curve]
+
+    @property
+    def friction_drop_terms(self) -> list[np.ndarray]:
+        """ΔF of independent samples, nN, (samples, m) each, whose means add up to the mean."""
+        return [rows[:, self._curve] for rows in self._terms]
+
+    @property
+    def friction_drop_known(self) -> np.ndarray:
+        """Standard error of ΔF that is known before, nN, (m,); nan: not known."""
+        return self._known[self._curve]
 
     @property
     def friction_drop_half_width(self) -> np.ndarray:
