@@ -15,6 +15,7 @@ PATCH, TIP = "silica-patch", "silica-tip"
 BEM_TIP = {"contact": {"kind": "fft-bem", "modulus": 35.3, "load": "50 nN"}}
 THEORY = {"contact": {"kind": "persson", "modulus": 35.3, "load": "839 nN"}, "observe": None}
 CLOSURE = {"ageing": {"kind": "closure"}, "observe": None}
+NO_SPAN = {"hold.start": None, "hold.stop": None}
 
 #: scene, changes, what the plan warns of
 DOUBTFUL = {
@@ -26,7 +27,8 @@ DOUBTFUL = {
         "beta will not be fitted: no hold time lies between 1e+06 and 1e+07 s, 2 are needed (the hold times: 0.1 to",
     ),
     "fit window of one hold time": (PATCH, {"fit.start": 9.0, "fit.stop": 11.0}, "one hold time lies between 9 and 11"),
-    "fit window of two hold times": (PATCH, {"fit.start": 9.0, "fit.stop": 20.0}, "only 2 hold times lie in the fit"),
+    "fit window of two hold times": (PATCH, {"fit.start": 9.0, "fit.stop": 20.0}, "β rests on 2 hold times over 0.25 decades"),
+    "three hold times over two decades": (PATCH, {"hold.times": [10.0, 100.0, 1000.0], **NO_SPAN}, "β rests on 3 hold times"),
     "rough, above the hardness": (
         PATCH,
         {"chemistry.hardness": "1 GPa"},
