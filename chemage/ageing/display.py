@@ -256,7 +256,7 @@ class AgingDisplay(OfRecord[Aging]):
         }
         joined.rows["standard errors of β"] = (
             f"replicas on one surface: {percent(fit.relative_stderr)}"
-            if fit is not None and math.isfinite(fit.relative_stderr)
+            if fit is not None and fit.relative_stderr > 0
             else NONE
         )
         if (scatter := self.scatter) is not None:
