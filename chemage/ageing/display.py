@@ -134,10 +134,7 @@ class AgingDisplay(OfRecord[Aging]):
         ]
         if aging.errors:
             rows.append((f"errors of the mean {last}", aging.error_words))
-        rows += elastic_rows(aging)
-        for name, output in aging.measured.items():
-            rows.append((f"{name}{' ' + last if output.is_curve else ''}", output.text()))
-        return rows + self._fit_rows()
+        return rows + elastic_rows(aging) + self.recorded(last) + self._fit_rows()
 
     def _fit_rows(self) -> Rows:
         fit, reason = self.fit

@@ -291,6 +291,14 @@ class Measured:
             return self.values
         return self.values[:, -1] if self.is_curve else None
 
+    def row(self, last: str = "") -> tuple[str, str]:
+        """What it is in words, of a curve at the ``last`` hold time, and :meth:`text`; of other arrays name and
+        meaning."""
+        if self.numbers is None:
+            return self.name, "; ".join(filter(None, (self.text(), self.description)))
+        words = self.description or self.name
+        return f"{words} {last}".rstrip() if self.is_curve else words, self.text()
+
     def text(self) -> str:
         """Mean ± half of the 95 % interval with its unit, at the last hold time; of other arrays their size and the
         range of their values."""
