@@ -280,13 +280,13 @@ class AgingDisplay(OfRecord[Aging]):
         for name, value in elastic.items():
             unit = "" if ELASTIC_MEASURES[name][0] == "1" else ELASTIC_MEASURES[name][0]
             joined.rows[_ELASTIC[name]] = f"{value:.5g} {unit}".strip()
-        for name, output in aging.measured.items():
-            if output.numbers is not None and output.is_number:
-                joined.rows[name] = mean_text(output.numbers, output.unit)
-            elif output.numbers is not None:
+        for output in aging.measured.values():
+            if output.is_number:
+                joined.rows[output.words] = output.text()
+            elif output.is_curve:
                 for time, words, chosen in moments:
-                    values = output.numbers if chosen is None else at(aging.hold_times, output.values, time)
-                    joined.rows[f"{name} at {words}"] = mean_text(values, output.unit)
+                    values = output.values[:, -1] if chosen is None else at(aging.hold_times, output.values, time)
+                    joined.rows[f"{output.words} at {words}"] = mean_text(values, output.unit)
 
     def _compared_numbers(self, elastic: Mapping[str, float]) -> dict[str, Any]:
         aging, (fit, reason), scatter = self.record, self.fit, self.scatter

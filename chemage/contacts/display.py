@@ -116,16 +116,12 @@ class OfContact(OfRecord[C], Generic[C]):
 
     def compared(self, times: Sequence[float]) -> Compared:
         joined = compared_measures(self.record.summary())
-        joined.rows |= self.named()
+        joined.rows |= self.recorded()
         numbers = {name: output for name, output in self.record.measured.items() if output.is_number}
         joined.numbers |= {f"observable.{name}": float(output.values[0]) for name, output in numbers.items()}
         joined.units |= {f"observable.{name}": output.unit for name, output in numbers.items() if output.unit}
         joined.curves = self.curves()
         return joined
-
-    def named(self) -> dict[str, str]:
-        """Recorded numbers by name."""
-        return {name: output.text() for name, output in self.record.measured.items() if output.is_number}
 
     def curves(self) -> dict[str, Curve]:
         """The distribution of the pressure, to be drawn with others."""

@@ -202,7 +202,7 @@ class RunDisplay(Result):
             return of_scene(self.scene) | contact
         aging = self.aging.compared(times)
         aging.numbers |= {name: value for name, value in contact.numbers.items() if name != "replicas"}
-        aging.rows |= self.contact.named()
+        aging.rows |= self.contact.recorded()
         aging.units |= contact.units
         aging.curves |= contact.curves  # those of friction before that of the pressure
         aging.chemistry = chemistry_of_scene(self.scene, self.aging.record.temperature)
