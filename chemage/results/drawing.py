@@ -375,7 +375,8 @@ def _darker(color: str) -> str:
 
 
 def _draw_measurements(axes: Axes, comparison: Comparison, quantity: Quantity) -> None:
-    """Draw measurements of a quantity, or of another that one common load turns into it, with the fit of a curve."""
+    """Draw measurements of a quantity, or of another that one common load turns into it, with the line fitted to
+    it."""
     loads = {entry.compared.load for entry in comparison.results}
     load = loads.pop() if len(loads) == 1 else None
     for number, original in enumerate(comparison.measured):
@@ -395,7 +396,7 @@ def _draw_measurements(axes: Axes, comparison: Comparison, quantity: Quantity) -
             capsize=2,
             label=plain(f"{data.name} (measured)" if data.error is None else f"{data.name} (measured, 95 %)"),
         )
-        fit = comparison.measured_fit(data, "curve")
+        fit = comparison.measured_fit(data, "line")  # as to the results
         if fit is not None and fit.drawable:
             line = np.geomspace(*fit.span, 100)
             label = plain(f"{data.name}: {fit.short_text()}")
