@@ -554,7 +554,7 @@ def test_every_figure_has_a_caption_and_what_it_should_show():
 
 def test_the_band_of_a_peak_is_at_least_a_step_of_the_energies_wide():
     one = made_inference()
-    assert words.density_text(one) == "one peak at 1.000 ± 0.007 eV"
+    assert words.density_text(one) == "one peak at 1.000 ± 0.008 eV"
     data, residuals = figures["data"].axes
     assert data.get_legend().get_title().get_text() == "points: measured, bars 95 %; bands: 68 and 90 %"
     bars = np.array(data.containers[0].lines[2][0].get_segments())
