@@ -199,12 +199,15 @@ class Fit:
         """That there are too few hold times, or over too short a time, for a β of any others; else ""."""
         return few_hold_times(self.points, self.span)
 
+    def symbol_text(self) -> str:
+        """``β = 0.43(3)``: β with half of its interval in brackets, and its unit."""
+        half = self.beta_half_width if math.isfinite(self.beta_interval.low) else math.nan
+        return " ".join(filter(None, ("β =", with_error(self.beta, half), UNIT[self.quantity])))
+
     def short_text(self) -> str:
         """β with half of its interval in brackets, what was fitted, and what to doubt, for legends."""
-        half = self.beta_half_width if math.isfinite(self.beta_interval.low) else math.nan
-        beta = " ".join(filter(None, (with_error(self.beta, half), UNIT[self.quantity])))
         shape = "fitted line" if self.model == "line" else "fitted β log(1 + t/t_c)"
-        text = f"β = {beta} per decade ({shape}, {span_text(self.span)})"
+        text = f"{self.symbol_text()} per decade ({shape}, {span_text(self.span)})"
         return f"{text}\n{short_doubt(self.doubt)}" if self.doubt else text
 
     def intervals_text(self) -> str:

@@ -36,7 +36,15 @@ from chemage.cli.options import (
     requested_fields,
     user_error,
 )
-from chemage.cli.output import drawn, figures_of, preflight_result, protect_inputs, result_written, save_picture, show_all
+from chemage.cli.output import (
+    drawn,
+    figures_of,
+    preflight_result,
+    protect_inputs,
+    result_written,
+    save_picture,
+    show_all,
+)
 from chemage.foundation import compiling
 from chemage.foundation.progress import loaded, loading, progress_bars, reported, watching
 

@@ -547,7 +547,8 @@ def test_every_figure_has_a_caption_and_what_it_should_show():
     assert {"visible energies", "90 % band", "68 % band", "mean", "gaussian"} <= {*labels}
     assert "uniform" not in labels, "46 below the best: excluded"
     captions = [
-        result_of(each).pictures()["density"].panels[0].caption for each in (one, made_inference(scores={}, families={}))
+        result_of(each).pictures()["density"].panels[0].caption
+        for each in (one, made_inference(scores={}, families={}))
     ]
     assert ["Orange: families" in caption for caption in captions] == [True, False]
 
