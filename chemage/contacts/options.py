@@ -24,7 +24,8 @@ _FORM_CRYSTAL = (
 )
 _FORM = 'give young = ["72 GPa", "210 GPa"] and poisson = [0.17, 0.3], or one of each for a rigid counter-body'
 
-#: above this rms slope, or mean contact pressure over E*, linear elasticity does not hold; hardness over E* is below 0.3
+#: above this rms slope, or mean contact pressure over E*, linear elasticity does not hold; solids have a hardness below
+#: 0.3 E*
 LARGEST_SLOPE, LARGEST_MEAN = 1.0, 0.3
 
 

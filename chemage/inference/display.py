@@ -386,8 +386,8 @@ def draw_scalar(axes: Axes, medium: Medium, one: Inference, name: str) -> None:
 #: inches of one figure, and of one panel on a page
 _FILE, _PAGE = (6.4, 4.4), (4.9, 3.6)
 _CAPTIONS = {
-    "density": "Density of forming barriers: mean, 68 and 90 % bands of the posterior, and upper end of the 90 % band of "
-    "the prior (grey).{families} Outside the shaded energies the data tell sums only.",
+    "density": "Density of forming barriers: mean, 68 and 90 % bands of the posterior, and upper end of the 90 % band "
+    "of the prior (grey).{families} Outside the shaded energies the data tell sums only.",
     "data": "Measured friction drop (bars: 95 %) with the 68 and 90 % bands of the fitted curves.",
     "residuals": "Residuals in standard errors; shaded: two standard errors.",
     "predictive": "What the prior and the posterior predict of the measurements, 90 % bands.",

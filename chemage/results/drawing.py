@@ -373,8 +373,8 @@ def _is_distribution(curve: Curve) -> bool:
 def _draw_curve(
     axes: Axes, comparison: Comparison, entry: Entry, curve: Curve, style: dict[str, Any], fitted: str
 ) -> float:
-    """Draw a curve, with β of its ``fitted`` line in the legend; return its last value. A band contains the scatter between surfaces; bars are errors of replicas on
-    one surface."""
+    """Draw a curve, with β of its ``fitted`` line in the legend; return its last value. A band contains
+    the scatter between surfaces; bars are errors of replicas on one surface."""
     if _is_distribution(curve):
         axes.stairs(curve.mean, curve.x, color=style["color"], lw=1.4)
         middles, every = 0.5 * (curve.x[1:] + curve.x[:-1]), max(1, curve.mean.size // 8)

@@ -29,14 +29,19 @@ DOUBTFUL = {
         "beta will not be fitted: no hold time lies between 1e+06 and 1e+07 s, 2 are needed (the hold times: 0.1 to",
     ),
     "fit window of one hold time": (PATCH, {"fit.start": 9.0, "fit.stop": 11.0}, "one hold time lies between 9 and 11"),
-    "fit window of two hold times": (PATCH, {"fit.start": 9.0, "fit.stop": 20.0}, "β rests on 2 hold times over 0.25 decades"),
-    "three hold times over two decades": (PATCH, {"hold.times": [10.0, 100.0, 1000.0], **NO_SPAN}, "β rests on 3 hold times"),
+    "fit window of two hold times": (PATCH, {"fit.start": 9.0, "fit.stop": 20.0}, "β rests on 2 hold times over"),
+    "three hold times over two decades": (
+        PATCH,
+        {"hold.times": [10.0, 100.0, 1000.0], **NO_SPAN},
+        "β rests on 3 hold times over 2 decades",
+    ),
     "rough, above the hardness": (
         PATCH,
         {"chemistry.hardness": "1 GPa"},
         "the mean contact pressure is expected to be 1.6 GPa, with 74 % of the contact area above the hardness",
     ),
     "tip, above the hardness": (TIP, {"chemistry.hardness": "1.2 GPa"}, "of the contact area above the hardness of"),
+    "adhesion that the contact leaves out": (TIP, {"chemistry.work_of_adhesion": "50 mJ/m^2"}, "holds this sphere with"),
     "modulus in Pa": (PATCH, {"contact.modulus": 35.3e9}, "contact.modulus = 3.53e+10 GPa: moduli and strengths"),
     "load in N": (PATCH, {"contact.load": 2e-5}, "Is load = 2e-05 nN meant? A bare number is in nN"),
     "pixels too large": (
@@ -65,13 +70,17 @@ DOUBTFUL = {
         {"surface.rms_slope": None, "surface.rms_height": "1 mm"},
         "are heights and pixels in nm? A file may be in metres or micrometres: give height_unit and pixel_size",
     ),
-    "slopes that are not small": (PATCH, {"surface.rms_slope": 1.5}, "the rms slope is 1.5, and the half-space needs slopes"),
+    "slopes that are not small": (PATCH, {"surface.rms_slope": 1.5}, "the rms slope is 1.5, and the half-space needs"),
     "a mean pressure near E*": (
         PATCH,
         {"surface.rms_slope": 0.8},
         "0.36 of the contact modulus, which no solid bears: use a contact with a hardness",
     ),
-    "a tip under a mean pressure near E*": (TIP, {"contact.modulus": 1.0, "contact.load": "0.2 uN"}, "which no solid bears"),
+    "a tip under a mean pressure near E*": (
+        TIP,
+        {"surface.radius": 10, "contact.modulus": 5.0, "contact.load": "0.3 uN"},
+        "which no solid bears",
+    ),
     "shortest wavelength": (PATCH, {"surface.zeta": 200}, "the shortest wavelength is 2.6 pixels; pixel-scale errors"),
     "barrier of -1 eV": (
         PATCH,
