@@ -214,10 +214,8 @@ def sphere_radius(contact: Contact) -> float | None:
 
 def elasticity_notes(contact: Contact) -> tuple[str, ...]:
     """That linear elasticity does not hold in a contact, in words; empty where it does."""
-    made = contact.provenance.get("surface")
-    # the slope of a tip is mostly that of its flanks
-    tip = isinstance(made, Mapping) and ("radius" in made or "tip" in made)
-    slope = math.nan if tip else contact.rms_slope
+    # that of a sphere is mostly the slope of its flanks
+    slope = contact.rms_slope if sphere_radius(contact) is None else math.nan
     largest = contact.measure("max_pressure")
     beyond = beyond_elasticity(contact.modulus, slope, contact.mean_contact_pressure, largest)
     return (beyond,) if beyond else ()

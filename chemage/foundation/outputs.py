@@ -297,8 +297,8 @@ class Measured:
         return self.values[:, -1] if self.is_curve else None
 
     def row(self, last: str = "") -> tuple[str, str]:
-        """What it is in words, of a curve at the ``last`` hold time, and :meth:`text`; of other arrays name and
-        meaning."""
+        """What it is in words, of a curve at the ``last`` hold time, and its value; of other arrays the name, and size
+        and meaning."""
         if self.numbers is None:
             return self.name, "; ".join(filter(None, (self.text(), self.description)))
         return f"{self.words} {last}".rstrip() if self.is_curve else self.words, self.text()

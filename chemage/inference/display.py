@@ -22,7 +22,7 @@ from chemage.foundation.statistics import NORMAL_LIMIT
 from chemage.foundation.text import plus_minus, power_text
 from chemage.inference.forecast import UNSEEN, WIDE, Forecast, band
 from chemage.inference.result import EXCLUDED, Inference, InferenceResult
-from chemage.inference.shape import Peak, empty, peaks, rises, shares, three_shares, trend, unresolved
+from chemage.inference.shape import empty, peaks, rises, shares, three_shares, trend, unresolved
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -106,7 +106,7 @@ def density_text(one: Inference) -> str:
         return f"hardly any inside (at most {share} % of the sites); barriers lie {' and '.join(sides)}"
     there = peaks(one)
     unsure = "".join(f"; the maximum at {energy:.3f} eV is not resolved" for energy in unresolved(one))
-    places = [_place(peak, one.energies[1] - one.energies[0]) for peak in there]
+    places = [peak.text(one.energies[1] - one.energies[0]) for peak in there]
     if places:
         ends = [end for end, up in zip(("lower", "upper"), rises(one), strict=True) if up]
         more = f"; rises again towards the {' and the '.join(ends)} end" if ends else ""
@@ -117,12 +117,6 @@ def density_text(one: Inference) -> str:
     run = "rises" if up >= SURE else "falls" if down >= SURE else ""
     towards = f"{run} towards the upper end of the visible energies" if run else "flat within the band"
     return f"no peak {'that the data support' if unsure else 'inside'}; {towards}{unsure}"
-
-
-def _place(peak: Peak, step: float) -> str:
-    """The energy of a peak with its band, which is at least a ``step`` of the energies (eV) wide."""
-    low, high = (f"{end:.3f}" for end in peak.band)
-    return f"{peak.energy:.3f} ± {0.5 * step:.3f} eV" if low == high else f"{peak.energy:.3f} eV ({low} to {high})"
 
 
 def scalar_rows(one: Inference) -> Rows:

@@ -6,12 +6,10 @@ import warnings
 
 import numpy as np
 import pytest
-from seen import plan
+from seen import plan, result_of
 
 import chemage as ca
 from chemage import run
-from chemage.foundation.result import result_of
-from chemage.scene.files import parse_scene
 
 PATCH, TIP = "silica-patch", "silica-tip"
 BEM_TIP = {"contact": {"kind": "fft-bem", "modulus": 35.3, "load": "50 nN"}}
@@ -41,7 +39,7 @@ DOUBTFUL = {
         "the mean contact pressure is expected to be 1.6 GPa, with 74 % of the contact area above the hardness",
     ),
     "tip, above the hardness": (TIP, {"chemistry.hardness": "1.2 GPa"}, "of the contact area above the hardness of"),
-    "adhesion that the contact leaves out": (TIP, {"chemistry.work_of_adhesion": "50 mJ/m^2"}, "holds this sphere with"),
+    "adhesion that the contact leaves out": (TIP, {"chemistry.work_of_adhesion": 0.05}, "holds this sphere with up to"),
     "modulus in Pa": (PATCH, {"contact.modulus": 35.3e9}, "contact.modulus = 3.53e+10 GPa: moduli and strengths"),
     "load in N": (PATCH, {"contact.load": 2e-5}, "Is load = 2e-05 nN meant? A bare number is in nN"),
     "pixels too large": (
@@ -299,6 +297,6 @@ def test_a_block_of_bad_pixels_is_not_silent(tmp_path):
     np.save(tmp_path / "heights.npy", heights)
     surface = {"kind": "from-file", "path": str(tmp_path / "heights.npy"), "pixel_size": 0.4518}
     data = {"surface": surface, "contact": {"kind": "fft-bem", "modulus": 35.3, "load": "0.2 uN"}}
-    scene = parse_scene(data)
+    scene = ca.parse_scene(data)
     assert sum("the rms slope is 1.6, and the half-space needs" in note for note in plan(scene).notes) == 1
     assert sum("the rms slope is 1.6, and the half-space needs" in note for note in run(scene).notes) == 1
