@@ -8,6 +8,7 @@ from dataclasses import replace
 from functools import partial
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,7 +17,6 @@ from scipy.fft import dctn
 
 import chemage as ca
 from chemage import InputError
-from chemage.ageing.observables import Maps
 from chemage.plugin import PlottedResult
 from chemage_surfaces import fit_roughness
 
@@ -230,7 +230,7 @@ def test_the_figure_shows_the_spectrum_of_this_surface_alone():
     body = {"kind": "sphere", "radius": 30, "pixels": 64, "pixel_size": SIDE}
     on_it = ca.surface("tip", body=body, counterface=below).make(1)
     for surface, shown in ((below.make(1), 3), (on_it, 2), (None, 0)):
-        result = PlottedResult("it", None, None, "C0", below, load_maps=partial(Maps, None, surface))
+        result = PlottedResult("it", None, None, "C0", below, load_maps=partial(SimpleNamespace, contact=None, surface=surface))
         axes = Figure().add_subplot()
         below.draw("roughened-spectrum", axes, [result])
         labels = axes.get_legend_handles_labels()[1]
