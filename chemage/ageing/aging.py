@@ -534,13 +534,21 @@ def elastic_notes(aging: Aging | None) -> tuple[str, ...]:
             f"{_percent(stress / strength)} of the shear strength of {strength:g} GPa: the model does not limit it, "
             "but the solid would yield at its strength"
         )
-    if (pull := measures.get("pull_off_to_load", 0.0)) > NOTED_ELASTIC:
-        notes.append(
-            f"a work of adhesion of {measures['work_of_adhesion']:g} J/m² holds this sphere with up to "
-            f"{_percent(pull)} of the load (2πwR, DMT), and the contact is solved without adhesion: its area and "
-            "pressures are those of a smaller load; use a contact with adhesion"
-        )
+    if text := neglected_adhesion(measures.get("work_of_adhesion", 0.0), measures.get("pull_off_to_load", 0.0)):
+        notes.append(text)
     return tuple(notes)
+
+
+def neglected_adhesion(work: float, share: float) -> str:
+    """That adhesion (``work`` in J/m²) holds a sphere with a ``share`` of the load which the contact leaves out, in
+    words; "" where it is small."""
+    if share <= NOTED_ELASTIC:
+        return ""
+    return (
+        f"a work of adhesion of {work:g} J/m² holds this sphere with up to {_percent(share)} of the load (2πwR, DMT), "
+        "and the contact is solved without adhesion: its area and pressures are those of a smaller load; use a contact "
+        "with adhesion"
+    )
 
 
 def _percent(share: float) -> str:

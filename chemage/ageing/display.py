@@ -134,10 +134,7 @@ class AgingDisplay(OfRecord[Aging]):
         ]
         if aging.errors:
             rows.append((f"errors of the mean {last}", aging.error_words))
-        rows += elastic_rows(aging)
-        for name, output in aging.measured.items():
-            rows.append((f"{name}{' ' + last if output.is_curve else ''}", output.text()))
-        return rows + self._fit_rows()
+        return rows + elastic_rows(aging) + self.recorded(last) + self._fit_rows()
 
     def _fit_rows(self) -> Rows:
         fit, reason = self.fit
@@ -256,7 +253,7 @@ class AgingDisplay(OfRecord[Aging]):
         }
         joined.rows["standard errors of β"] = (
             f"replicas on one surface: {percent(fit.relative_stderr)}"
-            if fit is not None and math.isfinite(fit.relative_stderr)
+            if fit is not None and fit.relative_stderr > 0
             else NONE
         )
         if (scatter := self.scatter) is not None:
@@ -283,13 +280,13 @@ class AgingDisplay(OfRecord[Aging]):
         for name, value in elastic.items():
             unit = "" if ELASTIC_MEASURES[name][0] == "1" else ELASTIC_MEASURES[name][0]
             joined.rows[_ELASTIC[name]] = f"{value:.5g} {unit}".strip()
-        for name, output in aging.measured.items():
-            if output.numbers is not None and output.is_number:
-                joined.rows[name] = mean_text(output.numbers, output.unit)
-            elif output.numbers is not None:
+        for output in aging.measured.values():
+            if output.is_number:
+                joined.rows[output.words] = output.text()
+            elif output.is_curve:
                 for time, words, chosen in moments:
-                    values = output.numbers if chosen is None else at(aging.hold_times, output.values, time)
-                    joined.rows[f"{name} at {words}"] = mean_text(values, output.unit)
+                    values = output.values[:, -1] if chosen is None else at(aging.hold_times, output.values, time)
+                    joined.rows[f"{output.words} at {words}"] = mean_text(values, output.unit)
 
     def _compared_numbers(self, elastic: Mapping[str, float]) -> dict[str, Any]:
         aging, (fit, reason), scatter = self.record, self.fit, self.scatter
@@ -476,13 +473,12 @@ def replicas_text(aging: Aging) -> str:
 
 
 def draw_fit(axes: Axes, fit: Fit | None, label: str = "", color: str = ORANGE) -> None:
-    """Draw the fitted line over the hold times that it is fitted to, with β and what was fitted in the legend; nothing
-    without a fit."""
+    """Draw the fitted line over the hold times that it is fitted to, by default with β and what was fitted in the
+    legend; nothing without a fit."""
     if fit is None or not fit.drawable:
         return
     line = np.geomspace(*fit.span, 50)
-    text = f"{label}: {fit.short_text()}" if label else fit.short_text()
-    axes.plot(line, fit(line), color=color, lw=1.6, zorder=3, label=plain(text))
+    axes.plot(line, fit(line), color=color, lw=1.6, zorder=3, label=label or plain(fit.short_text()))
 
 
 def draw_friction(axes: Axes, aging: Aging, quantity: Quantity, colour: str = BLUE, label: str = "") -> None:

@@ -35,7 +35,7 @@ from chemage.ageing.models import (
 from chemage.foundation.checks import within
 from chemage.foundation.errors import InputError
 from chemage.foundation.statistics import jackknife_error
-from chemage.foundation.text import jsonable, power_text, with_error, with_interval
+from chemage.foundation.text import NO_SCATTER, ROUNDING, jsonable, power_text, with_error, with_interval
 from chemage.foundation.units import QuantityLike, convert
 
 Quantity = Literal["friction_coefficient_drop", "friction_drop"]
@@ -171,34 +171,43 @@ class Fit:
 
     def beta_text(self) -> str:
         """β with its interval and unit."""
-        return f"{self._with(self.beta, self.beta_interval)} {UNIT[self.quantity]}".strip()
+        return self._with(self.beta, self.beta_interval, UNIT[self.quantity])
 
     def b_text(self) -> str:
         """b with its interval and unit."""
-        return f"{self._with(self.b, self.b_interval)} {UNIT[self.quantity]}".strip()
+        return self._with(self.b, self.b_interval, UNIT[self.quantity])
 
     def cutoff_text(self) -> str:
         """The cut-off time with its interval, or why there is none."""
         if self.cutoff_reason:
             return f"undetermined: {self.cutoff_reason}"
-        return f"{self._with(self.cutoff_time, self.cutoff_interval)} s"
+        return self._with(self.cutoff_time, self.cutoff_interval, "s")
 
-    def _with(self, value: float, interval: Interval) -> str:
+    def _with(self, value: float, interval: Interval, unit: str) -> str:
         if math.isnan(interval.low) and math.isfinite(value):
-            return f"{value:.4g} {NO_ERROR if self.replicas == 1 else '(no interval: too few points)'}"
-        return with_interval(value, interval.low, interval.high)
+            return " ".join(filter(None, (f"{value:.4g}", unit, self._no_interval())))
+        return f"{with_interval(value, interval.low, interval.high)} {unit}".strip()
+
+    def _no_interval(self) -> str:
+        """Why β has none, in words."""
+        if self.replicas == 1:
+            return NO_ERROR
+        return NO_SCATTER if self.beta_stderr <= ROUNDING * abs(self.beta) else "(no interval: too few points)"
 
     @property
     def doubt(self) -> str:
         """That there are too few hold times, or over too short a time, for a β of any others; else ""."""
         return few_hold_times(self.points, self.span)
 
+    def symbol_text(self) -> str:
+        """``β = 0.43(3)``: β with half of its interval in brackets, and its unit."""
+        half = self.beta_half_width if math.isfinite(self.beta_interval.low) else math.nan
+        return " ".join(filter(None, ("β =", with_error(self.beta, half), UNIT[self.quantity])))
+
     def short_text(self) -> str:
         """β with half of its interval in brackets, what was fitted, and what to doubt, for legends."""
-        half = self.beta_half_width if math.isfinite(self.beta_interval.low) else math.nan
-        beta = " ".join(filter(None, (with_error(self.beta, half), UNIT[self.quantity])))
         shape = "fitted line" if self.model == "line" else "fitted β log(1 + t/t_c)"
-        text = f"β = {beta} per decade ({shape}, {span_text(self.span)})"
+        text = f"{self.symbol_text()} per decade ({shape}, {span_text(self.span)})"
         return f"{text}\n{short_doubt(self.doubt)}" if self.doubt else text
 
     def intervals_text(self) -> str:
@@ -303,7 +312,7 @@ def fit_aging(
     elif not source.simulated or len(curves) > 1:
         numbers = estimate.slope, estimate.slope_error, estimate.log_cutoff
         slopes, cutoffs = student(model, t, curves, weight, *numbers, confidence)
-    unit, reason = source.scale, _no_cutoff(estimate.log_cutoff, slopes, data.hold_times)
+    unit, reason = source.scale, _no_cutoff(estimate.slope, estimate.log_cutoff, slopes, data.hold_times)
     cutoff = math.nan if reason else _time(estimate.log_cutoff)
     forces = source.simulated or source.quantity == "friction_drop"  # curves of a simulated result are ΔF
     return Fit(
@@ -348,10 +357,12 @@ def line_weights(hold_times: np.ndarray, window: tuple[float, float]) -> tuple[n
     return use, (decades - decades.mean()) / (np.var(decades) * decades.size)
 
 
-def _no_cutoff(log_cutoff: float, slopes: Interval, times: np.ndarray) -> str:
+def _no_cutoff(slope: float, log_cutoff: float, slopes: Interval, times: np.ndarray) -> str:
     """Why a fit that meets zero at 10**``log_cutoff`` s has no cut-off time, in words; "" where it has one."""
+    if slopes.high < 0 or (math.isnan(slopes.high) and slope < 0):
+        return "β is below zero"
     if math.isnan(log_cutoff) or slopes.low <= 0:
-        return "β is not distinguishable from zero" if slopes.high >= 0 else "β is below zero"
+        return "β is not distinguishable from zero"
     positive = times[times > 0]
     if log_cutoff < math.log10(positive.min()) - CUTOFF_DECADES:
         return f"the fit meets zero more than {CUTOFF_DECADES} decades before the hold times"

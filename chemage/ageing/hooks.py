@@ -100,6 +100,7 @@ class _Ageing(Stage):
                 for text in method.check_sites(shape, stated["chemistry"].get("sites")) or ():
                     yield Doubt("parts", text)
         yield from self._pressure(parts, stated)
+        yield from self._adhesion(parts, stated)
         yield from self._bonds(parts, stated)
 
     def _pressure(self, parts: Parts, stated: Stated) -> Iterator[Doubt]:
@@ -120,6 +121,16 @@ class _Ageing(Stage):
                 f"area above the hardness of {hardness:g} GPa, where the material would flow: use a smaller load or "
                 "rms slope, or check modulus and hardness",
             )
+
+    def _adhesion(self, parts: Parts, stated: Stated) -> Iterator[Doubt]:
+        """Adhesion of a sphere that the contact leaves out."""
+        from chemage.ageing.aging import neglected_adhesion
+
+        work, radius, load = parts["chemistry"].work_of_adhesion, stated["surface"].get("radius"), parts["contact.load"]
+        if work is None or radius is None or load <= 0 or parts["contact"].adheres:
+            return
+        if text := neglected_adhesion(work, 2 * math.pi * work * radius / load):
+            yield Doubt("adhesion", text)
 
     def _bonds(self, parts: Parts, stated: Stated) -> Iterator[Doubt]:
         """Hold times and temperature beside the barriers."""

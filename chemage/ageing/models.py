@@ -21,6 +21,7 @@ from typing import Literal
 import numpy as np
 
 from chemage.foundation.statistics import student_limit
+from chemage.foundation.text import ROUNDING
 
 Model = Literal["line", "curve"]
 Bootstrap = Literal["residuals", "pairs", "replicas"]
@@ -160,6 +161,9 @@ def student(
     if math.isnan(slope_error):
         # a curve that does not rise has no cut-off time, and its slope no meaning
         return UNKNOWN, Interval(0.0, math.inf)
+    if slope_error <= ROUNDING * abs(slope):
+        # equal replicas, as few bonds often are by chance, or points on the fit: their scatter is not known
+        return UNKNOWN, UNKNOWN
     limit = student_limit(freedom, confidence)
     beta = Interval(slope - limit * slope_error, slope + limit * slope_error)
     lowest, highest = bounds(t)
@@ -267,9 +271,9 @@ def _interval(values: np.ndarray, ends: tuple[float, float]) -> Interval:
     # order statistics, not interpolated: infinite values must not turn into nan
     finite = np.sort(values[~np.isnan(values)])
     if not finite.size:
-        return Interval(math.nan, math.nan)
-    low, high = (np.percentile(finite, end, method="nearest") for end in ends)
-    return Interval(float(low), float(high))
+        return UNKNOWN
+    low, high = (float(np.percentile(finite, end, method="nearest")) for end in ends)
+    return Interval(low, high) if high - low > ROUNDING * abs(high) else UNKNOWN
 
 
 def _cutoff_interval(log_times: np.ndarray, slopes: np.ndarray, ends: tuple[float, float]) -> Interval:

@@ -15,6 +15,7 @@ from chemage.cli.options import (
     FIGURES,
     RESULTS,
     AccuracyOpt,
+    AllOpt,
     BudgetOpt,
     ExecutorOpt,
     FiguresOpt,
@@ -36,7 +37,15 @@ from chemage.cli.options import (
     requested_fields,
     user_error,
 )
-from chemage.cli.output import drawn, figures_of, preflight_result, protect_inputs, result_written, save_picture
+from chemage.cli.output import (
+    drawn,
+    figures_of,
+    preflight_result,
+    protect_inputs,
+    result_written,
+    save_picture,
+    show_all,
+)
 from chemage.foundation import compiling
 from chemage.foundation.progress import loaded, loading, progress_bars, reported, watching
 
@@ -80,6 +89,7 @@ def run(
     ] = None,
     figures: FiguresOpt = True,
     as_json: JsonOpt = False,
+    every: AllOpt = False,
     force: ForceOpt = False,
 ) -> None:
     """Run a scene, its mean over random surfaces, or a sweep.
@@ -88,6 +98,7 @@ def run(
     from the scene, the result is a mean over surfaces. All points of a scene with [sweep] are computed into a folder.
     The same command resumes an interrupted ensemble or sweep.
     """
+    show_all(every)
     loading("loading chemage")
     request = requested_fields(accuracy, budget, surfaces, measured)
     values = changed_fields(changes, replicas, seed) | request

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import numpy as np
 
 from chemage.contacts.options import force_text, pressure_text
+from chemage.contacts.role import elasticity_notes
 from chemage.contacts.solution import ContactSolution, ContactStatistics
 from chemage.foundation.figures import BLUE, GREEN, draw_map, from_zero, pooled, pressure_colours, seen_blocks
 from chemage.foundation.result import NONE, Compared, Curve, Medium, OfRecord, Panel, Picture, Rows, displays
@@ -61,6 +62,9 @@ C = TypeVar("C", ContactSolution, ContactStatistics)
 class OfContact(OfRecord[C], Generic[C]):
     """What the two kinds of contact have in common."""
 
+    def notes(self) -> list[str]:
+        return [*super().notes(), *elasticity_notes(self.record)]
+
     def rows(self) -> Rows:
         return [("contact", f"{self.extent()}; {self.loading()}"), *self.measures(), *self.remarks()]
 
@@ -87,10 +91,6 @@ class OfContact(OfRecord[C], Generic[C]):
     def flow(self) -> Rows:
         """The row of plastic flow, where the solver has a hardness."""
         return []
-
-    def recorded(self) -> Rows:
-        """The rows of what was recorded of the surface and of the contact."""
-        return [(name, output.text()) for name, output in self.record.measured.items()]
 
     def extent(self) -> str:
         """The size of the surface and its slope, in words."""

@@ -275,6 +275,11 @@ class Measured:
         return (self.output or Output()).description
 
     @property
+    def words(self) -> str:
+        """What it is, in words; its name where it is not described."""
+        return self.description or self.name
+
+    @property
     def is_number(self) -> bool:
         """Whether it is a single number per replica."""
         return self.values.ndim == 1
@@ -290,6 +295,13 @@ class Measured:
         if self.is_number:
             return self.values
         return self.values[:, -1] if self.is_curve else None
+
+    def row(self, last: str = "") -> tuple[str, str]:
+        """What it is in words, of a curve at the ``last`` hold time, and its value; of other arrays the name, and size
+        and meaning."""
+        if self.numbers is None:
+            return self.name, "; ".join(filter(None, (self.text(), self.description)))
+        return f"{self.words} {last}".rstrip() if self.is_curve else self.words, self.text()
 
     def text(self) -> str:
         """Mean ± half of the 95 % interval with its unit, at the last hold time; of other arrays their size and the

@@ -225,6 +225,10 @@ class Result(ABC):
     def rows(self) -> Rows:
         """The main numbers: (name, text with error and unit)."""
 
+    def arrays(self) -> Rows:
+        """What was recorded and is no number or curve: (name, size and range), printed with ``--all``."""
+        return [row for part in self.parts().values() for row in part.arrays()]
+
     def numbers(self) -> dict[str, Any]:
         """One JSON-able object."""
         return dict(self.rows())
@@ -341,6 +345,15 @@ class OfRecord(Result, Generic[R]):
     def remarks(self) -> Rows:
         """The last rows: what is approximate."""
         return [("approximate", words)] if (words := self.approximation) else []
+
+    def recorded(self, last: str = "") -> Rows:
+        """The rows of recorded numbers, and of curves at the ``last`` hold time."""
+        found = self.record.measured.values() if isinstance(self.record, Observing) else ()
+        return [output.row(last) for output in found if output.numbers is not None]
+
+    def arrays(self) -> Rows:
+        found = self.record.measured.values() if isinstance(self.record, Observing) else ()
+        return [output.row() for output in found if output.numbers is None]
 
     def numbers(self) -> dict[str, Any]:
         fields = {

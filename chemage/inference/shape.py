@@ -43,6 +43,11 @@ class Peak:
     #: 1/eV
     height: float
 
+    def text(self, step: float) -> str:
+        """The energy with its band, which is at least a ``step`` of the energies (eV) wide."""
+        low, high = (f"{end:.3f}" for end in self.band)
+        return f"{self.energy:.3f} ± {0.5 * step:.3f} eV" if low == high else f"{self.energy:.3f} eV ({low} to {high})"
+
 
 def shares(inference: Inference, parts: int = PARTS) -> list[Share]:
     """Shares of the sites in equal parts of the visible energies, each at least as wide as the resolution."""

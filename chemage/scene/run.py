@@ -16,7 +16,7 @@ from chemage.ageing.age import BARRIERS, age, barriers_error, beta_errors, with_
 from chemage.ageing.aging import CURVES, FIT, Aging, curves, elastic_measures, elastic_notes, fit_numbers, fit_or_reason
 from chemage.ageing.fitting import FIT_WINDOW, Fit
 from chemage.ageing.replicas import keep, resumed
-from chemage.contacts.role import solve_contact
+from chemage.contacts.role import elasticity_notes, solve_contact
 from chemage.contacts.solution import ContactSolution, ContactStatistics
 from chemage.foundation.codec import EXTRA
 from chemage.foundation.errors import ChemageError, InputError, PlanWarning, StoreError, optional_module
@@ -66,7 +66,8 @@ class Run:
     @property
     def notes(self) -> tuple[str, ...]:
         """What the user should know of this result, in words."""
-        notes = [*self.contact.notes, *(self.aging.notes if self.aging is not None else ())]
+        notes = [*self.contact.notes, *elasticity_notes(self.contact)]
+        notes += self.aging.notes if self.aging is not None else ()
         notes += elastic_notes(self.aging)
         if (fit := self.fit()) is not None and fit.doubt:
             notes.append(fit.doubt)

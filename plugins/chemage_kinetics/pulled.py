@@ -211,8 +211,7 @@ class Pulled(Rupture, Drive):
                 label = f"after {text.power_text(times[at])} s" if len(there) == 1 else result.label
                 axes.plot(measured["pull_way"][0], force[at], color=colour, lw=1.3, label=label)
         axes.set(xlabel="displacement of the drive (nm)", ylabel="force (nN)", ylim=(0, None))
-        if there:
-            axes.legend(frameon=False, fontsize=7)
+        figures.legend(axes)
 
 
 def _map(bonded: Bonded, state: np.ndarray) -> np.ndarray:
@@ -224,28 +223,39 @@ def _map(bonded: Bonded, state: np.ndarray) -> np.ndarray:
 
 def _draw_maps(axes: Axes, results: Sequence[PlottedResult]) -> None:
     """The maps of each result in a row, as much of them as ever has a bond."""
-    rows: list[np.ndarray] = []
-    at: Any = ()
-    for result in results:
-        assert result.aging is not None
-        maps: Any = result.aging.observables["pull_maps"][0]
-        at = result.aging.observables["pull_maps_at"][0]
-        there = [np.flatnonzero(maps.any(axis=other)) for other in ((0, 2), (0, 1))]
-        x, y = (
-            slice(max(one.min(initial=0) - 1, 0), one.max(initial=0) + 2) if one.size else slice(1) for one in there
-        )
-        frames = [np.pad(one[x, y].T.astype(float), 1, constant_values=np.nan) for one in maps]
-        rows.append(np.hstack(frames))
-    if not rows:
+    shown = [result for result in results if result.aging is not None]
+    if not shown:
         return
-    wide = max(row.shape[1] for row in rows)
+    measured: list[Any] = [result.aging.observables for result in shown if result.aging is not None]
+    parts = [_with_bonds(one["pull_maps"][0]) for one in measured]
+    high, wide = (max(part.shape[axis] for part in parts) for axis in (2, 1))
+    rows = []
+    for part in parts:
+        frames = [np.full((high + 2, wide + 2), np.nan) for _ in part]
+        for frame, bonds in zip(frames, part, strict=True):
+            frame[1 : bonds.shape[1] + 1, 1 : bonds.shape[0] + 1] = bonds.T
+        rows.append(np.hstack(frames))
+    longest = max(row.shape[1] for row in rows)
     image = axes.imshow(
-        np.vstack([np.pad(row, ((0, 0), (0, wide - row.shape[1])), constant_values=np.nan) for row in rows]),
+        np.vstack([np.pad(row, ((0, 0), (0, longest - row.shape[1])), constant_values=np.nan) for row in rows[::-1]]),
         cmap="viridis",
         interpolation="nearest",
         origin="lower",
     )
     axes.figure.colorbar(image, ax=axes, shrink=0.5, label="bonds per cell")
-    each = rows[0].shape[1] / len(at)
-    axes.set(yticks=[], xticks=(np.arange(len(at)) + 0.5) * each - 0.5, xticklabels=[f"{way:.3g}" for way in at])
-    axes.set_xlabel("displacement of the drive (nm)")
+    axes.set(xticks=[], yticks=[])
+    if len(rows) == 1:
+        at = measured[0]["pull_maps_at"][0]
+        axes.set_xticks((np.arange(at.size) + 0.5) * (wide + 2) - 0.5, [f"{way:.3g}" for way in at])
+        axes.set_xlabel("displacement of the drive (nm)")
+        return
+    axes.set_yticks((np.arange(len(rows)) + 0.5) * (high + 2) - 0.5, [result.label for result in shown][::-1])
+    axes.set_xlabel("from the start of the pull to just after its peak")
+
+
+def _with_bonds(maps: np.ndarray) -> np.ndarray:
+    """The part of ``maps`` (k, nx, ny) within which there is ever a bond, and a cell around it."""
+    x, y = (np.flatnonzero(maps.any(axis=other)) for other in ((0, 2), (0, 1)))
+    if not x.size:
+        return maps[:, :1, :1]
+    return maps[:, max(x[0] - 1, 0) : x[-1] + 2, max(y[0] - 1, 0) : y[-1] + 2]

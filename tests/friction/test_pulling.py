@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 sys.path.insert(0, str(Path(__file__).parent))
 from pulled_models import Independent, chi_square, codes, drive_of, lattice_of, master_equation, patches
@@ -15,7 +17,7 @@ from seen import plan
 
 import chemage as ca
 from chemage import InputError
-from chemage.plugin import PullHistory
+from chemage.plugin import PlottedResult, PullHistory
 
 EXACT = ca.pulling("event-driven")
 
@@ -287,3 +289,28 @@ def test_the_law_says_beforehand_what_it_cannot_pull():
         ca.parse_scene(scene(speed=0))
     short = ca.parse_scene(scene(distance="0.05 nm"))
     assert any("there may be no peak" in note for note in plan(short).notes)
+
+
+# -- figures ----------------------------------------------------------------------------------------------------------
+
+
+def test_maps_of_a_pull_are_cut_around_the_bonds():
+    """Those of a centred tip are centred; each of several results has its name, and all one scale."""
+    maps = np.zeros((1, 2, 40, 30))
+    maps[0, :, 18:22, 12:18] = 1
+    maps[0, 1, 21, 17] = 0
+    results = []
+    for name, size in (("a", 1), ("b", 3)):
+        measured = {"pull_force": np.zeros((1, 1, 2)), "pull_maps": size * maps, "pull_maps_at": np.array([[0.0, 0.3]])}
+        results.append(PlottedResult(name, SimpleNamespace(observables=measured), None, "C0"))
+    law = ca.rupture("pulled", speed=1, distance=1, bond_stiffness=1, transition_distance=0.03)
+    for shown in (results[:1], results):
+        axes = Figure().add_subplot()
+        law.draw("pull-maps", axes, shown)
+        image = axes.images[0].get_array().filled(np.nan)
+        # 4 x 6 cells with bonds, a cell around them, and a gap around that; two maps beside each other
+        assert image.shape == (len(shown) * 10, 2 * 8)
+        first = image[-10:, :8]
+        assert np.array_equal(first == 1, np.pad(np.ones((6, 4), bool), 2))
+        assert np.array_equal(np.isnan(first), np.pad(np.zeros((8, 6), bool), 1, constant_values=True))
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["b", "a"]
