@@ -230,7 +230,8 @@ def test_the_figure_shows_the_spectrum_of_this_surface_alone():
     body = {"kind": "sphere", "radius": 30, "pixels": 64, "pixel_size": SIDE}
     on_it = ca.surface("tip", body=body, counterface=below).make(1)
     for surface, shown in ((below.make(1), 3), (on_it, 2), (None, 0)):
-        result = PlottedResult("it", None, None, "C0", below, load_maps=partial(SimpleNamespace, contact=None, surface=surface))
+        maps = {"contact": None, "surface": surface}
+        result = PlottedResult("it", None, None, "C0", below, load_maps=partial(SimpleNamespace, **maps))
         axes = Figure().add_subplot()
         below.draw("roughened-spectrum", axes, [result])
         labels = axes.get_legend_handles_labels()[1]
