@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import os
+import random
 import signal
 import sys
 from importlib import metadata
@@ -42,6 +43,7 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 
 def pytest_addoption(parser):
     parser.addoption("--long", action="store_true", help="run also what is marked long (minutes)")
+    parser.addoption("--random-order", type=int, metavar="SEED", help="in a random order of files, and of tests in each")
 
 
 def pytest_configure(config):
@@ -50,6 +52,10 @@ def pytest_configure(config):
 
 
 def pytest_collection_modifyitems(config, items):
+    if (seed := config.getoption("random_order")) is not None:
+        draw = random.Random(seed).random
+        files = {item.path: draw() for item in items}
+        items.sort(key=lambda item: (files[item.path], draw()))
     if config.getoption("long"):
         return
     long = [item for item in items if item.get_closest_marker("long")]

@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
 from pulled_models import Independent, chi_square, codes, drive_of, lattice_of, master_equation, patches
 from scipy.stats import kstest
 from seen import plan

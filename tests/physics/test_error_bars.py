@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
+import error_bars
 import numpy as np
 import pytest
 from scipy import stats
 
 from chemage.plugin import statistics
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
-
-import error_bars
 
 #: what docs/how_accurate.md says holds the truth less often
 NARROW = ("skewed", "exponential", "bootstrap")
