@@ -104,10 +104,13 @@ def no_speed():
 
 
 @pytest.fixture(scope="module")
-def without_preparation():
-    """Methods of ageing that make a table first, which takes seconds, are no part of maps of speed and accuracy."""
+def few_choices():
+    """Maps of speed and accuracy without the methods of ageing that make a table first, which takes seconds, and without
+    the contact solvers of libraries that may be installed."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("chemage.studies.trade.choices.PREPARATION", 0.0)
+        for library in ("tamaas", "ContactMechanics"):
+            patch.setitem(sys.modules, library, None)
         yield
 
 

@@ -14,8 +14,7 @@ from seen import Point, TradeMap, figures, tradeoff
 import chemage as ca
 from chemage_contact import FFTBEM
 
-#: methods that first make a table are left out
-pytestmark = pytest.mark.usefixtures("without_preparation")
+pytestmark = pytest.mark.usefixtures("few_choices")
 
 SMALL = {"surface.pixels": 128, "surface.zeta": 16, "contact.load": "200 nN", "hold.replicas": 3, "hold.per_decade": 2}
 CONTACT_ONLY = {name: value for name, value in SMALL.items() if not name.startswith("hold")} | dict.fromkeys(
