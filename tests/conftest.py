@@ -33,6 +33,11 @@ settings.load_profile("chemage")
 settings.register_profile("chemage-long", settings.get_profile("chemage"), max_examples=60)
 
 
+# What the user has set is no part of a test, but for the place of kernels.
+for name in [name for name in os.environ if name.startswith("CHEMAGE_") or name == "COLUMNS"]:
+    if name not in ("CHEMAGE_BASELINES", "CHEMAGE_CACHE"):
+        del os.environ[name]
+
 # Modules that tests write anew leave no bytecode behind that a later import would take for that of the new text.
 sys.dont_write_bytecode = True
 
@@ -43,7 +48,7 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 
 def pytest_addoption(parser):
     parser.addoption("--long", action="store_true", help="run also what is marked long (minutes)")
-    parser.addoption("--random-order", type=int, metavar="SEED", help="in a random order of files, and of tests in each")
+    parser.addoption("--random-order", type=int, metavar="SEED", help="files, and tests in each, in a random order")
 
 
 def pytest_configure(config):
@@ -105,8 +110,8 @@ def no_speed():
 
 @pytest.fixture(scope="module")
 def few_choices():
-    """Maps of speed and accuracy without the methods of ageing that make a table first, which takes seconds, and without
-    the contact solvers of libraries that may be installed."""
+    """Maps of speed and accuracy without methods of ageing that make a table first, which takes seconds, and without the
+    contact solvers of libraries that may be installed."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("chemage.studies.trade.choices.PREPARATION", 0.0)
         for library in ("tamaas", "ContactMechanics"):
