@@ -110,7 +110,7 @@ def no_speed():
 
 @pytest.fixture(scope="module")
 def few_choices():
-    """Maps of speed and accuracy without methods of ageing that make a table first, which takes seconds, and without the
+    """Maps of speed and accuracy without methods of ageing that make a table first, which takes seconds, and without
     contact solvers of libraries that may be installed."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("chemage.studies.trade.choices.PREPARATION", 0.0)
