@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import itertools
 import os
 import random
 import signal
@@ -38,9 +39,6 @@ for name in [name for name in os.environ if name.startswith("CHEMAGE_") or name 
     if name not in ("CHEMAGE_BASELINES", "CHEMAGE_CACHE"):
         del os.environ[name]
 
-# Modules that tests write anew leave no bytecode behind that a later import would take for that of the new text.
-sys.dont_write_bytecode = True
-
 # Started in the background, a shell has Ctrl-C ignored, and every program the tests start would inherit that.
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -63,10 +61,17 @@ def pytest_collection_modifyitems(config, items):
         items.sort(key=lambda item: (files[item.path], draw()))
     if config.getoption("long"):
         return
-    long = [item for item in items if item.get_closest_marker("long")]
-    if long:
-        config.hook.pytest_deselected(items=long)
-        items[:] = [item for item in items if not item.get_closest_marker("long")]
+    config.hook.pytest_deselected(items=list(filter(takes_long, items)))
+    items[:] = itertools.filterfalse(takes_long, items)
+
+
+def takes_long(item):
+    return any(map(item.get_closest_marker, ("long", "campaign")))
+
+
+def pytest_collection_finish():
+    # modules that tests write anew leave no bytecode behind that a later import would take for that of the new text
+    sys.dont_write_bytecode = True
 
 
 @pytest.hookimpl(optionalhook=True)
