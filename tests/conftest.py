@@ -34,10 +34,13 @@ settings.load_profile("chemage")
 settings.register_profile("chemage-long", settings.get_profile("chemage"), max_examples=60)
 
 
-# What the user has set is no part of a test, but for the place of kernels.
+# What the user has set or installed beside chemage is no part of a test, but for the place of kernels.
 for name in [name for name in os.environ if name.startswith("CHEMAGE_") or name == "COLUMNS"]:
     if name not in ("CHEMAGE_BASELINES", "CHEMAGE_CACHE"):
         del os.environ[name]
+strangers = [point.name for point in metadata.entry_points(group=registry.GROUP) if point.dist.name != "chemage"]
+if strangers:
+    os.environ["CHEMAGE_PLUGINS"] = ",".join(f"-{name}" for name in strangers)
 
 # Started in the background, a shell has Ctrl-C ignored, and every program the tests start would inherit that.
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
@@ -107,9 +110,11 @@ def quick_figures(request):
 
 @pytest.fixture(autouse=True, scope="session")
 def no_speed():
-    """Estimates are those of the reference machine: no test depends on the speed of this one."""
+    """Estimates are those of the reference machine and checks wait for hours: no test depends on the speed of this."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("chemage.scene.plan.slowness", lambda: 1.0)
+        for module in ("checks", "answers"):
+            patch.setattr(f"chemage.testing.{module}.LIMIT", 3600.0)
         yield
 
 
