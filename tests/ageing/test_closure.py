@@ -21,11 +21,11 @@ TIMES = np.array([0.0, 1.0, 10.0, 100.0, 1000.0])
 @pytest.fixture(autouse=True)
 def small_tables(monkeypatch, tmp_path):
     """Tables of a few hundred sites in a folder of the test."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setenv("CHEMAGE_CACHE", str(tmp_path))
     for name, value in (("SIDE", 32), ("BAND", 4), ("FIRST", 2), ("MOST", 2)):
         monkeypatch.setattr(_table, name, value)
     monkeypatch.setattr("chemage_ageing.closure._tables", {})
-    return tmp_path / "cache" / "chemage"
+    return tmp_path
 
 
 def chemistry(**options) -> ca.Chemistry:

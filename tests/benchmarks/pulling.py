@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "friction"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "stubs"))
 from pulled_models import KT, Independent, chi_square, codes, drive_of, lattice_of, master_equation, patches
 from scipy.stats import kstest
 

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-
-sys.path.insert(0, str(Path(__file__).parent))
 from pulled_models import Independent, chi_square, codes, drive_of, lattice_of, master_equation, patches
 from scipy.stats import kstest
 from seen import plan

@@ -316,7 +316,7 @@ def test_the_residuals_of_refused_data_are_drawn(command, folder, monkeypatch):
     assert Path("tip-inferred-figures/residuals.png").is_file()
 
 
-@pytest.mark.long
+@pytest.mark.campaign
 def test_a_plan_is_calibrated(command, folder, monkeypatch):
     inferring.fewer_sweeps(monkeypatch)
     done = command("infer", "tip.csv", "--scene", "tip.toml", "--calibrate", 10, "--json")
