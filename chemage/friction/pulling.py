@@ -18,7 +18,7 @@ from chemage.foundation.outputs import Observing, kept, recording
 from chemage.foundation.records import Doubles, Flags, Indices, Named, Number, Plain, PositiveNumber, Record
 from chemage.foundation.result import Medium, OfRecord, Panel, Picture, Rows, displays
 from chemage.foundation.units import Force, Length, QuantityLike, Unit
-from chemage.kinetics.history import BondHistory
+from chemage.kinetics.history import BondHistory, counters_of
 from chemage.lattices.chemistry import Chemistry, effective_forming
 from chemage.lattices.lattice import ReactionLattice
 from chemage.plugins import registry
@@ -182,7 +182,12 @@ class PullHistory(Observing, Record):
     def history(self) -> BondHistory:
         """The bonds, from which a hold goes on: the contact is unloaded, and its bonds are relaxed."""
         names = ("bonds", "formed", "broken", "state", "time", "temperature")
-        return BondHistory(hold_times=self.times, engine=self.engine, **{name: getattr(self, name) for name in names})
+        return BondHistory(
+            hold_times=self.times,
+            engine=self.engine,
+            resume={**counters_of(self.resume), "slips": self.slips},
+            **{name: getattr(self, name) for name in names},
+        )
 
     def lattice_after(self, lattice: ReactionLattice) -> ReactionLattice:
         """``lattice``, which was pulled, with the partners that its sites have now."""
@@ -321,6 +326,8 @@ class Pulling(Component, ABC):
             pulled = self._run(
                 lattice, drive, moments, kelvin, seed, start, partners if drive.partner == "new" else None
             )
+        if isinstance(start, PullHistory | BondHistory):
+            pulled = pulled.model_copy(update={"resume": {**counters_of(start.resume), **pulled.resume}})
         return pulled.noting({}, (), kept(pulled, recorded)) if recorded else pulled
 
 

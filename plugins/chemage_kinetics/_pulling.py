@@ -470,11 +470,13 @@ def _to_next_window(run: Run) -> Int:
 
 
 @jit
-def present_barriers(key: Key, partners: Partners, slips: np.ndarray, forming: np.ndarray, base: np.ndarray) -> None:
-    """Fill the forming barriers of the present partners (eV), those of the lattice where a site has its first one, and
-    the same in fixed point."""
+def present_barriers(
+    key: Key, partners: Partners, before: np.ndarray, slips: np.ndarray, forming: np.ndarray, base: np.ndarray
+) -> None:
+    """Replace the forming barriers (eV) of sites that have lost bonds since there were ``before`` by those of the
+    present partners; and give all in fixed point."""
     for i in range(slips.size):
-        if partners.quantiles.size > 0 and slips[i] > 0:
+        if partners.quantiles.size > 0 and slips[i] > before[i]:
             forming[i] = _partner_barrier(key, partners, i, slips[i])
         base[i] = fixed_barrier(forming[i])
 

@@ -11,7 +11,7 @@ from chemage import InputError, ReactionLattice
 from chemage.plugin import EV_PER_GPA_NM3, KB, BondHistory, Drive, Partners, PullHistory, Pulling, Seed
 from chemage_kinetics import _pulling as kernel
 from chemage_kinetics._common import start_words
-from chemage_kinetics._driver import SLICE, bonded, check_couplings, fingerprint, model_of, noise_key
+from chemage_kinetics._driver import SLICE, Pending, bonded, check_couplings, fingerprint, model_of, noise_key
 from chemage_kinetics._rejection_free import empty_rates, fill
 
 #: part of k_BT/Δx by which the force on a bond grows within a window
@@ -76,16 +76,26 @@ class _Job:
     ) -> None:
         self.lattice, self.drive, self.times, self.temperature = lattice, drive, times, temperature
         self.before = start if isinstance(start, PullHistory) else None
+        earlier = start if isinstance(start, PullHistory | BondHistory) else None
         self.key = noise_key(seed, int(kernel.STREAM), lattice)
         self.model = model_of(lattice, temperature)
         n = lattice.sites.size
-        self.time = float(start.time) if isinstance(start, PullHistory | BondHistory) else 0.0
-        self.state = np.zeros(n, np.bool_)
+        self.time, self.counted, self.event = 0.0, (0, 0), 0
+        self.state, self.slips = np.zeros(n, np.bool_), np.zeros(n, np.int64)
         if start is not None:
-            self.state = np.array(start.state if isinstance(start, PullHistory | BondHistory) else start)
-        self.counted = (0, 0)
-        if isinstance(start, PullHistory | BondHistory):
-            self.counted = (int(start.formed[-1]), int(start.broken[-1]))
+            self.state = np.array(start if earlier is None else earlier.state)
+        if earlier is not None:
+            self.time, self.counted = float(earlier.time), (int(earlier.formed[-1]), int(earlier.broken[-1]))
+            pending = Pending(earlier, n)
+            if "event" in pending:
+                self.event = pending.count("event") + 1  # the random numbers of the pending event are used up
+            if "slips" in pending:
+                self.slips = np.array(pending.draws("slips"))
+        self.forming = np.array(lattice.forming)
+        if self.before is not None:
+            self.slips = np.array(self.before.slips)
+            met = self.slips > 0
+            self.forming[met] = self.before.forming[met]
         thermal = KB * temperature
         assert lattice.breaking is not None
         gain = drive.bond_stiffness * drive.transition_distance * EV_PER_GPA_NM3 / thermal
@@ -148,7 +158,6 @@ class _Job:
         n, before = self.state.size, self.before
         reals, counts = np.zeros(kernel.REALS), np.zeros(kernel.COUNTS, np.int64)
         made, rest, bound = np.zeros(n, np.int64), np.zeros(n), np.zeros(n, np.int64)
-        slips = np.zeros(n, np.int64) if before is None else np.array(before.slips)
         goes_on = self._goes_on()
         if goes_on:
             assert before is not None
@@ -156,11 +165,10 @@ class _Job:
             made[:], rest[:], bound[:] = (before.resume[name] for name in ("made", "rest", "bound"))
         else:
             self._begin(reals, counts, rest)
-        words, base, forming = np.empty(n, np.int64), np.empty(n, np.int64), np.array(self.lattice.forming)
-        kernel.present_barriers(self.key, self.partners, slips, forming, base)
-        forming.setflags(write=False)
-        self.forming = forming
-        start_words(forming, self.model, self.state, words)
+        words, base = np.empty(n, np.int64), np.empty(n, np.int64)
+        kernel.present_barriers(self.key, self.partners, self.slips, self.slips, self.forming, base)
+        self.forming.setflags(write=False)
+        start_words(self.forming, self.model, self.state, words)
         rates = empty_rates(n, self.model.neighbours.shape[1], listing=False)
         fill(words, self.model, rates)
         m = self.times.size
@@ -176,7 +184,7 @@ class _Job:
             rates=rates,
             made=made,
             rest=rest,
-            slips=slips,
+            slips=self.slips.copy(),
             bound=bound,
             heads=np.full(kernel.RING, -1, np.int64),
             links=np.full((n, 2), -1, np.int64),
@@ -196,11 +204,10 @@ class _Job:
         reals[kernel.HIGH] = self.time
         counts[kernel.BONDS] = int(np.count_nonzero(self.state))
         counts[kernel.FORMED], counts[kernel.BROKEN] = self.counted
-        counts[kernel.FIRST] = 1
+        counts[kernel.FIRST], counts[kernel.EVENT] = 1, self.event
         force = 0.0
         if before is not None:
             rest[:] = -before.stretch
-            counts[kernel.EVENT] = int(before.resume["counts"][kernel.EVENT]) + 1 if "counts" in before.resume else 0
             reals[kernel.WORK], reals[kernel.LOST] = before.work[-1], before.dissipated[-1]
             reals[kernel.RUBBED], reals[kernel.LARGEST] = before.rubbed[-1], before.largest_drop
             reals[kernel.PEAK], reals[kernel.PEAK_AT] = before.peak, before.peak_displacement
@@ -234,8 +241,9 @@ class _Job:
             peaks.append((self.before.peak, self.before.peak_displacement, self.before.peak_time))
         peak, at, when = max(peaks, key=lambda one: one[0])
         forming = self.forming.copy()
-        kernel.present_barriers(self.key, self.partners, run.slips, forming, np.empty(state.size, np.int64))
+        kernel.present_barriers(self.key, self.partners, self.slips, run.slips, forming, np.empty(state.size, np.int64))
         resume = {"reals": reals, "counts": run.counts, "made": run.made, "rest": run.rest, "bound": run.bound}
+        resume["event"] = run.counts[kernel.EVENT : kernel.EVENT + 1].copy()
         return PullHistory(
             times=self.times,
             displacement=displacement,
