@@ -213,11 +213,10 @@ class _Job:
             reals[kernel.PEAK], reals[kernel.PEAK_AT] = before.peak, before.peak_displacement
             reals[kernel.PEAK_TIME], force = before.peak_time, float(before.force[-1])
             reals[kernel.MOVED_BEFORE] = before.displacement[-1]
-        reals[kernel.SUM_REST] = rest[self.state].sum()
-        load = bonds.stiffness * -float(reals[kernel.SUM_REST])
-        if math.isfinite(self.pull.spring):
-            # the spring has the force that there was; what it does not carry is held by the friction of the slider
-            reals[kernel.SLACK] = load + self.pull.friction - force
+        reals[kernel.SUM_REST] = math.fsum(rest[self.state])
+        # a spring has the force that there was; what it does not carry is held by the friction of the slider
+        reals[kernel.PULL] = force if self.pull.spring > 0 else 0.0
+        counts[kernel.RESTS] = math.isfinite(self.pull.spring)
         drive = self.drive.todict()
         if before is not None and any(drive[name] != before.drive.get(name) for name in ("spring", "bond_stiffness")):
             stored = 0.5 * bonds.stiffness * float((before.stretch**2).sum())
