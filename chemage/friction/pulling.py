@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
@@ -21,6 +22,7 @@ from chemage.foundation.units import Force, Length, QuantityLike, Unit
 from chemage.kinetics.history import BondHistory, counters_of
 from chemage.lattices.chemistry import Chemistry, effective_forming
 from chemage.lattices.lattice import ReactionLattice
+from chemage.lattices.role import Barriers
 from chemage.plugins import registry
 from chemage.plugins.sources import approximations, providers
 
@@ -74,10 +76,17 @@ class Partners(NamedTuple):
 
 def partners_of(chemistry: Chemistry, lattice: ReactionLattice, contact: ContactSolution) -> Partners:
     """New partners with the barriers of ``chemistry``: between 65,536 quantiles, at the pressure of each site."""
-    steps = (np.arange(QUANTILES) + 0.5) / QUANTILES
     pressure = lattice.pressures(contact)
     shift = effective_forming(np.zeros(pressure.size), chemistry.activation_volume, pressure)
-    return Partners(np.maximum.accumulate(chemistry.forming.quantile(steps)), shift)
+    return Partners(_quantiles(chemistry.forming), shift)
+
+
+@lru_cache(maxsize=4)
+def _quantiles(forming: Barriers) -> np.ndarray:
+    """Of a distribution, at equal steps; kept, because a run pulls hundreds of times with the same one."""
+    quantiles = np.maximum.accumulate(forming.quantile((np.arange(QUANTILES) + 0.5) / QUANTILES))
+    quantiles.setflags(write=False)
+    return quantiles
 
 
 class PullHistory(Observing, Record):

@@ -6,20 +6,22 @@ import math
 from typing import Any, ClassVar
 
 import numpy as np
+from pydantic import Field
 
 from chemage import InputError, ReactionLattice
 from chemage.plugin import EV_PER_GPA_NM3, KB, BondHistory, Drive, Partners, PullHistory, Pulling, Seed
 from chemage_kinetics import _pulling as kernel
 from chemage_kinetics._common import start_words
 from chemage_kinetics._driver import SLICE, Pending, bonded, check_couplings, fingerprint, model_of, noise_key
+from chemage_kinetics._foreseen import flips_on
 from chemage_kinetics._rejection_free import empty_rates, fill
 
 #: part of k_BT/Δx by which the force on a bond grows within a window
 WINDOW = 1.0
 #: windows that positions are counted in at most, so that their sums over the sites are whole numbers
 MOST_WINDOWS = 2**31
-#: events that sites which form and break their bonds all the time may have; some hours
-MOST_EVENTS = 1e10
+#: quantiles by which the barriers of new partners are estimated
+FEW = 16
 
 
 LEWIS = """@article{lewis1979,
@@ -43,6 +45,11 @@ class EventDriven(Pulling):
     kind = "event-driven"
     cite: ClassVar[tuple[str, ...]] = ("P. A. W. Lewis, G. S. Shedler, Nav. Res. Logist. Q. 26, 403 (1979)",)
     bibtex: ClassVar[tuple[str, ...]] = (LEWIS,)
+    speed_only = ("most_events",)
+
+    most_events: float = Field(default=1e8, gt=0)
+    """bonds that may form and break in one pull, which is refused if it has more; 1e8 take 10 s to 2 minutes;
+    default: 1e8"""
 
     def _run(
         self,
@@ -55,10 +62,22 @@ class EventDriven(Pulling):
         partners: Partners | None,
     ) -> PullHistory:
         job = _Job(lattice, drive, times, temperature, seed, start, partners)
+        self._refuse_more(job.foreseen(self.most_events), job, "are expected to")
         run = job.prepared()
         while not run.counts[kernel.DONE]:
             kernel.advance(run, SLICE)
+            done = run.counts[kernel.FORMED] + run.counts[kernel.BROKEN] - sum(job.counted)
+            self._refuse_more(float(done), job, f"by {run.reals[kernel.HIGH]:.3g} s did")
         return job.finished(run, self.kind)
+
+    def _refuse_more(self, events: float, job: _Job, how: str) -> None:
+        if events > self.most_events:
+            raise InputError(
+                f"times: about {events:.2g} bonds {how} form or break in a pull of "
+                f"{float(job.times[-1]) - job.time:.3g} s, more than most_events = {self.most_events:g}; pull for a "
+                "shorter time, from which another pull can go on, at a lower temperature, or with higher barriers, or "
+                "allow more events"
+            )
 
 
 class _Job:
@@ -106,7 +125,7 @@ class _Job:
         self.pull = kernel.Drive(drive.speed, math.inf if drive.spring is None else drive.spring, drive.friction)
         empty = np.empty(0)
         self.partners = kernel.Partners(
-            empty if partners is None else np.ascontiguousarray(partners.quantiles, np.float64),
+            empty if partners is None else np.array(partners.quantiles, np.float64),
             empty if partners is None else np.ascontiguousarray(partners.shift, np.float64),
             lattice.random_index,
         )
@@ -123,18 +142,17 @@ class _Job:
                 "use a smaller bond_stiffness or transition_distance"
             )
         check_couplings(lattice)
-        assert lattice.breaking is not None
-        per_kt = 1 / (KB * self.temperature)
-        forming, breaking = (
-            lattice.attempt_frequency * np.exp(-np.maximum(barriers, 0.0) * per_kt)
-            for barriers in (lattice.forming, lattice.breaking)
-        )
-        cycles = span * float((forming * breaking / np.maximum(forming + breaking, 1e-300)).sum())
-        if 2 * cycles > MOST_EVENTS:
-            raise InputError(
-                f"times: about {2 * cycles:.2g} bonds would form and break without a force in {span:.3g} s, more than "
-                f"{MOST_EVENTS:g}; pull for a shorter time, at a lower temperature, or with higher barriers"
-            )
+
+    def foreseen(self, enough: float) -> float:
+        """About how many bonds form and break, or a bound below ``enough``."""
+        quantiles, shift = self.partners.quantiles, self.partners.shift
+        again = None
+        if quantiles.size and shift.size:
+            few = np.linspace(0, quantiles.size - 1, FEW).astype(int)
+            again = quantiles[few] + float(shift.mean())
+        lattice = self.lattice.model_copy(update={"forming": self.forming})
+        span = float(self.times[-1]) - self.time
+        return flips_on(lattice, self.drive, span, self.temperature, self.state, again, enough)
 
     def _identity(self) -> dict[str, np.ndarray]:
         """What must be equal for the pending event to hold."""

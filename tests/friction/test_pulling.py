@@ -187,10 +187,38 @@ def test_without_a_barrier_it_is_exact_or_refused():
     gone = run(quick, drive_of(1e3), [0.0, 1e-9], start=all_bonded(quick))
     assert gone.bonds.tolist() == [5, 0]
     assert gone.peak < 1e-6
-    with pytest.raises(InputError, match=r"bonds would form and break without a force in 1 s, more than 1e\+10"):
+    with pytest.raises(InputError, match=r"bonds are expected to form or break .* of 1 s, more than most_events = 1e\+08"):
         EXACT.run(lattice_of(5, 0.0, 0.0), drive_of(1e3), [1.0], temperature=300)
     with pytest.raises(InputError, match="pull less far"):
         EXACT.run(lattice_of(5, 1.0, 1.0), drive_of(1e9), [1e3], temperature=300)
+
+
+def test_events_are_foreseen_with_couplings_and_with_new_partners():
+    """What is refused is known before: bonds that help each other to form do so a million times as often."""
+    ring = np.arange(40)
+    graph = np.stack([(ring + 1) % 40, (ring - 1) % 40], axis=1).astype(np.int32)
+    helped = lattice_of(40, 0.65, 0.5).model_copy(update={"neighbours": graph, "coupling": np.full((40, 2), -0.15)})
+    partners = ca.plugin.Partners(np.linspace(0.3, 0.5, 100), np.zeros(40))
+    for lattice, drive, span in (
+        (helped, drive_of(1.0), 1e-3),
+        (lattice_of(40, 0.3, 0.5), drive_of(1.0), 1e-3),
+        (lattice_of(40, 0.5, 0.5), drive_of(1.0, partner="new"), 1e-2),
+        (lattice_of(40, 0.4, 1.0), drive_of(1e6), 1e-4),
+    ):
+        pulled = run(lattice, drive, [span], seed=3, start=all_bonded(lattice), partners=partners)
+        events = int(pulled.formed[-1] + pulled.broken[-1])
+        with pytest.raises(InputError, match="are expected to form or break") as refused:
+            ca.pulling("event-driven", most_events=1.0).run(lattice, drive, [span], temperature=300, partners=partners,
+                                                            start=all_bonded(lattice))  # fmt: skip
+        foreseen = float(str(refused.value).split("about ")[1].split()[0])
+        assert 0.5 < foreseen / events < 2, (foreseen, events)
+
+
+def test_a_pull_with_more_events_than_foreseen_stops(monkeypatch):
+    monkeypatch.setattr("chemage_kinetics.pulling.flips_on", lambda *_: 0.0)
+    engine, lattice = ca.pulling("event-driven", most_events=1e5), lattice_of(40, 0.3, 0.3)
+    with pytest.raises(InputError, match=r"bonds by .* s did form or break in a pull of 1 s, more than most_events"):
+        engine.run(lattice, drive_of(1.0), [1.0], temperature=300)
 
 
 def test_a_step_of_ten_decades_in_rate():
