@@ -97,10 +97,15 @@ class _Rupture(Stage):
         return f"{problem}; give one force in nN, not negative, for each hold time"
 
     def estimate(self, parts: Parts, stated: Stated) -> Mapping[str, float]:
+        from chemage.foundation.components import call_with
+
         sites = stated.get("chemistry", {}).get("sites")
         if sites is None or "hold" not in parts:
             return {}
-        return parts[self.section].expected(sites, parts["hold"].hold_times.size, parts["hold"].replicas)
+        hold, times = parts["hold"], parts["hold"].hold_times
+        known = {"chemistry": parts["chemistry"], "times": times, "temperature": hold.temperature}
+        known["pressure"] = stated["contact"].get("mean_pressure", 0.0)
+        return call_with(parts[self.section].expected, sites, times.size, hold.replicas, **known)
 
     def rows(self, parts: Parts, stated: Stated) -> Mapping[str, str]:
         if "engine" not in parts or self.section in parts:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -164,8 +165,9 @@ class _Job:
             "partners": np.array([self.partners.quantiles.sum(), self.partners.shift.sum()]),
         }
 
-    def _goes_on(self) -> bool:
-        """Whether the pending event of the pull before still holds."""
+    @cached_property
+    def goes_on(self) -> bool:
+        """Whether the pending event of the pull before still holds: then this is the same pull."""
         before = self.before
         return before is not None and all(
             np.array_equal(before.resume.get(name, ()), array) for name, array in self._identity().items()
@@ -176,8 +178,7 @@ class _Job:
         n, before = self.state.size, self.before
         reals, counts = np.zeros(kernel.REALS), np.zeros(kernel.COUNTS, np.int64)
         made, rest, bound = np.zeros(n, np.int64), np.zeros(n), np.zeros(n, np.int64)
-        goes_on = self._goes_on()
-        if goes_on:
+        if self.goes_on:
             assert before is not None
             reals[:], counts[:] = before.resume["reals"], before.resume["counts"]
             made[:], rest[:], bound[:] = (before.resume[name] for name in ("made", "rest", "bound"))
@@ -213,7 +214,7 @@ class _Job:
             samples=np.zeros((m, 6)),
             tallies=np.zeros((m, 3), np.int64),
         )
-        kernel.start(run, goes_on)
+        kernel.start(run, self.goes_on)
         return run
 
     def _begin(self, reals: np.ndarray, counts: np.ndarray, rest: np.ndarray) -> None:
@@ -228,8 +229,8 @@ class _Job:
             rest[:] = -before.stretch
             reals[kernel.WORK], reals[kernel.LOST] = before.work[-1], before.dissipated[-1]
             reals[kernel.RUBBED], reals[kernel.LARGEST] = before.rubbed[-1], before.largest_drop
-            reals[kernel.PEAK], reals[kernel.PEAK_AT] = before.peak, before.peak_displacement
-            reals[kernel.PEAK_TIME], force = before.peak_time, float(before.force[-1])
+            reals[kernel.PEAK_TIME], force = self.time, float(before.force[-1])
+            reals[kernel.PEAK], reals[kernel.PEAK_AT] = force, before.displacement[-1]
             reals[kernel.MOVED_BEFORE] = before.displacement[-1]
         reals[kernel.SUM_REST] = math.fsum(rest[self.state])
         # a spring has the force that there was; what it does not carry is held by the friction of the slider
@@ -254,7 +255,8 @@ class _Job:
         highest = int(np.argmax(force))
         peaks = [tuple(float(reals[place]) for place in (kernel.PEAK, kernel.PEAK_AT, kernel.PEAK_TIME))]
         peaks += [(float(force[highest]), float(displacement[highest]), float(self.times[highest]))]
-        if self.before is not None:
+        if self.goes_on:
+            assert self.before is not None
             peaks.append((self.before.peak, self.before.peak_displacement, self.before.peak_time))
         peak, at, when = max(peaks, key=lambda one: one[0])
         forming = self.forming.copy()
