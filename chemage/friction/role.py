@@ -137,7 +137,8 @@ class Rupture(Component, ABC):
 
     def check(self, chemistry: Chemistry, temperature: float) -> Sequence[str] | None:
         """Refuse, before anything is computed, what :meth:`force` would refuse at ``temperature`` (K); return doubts as
-        sentences. Used by ``chemage check``.
+        sentences. Used by ``chemage check``. A component may add ``sites``, which is None where their number is not
+        known, ``times`` and ``pressure``, as for :meth:`expected`.
 
         Raises
         ------

@@ -70,14 +70,17 @@ def flips_on(
     """Bonds that form and break on ``lattice`` in ``span`` seconds; ``again``: forming barriers of new partners (eV),
     None where sites keep theirs.
 
-    At first with all couplings that help bonds to form and the lowest barriers. If that bound exceeds ``enough``, the
-    larger of two mean fields, of all neighbours open and of all bonded at first: bonds that help each other to form may
-    do so only once there are some.
+    At first as if every bond broke like the weakest one and formed again at once, then with all couplings that help
+    bonds to form and the lowest barriers. If that bound exceeds ``enough`` too, the larger of two mean fields, of all
+    neighbours open and of all bonded at first: bonds that help each other to form may do so only once there are some.
     """
     nu, n = lattice.attempt_frequency, lattice.sites.size
     assert lattice.breaking is not None
     if not n or span <= 0:
         return 0.0
+    weakest = lifetimes(np.array([lattice.breaking.min()]), drive, np.inf, nu, temperature)
+    if (most := n * (1 + 2 * span / float(weakest[0]))) <= enough:
+        return most
     stretch = 0.0
     if drive.speed > 0 and drive.bond_stiffness > 0:
         stretch = float(np.median(rupture_stretch(lattice.breaking, drive, nu, temperature)))

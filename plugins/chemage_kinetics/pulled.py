@@ -40,9 +40,9 @@ RISING = 0.05
 #: sites by which the events of all are estimated
 SAMPLED = 256
 #: CPU seconds of a call, of setting up a site, of a sample of a site, and of an event (``tests/benchmarks/estimates.py``)
-CALL_SECONDS, SITE_SECONDS, SAMPLE_SECONDS, EVENT_SECONDS = 1e-3, 3e-7, 2e-9, 5e-7
+CALL_SECONDS, SITE_SECONDS, SAMPLE_SECONDS, EVENT_SECONDS = 3.6e-3, 3e-7, 1e-9, 6e-7
 #: bytes of a site and of a call, and copies of what is recorded (``tests/benchmarks/memory.py``)
-SITE_BYTES, CALL_BYTES, RECORDED = 200.0, 8e6, 3.0
+SITE_BYTES, CALL_BYTES, RECORDED = 300.0, 8e6, 3.0
 #: curves in a figure, at most
 CURVES = 5
 
@@ -249,7 +249,14 @@ class Pulled(Rupture, Drive):
     def _lasting(self) -> str:
         return "rupture 'pulled' needs the barriers to breaking a bond, and here bonds last; give [breaking]"
 
-    def check(self, chemistry: Chemistry, temperature: float) -> Sequence[str]:
+    def check(
+        self,
+        chemistry: Chemistry,
+        temperature: float,
+        sites: float | None = None,
+        times: np.ndarray | None = None,
+        pressure: float = 0.0,
+    ) -> Sequence[str]:
         """See :meth:`chemage.plugin.Rupture.check`."""
         if chemistry.breaking is None:
             raise InputError(self._lasting())
@@ -261,6 +268,15 @@ class Pulled(Rupture, Drive):
             force = stretch * self.bond_stiffness
             about = f"rupture 'pulled': bonds break at about {force:.3g} nN, when stretched by {stretch:.3g} nm"
             return [f"{about}, but the drive moves by {self.distance:g} nm: pull further, or there may be no peak"]
+        if sites is None or times is None or not isinstance(self.engine, EventDriven):
+            return []
+        most = float(self._events(sites, chemistry, times, temperature, pressure).max(initial=0.0))
+        if most > self.engine.most_events:
+            return [
+                f"rupture 'pulled': a pull is expected to form and break {most:.2g} bonds, more than most_events = "
+                f"{self.engine.most_events:g} of its engine, which will refuse it; pull less far, faster or at a lower "
+                "temperature, or allow more events"
+            ]
         return []
 
     def draw(self, figure: str, axes: Axes, results: Sequence[PlottedResult]) -> None:
@@ -285,9 +301,12 @@ class Pulled(Rupture, Drive):
 
 def _map(bonded: Bonded, state: np.ndarray) -> np.ndarray:
     """Bonds in each of at most CELLS x CELLS cells of equal size; the last ones may be cut off."""
-    counts = bonded.lattice.per_pixel(state)
-    rows, columns = (np.arange(0, side, -(-side // CELLS)) for side in counts.shape)
-    return np.add.reduceat(np.add.reduceat(counts, rows, axis=0), columns, axis=1)
+    nx, ny = bonded.lattice.pixels
+    along_x, along_y = -(-nx // CELLS), -(-ny // CELLS)
+    shape = -(-nx // along_x), -(-ny // along_y)
+    x, y = np.divmod(bonded.lattice.sites[state], ny)
+    counts = np.bincount(x // along_x * shape[1] + y // along_y, minlength=shape[0] * shape[1])
+    return counts.reshape(shape).astype(float)
 
 
 def _draw_maps(axes: Axes, results: Sequence[PlottedResult]) -> None:
