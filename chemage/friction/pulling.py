@@ -144,8 +144,8 @@ class PullHistory(Observing, Record):
     largest_drop: Number = 0.0
     """nN, of the force in one slip that has ended"""
     peak: Number
-    """the largest force of this pull so far, nN, between the times as well; what goes on under the same conditions is the
-    same pull"""
+    """the largest force of this pull so far, nN, between the times as well; what goes on under the same conditions is
+    the same pull"""
     peak_displacement: Number
     """where it was reached, nm"""
     peak_time: Number

@@ -122,8 +122,7 @@ class Rupture(Component, ABC):
         states: ClassVar[bool] = False
 
     def expected(self, sites: float, hold_times: int, replicas: int) -> dict[str, float]:
-        """Estimate the cost for all replicas on ``sites`` sites, as far as it is known: ``cpu_seconds``, and ``bytes`` of
-        memory.
+        """Estimate the cost for all replicas on ``sites`` sites, as far as it is known: ``cpu_seconds``, ``bytes``.
 
         A component may add ``chemistry``, ``times`` (the hold times, s), ``temperature`` (K) and ``pressure`` (the mean
         in contact, GPa), and chemage then passes them.

@@ -39,7 +39,7 @@ AFTER_PEAK = 4.0 / 3.0
 RISING = 0.05
 #: sites by which the events of all are estimated
 SAMPLED = 256
-#: CPU seconds of a call, of setting up a site, of a sample of a site, and of an event (``tests/benchmarks/estimates.py``)
+#: CPU seconds of a call, of setting up a site, of a sample of a site, of an event (``tests/benchmarks/estimates.py``)
 CALL_SECONDS, SITE_SECONDS, SAMPLE_SECONDS, EVENT_SECONDS = 3.6e-3, 3e-7, 1e-9, 6e-7
 #: bytes of a site and of a call, and copies of what is recorded (``tests/benchmarks/memory.py``)
 SITE_BYTES, CALL_BYTES, RECORDED = 300.0, 8e6, 3.0
@@ -207,7 +207,8 @@ class Pulled(Rupture, Drive):
         events = self._events(sites, chemistry, times, temperature, pressure)
         pulls = hold_times * (CALL_SECONDS + SITE_SECONDS * sites + SAMPLE_SECONDS * sites * self.points)
         maps = self.frames * (CALL_SECONDS + SITE_SECONDS * sites)
-        return {**numbers, "cpu_seconds": replicas * (pulls + maps + EVENT_SECONDS * (events.sum() + events[-1]))}
+        seconds = pulls + maps + EVENT_SECONDS * float(events.sum() + events[-1])
+        return {**numbers, "cpu_seconds": replicas * seconds}
 
     def _events(
         self, sites: float, chemistry: Chemistry, times: np.ndarray, temperature: float, pressure: float
@@ -241,10 +242,9 @@ class Pulled(Rupture, Drive):
         early = high & (observables["pull_peak_at"] >= (1 - RISING) * slider[..., -1])
         if not early.any():
             return ()
-        return (
-            f"rupture 'pulled': in {np.count_nonzero(early)} of {early.size} pulls the force was at its largest when the "
-            f"drive had moved by the distance of {self.distance:g} nm: ΔF is the force there, not a peak; pull further",
-        )
+        many = f"rupture 'pulled': in {np.count_nonzero(early)} of {early.size} pulls the force was at its largest when"
+        end = f"the drive had moved by the distance of {self.distance:g} nm"
+        return [f"{many} {end}: ΔF is the force there, not a peak; pull further"]
 
     def _lasting(self) -> str:
         return "rupture 'pulled' needs the barriers to breaking a bond, and here bonds last; give [breaking]"
@@ -271,13 +271,11 @@ class Pulled(Rupture, Drive):
         if sites is None or times is None or not isinstance(self.engine, EventDriven):
             return []
         most = float(self._events(sites, chemistry, times, temperature, pressure).max(initial=0.0))
-        if most > self.engine.most_events:
-            return [
-                f"rupture 'pulled': a pull is expected to form and break {most:.2g} bonds, more than most_events = "
-                f"{self.engine.most_events:g} of its engine, which will refuse it; pull less far, faster or at a lower "
-                "temperature, or allow more events"
-            ]
-        return []
+        if most <= self.engine.most_events:
+            return []
+        events = f"rupture 'pulled': a pull is expected to form and break {most:.2g} bonds"
+        limit = f"more than most_events = {self.engine.most_events:g} of its engine, which will refuse it"
+        return [f"{events}, {limit}; pull less far, faster or at a lower temperature, or allow more events"]
 
     def draw(self, figure: str, axes: Axes, results: Sequence[PlottedResult]) -> None:
         """Draw force against displacement, or maps of the bonds."""

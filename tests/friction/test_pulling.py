@@ -9,7 +9,16 @@ import numpy as np
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
-from pulled_models import Independent, chi_square, codes, drive_of, lattice_of, master_equation, patches
+from pulled_models import (
+    Independent,
+    chi_square,
+    codes,
+    drive_of,
+    lattice_of,
+    master_equation,
+    patches,
+    random_pull,
+)
 from scipy.stats import kstest
 from seen import plan
 
@@ -187,10 +196,36 @@ def test_without_a_barrier_it_is_exact_or_refused():
     gone = run(quick, drive_of(1e3), [0.0, 1e-9], start=all_bonded(quick))
     assert gone.bonds.tolist() == [5, 0]
     assert gone.peak < 1e-6
-    with pytest.raises(InputError, match=r"bonds are expected to form or break .* of 1 s, more than most_events = 1e\+08"):
+    with pytest.raises(
+        InputError, match=r"bonds are expected to form or break .* of 1 s, more than most_events = 1e\+08"
+    ):
         EXACT.run(lattice_of(5, 0.0, 0.0), drive_of(1e3), [1.0], temperature=300)
     with pytest.raises(InputError, match="pull less far"):
         EXACT.run(lattice_of(5, 1.0, 1.0), drive_of(1e9), [1e3], temperature=300)
+
+
+@pytest.mark.parametrize("seed", [29, 30, 39, 44, 49, 51, 54, 59, *range(10, 20)])
+def test_energy_is_balanced_in_random_pulls(seed):
+    """A resting slider held by friction, a soft spring, nanoseconds: the work is no difference of large numbers; the
+    benchmark ``pulling.py fuzz`` runs 400."""
+    lattice, drive, times, options = random_pull(seed)
+    pulled = EXACT.run(lattice, drive, times, **options)
+    assert pulled.fault() == ""
+    assert np.abs(pulled.imbalance).max() < 1e-10
+
+
+def test_the_peak_is_that_of_this_pull():
+    """It begins anew where the drive changes, and goes on where nothing does."""
+    lattice = lattice_of(200, 3.0, 1.1)
+    law = ca.rupture("bell", transition_distance=0.05, speed=1e6, stiffness=10)
+    end = 0.7 * float(law.mean_forces(np.array([1.1]), 300.0)[0]) / 10 / 1e6
+    fast = run(lattice, drive_of(1e6), [end], start=all_bonded(lattice))
+    more = run(lattice, drive_of(1e6), [end, 2 * end], start=fast)
+    assert more.peak > fast.peak
+    assert run(lattice, drive_of(1e6), [3 * end], start=more).peak == more.peak
+    still = run(lattice, drive_of(0.0), [2 * end, 2 * end + 1e3], start=more)
+    assert still.peak == pytest.approx(more.force[-1], abs=1e-9)
+    assert still.peak < 0.5 * more.peak
 
 
 def test_events_are_foreseen_with_couplings_and_with_new_partners():
@@ -315,3 +350,15 @@ def test_the_law_says_beforehand_what_it_cannot_pull():
         ca.parse_scene(scene(speed=0))
     short = ca.parse_scene(scene(distance="0.05 nm"))
     assert any("there may be no peak" in note for note in plan(short).notes)
+    endless = scene(speed="0.01 nm/s", partner="kept", engine={"kind": "event-driven", "most_events": 1e4})
+    endless["breaking"]["mean"] = 0.6
+    said = plan(ca.parse_scene(endless)).notes
+    assert any("bonds, more than most_events = 10000 of its engine, which will refuse it" in note for note in said)
+
+
+@pytest.mark.parametrize(("distance", "noted"), [("0.06 nm", True), ("0.6 nm", False)])
+def test_a_result_says_where_the_force_ended_at_its_largest(distance, noted):
+    result = ca.run(scene(distance=distance))
+    said = [note for note in result.notes if "pulls the force was at its largest when the drive had moved" in note]
+    assert bool(said) == noted
+    assert all("ΔF is the force there, not a peak" in note for note in said)
