@@ -78,7 +78,7 @@ def partners_of(chemistry: Chemistry, lattice: ReactionLattice, contact: Contact
     """New partners with the barriers of ``chemistry``: between 65,536 quantiles, at the pressure of each site."""
     pressure = lattice.pressures(contact)
     shift = effective_forming(np.zeros(pressure.size), chemistry.activation_volume, pressure)
-    return Partners(_quantiles(chemistry.forming), shift)
+    return Partners(_quantiles(chemistry.forming), shift)  # pyright: ignore[reportArgumentType]: hashable it is
 
 
 @lru_cache(maxsize=4)
