@@ -134,7 +134,7 @@ class _Rupture(Stage):
 
 def _known(parts: Parts, stated: Stated) -> dict[str, Any]:
     """What is offered to the estimates of a rupture law: the hold times, s, and the mean pressure in contact, GPa."""
-    pressure = stated.get("contact", {}).get("mean_pressure", 0.0)
+    pressure = stated.get("chemistry", {}).get("pressure", 0.0)
     return {"times": parts["hold"].hold_times, "pressure": pressure}
 
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from chemage import ReactionLattice
-from chemage.plugin import EV_PER_GPA_NM3, KB, Drive
+from chemage.plugin import EV_PER_GPA_NM3, KB, Drive, TwoState
 
 #: iterations of the mean field, and of the stretch at which bonds break
 SWEEPS, STEPS = 12, 4
@@ -54,8 +54,9 @@ def slider_way(drive: Drive, bonds: float, stretch: float, span: float) -> float
 
 def flips(wait: np.ndarray, last: np.ndarray, bonded: np.ndarray, span: float) -> np.ndarray:
     """Bonds that each site forms and breaks in ``span`` seconds, from the share that is ``bonded`` at first."""
-    first = bonded * -np.expm1(-span / last) + (1 - bonded) * -np.expm1(-span / wait)
-    return first + 2 * span / (wait + last) * -np.expm1(-span / (wait + last))
+    opened, formed = TwoState(1 / last, 1 / wait), TwoState(1 / wait, 1 / last)
+    from_bond, from_none = (chain.bonded(span) + 2 * chain.broken(span) for chain in (opened, formed))
+    return bonded * from_bond + (1 - bonded) * from_none
 
 
 def flips_on(

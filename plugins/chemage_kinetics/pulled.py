@@ -19,13 +19,13 @@ from chemage.plugin import (
     PullHistory,
     Pulling,
     Rupture,
+    TwoState,
     figures,
     pull,
     text,
     threads,
 )
-from chemage_kinetics import _foreseen as foreseen
-from chemage_kinetics._foreseen import flips, lifetimes, rupture_stretch, slider_way, waiting
+from chemage_kinetics._foreseen import flips, lifetimes, rates, rupture_stretch, slider_way, waiting
 from chemage_kinetics.pulling import EventDriven
 
 if TYPE_CHECKING:
@@ -222,12 +222,11 @@ class Pulled(Rupture, Drive):
         wait = waiting(forming, span, nu, temperature)
         if self.partner == "new":
             wait = np.maximum(wait, wait.mean())
-        forms, breaks = (foreseen.rates(barriers, nu, temperature) for barriers in (forming, breaking))
-        total = np.maximum(forms + breaks, 1e-300)
+        held = TwoState(*(rates(barriers, nu, temperature) for barriers in (forming, breaking)))
         stretch = float(np.median(rupture_stretch(breaking, self.drive, nu, temperature)))
         found = []
         for time in times:
-            bonded = forms / total * -np.expm1(-total * time)
+            bonded = held.bonded(time)
             way = slider_way(self.drive, float(bonded.mean()) * sites, stretch, span)
             last = lifetimes(breaking, self.drive, way, nu, temperature)
             found.append(sites * float(flips(wait, last, bonded, span).mean()))
