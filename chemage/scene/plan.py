@@ -282,8 +282,9 @@ class Plan:
         if contact is not None and kinetics is not None:
             numbers["cpu_seconds"] = contact + kinetics
         if self.contact_bytes is not None and self.replica_bytes is not None:
-            held = MAP_BYTES * self.pixels + self.gap_bytes + self.rupture_bytes
-            numbers["memory"] = LIBRARY_BYTES + max(self.contact_bytes, held + self.replica_bytes * self.at_once)
+            held = MAP_BYTES * self.pixels + self.gap_bytes
+            stages = max(self.contact_bytes, held + self.replica_bytes * self.at_once)
+            numbers["memory"] = LIBRARY_BYTES + stages + self.rupture_bytes
         if seconds is not None:
             numbers |= {"seconds": seconds, "machine_speed": 1 / self.slowness}
         if self.seconds_range is not None:
