@@ -215,7 +215,8 @@ def _lines_table(lines: Sequence[Line]) -> str:
 
 def _laws_table(claims: Sequence[Claim]) -> str:
     rows = [
-        f"| {claim.statement} | {law.name} | {', '.join(f'{number:.3g}' for number in law.parameters)} | "
+        f"| {claim.statement} | {law.name} | "
+        f"{', '.join(f'{number:.3g}' for number in law.parameters) or 'degenerate, its exponent runs to 0: the logarithm'} | "
         f"{law.chi_squared:.1f} | {law.criterion - claim.laws[0].criterion:.1f} |"
         for claim in claims
         for law in claim.laws
