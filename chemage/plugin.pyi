@@ -123,6 +123,7 @@ from chemage.foundation import tables as tables
 from chemage.foundation.checks import temperature_value as temperature_value
 from chemage.foundation import text as text
 from chemage.contacts import theory as theory
+from chemage.foundation import algebra as algebra
 from chemage.foundation import threads as threads
 from chemage.foundation import units as units
 from chemage.scene.provenance import versions as versions
