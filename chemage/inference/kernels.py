@@ -130,26 +130,6 @@ def log_misfit(x, matrix, target, areas, limit):
 
 
 @nb.njit(cache=True, nogil=True)
-def squares(moving, fixed):
-    """moving·moving, moving·fixed and fixed·fixed, of lengths that are multiples of 4, which are summed four abreast."""
-    a0 = a1 = a2 = a3 = b0 = b1 = b2 = b3 = c0 = c1 = c2 = c3 = 0.0
-    for k in range(0, moving.size, 4):
-        a0 += moving[k] * moving[k]
-        a1 += moving[k + 1] * moving[k + 1]
-        a2 += moving[k + 2] * moving[k + 2]
-        a3 += moving[k + 3] * moving[k + 3]
-        b0 += moving[k] * fixed[k]
-        b1 += moving[k + 1] * fixed[k + 1]
-        b2 += moving[k + 2] * fixed[k + 2]
-        b3 += moving[k + 3] * fixed[k + 3]
-        c0 += fixed[k] * fixed[k]
-        c1 += fixed[k + 1] * fixed[k + 1]
-        c2 += fixed[k + 2] * fixed[k + 2]
-        c3 += fixed[k + 3] * fixed[k + 3]
-    return (a0 + a1) + (a2 + a3), (b0 + b1) + (b2 + b3), (c0 + c1) + (c2 + c3)
-
-
-@nb.njit(cache=True, nogil=True)
 def sweep(x, pull, matrix, target, areas, limit, directions, pulls, uniforms):
     """Draw ``x`` (n,) anew along each of the ``directions`` (k, n), in place.
 
@@ -157,14 +137,12 @@ def sweep(x, pull, matrix, target, areas, limit, directions, pulls, uniforms):
     ``pulls`` (k, n) are the directions times the inverse covariance. The residuals are Σ max(x_i, 0) ``matrix``[i] −
     ``target`` (m,) in standard errors; Σ max(x_i, 0) ``areas``[i] is at most ``limit``. ``uniforms``: (k, 2).
     """
-    n, m = matrix.shape[0], matrix.shape[1] + -matrix.shape[1] % 4
-    misfit = -2.0 * log_misfit(x, matrix, target, areas, np.inf)
-    rows, goals = np.zeros((n, m)), np.zeros(m)
-    rows[:, : target.size], goals[: target.size] = matrix, target
+    n, m = matrix.shape
     breaks, places = np.empty(n), np.empty(n, np.int64)
     fixed, moving = np.empty(m), np.empty(m)
     lows, highs, logs = np.empty(n + 1), np.empty(n + 1), np.empty(n + 1)
     curves, linears, rests = np.empty(n + 1), np.empty(n + 1), np.empty(n + 1)
+    misfit = -2.0 * log_misfit(x, matrix, target, areas, np.inf)
     for number in range(directions.shape[0]):
         v = directions[number]
         a0 = b0 = 0.0
@@ -178,7 +156,7 @@ def sweep(x, pull, matrix, target, areas, limit, directions, pulls, uniforms):
         first, last = -b0 / a0 - reach, -b0 / a0 + reach
         count, mass, mass_rate = 0, 0.0, 0.0
         for k in range(m):
-            fixed[k], moving[k] = -goals[k], 0.0
+            fixed[k], moving[k] = -target[k], 0.0
         for i in range(n):
             positive = x[i] > 0.0  # at the first α
             if v[i] != 0.0:
@@ -191,8 +169,8 @@ def sweep(x, pull, matrix, target, areas, limit, directions, pulls, uniforms):
                 mass += areas[i] * x[i]
                 mass_rate += areas[i] * v[i]
                 for k in range(m):
-                    fixed[k] += x[i] * rows[i, k]
-                    moving[k] += v[i] * rows[i, k]
+                    fixed[k] += x[i] * matrix[i, k]
+                    moving[k] += v[i] * matrix[i, k]
         order = np.argsort(breaks[:count])
         top = -np.inf
         for part in range(count + 1):
@@ -206,8 +184,11 @@ def sweep(x, pull, matrix, target, areas, limit, directions, pulls, uniforms):
                 high = low
             logs[part] = -np.inf
             if high > low:
-                a, b, c = squares(moving, fixed)
-                a, b = a + a0, b + b0
+                a, b, c = a0, b0, 0.0
+                for k in range(m):
+                    a += moving[k] * moving[k]
+                    b += fixed[k] * moving[k]
+                    c += fixed[k] * fixed[k]
                 lows[part], highs[part], curves[part], linears[part], rests[part] = low, high, a, b, c
                 peak = min(max(-b / a, low), high)
                 logs[part] = -0.5 * (a * peak * peak + 2.0 * b * peak + c)  # the highest density, for now
@@ -218,8 +199,8 @@ def sweep(x, pull, matrix, target, areas, limit, directions, pulls, uniforms):
                 mass += sign * areas[i] * x[i]
                 mass_rate += sign * areas[i] * v[i]
                 for k in range(m):
-                    fixed[k] += sign * x[i] * rows[i, k]
-                    moving[k] += sign * v[i] * rows[i, k]
+                    fixed[k] += sign * x[i] * matrix[i, k]
+                    moving[k] += sign * v[i] * matrix[i, k]
         if not top > -np.inf:
             continue
         best = -np.inf
