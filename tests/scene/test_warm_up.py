@@ -358,7 +358,7 @@ def test_a_kernel_that_is_kept_is_told_from_others():
     ],
 )
 def test_processors_whose_bytes_differ_have_different_names(environment, features, text, monkeypatch):
-    """Heights depend on whether numpy uses AVX-512, whatever kernels are compiled for, and fits on the kernel of BLAS."""
+    """Heights depend on whether numpy uses AVX-512, whatever kernels are compiled for; fits on that of BLAS."""
     for name in ("NUMBA_CPU_NAME", "NPY_DISABLE_CPU_FEATURES"):
         monkeypatch.delenv(name, raising=False)
     for name, value in environment.items():
