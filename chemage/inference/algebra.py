@@ -116,3 +116,59 @@ def row_axes(matrix, least):
     for k in range(count):
         axes[k] = rows[order[k]] / lengths[order[k]]
     return axes
+
+
+@nb.njit(cache=True, nogil=True)
+def least_squares(columns, goal):
+    """(n,) x of least |Σ x_i ``columns``[i] − ``goal``| for columns (n, m) and a goal (m,): modified Gram-Schmidt."""
+    n = columns.shape[0]
+    axes, rest, upper, x = columns.copy(), goal.copy(), np.zeros((n, n)), np.zeros(n)
+    for k in range(n):
+        axis = axes[k]
+        upper[k, k] = math.sqrt((axis * axis).sum())
+        axis /= upper[k, k]
+        for j in range(k + 1, n):
+            upper[k, j] = (axis * axes[j]).sum()
+            axes[j] -= upper[k, j] * axis
+        x[k] = (axis * rest).sum()
+        rest -= x[k] * axis
+    for k in range(n - 1, -1, -1):
+        x[k] /= upper[k, k]
+        for i in range(k):
+            x[i] -= upper[i, k] * x[k]
+    return x
+
+
+@nb.njit(cache=True, nogil=True)
+def nonnegative(columns, goal):
+    """The same for x ≥ 0: Lawson & Hanson, Solving Least Squares Problems (1974), chapter 23."""
+    n = columns.shape[0]
+    x, free = np.zeros(n), np.zeros(n, np.bool_)
+    least = 10.0 * max(columns.shape) * 2.2e-16 * np.abs(columns).sum(axis=1).max()
+    for _ in range(3 * n):
+        rest = goal.copy()
+        for i in range(n):
+            rest -= x[i] * columns[i]
+        gain = np.empty(n)
+        for i in range(n):
+            gain[i] = -np.inf if free[i] else (columns[i] * rest).sum()
+        new = np.argmax(gain)
+        if gain[new] <= least:
+            break
+        free[new] = True
+        while True:
+            places = np.flatnonzero(free)
+            found = least_squares(columns[places], goal)
+            part = 1.0
+            for k in range(places.size):
+                if found[k] <= 0.0:
+                    part = min(part, x[places[k]] / max(x[places[k]] - found[k], 1e-300))
+            whole = found.min() > 0.0
+            for k in range(places.size):
+                before = x[places[k]]
+                x[places[k]] = found[k] if whole else before + part * (found[k] - before)
+                if not whole and found[k] <= 0.0 and x[places[k]] <= 1e-14 * max(before, 1e-300):
+                    x[places[k]], free[places[k]] = 0.0, False
+            if whole or not free.any():
+                break
+    return x

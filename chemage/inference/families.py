@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from chemage.foundation.progress import Report
-from chemage.inference.algebra import product
+from chemage.inference.algebra import nonnegative, product
 from chemage.inference.energies import EnergyGrid
 from chemage.inference.forward import Model
 from chemage.inference.problem import FINE, REACH, Linear, Prior, Problem
@@ -32,16 +32,12 @@ ROUNDS, STEPS = 4, 6
 CONVERGED = 0.01
 #: rounds in which the errors are guessed, and the effective parameters of a density meanwhile
 GUESSES, PARAMETERS = 3, 7
-#: steps of a density of least squares, to its largest value
-DIGITS = 2.0**20
 #: samples of short runs, and sweeps of their chains
 SHORT, SHORT_SWEEPS = 400, 200
 
 
 def smooth_fit(data: Linear, weight: float, factor: float = 1.0) -> tuple[np.ndarray, float]:
     """The density (n,) ≥ 0 of least χ² + ``weight`` × ∫ p''² of integral at most 1, and its χ²."""
-    from scipy.optimize import nnls
-
     grid, matrix, values = data.grid, factor * data.matrix, data.values - factor * data.offset
     second = np.diff(np.eye(grid.count), 2, axis=0) * np.sqrt(weight * grid.step) / grid.step**2
     # one more unknown, the share above the last energy, completes the integral to 1
@@ -49,9 +45,7 @@ def smooth_fit(data: Linear, weight: float, factor: float = 1.0) -> tuple[np.nda
     rows = np.concatenate([matrix / data.errors[:, None], second])
     rows = np.concatenate([np.pad(rows, ((0, 0), (0, 1))), limit])
     goal = np.concatenate([values / data.errors, np.zeros(len(second)), [1e3]])
-    density = nnls(rows, goal, maxiter=50 * rows.shape[1])[0][:-1]
-    # LAPACK rounds otherwise on another processor, which must not decide what is computed of the density
-    density = np.round(density * (DIGITS / max(density.max(), 1e-300))) * (density.max() / DIGITS)
+    density = nonnegative(rows.T.copy(), goal)[:-1]
     density /= max(1.0, float(product(density, grid.areas)))
     return density, float(np.sum(((product(matrix, density) - values) / data.errors) ** 2))
 
