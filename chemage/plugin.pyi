@@ -74,6 +74,7 @@ from chemage.foundation.units import Volume as Volume
 from chemage.foundation.errors import WorkerLost as WorkerLost
 from chemage.kinetics.role import WrappedEngine as WrappedEngine
 from chemage.contacts.role import WrappedSolver as WrappedSolver
+from chemage.foundation import algebra as algebra
 from chemage.foundation.units import array_in as array_in
 from chemage.lattices.chemistry import build_lattice as build_lattice
 from chemage.foundation.machine import cache_folder as cache_folder
@@ -123,7 +124,6 @@ from chemage.foundation import tables as tables
 from chemage.foundation.checks import temperature_value as temperature_value
 from chemage.foundation import text as text
 from chemage.contacts import theory as theory
-from chemage.foundation import algebra as algebra
 from chemage.foundation import threads as threads
 from chemage.foundation import units as units
 from chemage.scene.provenance import versions as versions

@@ -373,7 +373,7 @@ def test_processors_whose_bytes_differ_have_different_names(environment, feature
 
 def test_the_kernel_of_blas_is_that_which_numpy_uses():
     asked = "from chemage.foundation import machine; print(machine.blas_kernel())"
-    for kernel in ("Haswell", "Prescott"):
+    for kernel in ("Haswell", "SkylakeX"):
         environment = {**os.environ, "OPENBLAS_CORETYPE": kernel}
         run = subprocess.run([sys.executable, "-c", asked], env=environment, capture_output=True, text=True, check=True)
         assert run.stdout.strip() in (kernel, "")
