@@ -501,7 +501,7 @@ def _scatter(
         return math.nan, math.nan
     # the derivatives of the fit by β and by log10 t_c, the second divided by β
     parts = np.stack([basis(model, t, log_cutoff), basis_slope(model, t, log_cutoff)])
-    (a, b), (_, c) = parts @ (weight * parts).T
+    (a, b), (_, c) = np.einsum("im,jm->ij", parts, weight * parts)
     with np.errstate(divide="ignore", invalid="ignore"):
         spread = np.float64((weight * rest**2).sum()) / (t.size - 2) / (a * c - b * b)
         return float(np.sqrt(spread * c)), float(np.sqrt(spread * a)) / abs(slope)

@@ -40,7 +40,7 @@ def slopes_of(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """The slope of the least-squares line through each of ``y`` (b, m) at ``x`` (m,): (b,)."""
     away = x - x.mean()
     # row by row, so that a curve has the same bits alone and among others
-    products = np.array([away @ (row - row.mean()) for row in y])
+    products = np.array([np.sum(away * (row - row.mean())) for row in y])
     return above_rounding(products / np.sum(away**2), x, y)
 
 
@@ -52,7 +52,7 @@ def above_rounding(slope: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarra
     Algorithms, 2nd ed. (2002), section 3.1; twice, as the centre of x is rounded as well.
     """
     away = np.abs(x - x.mean())
-    rounding = 2 * x.size * np.finfo(np.float64).eps * np.abs(y).max(axis=-1) * away.sum() / (away @ away)
+    rounding = 2 * x.size * np.finfo(np.float64).eps * np.abs(y).max(axis=-1) * away.sum() / np.sum(away**2)
     return np.where(np.abs(slope) <= rounding, 0.0, slope)
 
 
@@ -102,7 +102,7 @@ def _solve_curve(t: np.ndarray, y: np.ndarray, w: np.ndarray) -> tuple[np.ndarra
     shapes = basis("curve", t, grid[:, None])
     w = np.broadcast_to(w, y.shape)
     with np.errstate(invalid="ignore", divide="ignore"):
-        gain = ((w * y) @ shapes.T) ** 2 / (w @ (shapes**2).T)
+        gain = np.einsum("bm,km->bk", w * y, shapes) ** 2 / np.einsum("bm,km->bk", w, shapes**2)
         # a resample of t = 0 alone determines nothing: 0/0
         centre, step = grid[np.nan_to_num(gain, nan=-1.0).argmax(axis=1)], 0.1
         at_end = (centre <= grid[0]) | (centre >= grid[-1])
@@ -177,7 +177,7 @@ def student(
         # what is left of the derivative by t_c where β is fitted: 0 on average at the true t_c
         along = (weight * shape * tilt).sum(axis=1) / (weight * shape**2).sum(axis=1)
         score = weight * (tilt - along[:, None] * shape)
-        values = curves @ score.T
+        values = np.einsum("rm,km->rk", curves, score)
         with np.errstate(divide="ignore", invalid="ignore"):
             if replicas > 1:
                 error = values.std(axis=0, ddof=1) / math.sqrt(replicas)
@@ -248,7 +248,9 @@ def _resampled(
         # deviations are stretched, since a draw from r replicas has (r − 1)/r of the variance
         drawn = generator.multinomial(replicas, np.full(replicas, 1 / replicas), samples) / replicas
         mean = curves.mean(axis=0)
-        return mean + (drawn @ curves - mean) * math.sqrt(replicas / (replicas - 1)), weight[None, :]
+        return mean + (np.einsum("br,rm->bm", drawn, curves) - mean) * math.sqrt(replicas / (replicas - 1)), weight[
+            None, :
+        ]
     mean = curves.mean(axis=0)
     if kind == "pairs":
         times_drawn = generator.multinomial(points, np.full(points, 1 / points), samples)

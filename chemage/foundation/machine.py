@@ -1,6 +1,6 @@
 """The machine: where what is made once for it is kept (compiled kernels, its speed, tables), its processor, its speed.
 
-The processor that kernels are compiled for, and whether numpy uses AVX-512, both change last bits of pressures.
+The processor that kernels are compiled for, whether numpy uses AVX-512, and the kernel of BLAS change last bits.
 """
 
 from __future__ import annotations
@@ -77,7 +77,31 @@ def _temporary() -> Path:
 
 @lru_cache(maxsize=1)
 def processor() -> str:
-    """Name of the processor, and those of its instructions on which the last bits depend, in one line."""
+    """Name of the processor, those of its instructions on which the last bits depend, and the kernel of numpy's BLAS,
+    in one line."""
+    blas = blas_kernel()
+    return f"{_instructions()}, BLAS {blas}" if blas else _instructions()
+
+
+def blas_kernel() -> str:
+    """The kernel that the OpenBLAS of numpy chose for this processor or was given (``OPENBLAS_CORETYPE``), such as
+    ``Haswell``; "" for another library."""
+    import ctypes
+
+    import numpy as np
+
+    package = Path(np.__file__).parent
+    for folder in (package.parent / "numpy.libs", package / ".dylibs"):  # of wheels; numpy has loaded it
+        for path in folder.glob("*openblas*"):
+            library = ctypes.CDLL(str(path))
+            for name in ("scipy_openblas_get_corename64_", "openblas_get_corename64_", "openblas_get_corename"):
+                if (ask := getattr(library, name, None)) is not None:
+                    ask.restype = ctypes.c_char_p
+                    return ask().decode()
+    return ""
+
+
+def _instructions() -> str:
     named = os.environ.get("NUMBA_CPU_NAME")
     try:
         from llvmlite import binding

@@ -91,6 +91,7 @@ FACTORIES = {"ageing": "ageing_method"}
 PICTURES = "results.kinds"
 #: public modules -> their full name
 MODULES = {
+    "algebra": "foundation.algebra",
     "container": "foundation.container",
     "options": "cli.options",
     "memory": "foundation.memory",

@@ -23,6 +23,7 @@ import math
 import numpy as np
 
 from chemage.foundation.kernels import kernel
+from chemage.inference.algebra import cholesky, products
 
 #: twice the logarithm by which a density is lower where it is left out
 NEGLIGIBLE = 120.0
@@ -288,7 +289,8 @@ def moved(x, choice, level, candidates, inverses, logs, matrix, target, areas, l
         if x[i] > 0.0:
             seen[i] = matrix[i]
             pull -= level * matrix[i]
-    precision, goal = seen @ seen.T, seen @ pull
+    precision = products(seen, seen.T.copy())
+    goal = products(seen, pull.reshape((-1, 1)))[:, 0]
     log_shares, trial, kept = np.empty(n), x.copy(), x.copy()
     number = np.full(1, choice)
     best, chosen = -np.inf, choice
@@ -297,7 +299,7 @@ def moved(x, choice, level, candidates, inverses, logs, matrix, target, areas, l
             number[0] = candidates[k]
             if number[0] == choice:
                 continue
-        lower = np.linalg.cholesky(inverses[number[0]] + precision)
+        lower = cholesky(inverses[number[0]] + precision)
         mean = solved_both(lower, goal)
         after = np.zeros(n)  # of each node, what those after it pull
         value = gumbels[k + 1]

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from chemage.inference.algebra import product
 from chemage.inference.energies import averaging
 from chemage.inference.forecast import WIDE, band
 from chemage.inference.result import Inference
@@ -147,7 +148,7 @@ def _seen(inference: Inference) -> tuple[np.ndarray, np.ndarray]:
         return energies[:0], inference.samples[:, :0]
     low, high = inference.visible_range
     inside = (energies >= low) & (energies <= high)
-    return energies[inside], inference.samples[:, inside] @ averaging(energies[inside], inference.resolution).T
+    return energies[inside], product(inference.samples[:, inside], averaging(energies[inside], inference.resolution).T)
 
 
 def _apart(samples: np.ndarray, mean: np.ndarray, at: int, other: int) -> bool:

@@ -94,7 +94,8 @@ def grouped_bonds(
     part = np.clip(pressure / nodes[1] - (right - 1), 0.0, 1.0)
     at, shape = group * PRESSURES + right, groups * PRESSURES
     weights = np.bincount(at, part, shape) + np.bincount(at - 1, 1 - part, shape)
-    return weights.reshape(groups, PRESSURES) @ bonded_share(chemistry, temperature, hold_times, nodes)
+    share = bonded_share(chemistry, temperature, hold_times, nodes)
+    return np.einsum("gp,pm->gm", weights.reshape(groups, PRESSURES), share)
 
 
 @lru_cache(maxsize=32)
@@ -109,7 +110,7 @@ def _curves(chemistry: Chemistry, kt: float, times: bytes, crossed: int, nodes: 
     share = _of_energy(chemistry, kt, hold_times, crossed, nodes)
     # barriers below 0 react as those at 0
     below = np.concatenate([np.repeat(share[:1], shifts, axis=0), share, share[-1:]])
-    rows = [forming @ below[shifts - j : shifts - j + nodes] for j in range(-1, shifts)]
+    rows = [np.einsum("i,im->m", forming, below[shifts - j : shifts - j + nodes]) for j in range(-1, shifts)]
     return np.clip(np.stack(rows), 0.0, 1.0)
 
 

@@ -112,7 +112,7 @@ class Closure(AgeingMethod):
         per_area = chemistry.sites_per_area(request.contact)
         sites = np.array([chemistry.hydroxylation * statistics.contact_area * per_area])
         independent = bonded_share(chemistry, request.temperature, times, statistics.pressure)
-        bonds = (statistics.area * per_area) @ independent
+        bonds = np.einsum("c,cm->m", statistics.area * per_area, independent)
         error, notes, took = np.full(times.size, INDEPENDENT_ERROR), (), _table.Took()
         source = f"at most {100 * INDEPENDENT_ERROR:g} %, of the quadrature"
         if chemistry.interaction is not None and statistics.pressure.size:
@@ -241,7 +241,7 @@ def _changed(
     lack = 1 - np.arange(most + 1) / most
     rim = np.einsum("cjm,j->m", np.abs(alike), lack**2)
     uneven = np.abs(
-        alike.sum(axis=1) - np.einsum("ck,cjm,kjm->cm", part, effective * independent[:, None], columns, optimize=True)
+        alike.sum(axis=1) - np.einsum("ck,cjm,kjm->cm", part, effective * independent[:, None], columns)
     ).sum(axis=0)
     return _Changed(bonds, table, np.hypot(RIM_ERROR * rim, UNEVEN_ERROR * uneven))
 

@@ -358,14 +358,25 @@ def test_a_kernel_that_is_kept_is_told_from_others():
     ],
 )
 def test_processors_whose_bytes_differ_have_different_names(environment, features, text, monkeypatch):
-    """Heights depend on whether numpy uses AVX-512, whatever kernels are compiled for."""
+    """Heights depend on whether numpy uses AVX-512, whatever kernels are compiled for; fits on that of BLAS."""
     for name in ("NUMBA_CPU_NAME", "NPY_DISABLE_CPU_FEATURES"):
         monkeypatch.delenv(name, raising=False)
     for name, value in environment.items():
         monkeypatch.setenv(name, value)
     monkeypatch.setattr(binding, "get_host_cpu_features", lambda: features)
     monkeypatch.setattr(binding, "get_host_cpu_name", lambda: "host")
+    monkeypatch.setattr(machine, "blas_kernel", lambda: "Haswell")
+    assert machine.processor.__wrapped__() == f"{text}, BLAS Haswell"
+    monkeypatch.setattr(machine, "blas_kernel", lambda: "")
     assert machine.processor.__wrapped__() == text
+
+
+def test_the_kernel_of_blas_is_that_which_numpy_uses():
+    asked = "from chemage.foundation import machine; print(machine.blas_kernel())"
+    for kernel in ("Haswell", "SkylakeX"):
+        environment = {**os.environ, "OPENBLAS_CORETYPE": kernel}
+        run = subprocess.run([sys.executable, "-c", asked], env=environment, capture_output=True, text=True, check=True)
+        assert run.stdout.strip() in (kernel, "")
 
 
 def test_the_speed_is_measured_once_and_kept(tmp_path, monkeypatch):
