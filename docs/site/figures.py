@@ -70,6 +70,22 @@ def maps() -> None:
     Path("pareto-patch.png").unlink()
 
 
+def image() -> None:
+    """The spectrum of the image of its page, carried on to the sites."""
+    import tomllib
+
+    import tomli_w
+
+    page = (DOCS / "measured.md").read_text(encoding="utf-8")
+    exec(re.findall(r"^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)[0], {})
+    (surface,) = re.findall(r"^```toml\n(\[surface\].*?)^```$", page, re.MULTILINE | re.DOTALL)
+    subprocess.run([*CHEMAGE, "init", "image", "--like", "silica-patch"], check=True)
+    scene = tomllib.loads(Path("image.toml").read_text(encoding="utf-8")) | tomllib.loads(surface)
+    Path("image.toml").write_text(tomli_w.dumps(scene), encoding="utf-8")
+    subprocess.run([*CHEMAGE, "run", "image.toml", "--set", "contact.load=2 uN", "--replicas", "1"], check=True)
+    keep(Path("image-figures/roughened-spectrum.png"), "roughened-spectrum.png", DOCS / "figures")
+
+
 def scripts() -> None:
     """The figures that the Python blocks of the gallery draw."""
     page = (DOCS / "gallery.md").read_text(encoding="utf-8")
@@ -85,5 +101,6 @@ if __name__ == "__main__":
         temperatures()
         sweep()
         maps()
+        image()
         scripts()
         os.chdir(DOCS)
