@@ -48,7 +48,7 @@ class EventDriven(Pulling):
     bibtex: ClassVar[tuple[str, ...]] = (LEWIS,)
     speed_only = ("most_events",)
 
-    most_events: float = Field(default=1e8, gt=0)
+    most_events: float = Field(default=1e8, gt=0, allow_inf_nan=False)
     """bonds that may form and break in one pull, which is refused if it has more; 1e8 take 10 s to 2 minutes;
     default: 1e8"""
 

@@ -224,12 +224,12 @@ class Roughened(SurfaceMaker):
     def draw(self, figure: str, axes: Axes, results: Sequence[Any]) -> None:
         """The spectra before and after, of one result or of several."""
         for result in results:
-            # a tip on this surface is another one
-            if result.surface is not None and "roughened" in result.surface.provenance:
+            record = _recorded(result)
+            # a tip that carries this surface is another one
+            if result.surface is not None and (record is None or "roughened" in result.surface.provenance):
                 q, density = result.surface.psd(_BINS)
                 filled = density > 1e-12 * density.max(initial=0.0)
                 axes.loglog(q[filled], density[filled], color=result.color, label=f"{result.label}, carried on")
-            record = _recorded(result)
             if record is None:
                 continue
             before = record["spectrum"]

@@ -13,20 +13,14 @@ import warnings
 from pathlib import Path
 
 import h5py
+import hostile_files as hostile
 import numpy as np
 import pytest
+from internals import in_one_unit, parse_toml, plain_warnings
 
 import chemage as ca
-from chemage import InputError
-from chemage.cli import app
-from chemage.foundation import errors
-from chemage.foundation.files import open_file, write_file
-from chemage.foundation.units import in_one_unit
-from chemage.plugin import SceneError, StoreError
-from chemage.scene.files import parse_toml
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
-import hostile_files as hostile
+from chemage import InputError, errors
+from chemage.plugin import SceneError, StoreError, open_file, write_file
 
 #: of a run of one letter; its cube is 10^13
 LONG = 20_000
@@ -237,7 +231,7 @@ def test_warnings_of_a_command_are_messages_also_where_python_makes_errors_of_th
     monkeypatch.setattr(sys, "warnoptions", ["error", "ignore::DeprecationWarning"])
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        app._plain_warnings()
+        plain_warnings()
         warnings.warn("a few sites", UserWarning, stacklevel=1)
     assert "chemage: warning: a few sites" in capsys.readouterr().err
     assert os.environ["PYTHONWARNINGS"] == "ignore::DeprecationWarning"

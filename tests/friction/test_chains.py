@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import sys
 from itertools import combinations
-from pathlib import Path
 
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
 from pulled_models import KT, drive_of, lattice_of
 from scipy.stats import binomtest, chi2_contingency, kstest
 

@@ -216,6 +216,7 @@ OPENS = {
     ("chemage.cli.app", "open"): "no file: what a closed output becomes",
     ("chemage.cli.app", "os.open"): "what is printed after the reader of a pipe has gone",
     ("chemage.foundation.kernels", "open"): "sources that were imported; the door takes ten times as long",
+    ("chemage.foundation.tables", "ZipFile"): "a stream that the door opened",
     ("chemage.foundation.tables", "np.loadtxt"): "lines in memory",
     ("chemage.studies.sweeps.table", "h5netcdf.File"): "an image in memory",
     ("chemage.testing.selftest", "np.save"): "in a folder of its own",
