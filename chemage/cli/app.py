@@ -230,7 +230,7 @@ def _plain_warnings() -> None:
     sys.warnoptions[:] = [option for option in sys.warnoptions if not option.startswith("e")]
     if "PYTHONWARNINGS" in os.environ:
         os.environ["PYTHONWARNINGS"] = ",".join(sys.warnoptions)
-        warnings.filters[:] = [one for one in warnings.filters if one[0] != "error"]
+        warnings.filters[:] = [one for one in warnings.filters if one[0] != "error"]  # pyright: ignore[reportIndexIssue]
 
 
 def _explain(error: Exception) -> int:

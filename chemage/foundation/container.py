@@ -236,7 +236,7 @@ def _datasets(group: Any, path: Path, groups: set[int]) -> Iterator[Any]:
             place = hash(item.id)
             if place in groups:
                 raise DamagedError(f"{path}: {item.name} contains itself, or is there twice")
-            if item.name.count("/") > DEEPEST:
+            if str(item.name).count("/") > DEEPEST:
                 raise DamagedError(f"{path}: {shortened(item.name)} is nested more than {DEEPEST} deep")
             groups.add(place)
             yield from _datasets(item, path, groups)
