@@ -36,8 +36,11 @@ LARGEST_ERROR = 0.04
 RIM_ERROR, UNEVEN_ERROR = 0.089, 0.065
 #: relative error of sites that do not interact: the quadrature
 INDEPENDENT_ERROR = 2e-4
-#: CPU seconds of a table at the default accuracy, at most, measured on rough contacts and tips of silica
-TABLE_SECONDS = 100.0
+#: CPU seconds of a pressure of a table at the default accuracy, at most, measured from 120 to 570 K; of coarser ones at
+#: least so much of that
+NODE_SECONDS, COARSE_SHARE = 4.0, 0.5
+#: the most pressures of a table where the contact is not known
+USUAL_NODES = 25
 #: of the share of the sites under the highest pressures, the change is taken at the pressure at which they begin
 TAIL = 1e-6
 #: the most pressures of a table
@@ -95,13 +98,26 @@ class Closure(AgeingMethod):
             )
 
     def expected(
-        self, sites: float, kinetics: Mapping[str, float], replicas: int, interacting: bool = False
+        self,
+        sites: float,
+        kinetics: Mapping[str, float],
+        replicas: int,
+        interacting: bool = False,
+        chemistry: Chemistry | None = None,
+        temperature: float = 300.0,
+        mean_pressure: float | None = None,
     ) -> dict[str, float]:
         """Memory and time of a curve; of sites that interact a range, as the table may have yet to be made."""
         curve = 0.02 + 1e-6 * sites
         cost = {"cpu_seconds": curve, "bytes": 3e7 + 40.0 * sites}
         if interacting:
-            most = curve + TABLE_SECONDS * (0.01 / self.accuracy) ** 2
+            nodes = USUAL_NODES
+            if chemistry is not None and mean_pressure is not None:
+                # a rough contact has the highest pressures
+                highest = mean_pressure * math.sqrt(-4 / math.pi * math.log(TAIL))
+                step = _table.pressure_step(chemistry, temperature)
+                nodes = 4 + int(highest / step) if step else 1
+            most = curve + nodes * NODE_SECONDS * max((0.01 / self.accuracy) ** 2, COARSE_SHARE)
             cost |= {"cpu_seconds": math.sqrt(curve * most), "cpu_seconds_least": curve, "cpu_seconds_most": most}
         return cost
 
