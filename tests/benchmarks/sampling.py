@@ -3,8 +3,8 @@
     python tests/benchmarks/sampling.py [coverage | share | margin]
 
 ``coverage``: 400 repetitions of samples of the reference contact; how often Student's 95 % interval over the ten
-replicas of a sample, and the stated error of sampling, hold the mean of 400 replicas of every site. ``share``: 2 % of the sites of the reference
-contact at 500 µN beside all of them. ``margin``: the bias of a margin of 0 to 6 sites.
+replicas of a sample, and the stated error of sampling, hold the mean of 400 replicas of every site. ``share``: 2 % of
+the sites of the reference contact at 500 µN beside all of them. ``margin``: the bias of a margin of 0 to 6 sites.
 """
 
 from __future__ import annotations
@@ -67,13 +67,9 @@ def coverage() -> None:
         within = np.where(np.isfinite(stated), np.abs(off) <= 1.96 * np.array(stated), np.nan)
         print("  stated error holds, % of those stated    ", np.round(100 * np.nanmean(within, axis=0), 1))
         print("  mean deviation, % of the bonds           ", np.round(100 * np.mean(off, axis=0) / mean, 2))
-        print(
-            "  its standard error                       ",
-            np.round(100 * np.std(off, axis=0) / mean / REPETITIONS**0.5, 2),
-        )
-        print(
-            "  scatter over the stated error of sampling", np.round(np.std(off, axis=0) / np.nanmean(stated, axis=0), 2)
-        )
+        scatter = np.std(off, axis=0)
+        print("  its standard error                       ", np.round(100 * scatter / mean / REPETITIONS**0.5, 2))
+        print("  scatter over the stated error of sampling", np.round(scatter / np.nanmean(stated, axis=0), 2))
 
 
 def share() -> None:
