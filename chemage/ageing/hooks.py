@@ -70,7 +70,13 @@ class _Ageing(Stage):
             return {}
         if not mapped and method is EVERY_SITE:
             return {"cpu_seconds": 0.0, "bytes": 0.0}
-        numbers = dict(call_with(method.expected, sites, replica, hold.replicas, interacting="interaction" in parts))
+        offered = {
+            "interacting": "interaction" in parts,
+            "chemistry": parts["chemistry"],
+            "temperature": hold.temperature,
+            "mean_pressure": stated["contact"].get("mean_pressure"),
+        }
+        numbers = dict(call_with(method.expected, sites, replica, hold.replicas, **offered))
         if "bytes" in numbers and method is EVERY_SITE and self._states(parts):
             numbers["bytes"] += sites * hold.hold_times.size
         return numbers

@@ -236,7 +236,8 @@ class AgeingMethod(Component, ABC):
 
         ``kinetics`` is what :meth:`Engine.expected` states for one replica of all ``sites`` of the contact. Where the
         time cannot be known to a factor of 2, ``cpu_seconds_least`` and ``cpu_seconds_most`` are stated as well. A
-        component may add ``interacting=False``, and chemage then passes whether the sites interact.
+        component may add any of ``interacting``, whether the sites interact, ``chemistry``, ``temperature`` (K) and
+        ``mean_pressure`` (GPa, or None where it is not known), and chemage then passes them.
         """
         return {}
 

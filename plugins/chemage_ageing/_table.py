@@ -232,8 +232,7 @@ class Setting:
     @property
     def pressure_step(self) -> float:
         """Distance of the pressures of the table, GPa; 0 where bonds do not depend on the pressure."""
-        shift = abs(shift_per_gpa(self.chemistry))
-        return STEP * KB * self.temperature / shift if shift else 0.0
+        return pressure_step(self.chemistry, self.temperature)
 
     def identity(self) -> dict[str, Any]:
         """As plain JSON values; equal for equal tables."""
@@ -250,6 +249,12 @@ class Setting:
             "accuracy": self.accuracy,
             "grid": [SIDE, BAND, THINNED, PER_DECADE, STEP],
         }
+
+
+def pressure_step(chemistry: Chemistry, temperature: float) -> float:
+    """Distance of the pressures of a table, GPa; 0 where bonds do not depend on the pressure."""
+    shift = abs(shift_per_gpa(chemistry))
+    return STEP * KB * temperature / shift if shift else 0.0
 
 
 @dataclass

@@ -363,3 +363,18 @@ def test_more_pressures_than_a_table_can_have_are_refused():
     wide = ca.plugin.ContactStatistics(pressure=pressure, area=areas, load=1.0, nominal_area=1e6, modulus=35.3)
     with pytest.raises(InputError, match="out of its range, leave out"):
         aged(wide, interacting(site_density=4.9))
+
+
+def test_a_table_of_many_pressures_is_foreseen():
+    """At 60 K and 4 GPa, pressures one k_BT of the barrier apart are some hundred; at 300 K a fifth of that."""
+    method = ca.ageing_method("closure")
+
+    def most(temperature, volume=0.0064):
+        own = interacting(activation_volume=volume)
+        known = {"interacting": True, "chemistry": own, "temperature": temperature, "mean_pressure": 4.0}
+        return method.expected(1e4, {}, 1, **known)["cpu_seconds_most"]
+
+    highest = 4.0 * math.sqrt(4 / math.pi * math.log(1e6))
+    pressures = 0.0064 * ca.plugin.EV_PER_GPA_NM3 * highest / (ca.plugin.KB * 60.0)
+    assert most(60.0) / most(60.0, 0.0) == pytest.approx(pressures, rel=0.05)
+    assert 4 < most(60.0) / most(300.0) <= 5

@@ -252,9 +252,15 @@ def _prepared(scene: Scene, method: Any) -> float:
     if scene.site_grids:
         method.check_sites(scene.site_grids[1], None)
     costs = cost(scene)
-    coupled = scene.chemistry.interaction is not None
+    assert scene.hold is not None
+    offered = {
+        "interacting": scene.chemistry.interaction is not None,
+        "chemistry": scene.chemistry,
+        "temperature": scene.hold.temperature,
+        "mean_pressure": costs.mean_pressure,
+    }
     replica = {"cpu_seconds": costs.kinetics_cpu_seconds or 0.0}
-    seconds = call_with(method.expected, costs.sites or 1.0, replica, 1, interacting=coupled)
+    seconds = call_with(method.expected, costs.sites or 1.0, replica, 1, **offered)
     return max(0.0, seconds.get("cpu_seconds_most", 0.0) - seconds.get("cpu_seconds_least", 0.0))
 
 
