@@ -58,8 +58,7 @@ class _Ageing(Stage):
 
     def estimate(self, parts: Parts, stated: Stated) -> Mapping[str, float]:
         """``cpu_seconds`` of all replicas, with least and most where it is a range, and ``bytes`` of one of them."""
-        from chemage.ageing.methods import EVERY_SITE
-        from chemage.foundation.components import call_with
+        from chemage.ageing.methods import EVERY_SITE, expected_cost
 
         if "engine" not in parts:
             return {"cpu_seconds": 0.0, "bytes": 0.0}
@@ -70,13 +69,15 @@ class _Ageing(Stage):
             return {}
         if not mapped and method is EVERY_SITE:
             return {"cpu_seconds": 0.0, "bytes": 0.0}
-        offered = {
-            "interacting": "interaction" in parts,
-            "chemistry": parts["chemistry"],
-            "temperature": hold.temperature,
-            "mean_pressure": stated["contact"].get("mean_pressure"),
-        }
-        numbers = dict(call_with(method.expected, sites, replica, hold.replicas, **offered))
+        numbers = expected_cost(
+            method,
+            sites,
+            replica,
+            hold.replicas,
+            chemistry=parts["chemistry"],
+            temperature=hold.temperature,
+            mean_pressure=stated["contact"].get("mean_pressure"),
+        )
         if "bytes" in numbers and method is EVERY_SITE and self._states(parts):
             numbers["bytes"] += sites * hold.hold_times.size
         return numbers

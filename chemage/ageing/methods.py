@@ -15,7 +15,7 @@ from chemage.ageing.observables import Observable, Seen, measure, stacked
 from chemage.ageing.replicas import Common, ReplicaSeeds, identity, origin, replica_seeds, run_with_checkpoints
 from chemage.contacts.solution import ContactSolution, ContactStatistics
 from chemage.foundation.checks import Seed
-from chemage.foundation.components import Component
+from chemage.foundation.components import Component, call_with
 from chemage.foundation.errors import InputError, PluginError
 from chemage.foundation.outputs import Output
 from chemage.foundation.records import Record, content_hash
@@ -404,3 +404,28 @@ def _forces(request: AgeingRequest, replicas: list[_Replica]) -> np.ndarray | No
         return None
     mean = request.chemistry.bond_force * request.chemistry.front_factor
     return np.stack([replica.bonds * mean if replica.force is None else replica.force for replica in replicas])
+
+
+def expected_cost(
+    method: AgeingMethod,
+    sites: float,
+    kinetics: Mapping[str, float],
+    replicas: int,
+    *,
+    chemistry: Chemistry,
+    temperature: float,
+    mean_pressure: float | None,
+) -> dict[str, float]:
+    """What :meth:`AgeingMethod.expected` states, with as much of the conditions as it takes."""
+    return dict(
+        call_with(
+            method.expected,
+            sites,
+            kinetics,
+            replicas,
+            interacting=chemistry.interaction is not None,
+            chemistry=chemistry,
+            temperature=temperature,
+            mean_pressure=mean_pressure,
+        )
+    )

@@ -156,11 +156,17 @@ class Sample(AgeingMethod):
         windowed = values.var(axis=1, ddof=1) / count
         error = np.sqrt(windowed.sum(axis=0)) / len(replicas) * _few(bonds[:, 1::2, 0].size)
         error = np.where(few, np.maximum(error, known), error)
-        estimates = _spread(values.mean(axis=1), np.where(few, known, 0.0))
+        estimates = values.mean(axis=1)
         mean = estimates.mean(axis=0)
         reactive = sites * request.chemistry.hydroxylation
         followed = np.mean([replica.sites for replica in replicas]) / reactive
-        note = f"{replicas[0].drawn.size} windows a replica; {100 * followed:.2g} % of the sites were followed"
+        notes = [f"{replicas[0].drawn.size} windows a replica; {100 * followed:.2g} % of the sites were followed"]
+        if (few & (total > 0)).any():
+            last = request.hold_times[few & (total > 0)].max()
+            notes.append(
+                f"fewer than about 20 bonds are counted until {last:g} s: their scatter between replicas is often too "
+                "small by chance, the error of sampling that is stated is not; a larger share counts more"
+            )
         return AgedBonds.of(
             [replica.origin for replica in replicas],
             # not limited to what is possible, which would bias their mean where bonds are few or nearly all there
@@ -168,7 +174,7 @@ class Sample(AgeingMethod):
             sites=np.full(len(replicas), reactive),
             errors={"sampling": np.divide(error, mean, out=np.full(mean.shape, np.nan), where=mean > 0)},
             error_sources={"sampling": "from the scatter of the windows; part of the scatter of the replicas"},
-            notes=(note,),
+            notes=tuple(notes),
         )
 
 
@@ -191,18 +197,6 @@ def _coefficient(bonds: np.ndarray, alone: np.ndarray) -> np.ndarray:
     spread = (centred**2).sum(axis=(0, 1))
     together = (centred * bonds).sum(axis=(0, 1))
     return np.divide(together, spread, out=np.zeros(spread.shape), where=spread > 0)
-
-
-def _spread(estimates: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Replicas (replicas, m) about the same mean, the 95 % interval of which is at least that of the standard error
-    ``known`` (m,)."""
-    if len(estimates) == 1:
-        return estimates
-    width = statistics.half_width(estimates)
-    least = statistics.NORMAL_LIMIT * known
-    factor = np.divide(least, width, out=np.ones_like(least), where=width < least)
-    mean = estimates.mean(axis=0)
-    return mean + factor * (estimates - mean)
 
 
 def _few(windows: int) -> float:
