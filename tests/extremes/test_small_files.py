@@ -163,7 +163,7 @@ def test_parts_of_scans_are_nested_and_overlap_no_more_than_they_do_in_real_ones
             heights_of(path)
 
 
-@pytest.mark.long
+@pytest.mark.campaign
 def test_small_files_of_every_kind_cost_less_than_2_s_and_500_mb(tmp_path):
     pytest.importorskip("openpyxl")
     done = subprocess.run([sys.executable, hostile.__file__, "300"], capture_output=True, text=True, check=False)
