@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from inferring import algebra
 from scipy import optimize
-
-from chemage.inference import algebra
 
 
 @pytest.mark.parametrize("decades", [0, 3, 12, 40, 90, 150, 300])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from chemage.ageing.covariance import CurveError
 from chemage.foundation.result import Compared, Curve, result_of
+from chemage.inference import algebra
 from chemage.inference.calibrate import Calibration, _errors, _rank, calibrate
 from chemage.inference.noise import LARGEST, NEAREST, RARE, SPREAD, WIDER, ErrorModel, Noise, State
 from chemage.inference.open import effective, r_hat
@@ -29,6 +30,7 @@ __all__ = [
     "Prior",
     "Problem",
     "State",
+    "algebra",
     "calibrate",
     "drawn_errors",
     "effective",
