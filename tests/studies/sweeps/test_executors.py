@@ -326,8 +326,11 @@ def cluster(tmp_path_factory):
     sys.path.insert(0, str(folder))
     import chemage_work  # pyright: ignore[reportMissingImports]
 
-    with open_pool(f"dask:{folder / 'cluster.yaml'}") as pool:
-        yield pool, chemage_work
+    with pytest.MonkeyPatch.context() as patch:
+        # what the user has set is no part of a test
+        patch.delenv("OMP_NUM_THREADS", raising=False)
+        with open_pool(f"dask:{folder / 'cluster.yaml'}") as pool:
+            yield pool, chemage_work
     sys.path.remove(str(folder))
     sys.modules.pop("chemage_work", None)
 
