@@ -20,8 +20,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from chemage.ageing.display import FIGURES
-from chemage.ageing.fitting import Quantity
+from chemage.ageing.fitting import DROPS, Friction
 from chemage.ageing.observables import Maps, Observed, PlottedResult
 from chemage.foundation.arranging import arrange
 from chemage.foundation.components import Component
@@ -38,7 +37,9 @@ from chemage.foundation.figures import (
     pressure_colours,
 )
 from chemage.foundation.looks import drawn_as
-from chemage.foundation.result import Curve, drawn_picture, result_of, single_panels
+from chemage.foundation.outputs import RECORDED
+from chemage.foundation.quantities import Curve, Rank
+from chemage.foundation.result import drawn_picture, result_of, single_panels
 from chemage.foundation.statistics import NORMAL_LIMIT
 from chemage.foundation.units import convert
 from chemage.lattices.chemistry import Chemistry
@@ -282,10 +283,15 @@ def curve_figures(comparison: Comparison) -> dict[str, Figure]:
     curves: dict[str, list[tuple[Entry, Curve]]] = {}
     several = len(comparison.results) > 1 or comparison.measured
     for entry in comparison.results:
-        for name, curve in entry.compared.curves.items():
-            if several or curve.alone:
+        for name, curve in entry.curves.items():
+            if curve.rank < Rank.REST and (several or curve.alone):
                 curves.setdefault(name, []).append((entry, curve))
-    return {name: _figure(comparison, name, drawn) for name, drawn in curves.items()}
+    return {figure_name(name): _figure(comparison, name, drawn) for name, drawn in curves.items()}
+
+
+def figure_name(curve: str) -> str:
+    """The name of the figure of a curve."""
+    return curve.replace("_", "-").removeprefix(RECORDED)
 
 
 def _figure(comparison: Comparison, name: str, curves: Sequence[tuple[Entry, Curve]]) -> Figure:
@@ -304,19 +310,19 @@ def _draw_curves(axes: Axes, comparison: Comparison, name: str, curves: Sequence
     }
     last = [_draw_curve(axes, comparison, entry, curve, styles[entry.name]) for entry, curve in curves]
     sample = curves[0][1]
-    axes.set(xlabel=sample.xlabel, ylabel=sample.ylabel)
-    if _is_distribution(sample):
+    axes.set(xlabel=sample.axis_of.axis, ylabel=sample.axis)
+    if sample.is_distribution:
         axes.set(xlim=(0, None), ylim=(0, None))
         return
     axes.set_xscale("log")
-    if len(comparison.results) <= _FITTED:
-        for entry, curve in curves:
-            if curve.beside is not None:
+    if len(comparison.results) <= _FITTED and name == "friction_coefficient_drop":
+        for entry, _ in curves:
+            if entry.ageing.draw_fit is not None:
                 alone = len(comparison.results) == 1
-                curve.beside(axes, *(("", "") if alone else (entry.name, _darker(styles[entry.name]["color"]))))
-    quantity = next((key for key, (figure_name, *_) in FIGURES.items() if figure_name == name), "")
-    if quantity in ("friction_drop", "friction_coefficient_drop"):
-        _draw_measurements(axes, comparison, quantity)
+                how = ("", "") if alone else (entry.name, _darker(styles[entry.name]["color"]))
+                entry.ageing.draw_fit(axes, *how)
+    if name in DROPS:
+        _draw_measurements(axes, comparison, name)  # pyright: ignore[reportArgumentType]
     _scale(axes, last)
 
 
@@ -330,24 +336,20 @@ def _legend_name(entry: Entry) -> str:
     return plain(f"{entry.name} (approximate)" if entry.approximation else entry.name)
 
 
-def _is_distribution(curve: Curve) -> bool:
-    return curve.x.size == curve.mean.size + 1
-
-
 def _draw_curve(axes: Axes, comparison: Comparison, entry: Entry, curve: Curve, style: dict[str, Any]) -> float:
     """Draw a curve; return its last value. A band contains the scatter between surfaces; bars are errors of replicas on
     one surface."""
-    if _is_distribution(curve):
+    if curve.is_distribution:
         axes.stairs(curve.mean, curve.x, color=style["color"], lw=1.4)
         middles, every = 0.5 * (curve.x[1:] + curve.x[:-1]), max(1, curve.mean.size // 8)
         axes.plot(middles, curve.mean, ls="none", markevery=every, ms=3.5, **style)
         axes.plot([], [], lw=1.4, ms=3.5, label=_legend_name(entry), **style)  # both in one entry of the legend
         return 0.0
-    what = curve.what
+    what = curve.over
     if comparison.has_several_errors and not curve.band and " replicas," in what:
         what = what.replace(" replicas,", " replicas on one surface,")
     label, positive = f"{_legend_name(entry)}, {what}" if what else _legend_name(entry), curve.x > 0
-    x, mean, half = (values[positive] if values.size else values for values in (curve.x, curve.mean, curve.half))
+    x, mean, half = (values[positive] if values.size else values for values in (curve.x, curve.mean, curve.half_width))
     error = np.nan_to_num(half)
     if curve.band:
         axes.plot(x, mean, ms=3.5, lw=1, label=label, **style)
@@ -374,9 +376,9 @@ def _darker(color: str) -> str:
     return "#" + "".join(f"{round(0.6 * int(color[at : at + 2], 16)):02X}" for at in (1, 3, 5))
 
 
-def _draw_measurements(axes: Axes, comparison: Comparison, quantity: Quantity) -> None:
+def _draw_measurements(axes: Axes, comparison: Comparison, quantity: Friction) -> None:
     """Draw measurements of a quantity, or of another that one common load turns into it, with the fit of a curve."""
-    loads = {entry.compared.load for entry in comparison.results}
+    loads = {entry.ageing.load for entry in comparison.results}
     load = loads.pop() if len(loads) == 1 else None
     for number, original in enumerate(comparison.measured):
         data = original.as_quantity(quantity, load)

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from chemage.ageing.display import FIGURES
 from chemage.ageing.fitting import UNIT
 from chemage.ageing.measurements import Measurements
-from chemage.foundation.result import Compared
+from chemage.foundation.quantities import Curve
+from chemage.foundation.result import Ageing
 from chemage.foundation.statistics import NORMAL_LIMIT
 from chemage.foundation.text import jsonable, plus_minus, power_text
 
@@ -68,9 +69,9 @@ class Verdict:
 COLUMNS = ("measured", "result", "offset", "slope", "χ²", "verdict")
 
 
-def verdict(data: Measurements, name: str, compared: Compared) -> Verdict:
+def verdict(data: Measurements, name: str, ageing: Ageing, curves: Mapping[str, Curve]) -> Verdict:
     """Judge measurements beside a result, interpolated in log t at the measured hold times."""
-    said = _model(data, compared)
+    said = _model(data, ageing, curves)
     if isinstance(said, str):
         return Verdict(data.name, name, f"not compared: {said}")
     data, mean, covariance = said
@@ -106,33 +107,33 @@ def verdict(data: Measurements, name: str, compared: Compared) -> Verdict:
     return Verdict(data.name, name, _in_words(made, fitted), **made)
 
 
-def _model(data: Measurements, compared: Compared) -> tuple[Measurements, np.ndarray, np.ndarray] | str:
+def _model(
+    data: Measurements, ageing: Ageing, curves: Mapping[str, Curve]
+) -> tuple[Measurements, np.ndarray, np.ndarray] | str:
     """The measurements in the quantity of the result; its values (m,), nan where it has none, and their covariance; or
     why there are none."""
-    if compared.predict is not None:
+    if ageing.predict is not None:
         if data.load is None or data.temperature is None:
             return "the table has no load and temperature at which the density would be carried forward"
         there = data.as_quantity("friction_drop", data.load)
         assert there is not None
         kept = there.hold_times > 0
         mean, covariance = np.full(kept.size, math.nan), np.zeros((kept.size, kept.size))
-        mean[kept], covariance[np.ix_(kept, kept)] = compared.predict(
-            data.load, data.temperature, there.hold_times[kept]
-        )
+        mean[kept], covariance[np.ix_(kept, kept)] = ageing.predict(data.load, data.temperature, there.hold_times[kept])
         return there, mean, covariance
-    kelvin = compared.chemistry.get("temperature")
-    for own, theirs, unit in ((data.load, compared.load, "nN"), (data.temperature, kelvin, "K")):
+    kelvin = ageing.chemistry.get("temperature")
+    for own, theirs, unit in ((data.load, ageing.load, "nN"), (data.temperature, kelvin, "K")):
         if own is not None and theirs is not None and abs(own - theirs) > SAME * own:
             return f"measured at {own:g} {unit}, the result is at {theirs:g} {unit}"
     for quantity in (data.quantity, *UNIT):
-        there = data.as_quantity(quantity, compared.load if np.isfinite(compared.load) else None)  # pyright: ignore[reportArgumentType]
-        curve = compared.curves.get(FIGURES[quantity][0])
+        there = data.as_quantity(quantity, ageing.load if np.isfinite(ageing.load) else None)  # pyright: ignore[reportArgumentType]
+        curve = curves.get(quantity)
         if there is None or curve is None:
             continue
         positive = curve.x > 0
         x, at = np.log(curve.x[positive]), np.log(np.maximum(there.hold_times, 1e-300))
         mean = np.interp(at, x, curve.mean[positive], left=math.nan, right=math.nan)
-        half = np.nan_to_num(curve.half[positive]) if curve.half.size else np.zeros(x.size)
+        half = np.nan_to_num(curve.half_width[positive]) if curve.half_width.size else np.zeros(x.size)
         # the hold times share their bonds: their errors are taken as one
         deviation = np.interp(at, x, half) / NORMAL_LIMIT
         return there, mean, np.outer(deviation, deviation)
