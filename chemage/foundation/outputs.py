@@ -302,7 +302,7 @@ class Measured:
         return Curve(*self._declared()).of_replicas(hold_times, self.values, over)
 
     def _declared(self) -> tuple[str, ...]:
-        return f"{RECORDED}{self.name}", self.unit or ONE, self.name.replace("_", " "), "", self.description
+        return f"{RECORDED}{self.name}", self.unit or ONE, self.name, "", self.description
 
     def summary(self) -> dict[str, Any]:
         """Dimensions, unit and shape, and of numbers and curves the mean over replicas with its errors."""

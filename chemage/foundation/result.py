@@ -192,13 +192,14 @@ class Result:
 
     def rows(self, every: bool = False) -> Rows:
         """The table of its main numbers, or of ``every`` one: (what, text with error and unit)."""
-        rows = self.facts()
-        for one in (*(curve.last() for curve in self.curves() if not curve.is_distribution), *self.quantities()):
+        rows, curves = self.facts(), [curve for curve in self.curves() if not curve.is_distribution]
+        numbers = sorted([*(curve.last() for curve in curves), *self.quantities()], key=lambda one: one.rank)
+        for one in numbers:
             if every or one.rank <= Rank.TABLE:
                 rows.append(one.row())
                 for cause, size, how in one.parts():
                     rows.append((f"error of {one.symbol or one.label}: {cause}", f"{size} (standard error), {how}"))
-        return [*rows]
+        return [*rows, *self.remarks()]
 
     def numbers(self) -> dict[str, Any]:
         """One JSON-able object."""

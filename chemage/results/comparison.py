@@ -23,7 +23,7 @@ from chemage.ageing.fitting import Fit, Model, fit_aging
 from chemage.ageing.measurements import Measurements, read_table
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
-from chemage.foundation.quantities import NONE, Curve, Quantity, by_name, headed
+from chemage.foundation.quantities import NONE, Curve, Quantity, Rank, by_name, headed
 from chemage.foundation.result import TIMES, Ageing, Result, result_of
 from chemage.foundation.text import jsonable
 from chemage.foundation.units import QuantityLike, convert
@@ -73,11 +73,12 @@ class Entry:
     ) -> Entry:
         """Make an entry of a result of any kind."""
         result = result_of(thing)
+        own = type(result).rows is not Result.rows  # rows that are no quantities
         return cls(
             name or result.name,
             source,
             result.title,
-            dict(result.facts()),
+            dict(result.rows() if own else result.facts()),
             by_name(result.quantities()),
             by_name(result.curves()),
             result.first(),
@@ -187,7 +188,7 @@ class Comparison:
         labels = _joined(result.facts for result in self.results)
         rows = [(label, [result.facts.get(label, NONE) for result in self.results]) for label in labels]
         for label, several in self._numbers():
-            if any(one is not None and (one.known or one.reason) for one in several):
+            if any(one is not None and one.rank < Rank.REST and (one.known or one.reason) for one in several):
                 rows.append((label, [NONE if one is None else one.text() for one in several]))
         if self.has_several_errors:
             rows.append(("every ± is", [result.errors or NONE for result in self.results]))

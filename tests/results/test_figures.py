@@ -287,7 +287,7 @@ def test_the_line_and_the_range_of_a_fit_are_those_of_the_hold_times_there_are(r
     assert few.summary()["fit_range"] == pytest.approx([10.0, 100.0])
     chemage.write(tmp_path / "few.h5", few)
     shown = command("show", tmp_path / "few.h5").out
-    assert "per decade, 3 hold times from 10 to 100 s" in shown
+    assert "over 3 hold times from 10 to 100 s" in shown
     assert doubt in " ".join(shown.split())
     rows = dict(compare_files([tmp_path / "few.h5"]).table())
     assert rows["hold times of the fit"] == [f"10 to 100 s; {doubt}"]

@@ -259,6 +259,6 @@ def test_the_page_begins_with_the_curve_and_the_main_numbers(one):
     assert begin.index('class="numbers"') < begin.index("<svg") < begin.index("<h3>") < begin.index("<table")
     numbers = begin[begin.index('<dl class="numbers">') : begin.index("</dl>")]
     assert numbers.count("<dd>") == 3
-    for what in ("Δμ at 10³ s, 95 % interval", "β per decade, line fitted 10–10⁴ s", "area fraction A/A₀"):
+    for what in ("friction coefficient drop Δμ at 1000 s", "ageing rate per decade β", "area fraction A/A0"):
         assert what in numbers
     assert "Friction coefficient drop against hold time" in begin[begin.index("<svg") : begin.index("<svg") + 400]

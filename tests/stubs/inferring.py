@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from chemage.foundation.result import Compared, Curve, result_of
+from chemage.foundation.quantities import Curve
+from chemage.foundation.result import Ageing, result_of
 from chemage.inference.calibrate import Calibration, _errors, _rank, calibrate
 from chemage.inference.noise import LARGEST, NEAREST, RARE, SPREAD, WIDER, ErrorModel, Noise, State
 from chemage.inference.open import effective, r_hat
@@ -13,7 +14,7 @@ from chemage.results.verdicts import verdict
 drawn_errors, rank = _errors, _rank
 
 __all__ = [
-    "LARGEST", "NEAREST", "RARE", "SPREAD", "WIDER", "Calibration", "Chain", "Compared", "Curve", "ErrorModel", "Noise",
+    "LARGEST", "NEAREST", "RARE", "SPREAD", "WIDER", "Ageing", "Calibration", "Chain", "Curve", "ErrorModel", "Noise",
     "Prior", "Problem", "State", "calibrate", "drawn_errors", "effective", "r_hat", "rank", "result_of", "verdict",
 ]  # fmt: skip
 
