@@ -10,6 +10,7 @@ import numpy as np
 
 from chemage.ageing.aging import Aging, bond_errors, elastic_notes, fit_or_reason
 from chemage.ageing.fitting import DROPS, FIT_WINDOW, Fit, Friction, fit_aging
+from chemage.contacts.solution import MEASURES
 from chemage.foundation.errors import InputError
 from chemage.foundation.figures import BLUE, GREY, ORANGE, decades_only, from_zero, legend, plain
 from chemage.foundation.quantities import HOLD_TIME, Curve, Quantity, headed
@@ -76,7 +77,8 @@ class AgingDisplay(OfRecord[Aging]):
         return facts
 
     def quantities(self) -> list[Quantity]:
-        return self.record.quantities(self.window)
+        measures = [MEASURES[name].but(value=value) for name, value in self.record.contact.items() if name in MEASURES]
+        return [*(one for one in measures if one.known), *self.record.quantities(self.window)]
 
     def curves(self) -> list[Curve]:
         return self.record.curves()

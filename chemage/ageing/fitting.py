@@ -205,11 +205,12 @@ class Fit:
         over = f"over {self.points} hold times from {self.span[0]:g} to {self.span[1]:g} s"
         none = "one replica: no error" if self.replicas == 1 else "no interval: too few points"
         reason = none if math.isnan(self.beta_interval.low) else ""
+        doubtful = "; ".join(filter(None, (reason, self.doubt)))
         slopes = [
-            one.but(unit=self.unit, value=value, stderr=error, low=ends.low, high=ends.high, reason=reason, of=of)
-            for one, value, error, ends, of in (
-                (BETA, self.beta, self.beta_stderr, self.beta_interval, over),
-                (B, self.b, self.b_stderr, self.b_interval, ""),
+            one.but(unit=self.unit, value=value, stderr=error, low=ends.low, high=ends.high, reason=why, of=of)
+            for one, value, error, ends, why, of in (
+                (BETA, self.beta, self.beta_stderr, self.beta_interval, doubtful, over),
+                (B, self.b, self.b_stderr, self.b_interval, reason, ""),
             )
         ]
         ends = self.cutoff_interval

@@ -47,6 +47,8 @@ class Entry:
     title: str
     #: what it is of, in words
     facts: Mapping[str, str]
+    #: the same for JSON
+    plain: Mapping[str, Any]
     #: by name
     quantities: Mapping[str, Quantity]
     curves: Mapping[str, Curve]
@@ -73,12 +75,15 @@ class Entry:
     ) -> Entry:
         """Make an entry of a result of any kind."""
         result = result_of(thing)
-        own = type(result).rows is not Result.rows  # rows that are no quantities
+        # a kind of result that lays out its own rows and numbers
+        own = type(result).rows is not Result.rows
+        plain = {name: value for name, value in result.numbers().items() if isinstance(value, int | float | str | None)}
         return cls(
             name or result.name,
             source,
             result.title,
             dict(result.rows() if own else result.facts()),
+            plain if own else dict(result.facts()),
             by_name(result.quantities()),
             by_name(result.curves()),
             result.first(),
@@ -111,7 +116,7 @@ class Entry:
 
     def numbers(self) -> dict[str, Any]:
         """Facts and quantities by name."""
-        numbers = {"name": self.name, "file": self.source, **self.facts}
+        numbers = {"name": self.name, "file": self.source, **self.plain}
         for one in self.quantities.values():
             numbers |= one.numbers()
         return numbers | ({"approximate": self.approximation} if self.approximation else {})

@@ -283,7 +283,7 @@ def curve_figures(comparison: Comparison) -> dict[str, Figure]:
     curves: dict[str, list[tuple[Entry, Curve]]] = {}
     several = len(comparison.results) > 1 or comparison.measured
     for entry in comparison.results:
-        for name, curve in entry.curves.items():
+        for name, curve in sorted(entry.curves.items(), key=lambda item: item[1].rank):
             if curve.rank < Rank.REST and (several or curve.alone):
                 curves.setdefault(name, []).append((entry, curve))
     return {figure_name(name): _figure(comparison, name, drawn) for name, drawn in curves.items()}

@@ -142,7 +142,8 @@ class RunDisplay(Result):
         return [("surface", self.contact.extent()), ("contact", self.contact.solved())]
 
     def quantities(self) -> list[Quantity]:
-        return [*self.contact.quantities(), *(self.aging.quantities() if self.aging is not None else ())]
+        aged = self.run.aging.quantities(self.run.window) if self.run.aging is not None else []
+        return [*self.contact.quantities(), *aged]
 
     def curves(self) -> list[Curve]:
         return [*(self.aging.curves() if self.aging is not None else ()), *self.contact.curves()]

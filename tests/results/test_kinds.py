@@ -117,7 +117,7 @@ def test_it_stands_beside_kinds_that_are_built_in(files, command, examples):
     ca.write("aging.h5", examples.aging())
     rows = dict(ca.compare_files(["aging.h5", files[0]]).table())
     assert rows["grains at the end"] == ["-", "9 <b>"]
-    assert rows["replicas"][1] == "-"
+    assert rows["engine"][1] == "-"
     assert command("report", "aging.h5", files[0]).status == 0
 
 
