@@ -368,7 +368,9 @@ class Aging(Observing, Record):
         if fit is None:
             return [*numbers, BETA.but(reason=f"not fitted: {reason}")]
         beta, *others = fit.quantities()
-        return [*numbers, beta.but(errors=beta_parts(self, window)), *others]
+        how = f"measured here, {self.replicas} replicas on this one surface"
+        replicas = {"replicas": ErrorPart(fit.beta_stderr, how)} if self.replicas > 1 else {}
+        return [*numbers, beta.but(errors=replicas | beta_parts(self, window)), *others]
 
     def to_xarray(self) -> xarray.Dataset:
         """The arrays with the names, dimensions and units of the file, and the curves of friction of the file: means

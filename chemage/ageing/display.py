@@ -61,12 +61,12 @@ class AgingDisplay(OfRecord[Aging]):
 
     def facts(self) -> Rows:
         aging = self.record
-        replicas = f"{aging.replicas} replica{'s' if aging.replicas > 1 else ''}"
         law = aging.rupture or ("mean force per bond" if aging.rupture_force is None else "a plugin's")
         facts = [
             ("temperature", f"{aging.temperature:g} K"),
             ("sites", f"{aging.sites.mean():.0f}, {aging.site_grid}"),
-            ("engine", f"{aging.engine}{f' by ageing {aging.method!r}' if aging.method else ''}, {replicas}"),
+            ("mean over", f"{aging.replicas} replica{'s' if aging.replicas > 1 else ''} on one surface"),
+            ("engine", f"{aging.engine}{f' by ageing {aging.method!r}' if aging.method else ''}"),
             ("rupture law", law),
             ("random numbers", aging.random_numbers or ("none" if aging.method else "not recorded")),
         ]

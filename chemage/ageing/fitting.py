@@ -207,7 +207,7 @@ class Fit:
         reason = none if math.isnan(self.beta_interval.low) else ""
         doubtful = "; ".join(filter(None, (reason, self.doubt)))
         slopes = [
-            one.but(unit=self.unit, value=value, stderr=error, low=ends.low, high=ends.high, reason=why, of=of)
+            one.but(unit=self.unit, value=value, reason=why, of=of).within(ends.low, ends.high, error)
             for one, value, error, ends, why, of in (
                 (BETA, self.beta, self.beta_stderr, self.beta_interval, doubtful, over),
                 (B, self.b, self.b_stderr, self.b_interval, reason, ""),
@@ -215,9 +215,7 @@ class Fit:
         ]
         ends = self.cutoff_interval
         why = f"undetermined: {self.cutoff_reason}" if self.cutoff_reason else reason
-        cutoff = CUTOFF.but(
-            value=self.cutoff_time, stderr=self.cutoff_time_stderr, low=ends.low, high=ends.high, reason=why
-        )
+        cutoff = CUTOFF.but(value=self.cutoff_time, reason=why).within(ends.low, ends.high, self.cutoff_time_stderr)
         return [*slopes, cutoff]
 
     def texts(self) -> tuple[str, ...]:

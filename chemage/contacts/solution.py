@@ -41,12 +41,12 @@ if TYPE_CHECKING:
 #: the measures users compare: property of :class:`Contact` or, where it needs the map, of :class:`ContactSolution`
 MEASURES: dict[str, Quantity] = by_name(
     (
-        Quantity("area_fraction", "1", "area fraction A/A0", "", "contact area over nominal area", Rank.FIRST),
-        Quantity("area", "nm2", "contact area A", "", "contact area"),
+        Quantity("area_fraction", "1", "area fraction", "A/A0", "contact area over nominal area", Rank.FIRST),
+        Quantity("area", "nm2", "contact area", "A"),
         Quantity("corrected_area", "nm2", "contact area less the excess of pixels at its rim", rank=Rank.REST),
         Quantity("kappa", "1", "area-load coefficient", "κ", "area-load coefficient A h'_rms E* / F_N"),
         Quantity("patches", "1", "patches", "", "contact patches"),
-        Quantity("perimeter_to_area", "1/nm", "perimeter to area C/A", "", "contact perimeter over contact area"),
+        Quantity("perimeter_to_area", "1/nm", "perimeter to area", "C/A", "contact perimeter over contact area"),
         Quantity("mean_contact_pressure", "GPa", "mean contact pressure", "", "mean pressure over the contact"),
         Quantity("max_pressure", "GPa", "largest pressure", rank=Rank.REST),
         Quantity("nominal_area", "nm2", "nominal area", rank=Rank.REST),

@@ -109,6 +109,7 @@ class Quantity(Declared):
     value: float = math.nan
     stated: Stated = ""
     stderr: float = math.nan
+    half_width: float = math.nan
     low: float = math.nan
     high: float = math.nan
     #: what it is of: ``at 1000 s``, ``per decade``
@@ -117,11 +118,6 @@ class Quantity(Declared):
     reason: str = ""
     #: parts of its standard error: what each is due to -> its size
     errors: Mapping[str, ErrorPart] = field(default_factory=dict)
-
-    @property
-    def half_width(self) -> float:
-        """Half the width of the interval; nan where there is none."""
-        return 0.5 * (self.high - self.low)
 
     @property
     def relative(self) -> float:
@@ -143,7 +139,12 @@ class Quantity(Declared):
 
     def between(self, half: float, stderr: float = math.nan, **more: Any) -> Self:
         """The same with an interval of this half width about the value."""
-        return self.but(stated="half_width", stderr=stderr, low=self.value - half, high=self.value + half, **more)
+        ends = {"low": self.value - half, "high": self.value + half}
+        return self.but(stated="half_width", stderr=stderr, half_width=half, **ends, **more)
+
+    def within(self, low: float, high: float, stderr: float = math.nan, **more: Any) -> Self:
+        """The same with an interval between these ends."""
+        return self.but(stderr=stderr, half_width=0.5 * (high - low), low=low, high=high, **more)
 
     def of_replicas(self, values: np.ndarray) -> Self:
         """The same with the mean of independent ``values`` and Student's interval; one value has none."""

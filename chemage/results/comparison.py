@@ -195,7 +195,11 @@ class Comparison:
         for label, several in self._numbers():
             if any(one is not None and one.rank < Rank.REST and (one.known or one.reason) for one in several):
                 rows.append((label, [NONE if one is None else one.text() for one in several]))
-        if self.has_several_errors:
+            causes = _joined(one.errors for one in several if one is not None)
+            for cause in causes:
+                parts = [{} if one is None else {name: size for name, size, _ in one.parts()} for one in several]
+                rows.append((f"error of {label}: {cause}", [each.get(cause, NONE) for each in parts]))
+        if any(result.errors for result in self.results):
             rows.append(("every ± is", [result.errors or NONE for result in self.results]))
         if any(result.approximation for result in self.results):
             rows.append(("approximate", [result.approximation or NONE for result in self.results]))

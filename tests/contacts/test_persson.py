@@ -11,8 +11,7 @@ import pytest
 import chemage as ca
 from chemage import InputError, parse_scene
 from chemage.contacts.solution import MEASURES, Contact
-from chemage.plugin import Quantity
-from chemage.plugin import SceneError
+from chemage.plugin import Quantity, SceneError
 
 PERSSON = ca.contact("persson", modulus=35.3)
 SIGMA = 0.5 * 35.3 * 0.1

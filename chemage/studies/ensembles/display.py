@@ -12,7 +12,7 @@ from chemage.ageing.display import ON_ONE_SURFACE
 from chemage.ageing.fitting import DROPS, short_doubt, span_text
 from chemage.foundation.figures import BLUE, GREY, ORANGE, from_zero, legend, plain
 from chemage.foundation.names import __version__
-from chemage.foundation.quantities import HOLD_TIME, Curve, Quantity, Rank
+from chemage.foundation.quantities import HOLD_TIME, Curve, ErrorPart, Quantity, Rank
 from chemage.foundation.result import FILE, Ageing, Medium, OfRecord, Panel, Picture, Rows, Table, displays
 from chemage.foundation.text import jsonable, percent
 from chemage.scene.display import chemistry_of_scene
@@ -68,15 +68,17 @@ class EnsembleDisplay(OfRecord[Ensemble]):
         facts = self._averaged()
         for goal, size in ensemble.goals.items():
             facts.append((f"asked of {goal}", f"± {100 * size:.3g} %"))
+        if ensemble.random and math.isfinite(ensemble.scatter):
+            text = f"{percent(ensemble.scatter)} (standard deviation), measured here on {ensemble.surfaces} surfaces"
+            facts.append(("scatter of β between surfaces", text))
         facts += [(f"plugin {name}", source) for name, source in ensemble.plugins.items()]
         return facts + ([("ended because", ensemble.stopped)] if ensemble.stopped else [])
 
     def quantities(self) -> list[Quantity]:
         asked = {goal.partition("@")[0].strip() for goal in self.record.goals}
         names = ("area_fraction", "beta", "b")
-        return [
-            one if one.name in names or one.name in asked else one.but(rank=Rank.REST) for one in self.record.numbers()
-        ]
+        found = [one.but(errors=_in_words(one.errors)) for one in self.record.numbers()]
+        return [one if one.name in names or one.name in asked else one.but(rank=Rank.REST) for one in found]
 
     def curves(self) -> list[Curve]:
         return self.record.curves()
@@ -109,9 +111,9 @@ class EnsembleDisplay(OfRecord[Ensemble]):
 
     def tables(self) -> list[Table]:
         rows = []
-        for one in (*self.first(), *self.quantities()):
+        for one in self.quantities():
             if one.rank <= Rank.TABLE:
-                rows += [(one.row()[0], size, SOURCES.get(cause, cause), how) for cause, size, how in one.parts()]
+                rows += [(one.row()[0], size, cause, how) for cause, size, how in one.parts()]
         parts = Table(
             "Standard errors by name", ["of", "size", "due to", "how it is known"], rows, "Parts of the error"
         )
@@ -168,8 +170,8 @@ class EnsembleDisplay(OfRecord[Ensemble]):
         curve = Panel(
             self._draw_curve,
             f"Mean over {what} with its 95 % interval (band), and single {what.split()[0]} (grey).",
-            f"Friction against hold time, mean of {ensemble.over}: from {first:.3g} nN at {begin:g} s to {last:.3g} nN at "
-            f"{end:g} s.",
+            f"Friction against hold time, mean of {ensemble.over}: from {first:.3g} nN at {begin:g} s to "
+            f"{last:.3g} nN at {end:g} s.",
             name="mean",
         )
         return {"ensemble": Picture((curve, parts), (10.5, 4.2), title=ensemble.title, in_cell=2)}
@@ -231,3 +233,7 @@ class EnsembleDisplay(OfRecord[Ensemble]):
         axes.set_xlim(left=0)
         title = f"{words}: 95 % interval ± {percent(estimate.relative)}" if math.isfinite(estimate.relative) else words
         axes.set(xlabel=f"standard error of {words} (%)", title=title)
+
+
+def _in_words(errors: Mapping[str, ErrorPart]) -> dict[str, ErrorPart]:
+    return {SOURCES.get(cause, cause): part for cause, part in errors.items()}

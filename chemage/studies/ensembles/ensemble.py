@@ -170,6 +170,7 @@ class Ensemble(Record):
         elif math.isnan(half):
             unknown = [SOURCES.get(name, name) for name, part in parts.items() if math.isnan(part.size)]
             reason = ": ".join(["interval not known", *unknown])
+        reason = "; ".join(filter(None, (reason, declared.reason)))
         return declared.but(value=value).between(half, stderr, errors=parts, reason=reason)
 
     def _parts(self, column: int) -> dict[str, ErrorPart]:

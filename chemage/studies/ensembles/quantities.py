@@ -140,7 +140,8 @@ class Quantities:
     def declared(self, name: str) -> Quantity:
         """What a quantity is."""
         if name == BETA.name:
-            return BETA.but(of=f"over {int(self.fitted.sum())} hold times from {self.span[0]:g} to {self.span[1]:g} s")
+            of = f"over {int(self.fitted.sum())} hold times from {self.span[0]:g} to {self.span[1]:g} s"
+            return BETA.but(of=of, reason=self.doubt)
         if name in DROPS:
             return DROPS[name].number()
         return (MEASURES | FLOW_MEASURES).get(name) or Quantity(

@@ -37,7 +37,7 @@ SCALARS = {name: (unit, meaning) for one in _EVERY for name, unit, meaning in on
 #: curves of a point: name in the summary -> (unit, meaning)
 CURVES = {name: (unit, meaning) for one in DROPS.values() for name, unit, meaning in one.columns()}
 #: what is written on axes and in headings: name -> quantity or curve
-DECLARED: dict[str, Declared] = {one.name: one for one in (HOLD_TIME, *_EVERY, *DROPS.values())}
+DECLARED: dict[str, Declared] = {one.name: one for one in (HOLD_TIME, *MEASURES.values(), *DROPS.values(), *_EVERY)}
 #: those of SCALARS that only repeat a field of the scene; where that is swept, it has their place in the dataset
 GIVEN = {"load", "nominal_pressure", "modulus", "replicas", "hardness", "shear_strength", "work_of_adhesion"}
 #: dimensions, values, attributes
