@@ -301,7 +301,7 @@ class Measured:
         """A number for each hold time, as its mean over the replicas."""
         return Curve(*self._declared()).of_replicas(hold_times, self.values, over)
 
-    def _declared(self) -> tuple[str, ...]:
+    def _declared(self) -> tuple[str, str, str, str, str]:
         return f"{RECORDED}{self.name}", self.unit or ONE, self.name, "", self.description
 
     def summary(self) -> dict[str, Any]:
