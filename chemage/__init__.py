@@ -9,10 +9,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from chemage.foundation import machine, names
+from chemage.foundation import names
 from chemage.foundation.names import __version__ as __version__
-
-machine.provide_kernels()
 
 __all__ = ["__version__", *sorted(names.USERS)]  # pyright: ignore[reportUnsupportedDunderAll]
 

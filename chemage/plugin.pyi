@@ -74,6 +74,7 @@ from chemage.foundation.units import Volume as Volume
 from chemage.foundation.errors import WorkerLost as WorkerLost
 from chemage.kinetics.role import WrappedEngine as WrappedEngine
 from chemage.contacts.role import WrappedSolver as WrappedSolver
+from chemage.foundation import algebra as algebra
 from chemage.foundation.units import array_in as array_in
 from chemage.lattices.chemistry import build_lattice as build_lattice
 from chemage.foundation.machine import cache_folder as cache_folder
@@ -95,6 +96,7 @@ from chemage.foundation.checks import force as force
 from chemage.foundation.files import fresh_file as fresh_file
 from chemage.plugins.registry import fromdict as fromdict
 from chemage.plugins.hooks import hookimpl as hookimpl
+from chemage.foundation.kernels import kernel as kernel
 from chemage.contacts.patches import label_patches as label_patches
 from chemage.plugins.hooks import lazy_attributes as lazy_attributes
 from chemage.foundation import looks as looks

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import itertools
 import os
+import random
 import signal
 import sys
 from importlib import metadata
@@ -32,8 +34,13 @@ settings.load_profile("chemage")
 settings.register_profile("chemage-long", settings.get_profile("chemage"), max_examples=60)
 
 
-# Modules that tests write anew leave no bytecode behind that a later import would take for that of the new text.
-sys.dont_write_bytecode = True
+# What the user has set or installed beside chemage is no part of a test, but for the place of kernels.
+for name in [name for name in os.environ if name.startswith("CHEMAGE_") or name == "COLUMNS"]:
+    if name not in ("CHEMAGE_BASELINES", "CHEMAGE_CACHE"):
+        del os.environ[name]
+strangers = [point.name for point in metadata.entry_points(group=registry.GROUP) if point.dist.name != "chemage"]
+if strangers:
+    os.environ["CHEMAGE_PLUGINS"] = ",".join(f"-{name}" for name in strangers)
 
 # Started in the background, a shell has Ctrl-C ignored, and every program the tests start would inherit that.
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
@@ -42,6 +49,7 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 
 def pytest_addoption(parser):
     parser.addoption("--long", action="store_true", help="run also what is marked long (minutes)")
+    parser.addoption("--random-order", type=int, metavar="SEED", help="files, and tests in each, in a random order")
 
 
 def pytest_configure(config):
@@ -50,12 +58,23 @@ def pytest_configure(config):
 
 
 def pytest_collection_modifyitems(config, items):
+    if (seed := config.getoption("random_order")) is not None:
+        draw = random.Random(seed).random
+        files = {item.path: draw() for item in items}
+        items.sort(key=lambda item: (files[item.path], draw()))
     if config.getoption("long"):
         return
-    long = [item for item in items if item.get_closest_marker("long")]
-    if long:
-        config.hook.pytest_deselected(items=long)
-        items[:] = [item for item in items if not item.get_closest_marker("long")]
+    config.hook.pytest_deselected(items=list(filter(takes_long, items)))
+    items[:] = itertools.filterfalse(takes_long, items)
+
+
+def takes_long(item):
+    return any(map(item.get_closest_marker, ("long", "campaign")))
+
+
+def pytest_collection_finish():
+    # modules that tests write anew leave no bytecode behind that a later import would take for that of the new text
+    sys.dont_write_bytecode = True
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -91,17 +110,22 @@ def quick_figures(request):
 
 @pytest.fixture(autouse=True, scope="session")
 def no_speed():
-    """Estimates are those of the reference machine: no test depends on the speed of this one."""
+    """Estimates are those of the reference machine and checks wait for hours: no test depends on the speed of this."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("chemage.scene.plan.slowness", lambda: 1.0)
+        for module in ("checks", "answers"):
+            patch.setattr(f"chemage.testing.{module}.LIMIT", 3600.0)
         yield
 
 
 @pytest.fixture(scope="module")
-def without_preparation():
-    """Methods of ageing that make a table first, which takes seconds, are no part of maps of speed and accuracy."""
+def few_choices():
+    """Maps of speed and accuracy without methods of ageing that make a table first, which takes seconds, and without
+    contact solvers of libraries that may be installed."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("chemage.studies.trade.choices.PREPARATION", 0.0)
+        for library in ("tamaas", "ContactMechanics"):
+            patch.setitem(sys.modules, library, None)
         yield
 
 

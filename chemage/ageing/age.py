@@ -143,7 +143,12 @@ def _aging(request: AgeingRequest, method: AgeingMethod) -> Aging:
             errors=dict(aged.errors),
             error_sources=dict(aged.error_sources),
             engine=aged.engine or request.engine.kind,
-            notes=(*aged.notes, *left_out_plugins(method, plugins), *_not_kept(request, method, aged)),
+            notes=(
+                *aged.notes,
+                *([] if request.rupture is None else request.rupture.remarks(aged.observables)),
+                *left_out_plugins(method, plugins),
+                *_not_kept(request, method, aged),
+            ),
             contact=contact.summary(),
             elasticity=elastic_limits(contact, chemistry),
             observables=dict(aged.observables) | {name: values for name, (_, values) in recorded.items()},

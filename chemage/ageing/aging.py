@@ -57,6 +57,8 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.axes import Axes
 
+#: name of the error
+BARRIERS = "barriers"
 #: standard deviations from what is possible at which an estimate is taken for a fault
 FAR = 8.0
 #: the name of the error that is due to the distribution of barriers
@@ -232,6 +234,15 @@ class Aging(Observing, Record):
         return "; ".join(parts)
 
     @property
+    def stated_error(self) -> np.ndarray:
+        """(m,) relative standard error of a mean without replicas, from :attr:`errors`; 0 beside a scatter of replicas.
+
+        That of the distribution of barriers is left out: it is an error of the input.
+        """
+        parts = [error for name, error in self.errors.items() if name != BARRIERS and self.replicas == 1]
+        return np.sqrt(sum((np.nan_to_num(error) ** 2 for error in parts), np.zeros(self.hold_times.size)))
+
+    @property
     def rupture(self) -> str | None:
         """Kind of the rupture law; None where the force per bond is that of the chemistry."""
         return self.provenance.get(Rupture.role, {}).get("kind")
@@ -348,7 +359,10 @@ class Aging(Observing, Record):
             drops["bonds_per_area"] = self.bonds / self.site_area
             drops["bonded_fraction"] = self.bonds / self.sites[:, None]
         every = DROPS | BONDS
-        found = [every[name].of_replicas(self.hold_times, values, self.over) for name, values in drops.items()]
+        found = []
+        for name, values in drops.items():
+            curve = every[name].of_replicas(self.hold_times, values, self.over)
+            found.append(curve.but(known=self.stated_error * curve.mean))
         found += [output.curve(self.hold_times, self.over) for output in self.measured.values() if output.is_curve]
         if self.load <= 0:  # there is no coefficient of friction
             found[0] = found[0].but(rank=Rank.FIRST)
@@ -546,13 +560,21 @@ def elastic_notes(aging: Aging | None) -> tuple[str, ...]:
             f"{_percent(stress / strength)} of the shear strength of {strength:g} GPa: the model does not limit it, "
             "but the solid would yield at its strength"
         )
-    if (pull := measures.get("pull_off_to_load", 0.0)) > NOTED_ELASTIC:
-        notes.append(
-            f"a work of adhesion of {measures['work_of_adhesion']:g} J/m² holds this sphere with up to "
-            f"{_percent(pull)} of the load (2πwR, DMT), and the contact is solved without adhesion: its area and "
-            "pressures are those of a smaller load; use a contact with adhesion"
-        )
+    if text := neglected_adhesion(measures.get("work_of_adhesion", 0.0), measures.get("pull_off_to_load", 0.0)):
+        notes.append(text)
     return tuple(notes)
+
+
+def neglected_adhesion(work: float, share: float) -> str:
+    """That adhesion (``work`` in J/m²) holds a sphere with a ``share`` of the load which the contact leaves out, in
+    words; "" where it is small."""
+    if share <= NOTED_ELASTIC:
+        return ""
+    return (
+        f"a work of adhesion of {work:g} J/m² holds this sphere with up to {_percent(share)} of the load (2πwR, DMT), "
+        "and the contact is solved without adhesion: its area and pressures are those of a smaller load; use a contact "
+        "with adhesion"
+    )
 
 
 def _percent(share: float) -> str:

@@ -168,13 +168,12 @@ class AgingDisplay(OfRecord[Aging]):
 
 
 def draw_fit(axes: Axes, fit: Fit | None, label: str = "", color: str = ORANGE) -> None:
-    """Draw the fitted line over the hold times that it is fitted to, with β and what was fitted in the legend; nothing
-    without a fit."""
+    """Draw the fitted line over the hold times that it is fitted to, by default with β and what was fitted in the
+    legend; nothing without a fit."""
     if fit is None or not fit.drawable:
         return
     line = np.geomspace(*fit.span, 50)
-    text = f"{label}: {fit.short_text()}" if label else fit.short_text()
-    axes.plot(line, fit(line), color=color, lw=1.6, zorder=3, label=plain(text))
+    axes.plot(line, fit(line), color=color, lw=1.6, zorder=3, label=label or plain(fit.short_text()))
 
 
 def draw_friction(axes: Axes, aging: Aging, quantity: Friction, colour: str = BLUE, label: str = "") -> None:

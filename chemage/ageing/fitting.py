@@ -36,7 +36,7 @@ from chemage.foundation.checks import within
 from chemage.foundation.errors import InputError
 from chemage.foundation.quantities import ONE, Curve, Quantity, Rank, by_name
 from chemage.foundation.statistics import jackknife_error
-from chemage.foundation.text import jsonable, power_text
+from chemage.foundation.text import NO_SCATTER, ROUNDING, jsonable, power_text
 from chemage.foundation.units import QuantityLike, convert
 
 Friction = Literal["friction_coefficient_drop", "friction_drop"]
@@ -203,8 +203,7 @@ class Fit:
     def quantities(self) -> list[Quantity]:
         """β, b and the cut-off time with their intervals; where there is none, why."""
         over = f"over {self.points} hold times from {self.span[0]:g} to {self.span[1]:g} s"
-        none = "one replica: no error" if self.replicas == 1 else "no interval: too few points"
-        reason = none if math.isnan(self.beta_interval.low) else ""
+        reason = self._no_interval() if math.isnan(self.beta_interval.low) else ""
         doubtful = "; ".join(filter(None, (reason, self.doubt)))
         slopes = [
             one.but(unit=self.unit, value=value, reason=why, of=of).within(ends.low, ends.high, error)
@@ -222,15 +221,26 @@ class Fit:
         """β, b and the cut-off time, for the cells of a table."""
         return tuple(one.but(of="").text() for one in self.quantities())
 
+    def _no_interval(self) -> str:
+        """Why β has none, in words."""
+        if self.replicas == 1:
+            return "one replica: no error"
+        scattered = self.beta_stderr > ROUNDING * abs(self.beta)
+        return "no interval: too few points" if scattered else NO_SCATTER.strip("()")
+
     @property
     def doubt(self) -> str:
         """That there are too few hold times, or over too short a time, for a β of any others; else ""."""
         return few_hold_times(self.points, self.span)
 
+    def symbol_text(self) -> str:
+        """``β = 0.43(3)``: β with half of its interval in brackets, and its unit."""
+        return self.quantities()[0].short()
+
     def short_text(self) -> str:
         """β with half of its interval in brackets, what was fitted, and what to doubt, for legends."""
         shape = "fitted line" if self.model == "line" else "fitted β log(1 + t/t_c)"
-        text = f"{self.quantities()[0].short()} per decade ({shape}, {span_text(self.span)})"
+        text = f"{self.symbol_text()} per decade ({shape}, {span_text(self.span)})"
         return f"{text}\n{short_doubt(self.doubt)}" if self.doubt else text
 
     def intervals_text(self) -> str:
@@ -335,7 +345,7 @@ def fit_aging(
     elif not source.simulated or len(curves) > 1:
         numbers = estimate.slope, estimate.slope_error, estimate.log_cutoff
         slopes, cutoffs = student(model, t, curves, weight, *numbers, confidence)
-    unit, reason = source.scale, _no_cutoff(estimate.log_cutoff, slopes, data.hold_times)
+    unit, reason = source.scale, _no_cutoff(estimate.slope, estimate.log_cutoff, slopes, data.hold_times)
     cutoff = math.nan if reason else _time(estimate.log_cutoff)
     forces = source.simulated or source.quantity == "friction_drop"  # curves of a simulated result are ΔF
     return Fit(
@@ -380,10 +390,12 @@ def line_weights(hold_times: np.ndarray, window: tuple[float, float]) -> tuple[n
     return use, (decades - decades.mean()) / (np.var(decades) * decades.size)
 
 
-def _no_cutoff(log_cutoff: float, slopes: Interval, times: np.ndarray) -> str:
+def _no_cutoff(slope: float, log_cutoff: float, slopes: Interval, times: np.ndarray) -> str:
     """Why a fit that meets zero at 10**``log_cutoff`` s has no cut-off time, in words; "" where it has one."""
+    if slopes.high < 0 or (math.isnan(slopes.high) and slope < 0):
+        return "β is below zero"
     if math.isnan(log_cutoff) or slopes.low <= 0:
-        return "β is not distinguishable from zero" if slopes.high >= 0 else "β is below zero"
+        return "β is not distinguishable from zero"
     positive = times[times > 0]
     if log_cutoff < math.log10(positive.min()) - CUTOFF_DECADES:
         return f"the fit meets zero more than {CUTOFF_DECADES} decades before the hold times"
@@ -522,7 +534,7 @@ def _scatter(
         return math.nan, math.nan
     # the derivatives of the fit by β and by log10 t_c, the second divided by β
     parts = np.stack([basis(model, t, log_cutoff), basis_slope(model, t, log_cutoff)])
-    (a, b), (_, c) = parts @ (weight * parts).T
+    (a, b), (_, c) = np.einsum("im,jm->ij", parts, weight * parts)
     with np.errstate(divide="ignore", invalid="ignore"):
         spread = np.float64((weight * rest**2).sum()) / (t.size - 2) / (a * c - b * b)
         return float(np.sqrt(spread * c)), float(np.sqrt(spread * a)) / abs(slope)

@@ -58,8 +58,7 @@ class _Ageing(Stage):
 
     def estimate(self, parts: Parts, stated: Stated) -> Mapping[str, float]:
         """``cpu_seconds`` of all replicas, with least and most where it is a range, and ``bytes`` of one of them."""
-        from chemage.ageing.methods import EVERY_SITE
-        from chemage.foundation.components import call_with
+        from chemage.ageing.methods import EVERY_SITE, expected_cost
 
         if "engine" not in parts:
             return {"cpu_seconds": 0.0, "bytes": 0.0}
@@ -70,7 +69,15 @@ class _Ageing(Stage):
             return {}
         if not mapped and method is EVERY_SITE:
             return {"cpu_seconds": 0.0, "bytes": 0.0}
-        numbers = dict(call_with(method.expected, sites, replica, hold.replicas, interacting="interaction" in parts))
+        numbers = expected_cost(
+            method,
+            sites,
+            replica,
+            hold.replicas,
+            chemistry=parts["chemistry"],
+            temperature=hold.temperature,
+            mean_pressure=stated["contact"].get("mean_pressure"),
+        )
         if "bytes" in numbers and method is EVERY_SITE and self._states(parts):
             numbers["bytes"] += sites * hold.hold_times.size
         return numbers
@@ -100,6 +107,7 @@ class _Ageing(Stage):
                 for text in method.check_sites(shape, stated["chemistry"].get("sites")) or ():
                     yield Doubt("parts", text)
         yield from self._pressure(parts, stated)
+        yield from self._adhesion(parts, stated)
         yield from self._bonds(parts, stated)
 
     def _pressure(self, parts: Parts, stated: Stated) -> Iterator[Doubt]:
@@ -120,6 +128,16 @@ class _Ageing(Stage):
                 f"area above the hardness of {hardness:g} GPa, where the material would flow: use a smaller load or "
                 "rms slope, or check modulus and hardness",
             )
+
+    def _adhesion(self, parts: Parts, stated: Stated) -> Iterator[Doubt]:
+        """Adhesion of a sphere that the contact leaves out."""
+        from chemage.ageing.aging import neglected_adhesion
+
+        work, radius, load = parts["chemistry"].work_of_adhesion, stated["surface"].get("radius"), parts["contact.load"]
+        if work is None or radius is None or load <= 0 or parts["contact"].adheres:
+            return
+        if text := neglected_adhesion(work, 2 * math.pi * work * radius / load):
+            yield Doubt("adhesion", text)
 
     def _bonds(self, parts: Parts, stated: Stated) -> Iterator[Doubt]:
         """Hold times and temperature beside the barriers."""

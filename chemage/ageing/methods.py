@@ -15,7 +15,7 @@ from chemage.ageing.observables import Observable, Seen, measure, stacked
 from chemage.ageing.replicas import Common, ReplicaSeeds, identity, origin, replica_seeds, run_with_checkpoints
 from chemage.contacts.solution import ContactSolution, ContactStatistics
 from chemage.foundation.checks import Seed
-from chemage.foundation.components import Component
+from chemage.foundation.components import Component, call_with
 from chemage.foundation.errors import InputError, PluginError
 from chemage.foundation.outputs import Output
 from chemage.foundation.records import Record, content_hash
@@ -236,7 +236,8 @@ class AgeingMethod(Component, ABC):
 
         ``kinetics`` is what :meth:`Engine.expected` states for one replica of all ``sites`` of the contact. Where the
         time cannot be known to a factor of 2, ``cpu_seconds_least`` and ``cpu_seconds_most`` are stated as well. A
-        component may add ``interacting=False``, and chemage then passes whether the sites interact.
+        component may add any of ``interacting``, whether the sites interact, ``chemistry``, ``temperature`` (K) and
+        ``mean_pressure`` (GPa, or None where it is not known), and chemage then passes them.
         """
         return {}
 
@@ -403,3 +404,28 @@ def _forces(request: AgeingRequest, replicas: list[_Replica]) -> np.ndarray | No
         return None
     mean = request.chemistry.bond_force * request.chemistry.front_factor
     return np.stack([replica.bonds * mean if replica.force is None else replica.force for replica in replicas])
+
+
+def expected_cost(
+    method: AgeingMethod,
+    sites: float,
+    kinetics: Mapping[str, float],
+    replicas: int,
+    *,
+    chemistry: Chemistry,
+    temperature: float,
+    mean_pressure: float | None,
+) -> dict[str, float]:
+    """What :meth:`AgeingMethod.expected` states, with as much of the conditions as it takes."""
+    return dict(
+        call_with(
+            method.expected,
+            sites,
+            kinetics,
+            replicas,
+            interacting=chemistry.interaction is not None,
+            chemistry=chemistry,
+            temperature=temperature,
+            mean_pressure=mean_pressure,
+        )
+    )

@@ -21,6 +21,7 @@ from typing import Literal
 import numpy as np
 
 from chemage.foundation.statistics import student_limit
+from chemage.foundation.text import ROUNDING
 
 Model = Literal["line", "curve"]
 Bootstrap = Literal["residuals", "pairs", "replicas"]
@@ -39,7 +40,7 @@ def slopes_of(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """The slope of the least-squares line through each of ``y`` (b, m) at ``x`` (m,): (b,)."""
     away = x - x.mean()
     # row by row, so that a curve has the same bits alone and among others
-    products = np.array([away @ (row - row.mean()) for row in y])
+    products = np.array([np.sum(away * (row - row.mean())) for row in y])
     return above_rounding(products / np.sum(away**2), x, y)
 
 
@@ -51,7 +52,7 @@ def above_rounding(slope: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarra
     Algorithms, 2nd ed. (2002), section 3.1; twice, as the centre of x is rounded as well.
     """
     away = np.abs(x - x.mean())
-    rounding = 2 * x.size * np.finfo(np.float64).eps * np.abs(y).max(axis=-1) * away.sum() / (away @ away)
+    rounding = 2 * x.size * np.finfo(np.float64).eps * np.abs(y).max(axis=-1) * away.sum() / np.sum(away**2)
     return np.where(np.abs(slope) <= rounding, 0.0, slope)
 
 
@@ -101,7 +102,7 @@ def _solve_curve(t: np.ndarray, y: np.ndarray, w: np.ndarray) -> tuple[np.ndarra
     shapes = basis("curve", t, grid[:, None])
     w = np.broadcast_to(w, y.shape)
     with np.errstate(invalid="ignore", divide="ignore"):
-        gain = ((w * y) @ shapes.T) ** 2 / (w @ (shapes**2).T)
+        gain = np.einsum("bm,km->bk", w * y, shapes) ** 2 / np.einsum("bm,km->bk", w, shapes**2)
         # a resample of t = 0 alone determines nothing: 0/0
         centre, step = grid[np.nan_to_num(gain, nan=-1.0).argmax(axis=1)], 0.1
         at_end = (centre <= grid[0]) | (centre >= grid[-1])
@@ -160,6 +161,9 @@ def student(
     if math.isnan(slope_error):
         # a curve that does not rise has no cut-off time, and its slope no meaning
         return UNKNOWN, Interval(0.0, math.inf)
+    if slope_error <= ROUNDING * abs(slope):
+        # equal replicas, as few bonds often are by chance, or points on the fit: their scatter is not known
+        return UNKNOWN, UNKNOWN
     limit = student_limit(freedom, confidence)
     beta = Interval(slope - limit * slope_error, slope + limit * slope_error)
     lowest, highest = bounds(t)
@@ -173,7 +177,7 @@ def student(
         # what is left of the derivative by t_c where β is fitted: 0 on average at the true t_c
         along = (weight * shape * tilt).sum(axis=1) / (weight * shape**2).sum(axis=1)
         score = weight * (tilt - along[:, None] * shape)
-        values = curves @ score.T
+        values = np.einsum("rm,km->rk", curves, score)
         with np.errstate(divide="ignore", invalid="ignore"):
             if replicas > 1:
                 error = values.std(axis=0, ddof=1) / math.sqrt(replicas)
@@ -244,7 +248,9 @@ def _resampled(
         # deviations are stretched, since a draw from r replicas has (r − 1)/r of the variance
         drawn = generator.multinomial(replicas, np.full(replicas, 1 / replicas), samples) / replicas
         mean = curves.mean(axis=0)
-        return mean + (drawn @ curves - mean) * math.sqrt(replicas / (replicas - 1)), weight[None, :]
+        return mean + (np.einsum("br,rm->bm", drawn, curves) - mean) * math.sqrt(replicas / (replicas - 1)), weight[
+            None, :
+        ]
     mean = curves.mean(axis=0)
     if kind == "pairs":
         times_drawn = generator.multinomial(points, np.full(points, 1 / points), samples)
@@ -267,9 +273,9 @@ def _interval(values: np.ndarray, ends: tuple[float, float]) -> Interval:
     # order statistics, not interpolated: infinite values must not turn into nan
     finite = np.sort(values[~np.isnan(values)])
     if not finite.size:
-        return Interval(math.nan, math.nan)
-    low, high = (np.percentile(finite, end, method="nearest") for end in ends)
-    return Interval(float(low), float(high))
+        return UNKNOWN
+    low, high = (float(np.percentile(finite, end, method="nearest")) for end in ends)
+    return Interval(low, high) if high - low > ROUNDING * abs(high) else UNKNOWN
 
 
 def _cutoff_interval(log_times: np.ndarray, slopes: np.ndarray, ends: tuple[float, float]) -> Interval:

@@ -31,7 +31,7 @@ from chemage.plugins.sources import changed, implementing, would_change
 Common = Literal["none", "disorder", "all"]
 #: `Common` -> what it means, for users
 COMMON: dict[str, str] = {
-    "none": "independent of every other run",
+    "none": "independent of runs with another contact, chemistry, temperature or engine",
     "disorder": "disorder in common with runs of this seed, kinetic noise independent",
     "all": "disorder and kinetic noise in common with runs of this seed",
 }

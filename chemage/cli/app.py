@@ -226,6 +226,11 @@ def _plain_warnings() -> None:
         LOGGER.warning("%s", message)
 
     warnings.showwarning = plain
+    # of PYTHONWARNINGS=error, here and in workers: what a command warns of is a message, and no end
+    sys.warnoptions[:] = [option for option in sys.warnoptions if not option.startswith("e")]
+    if "PYTHONWARNINGS" in os.environ:
+        os.environ["PYTHONWARNINGS"] = ",".join(sys.warnoptions)
+        warnings.filters[:] = [one for one in warnings.filters if one[0] != "error"]  # pyright: ignore[reportIndexIssue]
 
 
 def _explain(error: Exception) -> int:

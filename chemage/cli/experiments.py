@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -14,6 +15,7 @@ from chemage.cli.options import (
     FIGURES,
     RESULTS,
     AccuracyOpt,
+    AllOpt,
     BudgetOpt,
     ExecutorOpt,
     FiguresOpt,
@@ -35,7 +37,15 @@ from chemage.cli.options import (
     requested_fields,
     user_error,
 )
-from chemage.cli.output import drawn, figures_of, preflight_result, protect_inputs, result_written, save_picture
+from chemage.cli.output import (
+    drawn,
+    figures_of,
+    preflight_result,
+    protect_inputs,
+    result_written,
+    save_picture,
+    show_all,
+)
 from chemage.foundation import compiling
 from chemage.foundation.progress import loaded, loading, progress_bars, reported, watching
 
@@ -79,6 +89,7 @@ def run(
     ] = None,
     figures: FiguresOpt = True,
     as_json: JsonOpt = False,
+    every: AllOpt = False,
     force: ForceOpt = False,
 ) -> None:
     """Run a scene, its mean over random surfaces, or a sweep.
@@ -87,6 +98,7 @@ def run(
     from the scene, the result is a mean over surfaces. All points of a scene with [sweep] are computed into a folder.
     The same command resumes an interrupted ensemble or sweep.
     """
+    show_all(every)
     loading("loading chemage")
     request = requested_fields(accuracy, budget, surfaces, measured)
     values = changed_fields(changes, replicas, seed) | request
@@ -121,7 +133,7 @@ def _run_scene(
     source: str, one: Scene, out: Path | None, *, checkpoints: Path | None, where: dict[str, Any], **how: Any
 ) -> None:
     """Run one surface of a scene, or the ensemble that it asks for."""
-    path = out or Path(f"{one.name}.h5")
+    path = out or Path(os.fsdecode(f"{one.name}.h5".encode()))  # also where the locale is ASCII
     protect_inputs(path, source, one)
     if out is not None:
         check_ending(out, RESULTS, "a result file")
@@ -342,7 +354,7 @@ def init(
     if name.suffix not in ("", ".toml") and not name.suffix[1:].isdigit():  # tip-0.5 has no ending
         raise user_error(f"{name}: the name ends in {name.suffix}; a scene file must end in .toml")
     try:
-        file_name(file.stem)
+        file_name(os.fsencode(file.stem).decode(errors="replace"))
     except ValueError as error:
         raise user_error(f"{file.stem!r} cannot be the name of a scene: {error}") from None
     plugins = registry.current()

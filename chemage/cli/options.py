@@ -65,6 +65,9 @@ ReplicasOpt = Annotated[
 SeedOpt = Annotated[
     int | None, typer.Option(metavar="N", help="seed of the disorder and the kinetics; short for --set hold.seed=N")
 ]
+AllOpt = Annotated[
+    bool, typer.Option("--all", help="print also what is recorded as arrays: sizes and ranges of values")
+]
 JsonOpt = Annotated[bool, typer.Option("--json", help="print one JSON object instead of tables")]
 ForceOpt = Annotated[bool, typer.Option("--force", help="overwrite existing files; default: refuse")]
 YesOpt = Annotated[

@@ -41,7 +41,7 @@ class _State:
     """What the options of this call of the program ask for."""
 
     def __init__(self) -> None:
-        self.quiet = self.verbose = False
+        self.quiet = self.verbose = self.all = False
         self.log: Path | None = None
         self.handlers: list[logging.Handler] = []
         #: whether SIGTERM has come, and what received it before
@@ -57,10 +57,15 @@ def quiet() -> bool:
     return _state.quiet
 
 
+def show_all(given: bool) -> None:
+    """Print also what is recorded as arrays."""
+    _state.all = given
+
+
 def begin() -> None:
     """Forget what an earlier call in this process has set."""
     end()
-    _state.quiet = _state.verbose = False
+    _state.quiet = _state.verbose = _state.all = False
     _state.log = None
     progress.silence(False)
     _state.terminated = False
@@ -311,7 +316,7 @@ def show_rows(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]],
 
 def show_result(result: Result) -> None:
     """Print the main numbers of a result, its tables and its notes."""
-    show_rows(result.heading, (), result.rows(), result.width)
+    show_rows(result.heading, (), [*result.rows(), *(result.arrays() if _state.all else ())], result.width)
     for part in (part for part in result.tables() if not part.in_detail):
         grid = table(part.title, part.columns or ("",))
         grid.show_header = bool(part.columns)

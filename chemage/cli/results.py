@@ -13,6 +13,7 @@ from chemage.cli import output
 from chemage.cli.options import (
     FIGURES,
     PAGES,
+    AllOpt,
     CsvOpt,
     FontOpt,
     ForceOpt,
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
     from chemage.scene.provenance import Reference
 
 
-def show(file: ResultArg, as_json: JsonOpt = False, as_csv: CsvOpt = False) -> None:
+def show(file: ResultArg, as_json: JsonOpt = False, as_csv: CsvOpt = False, every: AllOpt = False) -> None:
     """Print the main numbers of a result file, or of a sweep."""
     from chemage.results.kinds import load
 
@@ -47,6 +48,7 @@ def show(file: ResultArg, as_json: JsonOpt = False, as_csv: CsvOpt = False) -> N
     elif as_csv:
         output.say(_csv(result), end="")
     else:
+        output.show_all(every)
         output.show_result(result)
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 
+from chemage.contacts.role import elasticity_notes
 from chemage.contacts.solution import ContactSolution, ContactStatistics
 from chemage.foundation.figures import BLUE, GREEN, draw_map, from_zero, pooled, pressure_colours, seen_blocks
 from chemage.foundation.quantities import Curve, Declared, Quantity
@@ -26,6 +27,9 @@ C = TypeVar("C", ContactSolution, ContactStatistics)
 
 class OfContact(OfRecord[C], Generic[C]):
     """What the two kinds of contact have in common."""
+
+    def notes(self) -> list[str]:
+        return [*super().notes(), *elasticity_notes(self.record)]
 
     def facts(self) -> Rows:
         return [("surface", self.extent())]

@@ -108,12 +108,17 @@ class _Contact(Stage):
         return {self.section: text + ("" if "pixels" in stated[self.section] else ", a theory: statistics and no map")}
 
     def doubts(self, parts: Parts, stated: Stated) -> Iterator[Doubt]:
+        from chemage.contacts.options import beyond_elasticity, modulus_in
+
         surface, load, numbers = stated["surface"], parts["contact.load"], stated[self.section]
         for text in parts[self.section].check(surface, load) or ():
             yield Doubt("parts", text)
         if load == 0 and not parts[self.section].adheres:
             yield Doubt("load", "the load is 0: nothing touches, the friction drop is 0 and its coefficient undefined")
             return
+        slope, mean = surface.get("rms_slope", math.nan), numbers.get("mean_pressure", math.nan)
+        if beyond := beyond_elasticity(modulus_in(parts[self.section]) or math.nan, slope, mean):
+            yield Doubt("elasticity", beyond)
         fraction = numbers.get("area_fraction")
         pixels = fraction * numbers["pixels"] if fraction is not None and numbers.get("pixels") else math.inf
         all_sites = stated.get("chemistry", {"sites": pixels}).get("sites")

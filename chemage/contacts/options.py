@@ -24,6 +24,10 @@ _FORM_CRYSTAL = (
 )
 _FORM = 'give young = ["72 GPa", "210 GPa"] and poisson = [0.17, 0.3], or one of each for a rigid counter-body'
 
+#: above this rms slope, or mean contact pressure over E*, linear elasticity does not hold; solids have a hardness below
+#: 0.3 E*
+LARGEST_SLOPE, LARGEST_MEAN = 1.0, 0.3
+
 
 def nominal_pressure(load: object) -> float | None:
     """``load`` in GPa where it is a pressure, such as ``"10 MPa"``; None where it is a force, a bare number, or
@@ -89,6 +93,19 @@ def force_text(force: float) -> str:
 def pressure_text(pressure: float) -> str:
     """A nominal pressure (GPa) with the unit in which it is usually given."""
     return f"{pressure:.4g} GPa" if abs(pressure) >= 0.1 else f"{1e3 * pressure:.4g} MPa"
+
+
+def beyond_elasticity(modulus: float, slope: float, mean: float, most: float = 0.0) -> str:
+    """Why linear elasticity with small slopes does not hold, in words; "" where it does: rms ``slope``, ``mean`` and
+    ``most``, the largest, of the pressure over the contact (GPa); nan: not known."""
+    if slope > LARGEST_SLOPE:
+        what = f"the rms slope is {slope:.2g}, and the half-space needs slopes well below {LARGEST_SLOPE:g}"
+        return f"{what}: give a surface without bad pixels, or one that is smoother"
+    for name, pressure, limit in (("mean", mean, LARGEST_MEAN), ("largest", most, 1.0)):
+        if pressure > limit * modulus:
+            what = f"the {name} contact pressure is {pressure:.3g} GPa, {pressure / modulus:.2g} of the contact modulus"
+            return f"{what}, which no solid bears: use a contact with a hardness, or a smaller load or rms slope"
+    return ""
 
 
 def contact_modulus(

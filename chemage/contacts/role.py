@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Self, cast
 
-from chemage.contacts.options import normal_force
+from chemage.contacts.options import beyond_elasticity, normal_force
 from chemage.contacts.solution import Contact, ContactSolution
 from chemage.foundation.checks import expect
 from chemage.foundation.components import Component
@@ -209,6 +210,15 @@ def sphere_radius(contact: Contact) -> float | None:
     made = contact.provenance.get("surface")
     radius = made.get("radius") if isinstance(made, Mapping) else None
     return float(radius) if isinstance(radius, int | float) and not isinstance(radius, bool) else None
+
+
+def elasticity_notes(contact: Contact) -> tuple[str, ...]:
+    """That linear elasticity does not hold in a contact, in words; empty where it does."""
+    # that of a sphere is mostly the slope of its flanks
+    slope = contact.rms_slope if sphere_radius(contact) is None else math.nan
+    largest = contact.measure("max_pressure")
+    beyond = beyond_elasticity(contact.modulus, slope, contact.mean_contact_pressure, largest)
+    return (beyond,) if beyond else ()
 
 
 def expect_contact(value: Any, cls: type[Contact] = ContactSolution) -> None:

@@ -504,7 +504,7 @@ class ContactStatistics(Contact):
     @property
     def carried(self) -> float:
         """The force that the pressures add up to, nN."""
-        return float(self.pressure @ self.area)
+        return float(np.sum(self.pressure * self.area))
 
     @property
     def borne(self) -> float:

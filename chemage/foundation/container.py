@@ -21,6 +21,7 @@ import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import islice
 from pathlib import Path
 from typing import IO, Any
 from zipfile import ZipFile
@@ -28,8 +29,8 @@ from zipfile import ZipFile
 import numpy as np
 
 from chemage.foundation import codec
-from chemage.foundation.errors import ChemageError, DamagedError, StoreError
-from chemage.foundation.files import LARGEST_DESCRIPTION, create, fresh_file, open_file, read_bytes
+from chemage.foundation.errors import ChemageError, DamagedError, StoreError, shortened
+from chemage.foundation.files import DEEPEST, LARGEST_DESCRIPTION, create, fresh_file, open_file, read_bytes
 from chemage.foundation.memory import capacity, readable
 from chemage.foundation.records import Named, Record
 
@@ -44,6 +45,10 @@ _FIELD = re.compile(rb',\s*"sha256": "([0-9a-f]{64})"\s*\}\s*\Z')
 _TRACE = re.compile(rb"sha256|[0-9a-f]{64}")
 _CHANGED = "not what chemage wrote: it is damaged, or another program changed it"
 _CUT = "it was cut short, or another program wrote to it"
+#: what a file below SMALL bytes may hold, which a stranger can make of zeros: bytes of data, and chunks of a dataset
+SMALL, _UNPACKED, _CHUNKS = 1_000_000, 50_000_000, 20_000
+#: members of the root among which groups of chemage are looked for, and datasets in one of its files
+_MEMBERS, _DATASETS = 1000, 2000
 
 
 class Arrays(Record):
@@ -193,8 +198,8 @@ def _parsed(stream: IO[bytes], path: Path) -> Iterator[Any]:
 
 def _is_marked(file: Any) -> bool:
     """Whether anything in an HDF5 file says that chemage wrote it."""
-    links = {name: file.get(name, getlink=True) for name in file}
-    own = [file[name] for name, link in links.items() if type(link).__name__ == "HardLink"]
+    names = file if len(file) <= _MEMBERS else ()
+    own = [file[name] for name in names if type(file.get(name, getlink=True)).__name__ == "HardLink"]
     return any(name.startswith("chemage") for place in (file, *own) for name in place.attrs)
 
 
@@ -212,12 +217,15 @@ def _check_ours(file: Any, path: Path) -> None:
     if "chemage_format" not in file.attrs:
         raise StoreError(f"{path} is an HDF5 file, but not one of chemage's")
     _check_layout(file, path)
-    size = sum(check_dataset(dataset, path) for dataset in _datasets(file, path, set()))
+    datasets = list(islice(_datasets(file, path, set()), _DATASETS + 1))
+    if len(datasets) > _DATASETS:
+        raise DamagedError(f"{path} holds more than {_DATASETS} datasets, which chemage never writes")
+    size = sum(_size_of(dataset, path) for dataset in datasets)
     _check_size(size, str(path))
 
 
 def _datasets(group: Any, path: Path, groups: set[int]) -> Iterator[Any]:
-    """All datasets in a group and below it, each by its hard links, of which none may be missing."""
+    """All datasets in a group and below it, by hard links alone; ``groups`` are those that were met."""
     import h5py
 
     for name in group:
@@ -227,8 +235,11 @@ def _datasets(group: Any, path: Path, groups: set[int]) -> Iterator[Any]:
         if isinstance(item, h5py.Group):
             place = hash(item.id)
             if place in groups:
-                raise DamagedError(f"{path}: {item.name} contains itself")
-            yield from _datasets(item, path, groups | {place})
+                raise DamagedError(f"{path}: {item.name} contains itself, or is there twice")
+            if str(item.name).count("/") > DEEPEST:
+                raise DamagedError(f"{path}: {shortened(item.name)} is nested more than {DEEPEST} deep")
+            groups.add(place)
+            yield from _datasets(item, path, groups)
         elif isinstance(item, h5py.Dataset):
             yield item
 
@@ -239,14 +250,42 @@ def check_dataset(dataset: Any, path: str | os.PathLike[str]) -> int:
     Raises
     ------
     StoreError
-        It does not, or has its data in other files.
+        It does not, has its data in other files, or is too large for a file as small as this.
     """
+    size = _size_of(dataset, path)
+    numbers = 8 * dataset.size  # as which they are read
+    check_unpacked(max(size, numbers), dataset.file.id.get_filesize(), f"{path}:{dataset.name}")
+    return size
+
+
+def _size_of(dataset: Any, path: str | os.PathLike[str]) -> int:
     name = f"{path}:{dataset.name}"
     if dataset.external or dataset.is_virtual:
         raise StoreError(f"{name} keeps its data in other files, which are not read; copy the data into this file")
     size = dataset.size * dataset.dtype.itemsize
     _check_size(size, name)
+    stored = dataset.file.id.get_filesize()
+    if dataset.chunks and stored < SMALL:
+        chunks = math.prod(-(-side // part) for side, part in zip(dataset.shape, dataset.chunks, strict=True))
+        if chunks > _CHUNKS:
+            raise StoreError(f"{name} is cut into {chunks} chunks in a file of {readable(stored)}; use larger chunks")
     return size
+
+
+def check_unpacked(size: float, stored: float, name: str) -> None:
+    """Refuse ``size`` bytes of data where they do not fit into memory, or come out of a small file of ``stored`` bytes.
+
+    Raises
+    ------
+    StoreError
+        With both numbers.
+    """
+    if stored < SMALL and size > _UNPACKED:
+        raise StoreError(
+            f"{name} has {readable(size)} of data in a file of {readable(stored)}: files below {readable(SMALL)} may "
+            f"hold {readable(_UNPACKED)}; save it without compression if it is meant"
+        )
+    _check_size(size, name)
 
 
 def _check_size(size: float, name: str) -> None:

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from chemage.foundation.limits import not_modelled
@@ -56,6 +57,8 @@ def printable(text: str) -> str:
     """
     if text.isprintable():
         return text
+    with suppress(UnicodeError):  # bytes of the name of a file, in another encoding than that of the terminal
+        text = text.encode(errors="surrogateescape").decode()
     return "".join(letter if _harmless(letter) else _escape(letter) for letter in text)
 
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from chemage.foundation.drawn import drawn_data
+from chemage.foundation.errors import printable
 from chemage.foundation.files import fresh_file, make_folder, preflight, write_file
 from chemage.foundation.looks import current, drawn_as
 
@@ -178,7 +179,7 @@ def shared_legend(figure: Figure, handles: list[Any], title: str = "", *, beside
 
 def plain(text: str) -> str:
     """Escape ``text`` so that matplotlib shows it unchanged: dollars mark no formula, a leading _ hides no curve."""
-    shown = text.replace("$", r"\$")
+    shown = printable(text).replace("$", r"\$")
     return f" {shown}" if shown.startswith("_") else shown
 
 

@@ -18,6 +18,7 @@ import stat
 import uuid
 from collections.abc import Iterator
 from functools import lru_cache
+from math import inf
 from pathlib import Path
 from typing import IO, Any
 
@@ -28,6 +29,8 @@ from chemage.foundation.memory import capacity, readable
 FileStamp = tuple[int, int, int, int]
 #: tables inside tables, lists inside lists
 DEEPEST = 32
+#: names in one table of a scene, or tables in one list
+MOST_NAMES = 10_000
 #: characters of one text, and of a number written out
 LONGEST_TEXT = 1_000_000
 #: whole numbers beyond this many bits are neither counts nor seeds
@@ -139,7 +142,7 @@ def write_file(path: str | os.PathLike[str], content: str | bytes | memoryview, 
     StoreError
         ``path`` exists (unless ``force``), or cannot be written; nothing is left behind.
     """
-    data = content.encode() if isinstance(content, str) else content
+    data = content.encode(errors="backslashreplace") if isinstance(content, str) else content
     with fresh_file(path, force=force, size=len(data)) as part:
         create(part, data)
 
@@ -253,10 +256,13 @@ def open_file(path: str | os.PathLike[str], most: float | None = None, *, links:
     with _named(shown):
         stream = os.fdopen(_handle(path, os.O_RDONLY, links=links), "rb")
     try:  # what it is now: another file may have its name since
-        _checked(os.fstat(stream.fileno()), shown, most)
+        size = _checked(os.fstat(stream.fileno()), shown, most).st_size
     except StoreError:
         stream.close()
         raise
+    if size == 0:  # a file of the kernel, such as /proc/kmsg, may say so and never end
+        stream.close()
+        return io.BufferedReader(io.BytesIO())  # pyright: ignore[reportArgumentType]
     return stream
 
 
@@ -288,8 +294,10 @@ def _checked(status: os.stat_result, shown: str, most: float | None) -> os.stat_
         raise StoreError(f"{shown}: Is a directory; name a file")
     if stat.S_ISLNK(status.st_mode):
         raise StoreError(f"{shown} is a link, which is not followed; name the file itself")
+    if stat.S_ISFIFO(status.st_mode):
+        raise StoreError(f"{shown} is a pipe, not a file; save it to a file first")
     if not stat.S_ISREG(status.st_mode):
-        raise StoreError(f"{shown} is a device or a pipe; name an ordinary file")
+        raise StoreError(f"{shown} is a device or a socket; name an ordinary file")
     limit = most if most is not None else capacity()
     if limit is not None and status.st_size > limit:
         raise StoreError(f"{shown} has {readable(status.st_size)}, more than the {readable(limit)} that can be read")
@@ -328,8 +336,10 @@ def described(path: Path) -> str:
     return read_text(path, LARGEST_DESCRIPTION)
 
 
-def check_data(data: Any) -> None:
+def check_data(data: Any, most: float = inf) -> None:
     """Check the size of parsed TOML or JSON data: depth, length of texts, size of whole numbers.
+
+    A table has at most ``most`` names, and a list at most as many tables.
 
     Raises
     ------
@@ -337,6 +347,14 @@ def check_data(data: Any) -> None:
         Naming the path of what is too deep, too long or too large.
     """
     for path, item in _walk(data):
+        if isinstance(item, dict):
+            count = len(item)
+        elif isinstance(item, list):
+            count = sum(isinstance(part, dict) for part in item)
+        else:
+            count = 0
+        if count > most:
+            raise InputError("", [(shortened(path), f"has {count} entries; give at most {most}")])
         if isinstance(item, int) and item.bit_length() > MOST_BITS:
             raise InputError("", [(path, f"a whole number of more than {MOST_BITS} bits; give a smaller one")])
         if isinstance(item, str) and len(item) > LONGEST_TEXT:

@@ -1,23 +1,16 @@
 """The machine: where what is made once for it is kept (compiled kernels, its speed, tables), its processor, its speed.
 
-The processor that kernels are compiled for, and whether numpy uses AVX-512, both change last bits of pressures.
+The processor that kernels are compiled for, whether numpy uses AVX-512, and the kernel of BLAS change last bits.
 """
 
 from __future__ import annotations
 
-import io
 import os
 import platform
-import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from functools import lru_cache
-from importlib.abc import MetaPathFinder
-from importlib.machinery import ModuleSpec
-from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 import platformdirs
 
@@ -41,75 +34,21 @@ def cache_folder() -> Path:
 # -- compiled kernels -------------------------------------------------------------------------------------------------
 
 
-def provide_kernels() -> None:
-    """Let numba keep kernels below :func:`cache_folder` (``NUMBA_CACHE_DIR``, unless it is set), or in a temporary
-    folder of this user where that cannot be written: numba would refuse to import any kernel."""
-    chosen = os.environ.get("NUMBA_CACHE_DIR")
-    folder = Path(chosen) if chosen else cache_folder() / "kernels"
-    if not _is_writable(folder):
-        folder = _temporary()
-    os.environ["NUMBA_CACHE_DIR"] = str(folder)
-    if "numba" in sys.modules:
-        sys.modules["numba"].config.CACHE_DIR = str(folder)
-        _seal_kernels(sys.modules[_CACHING])
-    else:
-        sys.meta_path.insert(0, _BeforeNumba())
-
-
-#: the module of numba that keeps kernels
-_CACHING = "numba.core.caching"
-
-
-class _BeforeNumba(MetaPathFinder):
-    """Numba is imported when the first kernel is; its kernels are sealed from then on."""
-
-    def find_spec(self, fullname: str, path: Any, target: Any = None) -> ModuleSpec | None:
-        if fullname != _CACHING:
-            return None
-        sys.meta_path.remove(self)
-        spec = find_spec(fullname)
-        if spec is not None and spec.loader is not None:
-            execute = spec.loader.exec_module
-            setattr(spec.loader, "exec_module", lambda module: (execute(module), _seal_kernels(module)))  # noqa: B010
-        return spec
-
-
-def _seal_kernels(caching: Any) -> None:
-    """Let numba end each file of a kernel with a seal, and compile again what has none that fits: a damaged one might
-    compute something else."""
-
-    from chemage.foundation.container import is_intact, seal
-
-    class Sealed(caching.IndexDataCacheFile):
-        def _load_index(self) -> Any:
-            with suppress(OSError):
-                if is_intact(Path(self._index_path)):
-                    return super()._load_index()
-            return {}
-
-        def _load_data(self, name: str) -> Any:
-            if not is_intact(Path(self._data_path(name))):
-                raise OSError(f"{name} has no seal")  # numba compiles again
-            return super()._load_data(name)
-
-        @contextmanager
-        def _open_for_write(self, filepath: str) -> Iterator[Any]:
-            image = io.BytesIO()
-            yield image
-            with super()._open_for_write(filepath) as stream:
-                stream.write(seal(image))
-
-    caching.IndexDataCacheFile = Sealed
-
-
 def kernel_folder() -> Path:
-    """The folder in which numba keeps kernels."""
-    return Path(os.environ["NUMBA_CACHE_DIR"])
+    """The folder below which chemage keeps kernels: ``NUMBA_CACHE_DIR``, or one in :func:`cache_folder`; or a temporary
+    one of this user where that cannot be written."""
+    chosen = os.environ.get("NUMBA_CACHE_DIR")
+    return _usable(Path(chosen) if chosen else cache_folder() / "kernels")
 
 
 def is_cold() -> bool:
-    """Whether no kernel of chemage is kept yet; numba is not needed for that."""
-    return not any(kernel_folder().glob("foundation_*/random.*.nbi"))
+    """Whether no kernel of chemage is kept yet, of whatever version; numba is not needed for that."""
+    return not any(kernel_folder().glob("chemage.foundation-*/*.nbi"))
+
+
+@lru_cache
+def _usable(folder: Path) -> Path:
+    return folder if _is_writable(folder) else _temporary()
 
 
 def _is_writable(folder: Path) -> bool:
@@ -138,7 +77,31 @@ def _temporary() -> Path:
 
 @lru_cache(maxsize=1)
 def processor() -> str:
-    """Name of the processor, and those of its instructions on which the last bits depend, in one line."""
+    """Name of the processor, those of its instructions on which the last bits depend, and the kernel of numpy's BLAS,
+    in one line."""
+    blas = blas_kernel()
+    return f"{_instructions()}, BLAS {blas}" if blas else _instructions()
+
+
+def blas_kernel() -> str:
+    """The kernel that the OpenBLAS of numpy chose for this processor or was given (``OPENBLAS_CORETYPE``), such as
+    ``Haswell``; "" for another library."""
+    import ctypes
+
+    import numpy as np
+
+    package = Path(np.__file__).parent
+    for folder in (package.parent / "numpy.libs", package / ".dylibs"):  # of wheels; numpy has loaded it
+        for path in folder.glob("*openblas*"):
+            library = ctypes.CDLL(str(path))
+            for name in ("scipy_openblas_get_corename64_", "openblas_get_corename64_", "openblas_get_corename"):
+                if (ask := getattr(library, name, None)) is not None:
+                    ask.restype = ctypes.c_char_p
+                    return ask().decode()
+    return ""
+
+
+def _instructions() -> str:
     named = os.environ.get("NUMBA_CPU_NAME")
     try:
         from llvmlite import binding

@@ -46,6 +46,7 @@ NAMES = {
     "scene.run": "Run run",
     "scene.scene": "Scene",
     "scene.files": "load_scene override parse_scene scene_data",
+    "foundation.kernels": "kernel",
     "foundation.machine": "cache_folder",
     "foundation.outputs": "Output record",
     "foundation.quantities": "Curve ErrorPart Quantity",
@@ -91,6 +92,7 @@ FACTORIES = {"ageing": "ageing_method"}
 PICTURES = "results.kinds"
 #: public modules -> their full name
 MODULES = {
+    "algebra": "foundation.algebra",
     "container": "foundation.container",
     "options": "cli.options",
     "memory": "foundation.memory",

@@ -277,6 +277,11 @@ class Measured:
         return (self.output or Output()).description
 
     @property
+    def words(self) -> str:
+        """What it is, in words; its name where it is not described."""
+        return self.description or self.name
+
+    @property
     def is_number(self) -> bool:
         """Whether it is a single number per replica."""
         return self.values.ndim == 1
@@ -302,7 +307,15 @@ class Measured:
         return Curve(*self._declared()).of_replicas(hold_times, self.values, over)
 
     def _declared(self) -> tuple[str, str, str, str, str]:
-        return f"{RECORDED}{self.name}", self.unit or ONE, self.name, "", self.description
+        return f"{RECORDED}{self.name}", self.unit or ONE, self.words, "", self.description
+
+    def row(self) -> tuple[str, str]:
+        """Of an array its name, and size, range of values and meaning."""
+        text = f"{' x '.join(str(n) for n in self.values.shape[1:])} values"
+        finite = self.values[np.isfinite(self.values)]
+        if finite.size:
+            text += f" from {float(finite.min()):.4g} to {float(finite.max()):.4g} {self.unit}".rstrip()
+        return self.name, "; ".join(filter(None, (text, self.description)))
 
     def summary(self) -> dict[str, Any]:
         """Dimensions, unit and shape, and of numbers and curves the mean over replicas with its errors."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from typing import Any, Literal, NamedTuple, Self, TypeVar
@@ -207,6 +207,10 @@ class Curve(Declared):
     half_width: np.ndarray = field(default_factory=lambda: np.zeros(0))
     #: parts of the standard error: what each is due to -> (m,)
     errors: Mapping[str, np.ndarray] = field(default_factory=dict)
+    #: (n, m) each: independent samples whose means add up to ``mean``
+    samples: Sequence[np.ndarray] = ()
+    #: (m,) standard error that the samples do not contain, shared by all points; empty: none
+    known: np.ndarray = field(default_factory=lambda: np.zeros(0))
     axis_of: Declared = HOLD_TIME
     #: what the points are, for legends: ``mean of 10 replicas, 95 %``
     over: str = ""
@@ -224,7 +228,8 @@ class Curve(Declared):
         """The same with the means of (replicas, m) ``values`` at ``x``."""
         with np.errstate(over="ignore", invalid="ignore"):
             errors = standard_error(values), half_width(values)
-            return self.but(x=x, mean=values.mean(axis=0), stderr=errors[0], half_width=errors[1], over=over)
+            mean, samples = values.mean(axis=0), (values,) if len(values) > 1 else ()
+        return self.but(x=x, mean=mean, stderr=errors[0], half_width=errors[1], samples=samples, over=over)
 
     def at(self, x: float) -> Quantity:
         """The number at ``x``, interpolated linearly in log x; the interval is at most too wide there. Not known

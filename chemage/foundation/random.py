@@ -20,6 +20,8 @@ import numba as nb
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from chemage.foundation.kernels import kernel
+
 #: Streams in use; engines have KINETICS to KINETICS + 15 between them. A plugin that draws its own kind of number gets
 #: a stream from `stream`.
 FORMING = 1
@@ -111,7 +113,7 @@ def pair_uniform(k0, k1, stream, first, second):
     return to_double(r0, r1)
 
 
-@nb.njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _fill(k0, k1, stream, index, draw, out):
     # One loop for each lane: without a branch inside, the rounds run on vector registers.
     block = draw >> _S1
@@ -123,7 +125,7 @@ def _fill(k0, k1, stream, index, draw, out):
             out[i] = uniform_pair(k0, k1, stream, index[i], block)[0]
 
 
-@nb.njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _fill_pairs(k0, k1, stream, first, second, out):
     for i in range(first.size):
         out[i] = pair_uniform(k0, k1, stream, first[i], second[i])

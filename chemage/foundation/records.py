@@ -18,6 +18,7 @@ from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field
 from chemage.foundation.checks import Frozen, is_boolean, meanings
 from chemage.foundation.errors import InputError, UnitError, shortened
 from chemage.foundation.files import FileStamp, open_file
+from chemage.foundation.memory import require
 from chemage.foundation.text import html_table
 from chemage.foundation.units import array_in, carried, in_range
 
@@ -91,6 +92,8 @@ def frozen(array: Any, *dtypes: type[np.generic]) -> np.ndarray:
     calls ``array.setflags(write=False)`` first and saves the copy.
     """
     values = array_in(array)
+    if values.size > _LARGE:  # a view may repeat one number
+        require(8.0 * values.size, f"an array of shape {values.shape}", "give a smaller one")
     if values.dtype.kind not in "fiubc":
         raise ValueError(f"expected numbers, not {_kind(values)}")
     if dtypes and values.dtype not in [np.dtype(kind) for kind in dtypes]:
@@ -115,6 +118,8 @@ def frozen(array: Any, *dtypes: type[np.generic]) -> np.ndarray:
     return values
 
 
+#: numbers of an array that is checked against the memory
+_LARGE = 1 << 27
 _KINDS = {"f": "numbers", "i": "whole numbers", "u": "whole numbers", "b": "True or False"}
 
 

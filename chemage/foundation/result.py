@@ -201,6 +201,10 @@ class Result:
                     rows.append((f"error of {one.symbol or one.label}: {cause}", f"{size} (standard error), {how}"))
         return [*rows, *self.remarks()]
 
+    def arrays(self) -> Rows:
+        """What was recorded and is no number or curve: (name, size and range), printed with ``--all``."""
+        return [row for part in self.parts().values() for row in part.arrays()]
+
     def numbers(self) -> dict[str, Any]:
         """One JSON-able object."""
         numbers: dict[str, Any] = dict(self.facts())
@@ -331,6 +335,10 @@ class OfRecord(Result, Generic[R]):
     @property
     def plugins(self) -> Mapping[str, str]:
         return self.record.plugins
+
+    def arrays(self) -> Rows:
+        found = self.record.measured.values() if isinstance(self.record, Observing) else ()
+        return [output.row() for output in found if output.numbers is None]
 
     def numbers(self) -> dict[str, Any]:
         fields = {

@@ -9,9 +9,10 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from os import PathLike
+from os import SEEK_END, PathLike
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
+from zipfile import ZipFile
 
 import numpy as np
 
@@ -36,6 +37,12 @@ Cell = str | float
 Cells = tuple[int, str, list[Cell]]
 #: lines among which the header is looked for
 _PREAMBLE = 40
+#: rows and columns of a table with names, characters of a name, and ways to write the unit of a column
+_ROWS, _COLUMNS, _LONGEST, _SPELLINGS = 100_000, 1000, 200, 100
+#: of a workbook: its parts, their bytes, cells with their values, other elements, attributes
+_PARTS, _BYTES, _CELLS, _ELEMENTS, _ATTRIBUTES = 1000, 1 << 25, 300_000, 10_000, 1_000_000
+_OF_CELLS = re.compile(rb"<(?:\w{1,20}:)?(?:row|c|v|f|si|t)[\s/>]")
+_ELEMENT = re.compile(rb"<[A-Za-z_]")
 _NUMBER = re.compile(
     r"(?P<number>[-+]?(?:\d+(?:[.,]\d+)*[.,]?|[.,]\d+)(?:[eE][-+]?\d+)?)\s*(?P<unit>[^\W\d_].*|[°%].*)?"
 )
@@ -171,6 +178,11 @@ def read_columns(
     if first:
         notes.append(f"{first} line{'s' * (first > 1)} before the names of the columns left out")
     (_, where, header), *rest = lines[first:]
+    if len(rest) > _ROWS or len(header) > _COLUMNS:
+        raise InputError(
+            f"{where}: {len(rest)} rows below {len(header)} columns; a table has at most {_ROWS} rows and {_COLUMNS} "
+            "columns: leave out what is not needed"
+        )
     columns, more = _header(header, where, known, unclear or {}, example)
     if rest and (units := _units_below(rest[0][2], columns)) is not None:
         columns, rest = units, rest[1:]
@@ -283,7 +295,7 @@ def _cells(line: str, separator: str | None) -> list[str]:
         if re.match(r"[-+.,]?\d", line):
             return line.split()
         parts = re.split(r"\t|\s{2,}", line)
-        return parts if len(parts) > 1 else re.findall(r'"[^"]*"|[^\s(\[]+(?:\s*[(\[][^)\]]*[)\]])?', line)
+        return parts if len(parts) > 1 else re.findall(r'"[^"]*"|[^\s(\[]+(?:\s*[(\[][^()\[\]]*[)\]])?', line)
     try:
         return [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])]
     except csv.Error as error:  # a cell of more than 131072 characters
@@ -295,23 +307,66 @@ def _excel_lines(path: Path) -> tuple[list[Cells], list[str]]:
     with open_file(path) as stream:
         openpyxl = optional_module("openpyxl", "excel")
         try:
+            _check_book(stream)
+            stream.seek(0)
             book = openpyxl.load_workbook(stream, read_only=True, data_only=True)
-            sheets = [(sheet.title, list(sheet.iter_rows(values_only=True))) for sheet in book.worksheets]
+            sheets = [(sheet.title, _rows_of(sheet)) for sheet in book.worksheets]
         except Exception as error:  # of whatever is in it
-            raise StoreError(f"{path} is no Excel file that can be read: {shortened(error, 100)}") from None
-    filled = [(title, rows) for title, rows in sheets if any(cell is not None for row in rows for cell in row)]
+            raise StoreError(f"{path} is no Excel file that can be read: {shortened(error, 200)}") from None
+    filled = [(title, rows) for title, rows in sheets if rows]
     if not filled:
         return [], []
     title, rows = filled[0]
     notes = [f"sheet {title!r} is read; {len(filled) - 1} others are left out"] if len(filled) > 1 else []
     lines = []
-    for number, row in enumerate(rows, 1):
+    for number, row in rows:
         at = f"{path}, sheet {title}, row {number}"
         cells = [_cell(value, at) for value in row]
         if any(cell != "" for cell in cells) and not str(cells[0]).startswith("#"):
             lines.append((number, at, cells))
     width = max((at + 1 for _, _, cells in lines for at, cell in enumerate(cells) if cell != ""), default=0)
-    return [(number, at, cells[:width]) for number, at, cells in lines], notes
+    if len(lines) * width > 10 * _CELLS:
+        raise InputError(
+            f"{path}, sheet {title}: {len(lines)} rows and {width} columns are no table; delete the cells far from it"
+        )
+    return [(number, at, [*cells[:width], *[""] * (width - len(cells))]) for number, at, cells in lines], notes
+
+
+def _check_book(stream: IO[bytes]) -> None:
+    """Refuse a workbook whose parts, when unpacked, take much longer to read than a table does."""
+    size = stream.seek(0, SEEK_END)
+    with ZipFile(stream) as archive:
+        parts = archive.infolist()
+        unpacked = sum(part.file_size for part in parts)
+        if len(parts) > _PARTS or unpacked > _BYTES + size:
+            raise ValueError(f"{len(parts)} parts of {unpacked} bytes in all; save the table alone, or as CSV")
+        cells = elements = attributes = 0
+        for part in parts:
+            data = archive.read(part).replace(b"\0", b"")  # in UTF-16 as in UTF-8
+            if not data.lstrip(b"\xef\xbb\xbf\xff\xfe \t\r\n").startswith(b"<"):
+                continue  # a picture
+            if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
+                raise ValueError("its XML defines entities")
+            of_cells = len(_OF_CELLS.findall(data))
+            cells += of_cells
+            elements += len(_ELEMENT.findall(data)) - of_cells
+            attributes += data.count(b"=")
+    if cells > _CELLS or elements > _ELEMENTS or attributes > _ATTRIBUTES:
+        raise ValueError(f"{cells + elements} elements are too many; save the table alone, or as CSV")
+
+
+def _rows_of(sheet: Any) -> list[tuple[int, list[Any]]]:
+    """The rows of a sheet that hold anything, each with its number, up to its last cell."""
+    sheet.reset_dimensions()  # which may be wrong
+    rows, cells = [], 0
+    for number, row in enumerate(sheet.iter_rows(values_only=True), 1):
+        cells += len(row)
+        if number > 1 << 20 or len(row) > 1 << 14 or cells > 10 * _CELLS:
+            raise ValueError(f"it has cells at row {number}, column {len(row)}; delete what is far from the table")
+        last = next((at for at in range(len(row), 0, -1) if row[at - 1] is not None), 0)
+        if last:
+            rows.append((number, list(row[:last])))
+    return rows
 
 
 def _frame_lines(frame: Any) -> list[Cells]:
@@ -341,22 +396,37 @@ def _cell(value: Any, where: str) -> Cell:
 
 # -- header -----------------------------------------------------------------------------------------------------------
 
-_HEAD = re.compile(
-    r"(?P<name>.*?)\s*(?:[(\[{]\s*(?P<unit>[^()\[\]{}]*?)\s*[)\]}]|(?:,|\s/|/(?=\s?\S+$))\s*(?P<after>\S+))?\s*"
-)
+#: what follows a name: a unit in brackets, or after a comma or a slash
+_IN_BRACKETS = re.compile(r"[(\[{]([^()\[\]{}]*)[)\]}]$")
 
 
 def _named(cell: Cell, known: Mapping[str, str]) -> tuple[str, str | None] | None:
     """Name and unit of a column that is known."""
-    match = _HEAD.fullmatch(str(cell).strip().strip('"'))
-    if match is None:
+    text = str(cell).strip().strip('"').strip()
+    if not text or len(text) > _LONGEST:
         return None
-    text, unit = match["name"], match["unit"] if match["unit"] is not None else match["after"]
+    text, unit = _parted(text)
     found = _known(text, known)
     if found is None and unit is None and "_" in text:  # hold_time_s
         stem, _, unit = text.rpartition("_")
         found = _known(stem, known)
     return None if found is None else (found, unit_of(unit, found))
+
+
+def _parted(text: str) -> tuple[str, str | None]:
+    """A heading as a name and its unit, in brackets, or after a comma or a slash."""
+    brackets = _IN_BRACKETS.search(text)
+    *_, last = text.rsplit(None, 1)
+    begin = len(text) - len(last)
+    head = text[:begin].rstrip()
+    place = begin + min((at for mark in ",/" if 0 <= (at := last.find(mark)) < len(last) - 1), default=len(last))
+    if head.endswith(",") or (head.endswith("/") and (begin - len(head) == 1 or head[-2:-1].isspace())):
+        place = len(head) - 1
+    if place < (brackets.start() if brackets else len(text)):
+        return text[:place].rstrip(), text[place + 1 :].strip()
+    if brackets:
+        return text[: brackets.start()].rstrip(), brackets[1].strip()
+    return text, None
 
 
 def _known(text: str, known: Mapping[str, str]) -> str | None:
@@ -370,7 +440,7 @@ def _known(text: str, known: Mapping[str, str]) -> str | None:
 
 def _is_header(cells: Sequence[Cell], known: Mapping[str, str]) -> bool:
     """Whether two cells name columns, or one of two that a mistake is in."""
-    return sum(_named(cell, known) is not None for cell in cells) >= min(2, len(cells))
+    return sum(_named(cell, known) is not None for cell in cells[:_COLUMNS]) >= min(2, len(cells))
 
 
 def _header(
@@ -442,6 +512,8 @@ def _decimal(rows: Sequence[Cells], places: Sequence[int]) -> str:
         texts = [(at, cells[place]) for _, at, cells in rows]
         matches = [(at, _NUMBER.fullmatch(cell)) for at, cell in texts if isinstance(cell, str)]
         column = [(at, match["number"]) for at, match in matches if match]
+        if len({match["unit"] for _, match in matches if match}) > _SPELLINGS:
+            raise InputError(f"{texts[0][0]}: a column with more than {_SPELLINGS} units; write one above the column")
         whole = any(text.lstrip("+-").isdigit() for _, text in column)
         for at, text in column:
             if sum(text.count(mark) for mark in ",.") > 1:

@@ -14,6 +14,9 @@ from chemage.foundation.statistics import half_width
 #: errors below this part of the value are rounding
 ROUNDING = 1e-12
 
+#: what is written in place of an interval of no width
+NO_SCATTER = "(no scatter, so that the error is not known)"
+
 
 def with_article(noun: str) -> str:
     """``a Run``, ``an Inference``: a name with its article."""
@@ -76,19 +79,24 @@ def _rounded(value: float, digits: int) -> str:
 
 
 def with_interval(value: float, low: float, high: float) -> str:
-    """``value [low, high]``, all rounded to :func:`decimals` of half the width, to six digits at most."""
+    """``value [low, high]``, all rounded to :func:`decimals` of half the width, to six digits at most, ``value ± half``
+    where these do not tell the ends apart; without an interval where it has no width, since the data do not scatter."""
     width, largest = high - low, max(abs(value), abs(low), abs(high))
     if not math.isfinite(value):
         return "undetermined"
+    if math.isfinite(width) and width <= ROUNDING * largest:
+        return f"{value:.4g} {NO_SCATTER}"
     sizes = [abs(number) for number in (value, low, high) if number != 0]
-    if not math.isfinite(width) or width <= 0 or largest > 100 * min(sizes):
+    if not math.isfinite(width) or largest > 100 * min(sizes):
         return f"{value:.4g} [{low:.3g}, {high:.3g}]"
     most = 5 - math.floor(math.log10(largest))  # decimal places that are six digits
     digits = min(most, decimals(0.5 * width))
     if 1e-3 <= largest < 1e5:
-        return f"{_rounded(value, digits)} [{_rounded(low, digits)}, {_rounded(high, digits)}]"
-    figures = max(0, digits + math.floor(math.log10(largest)))
-    return f"{value:.{figures}e} [{low:.{figures}e}, {high:.{figures}e}]"
+        text, *ends = (_rounded(number, digits) for number in (value, low, high))
+    else:
+        figures = max(0, digits + math.floor(math.log10(largest)))
+        text, *ends = (f"{number:.{figures}e}" for number in (value, low, high))
+    return f"{text} ± {0.5 * width:.1g}" if ends[0] == ends[1] else f"{text} [{', '.join(ends)}]"
 
 
 def jsonable(value: Any) -> Any:

@@ -254,8 +254,8 @@ def in_range(value: float, unit: str) -> float:
 
 
 _QUANTITY = re.compile(
-    r"(?P<number>[+-]?(?:\d[\d_]*\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*\*?\s*"
-    r"(?P<unit>(?:/|[^\W\d]|[°%])[\w\s*/^().°%·⁻+-]*)"
+    r"(?P<number>[+-]?(?:\d[\d_]*(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?)\s*(?:\*\s*)?"
+    r"(?P<unit>(?:/|[^\W\d_]|[°%])[\w\s*/^().°%·⁻+-]*)"
 )
 
 

@@ -97,10 +97,14 @@ class _Rupture(Stage):
         return f"{problem}; give one force in nN, not negative, for each hold time"
 
     def estimate(self, parts: Parts, stated: Stated) -> Mapping[str, float]:
+        from chemage.foundation.components import call_with
+
         sites = stated.get("chemistry", {}).get("sites")
         if sites is None or "hold" not in parts:
             return {}
-        return parts[self.section].expected(sites, parts["hold"].hold_times.size, parts["hold"].replicas)
+        hold, known = parts["hold"], _known(parts, stated)
+        known |= {"chemistry": parts["chemistry"], "temperature": hold.temperature}
+        return call_with(parts[self.section].expected, sites, hold.hold_times.size, hold.replicas, **known)
 
     def rows(self, parts: Parts, stated: Stated) -> Mapping[str, str]:
         if "engine" not in parts or self.section in parts:
@@ -110,8 +114,12 @@ class _Rupture(Stage):
         return {self.section: mean}
 
     def doubts(self, parts: Parts, stated: Stated) -> Iterator[Doubt]:
+        from chemage.foundation.components import call_with
+
         if self.section in parts and "hold" in parts:
-            for text in parts[self.section].check(parts["chemistry"], parts["hold"].temperature) or ():
+            known = {"sites": stated.get("chemistry", {}).get("sites"), **_known(parts, stated)}
+            check = parts[self.section].check
+            for text in call_with(check, parts["chemistry"], parts["hold"].temperature, **known) or ():
                 yield Doubt("parts", text)
 
     def doubts_of_sweep(self, parts: Parts, varied: Collection[str]) -> Iterator[Doubt]:
@@ -122,6 +130,12 @@ class _Rupture(Stage):
                 f"bonds break at {force:g} nN at every temperature, as no [rupture] says otherwise: the temperature "
                 "changes their number alone; choose a law by which bonds break under force",
             )
+
+
+def _known(parts: Parts, stated: Stated) -> dict[str, Any]:
+    """What is offered to the estimates of a rupture law: the hold times, s, and the mean pressure in contact, GPa."""
+    pressure = stated.get("chemistry", {}).get("pressure", 0.0)
+    return {"times": parts["hold"].hold_times, "pressure": pressure}
 
 
 STAGES = (

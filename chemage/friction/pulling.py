@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
@@ -18,9 +19,10 @@ from chemage.foundation.outputs import Observing, kept, recording
 from chemage.foundation.records import Doubles, Flags, Indices, Named, Number, Plain, PositiveNumber, Record
 from chemage.foundation.result import Medium, OfRecord, Panel, Picture, Rows, displays
 from chemage.foundation.units import Force, Length, QuantityLike, Unit
-from chemage.kinetics.history import BondHistory
+from chemage.kinetics.history import BondHistory, counters_of
 from chemage.lattices.chemistry import Chemistry, effective_forming
 from chemage.lattices.lattice import ReactionLattice
+from chemage.lattices.role import Barriers
 from chemage.plugins import registry
 from chemage.plugins.sources import approximations, providers
 
@@ -74,10 +76,17 @@ class Partners(NamedTuple):
 
 def partners_of(chemistry: Chemistry, lattice: ReactionLattice, contact: ContactSolution) -> Partners:
     """New partners with the barriers of ``chemistry``: between 65,536 quantiles, at the pressure of each site."""
-    steps = (np.arange(QUANTILES) + 0.5) / QUANTILES
     pressure = lattice.pressures(contact)
     shift = effective_forming(np.zeros(pressure.size), chemistry.activation_volume, pressure)
-    return Partners(np.maximum.accumulate(chemistry.forming.quantile(steps)), shift)
+    return Partners(_quantiles(chemistry.forming), shift)  # pyright: ignore[reportArgumentType]: hashable it is
+
+
+@lru_cache(maxsize=4)
+def _quantiles(forming: Barriers) -> np.ndarray:
+    """Of a distribution, at equal steps; kept, because a run pulls hundreds of times with the same one."""
+    quantiles = np.maximum.accumulate(forming.quantile((np.arange(QUANTILES) + 0.5) / QUANTILES))
+    quantiles.setflags(write=False)
+    return quantiles
 
 
 class PullHistory(Observing, Record):
@@ -135,7 +144,8 @@ class PullHistory(Observing, Record):
     largest_drop: Number = 0.0
     """nN, of the force in one slip that has ended"""
     peak: Number
-    """the largest force so far, nN, between the times as well"""
+    """the largest force of this pull so far, nN, between the times as well; what goes on under the same conditions is
+    the same pull"""
     peak_displacement: Number
     """where it was reached, nm"""
     peak_time: Number
@@ -182,7 +192,12 @@ class PullHistory(Observing, Record):
     def history(self) -> BondHistory:
         """The bonds, from which a hold goes on: the contact is unloaded, and its bonds are relaxed."""
         names = ("bonds", "formed", "broken", "state", "time", "temperature")
-        return BondHistory(hold_times=self.times, engine=self.engine, **{name: getattr(self, name) for name in names})
+        return BondHistory(
+            hold_times=self.times,
+            engine=self.engine,
+            resume={**counters_of(self.resume), "slips": self.slips},
+            **{name: getattr(self, name) for name in names},
+        )
 
     def lattice_after(self, lattice: ReactionLattice) -> ReactionLattice:
         """``lattice``, which was pulled, with the partners that its sites have now."""
@@ -321,6 +336,8 @@ class Pulling(Component, ABC):
             pulled = self._run(
                 lattice, drive, moments, kelvin, seed, start, partners if drive.partner == "new" else None
             )
+        if isinstance(start, PullHistory | BondHistory):
+            pulled = pulled.model_copy(update={"resume": {**counters_of(start.resume), **pulled.resume}})
         return pulled.noting({}, (), kept(pulled, recorded)) if recorded else pulled
 
 

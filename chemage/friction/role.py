@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
@@ -122,12 +122,22 @@ class Rupture(Component, ABC):
         states: ClassVar[bool] = False
 
     def expected(self, sites: float, hold_times: int, replicas: int) -> dict[str, float]:
-        """Estimate the cost, as far as it is known: ``cpu_seconds`` for all replicas on ``sites`` sites."""
+        """Estimate the cost for all replicas on ``sites`` sites, as far as it is known: ``cpu_seconds``, ``bytes``.
+
+        A component may add ``chemistry``, ``times`` (the hold times, s), ``temperature`` (K) and ``pressure`` (the mean
+        in contact, GPa), and chemage then passes them.
+        """
         return {}
+
+    def remarks(self, observables: Mapping[str, np.ndarray]) -> Sequence[str]:
+        """Say in sentences what users should know of a result, from what its replicas recorded: name -> (replicas, ...)
+        values."""
+        return ()
 
     def check(self, chemistry: Chemistry, temperature: float) -> Sequence[str] | None:
         """Refuse, before anything is computed, what :meth:`force` would refuse at ``temperature`` (K); return doubts as
-        sentences. Used by ``chemage check``.
+        sentences. Used by ``chemage check``. A component may add ``sites``, which is None where their number is not
+        known, ``times`` and ``pressure``, as for :meth:`expected`.
 
         Raises
         ------

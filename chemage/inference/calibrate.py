@@ -17,6 +17,7 @@ from chemage.foundation.errors import InputError
 from chemage.foundation.progress import Report
 from chemage.foundation.text import jsonable
 from chemage.foundation.units import QuantityLike
+from chemage.inference.algebra import product
 from chemage.inference.curves import MeasuredCurve
 from chemage.inference.families import estimated, sampled
 from chemage.inference.forward import Model, check_scene, make_model
@@ -203,7 +204,7 @@ def _ranks(model: Model, truth: np.ndarray, number: int, threads: int | None) ->
     for share in (0.25, 0.5, 0.75):
         end = seen[int(share * (seen.size - 1))] + 1
         name = f"share of the sites below {there.grid.nodes[end - 1]:.2f} eV"
-        quantities[name] = densities[:, :end] @ areas[:end], float(truth[:end] @ areas[:end])
+        quantities[name] = product(densities[:, :end], areas[:end]), float(product(truth[:end], areas[:end]))
     last = int(np.argmax(model.hold_times))
     quantities[f"friction drop at {model.hold_times[last]:.3g} s"] = (
         samples.fitted(problem)[:, last],

@@ -107,7 +107,7 @@ def density_text(one: Inference) -> str:
         return f"hardly any inside (at most {share} % of the sites); barriers lie {' and '.join(sides)}"
     there = peaks(one)
     unsure = "".join(f"; the maximum at {energy:.3f} eV is not resolved" for energy in unresolved(one))
-    places = [f"{peak.energy:.3f} eV ({peak.band[0]:.3f} to {peak.band[1]:.3f})" for peak in there]
+    places = [peak.text(one.energies[1] - one.energies[0]) for peak in there]
     if places:
         ends = [end for end, up in zip(("lower", "upper"), rises(one), strict=True) if up]
         more = f"; rises again towards the {' and the '.join(ends)} end" if ends else ""
@@ -381,8 +381,8 @@ def draw_scalar(axes: Axes, medium: Medium, one: Inference, name: str) -> None:
 #: inches of one figure, and of one panel on a page
 _FILE, _PAGE = (6.4, 4.4), (4.9, 3.6)
 _CAPTIONS = {
-    "density": "Density of forming barriers: mean, 68 and 90 % bands of the posterior, families (orange), and upper "
-    "end of the 90 % band of the prior (grey). Outside the shaded energies the data tell sums only.",
+    "density": "Density of forming barriers: mean, 68 and 90 % bands of the posterior, and upper end of the 90 % band "
+    "of the prior (grey).{families} Outside the shaded energies the data tell sums only.",
     "data": "Measured friction drop (bars: 95 %) with the 68 and 90 % bands of the fitted curves.",
     "residuals": "Residuals in standard errors; shaded: two standard errors.",
     "predictive": "What the prior and the posterior predict of the measurements, 90 % bands.",
@@ -525,8 +525,11 @@ class InferenceDisplay(Result):
 
         def panel(key: str, alt: str, draw: Any, height: float = _PAGE[1], **more: Any) -> Panel:
             size = (_PAGE[0], height)
-            return Panel(partial(draw, one=one, **more), _CAPTIONS[key], alt, size, name=more.get("name", key))
+            caption = _CAPTIONS[key].format(families=families)
+            return Panel(partial(draw, one=one, **more), caption, alt, size, name=more.get("name", key))
 
+        drawn_families = [fit for fit in one.possible_families().values() if fit.get("density", ())]
+        families = " Orange: families of densities." if drawn_families else ""
         low, high = one.visible_range
         seen = f"Density of barriers; visible from {low:.2f} to {high:.2f} eV: {density_text(one)}."
         up_to = f"Measured friction drop, up to {one.values[np.argmax(one.hold_times)]:.3g} nN."

@@ -16,7 +16,9 @@ from functools import cached_property
 
 import numpy as np
 
+from chemage.foundation.algebra import solve
 from chemage.foundation.units import KB
+from chemage.inference.algebra import product
 from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.independent import TwoState
 
@@ -80,7 +82,7 @@ class EnergyGrid:
 
     def quantile(self, density: np.ndarray, uniform: np.ndarray, beyond: float) -> np.ndarray:
         """Barriers at ``uniform`` numbers; those above the integral of ``density`` get the barrier ``beyond``."""
-        weights = np.maximum(self.hats @ np.maximum(density, 0), 0)
+        weights = np.maximum(product(self.hats, np.maximum(density, 0)), 0)
         total = np.cumsum(weights)
         # a little of everything, so that the sum ascends
         total = total + np.arange(total.size) * 1e-15
@@ -156,12 +158,12 @@ class Kernel:
 
     def of_density(self, density: np.ndarray) -> np.ndarray:
         """(l, shifts): share of the sites of ``density`` (n,) that are bonded if all barriers are shifted."""
-        return self.windows @ (self.grid.hats @ density)
+        return np.einsum("lsj,j->ls", self.windows, product(self.grid.hats, density))
 
     def matrix(self, weights: np.ndarray) -> np.ndarray:
         """(l, n): derivative of the bonded share by the density, where shift s at time l has the weight [l, s]."""
-        mixed = np.einsum("ls,lsj->lj", weights, self.windows, optimize=True)
-        return mixed @ self.grid.hats
+        mixed = np.einsum("ls,lsj->lj", weights, self.windows)
+        return product(mixed, self.grid.hats)
 
 
 def make_kernel(
@@ -298,7 +300,7 @@ class MeanField:
             weight = self._histogram(left[:, here], part[:, here])
             direct = kernel.matrix(weight)
             back = self._back(shares[number], at[here], factors[here], by_tau[:, here])
-            derivative.append(np.linalg.solve(np.eye(self.times.size) - back, direct))
+            derivative.append(solve(np.eye(self.times.size) - back, direct))
             weights.append(weight)
         return Solved(shares, np.stack(derivative), np.stack(weights))
 

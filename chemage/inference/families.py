@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from chemage.foundation.progress import Report
+from chemage.inference.algebra import nonnegative, product
 from chemage.inference.energies import EnergyGrid
 from chemage.inference.forward import Model
 from chemage.inference.problem import FINE, REACH, Linear, Prior, Problem
@@ -37,8 +38,6 @@ SHORT, SHORT_SWEEPS = 400, 200
 
 def smooth_fit(data: Linear, weight: float, factor: float = 1.0) -> tuple[np.ndarray, float]:
     """The density (n,) ≥ 0 of least χ² + ``weight`` × ∫ p''² of integral at most 1, and its χ²."""
-    from scipy.optimize import nnls
-
     grid, matrix, values = data.grid, factor * data.matrix, data.values - factor * data.offset
     second = np.diff(np.eye(grid.count), 2, axis=0) * np.sqrt(weight * grid.step) / grid.step**2
     # one more unknown, the share above the last energy, completes the integral to 1
@@ -46,9 +45,9 @@ def smooth_fit(data: Linear, weight: float, factor: float = 1.0) -> tuple[np.nda
     rows = np.concatenate([matrix / data.errors[:, None], second])
     rows = np.concatenate([np.pad(rows, ((0, 0), (0, 1))), limit])
     goal = np.concatenate([values / data.errors, np.zeros(len(second)), [1e3]])
-    density = nnls(rows, goal, maxiter=50 * rows.shape[1])[0][:-1]
-    density /= max(1.0, float(density @ grid.areas))
-    return density, float(np.sum(((matrix @ density - values) / data.errors) ** 2))
+    density = nonnegative(rows.T.copy(), goal)[:-1]
+    density /= max(1.0, float(product(density, grid.areas)))
+    return density, float(np.sum(((product(matrix, density) - values) / data.errors) ** 2))
 
 
 def first_estimate(data: Linear, factor: float) -> np.ndarray:
@@ -80,7 +79,7 @@ def check_explained(data: Linear, labels: list[str], largest: np.ndarray, stated
     fits = []
     for factor in [1.0] if data.factor is None else np.geomspace(np.exp(data.factor[0]), np.exp(data.factor[1]), 9):
         density, chi2 = smooth_fit(data, 1e-12, factor)
-        fits.append((chi2, density, factor * (data.offset + data.matrix @ density)))
+        fits.append((chi2, density, factor * (data.offset + product(data.matrix, density))))
     chi2, density, fitted = min(fits, key=lambda fit: fit[0])
     if distribution.sf(chi2, values.size) >= UNLIKELY:
         return
@@ -88,7 +87,7 @@ def check_explained(data: Linear, labels: list[str], largest: np.ndarray, stated
     chi2, scaled = float(residuals @ residuals), np.any(largest > 1.01 * stated)
     worst = np.argsort(-np.abs(residuals))[:3]
     places = "; ".join(f"{residuals[at]:+.1f} standard errors at {labels[at]}" for at in sorted(worst))
-    share = float(density @ grid.areas)
+    share = float(product(density, grid.areas))
     why = []
     above = values - fitted
     if share > 0.99 and np.sum(above / errors) > 0:
@@ -137,7 +136,7 @@ def estimated(model: Model, threads: int | None, report: Report) -> tuple[np.nda
         for step in range(STEPS):
             report("interaction", number * STEPS + step, total)
             fitted, slope = model.linear(density, model.middle)
-            data = _linear(model, slope, fitted - slope @ density)
+            data = _linear(model, slope, fitted - product(slope, density))
             if number and not step:
                 _guess_errors(model, data)
                 data = replace(data, errors=model.errors(model.values))
@@ -152,7 +151,7 @@ def estimated(model: Model, threads: int | None, report: Report) -> tuple[np.nda
         if number and changes[-1] < CONVERGED:
             break
     fitted, slope = model.linear(density, model.middle)
-    _check_model(model, _linear(model, slope, fitted - slope @ density))
+    _check_model(model, _linear(model, slope, fitted - product(slope, density)))
     report("interaction", total, total)
     return density, changes
 
@@ -170,7 +169,7 @@ def _guess_errors(model: Model, data: Linear) -> None:
         factors = np.unique(np.exp(np.linspace(lows, highs, 5)))
         best = int(np.argmin([chi2 for _, chi2 in fits]))
         density = fits[best][0]
-        residual = data.values - factors[best] * (data.offset + data.matrix @ density)
+        residual = data.values - factors[best] * (data.offset + product(data.matrix, density))
         model.state = noise.guessed(residual, PARAMETERS)
 
 
@@ -183,7 +182,7 @@ def _alone(model: Model, point: int) -> tuple[Linear, float]:
     """The linear model without neighbours, and a common factor with which some density reaches the largest value."""
     matrix = model.without_neighbours(point)
     data = _linear(model, matrix, np.zeros(model.values.size))
-    return data, _common_factor(data, matrix @ np.full(model.grid.count, 0.9 / model.grid.areas.sum()))
+    return data, _common_factor(data, product(matrix, np.full(model.grid.count, 0.9 / model.grid.areas.sum())))
 
 
 def _common_factor(data: Linear, fitted: np.ndarray) -> float:
@@ -207,7 +206,7 @@ def linear_problem(model: Model, prior: Prior, density: np.ndarray) -> Problem:
     for point in range(model.unknowns.points):
         value, slope = model.linear(density, point)
         matrices.append(slope)
-        offsets.append(value - slope @ density)
+        offsets.append(value - product(slope, density))
     unknowns, fine, shifts = model.unknowns.refined(np.stack(matrices), np.stack(offsets))
     start = model.middle if unknowns is model.unknowns else FINE * model.middle
     errors, noise = model.errors(model.values), model.noise(model.values)

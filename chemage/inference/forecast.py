@@ -14,6 +14,7 @@ from chemage.foundation.errors import InputError, nearest
 from chemage.foundation.records import Doubles, Plain, PositiveNumber, Record
 from chemage.foundation.text import jsonable
 from chemage.foundation.units import KB, QuantityLike, convert
+from chemage.inference.algebra import product
 from chemage.inference.energies import EnergyGrid, averaging
 from chemage.inference.forward import Contacts, check_scene, largest_lowering, make_condition
 from chemage.scene.scene import Scene
@@ -159,7 +160,7 @@ class Forecaster:
             if condition.interacting and calibrated:
                 condition.calibrate(mean, self.scene, self.seed)
                 value, matrix = condition.linear(mean)
-            part = value + (self.samples[here] - mean) @ matrix.T
+            part = value + product(self.samples[here] - mean, matrix.T)
             predicted[here] = part * (1 + noise[here, None] * condition.correction_error / condition.correction)
         if "bond_force" in self.scalars:
             predicted *= (self.scalars["bond_force"] / self.chemistry.bond_force)[:, None]
@@ -262,7 +263,7 @@ class Forecaster:
         for candidate, (load, kelvin, time, error, relative) in zip(candidates, plans, strict=True):
             value = values[load, kelvin][time]
             error = relative * float(value.mean()) if relative else error
-            covariance = (value - value.mean()) @ goals / len(value)
+            covariance = product(value - value.mean(), goals) / len(value)
             gain = float((covariance**2).sum() / (value.var() + error**2))
             rows.append(
                 {
@@ -311,12 +312,12 @@ class Forecaster:
         if target is None or "energy" in target:
             mean = averaging(nodes, resolution)
             if target is None:
-                return self.samples @ mean[self.visible if self.visible.any() else slice(None)].T
+                return product(self.samples, mean[self.visible if self.visible.any() else slice(None)].T)
             energy = convert(target["energy"], "eV", "target.energy")
             if not nodes[0] <= energy <= nodes[-1]:
                 remedy = f"{nodes[0]:.3f} to {nodes[-1]:.3f} eV"
                 raise InputError.of("target.energy", energy, "is outside the energies of the density", remedy)
-            return self.samples @ mean[[int(np.argmin(np.abs(nodes - energy)))]].T
+            return product(self.samples, mean[[int(np.argmin(np.abs(nodes - energy)))]].T)
         if "hold_time" not in target:
             raise InputError.of(
                 "target", dict(target), "has neither energy nor hold_time", 'give {"energy": 1.0}, for example'

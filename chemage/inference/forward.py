@@ -23,6 +23,7 @@ from chemage.foundation import random
 from chemage.foundation.errors import InputError
 from chemage.foundation.threads import available, in_order
 from chemage.foundation.units import EV_PER_GPA_NM3
+from chemage.inference.algebra import product
 from chemage.inference.curves import MeasuredCurve
 from chemage.inference.energies import (
     GROUPS,
@@ -93,12 +94,12 @@ class Condition:
     def linear(self, density: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """ΔF at the hold times (m,), nN, and its derivative by the density (m, n)."""
         if self.mean_field is None:
-            return self.scale * (self.alone @ density), self.scale * self.alone
+            return self.scale * product(self.alone, density), self.scale * self.alone
         start = self._last.shares if self._last is not None else None
         self._last = solved = self.mean_field.solve(density, start)
         share = self.mean_field.environments.shares
         factor = self.scale * self.correction
-        value = factor * (share @ solved.shares)[self.places]
+        value = factor * product(share, solved.shares)[self.places]
         return value, factor[:, None] * np.einsum("g,gln->ln", share, solved.derivative)[self.places]
 
     def without_neighbours(self) -> np.ndarray:
@@ -156,7 +157,7 @@ class Condition:
         excess = surplus.sum(axis=0) / sizes.sum()
         scatter = surplus - sizes[:, None] * excess
         error = np.sqrt((scatter**2).sum(axis=0) / max(len(replicas) - 1, 1) * len(replicas)) / sizes.sum()
-        share = (self.mean_field.environments.shares @ solved.shares)[self.places]
+        share = product(self.mean_field.environments.shares, solved.shares)[self.places]
         self.correction, self.correction_error = _smoothed(
             np.log10(self.hold_times), excess / np.maximum(share, 1e-12), error / np.maximum(share, 1e-12)
         )
@@ -165,7 +166,7 @@ class Condition:
         """(m, N): probability that the mean field gives to sites of each fine energy of a group."""
         assert self.mean_field is not None
         windows = self.mean_field.kernel.windows[self.places]
-        return np.einsum("ls,lsj->lj", weights[self.places], windows, optimize=True)
+        return np.einsum("ls,lsj->lj", weights[self.places], windows)
 
     def _prepared(self, contact: ContactSolution, seed: int, number: int) -> tuple[Any, ...]:
         disorder, noise = replica_seeds(seed, number, "all", ())
@@ -182,7 +183,7 @@ def _smoothed(x: np.ndarray, excess: np.ndarray, error: np.ndarray) -> tuple[np.
     near = np.exp(-0.5 * ((x[:, None] - x) / (SMOOTHED / 2)) ** 2)
     # neighbouring times see the same bonds: their noise is common, and counts once
     total = (near * weight).sum(axis=1)
-    mean = (near * weight) @ excess / total
+    mean = product(near * weight, excess) / total
     own = 1 / np.maximum((near * weight).max(axis=1), 1e-300)
     kept = UNCALIBRATED**2 / (UNCALIBRATED**2 + own)
     return 1 + kept * mean, np.sqrt(kept * own)

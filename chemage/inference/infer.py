@@ -14,6 +14,7 @@ from chemage.foundation.checks import checked_count, checked_seed
 from chemage.foundation.errors import InputError, shown
 from chemage.foundation.progress import Report
 from chemage.foundation.units import KB, QuantityLike, convert
+from chemage.inference.algebra import product
 from chemage.inference.curves import MeasuredCurve, check_curves, read_curves
 from chemage.inference.energies import averaging
 from chemage.inference.families import compared, estimated, linear_problem, sampled
@@ -180,7 +181,7 @@ def _check_chemistry(curves: Sequence[MeasuredCurve], scene: Scene, unknowns: Un
 def _visible(model: Model, samples: np.ndarray, prior: np.ndarray, resolution: float) -> np.ndarray:
     """(n,) where hold times lie on both sides, and the density averaged over the resolution is narrower than before."""
     mean = averaging(model.grid.nodes, resolution)
-    after, before = samples @ mean.T, prior @ mean.T
+    after, before = product(samples, mean.T), product(prior, mean.T)
     narrower = after.std(axis=0) < NARROWER * before.std(axis=0)
     # where the density is high, its deviation may be large and still small beside it
     relative = after.std(axis=0) * before.mean(axis=0) < NARROWER * before.std(axis=0) * after.mean(axis=0)
@@ -256,7 +257,7 @@ def _inference(
         off=samples.off,
         error_terms=_error_terms(model, samples),
         fitted=fitted,
-        prior_fitted=problem.offsets[problem.start] + prior @ problem.matrices[problem.start].T,
+        prior_fitted=problem.offsets[problem.start] + product(prior, problem.matrices[problem.start].T),
         curves=tuple(
             {name: getattr(curve, name) for name in ("name", "load", "temperature", "quantity")}
             for curve in model.curves
@@ -386,7 +387,7 @@ def _above(problem: Problem, points: np.ndarray, inference: Inference) -> list[s
     share = float((whole / np.maximum(parts.sum(axis=1), 1e-300)).mean())
     if share < MAINLY or not whole.all():
         return []
-    bottom, top = band((above @ energies / whole)[:, None], 0.95)
+    bottom, top = band((product(above, energies) / whole)[:, None], 0.95)
     text = (
         f"barriers lie above the visible energies: {100 * share:.0f} % of the friction at "
         f"{inference.hold_times[last]:.3g} s comes from sites above {high:.3f} eV, on average at {bottom[0]:.2f} to "

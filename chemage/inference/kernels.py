@@ -20,14 +20,16 @@ from __future__ import annotations
 
 import math
 
-import numba as nb
 import numpy as np
+
+from chemage.foundation.kernels import kernel
+from chemage.inference.algebra import cholesky, products
 
 #: twice the logarithm by which a density is lower where it is left out
 NEGLIGIBLE = 120.0
 
 
-@nb.njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def scaled_erfc(x):
     """exp(x²) erfc(x) for x ≥ 0, to within 1e-10."""
     if x < 6.0:
@@ -36,7 +38,7 @@ def scaled_erfc(x):
     return (1.0 - y * (1.0 - 3.0 * y * (1.0 - 5.0 * y * (1.0 - 7.0 * y)))) / (x * math.sqrt(math.pi))
 
 
-@nb.njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def edge_integral(slope, curve, length):
     """∫ exp(−slope u − curve u²/2) du from 0 to ``length``; slope ≥ 0, curve > 0."""
     slope = max(slope, 1e-300)  # 0 × ∞ is no number
@@ -52,7 +54,7 @@ def edge_integral(slope, curve, length):
     return math.sqrt(math.pi / (2.0 * curve)) * max(whole - rest, 0.0)
 
 
-@nb.njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def piece(a, b, c, low, high):
     """Logarithm of ∫ exp(−(aα² + 2bα + c)/2) dα from ``low`` to ``high``."""
     centre = -b / a
@@ -67,7 +69,7 @@ def piece(a, b, c, low, high):
     return -0.5 * (a * edge * edge + 2.0 * b * edge + c) + math.log(area)
 
 
-@nb.njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def log_tail(z):
     """Logarithm of the probability that a standard normal number exceeds ``z``."""
     if z < 0.0:
@@ -75,7 +77,7 @@ def log_tail(z):
     return -0.5 * z * z + math.log(0.5 * scaled_erfc(z / math.sqrt(2.0)))
 
 
-@nb.njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def at_log_tail(log_share):
     """The z of which :func:`log_tail` is ``log_share``; at least −38, where it is 0 to double precision.
 
@@ -95,7 +97,7 @@ def at_log_tail(log_share):
     return -z if lower else z
 
 
-@nb.njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def drawn(a, b, low, high, uniform):
     """α between ``low`` and ``high`` with the density exp(−(aα² + 2bα)/2), by the tails of the normal distribution."""
     root = math.sqrt(a)
@@ -108,7 +110,7 @@ def drawn(a, b, low, high, uniform):
     return min(max((sign * z - b / root) / root, low), high)
 
 
-@nb.njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def log_misfit(x, matrix, target, areas, limit):
     """Minus half of χ² of the positive part of ``x``; −∞ where its integral exceeds ``limit``."""
     n, m = matrix.shape
@@ -127,7 +129,7 @@ def log_misfit(x, matrix, target, areas, limit):
     return -0.5 * total
 
 
-@nb.njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def sweep(x, pull, matrix, target, areas, limit, directions, pulls, uniforms):
     """Draw ``x`` (n,) anew along each of the ``directions`` (k, n), in place.
 
@@ -226,7 +228,7 @@ def sweep(x, pull, matrix, target, areas, limit, directions, pulls, uniforms):
             pull[i] += step * pulls[number, i]
 
 
-@nb.njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def log_priors(x, level, candidates, inverses, logs):
     """(k,) logarithm of the prior of ``x`` (n,) of each of the ``candidates`` (k,), but for a constant.
 
@@ -246,7 +248,7 @@ def log_priors(x, level, candidates, inverses, logs):
     return priors
 
 
-@nb.njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def solved(factor, goals):
     """(k, n) solutions of Lᵀ x = g for the rows g of ``goals`` (k, n); ``factor`` (n, n) is L, lower triangular."""
     solutions = goals.copy()
@@ -259,7 +261,7 @@ def solved(factor, goals):
     return solutions
 
 
-@nb.njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def solved_both(lower, goal):
     """(n,) solution of L Lᵀ x = ``goal``; ``lower`` (n, n) is L."""
     x = goal.copy()
@@ -274,7 +276,7 @@ def solved_both(lower, goal):
     return x
 
 
-@nb.njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def moved(x, choice, level, candidates, inverses, logs, matrix, target, areas, limit, gumbels):
     """Draw the choice among ``choice`` and the ``candidates`` (k,) other than it, at fixed v and fixed signs.
 
@@ -287,7 +289,8 @@ def moved(x, choice, level, candidates, inverses, logs, matrix, target, areas, l
         if x[i] > 0.0:
             seen[i] = matrix[i]
             pull -= level * matrix[i]
-    precision, goal = seen @ seen.T, seen @ pull
+    precision = products(seen, seen.T.copy())
+    goal = products(seen, pull.reshape((-1, 1)))[:, 0]
     log_shares, trial, kept = np.empty(n), x.copy(), x.copy()
     number = np.full(1, choice)
     best, chosen = -np.inf, choice
@@ -296,7 +299,7 @@ def moved(x, choice, level, candidates, inverses, logs, matrix, target, areas, l
             number[0] = candidates[k]
             if number[0] == choice:
                 continue
-        lower = np.linalg.cholesky(inverses[number[0]] + precision)
+        lower = cholesky(inverses[number[0]] + precision)
         mean = solved_both(lower, goal)
         after = np.zeros(n)  # of each node, what those after it pull
         value = gumbels[k + 1]
@@ -322,7 +325,7 @@ def moved(x, choice, level, candidates, inverses, logs, matrix, target, areas, l
     return chosen
 
 
-@nb.njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def curve_logs(residual, stated, floors, curve, near, scales, inflation, rare, wider):
     """(curves,) logarithms of the density of residuals (m,), each given the one before, but for a constant.
 

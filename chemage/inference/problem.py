@@ -27,6 +27,7 @@ import numpy as np
 
 from chemage.foundation.errors import InputError, nearest
 from chemage.foundation.units import QuantityLike, convert
+from chemage.inference.algebra import cholesky, forward, product, row_axes
 from chemage.inference.energies import EnergyGrid
 from chemage.inference.noise import Noise, State, fixed
 from chemage.lattices.chemistry import Chemistry
@@ -102,8 +103,10 @@ class Prior:
         inverses, logs = [], []
         for choice in range(len(self.combinations)):
             covariance = self.covariance(choice)
-            inverses.append(np.linalg.inv(covariance))
-            logs.append(-0.5 * np.linalg.slogdet(covariance)[1])
+            lower = cholesky(covariance)
+            root = forward(lower, np.eye(len(lower)))
+            inverses.append(product(root.T, root))
+            logs.append(-np.log(np.diag(lower)).sum())
         return np.stack(inverses), np.array(logs)
 
     def sample(self, count: int, areas: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -113,9 +116,9 @@ class Prior:
         for _ in range(1000 * count):
             choice = int(rng.integers(len(self.combinations)))
             if choice not in factors:
-                factors[choice] = np.linalg.cholesky(self.covariance(choice))
-            density = np.maximum(LEVEL + factors[choice] @ rng.standard_normal(self.nodes.size), 0.0)
-            if density @ areas <= 1.0:
+                factors[choice] = cholesky(self.covariance(choice))
+            density = np.maximum(LEVEL + product(factors[choice], rng.standard_normal(self.nodes.size)), 0.0)
+            if product(density, areas) <= 1.0:
                 densities.append(density)
                 if len(densities) == count:
                     break
@@ -387,7 +390,7 @@ class Hidden:
 
     def integral(self, densities: np.ndarray) -> np.ndarray:
         """(S,) shares of the sites that ``densities`` (S, n) have here."""
-        return densities[:, self.here] @ self.areas
+        return product(densities[:, self.here], self.areas)
 
     def redrawn(
         self, densities: np.ndarray, shares: np.ndarray, rng: np.random.Generator, data: Data | None = None
@@ -403,14 +406,15 @@ class Hidden:
 
     def _moved(self, peaks: Peaks, rest: np.ndarray, shares: np.ndarray, data: Data, rng: np.random.Generator) -> Peaks:
         """``peaks`` after :data:`MOVES` moves in the posterior, with the densities ``rest`` (S, n) elsewhere."""
-        tables = np.einsum("gmn,wjn->gwjm", data.matrices[:, :, self.here], self.shapes, optimize=True)
+        tables = np.einsum("gmn,wjn->gwjm", data.matrices[:, :, self.here], self.shapes)
         factor = data.factors[:, None]
-        seen = data.offsets[data.points] + np.einsum("smn,sn->sm", data.matrices[data.points], rest, optimize=True)
+        seen = data.offsets[data.points] + np.einsum("smn,sn->sm", data.matrices[data.points], rest)
         base, scale = data.values - factor * seen, factor * shares[:, None]
         # only combinations of the measurements that the peaks change
-        axes = np.linalg.svd(tables.reshape(-1, tables.shape[-1]), full_matrices=False)[2]
-        axes = axes[np.abs(tables @ axes.T).max(axis=(0, 1, 2)) > NEGLIGIBLE].T
-        tables, base = np.ascontiguousarray(tables @ axes), base @ axes
+        rows = tables.reshape(-1, tables.shape[-1])
+        axes = row_axes(product(rows.T, rows), 0.0)
+        axes = axes[np.abs(product(tables, axes.T)).max(axis=(0, 1, 2)) > NEGLIGIBLE].T
+        tables, base = product(tables, axes), product(base, axes)
 
         def misfit(peaks: Peaks) -> np.ndarray:
             at = np.minimum(peaks.place.astype(np.int64), self.count - 2)
@@ -498,6 +502,6 @@ def redrawn_outside(
         below = Hidden(grid, 0, int(inside[0]))
         some = below.redrawn(some, below.integral(some), rng, data)
     above = Hidden(grid, int(inside[-1]) + 1, grid.count)
-    left = np.maximum(1 - some @ grid.areas + above.integral(some), 0.0)
+    left = np.maximum(1 - product(some, grid.areas) + above.integral(some), 0.0)
     redrawn[chosen] = above.redrawn(some, left, rng, data)
     return redrawn

@@ -14,6 +14,7 @@ import numpy as np
 
 from chemage.foundation.threads import available, in_order
 from chemage.inference import kernels
+from chemage.inference.algebra import cholesky, forward, product, products, row_axes
 from chemage.inference.noise import State
 from chemage.inference.open import effective as effective_samples
 from chemage.inference.open import r_hat
@@ -67,7 +68,7 @@ class Chain:
 
     def __init__(self, problem: Problem, start: np.ndarray, rng: np.random.Generator) -> None:
         self.problem, self.rng = problem, rng
-        mass = float(np.maximum(start, 0.0) @ problem.areas)
+        mass = float(product(np.maximum(start, 0.0), problem.areas))
         self.x = np.ascontiguousarray(start * min(1.0, 0.999 / max(mass, 1e-12)))
         self.point, self.log_factor = problem.start, 0.0
         self.noise = problem.likelihood
@@ -129,9 +130,8 @@ class Chain:
         """Axes (n, r) of the density that the measurements tell of, and the measurements (m, r) by them."""
         if point not in self._reduced:
             matrix = self.problem.matrices[point]
-            _, size, axes = np.linalg.svd(matrix / self.problem.errors[:, None], full_matrices=False)
-            axes = axes[: max(int((size > NEGLIGIBLE).sum()), 1)].T
-            self._reduced[point] = axes, matrix @ axes
+            axes = row_axes(matrix / self.problem.errors[:, None], NEGLIGIBLE).T
+            self._reduced[point] = axes, product(matrix, axes)
         return self._reduced[point]
 
     def _rows(self, point: int, log_factor: float, complete: bool, state: State) -> tuple[np.ndarray, np.ndarray]:
@@ -146,8 +146,8 @@ class Chain:
         factor = np.exp(log_factor) * self.noise.factor(state)
         parts = self.noise.white(state, factor[:, None] * parts)
         goal = self.noise.white(state, self.problem.values - factor * self.problem.offsets[point])
-        lower = np.linalg.cholesky(parts.T @ parts + 1e-6 * np.eye(parts.shape[1]))
-        matrix, target = axes @ lower, np.linalg.solve(lower, parts.T @ goal)
+        lower = cholesky(product(parts.T, parts) + 1e-6 * np.eye(parts.shape[1]))
+        matrix, target = product(axes, lower), forward(lower, product(parts.T, goal[:, None]))[:, 0]
         if not complete:
             return np.ascontiguousarray(matrix), target
         row = self.problem.areas[:, None] / COMPLETE
@@ -155,16 +155,18 @@ class Chain:
 
     def _fitted(self, x: np.ndarray, point: int, log_factor: float) -> np.ndarray:
         """(m,) values of the model, before the calibration."""
-        return np.exp(log_factor) * (self.problem.offsets[point] + self.problem.matrices[point] @ np.maximum(x, 0.0))
+        return np.exp(log_factor) * (
+            self.problem.offsets[point] + product(self.problem.matrices[point], np.maximum(x, 0.0))
+        )
 
     def _misfit(self, x: np.ndarray, point: int, log_factor: float, state: State) -> float:
         """Half of χ² of all measurements; infinite where the integral of the density exceeds 1."""
-        mass = float(np.maximum(x, 0.0) @ self.problem.areas)
+        mass = float(product(np.maximum(x, 0.0), self.problem.areas))
         if mass > self._limit:
             return np.inf
         fitted = self.noise.factor(state) * self._fitted(x, point, log_factor)
         residual = self.noise.white(state, self.problem.values - fitted)
-        return 0.5 * float(residual @ residual) + (0.5 * ((mass - 1) / COMPLETE) ** 2 if self.complete else 0.0)
+        return 0.5 * float(product(residual, residual)) + (0.5 * ((mass - 1) / COMPLETE) ** 2 if self.complete else 0.0)
 
     @property
     def _limit(self) -> float:
@@ -181,7 +183,7 @@ class Chain:
         if key not in pattern.factors:
             matrix, _ = self._rows(pattern.point, pattern.log_factor, self.complete, pattern.state)
             seen = matrix * pattern.positive[:, None]
-            pattern.factors[key] = np.linalg.cholesky(self.problem.prior.precisions[0][self.choice] + seen @ seen.T)
+            pattern.factors[key] = cholesky(self.problem.prior.precisions[0][self.choice] + product(seen, seen.T))
         return pattern.factors[key]
 
     def _directions(self, count: int) -> np.ndarray:
@@ -225,19 +227,19 @@ class Chain:
         inverse = problem.prior.precisions[0][self.choice]
         kernels.sweep(
             self.x,
-            inverse @ (self.x - LEVEL),
+            product(inverse, self.x - LEVEL),
             matrix,
             target,
             problem.areas,
             self._limit,
             directions,
-            directions @ inverse,
+            products(directions, inverse),
             self.rng.random((len(directions), 2)),
         )
 
     def _drawn_complete(self) -> None:
         """Draw whether the density is complete: a normal density of its integral about 1, or any integral below 1."""
-        mass = float(np.maximum(self.x, 0.0) @ self.problem.areas)
+        mass = float(product(np.maximum(self.x, 0.0), self.problem.areas))
         away = (mass - 1) / COMPLETE
         odds = -0.5 * away**2 - np.log(COMPLETE * np.sqrt(2 * np.pi)) + np.log(2.0)
         self.complete = mass > 1.0 or self.rng.logistic() < odds
@@ -298,7 +300,9 @@ class Chain:
             axes, parts = self._rotated(pattern.point)
             factor = np.exp(pattern.log_factor) * self.noise.factor(pattern.state)
             slope = self.noise.white(pattern.state, factor[:, None] * parts)
-            pull = axes @ (slope.T @ self.noise.white(pattern.state, np.where(here, self.problem.values, 0.0)))
+            pull = product(
+                axes, product(slope.T, self.noise.white(pattern.state, np.where(here, self.problem.values, 0.0)))
+            )
             pattern.answers[key] = -kernels.solved_both(self._factor(pattern), pattern.positive * pull)
         return pattern.answers[key]
 
@@ -395,7 +399,7 @@ class Samples:
             problem.offsets[self.points]
             + np.einsum("smn,sn->sm", problem.matrices[self.points], self.densities, optimize=False)
             if len(problem.matrices) > 1
-            else problem.offsets[0] + self.densities @ problem.matrices[0].T
+            else problem.offsets[0] + product(self.densities, problem.matrices[0].T)
         )
         return self.factors[:, None] * values
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from chemage.inference.algebra import product
 from chemage.inference.energies import averaging
 from chemage.inference.forecast import WIDE, band
 from chemage.inference.result import Inference
@@ -42,6 +43,11 @@ class Peak:
     band: tuple[float, float]
     #: 1/eV
     height: float
+
+    def text(self, step: float) -> str:
+        """The energy with its band, which is at least a ``step`` of the energies (eV) wide."""
+        low, high = (f"{end:.3f}" for end in self.band)
+        return f"{self.energy:.3f} ± {0.5 * step:.3f} eV" if low == high else f"{self.energy:.3f} eV ({low} to {high})"
 
 
 def shares(inference: Inference, parts: int = PARTS) -> list[Share]:
@@ -142,7 +148,7 @@ def _seen(inference: Inference) -> tuple[np.ndarray, np.ndarray]:
         return energies[:0], inference.samples[:, :0]
     low, high = inference.visible_range
     inside = (energies >= low) & (energies <= high)
-    return energies[inside], inference.samples[:, inside] @ averaging(energies[inside], inference.resolution).T
+    return energies[inside], product(inference.samples[:, inside], averaging(energies[inside], inference.resolution).T)
 
 
 def _apart(samples: np.ndarray, mean: np.ndarray, at: int, other: int) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -22,6 +23,9 @@ if TYPE_CHECKING:
 
 #: counts of events stop here
 MOST_EVENTS = 2**61
+#: What says in ``resume`` how many random numbers are used up, whatever engine used them: of a run as a whole, of its
+#: selections, of each site, and of the partners that each site has met.
+COUNTERS = ("event", "drawn", "draws", "slips")
 
 
 class BondHistory(Observing, Record):
@@ -61,7 +65,8 @@ class BondHistory(Observing, Record):
     notes: tuple[str, ...] = ()
     """what the user should know of this run, in words"""
     resume: Named = {}
-    """what the engine needs to resume bit for bit; private to it"""
+    """what the engine needs to resume bit for bit; private to it, except the counters of random numbers that
+    :func:`counters_of` gives"""
     provenance: Plain = {}
     """how it was made: plain JSON values"""
     observables: Named = {}
@@ -162,6 +167,15 @@ class BondHistory(Observing, Record):
         return f"<BondHistory {self.bonds[-1]} bonds at {self.time:g} s after {self.events} events ({self.engine})>"
 
     __str__ = __repr__
+
+
+def counters_of(resume: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The counters of random numbers among what an engine needs to resume.
+
+    Every step of a chain of holds and pulls hands them on to the next one, so that no number is used twice: ``event``
+    (1,) int64, used by the run as a whole, and ``draws`` (n,) int64, used by each site. An engine counts on from them.
+    """
+    return {name: resume[name] for name in COUNTERS if name in resume}
 
 
 def _few(values: np.ndarray) -> str:

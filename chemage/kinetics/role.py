@@ -14,7 +14,7 @@ from chemage.foundation.components import Component, call_with
 from chemage.foundation.errors import InputError
 from chemage.foundation.outputs import joined, kept, recording
 from chemage.foundation.units import QuantityLike
-from chemage.kinetics.history import BondHistory
+from chemage.kinetics.history import BondHistory, counters_of
 from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.lattice import ReactionLattice
 from chemage.plugins import registry
@@ -114,7 +114,8 @@ class Engine(Component, ABC):
             ``chemage.plugin.random.CommonSeed`` as it is.
         start
             None (nothing bonded at time 0), a bool array (n,), or a finished history to resume from. Resuming with the
-            same lattice, temperature and seed equals the uninterrupted run bit for bit where ``restart`` is true.
+            same lattice, temperature and seed equals the uninterrupted run bit for bit where ``restart`` is true; with
+            others, or after a pull, it takes random numbers that no step before has used. An array begins a new run.
 
         Raises
         ------
@@ -148,6 +149,9 @@ class Engine(Component, ABC):
         self.check(lattice.interacting)
         with recording() as recorded:
             history = self._run(lattice, times, kelvin, seed, start)
+        if isinstance(start, BondHistory):
+            # an engine hands on the counters that it does not know
+            history = history.model_copy(update={"resume": {**counters_of(start.resume), **history.resume}})
         return history.noting({}, (), kept(history, recorded)) if recorded else history
 
 

@@ -82,7 +82,7 @@ class _Chemistry(Stage):
             spread = smooth_pressures if "radius" in stated["surface"] else rough_pressures
             last, temperature = float(parts["hold"].hold_times[-1]), parts["hold"].temperature
             expected = expected_kinetics(chemistry, spread(pressure), last, temperature)
-            numbers |= {"events": expected.events, "bonded": expected.bonded}
+            numbers |= {"events": expected.events, "bonded": expected.bonded, "pressure": pressure}
         return numbers
 
     def doubts(self, parts: Parts, stated: Stated) -> Iterator[Doubt]:

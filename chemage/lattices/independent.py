@@ -108,7 +108,7 @@ def expected_kinetics(chemistry: Chemistry, pressures: np.ndarray, hold_time: fl
     def mean(values: np.ndarray) -> float:
         """The mean of (pressures, forming barriers, breaking barriers)."""
         with np.errstate(under="ignore"):
-            return float((values.mean(axis=0) @ breaking_weights) @ forming_weights)
+            return float(np.sum(values.mean(axis=0) * breaking_weights * forming_weights[:, None]))
 
     bonded = sites.bonded(hold_time)
     events = mean(np.minimum(bonded + 2 * sites.broken(hold_time), 1e300))

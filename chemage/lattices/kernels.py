@@ -11,7 +11,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from chemage.foundation.kernels import kernel
 
 #: the rim is this part of the way from a pixel outside to its neighbour in contact, at most
 FURTHEST = 0.95
@@ -21,7 +22,7 @@ SMALLEST_COSINE = 0.3
 WIDE = 64
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _at(i, j, nx, ny, periodic):  # pragma: no cover - compiled
     """Flat index of pixel (i, j), wrapped where periodic; -1 outside the grid."""
     if periodic:
@@ -31,7 +32,7 @@ def _at(i, j, nx, ny, periodic):  # pragma: no cover - compiled
     return i * ny + j
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _near(i, j, nx, ny, periodic):  # pragma: no cover - compiled
     """As `_at`; outside a free grid the nearest pixel."""
     if periodic:
@@ -39,7 +40,7 @@ def _near(i, j, nx, ny, periodic):  # pragma: no cover - compiled
     return min(max(i, 0), nx - 1) * ny + min(max(j, 0), ny - 1)
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def around(pixels, place, nx, ny, periodic):  # pragma: no cover - compiled
     """The neighbours (of eight) of `pixels` that are not listed yet, which `place` is -1 for; it becomes -2."""
     count = 0
@@ -63,7 +64,7 @@ def around(pixels, place, nx, ny, periodic):  # pragma: no cover - compiled
     return found
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _way(ratio):  # pragma: no cover - compiled
     """x in (0, 1) with x³/(1 − x) = ratio, at most `FURTHEST`."""
     low, high = 0.0, FURTHEST
@@ -78,7 +79,7 @@ def _way(ratio):  # pragma: no cover - compiled
     return 0.5 * (low + high)
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _slope(i, j, nx, ny, periodic, place, level):  # pragma: no cover - compiled
     """Direction in which the level rises at a pixel, from its eight neighbours; (0, 0) where it has none."""
     gx, gy = 0.0, 0.0
@@ -94,7 +95,7 @@ def _slope(i, j, nx, ny, periodic, place, level):  # pragma: no cover - compiled
     return gx / length, gy / length
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def rim(pixels, bounds, place, opening, level, nx, ny, periodic, passes):  # pragma: no cover - compiled
     """The level of the pixels outside, negative, from their gap and the pressure of their neighbours in contact.
 
@@ -153,13 +154,13 @@ def rim(pixels, bounds, place, opening, level, nx, ny, periodic, passes):  # pra
                 level[k] = -1.5 * square
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _first(cell, sites, pixels, offset):  # pragma: no cover - compiled
     """The first site at or behind node `cell`, where site s lies at (2 s pixels + offset)/(2 sites)."""
     return -((offset - 2 * cell * sites) // (2 * pixels))
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _weights(t, values, slopes):  # pragma: no cover - compiled
     """Cubic convolution (Catmull-Rom) of four nodes at the fraction t between the middle ones, and its slope."""
     values[0] = ((-0.5 * t + 1.0) * t - 0.5) * t
@@ -172,7 +173,7 @@ def _weights(t, values, slopes):  # pragma: no cover - compiled
     slopes[3] = (1.5 * t - 1.0) * t
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _touched(i, place, inside, grid, periodic, active):  # pragma: no cover - compiled
     """Mark the cells between the rows of pixels i and i + 1 that have a pixel in contact; whether there is any."""
     nx, ny = grid
@@ -191,7 +192,7 @@ def _touched(i, place, inside, grid, periodic, active):  # pragma: no cover - co
     return found
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def most_sites(place, inside, grid, sites, periodic):  # pragma: no cover - compiled
     """How many sites lie in cells between pixels of which one is in contact."""
     nx, ny = grid
@@ -210,7 +211,7 @@ def most_sites(place, inside, grid, sites, periodic):  # pragma: no cover - comp
     return count
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def place_sites(place, inside, level, grid, sites, periodic, shift, out, values):  # pragma: no cover - compiled
     """Sites with a positive level, ascending: their number; flat index and pressure are written into `out`, `values`.
 
@@ -255,7 +256,7 @@ def place_sites(place, inside, level, grid, sites, periodic, shift, out, values)
     return count
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _cell(site, sites, pixels, offset):  # pragma: no cover - compiled
     """The node before a site, and the fraction of a pixel between them."""
     at = 2 * site * pixels + offset
@@ -263,7 +264,7 @@ def _cell(site, sites, pixels, offset):  # pragma: no cover - compiled
     return cell, (at - 2 * cell * sites) / (2.0 * sites)
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _parts(pixels, sites, offset):  # pragma: no cover - compiled
     """How many sites belong to each pixel along a side, each divided between its two nodes."""
     parts = np.zeros(pixels)
@@ -278,7 +279,7 @@ def _parts(pixels, sites, offset):  # pragma: no cover - compiled
     return parts
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def balance(place, pixels, load, grid, sites, periodic, index, values):  # pragma: no cover - compiled
     """Scale the pressures of sites, in place, so that in each neighbourhood of 3 x 3 pixels they carry the load there.
 
@@ -320,7 +321,7 @@ def balance(place, pixels, load, grid, sites, periodic, index, values):  # pragm
                 factor[k] = min(max(wanted / found, 0.5), 2.0)
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def overlaps(pixels, pressure, grid, sites, periodic, index, share, carried):  # pragma: no cover - compiled
     """The share of each site that each pixel in contact covers, and its part of the site's mean pressure: their number.
 
@@ -352,7 +353,7 @@ def overlaps(pixels, pressure, grid, sites, periodic, index, share, carried):  #
     return count
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _find_fault(neighbours, coupling):  # pragma: no cover - compiled
     n, k = neighbours.shape
     for i in range(n):

@@ -22,7 +22,7 @@ from chemage.ageing.aging import Aging
 from chemage.ageing.fitting import Fit, Model, fit_aging
 from chemage.ageing.measurements import Measurements, read_table
 from chemage.foundation.components import Component
-from chemage.foundation.errors import InputError
+from chemage.foundation.errors import InputError, printable
 from chemage.foundation.quantities import NONE, Curve, Quantity, Rank, by_name, headed
 from chemage.foundation.result import TIMES, Ageing, Result, result_of
 from chemage.foundation.text import jsonable
@@ -79,8 +79,8 @@ class Entry:
         own = type(result).rows is not Result.rows
         plain = {name: value for name, value in result.numbers().items() if isinstance(value, int | float | str | None)}
         return cls(
-            name or result.name,
-            source,
+            printable(name or result.name),
+            printable(source),
             result.title,
             dict(result.rows() if own else result.facts()),
             plain if own else dict(result.facts()),

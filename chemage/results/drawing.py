@@ -20,7 +20,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from chemage.ageing.fitting import DROPS, Friction
+from chemage.ageing.fitting import DROPS, Fit, span_text
+from chemage.ageing.measurements import Measurements
 from chemage.ageing.observables import Maps, Observed, PlottedResult
 from chemage.foundation.arranging import arrange
 from chemage.foundation.components import Component
@@ -244,6 +245,8 @@ def _calling(draw: Any, results: Sequence[PlottedResult]) -> Callable[[Axes], No
 _MARKERS = "osD^vP*X"
 #: what is drawn beside curves, such as fits, is drawn for up to this many results
 _FITTED = 4
+#: label of what has no entry in the legend
+_UNNAMED = "_"
 #: inches; small, so that the text is legible on a phone
 _SIZE = (4.9, 3.6)
 _EXPECTED = 'give its edges "X0 X1 Y0 Y1" in nm, or with units, such as "0 1um 200 800"'
@@ -298,32 +301,65 @@ def _figure(comparison: Comparison, name: str, curves: Sequence[tuple[Entry, Cur
     """Draw one curve of each result with its 95 % interval, what is known beside them, and measurements."""
     with drawn_as():
         drawn, (axes,) = plots(*_SIZE)
-        _draw_curves(axes, comparison, name, curves)
-        legend(axes)
+        legend(axes, title=_draw_curves(axes, comparison, name, curves) or None, alignment="left")
         arrange(drawn)
     return drawn
 
 
-def _draw_curves(axes: Axes, comparison: Comparison, name: str, curves: Sequence[tuple[Entry, Curve]]) -> None:
+def _draw_curves(axes: Axes, comparison: Comparison, name: str, curves: Sequence[tuple[Entry, Curve]]) -> str:
+    """Draw the curves; return the title of their legend, which says what is common to all."""
+    alone, few = len(comparison.results) == 1, len(comparison.results) <= _FITTED
+    measured = _measurements(comparison, name)
+    fits = {} if alone else {data.name: fit for data, fit in measured if fit is not None}
+    if few and not alone and name == "friction_coefficient_drop":
+        fits |= _fits(comparison)
+    words, common = _fit_words(fits)
     styles = {
         entry.name: style for entry, style in zip(comparison.results, _styles(len(comparison.results)), strict=True)
     }
-    last = [_draw_curve(axes, comparison, entry, curve, styles[entry.name]) for entry, curve in curves]
+    last = [
+        _draw_curve(axes, comparison, entry, curve, styles[entry.name], words.get(entry.name, ""))
+        for entry, curve in curves
+    ]
     sample = curves[0][1]
     axes.set(xlabel=sample.axis_of.axis, ylabel=sample.axis)
     if sample.is_distribution:
         axes.set(xlim=(0, None), ylim=(0, None))
-        return
+        return ""
     axes.set_xscale("log")
-    if len(comparison.results) <= _FITTED and name == "friction_coefficient_drop":
-        for entry, _ in curves:
-            if entry.ageing.draw_fit is not None:
-                alone = len(comparison.results) == 1
-                how = ("", "") if alone else (entry.name, _darker(styles[entry.name]["color"]))
-                entry.ageing.draw_fit(axes, *how)
-    if name in DROPS:
-        _draw_measurements(axes, comparison, name)  # pyright: ignore[reportArgumentType]
+    for entry, _ in curves if few and name == "friction_coefficient_drop" else ():
+        if entry.ageing.draw_fit is not None:
+            # the legend has its β with the curve
+            how = ("", "") if alone else (_UNNAMED, _darker(styles[entry.name]["color"]))
+            entry.ageing.draw_fit(axes, *how)
+    _draw_measurements(axes, measured, words)
     _scale(axes, last)
+    return common
+
+
+def _fits(comparison: Comparison) -> dict[str, Fit]:
+    """The line of β of each result that has one, by name."""
+    found = {}
+    for entry in comparison.results:
+        ageing = entry.ageing
+        fit = ageing.fit("line", ageing.window, "friction_coefficient_drop") if ageing.fit is not None else ""
+        if isinstance(fit, Fit) and fit.drawable:
+            found[entry.name] = fit
+    return found
+
+
+def _fit_words(fits: Mapping[str, Fit]) -> tuple[dict[str, str], str]:
+    """β of each line for the legend, and what all have in common for its title."""
+    spans = {span_text(fit.span) for fit in fits.values()}
+    words = {}
+    for name, fit in fits.items():
+        doubt = f", {fit.points} hold times" if fit.doubt else ""
+        span = f", {span_text(fit.span)}" if len(spans) > 1 else ""
+        words[name] = f", {fit.symbol_text()}{doubt}{span}"
+    if not fits:
+        return words, ""
+    over = f", {spans.pop()}" if len(spans) == 1 else ""
+    return words, f"β per decade: fitted lines{over}"
 
 
 def _styles(count: int) -> list[dict[str, Any]]:
@@ -336,9 +372,11 @@ def _legend_name(entry: Entry) -> str:
     return plain(f"{entry.name} (approximate)" if entry.approximation else entry.name)
 
 
-def _draw_curve(axes: Axes, comparison: Comparison, entry: Entry, curve: Curve, style: dict[str, Any]) -> float:
-    """Draw a curve; return its last value. A band contains the scatter between surfaces; bars are errors of replicas on
-    one surface."""
+def _draw_curve(
+    axes: Axes, comparison: Comparison, entry: Entry, curve: Curve, style: dict[str, Any], fitted: str
+) -> float:
+    """Draw a curve, with β of its ``fitted`` line in the legend; return its last value. A band contains
+    the scatter between surfaces; bars are errors of replicas on one surface."""
     if curve.is_distribution:
         axes.stairs(curve.mean, curve.x, color=style["color"], lw=1.4)
         middles, every = 0.5 * (curve.x[1:] + curve.x[:-1]), max(1, curve.mean.size // 8)
@@ -348,7 +386,7 @@ def _draw_curve(axes: Axes, comparison: Comparison, entry: Entry, curve: Curve, 
     what = curve.over
     if comparison.has_several_errors and not curve.band and " replicas," in what:
         what = what.replace(" replicas,", " replicas on one surface,")
-    label, positive = f"{_legend_name(entry)}, {what}" if what else _legend_name(entry), curve.x > 0
+    label, positive = ", ".join(filter(None, (_legend_name(entry), what))) + fitted, curve.x > 0
     x, mean, half = (values[positive] if values.size else values for values in (curve.x, curve.mean, curve.half_width))
     error = np.nan_to_num(half)
     if curve.band:
@@ -376,15 +414,24 @@ def _darker(color: str) -> str:
     return "#" + "".join(f"{round(0.6 * int(color[at : at + 2], 16)):02X}" for at in (1, 3, 5))
 
 
-def _draw_measurements(axes: Axes, comparison: Comparison, quantity: Friction) -> None:
-    """Draw measurements of a quantity, or of another that one common load turns into it, with the fit of a curve."""
+def _measurements(comparison: Comparison, quantity: str) -> list[tuple[Measurements, Fit | None]]:
+    """Measurements of a quantity, or of another that one common load turns into it, and the line fitted to each."""
+    if quantity not in DROPS:
+        return []
     loads = {entry.ageing.load for entry in comparison.results}
     load = loads.pop() if len(loads) == 1 else None
-    for number, original in enumerate(comparison.measured):
-        data = original.as_quantity(quantity, load)
-        if data is None:
-            continue
+    found = [original.as_quantity(quantity, load) for original in comparison.measured]
+    fits = [(data, comparison.measured_fit(data, "line")) for data in found if data is not None]
+    return [(data, fit if fit is not None and fit.drawable else None) for data, fit in fits]
+
+
+def _draw_measurements(
+    axes: Axes, measured: Sequence[tuple[Measurements, Fit | None]], words: Mapping[str, str]
+) -> None:
+    """Draw measurements, and the line fitted to each, which is in the legend with them where there are ``words``."""
+    for number, (data, fit) in enumerate(measured):
         positive = data.hold_times > 0
+        label = f"{data.name} (measured)" if data.error is None else f"{data.name} (measured, 95 %)"
         axes.errorbar(
             data.hold_times[positive],
             data.values[positive],
@@ -395,12 +442,11 @@ def _draw_measurements(axes: Axes, comparison: Comparison, quantity: Friction) -
             ms=5,
             lw=1,
             capsize=2,
-            label=plain(f"{data.name} (measured)" if data.error is None else f"{data.name} (measured, 95 %)"),
+            label=plain(label + words.get(data.name, "")),
         )
-        fit = comparison.measured_fit(data, "curve")
-        if fit is not None and fit.drawable:
+        if fit is not None:
             line = np.geomspace(*fit.span, 100)
-            label = plain(f"{data.name}: {fit.short_text()}")
+            label = _UNNAMED if data.name in words else plain(f"{data.name}: {fit.short_text()}")
             axes.plot(line, fit(line), color=BLACK, lw=1, ls=("--", ":", "-.")[number % 3], label=label)
 
 

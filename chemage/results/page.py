@@ -333,4 +333,4 @@ def svg(figure: Figure, alt: str, key: str) -> str:
     text = text.replace('href="#', f'href="#{key}-').replace("url(#", f"url(#{key}-")
     text = text.replace("#000000", "currentColor")
     label = f'role="img" aria-label="{escape(alt, quote=True)}" fill="currentColor"'
-    return re.sub(r"<svg\b", f"<svg {label}", text, count=1)
+    return f"<svg {label}" + text.removeprefix("<svg")

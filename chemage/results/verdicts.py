@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from chemage.ageing.covariance import CurveError, agreement
 from chemage.ageing.fitting import UNIT
 from chemage.ageing.measurements import Measurements
 from chemage.foundation.quantities import Curve
@@ -16,7 +17,7 @@ from chemage.foundation.result import Ageing
 from chemage.foundation.statistics import NORMAL_LIMIT
 from chemage.foundation.text import jsonable, plus_minus, power_text
 
-#: probability of a larger χ² by chance from which on curves agree, and below which they surely do not
+#: probability of a larger deviation by chance from which on curves agree, and below which they surely do not
 AGREE, DIFFER = 0.05, 1e-3
 #: relative standard error of the slope from which on the errors are too large to tell anything
 TELLS_NOTHING = 0.5
@@ -43,7 +44,7 @@ class Verdict:
     offset: tuple[float, float] = (math.nan, math.nan)
     slope: tuple[float, float] = (math.nan, math.nan)
     chi2: float = math.nan
-    #: probability of a larger χ² by chance
+    #: probability of a larger deviation by chance
     chance: float = math.nan
 
     @property
@@ -74,13 +75,19 @@ def verdict(data: Measurements, name: str, ageing: Ageing, curves: Mapping[str, 
     said = _model(data, ageing, curves)
     if isinstance(said, str):
         return Verdict(data.name, name, f"not compared: {said}")
-    data, mean, covariance = said
-    inside = np.isfinite(mean)
+    data, model = said
+    inside = np.isfinite(model.mean)
     if inside.sum() < 3:
         return Verdict(data.name, name, f"not compared: only {inside.sum()} hold times in common, which needs 3")
-    times, values, mean = (array[inside] for array in (data.hold_times, data.values, mean))
-    covariance = covariance[np.ix_(inside, inside)]
+    times, values, mean = (array[inside] for array in (data.hold_times, data.values, model.mean))
     own = np.full(times.size, math.nan) if data.error is None else data.error[inside]
+    known, places = model.known[np.ix_(inside, inside)], model.places[inside]
+    noise, chance, error = np.diag(own**2) + known, math.nan, None
+    if model.samples and data.error is not None:
+        error, chance = agreement(model.samples, model.curve, values, noise, places)
+    elif model.samples:
+        error = CurveError.of(model.samples, model.curve)
+    covariance = known if error is None else known + places @ error.matrix() @ places.T
     model_errors = np.sqrt(np.diag(covariance))
     weight = 1 / np.hypot(own, model_errors) if data.error is not None else np.ones(times.size)
     design = np.stack([np.ones(times.size), mean], axis=1) * weight[:, None]
@@ -101,17 +108,32 @@ def verdict(data: Measurements, name: str, ageing: Ageing, curves: Mapping[str, 
 
     residual = values - mean
     chi2 = float(residual @ np.linalg.solve(np.diag(own**2) + covariance, residual))
-    chance = float(distribution.sf(chi2, times.size))
+    if error is None:
+        chance = float(distribution.sf(chi2, times.size))
     made |= {"chi2": chi2, "chance": chance}
     fitted = float(distribution.sf(left * max(times.size - 2, 1), max(times.size - 2, 1)))
-    return Verdict(data.name, name, _in_words(made, fitted), **made)
+    text = _in_words(made, fitted)
+    if chance < AGREE and not covariance.any():
+        text += "; the result has no error of its own, as a single replica has none: age several"
+    return Verdict(data.name, name, text, **made)
 
 
-def _model(
-    data: Measurements, ageing: Ageing, curves: Mapping[str, Curve]
-) -> tuple[Measurements, np.ndarray, np.ndarray] | str:
-    """The measurements in the quantity of the result; its values (m,), nan where it has none, and their covariance; or
-    why there are none."""
+class _Model(NamedTuple):
+    """What a result says at the j hold times of measurements."""
+
+    #: (j,) its values; nan where it has none
+    mean: np.ndarray
+    #: (j, j) covariance of its errors, but for those that its samples show
+    known: np.ndarray
+    #: (m,) the curve at its own hold times, and its samples, see :class:`chemage.foundation.quantities.Curve`
+    curve: np.ndarray
+    samples: Sequence[np.ndarray]
+    #: (j, m) takes the curve to the hold times of the measurements
+    places: np.ndarray
+
+
+def _model(data: Measurements, ageing: Ageing, curves: Mapping[str, Curve]) -> tuple[Measurements, _Model] | str:
+    """The measurements in the quantity of the result, and what that says of them; or why it says nothing."""
     if ageing.predict is not None:
         if data.load is None or data.temperature is None:
             return "the table has no load and temperature at which the density would be carried forward"
@@ -120,7 +142,7 @@ def _model(
         kept = there.hold_times > 0
         mean, covariance = np.full(kept.size, math.nan), np.zeros((kept.size, kept.size))
         mean[kept], covariance[np.ix_(kept, kept)] = ageing.predict(data.load, data.temperature, there.hold_times[kept])
-        return there, mean, covariance
+        return there, _Model(mean, covariance, mean, (), np.eye(mean.size))
     kelvin = ageing.chemistry.get("temperature")
     for own, theirs, unit in ((data.load, ageing.load, "nN"), (data.temperature, kelvin, "K")):
         if own is not None and theirs is not None and abs(own - theirs) > SAME * own:
@@ -130,14 +152,26 @@ def _model(
         curve = curves.get(quantity)
         if there is None or curve is None:
             continue
-        positive = curve.x > 0
-        x, at = np.log(curve.x[positive]), np.log(np.maximum(there.hold_times, 1e-300))
-        mean = np.interp(at, x, curve.mean[positive], left=math.nan, right=math.nan)
-        half = np.nan_to_num(curve.half_width[positive]) if curve.half_width.size else np.zeros(x.size)
-        # the hold times share their bonds: their errors are taken as one
-        deviation = np.interp(at, x, half) / NORMAL_LIMIT
-        return there, mean, np.outer(deviation, deviation)
+        return there, _of_curve(curve, there.hold_times)
     return "the result has no friction against hold time"
+
+
+def _of_curve(curve: Curve, hold_times: np.ndarray) -> _Model:
+    """A curve at the hold times of measurements, linear in log t."""
+    positive = curve.x > 0
+    x, at = np.log(curve.x[positive]), np.log(np.maximum(hold_times, 1e-300))
+    places = np.stack([np.interp(at, x, one, left=math.nan, right=math.nan) for one in np.eye(x.size)], axis=1)
+    known = curve.known
+    if not known.size:
+        # of a curve without samples its interval is all that is known
+        alone = curve.half_width.size and not len(curve.samples)
+        known = curve.half_width / NORMAL_LIMIT if alone else np.zeros(curve.x.size)
+    # the errors that samples do not show are taken as one
+    shared = places @ np.nan_to_num(known[positive])
+    mean = curve.mean[positive]
+    return _Model(
+        places @ mean, np.outer(shared, shared), mean, [values[:, positive] for values in curve.samples], places
+    )
 
 
 def _trend(made: dict[str, Any]) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -24,7 +25,7 @@ from chemage.foundation.errors import (
     shortened,
     shown,
 )
-from chemage.foundation.files import check_data, described
+from chemage.foundation.files import DEEPEST, MOST_NAMES, check_data, described
 from chemage.foundation.units import in_words, is_file_path
 from chemage.plugins import registry
 from chemage.plugins.hooks import Stage
@@ -69,7 +70,7 @@ class _Parser:
         if not isinstance(data, Mapping) or not all(isinstance(name, str) for name in data):
             raise SceneError(source, [("", f"{shown(data)} is not a table of sections")])
         try:
-            check_data(dict(data))
+            check_data(dict(data), MOST_NAMES)
         except InputError as error:
             raise SceneError(source, error.problems) from None
         self.data, self.material, self.from_material = self._with_material(in_words(data))
@@ -243,6 +244,9 @@ class _Parser:
         return tuple(prefer), options
 
 
+#: a key of TOML with too many parts
+_DEEP_KEY = re.compile(rf"""(?<![\w-])(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){{{DEEPEST + 1}}}""")
+
 #: fields and sections that no title is about
 _UNTITLED = {"name", "title", "seed", "replicas", "ensemble", "accuracy"}
 
@@ -283,7 +287,7 @@ def _parsed(where: str | Path) -> tuple[dict[str, Any], str, Path | None]:
         except StoreError as error:
             raise StoreError(f"{error}: it cannot be read as a scene") from None
     data = parse_toml(text, source)
-    data.setdefault("name", path.stem)
+    data.setdefault("name", os.fsencode(path.stem).decode(errors="replace"))  # also where the locale is ASCII
     return data, source, folder
 
 
@@ -302,12 +306,14 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
     SceneError
         It is not TOML, or nested too deeply, or holds numbers or texts that are too large.
     """
+    if _DEEP_KEY.search(text):  # tomllib takes a time that grows with the square of the length of a key
+        raise SceneError(source, [("", f"a key of more than {DEEPEST} parts; write it flatter")])
     try:
         data = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # also whole numbers of thousands of digits
         raise SceneError(source, [("", f"not valid TOML: {shortened(error, 300)}")]) from None
     try:
-        check_data(data)
+        check_data(data, MOST_NAMES)
     except InputError as error:
         raise SceneError(source, error.problems) from None
     return data

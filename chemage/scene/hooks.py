@@ -32,18 +32,17 @@ class _Fit(Stage):
         return FitWindow
 
     def doubts(self, parts: Parts, stated: Stated) -> Iterator[Doubt]:
-        import numpy as np
-
-        from chemage.ageing.fitting import why_not_fitted
+        from chemage.ageing.fitting import few_hold_times, why_not_fitted
         from chemage.foundation.checks import within
 
         if self.section not in parts:
             return
         window, times = (parts[self.section].start, parts[self.section].stop), parts["hold"].hold_times
+        used = times[within(times, window) & (times > 0)]
         if reason := why_not_fitted(times, window):
             yield Doubt("fit", f"beta will not be fitted: {reason}")
-        elif (count := np.count_nonzero(within(times, window))) < 3:
-            yield Doubt("fit", f"only {count} hold times lie in the fit window; beta will be poor or absent")
+        elif doubt := few_hold_times(used.size, (used.min(), used.max())):
+            yield Doubt("fit", doubt)
 
 
 class _Ensemble(Stage):

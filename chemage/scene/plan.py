@@ -108,6 +108,11 @@ class Plan:
         return self.stated["contact"].get("gap_bytes", 0.0)
 
     @property
+    def rupture_bytes(self) -> float:
+        """Of the rupture law, for all replicas."""
+        return self.stated.get("rupture", {}).get("bytes", 0.0)
+
+    @property
     def contact_file(self) -> float:
         """Bytes of the contact as a sweep stores it."""
         fraction = 1.0 if self.area_fraction is None else self.area_fraction
@@ -202,6 +207,7 @@ class Plan:
         on = f" on {grids[1][0]} x {grids[1][1]} sites" if grids and grids[1] != grids[0] else ""
         remedy = "ask for fewer replicas, or fewer hold times" + (", or use a smaller site_density" if on else "")
         most = kept_bytes(hold.replicas, hold.hold_times.size) + (self.replica_bytes or 0.0) * self.at_once
+        most += self.rupture_bytes
         require(most, f"[hold] {hold.replicas} replicas at {hold.hold_times.size} hold times{on}", remedy)
 
     def doubts(self) -> list[Doubt]:
@@ -277,7 +283,8 @@ class Plan:
             numbers["cpu_seconds"] = contact + kinetics
         if self.contact_bytes is not None and self.replica_bytes is not None:
             held = MAP_BYTES * self.pixels + self.gap_bytes
-            numbers["memory"] = LIBRARY_BYTES + max(self.contact_bytes, held + self.replica_bytes * self.at_once)
+            stages = max(self.contact_bytes, held + self.replica_bytes * self.at_once)
+            numbers["memory"] = LIBRARY_BYTES + stages + self.rupture_bytes
         if seconds is not None:
             numbers |= {"seconds": seconds, "machine_speed": 1 / self.slowness}
         if self.seconds_range is not None:

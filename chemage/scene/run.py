@@ -26,7 +26,7 @@ from chemage.ageing.aging import (
 )
 from chemage.ageing.fitting import DROPS, FIT, FIT_WINDOW, Fit
 from chemage.ageing.replicas import keep, resumed
-from chemage.contacts.role import solve_contact
+from chemage.contacts.role import elasticity_notes, solve_contact
 from chemage.contacts.solution import ContactSolution, ContactStatistics
 from chemage.foundation.codec import EXTRA
 from chemage.foundation.errors import ChemageError, InputError, PlanWarning, StoreError, optional_module
@@ -76,7 +76,8 @@ class Run:
     @property
     def notes(self) -> tuple[str, ...]:
         """What the user should know of this result, in words."""
-        notes = [*self.contact.notes, *(self.aging.notes if self.aging is not None else ())]
+        notes = [*self.contact.notes, *elasticity_notes(self.contact)]
+        notes += self.aging.notes if self.aging is not None else ()
         notes += elastic_notes(self.aging)
         if (fit := self.fit()) is not None and fit.doubt:
             notes.append(fit.doubt)

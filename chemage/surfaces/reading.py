@@ -14,7 +14,7 @@ import numpy as np
 
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError, PluginError, StoreError
-from chemage.foundation.files import FileStamp, file_stamp, open_file
+from chemage.foundation.files import FileStamp, file_stamp, open_file, regular_file
 from chemage.foundation.units import carried
 from chemage.plugins import context, registry
 from chemage.plugins.context import note
@@ -116,6 +116,8 @@ def reader_for(path: str | PathLike[str]) -> Reader:
     readers = _readers()
     kinds = _first(_able(path, readers, ending))[0]
     if not kinds:
+        if not regular_file(path).st_size:
+            raise StoreError(f"{path} is empty, or a file of the system without a size; name another file")
         known_endings = ", ".join(sorted(readers)) or "nothing"
         what = f"files ending in {ending!r}" if ending else "a file without ending"
         general = [kind for kinds in readers.values() for kind in kinds if _general(kind)]
@@ -158,7 +160,7 @@ def _able(
     if open_:
         return open_
     for kind in general:
-        said[kind] = kind in of_ending or plugins.component("reader", kind).claims(head, path)
+        said[kind] = kind in of_ending or (head and plugins.component("reader", kind).claims(head, path))
     by_general = {kind: everyone[kind] for kind in general if said[kind]}
     return by_general or of_ending
 

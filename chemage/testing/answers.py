@@ -3,6 +3,7 @@ checks of every component that follow from that: options count, and nothing depe
 
 from __future__ import annotations
 
+import atexit
 import inspect
 import pickle
 import sys
@@ -80,6 +81,10 @@ def _worker() -> Any:
     from loky import ProcessPoolExecutor
 
     return ProcessPoolExecutor(1, timeout=600, env={"PYTHONHASHSEED": "271828"})
+
+
+# while what it calls when it is collected is there
+atexit.register(_worker.cache_clear)
 
 
 def _asked_elsewhere(path: list[str], content: bytes) -> dict[str, bytes] | None:

@@ -49,7 +49,7 @@ with open("study.toml", "w") as file:
 
 # %%
 def command(*options):
-    return [sys.executable, "-m", "chemage.cli", *options]
+    return [sys.executable, "-m", "chemage", *options]
 
 
 def sweep(points):

@@ -14,7 +14,7 @@ from PIL import Image
 
 DOCS = Path(__file__).parents[1]
 GALLERY = DOCS / "figures" / "gallery"
-CHEMAGE = [sys.executable, "-m", "chemage.cli"]
+CHEMAGE = [sys.executable, "-m", "chemage"]
 
 
 def keep(source: Path, name: str, folder: Path = GALLERY) -> None:
@@ -64,24 +64,26 @@ def sweep() -> None:
 
 
 def maps() -> None:
-    """The figures of speed against accuracy: of a tip, a rough contact and the image of its page."""
+    """The figure of speed against accuracy."""
+    subprocess.run([*CHEMAGE, "tradeoff", "silica-patch", "-o", "pareto-patch.png"], check=True)
+    keep(Path("pareto-patch.png"), "pareto-patch.png", DOCS / "figures")
+    Path("pareto-patch.png").unlink()
+
+
+def image() -> None:
+    """The spectrum of the image of its page, carried on to the sites."""
     import tomllib
 
     import tomli_w
 
     page = (DOCS / "measured.md").read_text(encoding="utf-8")
     exec(re.findall(r"^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)[0], {})
-    (surface,) = [
-        one for one in re.findall(r"^```toml\n(.*?)^```$", page, re.MULTILINE | re.DOTALL) if "[surface]" in one
-    ]
-    subprocess.run([*CHEMAGE, "init", "measured.toml", "--like", "silica-patch"], check=True)
-    scene = tomllib.loads(Path("measured.toml").read_text(encoding="utf-8")) | tomllib.loads(surface)
-    scene["contact"]["load"] = "2 uN"
-    Path("measured.toml").write_text(tomli_w.dumps(scene), encoding="utf-8")
-    for name, one in (("tip", "silica-tip"), ("rough", "silica-rough"), ("measured", "measured.toml")):
-        subprocess.run([*CHEMAGE, "tradeoff", one, "-o", f"pareto-{name}.png"], check=True)
-        keep(Path(f"pareto-{name}.png"), f"pareto-{name}.png", DOCS / "figures")
-        Path(f"pareto-{name}.png").unlink()
+    (surface,) = re.findall(r"^```toml\n(\[surface\].*?)^```$", page, re.MULTILINE | re.DOTALL)
+    subprocess.run([*CHEMAGE, "init", "image", "--like", "silica-patch"], check=True)
+    scene = tomllib.loads(Path("image.toml").read_text(encoding="utf-8")) | tomllib.loads(surface)
+    Path("image.toml").write_text(tomli_w.dumps(scene), encoding="utf-8")
+    subprocess.run([*CHEMAGE, "run", "image.toml", "--set", "contact.load=2 uN", "--replicas", "1"], check=True)
+    keep(Path("image-figures/roughened-spectrum.png"), "roughened-spectrum.png", DOCS / "figures")
 
 
 def scripts() -> None:
@@ -99,5 +101,6 @@ if __name__ == "__main__":
         temperatures()
         sweep()
         maps()
+        image()
         scripts()
         os.chdir(DOCS)

@@ -128,20 +128,6 @@ def approximations(left: Any, right: Any) -> None:
 
 
 @drawn(4.8)
-def surface_scatter(axes: Any) -> None:
-    """Scatter of β between surfaces, estimated and measured."""
-    table = rows("surface_scatter")
-    diagonal(axes, 2, 25, 1.5)
-    axes.loglog(numbers(table, "estimate_percent"), numbers(table, "beta_scatter_percent"), "o", color="C0")
-    axes.set(xlabel="estimated scatter of β (%)", ylabel="measured scatter of β (%)")
-    ticks = [2, 5, 10, 20]
-    axes.set_xticks(ticks, ticks)
-    axes.set_yticks(ticks, ticks)
-    axes.minorticks_off()
-    axes.legend(fontsize=8)
-
-
-@drawn(4.8)
 def check_estimates(axes: Any) -> None:
     """CPU time that ``chemage check`` states, and measured."""
     table = [row for row in rows("check_estimates") if " to " not in row["cpu_s_estimated"]]
@@ -170,23 +156,6 @@ def kinetics_sizes(axes: Any) -> None:
         time = [float(row[f"ns_per_event_{size}_sites"]) for size in sizes]
         axes.semilogx([float(size) for size in sizes], time, "o-", label=row["engine"])
     axes.set(xlabel="sites", ylabel="time per event (ns)", ylim=(0, None))
-    axes.legend(fontsize=8)
-
-
-@drawn(6.5)
-def inference_interaction(axes: Any) -> None:
-    """Distance of inferred densities to the truth, with the interaction and without it."""
-    table = rows("inference_interaction")
-    truths = list(dict.fromkeys(row["truth"] for row in table))
-    for column, color, shift, label in (
-        ("distance", "C0", -0.1, "interaction in the model"),
-        ("distance_without_interaction", "C3", 0.1, "left out"),
-    ):
-        at = [truths.index(row["truth"]) + shift for row in table]
-        axes.plot(numbers(table, column), at, "o", mfc="none", color=color, label=label)
-    axes.axvline(0.25, color="0.5", lw=1, ls="--", label="goal")
-    axes.set_yticks(range(len(truths)), truths)
-    axes.set(xlabel="distance to the true density, ∫ |p − p_true| dE", xlim=(0, None))
     axes.legend(fontsize=8)
 
 

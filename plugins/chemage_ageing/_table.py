@@ -40,6 +40,8 @@ from chemage.plugin import threads as processors
 
 #: nodes per k_BT of the grid of energies; cubic interpolation between them errs by 4e-5 of a rate at most
 PER_KT = 5
+#: nodes above the barriers that interpolation needs; the most of a grid, 517 eV at 300 K
+MARGIN, MOST_STEPS = 3, 100_000
 #: pressures between which the bonds of groups of sites are interpolated
 PRESSURES = 33
 #: panels of the quadrature over the barriers, each half as wide as its neighbour towards the middle: the lowest forming
@@ -63,12 +65,15 @@ def bonded_share(chemistry: Chemistry, temperature: float, hold_times: np.ndarra
     step = kt / PER_KT
     shift = shift_per_gpa(chemistry) * np.asarray(pressure, dtype=np.float64) / step
     longest = float(hold_times.max(initial=0.0))
-    # higher barriers are not crossed
-    nodes = int((np.log(max(chemistry.attempt_frequency * longest, 1.0)) + 40.0) * PER_KT) + 3
+    # barriers that are crossed, and those whose share of crossings is in proportion to the rate
+    crossed = int((np.log(max(chemistry.attempt_frequency * longest, 1.0)) + 40.0) * PER_KT) + MARGIN
+    highest = int(min(chemistry.forming.quantile(_ranks()[0]).max() / step, MOST_STEPS)) + MARGIN + 1
     # a power of two, so that contacts share the result
-    shifts = 1 << max(4, int(np.ceil(shift.max(initial=0.0)) + 3).bit_length())
-    shifts = min(shifts, nodes + 4)
-    curves = _curves(chemistry, kt, hold_times.tobytes(), nodes, shifts)  # pyright: ignore[reportArgumentType]
+    shifts = 1 << max(4, int(np.ceil(min(shift.max(initial=0.0), MOST_STEPS)) + 3).bit_length())
+    shifts = min(shifts, max(crossed, highest) + 4)
+    # pressure brings higher barriers into the range
+    nodes = max(crossed, min(crossed + shifts, highest))
+    curves = _curves(chemistry, kt, hold_times.tobytes(), crossed, nodes, shifts)  # pyright: ignore[reportArgumentType]
     return interpolated(curves, np.minimum(shift, shifts - 2.0)) * chemistry.hydroxylation
 
 
@@ -89,29 +94,35 @@ def grouped_bonds(
     part = np.clip(pressure / nodes[1] - (right - 1), 0.0, 1.0)
     at, shape = group * PRESSURES + right, groups * PRESSURES
     weights = np.bincount(at, part, shape) + np.bincount(at - 1, 1 - part, shape)
-    return weights.reshape(groups, PRESSURES) @ bonded_share(chemistry, temperature, hold_times, nodes)
+    share = bonded_share(chemistry, temperature, hold_times, nodes)
+    return np.einsum("gp,pm->gm", weights.reshape(groups, PRESSURES), share)
 
 
 @lru_cache(maxsize=32)
-def _curves(chemistry: Chemistry, kt: float, times: bytes, nodes: int, shifts: int) -> np.ndarray:
-    """The share at ``shifts`` equal steps of the barrier, (shifts + 1, m); the first row is at one step above 0."""
+def _curves(chemistry: Chemistry, kt: float, times: bytes, crossed: int, nodes: int, shifts: int) -> np.ndarray:
+    """The share at ``shifts`` equal steps of the barrier, (shifts + 1, m); the first row is at one step above 0.
+
+    ``crossed`` and ``nodes`` (at least as many): nodes of the energies of breaking and of forming barriers.
+    """
     hold_times = np.frombuffer(times)
     step = kt / PER_KT
     forming = _weights(chemistry.forming.quantile(_ranks()[0]), step, nodes)
-    share = _of_energy(chemistry, kt, hold_times, nodes)
+    share = _of_energy(chemistry, kt, hold_times, crossed, nodes)
     # barriers below 0 react as those at 0
     below = np.concatenate([np.repeat(share[:1], shifts, axis=0), share, share[-1:]])
-    rows = [forming @ below[shifts - j : shifts - j + nodes] for j in range(-1, shifts)]
+    rows = [np.einsum("i,im->m", forming, below[shifts - j : shifts - j + nodes]) for j in range(-1, shifts)]
     return np.clip(np.stack(rows), 0.0, 1.0)
 
 
-def _of_energy(chemistry: Chemistry, kt: float, hold_times: np.ndarray, nodes: int) -> np.ndarray:
+def _of_energy(chemistry: Chemistry, kt: float, hold_times: np.ndarray, crossed: int, nodes: int) -> np.ndarray:
     """The share of sites of one forming barrier, averaged over their breaking barriers, (nodes, m)."""
     energy = np.arange(nodes) / PER_KT
     forming = chemistry.attempt_frequency * np.exp(-energy)
     if chemistry.breaking is None:
         return TwoState(forming[:, None]).relaxed(hold_times)
-    weights = _weights(chemistry.breaking.quantile(_ranks()[0]), kt / PER_KT, nodes)
+    # higher barriers are not crossed
+    barriers = np.minimum(chemistry.breaking.quantile(_ranks()[0]), (crossed - MARGIN) * kt / PER_KT)
+    weights = _weights(barriers, kt / PER_KT, crossed)
     chosen = np.flatnonzero(weights)
     breaking = chemistry.attempt_frequency * np.exp(-energy[chosen])
     sites = TwoState(forming[:, None], breaking)
@@ -132,12 +143,17 @@ def _ranks() -> tuple[np.ndarray, np.ndarray]:
 
 
 def _weights(energies: np.ndarray, step: float, nodes: int) -> np.ndarray:
-    """The distribution of the barriers of all ranks on the nodes of energy, (nodes,), by cubic interpolation."""
-    place = np.clip(energies / step, 0.0, nodes - 1.0)
+    """The distribution of the barriers of all ranks on the nodes of energy, (nodes,), by cubic interpolation.
+
+    A barrier above the nodes counts at their end with the ratio of both rates, to which such a share is in proportion.
+    """
+    beyond = np.maximum(energies / step - (nodes - MARGIN), 0.0)
+    ranked = _ranks()[1] * np.exp(-beyond / PER_KT)
+    place = np.clip(energies / step, 0.0, nodes - float(MARGIN))
     shares = np.zeros(nodes)
     first, parts = cubic(place, lowest=-1)
     for offset, part in enumerate(parts):
-        shares += np.bincount(np.clip(first + offset, 0, nodes - 1), _ranks()[1] * part, nodes)
+        shares += np.bincount(np.clip(first + offset, 0, nodes - 1), ranked * part, nodes)
     return shares
 
 
@@ -216,8 +232,7 @@ class Setting:
     @property
     def pressure_step(self) -> float:
         """Distance of the pressures of the table, GPa; 0 where bonds do not depend on the pressure."""
-        shift = abs(shift_per_gpa(self.chemistry))
-        return STEP * KB * self.temperature / shift if shift else 0.0
+        return pressure_step(self.chemistry, self.temperature)
 
     def identity(self) -> dict[str, Any]:
         """As plain JSON values; equal for equal tables."""
@@ -234,6 +249,12 @@ class Setting:
             "accuracy": self.accuracy,
             "grid": [SIDE, BAND, THINNED, PER_DECADE, STEP],
         }
+
+
+def pressure_step(chemistry: Chemistry, temperature: float) -> float:
+    """Distance of the pressures of a table, GPa; 0 where bonds do not depend on the pressure."""
+    shift = abs(shift_per_gpa(chemistry))
+    return STEP * KB * temperature / shift if shift else 0.0
 
 
 @dataclass

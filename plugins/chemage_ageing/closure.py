@@ -27,17 +27,21 @@ from chemage.plugin import (
 from chemage_ageing import _table
 from chemage_ageing._table import bonded_share, cubic
 
-#: largest relative error of the mean number of bonds: 3.7 % on the contacts of the constants below, 2.8 % on those of
-#: the validation (``tests/benchmarks/closure_errors.py``)
-LARGEST_ERROR = 0.04
-#: standard error of the approximation: of what the interaction changes at the rim, weighted by the square of the share
-#: of neighbours that are missing, as the others lack neighbours as well; of what unequal pressures change. Most likely
-#: values for 83 contacts, none of which is among those of the validation (``tests/benchmarks/closure_errors.py``)
-RIM_ERROR, UNEVEN_ERROR = 0.089, 0.065
+#: largest relative error of the mean number of bonds on 136 contacts from 50 to 600 K and up to 20 GPa, on 24 sites
+#: under a tip at 137 K (``tests/benchmarks/closure_errors.py --wide``)
+LARGEST_ERROR = 0.14
+#: standard error of the approximation: of the most that the interaction has changed at the rim until then, weighted by
+#: the square of the share of neighbours that are missing, as the others lack neighbours as well; of what unequal
+#: pressures change. Most likely values for 35 contacts from 50 to 600 K and up to 20 GPa, none of which is among those
+#: of the validation (``tests/benchmarks/closure_errors.py --wide``)
+RIM_ERROR, UNEVEN_ERROR = 0.145, 0.13
 #: relative error of sites that do not interact: the quadrature
 INDEPENDENT_ERROR = 2e-4
-#: CPU seconds of a table at the default accuracy, at most, measured on rough contacts and tips of silica
-TABLE_SECONDS = 100.0
+#: CPU seconds of a pressure of a table at the default accuracy, at most, measured from 120 to 570 K; of coarser ones at
+#: least so much of that
+NODE_SECONDS, COARSE_SHARE = 4.0, 0.5
+#: the most pressures of a table where the contact is not known
+USUAL_NODES = 25
 #: of the share of the sites under the highest pressures, the change is taken at the pressure at which they begin
 TAIL = 1e-6
 #: the most pressures of a table
@@ -95,13 +99,26 @@ class Closure(AgeingMethod):
             )
 
     def expected(
-        self, sites: float, kinetics: Mapping[str, float], replicas: int, interacting: bool = False
+        self,
+        sites: float,
+        kinetics: Mapping[str, float],
+        replicas: int,
+        interacting: bool = False,
+        chemistry: Chemistry | None = None,
+        temperature: float = 300.0,
+        mean_pressure: float | None = None,
     ) -> dict[str, float]:
         """Memory and time of a curve; of sites that interact a range, as the table may have yet to be made."""
         curve = 0.02 + 1e-6 * sites
         cost = {"cpu_seconds": curve, "bytes": 3e7 + 40.0 * sites}
         if interacting:
-            most = curve + TABLE_SECONDS * (0.01 / self.accuracy) ** 2
+            nodes = USUAL_NODES
+            if chemistry is not None and mean_pressure is not None:
+                # a rough contact has the highest pressures
+                highest = mean_pressure * math.sqrt(-4 / math.pi * math.log(TAIL))
+                step = _table.pressure_step(chemistry, temperature)
+                nodes = 4 + int(highest / step) if step else 1
+            most = curve + nodes * NODE_SECONDS * max((0.01 / self.accuracy) ** 2, COARSE_SHARE)
             cost |= {"cpu_seconds": math.sqrt(curve * most), "cpu_seconds_least": curve, "cpu_seconds_most": most}
         return cost
 
@@ -112,7 +129,7 @@ class Closure(AgeingMethod):
         per_area = chemistry.sites_per_area(request.contact)
         sites = np.array([chemistry.hydroxylation * statistics.contact_area * per_area])
         independent = bonded_share(chemistry, request.temperature, times, statistics.pressure)
-        bonds = (statistics.area * per_area) @ independent
+        bonds = np.einsum("c,cm->m", statistics.area * per_area, independent)
         error, notes, took = np.full(times.size, INDEPENDENT_ERROR), (), _table.Took()
         source = f"at most {100 * INDEPENDENT_ERROR:g} %, of the quadrature"
         if chemistry.interaction is not None and statistics.pressure.size:
@@ -161,10 +178,10 @@ class Closure(AgeingMethod):
             )
         took = _table.taking_part(setting)
         nodes, notes = self._nodes(setting, needed, took, request)
-        change, error = (
-            _in_time(setting, request.hold_times, np.stack([getattr(nodes[number], name) for number in needed]))
-            for name in ("change", "error")
-        )
+        tabulated = [np.stack([getattr(nodes[number], name) for number in needed]) for name in ("change", "error")]
+        # an error in bonds that formed early stays when the interaction changes little any more
+        tabulated.append(np.maximum.accumulate(np.abs(tabulated[0]), axis=-1))
+        change, error, largest = (_in_time(setting, request.hold_times, values) for values in tabulated)
         # (classes, nodes): the part of each node of the table in the pressure of each class
         part = np.zeros((first.size, len(needed)))
         for offset, weight in enumerate(parts):
@@ -175,7 +192,7 @@ class Closure(AgeingMethod):
             present = _rim_of_statistics(statistics, per_area, setting.most)
             effective = np.zeros((*present.shape, request.hold_times.size)) + present[..., None]
             effective = np.pad(effective, ((0, 0), (0, len(BEYOND)), (0, 0)))
-        return _changed(part, change, np.abs(error), present, effective, independent), notes, took
+        return _changed(part, change, np.abs(error), present, effective, independent, largest), notes, took
 
     def _nodes(
         self, setting: _table.Setting, needed: list[int], took: _table.Took, request: AgeingRequest
@@ -216,12 +233,13 @@ def _changed(
     present: np.ndarray,
     effective: np.ndarray,
     independent: np.ndarray,
+    largest: np.ndarray,
 ) -> _Changed:
     """The change of all sites from that of each number of neighbours.
 
     ``part`` (classes, nodes); ``change`` and ``error`` (nodes, neighbours + 1, m); ``present`` (classes, neighbours
     + 1): sites with so many neighbours; ``effective`` (classes, columns, m): sites with so many effective neighbours,
-    see :data:`BEYOND`; ``independent`` (classes, m).
+    see :data:`BEYOND`; ``independent`` (classes, m); ``largest``, like ``change``: its largest magnitude until then.
     """
     most = change.shape[1] - 1
     inside = change[:, -1]
@@ -237,11 +255,12 @@ def _changed(
     own[:, -1] += np.einsum("kjm,jkm->km", weights[:, most + 1 :], slope)
     table = np.sqrt(np.einsum("kjm,kjm->m", own**2, error**2))
     # (classes, neighbours + 1, m): what would change if neighbours were all under the pressure of the site
-    alike = np.einsum("ck,kjm->cjm", part, change) * (present[..., None] * independent[:, None])
+    alone = present[..., None] * independent[:, None]
+    alike = np.einsum("ck,kjm->cjm", part, change) * alone
     lack = 1 - np.arange(most + 1) / most
-    rim = np.einsum("cjm,j->m", np.abs(alike), lack**2)
+    rim = np.einsum("cjm,j->m", np.abs(np.einsum("ck,kjm->cjm", part, largest) * alone), lack**2)
     uneven = np.abs(
-        alike.sum(axis=1) - np.einsum("ck,cjm,kjm->cm", part, effective * independent[:, None], columns, optimize=True)
+        alike.sum(axis=1) - np.einsum("ck,cjm,kjm->cm", part, effective * independent[:, None], columns)
     ).sum(axis=0)
     return _Changed(bonds, table, np.hypot(RIM_ERROR * rim, UNEVEN_ERROR * uneven))
 

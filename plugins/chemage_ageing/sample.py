@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, NamedTuple
 
@@ -9,13 +10,16 @@ import numpy as np
 from pydantic import Field
 
 from chemage import Chemistry, InputError
-from chemage.plugin import AgedBonds, AgeingMethod, AgeingRequest, Engine, Unit, random
+from chemage.plugin import AgedBonds, AgeingMethod, AgeingRequest, Engine, Unit, random, statistics
 from chemage_ageing._table import grouped_bonds
 
 STREAM = "chemage-ageing/windows"
 
 #: windows of a replica, and of all together, that the error can be estimated from
 FEWEST, FEWEST_IN_ALL = 6, 20
+#: relative standard error of the bonds, known beforehand, above which so few are counted (20) that their scatter is
+#: often too small by chance
+FEW_BONDS = 20**-0.5
 HANSEN = """@article{hansen1943,
   author = {Hansen, M. H. and Hurwitz, W. N.},
   title = {On the theory of sampling from finite populations},
@@ -36,7 +40,8 @@ class Sample(AgeingMethod):
     (1943)), which is free of bias, and corrected by the bonds of independent sites, which are known for every square
     without simulation: a regression estimator, whose coefficient comes from the other half of the windows, so that it
     is free of bias too. Estimates of a replica may therefore be below zero or above the sites where bonds are few or
-    nearly all formed. What is left is the bias of a margin of finite width.
+    nearly all formed. What is left is the bias of a margin of finite width. Where fewer than about 20 bonds are counted
+    in all replicas, the coefficient is 1, and the replicas scatter at least as those of independent sites do.
     """
 
     kind = "sample"
@@ -136,18 +141,32 @@ class Sample(AgeingMethod):
         # what each window says of the whole: (replicas, windows, m)
         scale = np.stack([sites / windows.held[replica.drawn] for replica in replicas])[..., None]
         bonds = np.stack([replica.bonds for replica in replicas]) * scale
-        alone = np.stack([compared[replica.drawn] for replica in replicas]) * scale - compared.sum(axis=0)
+        total = compared.sum(axis=0)
+        alone = np.stack([compared[replica.drawn] for replica in replicas]) * scale - total
+        count = bonds.shape[1]
+        # standard error of the mean if sites are independent and the coefficient is 1
+        share = np.clip(compared / windows.held[:, None], 0.0, 1.0)
+        known = np.sqrt(sites * (share * (1 - share)).sum(axis=0) / (count * len(replicas)))
+        few = known > FEW_BONDS * total
         values = np.empty_like(bonds)
         for half in (0, 1):
             own, other = slice(half, None, 2), slice(1 - half, None, 2)
-            values[:, own] = bonds[:, own] - _coefficient(bonds[:, other], alone[:, other]) * alone[:, own]
+            coefficient = np.where(few, 1.0, _coefficient(bonds[:, other], alone[:, other]))
+            values[:, own] = bonds[:, own] - coefficient * alone[:, own]
+        windowed = values.var(axis=1, ddof=1) / count
+        error = np.sqrt(windowed.sum(axis=0)) / len(replicas) * _few(bonds[:, 1::2, 0].size)
+        error = np.where(few, np.maximum(error, known), error)
         estimates = values.mean(axis=1)
-        count = bonds.shape[1]
-        mean, windowed = estimates.mean(axis=0), values.var(axis=1, ddof=1) / count
-        error = np.sqrt(windowed.sum(axis=0)) / len(replicas)
+        mean = estimates.mean(axis=0)
         reactive = sites * request.chemistry.hydroxylation
         followed = np.mean([replica.sites for replica in replicas]) / reactive
-        note = f"{replicas[0].drawn.size} windows a replica; {100 * followed:.2g} % of the sites were followed"
+        notes = [f"{replicas[0].drawn.size} windows a replica; {100 * followed:.2g} % of the sites were followed"]
+        if (few & (total > 0)).any():
+            last = request.hold_times[few & (total > 0)].max()
+            notes.append(
+                f"fewer than about 20 bonds are counted until {last:g} s: their scatter between replicas is often too "
+                "small by chance, the error of sampling that is stated is not; a larger share counts more"
+            )
         return AgedBonds.of(
             [replica.origin for replica in replicas],
             # not limited to what is possible, which would bias their mean where bonds are few or nearly all there
@@ -155,7 +174,7 @@ class Sample(AgeingMethod):
             sites=np.full(len(replicas), reactive),
             errors={"sampling": np.divide(error, mean, out=np.full(mean.shape, np.nan), where=mean > 0)},
             error_sources={"sampling": "from the scatter of the windows; part of the scatter of the replicas"},
-            notes=(note,),
+            notes=tuple(notes),
         )
 
 
@@ -178,6 +197,12 @@ def _coefficient(bonds: np.ndarray, alone: np.ndarray) -> np.ndarray:
     spread = (centred**2).sum(axis=(0, 1))
     together = (centred * bonds).sum(axis=(0, 1))
     return np.divide(together, spread, out=np.zeros(spread.shape), where=spread > 0)
+
+
+def _few(windows: int) -> float:
+    """By how much the standard error is larger because the coefficient comes from so many windows, which adds its own
+    error (Cochran, Sampling Techniques, 3rd ed. (1977), section 12.6), and the error itself (Student's t)."""
+    return math.sqrt(1 + 1 / (windows - 3)) * statistics.student_limit(windows - 2) / statistics.NORMAL_LIMIT
 
 
 class Windows(NamedTuple):

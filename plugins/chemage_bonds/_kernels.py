@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import numba as nb
 import numpy as np
 
-from chemage.plugin import random
+from chemage.plugin import kernel, random
 
 #: (row, column) steps to the neighbours in the slots of a site's row; slot 7 − s is the opposite of slot s
 SLOTS = ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1))
 
 
-@nb.njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def row_starts(sites: np.ndarray, nx: int, ny: int) -> np.ndarray:
     """Where each row of pixels begins in the sorted list ``sites``: (nx + 1,) int64.
 
@@ -33,7 +32,7 @@ def row_starts(sites: np.ndarray, nx: int, ny: int) -> np.ndarray:
     return starts
 
 
-@nb.njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def eight_neighbours(sites: np.ndarray, starts: np.ndarray, nx: int, ny: int, periodic: bool, out: np.ndarray) -> None:
     """Fill ``out`` (n, 8) int32 with the positions of the eight nearest neighbours in the list, or -1.
 
@@ -86,7 +85,7 @@ def eight_neighbours(sites: np.ndarray, starts: np.ndarray, nx: int, ny: int, pe
                         out[i, s if s < 4 else s - 1] = found
 
 
-@nb.njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def pair_couplings(
     sites: np.ndarray,
     neighbours: np.ndarray,

@@ -116,7 +116,7 @@ class Ramp(NamedTuple):
             left = 1 - lowered / np.maximum(self.barrier, 1e-300)[:, None]
             slopes = np.maximum(left, 1e-300) ** (self.exponent - 1) if self.exponent < 1 else 1.0
             survival = np.exp(np.exp(log_unit[:, None] + lowered) * np.expm1(-lowered))
-            total += ((slopes * survival) @ weights) * half[:, 0]
+            total += np.einsum("...i,i->...", slopes * survival, weights) * half[:, 0]
         corner, end = self.force(top), self.barrier / self.exponent
         at_corner = np.exp(-self.attempts * np.exp(top - self.barrier) * -np.expm1(-top))
         return total + at_corner * (

@@ -9,11 +9,12 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from numba import njit
 from numpy.typing import NDArray
 
+from chemage.plugin import kernel
+
 Array = NDArray[Any]
-_OPTIONS = {"cache": True, "nogil": True, "fastmath": {"reassoc", "nsz", "contract"}, "error_model": "numpy"}
+_OPTIONS = {"nogil": True, "fastmath": {"reassoc", "nsz", "contract"}, "error_model": "numpy"}
 #: exponential attraction beyond so many ranges is none
 _FAR = 60.0
 
@@ -29,7 +30,7 @@ class Law(NamedTuple):
     """of the constant stress: half the length over which it falls to zero, about the range"""
 
 
-@njit(**_OPTIONS)
+@kernel(**_OPTIONS)
 def attraction(gap, law):
     """Stress, energy (≤ 0) and derivative of the stress (≤ 0) at a gap ≥ 0."""
     peak = law.work / law.range
@@ -48,7 +49,7 @@ def attraction(gap, law):
     return peak * part, -peak * law.ramp * part * part, -0.5 * peak / law.ramp
 
 
-@njit(**_OPTIONS)
+@kernel(**_OPTIONS)
 def displaced(lo, hi, x, h, rise, u):
     """u = x + h + rise on the surface, x beyond it."""
     nx, ny = h.shape
@@ -60,7 +61,7 @@ def displaced(lo, hi, x, h, rise, u):
                 u[i, j] += h[i, j] + rise
 
 
-@njit(**_OPTIONS)
+@kernel(**_OPTIONS)
 def balance(lo, hi, x, p, law, shape, part):
     """part = (Σ p + stress, Σ 1) over the surface where the gap is open."""
     for i in range(lo, min(hi, shape[0])):
@@ -74,7 +75,7 @@ def balance(lo, hi, x, p, law, shape, part):
         part[i, 1] = count
 
 
-@njit(**_OPTIONS)
+@kernel(**_OPTIONS)
 def gradient(lo, hi, x, p, h, rise, mean, law, r, part):
     """r = gradient of the energy on the working set (gap open, or closed under tension), 0 elsewhere.
 
@@ -116,7 +117,7 @@ def gradient(lo, hi, x, p, h, rise, mean, law, r, part):
         part[i, 5], part[i, 6], part[i, 7], part[i, 8], part[i, 9] = s5, s6, s7, s8, s9
 
 
-@njit(**_OPTIONS)
+@kernel(**_OPTIONS)
 def products(lo, hi, r, before, z, shift, part):
     """Take z off outside the working set (r = 0); part = (Σ (r − shift) z, Σ before z, Σ z) on it."""
     for i in range(lo, hi):
@@ -132,7 +133,7 @@ def products(lo, hi, r, before, z, shift, part):
         part[i, 0], part[i, 1], part[i, 2] = a, b, c
 
 
-@njit(**_OPTIONS)
+@kernel(**_OPTIONS)
 def direction(lo, hi, r, z, shift, beta, d, part):
     """d = shift − z + β d on the working set, 0 elsewhere; part = (Σ r d,)."""
     for i in range(lo, hi):
@@ -147,7 +148,7 @@ def direction(lo, hi, r, z, shift, beta, d, part):
         part[i, 0] = total
 
 
-@njit(**_OPTIONS)
+@kernel(**_OPTIONS)
 def along(lo, hi, x, d, step, law, shape, part):
     """part = (Σ change of stress · d, Σ derivative of stress · d²) at a step along d."""
     for i in range(lo, min(hi, shape[0])):
@@ -162,7 +163,7 @@ def along(lo, hi, x, d, step, law, shape, part):
         part[i, 0], part[i, 1] = a, b
 
 
-@njit(**_OPTIONS)
+@kernel(**_OPTIONS)
 def move(lo, hi, x, d, step, shift, shape, out, part):
     """out = x + step·d − shift, on the surface not below zero; part = (pixels stopped there, Σ out, pixels open)."""
     nx, ny = shape

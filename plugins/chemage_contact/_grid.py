@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from scipy import fft as sfft
 
 from chemage import InputError
+from chemage.plugin import algebra
 
 from . import _kernels as kernels
 from ._kernels import Heights, State
@@ -190,7 +191,7 @@ class Convolution:
         weight[0] = 1.0
         if columns % 2 == 0 and columns > 1:
             weight[-1] = 1.0
-        squares = np.square(self._symbol, dtype=np.float64) @ weight
+        squares = np.einsum("ij,j->i", np.square(self._symbol, dtype=np.float64), weight)
         if squares.size != rows:
             squares[1 : (rows + 1) // 2] *= 2.0
         return math.sqrt(float(squares.sum()) / (rows * columns))
@@ -360,9 +361,9 @@ def _fitted(symbol: Floats, far: Floats) -> Floats:
         np.cos(np.outer(np.arange(kernels.REACH + 1), q)) * np.where(np.arange(kernels.REACH + 1) == 0, 1, 2)[:, None]
     )
     matrix = np.stack([(np.outer(cosine[a], cosine[b]) * weight).ravel() for a, b in pairs], axis=1)
-    # Normal equations, summed without BLAS: its threads would take longer to wake than this takes to add.
+    # Without BLAS, whose sums differ between processors.
     normal = np.einsum("ka,kb->ab", matrix, matrix)
-    values = np.linalg.solve(normal, np.einsum("ka,k->a", matrix, (rest * weight).ravel()))
+    values = algebra.solve(normal, np.einsum("ka,k->a", matrix, (rest * weight).ravel()))
     stencil = np.zeros((kernels.REACH + 1, kernels.REACH + 1))
     for (a, b), value in zip(pairs, values, strict=True):
         stencil[a, b] = value

@@ -22,8 +22,9 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from chemage.plugin import kernel
 
 Array = NDArray[Any]
 
@@ -38,7 +39,7 @@ REACH = 4
 LINE = 576
 _U = np.uint64
 # Reassociation lets sums use vector registers; infinities and NaN keep their meaning.
-_OPTIONS = {"cache": True, "nogil": True, "fastmath": {"reassoc", "nsz", "contract"}, "error_model": "numpy"}
+_OPTIONS = {"nogil": True, "fastmath": {"reassoc", "nsz", "contract"}, "error_model": "numpy"}
 
 
 class Blocks(NamedTuple):
@@ -101,7 +102,7 @@ def widths(columns: int) -> tuple[int, int]:
     return width, math.ceil(columns / width)
 
 
-@njit(**_OPTIONS)
+@kernel(**_OPTIONS)
 def _block(blocks, b, columns):
     """Row, first column and end column of block b."""
     row = b // blocks.per_row
@@ -109,7 +110,7 @@ def _block(blocks, b, columns):
     return row, start, min(columns, start + blocks.width)
 
 
-@njit(**_OPTIONS)
+@kernel(**_OPTIONS)
 def advance(lo, hi, blocks, state, y, factor, hardness, part):
     """r += factor·y; part[b] = (Σ r, Σ 1) over free pixels. Reads p, y; updates r."""
     p, r = state.p, state.r
@@ -131,7 +132,7 @@ def advance(lo, hi, blocks, state, y, factor, hardness, part):
         part[b, 1] = count
 
 
-@njit(**_OPTIONS)
+@kernel(**_OPTIONS)
 def residual(lo, hi, blocks, state, offset, hardness, v, part):
     """Residual on the working set, all free pixels and those whose gap has the wrong sign (gap < 0 where p = 0, gap > 0
     where p is the hardness): v = -gap there, 0 elsewhere.
@@ -182,7 +183,7 @@ def residual(lo, hi, blocks, state, offset, hardness, v, part):
         part[b, 5] = through
 
 
-@njit(**_OPTIONS)
+@kernel(**_OPTIONS)
 def indicator(lo, hi, blocks, v, out, clear):
     """out = 1 on the working set, 0 elsewhere; blocks that are not active are only written if ``clear``. Reads v."""
     for b in range(lo, hi):
@@ -195,7 +196,7 @@ def indicator(lo, hi, blocks, v, out, clear):
             ob[:] = 0
 
 
-@njit(**_OPTIONS)
+@kernel(**_OPTIONS)
 def products(lo, hi, blocks, search, share, uniform, part):
     """z -= share·max(outward - uniform, 0)·v on the working set, 0 elsewhere in active blocks, and sums over the set:
     part[b] = (Σ z, Σ z·v, Σ d, Σ d·v, Σ z·y, Σ d·y, Σ y). Reads v, outward, d, y; updates z.
@@ -238,7 +239,7 @@ def products(lo, hi, blocks, search, share, uniform, part):
         part[b, 6] = sy
 
 
-@njit(**_OPTIONS)
+@kernel(**_OPTIONS)
 def direction(lo, hi, blocks, search, beta, shift, clear, terms, part):
     """d = z + beta·d - shift on the working set, 0 elsewhere; blocks that are not active are only written if
     ``clear``. part[b] = (Σ d², Σ z² + (beta·d)² if ``terms``, else 0), from which cancellation is recognised. Reads v,
@@ -265,7 +266,7 @@ def direction(lo, hi, blocks, search, beta, shift, clear, terms, part):
         part[b, 1] = both
 
 
-@njit(**_OPTIONS)
+@kernel(**_OPTIONS)
 def projection(lo, hi, blocks, p, d, step, shift, hardness, part):
     """Sums of q - shift, cut to the bounds of the pressure, with q = p + step·d, without storing it: part[b] = (its
     sum, pixels where it is free, Σ of its squared difference from q). With a hardness, pixels with d = 0 stay as they
@@ -298,7 +299,7 @@ def projection(lo, hi, blocks, p, d, step, shift, hardness, part):
         part[b, 2] = squares
 
 
-@njit(**_OPTIONS)
+@kernel(**_OPTIONS)
 def move(lo, hi, blocks, p, d, step, shift, scale, hardness, part):
     """p = scale·max(p + step·d - shift, 0), at most the hardness (see ``projection``), and d = the change of p.
     part[b] = Σ p. Updates p, d.
@@ -328,7 +329,7 @@ def move(lo, hi, blocks, p, d, step, shift, scale, hardness, part):
         part[b, 0] = total
 
 
-@njit(**_OPTIONS)
+@kernel(**_OPTIONS)
 def correct(lo, hi, blocks, search, e, step, factor, part):
     """A step of the linear correction on the working set: e += step·d, v -= factor·y. part[b] = (Σ e², largest |e|,
     Σ v, Σ v²). Reads d, y; updates e, v. The working set stays marked by v ≠ 0."""
@@ -359,7 +360,7 @@ def correct(lo, hi, blocks, search, e, step, factor, part):
         part[b, 3] = rest
 
 
-@njit(**_OPTIONS)
+@kernel(**_OPTIONS)
 def subtract(lo, hi, blocks, u, heights, factor, base, state, hardness, part):
     """r = factor·u - (values - top)·scale + base with the heights' values, top and factor (scale), in every block;
     part[b] = (Σ r, Σ 1) over free pixels. Reads u, the heights and p; writes r."""
@@ -388,7 +389,7 @@ def convert(lo, hi, x, out):
         np.copyto(out[lo:hi], x[lo:hi], casting="same_kind")
 
 
-@njit(**_OPTIONS)
+@kernel(**_OPTIONS)
 def totals(lo, hi, p, r, part):
     """part[row] = (Σ p, Σ p·|r|, least p). Reads p, r."""
     for i in range(lo, hi):
@@ -406,7 +407,7 @@ def totals(lo, hi, p, r, part):
         part[i, 2] = least
 
 
-@njit(**_OPTIONS)
+@kernel(**_OPTIONS)
 def scale(lo, hi, p, factor, hardness, part):
     """p *= factor, up to the hardness and except where p is it already; part[row] = Σ p. Updates p."""
     for i in range(lo, hi):
@@ -427,7 +428,7 @@ def extremes(lo, hi, heights, part):
     np.max(heights[lo:hi], axis=1, out=part[lo:hi, 1])
 
 
-@njit(**_OPTIONS)
+@kernel(**_OPTIONS)
 def moments(lo, hi, heights, top, factor, part):
     """part[row] = (mean, Σ (x - mean)²) of x = (heights - top)·factor. Reads heights, twice but from cache."""
     for i in range(lo, hi):
@@ -454,7 +455,7 @@ def standardise(lo, hi, heights, out):
             np.multiply(below, heights.factor, out=out[here], casting="same_kind")
 
 
-@njit(**_OPTIONS)
+@kernel(**_OPTIONS)
 def quadratic_form(lo, hi, spectrum, symbol, ny, part):
     """part[row] = Σ w |spectrum|² symbol over a half spectrum (nx, ny//2+1), w the multiplicity of a column."""
     nx, columns = spectrum.shape
@@ -472,7 +473,7 @@ def quadratic_form(lo, hi, spectrum, symbol, ny, part):
         part[i, 0] = 2.0 * total - edges
 
 
-@njit(**_OPTIONS)
+@kernel(**_OPTIONS)
 def multiply(lo, hi, spectrum, symbol):
     """spectrum *= symbol, in place. Symbols even in the first wave number may come with half the rows."""
     nx, columns = spectrum.shape
@@ -483,7 +484,7 @@ def multiply(lo, hi, spectrum, symbol):
             s[k] = s[k] * g[k]
 
 
-@njit(**_OPTIONS)
+@kernel(**_OPTIONS)
 def multiply_packed(lo, hi, z, symbol, turn):
     """The spectrum of a real array times a symbol, both of them packed: in place, rows lo … hi of 0 … nx//2 and -lo …
 
@@ -514,7 +515,7 @@ def multiply_packed(lo, hi, z, symbol, turn):
             there[o] = complex(new_re + other_im, other_re - new_im)
 
 
-@njit(**_OPTIONS)
+@kernel(**_OPTIONS)
 def resample_pressure(lo, hi, source, rows, columns, hardness, target):
     """As ``resample``, but zero where pixels without pressure make up more than half of the interpolation weights, and
     the hardness where pixels that yield do.
@@ -538,7 +539,7 @@ def resample_pressure(lo, hi, source, rows, columns, hardness, target):
             target[i, j] = value if inside >= 0.5 else 0.0
 
 
-@njit(**_OPTIONS)
+@kernel(**_OPTIONS)
 def resample(lo, hi, source, rows, columns, target):
     """Bilinear resampling, rows lo … hi of target, from the interpolation along ``rows`` and along ``columns``."""
     j0, j1, wj = columns.lower, columns.upper, columns.weight
@@ -551,7 +552,7 @@ def resample(lo, hi, source, rows, columns, target):
             target[i, j] = left + wj[j] * (right - left)
 
 
-@njit(**_OPTIONS)
+@kernel(**_OPTIONS)
 def restrict(lo, hi, blocks, x, coarse):
     """Rows lo … hi of coarse[I, J] = Σ φ(i - RATIO·I) φ(j - RATIO·J) x[i, j], φ the hat of half-width RATIO;
     periodic.
@@ -595,7 +596,7 @@ def restrict(lo, hi, blocks, x, coarse):
 # would make of one costs an atomic reference count.
 
 
-@njit(**_OPTIONS)
+@kernel(**_OPTIONS)
 def _interpolate(coarse, row, first, count, fine, s, f):
     """fine[s, f] = ``RATIO`` values for each of the coarse pixels first … first + count of a row; linear, periodic."""
     scale = fine.dtype.type(1.0 / RATIO)
@@ -613,14 +614,14 @@ def _interpolate(coarse, row, first, count, fine, s, f):
             fine[s, f, within * _U(RATIO) + _U(a)] = value + fine.dtype.type(a) * slope
 
 
-@njit(**_OPTIONS)
+@kernel(**_OPTIONS)
 def _pair_rows(x, above, below, first, count, sums, to):
     """sums[to …] = x[above] + x[below], ``count`` columns from ``first`` on."""
     for j in range(count):
         sums[to + j] = x[above, first + j] + x[below, first + j]
 
 
-@njit(**_OPTIONS)
+@kernel(**_OPTIONS)
 def _stencil_columns(sums, weights, count):
     """The stencil along columns. Lines 0 … 4 of ``sums``, each ``LINE`` long, are the sums of two rows 0 … 4 away
     before, and the sums over the rows of the stencil for columns 0 … 4 away afterwards. Weights more than ``REACH`` +
@@ -647,7 +648,7 @@ def _stencil_columns(sums, weights, count):
         sums[_U(4 * LINE) + j] = a4 * x0 + b4 * x1
 
 
-@njit(**_OPTIONS)
+@kernel(**_OPTIONS)
 def _stencil_rows(sums, fine, s, weight, x, out, row, first, count):
     """out = the stencil along rows, from the lines of ``sums``, plus the two rows fine[s] interpolated. Returns
     Σ x·out."""
@@ -667,7 +668,7 @@ def _stencil_rows(sums, fine, s, weight, x, out, row, first, count):
     return product
 
 
-@njit(**_OPTIONS)
+@kernel(**_OPTIONS)
 def local(lo, hi, blocks, x, stencil, coarse, out, part):
     """out = stencil * x + interpolated coarse, in active blocks of rows lo … hi; periodic. part[b] = Σ x·out.
 
@@ -712,7 +713,7 @@ def local(lo, hi, blocks, x, stencil, coarse, out, part):
 # The same for coarse pixels that are not a whole number of fine ones wide, with tables of interpolation.
 
 
-@njit(**_OPTIONS)
+@kernel(**_OPTIONS)
 def restrict_between(lo, hi, blocks, x, rows, columns, coarse):
     """Rows lo … hi of coarse = Pᵀ x, P the interpolation along ``rows`` and ``columns``; periodic.
 
@@ -748,7 +749,7 @@ def restrict_between(lo, hi, blocks, x, rows, columns, coarse):
                 out[columns.upper[j]] += upper
 
 
-@njit(**_OPTIONS)
+@kernel(**_OPTIONS)
 def local_between(lo, hi, blocks, x, stencil, coarse, rows, columns, out, part):
     """As ``local``, where ``rows`` and ``columns`` interpolate ``coarse``; the last block has REACH columns or more."""
     nx, ny = x.shape

@@ -18,6 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from chemage.plugin import algebra
+
 Array = NDArray[np.float64]
 
 #: points between c and a, radii of tables, and points of the quadrature for displacements
@@ -61,18 +63,22 @@ class Ring:
         smooth = kappa - factor * np.log(np.abs(apart))
         np.fill_diagonal(smooth, 1.0 - math.log(4.0) + 0.5 * np.log(2.0 / s))
         cosines = np.cos(np.outer(theta, order))
-        logarithm = -math.log(2.0) - 2.0 * (cosines[:, 1:] / order[1:]) @ cosines[:, 1:].T + math.log(half)
+        logarithm = (
+            -math.log(2.0) - 2.0 * np.einsum("ik,jk->ij", cosines[:, 1:] / order[1:], cosines[:, 1:]) + math.log(half)
+        )
         weight = math.pi / POINTS
-        psi = np.linalg.solve(weight * (factor * logarithm + smooth), -0.25 * math.pi * s)
-        coefficients = 2.0 / POINTS * (cosines.T @ psi)
+        psi = algebra.solve(weight * (factor * logarithm + smooth), -0.25 * math.pi * s)
+        coefficients = 2.0 / POINTS * np.einsum("ij,i->j", cosines, psi)
         coefficients[0] *= 0.5
-        return cls(half, coefficients, weight * float(psi.sum()), math.pi * weight * float(psi @ s**2))
+        return cls(half, coefficients, weight * float(psi.sum()), math.pi * weight * float(np.sum(psi * s**2)))
 
     def pressure(self, r: Array) -> Array:
         """∫ D from r on."""
         theta = np.arccos(np.clip((r - 1.0 + self.half) / self.half, -1.0, 1.0))
         order = np.arange(1, self.coefficients.size)
-        return self.coefficients[0] * theta + np.sin(theta[..., None] * order) @ (self.coefficients[1:] / order)
+        return self.coefficients[0] * theta + np.einsum(
+            "...i,i->...", np.sin(theta[..., None] * order), self.coefficients[1:] / order
+        )
 
     def displacement(self, r: Array) -> Array:
         """u at radii r (n,), in units of a²/R: u = (4 s/π) E(r/s) inside a disc, and beyond it with K (Johnson)."""
@@ -80,11 +86,13 @@ class Ring:
 
         theta = (np.arange(FINE) + 0.5) * math.pi / FINE
         s = 1.0 - self.half + self.half * np.cos(theta)
-        density = np.cos(np.outer(theta, np.arange(self.coefficients.size))) @ self.coefficients * (math.pi / FINE)
+        density = np.einsum(
+            "ij,j->i", np.cos(np.outer(theta, np.arange(self.coefficients.size))), self.coefficients
+        ) * (math.pi / FINE)
         inner, outer = np.minimum(r[:, None], s), np.maximum(r[:, None], s)
         rest = np.abs(r[:, None] - s) * (inner + outer) / outer**2
         values = special.ellipe(1.0 - rest) - np.where(r[:, None] > s, rest * _finite_k(rest), 0.0)
-        return (4.0 / math.pi) * (outer * values) @ density
+        return (4.0 / math.pi) * np.einsum("ij,j->i", outer * values, density)
 
 
 def _finite_k(rest: Array) -> Array:

@@ -20,6 +20,8 @@ Adhesion = Annotated[float, Unit("J/m**2", gt=0)]
 #: nodes of the integral over the zone of cohesion: the load is exact, the pressure of a pixel at the rims within half a
 #: percent of the stress
 _NODES = 48
+#: range of attraction (nm) with which Tabor's parameter is estimated where the law has none: that of atoms
+_ATOMIC = 0.3
 #: spans of the logarithm of the angle in which a Maugis contact is sought
 _ANGLES = 600
 
@@ -77,6 +79,8 @@ class AdhesiveSphere(ContactSolver, ABC):
 
     adheres: ClassVar[bool] = True
     implemented_properties: ClassVar[tuple[str, ...]] = ("pressure", "displacement")
+    #: Tabor's parameters between which the law holds
+    tabor: ClassVar[tuple[float, float]] = (0.0, math.inf)
 
     modulus: ContactModulus
     """contact modulus E* = E/(1−ν²) of the elastic body (or of both, combined), GPa; or their young
@@ -104,6 +108,19 @@ class AdhesiveSphere(ContactSolver, ABC):
     def _carries(self, radius: float) -> str:
         return ""
 
+    def _beyond(self, radius: float) -> str:
+        """That a sphere of ``radius`` nm is outside the range of the law, in words; "" where it is not."""
+        tabor = math.cbrt(radius * self.work_of_adhesion**2 / self.modulus**2) / _ATOMIC
+        low, high = self.tabor
+        if low <= tabor <= high:
+            return ""
+        limit = f"above {low:g}" if tabor < low else f"below {high:g}"
+        return (
+            f"contact {self.kind!r} holds where Tabor's parameter (Rw²/(E*²z₀³))^(1/3) is {limit}, and here it is "
+            f"{tabor:.2g} for an attraction of range z₀ = {_ATOMIC:g} nm: use contact 'maugis' with the range of the "
+            "attraction"
+        )
+
     def expected(self, surface: Mapping[str, float], load: float) -> dict[str, float]:
         """Area fraction where the radius is known."""
         if not {"nx", "ny", "pixel_size", "radius"} <= surface.keys():
@@ -119,16 +136,17 @@ class AdhesiveSphere(ContactSolver, ABC):
         """A sphere is not."""
         return False
 
-    def check(self, surface: Mapping[str, float], load: float) -> None:
+    def check(self, surface: Mapping[str, float], load: float) -> tuple[str, ...]:
         """See :meth:`chemage.plugin.ContactSolver.check`."""
         if not {"nx", "ny", "pixel_size"} <= surface.keys():
-            return
+            return ()
         if "radius" not in surface:
             raise InputError(
                 f"contact {self.kind!r} needs a sphere, but this surface has no radius; use surface kind 'sphere' or "
                 "contact 'adhesive-bem'"
             )
         self._at(surface["radius"], load, (int(surface["nx"]), int(surface["ny"])), surface["pixel_size"])
+        return (beyond,) if (beyond := self._beyond(surface["radius"])) else ()
 
     def _at(self, radius: float, load: float, shape: tuple[int, int], size: float) -> State:
         """The contact under ``load``, if it is one and on the grid."""
@@ -213,6 +231,7 @@ class AdhesiveSphere(ContactSolver, ABC):
             displacement=state.displacement,
             carries=carries,
             convergence={"force_error": force_error, "pull_off": self.pull_off(radius)},
+            notes=(beyond,) if (beyond := self._beyond(radius)) else (),
             provenance=self.provenance(surface),
         )
 
@@ -258,6 +277,7 @@ class JKR(AdhesiveSphere):
     """
 
     kind = "jkr"
+    tabor = (5.0, math.inf)
     cite: ClassVar[tuple[str, ...]] = (
         "K. L. Johnson, K. Kendall, A. D. Roberts, Proc. R. Soc. Lond. A 324, 301 (1971)",
     )
@@ -308,6 +328,7 @@ class DMT(AdhesiveSphere):
     """
 
     kind = "dmt"
+    tabor = (0.0, 0.1)
     cite: ClassVar[tuple[str, ...]] = (
         "B. V. Derjaguin, V. M. Muller, Yu. P. Toporov, J. Colloid Interface Sci. 53, 314 (1975)",
     )

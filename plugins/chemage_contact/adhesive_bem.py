@@ -118,7 +118,8 @@ class AdhesiveBEM(ContactSolver):
         estimate = self._plain().expected(surface, max(load, 0.0))
         pixels = surface["nx"] * surface["ny"]
         padded = pixels * (1 if self.is_nominally_flat(surface.get("periodic") != 0) else 4)
-        estimate["bytes"] = max(estimate["bytes"], 150.0 * padded)
+        # the rest is for kernels that a first run compiles (`tests/benchmarks/memory.py`)
+        estimate["bytes"] = max(estimate["bytes"], 150.0 * padded) + 3e7
         estimate["cpu_seconds"] += 0.05 + 3e-6 * padded * max(1.0, 1 - 0.3 * math.log10(self.tolerance / 1e-4))
         estimate.pop("gap_bytes", None)
         return estimate | ({"gap_bytes": 8.0 * pixels} if self.gap else {})

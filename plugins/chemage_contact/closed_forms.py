@@ -435,7 +435,7 @@ def _spread(variance: float, least: float) -> float:
             return part - 1
         w = np.exp(0.5 * (last - first) * (nodes + 1) + first)
         rate = least + (1 - least) * special.erf(1 / np.sqrt(2 * w)) ** 2
-        return (math.exp(first) + 0.5 * (last - first) * float(weights @ (w / rate))) / variance - 1
+        return (math.exp(first) + 0.5 * (last - first) * float(np.sum(weights * (w / rate)))) / variance - 1
 
     low, high = min(least, 1.0), max(least, 1.0)
     for _ in range(52):
@@ -459,6 +459,6 @@ def _classes(mean: float, sigma: float) -> tuple[np.ndarray, np.ndarray]:
     share = density.sum(axis=1)
     there = share > 0
     pressure = (density * points).sum(axis=1)[there] / share[there]
-    total = float(pressure @ share[there])
+    total = float(np.sum(pressure * share[there]))
     # what is beyond the last class, 1e-14 of the load, is distributed in proportion
     return pressure * (mean / total) if math.isfinite(total) and total > 0 else pressure, share[there]

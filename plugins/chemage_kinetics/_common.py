@@ -25,14 +25,14 @@ from llvmlite import ir
 from numba.core import types
 from numba.extending import intrinsic
 
-from chemage.plugin import random
+from chemage.plugin import kernel, random
 
 #: Numbers in kernels: int64 and float64. To a type checker they are Any, as are the elements of arrays.
 Int: TypeAlias = Any
 Float: TypeAlias = Any
 
 #: For functions that Python calls.
-jit = nb.njit(cache=True, nogil=True, error_model="numpy")
+jit = kernel(nogil=True, error_model="numpy")
 _KERNELS_ONLY: Any = {"nogil": True, "error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 #: For functions that only kernels call: part of their machine code, without a wrapper for Python or a cache entry.
 inner = nb.njit(**_KERNELS_ONLY)

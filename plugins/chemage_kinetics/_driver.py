@@ -14,7 +14,7 @@ from typing import NoReturn
 import numpy as np
 
 from chemage import InputError, ReactionLattice
-from chemage.plugin import KB, BondHistory, Seed, random
+from chemage.plugin import KB, BondHistory, PullHistory, Seed, random
 from chemage.plugin import threads as processors
 from chemage_kinetics import _common
 from chemage_kinetics._common import Holds, Key, Model, mix
@@ -79,7 +79,7 @@ class Pending:
     Every method raises :class:`chemage.InputError` otherwise.
     """
 
-    def __init__(self, start: BondHistory, sites: int) -> None:
+    def __init__(self, start: BondHistory | PullHistory, sites: int) -> None:
         self._start, self._sites = start, sites
 
     def __contains__(self, name: str) -> bool:

@@ -9,7 +9,9 @@ Shedler, Nav. Res. Logist. Q. 26, 403 (1979)). This is exact whatever the speed 
 window of its bound: bonds are listed by that window and get a new bound when the slider comes to it, also where an
 avalanche carries the slider over many windows at once.
 
-A position is a whole number of windows and the rest, so that a bond's stretch keeps all digits far from the start.
+A position is a whole number of windows and the rest, so that a bond's stretch keeps all digits far from the start. The
+rest, sums over it, and the force of a spring at which the slider rests are pairs of doubles: work and losses are
+differences of large numbers where stretches or forces are small.
 """
 
 from __future__ import annotations
@@ -49,11 +51,13 @@ NONE = np.int64(-1)
 SLIP = 0.05
 
 # real numbers of the state, and counts
-HIGH, LOW, REST, SUM_REST, SLACK, LEFT, WORK, WORK_LOW, LOST, LOST_LOW, RUBBED, PEAK, PEAK_AT, PEAK_TIME = range(14)
-TOP, BOTTOM, LARGEST, MOVED_BEFORE, CHOICE = 14, 15, 16, 17, 18
-REALS = 19
-EVENT, WINDOW, SUM_WINDOWS, BONDS, FORMED, BROKEN, FALLING, FALLS, SLIPS, HOLD, DONE, FIRST = range(12)
-COUNTS = 12
+HIGH, LOW, REST, REST_LOW, SUM_REST, SUM_LOW, PULL, PULL_LOW, WORK, WORK_LOW, LOST, LOST_LOW, RUBBED, RUBBED_LOW = (
+    range(14)
+)
+LEFT, PEAK, PEAK_AT, PEAK_TIME, TOP, BOTTOM, LARGEST, MOVED_BEFORE, CHOICE = range(14, 23)
+REALS = 23
+EVENT, WINDOW, SUM_WINDOWS, BONDS, FORMED, BROKEN, FALLING, FALLS, SLIPS, HOLD, DONE, FIRST, RESTS = range(13)
+COUNTS = 13
 # columns of what is sampled
 MOVED, FORCE, WORKED, DISSIPATED, STORED, FRICTION = range(6)
 
@@ -160,26 +164,57 @@ def _stretch(i: Int, run: Run, window: Int, rest: Float) -> Float:
 
 
 @hot
-def _rate_at(i: Int, run: Run, window: Int, rest: Float) -> Float:
-    """The breaking rate of a bond with the slider there; a bond is never compressed."""
-    lowered = max(_stretch(i, run, window, rest), 0.0) * run.bonds.gain
-    return under_force(run.bonds.barrier[i], lowered, run.bonds.exponent, run.model.nu)
+def _present_stretch(i: Int, run: Run) -> Float:
+    """The stretch of bond i; it is never compressed."""
+    return max(_stretch(i, run, run.counts[WINDOW], run.reals[REST]) + run.reals[REST_LOW], 0.0)
+
+
+@hot
+def _rate_at(i: Int, run: Run, stretch: Float) -> Float:
+    """The breaking rate of bond i if it is stretched so far."""
+    return under_force(run.bonds.barrier[i], max(stretch, 0.0) * run.bonds.gain, run.bonds.exponent, run.model.nu)
+
+
+@hot
+def _times(a: Float, count: Int) -> tuple[Float, Float]:
+    """The product of a double and a whole number below 2**26, exactly, as a pair."""
+    scaled = 134217729.0 * a
+    top = scaled - (scaled - a)
+    product = a * count
+    return product, (top * count - product) + (a - top) * count
 
 
 @hot
 def _load(run: Run) -> Float:
     """The force of all bonds, nN."""
     counts, reals = run.counts, run.reals
+    if counts[BONDS] == 0:
+        return 0.0
     whole = counts[WINDOW] * counts[BONDS] - counts[SUM_WINDOWS]
-    rest = reals[REST] * counts[BONDS] - reals[SUM_REST]
-    return max(run.bonds.stiffness * (whole * run.bonds.window + rest), 0.0) if counts[BONDS] > 0 else 0.0
+    rest, low = _times(reals[REST], counts[BONDS])
+    rest = (rest - reals[SUM_REST]) + (low - reals[SUM_LOW] + reals[REST_LOW] * counts[BONDS])
+    return max(run.bonds.stiffness * (whole * run.bonds.window + rest), 0.0)
+
+
+@hot
+def _force(run: Run) -> Float:
+    """Of the drive, nN."""
+    if run.counts[RESTS]:
+        return run.reals[PULL] + run.reals[PULL_LOW]
+    return _load(run) + run.drive.friction
+
+
+@hot
+def _slack(run: Run) -> Float:
+    """How much more bonds and friction hold than the spring pulls, nN, where the slider rests."""
+    return (_load(run) + run.drive.friction - run.reals[PULL]) - run.reals[PULL_LOW]
 
 
 @hot
 def _speed(run: Run) -> Float:
     """Of the slider, nm/s."""
     drive = run.drive
-    if run.reals[SLACK] > 0.0 or drive.spring == 0.0:
+    if run.counts[RESTS] or drive.spring == 0.0:
         return 0.0
     if math.isinf(drive.spring):
         return drive.speed
@@ -231,7 +266,7 @@ def _bind(i: Int, least: Float, run: Run) -> None:
         share = math.sqrt(share) if exponent == 0.5 else share if exponent == 1.0 else share**exponent
         way = barrier * (1.0 - share) / (exponent * run.bonds.gain) - _stretch(i, run, window, 0.0)
         ahead = np.int64(min(max(way / run.bonds.window, 1.0), FURTHEST))
-    run.rates.tree[i] = _rate_at(i, run, window + ahead, 0.0)
+    run.rates.tree[i] = _rate_at(i, run, _stretch(i, run, window + ahead, 0.0))
     _enlist(i, window + ahead, run)
 
 
@@ -269,15 +304,14 @@ def _two_sum(reals: np.ndarray, at: Int, more: Float) -> None:
 def _shift(distance: Float, run: Run) -> None:
     """Move the slider, and give new bounds to the bonds whose window it has come to."""
     reals, counts = run.reals, run.counts
-    rest = reals[REST] + distance
-    if rest >= run.bonds.window:
-        passed = np.int64(math.floor(rest / run.bonds.window))
-        rest = max(rest - passed * run.bonds.window, 0.0)
+    _two_sum(reals, REST, distance)
+    if reals[REST] >= run.bonds.window:
+        passed = np.int64(math.floor(reals[REST] / run.bonds.window))
+        _two_sum(reals, REST, -passed * run.bonds.window)
+        if reals[REST] < 0.0:
+            reals[REST] = reals[REST_LOW] = 0.0
         counts[WINDOW] += passed
-        reals[REST] = rest
         _rebind(passed, run)
-    else:
-        reals[REST] = rest
 
 
 @hot
@@ -285,11 +319,10 @@ def _work(run: Run, span: Float) -> tuple[Float, Float, Float]:
     """Of ``span`` seconds ahead, without an event: the work of drive and friction (nN nm), and the way (nm)."""
     speed, drive = _speed(run), run.drive
     way = speed * span
-    force = _load(run) + drive.friction - run.reals[SLACK]
-    if math.isinf(drive.spring) or run.reals[SLACK] == 0.0:
-        mean = force + 0.5 * run.bonds.stiffness * run.counts[BONDS] * way
+    if run.counts[RESTS]:
+        mean = _force(run) + 0.5 * drive.spring * drive.speed * span
     else:
-        mean = force + 0.5 * drive.spring * drive.speed * span
+        mean = _force(run) + 0.5 * run.bonds.stiffness * run.counts[BONDS] * way
     return (mean if drive.spring > 0.0 else 0.0) * drive.speed * span, drive.friction * way, way
 
 
@@ -297,7 +330,7 @@ def _work(run: Run, span: Float) -> tuple[Float, Float, Float]:
 def _note_peak(run: Run) -> None:
     """Compare the force before a bond breaks with the largest one, and with that of the last slip."""
     reals, counts = run.reals, run.counts
-    force = _load(run) + run.drive.friction - reals[SLACK]
+    force = _force(run)
     if force > reals[PEAK]:
         reals[PEAK] = force
         reals[PEAK_AT] = reals[MOVED_BEFORE] + (counts[WINDOW] * run.bonds.window + reals[REST])
@@ -327,7 +360,7 @@ def _end_slip(run: Run) -> None:
 def _note_fall(run: Run) -> None:
     reals, counts = run.reals, run.counts
     counts[FALLS] += 1
-    force = _load(run) + run.drive.friction - reals[SLACK]
+    force = _force(run)
     if not counts[FALLING] and force < reals[TOP] - SLIP * reals[PEAK]:
         counts[FALLING] = 1
         reals[BOTTOM] = force
@@ -336,17 +369,16 @@ def _note_fall(run: Run) -> None:
 
 
 @hot
-def settle(run: Run) -> None:
-    """Let the slider go to where spring, bonds and friction balance, if the spring pulls more than they hold."""
-    reals = run.reals
-    if reals[SLACK] >= 0.0 or math.isinf(run.drive.spring):
-        reals[SLACK] = max(reals[SLACK], 0.0)
+def settle(excess: Float, run: Run) -> None:
+    """Let the slider go to where spring, bonds and friction balance, if the spring pulls by an ``excess`` (nN) more
+    than they hold."""
+    if excess <= 0.0 or math.isinf(run.drive.spring):
         return
     stiffness = run.drive.spring + run.counts[BONDS] * run.bonds.stiffness
-    way = -reals[SLACK] / stiffness
-    _two_sum(reals, LOST, 0.5 * stiffness * way * way)
-    reals[RUBBED] += run.drive.friction * way
-    reals[SLACK] = 0.0
+    way = excess / stiffness
+    _two_sum(run.reals, LOST, 0.5 * stiffness * way * way)
+    _two_sum(run.reals, RUBBED, run.drive.friction * way)
+    run.counts[RESTS] = 0
     _shift(way, run)
 
 
@@ -359,7 +391,7 @@ def _form(i: Int, run: Run) -> None:
     run.made[i] = counts[WINDOW]
     run.rest[i] = reals[REST]
     counts[SUM_WINDOWS] += counts[WINDOW]
-    reals[SUM_REST] += reals[REST]
+    _two_sum(reals, SUM_REST, reals[REST])
     counts[BONDS] += 1
     counts[FORMED] += 1
     run.words[i] |= 1
@@ -385,24 +417,22 @@ def _new_partner(i: Int, run: Run) -> None:
 @hot
 def _break(i: Int, run: Run) -> None:
     counts, reals = run.counts, run.reals
-    stretch = max(_stretch(i, run, counts[WINDOW], reals[REST]), 0.0)
+    stretch = _present_stretch(i, run)
     _note_peak(run)
     _two_sum(reals, LOST, 0.5 * run.bonds.stiffness * stretch * stretch)
     _strike(i, run)
     counts[SUM_WINDOWS] -= run.made[i]
-    reals[SUM_REST] -= run.rest[i]
+    _two_sum(reals, SUM_REST, -run.rest[i])
     counts[BONDS] -= 1
     if counts[BONDS] == 0:
-        reals[SUM_REST] = 0.0
+        reals[SUM_REST] = reals[SUM_LOW] = 0.0
     counts[BROKEN] += 1
     run.words[i] &= ~1
     run.slips[i] += 1
     if run.partners.quantiles.size > 0:
         _new_partner(i, run)
     run.rates.tree[i] = rate(run.words[i] >> 1, run.model.nu, run.model.per_unit)
-    if not math.isinf(run.drive.spring):
-        reals[SLACK] -= run.bonds.stiffness * stretch
-        settle(run)
+    settle(-_slack(run) if counts[RESTS] else run.bonds.stiffness * stretch, run)
     _note_fall(run)
 
 
@@ -435,17 +465,18 @@ def _sample(run: Run, span: Float, hold: Int) -> None:
     """What is seen ``span`` seconds ahead, before the next event."""
     reals, counts, bonds, drive = run.reals, run.counts, run.bonds, run.drive
     work, rubbed, way = _work(run, span)
-    slack = reals[SLACK]
-    if slack > 0.0:
-        slack = max(slack - drive.spring * drive.speed * span, 0.0)
-    force = _load(run) + bonds.stiffness * counts[BONDS] * way + drive.friction - slack
+    force = _force(run)
+    if counts[RESTS]:
+        force += min(drive.spring * drive.speed * span, max(_slack(run), 0.0))
+    else:
+        force += bonds.stiffness * counts[BONDS] * way
     if math.isinf(drive.spring) or drive.spring > 0.0:
         stored = 0.0 if math.isinf(drive.spring) else 0.5 * force * force / drive.spring
     else:
         force = stored = 0.0
     for i in range(run.words.size):
         if run.words[i] & 1:
-            stretch = _stretch(i, run, counts[WINDOW], reals[REST]) + way
+            stretch = _present_stretch(i, run) + way
             stored += 0.5 * bonds.stiffness * stretch * stretch
     out = run.samples[hold]
     out[MOVED] = reals[MOVED_BEFORE] + (counts[WINDOW] * bonds.window + reals[REST] + way)
@@ -453,7 +484,7 @@ def _sample(run: Run, span: Float, hold: Int) -> None:
     out[WORKED] = reals[WORK] + (reals[WORK_LOW] + work)
     out[DISSIPATED] = reals[LOST] + reals[LOST_LOW]
     out[STORED] = stored
-    out[FRICTION] = reals[RUBBED] + rubbed
+    out[FRICTION] = reals[RUBBED] + (reals[RUBBED_LOW] + rubbed)
     run.tallies[hold, 0] = counts[BONDS]
     run.tallies[hold, 1] = counts[FORMED]
     run.tallies[hold, 2] = counts[BROKEN]
@@ -470,11 +501,13 @@ def _to_next_window(run: Run) -> Int:
 
 
 @jit
-def present_barriers(key: Key, partners: Partners, slips: np.ndarray, forming: np.ndarray, base: np.ndarray) -> None:
-    """Fill the forming barriers of the present partners (eV), those of the lattice where a site has its first one, and
-    the same in fixed point."""
+def present_barriers(
+    key: Key, partners: Partners, before: np.ndarray, slips: np.ndarray, forming: np.ndarray, base: np.ndarray
+) -> None:
+    """Replace the forming barriers (eV) of sites that have lost bonds since there were ``before`` by those of the
+    present partners; and give all in fixed point."""
     for i in range(slips.size):
-        if partners.quantiles.size > 0 and slips[i] > 0:
+        if partners.quantiles.size > 0 and slips[i] > before[i]:
             forming[i] = _partner_barrier(key, partners, i, slips[i])
         base[i] = fixed_barrier(forming[i])
 
@@ -487,12 +520,13 @@ def start(run: Run, goes_on: bool) -> None:
     for i in range(run.words.size):
         if run.words[i] & 1:
             if goes_on:
-                run.rates.tree[i] = _rate_at(i, run, run.bound[i], 0.0)
+                run.rates.tree[i] = _rate_at(i, run, _stretch(i, run, run.bound[i], 0.0))
                 _enlist(i, run.bound[i], run)
             else:
                 _bind(i, least, run)
             refresh(run.rates, mark(run.rates, i >> 3, np.int64(0)))
-    settle(run)
+    if run.counts[RESTS]:
+        settle(-_slack(run), run)
 
 
 @jit
@@ -501,7 +535,7 @@ def stretches(run: Run, out: np.ndarray) -> None:
     _, _, way = _work(run, until(run.reals[HIGH], run.reals[LOW], run.times[run.times.size - 1]))
     for i in range(out.size):
         if run.words[i] & 1:
-            out[i] = max(_stretch(i, run, run.counts[WINDOW], run.reals[REST]) + way, 0.0)
+            out[i] = _present_stretch(i, run) + way
 
 
 @hot
@@ -530,11 +564,11 @@ def advance(run: Run, events: Int) -> None:
         edge, ahead = np.inf, RING
         if counts[BONDS] > 0 and speed > 0.0:
             ahead = _to_next_window(run)
-            edge = (ahead * run.bonds.window - reals[REST]) / speed
+            edge = max(ahead * run.bonds.window - reals[REST] - reals[REST_LOW], 0.0) / speed
         if edge < step:
             step, event = edge, 1
-        if reals[SLACK] > 0.0 and run.drive.spring > 0.0 and run.drive.speed > 0.0:
-            free = reals[SLACK] / (run.drive.spring * run.drive.speed)
+        if counts[RESTS] and run.drive.spring > 0.0 and run.drive.speed > 0.0:
+            free = max(_slack(run), 0.0) / (run.drive.spring * run.drive.speed)
             if free < step:
                 step, event = free, 2
         high, low = (reals[HIGH], reals[LOW]) if step == np.inf else later(reals[HIGH], reals[LOW], step)
@@ -546,26 +580,26 @@ def advance(run: Run, events: Int) -> None:
             return
         work, rubbed, way = _work(run, step)
         _two_sum(reals, WORK, work)
-        reals[RUBBED] += rubbed
+        _two_sum(reals, RUBBED, rubbed)
         reals[HIGH], reals[LOW] = high, low
         if event != 0:
             reals[LEFT] = max(reals[LEFT] - total * step, 0.0)
             if event == 2:
-                reals[SLACK] = 0.0
+                counts[RESTS] = 0
                 continue
             # exactly to the beginning of the window, whatever the way was rounded to
-            reals[REST] = 0.0
+            reals[REST] = reals[REST_LOW] = 0.0
             counts[WINDOW] += ahead
             _rebind(ahead, run)
             continue
-        if reals[SLACK] > 0.0:
-            reals[SLACK] = max(reals[SLACK] - run.drive.spring * run.drive.speed * step, 0.0)
+        if counts[RESTS]:
+            _two_sum(reals, PULL, run.drive.spring * run.drive.speed * step)
         _shift(way, run)
         i = select(run.rates, reals[CHOICE] * tree_total(run.rates), 0.0)
         accepted = True
         if run.words[i] & 1:
             v, _ = random.uniform_pair(run.key.k0, run.key.k1, STREAM, counts[EVENT], 1)
-            accepted = v * run.rates.tree[i] < _rate_at(i, run, counts[WINDOW], reals[REST])
+            accepted = v * run.rates.tree[i] < _rate_at(i, run, _present_stretch(i, run))
         counts[EVENT] += 1
         _draw(run)
         if accepted:

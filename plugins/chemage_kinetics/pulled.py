@@ -10,8 +10,6 @@ from pydantic import Field, model_validator
 
 from chemage import Chemistry, InputError
 from chemage.plugin import (
-    EV_PER_GPA_NM3,
-    KB,
     Bonded,
     Choice,
     Drive,
@@ -21,10 +19,13 @@ from chemage.plugin import (
     PullHistory,
     Pulling,
     Rupture,
+    TwoState,
     figures,
     pull,
     text,
+    threads,
 )
+from chemage_kinetics._foreseen import flips, lifetimes, rates, rupture_stretch, slider_way, waiting
 from chemage_kinetics.pulling import EventDriven
 
 if TYPE_CHECKING:
@@ -34,6 +35,14 @@ if TYPE_CHECKING:
 CELLS = 48
 #: maps end at so many times of the time to the peak, so that one of four to be is just there
 AFTER_PEAK = 4.0 / 3.0
+#: a pull ends at its largest force if that comes in so small a part of the way before its end, and falls by no more
+RISING = 0.05
+#: sites by which the events of all are estimated
+SAMPLED = 256
+#: CPU seconds of a call, of setting up a site, of a sample of a site, of an event (``tests/benchmarks/estimates.py``)
+CALL_SECONDS, SITE_SECONDS, SAMPLE_SECONDS, EVENT_SECONDS = 3.6e-3, 3e-7, 1e-9, 6e-7
+#: bytes of a site and of a call, and copies of what is recorded (``tests/benchmarks/memory.py``)
+SITE_BYTES, CALL_BYTES, RECORDED = 300.0, 8e6, 3.0
 #: curves in a figure, at most
 CURVES = 5
 
@@ -119,25 +128,36 @@ class Pulled(Rupture, Drive):
         if bonded.lattice.breaking is None:
             raise InputError(self._lasting())
         times = np.linspace(0.0, self.distance / self.speed, self.points + 1)
-        pulls = [self._pull(bonded, number, times) for number in range(bonded.hold_times.size)]
-        force = np.stack([one.force for one in pulls])
-        at, maps = self._maps(bonded, pulls[-1])
+        found: list[dict[str, Any]] = []
+        forces, end = [], 0.0
+        for number in range(bonded.hold_times.size):
+            one = self._pull(bonded, number, times)
+            found.append(self._numbers(one))
+            forces.append(max(one.peak - self.friction, 0.0))
+            end = min(AFTER_PEAK * one.peak_time, one.time) or one.time
+        at, maps = self._maps(bonded, end)
         self.record(
             pull_way=np.linspace(0.0, self.distance, self.points + 1),
-            pull_force=force,
-            pull_slider=np.stack([one.displacement for one in pulls]),
-            pull_bonds=np.stack([one.bonds for one in pulls]),
-            pull_peak_at=np.array([one.peak_displacement for one in pulls]),
-            kinetic_friction=force[:, -(force.shape[1] // 4) :].mean(axis=1),
-            pull_work=np.array([one.work[-1] for one in pulls]),
-            pull_dissipated=np.array([one.dissipated[-1] for one in pulls]),
-            pull_ruptures=np.array([one.broken[-1] for one in pulls]),
-            pull_slips=np.array([one.avalanches.sum() for one in pulls]),
-            pull_largest_drop=np.array([one.largest_drop for one in pulls]),
             pull_maps=maps,
             pull_maps_at=at,
+            **{name: np.stack([numbers[name] for numbers in found]) for name in found[0]},
         )
-        return np.array([max(one.peak - self.friction, 0.0) for one in pulls])
+        return np.array(forces)
+
+    def _numbers(self, pulled: PullHistory) -> dict[str, Any]:
+        """What is recorded of each pull."""
+        return {
+            "pull_force": pulled.force,
+            "pull_slider": pulled.displacement,
+            "pull_bonds": pulled.bonds,
+            "pull_peak_at": pulled.peak_displacement,
+            "kinetic_friction": pulled.force[-(pulled.force.size // 4) :].mean(),
+            "pull_work": pulled.work[-1],
+            "pull_dissipated": pulled.dissipated[-1],
+            "pull_ruptures": pulled.broken[-1],
+            "pull_slips": pulled.avalanches.sum(),
+            "pull_largest_drop": pulled.largest_drop,
+        }
 
     def _pull(
         self, bonded: Bonded, number: int, times: np.ndarray, start: PullHistory | np.ndarray | None = None
@@ -155,13 +175,12 @@ class Pulled(Rupture, Drive):
             chemistry=bonded.chemistry,
         )
 
-    def _maps(self, bonded: Bonded, whole: PullHistory) -> tuple[np.ndarray, np.ndarray]:
-        """Where the drive is and the bonds per cell, evenly to a little beyond the peak.
+    def _maps(self, bonded: Bonded, end: float) -> tuple[np.ndarray, np.ndarray]:
+        """Where the drive is and the bonds per cell, evenly in time to ``end`` (s), a little beyond the peak.
 
         It is the same pull once more, because what is sampled of a pull does not change it.
         """
         last = bonded.hold_times.size - 1
-        end = min(AFTER_PEAK * whole.peak_time, whole.time) or whole.time
         times = np.linspace(0.0, end, self.frames)
         maps, piece = [], None
         for time in times:
@@ -169,31 +188,93 @@ class Pulled(Rupture, Drive):
             maps.append(_map(bonded, piece.state))
         return times * self.speed, np.stack(maps)
 
-    def expected(self, sites: float, hold_times: int, replicas: int) -> dict[str, float]:
-        """See :meth:`chemage.plugin.Rupture.expected`."""
-        return {"cpu_seconds": replicas * hold_times * (2e-3 + 2e-6 * sites)}
+    def expected(
+        self,
+        sites: float,
+        hold_times: int,
+        replicas: int,
+        chemistry: Chemistry | None = None,
+        times: np.ndarray | None = None,
+        temperature: float = 0.0,
+        pressure: float = 0.0,
+    ) -> dict[str, float]:
+        """See :meth:`chemage.plugin.Rupture.expected`; seconds are those of all events, samples and calls."""
+        recorded = 3 * hold_times * (self.points + 1) + self.frames * CELLS**2
+        at_once = min(replicas, threads.available())
+        numbers = {"bytes": 8.0 * RECORDED * replicas * recorded + at_once * (SITE_BYTES * sites + CALL_BYTES)}
+        if chemistry is None or chemistry.breaking is None or times is None:
+            return numbers
+        events = self._events(sites, chemistry, times, temperature, pressure)
+        pulls = hold_times * (CALL_SECONDS + SITE_SECONDS * sites + SAMPLE_SECONDS * sites * self.points)
+        maps = self.frames * (CALL_SECONDS + SITE_SECONDS * sites)
+        seconds = pulls + maps + EVENT_SECONDS * float(events.sum() + events[-1])
+        return {**numbers, "cpu_seconds": replicas * seconds}
+
+    def _events(
+        self, sites: float, chemistry: Chemistry, times: np.ndarray, temperature: float, pressure: float
+    ) -> np.ndarray:
+        """Bonds that form and break in the pull after each hold time, (m,); without interaction."""
+        assert chemistry.breaking is not None
+        share, nu, span = (np.arange(SAMPLED) + 0.5) / SAMPLED, chemistry.attempt_frequency, self.distance / self.speed
+        forming = chemistry.forming.quantile(share) - chemistry.activation_volume * pressure
+        # every barrier to forming with another one to breaking
+        breaking = chemistry.breaking.quantile((share * SAMPLED * 0.618034) % 1.0)
+        wait = waiting(forming, span, nu, temperature)
+        if self.partner == "new":
+            wait = np.maximum(wait, wait.mean())
+        held = TwoState(*(rates(barriers, nu, temperature) for barriers in (forming, breaking)))
+        stretch = float(np.median(rupture_stretch(breaking, self.drive, nu, temperature)))
+        found = []
+        for time in times:
+            bonded = held.bonded(time)
+            way = slider_way(self.drive, float(bonded.mean()) * sites, stretch, span)
+            last = lifetimes(breaking, self.drive, way, nu, temperature)
+            found.append(sites * float(flips(wait, last, bonded, span).mean()))
+        return np.array(found)
+
+    def remarks(self, observables: Mapping[str, np.ndarray]) -> Sequence[str]:
+        """Say in how many pulls the force ended at its largest, so that ΔF is no peak."""
+        if "pull_force" not in observables:
+            return ()
+        force, slider = observables["pull_force"], observables["pull_slider"]
+        high = (force[..., -1] > self.friction) & (force[..., -1] > (1 - RISING) * force.max(axis=-1))
+        early = high & (observables["pull_peak_at"] >= (1 - RISING) * slider[..., -1])
+        if not early.any():
+            return ()
+        many = f"rupture 'pulled': in {np.count_nonzero(early)} of {early.size} pulls the force was at its largest when"
+        end = f"the drive had moved by the distance of {self.distance:g} nm"
+        return [f"{many} {end}: ΔF is the force there, not a peak; pull further"]
 
     def _lasting(self) -> str:
         return "rupture 'pulled' needs the barriers to breaking a bond, and here bonds last; give [breaking]"
 
-    def check(self, chemistry: Chemistry, temperature: float) -> Sequence[str]:
+    def check(
+        self,
+        chemistry: Chemistry,
+        temperature: float,
+        sites: float | None = None,
+        times: np.ndarray | None = None,
+        pressure: float = 0.0,
+    ) -> Sequence[str]:
         """See :meth:`chemage.plugin.Rupture.check`."""
         if chemistry.breaking is None:
             raise InputError(self._lasting())
         if self.bond_stiffness == 0:
             return ["rupture 'pulled': bond_stiffness = 0, so that no bond carries a force"]
-        barrier = max(float(chemistry.breaking.quantile(np.array([0.5]))[0]), 0.0)
-        # at the force at which a bond breaks within the time in which its force grows by k_BT/Δx
-        thermal = KB * temperature
-        scale = thermal / EV_PER_GPA_NM3 / self.transition_distance
-        tries = np.log(max(chemistry.attempt_frequency * scale / (self.bond_stiffness * self.speed), 1.0))
-        left = min(thermal * tries / barrier, 1.0) if barrier > 0 else 1.0
-        force = barrier / EV_PER_GPA_NM3 / (self.exponent * self.transition_distance) * (1 - left**self.exponent)
-        stretch = force / self.bond_stiffness
+        barrier = chemistry.breaking.quantile(np.array([0.5]))
+        stretch = float(rupture_stretch(barrier, self.drive, chemistry.attempt_frequency, temperature)[0])
         if self.distance < stretch:
+            force = stretch * self.bond_stiffness
             about = f"rupture 'pulled': bonds break at about {force:.3g} nN, when stretched by {stretch:.3g} nm"
             return [f"{about}, but the drive moves by {self.distance:g} nm: pull further, or there may be no peak"]
-        return []
+        if sites is None or times is None or not isinstance(self.engine, EventDriven):
+            return []
+        most = float(self._events(sites, chemistry, times, temperature, pressure).max(initial=0.0))
+        if most <= self.engine.most_events:
+            return []
+        events = f"rupture 'pulled': a pull is expected to form and break {most:.2g} bonds"
+        limit = f"more than most_events = {self.engine.most_events:g} of its engine, which will refuse it"
+        return [f"{events}, {limit}; pull less far, faster or at a lower temperature, or allow more events"]
 
     def draw(self, figure: str, axes: Axes, results: Sequence[PlottedResult]) -> None:
         """Draw force against displacement, or maps of the bonds."""
@@ -211,41 +292,54 @@ class Pulled(Rupture, Drive):
                 label = f"after {text.power_text(times[at])} s" if len(there) == 1 else result.label
                 axes.plot(measured["pull_way"][0], force[at], color=colour, lw=1.3, label=label)
         axes.set(xlabel="displacement of the drive (nm)", ylabel="force (nN)", ylim=(0, None))
-        if there:
-            axes.legend(frameon=False, fontsize=7)
+        figures.legend(axes)
 
 
 def _map(bonded: Bonded, state: np.ndarray) -> np.ndarray:
     """Bonds in each of at most CELLS x CELLS cells of equal size; the last ones may be cut off."""
-    counts = bonded.lattice.per_pixel(state)
-    rows, columns = (np.arange(0, side, -(-side // CELLS)) for side in counts.shape)
-    return np.add.reduceat(np.add.reduceat(counts, rows, axis=0), columns, axis=1)
+    nx, ny = bonded.lattice.pixels
+    along_x, along_y = -(-nx // CELLS), -(-ny // CELLS)
+    shape = -(-nx // along_x), -(-ny // along_y)
+    x, y = np.divmod(bonded.lattice.sites[state], ny)
+    counts = np.bincount(x // along_x * shape[1] + y // along_y, minlength=shape[0] * shape[1])
+    return counts.reshape(shape).astype(float)
 
 
 def _draw_maps(axes: Axes, results: Sequence[PlottedResult]) -> None:
     """The maps of each result in a row, as much of them as ever has a bond."""
-    rows: list[np.ndarray] = []
-    at: Any = ()
-    for result in results:
-        assert result.aging is not None
-        maps: Any = result.aging.observables["pull_maps"][0]
-        at = result.aging.observables["pull_maps_at"][0]
-        there = [np.flatnonzero(maps.any(axis=other)) for other in ((0, 2), (0, 1))]
-        x, y = (
-            slice(max(one.min(initial=0) - 1, 0), one.max(initial=0) + 2) if one.size else slice(1) for one in there
-        )
-        frames = [np.pad(one[x, y].T.astype(float), 1, constant_values=np.nan) for one in maps]
-        rows.append(np.hstack(frames))
-    if not rows:
+    shown = [result for result in results if result.aging is not None]
+    if not shown:
         return
-    wide = max(row.shape[1] for row in rows)
+    measured: list[Any] = [result.aging.observables for result in shown if result.aging is not None]
+    parts = [_with_bonds(one["pull_maps"][0]) for one in measured]
+    high, wide = (max(part.shape[axis] for part in parts) for axis in (2, 1))
+    rows = []
+    for part in parts:
+        frames = [np.full((high + 2, wide + 2), np.nan) for _ in part]
+        for frame, bonds in zip(frames, part, strict=True):
+            frame[1 : bonds.shape[1] + 1, 1 : bonds.shape[0] + 1] = bonds.T
+        rows.append(np.hstack(frames))
+    longest = max(row.shape[1] for row in rows)
     image = axes.imshow(
-        np.vstack([np.pad(row, ((0, 0), (0, wide - row.shape[1])), constant_values=np.nan) for row in rows]),
+        np.vstack([np.pad(row, ((0, 0), (0, longest - row.shape[1])), constant_values=np.nan) for row in rows[::-1]]),
         cmap="viridis",
         interpolation="nearest",
         origin="lower",
     )
     axes.figure.colorbar(image, ax=axes, shrink=0.5, label="bonds per cell")
-    each = rows[0].shape[1] / len(at)
-    axes.set(yticks=[], xticks=(np.arange(len(at)) + 0.5) * each - 0.5, xticklabels=[f"{way:.3g}" for way in at])
-    axes.set_xlabel("displacement of the drive (nm)")
+    axes.set(xticks=[], yticks=[])
+    if len(rows) == 1:
+        at = measured[0]["pull_maps_at"][0]
+        axes.set_xticks((np.arange(at.size) + 0.5) * (wide + 2) - 0.5, [f"{way:.3g}" for way in at])
+        axes.set_xlabel("displacement of the drive (nm)")
+        return
+    axes.set_yticks((np.arange(len(rows)) + 0.5) * (high + 2) - 0.5, [result.label for result in shown][::-1])
+    axes.set_xlabel("from the start of the pull to just after its peak")
+
+
+def _with_bonds(maps: np.ndarray) -> np.ndarray:
+    """The part of ``maps`` (k, nx, ny) within which there is ever a bond, and a cell around it."""
+    x, y = (np.flatnonzero(maps.any(axis=other)) for other in ((0, 2), (0, 1)))
+    if not x.size:
+        return maps[:, :1, :1]
+    return maps[:, max(x[0] - 1, 0) : x[-1] + 2, max(y[0] - 1, 0) : y[-1] + 2]

@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 import math
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
+from pydantic import Field
 
 from chemage import InputError, ReactionLattice
 from chemage.plugin import EV_PER_GPA_NM3, KB, BondHistory, Drive, Partners, PullHistory, Pulling, Seed
 from chemage_kinetics import _pulling as kernel
 from chemage_kinetics._common import start_words
-from chemage_kinetics._driver import SLICE, bonded, check_couplings, fingerprint, model_of, noise_key
+from chemage_kinetics._driver import SLICE, Pending, bonded, check_couplings, fingerprint, model_of, noise_key
+from chemage_kinetics._foreseen import flips_on
 from chemage_kinetics._rejection_free import empty_rates, fill
 
 #: part of k_BT/Δx by which the force on a bond grows within a window
 WINDOW = 1.0
 #: windows that positions are counted in at most, so that their sums over the sites are whole numbers
 MOST_WINDOWS = 2**31
-#: events that sites which form and break their bonds all the time may have; some hours
-MOST_EVENTS = 1e10
+#: quantiles by which the barriers of new partners are estimated
+FEW = 16
 
 
 LEWIS = """@article{lewis1979,
@@ -43,6 +46,11 @@ class EventDriven(Pulling):
     kind = "event-driven"
     cite: ClassVar[tuple[str, ...]] = ("P. A. W. Lewis, G. S. Shedler, Nav. Res. Logist. Q. 26, 403 (1979)",)
     bibtex: ClassVar[tuple[str, ...]] = (LEWIS,)
+    speed_only = ("most_events",)
+
+    most_events: float = Field(default=1e8, gt=0, allow_inf_nan=False)
+    """bonds that may form and break in one pull, which is refused if it has more; 1e8 take 10 s to 2 minutes;
+    default: 1e8"""
 
     def _run(
         self,
@@ -55,10 +63,22 @@ class EventDriven(Pulling):
         partners: Partners | None,
     ) -> PullHistory:
         job = _Job(lattice, drive, times, temperature, seed, start, partners)
+        self._refuse_more(job.foreseen(self.most_events), job, "are expected to")
         run = job.prepared()
         while not run.counts[kernel.DONE]:
             kernel.advance(run, SLICE)
+            done = run.counts[kernel.FORMED] + run.counts[kernel.BROKEN] - sum(job.counted)
+            self._refuse_more(float(done), job, f"by {run.reals[kernel.HIGH]:.3g} s did")
         return job.finished(run, self.kind)
+
+    def _refuse_more(self, events: float, job: _Job, how: str) -> None:
+        if events > self.most_events:
+            raise InputError(
+                f"times: about {events:.2g} bonds {how} form or break in a pull of "
+                f"{float(job.times[-1]) - job.time:.3g} s, more than most_events = {self.most_events:g}; pull for a "
+                "shorter time, from which another pull can go on, at a lower temperature, or with higher barriers, or "
+                "allow more events"
+            )
 
 
 class _Job:
@@ -76,16 +96,26 @@ class _Job:
     ) -> None:
         self.lattice, self.drive, self.times, self.temperature = lattice, drive, times, temperature
         self.before = start if isinstance(start, PullHistory) else None
+        earlier = start if isinstance(start, PullHistory | BondHistory) else None
         self.key = noise_key(seed, int(kernel.STREAM), lattice)
         self.model = model_of(lattice, temperature)
         n = lattice.sites.size
-        self.time = float(start.time) if isinstance(start, PullHistory | BondHistory) else 0.0
-        self.state = np.zeros(n, np.bool_)
+        self.time, self.counted, self.event = 0.0, (0, 0), 0
+        self.state, self.slips = np.zeros(n, np.bool_), np.zeros(n, np.int64)
         if start is not None:
-            self.state = np.array(start.state if isinstance(start, PullHistory | BondHistory) else start)
-        self.counted = (0, 0)
-        if isinstance(start, PullHistory | BondHistory):
-            self.counted = (int(start.formed[-1]), int(start.broken[-1]))
+            self.state = np.array(start if earlier is None else earlier.state)
+        if earlier is not None:
+            self.time, self.counted = float(earlier.time), (int(earlier.formed[-1]), int(earlier.broken[-1]))
+            pending = Pending(earlier, n)
+            if "event" in pending:
+                self.event = pending.count("event") + 1  # the random numbers of the pending event are used up
+            if "slips" in pending:
+                self.slips = np.array(pending.draws("slips"))
+        self.forming = np.array(lattice.forming)
+        if self.before is not None:
+            self.slips = np.array(self.before.slips)
+            met = self.slips > 0
+            self.forming[met] = self.before.forming[met]
         thermal = KB * temperature
         assert lattice.breaking is not None
         gain = drive.bond_stiffness * drive.transition_distance * EV_PER_GPA_NM3 / thermal
@@ -96,7 +126,7 @@ class _Job:
         self.pull = kernel.Drive(drive.speed, math.inf if drive.spring is None else drive.spring, drive.friction)
         empty = np.empty(0)
         self.partners = kernel.Partners(
-            empty if partners is None else np.ascontiguousarray(partners.quantiles, np.float64),
+            empty if partners is None else np.array(partners.quantiles, np.float64),
             empty if partners is None else np.ascontiguousarray(partners.shift, np.float64),
             lattice.random_index,
         )
@@ -113,18 +143,17 @@ class _Job:
                 "use a smaller bond_stiffness or transition_distance"
             )
         check_couplings(lattice)
-        assert lattice.breaking is not None
-        per_kt = 1 / (KB * self.temperature)
-        forming, breaking = (
-            lattice.attempt_frequency * np.exp(-np.maximum(barriers, 0.0) * per_kt)
-            for barriers in (lattice.forming, lattice.breaking)
-        )
-        cycles = span * float((forming * breaking / np.maximum(forming + breaking, 1e-300)).sum())
-        if 2 * cycles > MOST_EVENTS:
-            raise InputError(
-                f"times: about {2 * cycles:.2g} bonds would form and break without a force in {span:.3g} s, more than "
-                f"{MOST_EVENTS:g}; pull for a shorter time, at a lower temperature, or with higher barriers"
-            )
+
+    def foreseen(self, enough: float) -> float:
+        """About how many bonds form and break, or a bound below ``enough``."""
+        quantiles, shift = self.partners.quantiles, self.partners.shift
+        again = None
+        if quantiles.size and shift.size:
+            few = np.linspace(0, quantiles.size - 1, FEW).astype(int)
+            again = quantiles[few] + float(shift.mean())
+        lattice = self.lattice.model_copy(update={"forming": self.forming})
+        span = float(self.times[-1]) - self.time
+        return flips_on(lattice, self.drive, span, self.temperature, self.state, again, enough)
 
     def _identity(self) -> dict[str, np.ndarray]:
         """What must be equal for the pending event to hold."""
@@ -136,8 +165,9 @@ class _Job:
             "partners": np.array([self.partners.quantiles.sum(), self.partners.shift.sum()]),
         }
 
-    def _goes_on(self) -> bool:
-        """Whether the pending event of the pull before still holds."""
+    @cached_property
+    def goes_on(self) -> bool:
+        """Whether the pending event of the pull before still holds: then this is the same pull."""
         before = self.before
         return before is not None and all(
             np.array_equal(before.resume.get(name, ()), array) for name, array in self._identity().items()
@@ -148,19 +178,16 @@ class _Job:
         n, before = self.state.size, self.before
         reals, counts = np.zeros(kernel.REALS), np.zeros(kernel.COUNTS, np.int64)
         made, rest, bound = np.zeros(n, np.int64), np.zeros(n), np.zeros(n, np.int64)
-        slips = np.zeros(n, np.int64) if before is None else np.array(before.slips)
-        goes_on = self._goes_on()
-        if goes_on:
+        if self.goes_on:
             assert before is not None
             reals[:], counts[:] = before.resume["reals"], before.resume["counts"]
             made[:], rest[:], bound[:] = (before.resume[name] for name in ("made", "rest", "bound"))
         else:
             self._begin(reals, counts, rest)
-        words, base, forming = np.empty(n, np.int64), np.empty(n, np.int64), np.array(self.lattice.forming)
-        kernel.present_barriers(self.key, self.partners, slips, forming, base)
-        forming.setflags(write=False)
-        self.forming = forming
-        start_words(forming, self.model, self.state, words)
+        words, base = np.empty(n, np.int64), np.empty(n, np.int64)
+        kernel.present_barriers(self.key, self.partners, self.slips, self.slips, self.forming, base)
+        self.forming.setflags(write=False)
+        start_words(self.forming, self.model, self.state, words)
         rates = empty_rates(n, self.model.neighbours.shape[1], listing=False)
         fill(words, self.model, rates)
         m = self.times.size
@@ -176,7 +203,7 @@ class _Job:
             rates=rates,
             made=made,
             rest=rest,
-            slips=slips,
+            slips=self.slips.copy(),
             bound=bound,
             heads=np.full(kernel.RING, -1, np.int64),
             links=np.full((n, 2), -1, np.int64),
@@ -187,7 +214,7 @@ class _Job:
             samples=np.zeros((m, 6)),
             tallies=np.zeros((m, 3), np.int64),
         )
-        kernel.start(run, goes_on)
+        kernel.start(run, self.goes_on)
         return run
 
     def _begin(self, reals: np.ndarray, counts: np.ndarray, rest: np.ndarray) -> None:
@@ -196,21 +223,19 @@ class _Job:
         reals[kernel.HIGH] = self.time
         counts[kernel.BONDS] = int(np.count_nonzero(self.state))
         counts[kernel.FORMED], counts[kernel.BROKEN] = self.counted
-        counts[kernel.FIRST] = 1
+        counts[kernel.FIRST], counts[kernel.EVENT] = 1, self.event
         force = 0.0
         if before is not None:
             rest[:] = -before.stretch
-            counts[kernel.EVENT] = int(before.resume["counts"][kernel.EVENT]) + 1 if "counts" in before.resume else 0
             reals[kernel.WORK], reals[kernel.LOST] = before.work[-1], before.dissipated[-1]
             reals[kernel.RUBBED], reals[kernel.LARGEST] = before.rubbed[-1], before.largest_drop
-            reals[kernel.PEAK], reals[kernel.PEAK_AT] = before.peak, before.peak_displacement
-            reals[kernel.PEAK_TIME], force = before.peak_time, float(before.force[-1])
+            reals[kernel.PEAK_TIME], force = self.time, float(before.force[-1])
+            reals[kernel.PEAK], reals[kernel.PEAK_AT] = force, before.displacement[-1]
             reals[kernel.MOVED_BEFORE] = before.displacement[-1]
-        reals[kernel.SUM_REST] = rest[self.state].sum()
-        load = bonds.stiffness * -float(reals[kernel.SUM_REST])
-        if math.isfinite(self.pull.spring):
-            # the spring has the force that there was; what it does not carry is held by the friction of the slider
-            reals[kernel.SLACK] = load + self.pull.friction - force
+        reals[kernel.SUM_REST] = math.fsum(rest[self.state])
+        # a spring has the force that there was; what it does not carry is held by the friction of the slider
+        reals[kernel.PULL] = force if self.pull.spring > 0 else 0.0
+        counts[kernel.RESTS] = math.isfinite(self.pull.spring)
         drive = self.drive.todict()
         if before is not None and any(drive[name] != before.drive.get(name) for name in ("spring", "bond_stiffness")):
             stored = 0.5 * bonds.stiffness * float((before.stretch**2).sum())
@@ -230,12 +255,14 @@ class _Job:
         highest = int(np.argmax(force))
         peaks = [tuple(float(reals[place]) for place in (kernel.PEAK, kernel.PEAK_AT, kernel.PEAK_TIME))]
         peaks += [(float(force[highest]), float(displacement[highest]), float(self.times[highest]))]
-        if self.before is not None:
+        if self.goes_on:
+            assert self.before is not None
             peaks.append((self.before.peak, self.before.peak_displacement, self.before.peak_time))
         peak, at, when = max(peaks, key=lambda one: one[0])
         forming = self.forming.copy()
-        kernel.present_barriers(self.key, self.partners, run.slips, forming, np.empty(state.size, np.int64))
+        kernel.present_barriers(self.key, self.partners, self.slips, run.slips, forming, np.empty(state.size, np.int64))
         resume = {"reals": reals, "counts": run.counts, "made": run.made, "rest": run.rest, "bound": run.bound}
+        resume["event"] = run.counts[kernel.EVENT : kernel.EVENT + 1].copy()
         return PullHistory(
             times=self.times,
             displacement=displacement,

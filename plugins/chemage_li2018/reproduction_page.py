@@ -213,9 +213,14 @@ def _lines_table(lines: Sequence[Line]) -> str:
     return _table("Numbers", "target | quantity | paper | ours | difference | word | because", rows)
 
 
+#: in place of the parameters of a power without an exponent
+DEGENERATE = "degenerate, its exponent runs to 0: the logarithm"
+
+
 def _laws_table(claims: Sequence[Claim]) -> str:
     rows = [
-        f"| {claim.statement} | {law.name} | {', '.join(f'{number:.3g}' for number in law.parameters)} | "
+        f"| {claim.statement} | {law.name} | "
+        f"{', '.join(f'{number:.3g}' for number in law.parameters) or DEGENERATE} | "
         f"{law.chi_squared:.1f} | {law.criterion - claim.laws[0].criterion:.1f} |"
         for claim in claims
         for law in claim.laws

@@ -9,7 +9,7 @@ compared by Akaike's information criterion for few values (Hurvich & Tsai, Biome
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -18,13 +18,15 @@ from scipy.optimize import least_squares
 
 #: laws whose criteria differ by no more explain the data equally well (Burnham & Anderson, Model Selection, 2002)
 EQUAL = 2.0
+#: rise of the logarithm of a power over all times below which its exponent is not determined: it runs to 0
+DEGENERATE = 0.01
 
 
 class Law(NamedTuple):
     """A law of growth fitted to a mean curve."""
 
     name: str
-    #: fitted numbers, such as the exponent of a power
+    #: fitted numbers, such as the exponent of a power; none where that runs to 0, where the power is the logarithm
     parameters: tuple[float, ...]
     #: χ² of the increments, and the criterion
     chi_squared: float
@@ -96,10 +98,12 @@ def growth(times: np.ndarray, curves: np.ndarray, window: tuple[float, float]) -
     # the scatter of single increments is known badly from few curves: pooled over the window, as a smooth function of t
     spread = increments.std(axis=0, ddof=1) / abs(scale) / math.sqrt(len(y))
     error = np.exp(np.polynomial.Polynomial.fit(np.log(x[1:]), np.log(np.maximum(spread, 1e-12)), 1)(np.log(x[1:])))
-    laws = sorted((_fitted(name, x, middle, error) for name in _LAWS), key=lambda law: law.criterion)
+    laws = {name: _fitted(name, x, middle, error) for name in _LAWS}
+    if abs(laws["power"].parameters[1]) * math.log(x[-1] / x[0]) < DEGENERATE:
+        laws["power"] = _law("power", (), laws["logarithm"].chi_squared, middle.size, 2)
     decades = np.log10(x)
     return Comparison(
-        tuple(laws),
+        tuple(sorted(laws.values(), key=lambda law: law.criterion)),
         _slope(y, decades <= decades[0] + 1.001, decades),
         _slope(y, decades >= decades[-1] - 1.001, decades),
     )
@@ -122,11 +126,10 @@ def _fitted(name: str, times: np.ndarray, increments: np.ndarray, error: np.ndar
     total = increments.sum()
     fits = [least_squares(rest, [start[0] * total, *start[1:]], x_scale="jac", max_nfev=2000) for start in starts]
     best = min(fits, key=lambda fit: fit.cost)
-    return _law(name, best.x, 2.0 * float(best.cost), increments.size)
+    return _law(name, best.x, 2.0 * float(best.cost), increments.size, best.x.size)
 
 
-def _law(name: str, parameters: np.ndarray, chi: float, count: int) -> Law:
-    numbers = len(parameters)
+def _law(name: str, parameters: Sequence[float] | np.ndarray, chi: float, count: int, numbers: int) -> Law:
     correction = 2.0 * numbers * (numbers + 1) / max(count - numbers - 1, 1)
     return Law(name, tuple(float(value) for value in parameters), chi, chi + 2.0 * numbers + correction)
 
@@ -151,7 +154,7 @@ def of_load(load: np.ndarray, y: np.ndarray, error: np.ndarray, area: float = 2 
         name: least_squares(lambda p, law=law: (law(p) - y) / error, first, x_scale="jac")
         for name, (law, first) in laws.items()
     }
-    fitted = (_law(name, fit.x, 2.0 * float(fit.cost), load.size) for name, fit in fits.items())
+    fitted = (_law(name, fit.x, 2.0 * float(fit.cost), load.size, fit.x.size) for name, fit in fits.items())
     return tuple(sorted(fitted, key=lambda law: law.criterion))
 
 

@@ -3,6 +3,7 @@ surface was made, and the way from the image in a file to a surface, where no st
 
 from __future__ import annotations
 
+import math
 import operator
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
@@ -25,6 +26,7 @@ from chemage.plugin import (
     Unit,
     file_hash,
     file_stamp,
+    memory,
 )
 
 #: heights, or numbers of wave vectors
@@ -59,8 +61,11 @@ def _grid(value: Any) -> tuple[int, int]:
     if min(counts) < 1:
         raise ValueError(f"a grid of {counts[0]} x {counts[1]} pixels is empty; give at least 1")
     if counts[0] * counts[1] > MOST_PIXELS:
+        there = memory.capacity() or 8 * MOST_PIXELS
+        side = math.isqrt(int(there / 8))
         raise ValueError(
-            f"a grid of {counts[0]} x {counts[1]} pixels is too large for the memory; give at most {MOST_PIXELS}"
+            f"a grid of {counts[0]} x {counts[1]} pixels is too large; the {memory.readable(there)} of memory of this "
+            f"machine hold the heights of at most {side} x {side}"
         )
     return counts[0], counts[1]
 

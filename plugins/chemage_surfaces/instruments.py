@@ -17,12 +17,14 @@ from xml.etree import ElementTree
 import numpy as np
 
 from chemage import ChemageError, InputError, errors
-from chemage.plugin import HeightMap, Length, Reader, StoreError, UnitError, convert, open_file, tables
+from chemage.plugin import HeightMap, Length, Reader, StoreError, UnitError, container, convert, open_file, tables
 from chemage_surfaces._maps import HeightUnit, opposite, surface_of
 from chemage_surfaces.readers import as_map, coordinate_side, unpacked
 
-#: containers in containers of a file of Gwyddion
+#: containers in containers of a file of Gwyddion, and parts in parts of XML
 DEEPEST = 20
+#: bytes of the XML of X3P, which may list points
+LARGEST_XML = 1 << 23
 #: places of a grid for each point
 SPARSE = 4
 #: spacings of a grid of points differ by less than this
@@ -81,15 +83,18 @@ class X3p(Instrument):
     def height_map(self, path: str | PathLike[str]) -> HeightMap:
         """The image as it is; points marked invalid, or not finite, are missing."""
         try:
-            with zipfile.ZipFile(io.BytesIO(_bytes(path))) as archive:
-                return self._image(archive, str(path))
+            data = _bytes(path)
+            with zipfile.ZipFile(io.BytesIO(data)) as archive:
+                return self._image(archive, len(data), str(path))
         except ChemageError:
             raise
         except (*_OF_ARCHIVES, KeyError, ValueError, OSError, RuntimeError, OverflowError) as error:
             raise _damaged(path, error) from None
 
-    def _image(self, archive: zipfile.ZipFile, source: str) -> HeightMap:
-        record = archive.read("main.xml")
+    def _image(self, archive: zipfile.ZipFile, size: int, source: str) -> HeightMap:
+        if archive.getinfo("main.xml").file_size > LARGEST_XML:
+            raise ValueError("main.xml has more than a list of points needs; store them in bindata/data.bin")
+        record = archive.read("main.xml").replace(b"\0", b"")
         if b"<!DOCTYPE" in record or b"<!ENTITY" in record:
             raise ValueError("its XML defines entities")
         root = ElementTree.fromstring(record)
@@ -103,6 +108,7 @@ class X3p(Instrument):
         if any(fields[f"Record1/Axes/C{axis}/AxisType"] != "I" for axis in "XY"):
             raise InputError(f"{source} holds points that are no grid; grid them in the program of the instrument")
         dtype = _TYPES[fields["Record1/Axes/CZ/DataType"]]
+        container.check_unpacked(8 * nx * ny, size, source)
         if (link := fields.get("Record3/DataLink/PointDataLink")) is not None:
             data = _member(archive, link, nx * ny * np.dtype(dtype).itemsize)
             heights = np.frombuffer(data, dtype).astype(np.float64)
@@ -127,6 +133,8 @@ def _nodes(
 ) -> Iterator[tuple[tuple[str, ...], ElementTree.Element]]:
     for child in node:
         names = (*above, child.tag.rpartition("}")[2])
+        if len(names) > DEEPEST:
+            raise ValueError(f"its XML is nested more than {DEEPEST} deep")
         yield names, child
         yield from _nodes(child, names)
 
@@ -286,6 +294,21 @@ def _is_length(unit: Any) -> bool:
 # -- NetCDF-3 ----------------------------------------------------------------------------------------------------------
 
 
+class _Metered(io.BytesIO):
+    """A file of which no part is read again and again: variables that overlap are none."""
+
+    def __init__(self, data: bytes) -> None:
+        super().__init__(data)
+        self._left = 2 * len(data)
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        part = super().read(size)
+        self._left -= len(part)
+        if self._left < 0:
+            raise ValueError("its variables overlap")
+        return part
+
+
 class NetCdf(Instrument):
     """A two-dimensional variable of a NetCDF file of the classic format (version 3), with its attributes ``units`` and
     others of the CF conventions, and pixels from its coordinates. NetCDF-4 is HDF5."""
@@ -307,7 +330,7 @@ class NetCdf(Instrument):
 
         source = str(path)
         try:
-            with netcdf_file(io.BytesIO(_bytes(path)), "r", mmap=False) as file:
+            with netcdf_file(_Metered(_bytes(path)), "r", mmap=False) as file:
                 variables: dict[str, Any] = {
                     name: (one.dimensions, np.array(one[()] if not one.dimensions else one[:]), dict(one._attributes))
                     for name, one in file.variables.items()

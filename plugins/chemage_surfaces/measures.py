@@ -93,10 +93,10 @@ class Measures:
             f"pixels              {self.shape[0]} x {self.shape[1]} of {self.sides[0]:.4g} x {self.sides[1]:.4g} nm"
             + (f", {self.missing} heights are missing" if self.missing else ""),
             f"rms height          {self.rms_height:.4g} nm",
-            f"rms slope           {_pair(self.x.slope, self.y.slope)} along x and y, over a pixel",
-            f"rms curvature       {_pair(self.x.curvature, self.y.curvature)} 1/nm along x and y, over a pixel",
+            f"profile slope       {_pair(self.x.slope, self.y.slope)} along x and y, rms over a pixel",
+            f"profile curvature   {_pair(self.x.curvature, self.y.curvature)} 1/nm along x and y, rms over a pixel",
             "",
-            "distance (nm)       rms difference (nm)    rms slope              rms curvature (1/nm)",
+            "distance (nm)       rms difference (nm)    profile slope          profile curvature (1/nm)",
             "along x and y       x          y           x          y           x          y",
         ]
         longest = max(self.x, self.y, key=lambda axis: len(axis.distance)).distance

@@ -21,6 +21,9 @@ from chemage_surfaces._maps import surface_of
 if TYPE_CHECKING:
     import h5py
 
+#: groups of HDF5 in each other
+DEEPEST = 32
+
 
 def as_map(
     heights: Any,
@@ -168,9 +171,10 @@ class Hdf5(Unitless):
 
         maps: list[str] = []
 
-        def visit(name: str, node: Any) -> None:
+        def visit(name: str, node: Any) -> str | None:
             if isinstance(node, h5py.Dataset) and node.ndim == 2 and node.dtype.kind in "fiu":
                 maps.append(name)
+            return name if name.count("/") > DEEPEST else None  # which ends the visit
 
         if self.dataset is not None:
             _check_links(file, self.dataset, path)
@@ -180,10 +184,13 @@ class Hdf5(Unitless):
             problem = f"{path} has no dataset {self.dataset!r}"
         else:
             problem = f"{path}: which dataset holds the heights?"
-        file.visititems(visit)
+        if (deep := file.visititems(visit)) is not None:
+            raise StoreError(
+                f"{path}: {errors.shortened(deep)} is nested more than {DEEPEST} deep; name a dataset above it"
+            )
         if self.dataset is None and len(maps) == 1:
             return file[maps[0]]  # pyright: ignore[reportReturnType]
-        listed = ", ".join(maps) or "none"
+        listed = errors.shortened(", ".join(maps), 1000) or "none"
         error = InputError if self.dataset is None and maps else StoreError
         raise error(f"{problem}; two-dimensional datasets of numbers in it: {listed}")
 

@@ -12,7 +12,19 @@ from pydantic import model_validator
 from scipy import fft as sfft
 
 from chemage import InputError, Surface
-from chemage.plugin import Choice, Length, Scatter, Seed, SurfaceMaker, Unit, checked_seed, memory, roughness, threads
+from chemage.plugin import (
+    Choice,
+    Length,
+    Scatter,
+    Seed,
+    SurfaceMaker,
+    Unit,
+    checked_seed,
+    figures,
+    memory,
+    roughness,
+    threads,
+)
 from chemage_surfaces._maps import Floats, provenance
 from chemage_surfaces.generated import JACOBS, continuation
 from chemage_surfaces.spectra import Binned, PowerLaw, binned, fit_power_law, wavenumbers
@@ -212,11 +224,12 @@ class Roughened(SurfaceMaker):
     def draw(self, figure: str, axes: Axes, results: Sequence[Any]) -> None:
         """The spectra before and after, of one result or of several."""
         for result in results:
-            if result.surface is not None:
+            record = _recorded(result)
+            # a tip that carries this surface is another one
+            if result.surface is not None and (record is None or "roughened" in result.surface.provenance):
                 q, density = result.surface.psd(_BINS)
                 filled = density > 1e-12 * density.max(initial=0.0)
                 axes.loglog(q[filled], density[filled], color=result.color, label=f"{result.label}, carried on")
-            record = _recorded(result)
             if record is None:
                 continue
             before = record["spectrum"]
@@ -228,18 +241,23 @@ class Roughened(SurfaceMaker):
             axes.loglog(law, fitted, "--", color="0.2", lw=1, zorder=3, label=f"H = {record['hurst']:.2f}")
             axes.axvline(record["join"], color="0.6", lw=0.8)
         axes.set(xlabel="wavenumber q (1/nm)", ylabel="power spectral density C (nm⁴)")
-        if axes.get_legend_handles_labels()[0]:
-            axes.legend()
-        else:
-            axes.text(0.5, 0.5, "the file does not hold the surface", ha="center", transform=axes.transAxes)
+        figures.legend(axes)
 
 
 def _recorded(result: Any) -> dict[str, Any] | None:
-    """What :func:`_record` noted with the surface of a result, or with its contact; None where neither has it."""
+    """What :func:`_record` noted with the surface of a result or its contact, or with a part of a tip; None where
+    neither has it."""
     records = [result.surface.provenance] if result.surface is not None else []
     if result.contact is not None:
         records.append(result.contact.provenance.get("surface"))
-    return next((part["roughened"] for part in records if isinstance(part, Mapping) and "roughened" in part), None)
+    while records:
+        part = records.pop(0)
+        if not isinstance(part, Mapping):
+            continue
+        if "roughened" in part:
+            return part["roughened"]
+        records += part.values()
+    return None
 
 
 class _Plan(NamedTuple):

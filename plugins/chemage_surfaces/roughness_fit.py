@@ -135,7 +135,7 @@ class RoughnessFit:
         return "\n".join(
             [
                 f"rms height          {self.rms_height:.4g} nm, of the image",
-                f"rms slope           {self.rms_slope:.4g}, of the image",
+                f"rms slope           {self.rms_slope:.4g}, of the image: of its gradient, with all waves",
                 f"Hurst exponent      {self.hurst:.3f} ± {self.hurst_error:.3f}",
                 f"roll-off            {roll}",
                 f"shortest wavelength {self.resolution:.4g} nm" + (f" ({self.limit})" if self.limit else ""),

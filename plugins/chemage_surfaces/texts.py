@@ -16,17 +16,17 @@ from chemage_surfaces.readers import Unitless, as_map, stated_length
 UTF16 = (b"\xff\xfe", b"\xfe\xff")
 
 
-def _field(names: str, value: str = r"[^,;]+?") -> re.Pattern[str]:
-    return re.compile(rf"^(?:{names})\s*[:=]\s*(?P<value>{value})\s*$", re.IGNORECASE)
+def _field(names: str, value: str = r"[^,;]") -> re.Pattern[str]:
+    return re.compile(rf"^(?:{names})\s*[:=]\s*(?P<value>(?!\s){value}+)$", re.IGNORECASE)
 
 
 #: what a header states, in English and in German; decimal commas in the sides
 _FIELDS = {
     "pixel_size": _field(r"pixel[ _]size"),
     "unit": _field(r"(?:value|height|z)[ _]units?|werteeinheiten?|data unit"),
-    "width": _field("width|breite", ".+?"),
-    "height": _field("height|höhe", ".+?"),
-    "channel": _field("channel|kanal", ".+?"),
+    "width": _field("width|breite", "."),
+    "height": _field("height|höhe", "."),
+    "channel": _field("channel|kanal", "."),
     "rows": re.compile(r"\bh=(?P<value>\d{1,9})\b"),
     "columns": re.compile(r"\bw=(?P<value>\d{1,9})\b"),
     "factor": re.compile(r"^height conversion factor \(-> \w+\)=(?P<value>\S+)$"),

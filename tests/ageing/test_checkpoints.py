@@ -178,7 +178,7 @@ def test_killed_run_goes_on(small: ca.Scene, tmp_path: Path):
     words = ["run", "silica-rough", "--no-figures", "--checkpoints", "kept"]
     for path, value in {**SMALL, "contact.load": '"200 nN"', "hold.replicas": 8}.items():
         words += ["--set", f"{path}={value}"]
-    command = [sys.executable, "-m", "chemage.cli", *words]
+    command = [sys.executable, "-m", "chemage", *words]
     kept = tmp_path / "kept"
     pipes = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True}
     with subprocess.Popen([sys.executable, "-c", STOPS, *words], cwd=tmp_path, **pipes) as process:

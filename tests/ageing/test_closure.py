@@ -14,17 +14,18 @@ from chemage_ageing import _table
 from chemage_ageing._table import bonded_share
 
 KT = ca.plugin.KB * 300.0
+EV_PER_GPA_NM3 = ca.plugin.EV_PER_GPA_NM3
 TIMES = np.array([0.0, 1.0, 10.0, 100.0, 1000.0])
 
 
 @pytest.fixture(autouse=True)
 def small_tables(monkeypatch, tmp_path):
     """Tables of a few hundred sites in a folder of the test."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setenv("CHEMAGE_CACHE", str(tmp_path))
     for name, value in (("SIDE", 32), ("BAND", 4), ("FIRST", 2), ("MOST", 2)):
         monkeypatch.setattr(_table, name, value)
     monkeypatch.setattr("chemage_ageing.closure._tables", {})
-    return tmp_path / "cache" / "chemage"
+    return tmp_path
 
 
 def chemistry(**options) -> ca.Chemistry:
@@ -58,7 +59,7 @@ def test_one_barrier_under_one_pressure_is_one_exponential(breaking):
         breaking=ca.barriers("gaussian", mean=breaking, std=0.0) if breaking else None,
         hydroxylation=0.8,
     )
-    forming = 1e13 * math.exp(-(1.0 - 2.0 * own.activation_volume * ca.plugin.EV_PER_GPA_NM3) / KT)
+    forming = 1e13 * math.exp(-(1.0 - 2.0 * own.activation_volume * EV_PER_GPA_NM3) / KT)
     both = forming + (1e13 * math.exp(-breaking / KT) if breaking else 0.0)
     found = aged(uniform(2.0), own)
     exact = 0.8 * 1200 * forming / both * -np.expm1(-both * TIMES)
@@ -94,7 +95,7 @@ def _random_barriers(seed: int):
     rng = np.random.default_rng(seed)
     forming = rng.uniform(0.7, 1.4), 10 ** rng.uniform(-2.3, -0.9)
     breaking = rng.uniform(0.7, 1.4), 10 ** rng.uniform(-2.3, -0.9)
-    return forming, breaking, rng.uniform(200, 600), 10.0 ** rng.uniform(-3, 12, 4), rng.uniform(0, 5, 2)
+    return forming, breaking, rng.uniform(50, 600), 10.0 ** rng.uniform(-3, 12, 4), rng.uniform(0, 20, 2)
 
 
 @pytest.mark.parametrize(
@@ -111,9 +112,20 @@ def test_the_quadrature_is_exact_within_its_stated_error(case):
     )
     times, kt = np.sort(times), ca.plugin.KB * temperature
     found = bonded_share(own, temperature, times, np.array(pressures))
-    shifts = np.array(pressures) * own.activation_volume * ca.plugin.EV_PER_GPA_NM3
+    shifts = np.array(pressures) * own.activation_volume * EV_PER_GPA_NM3
     exact = np.stack([_exact_share(forming, breaking, shift, kt, times) for shift in shifts])
-    np.testing.assert_allclose(found, exact, rtol=2e-4)
+    # no rank is below 2⁻⁴⁹, so that one site in 10¹⁴ may be missed
+    np.testing.assert_allclose(found, exact, rtol=2e-4, atol=1e-14)
+
+
+@pytest.mark.parametrize("pressure", [0.0, 5.0, 20.0, 100.0])
+def test_pressure_makes_barriers_crossed_that_are_far_too_high_without_it(pressure):
+    """2.3 eV at 300 K: some 10⁻²² of the sites without pressure, one in 10⁸ under 20 GPa."""
+    own = chemistry(forming=ca.barriers("uniform", lower=2.30, upper=2.35))
+    lowered = 2.30 + 0.05 * (np.arange(4000) + 0.5) / 4000 - pressure * own.activation_volume * EV_PER_GPA_NM3
+    rates = 1e13 * np.exp(-np.maximum(lowered, 0.0) / KT)
+    exact = ca.plugin.TwoState(rates).relaxed(1e4).mean()
+    assert bonded_share(own, 300.0, np.array([1e4]), np.array([pressure]))[0, 0] == pytest.approx(exact, rel=2e-4)
 
 
 def test_no_table_is_made_without_interaction(small_tables):
@@ -351,3 +363,18 @@ def test_more_pressures_than_a_table_can_have_are_refused():
     wide = ca.plugin.ContactStatistics(pressure=pressure, area=areas, load=1.0, nominal_area=1e6, modulus=35.3)
     with pytest.raises(InputError, match="out of its range, leave out"):
         aged(wide, interacting(site_density=4.9))
+
+
+def test_a_table_of_many_pressures_is_foreseen():
+    """At 60 K and 4 GPa, pressures one k_BT of the barrier apart are some hundred; at 300 K a fifth of that."""
+    method = ca.ageing_method("closure")
+
+    def most(temperature, volume=0.0064):
+        own = interacting(activation_volume=volume)
+        known = {"interacting": True, "chemistry": own, "temperature": temperature, "mean_pressure": 4.0}
+        return method.expected(1e4, {}, 1, **known)["cpu_seconds_most"]
+
+    highest = 4.0 * math.sqrt(4 / math.pi * math.log(1e6))
+    pressures = 0.0064 * ca.plugin.EV_PER_GPA_NM3 * highest / (ca.plugin.KB * 60.0)
+    assert most(60.0) / most(60.0, 0.0) == pytest.approx(pressures, rel=0.05)
+    assert 4 < most(60.0) / most(300.0) <= 5

@@ -183,11 +183,20 @@ def test_the_scatter_of_simulated_hold_times_is_no_error(kind):
         fit_aging(aging(correlated(np.random.default_rng(1), 3)), bootstrap=kind)
 
 
-def test_replicas_that_are_all_equal_have_intervals_of_no_width():
-    fit = fit_aging(aging(np.tile(np.rint(4000 * np.log10(TIMES / 0.01)), (3, 1))))
-    assert fit.beta_interval.low == pytest.approx(fit.beta, rel=1e-12) == fit.beta_interval.high
-    assert fit.cutoff_interval.low == pytest.approx(fit.cutoff_time, rel=1e-6)
-    assert fit.cutoff_interval.high == pytest.approx(fit.cutoff_time, rel=1e-6)
+@pytest.mark.parametrize("bootstrap", [None, "replicas"])
+@pytest.mark.parametrize("slope", [4000, 0])
+def test_replicas_that_are_all_equal_have_no_interval_and_say_so(slope, bootstrap):
+    """Few bonds are equal by chance; an interval of no width would say that β is known exactly."""
+    bonds = np.tile(np.rint(slope * np.log10(TIMES / 0.01)), (3, 1))
+    fit = fit_aging(aging(bonds), bootstrap=bootstrap)
+    assert np.isnan([fit.beta_interval.low, fit.beta_interval.high]).all()
+    assert fit.beta_text() == f"{fit.beta:.4g} (no scatter, so that the error is not known)"
+    if slope:
+        assert fit.cutoff_text().endswith("(no scatter, so that the error is not known)")
+    else:
+        assert fit.cutoff_text() == "undetermined: β is not distinguishable from zero"
+    assert "[" not in fit.b_text() + fit.cutoff_text()
+    assert "(" not in fit.short_text().partition(" per decade")[0]
 
 
 def test_the_same_data_give_the_same_digits_and_the_seed_changes_them():

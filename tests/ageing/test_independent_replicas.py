@@ -102,7 +102,10 @@ def test_what_is_asked_to_be_common_is_common():
 def test_a_result_says_which_random_numbers_were_common():
     contact = contact_of(0, 0.1)
     engine = ca.engine("bkl")
-    for common, words in (("none", "independent of every other run"), ("all", "disorder and kinetic noise in common")):
+    for common, words in (
+        ("none", "independent of runs with another contact, chemistry, temperature or engine"),
+        ("all", "disorder and kinetic noise in common"),
+    ):
         made = ca.age(
             contact, SILICA, engine=engine, hold_times=[1.0], temperature=300, replicas=2, seed=7, common=common
         )
@@ -110,6 +113,22 @@ def test_a_result_says_which_random_numbers_were_common():
         assert made.random_numbers.startswith(f"seed 7, {words}")
     with pytest.raises(InputError, match="common = 'some'"):
         ca.age(contact, SILICA, engine=engine, hold_times=[1.0], temperature=300, common="some")  # pyright: ignore
+
+
+def test_runs_that_differ_in_the_rupture_law_alone_have_the_same_bonds():
+    """So that laws and speeds are compared on them; a result says that only runs with other bonds are independent."""
+    pull = {"distance": 0.6, "bond_stiffness": 10, "transition_distance": 0.05, "points": 2}
+    laws = [None, *(ca.rupture("pulled", speed=speed, **pull) for speed in (1.0, 100.0))]
+    runs = [
+        ca.age(contact_of(0, 0.1), SILICA, engine=ca.engine("bkl"), hold_times=[10.0], temperature=300, replicas=8,
+               rupture=law)
+        for law in laws
+    ]  # fmt: skip
+    for one in runs:
+        np.testing.assert_array_equal(one.bonds, runs[0].bonds)
+        assert "runs with another contact, chemistry, temperature or engine" in one.random_numbers
+    peaks = [one.friction_drop[:, -1] for one in runs[1:]]
+    assert np.corrcoef(*peaks)[0, 1] > 0.5
 
 
 def noise_of(contact, chemistry, engine, temperature=300.0) -> list[int]:

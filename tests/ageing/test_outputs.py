@@ -277,27 +277,33 @@ def two(told, tmp_path, monkeypatch):
 def test_show_and_json_have_them(two, command):
     shown = command("show", "a.h5").out
     energy = two[0].aging.observables["bond_energy"][:, -1]
-    line = next(line for line in shown.splitlines() if "bond_energy at 10000 s" in line)
-    value = line.replace("bond_energy at 10000 s", "").split()[0]
+    words = "sum of the breaking barriers of the bonds at 10000 s"
+    line = next(line for line in shown.splitlines() if words in line)
+    value = line.replace(words, "").split()[0]
     digits = len(value.partition(".")[2])
     assert value == f"{energy.mean():.{digits}f}"
-    assert next(line for line in shown.splitlines() if "bond_energy" in line).rstrip().endswith("eV")
-    assert "bond_map" not in shown, "an array is no row"
-    assert "bond_share" in shown
+    assert line.rstrip().endswith("eV")
+    assert "values from" not in shown
+    assert "bond_map" in command("show", "a.h5", "--all").out
+    assert "8 x 24 x 28 values from " in command("show", "a.h5", "--all").out
     told = json.loads(command("show", "a.h5", "--json").out)["observables"]
     assert told["bond_energy"]["unit"] == "eV"
     assert told["bond_energy"]["mean"] == pytest.approx(two[0].aging.observables["bond_energy"].mean(axis=0))
     assert told["bond_share"]["half_width"] >= 0
     assert told["bond_map"]["shape"] == [8, 24, 28]
     assert "mean" not in told["bond_map"]
+    ca.write("aging.h5", two[0].aging)
+    assert "8 x 24 x 28 values from " in command("show", "aging.h5", "--all").out
+    assert "values from" not in command("show", "aging.h5").out
 
 
 def test_compare_has_rows_of_them(two):
     made = compare_files(["a.h5", "b.h5"])
     rows = dict(made.table())
-    assert rows["bond_share"][1] == "-"
-    assert rows["bond_energy at the last hold time"][0].endswith(" eV")
-    assert set(rows) >= {"bond_energy at 1 s", "bond_energy at 1000 s"}
+    assert rows["fraction of the sites that are bonded at the end"][1] == "-"
+    energy = "sum of the breaking barriers of the bonds"
+    assert rows[f"{energy} at the last hold time"][0].endswith(" eV")
+    assert set(rows) >= {f"{energy} at 1 s", f"{energy} at 1000 s"}
     first, second = made.numbers()
     assert first["observable.bond_share"] == pytest.approx(two[0].aging.observables["bond_share"].mean())
     assert second["observable.bond_share"] is None
@@ -313,8 +319,8 @@ def test_compare_has_rows_of_them(two):
 def test_a_report_has_rows_of_them(two):
     ca.write_report(["a.h5"], "a.html")
     text = Path("a.html").read_text(encoding="utf-8")
-    assert "bond_energy at 10000 s" in text
-    assert "bond_share" in text
+    assert "sum of the breaking barriers of the bonds at 10000 s" in text
+    assert "fraction of the sites that are bonded at the end" in text
 
 
 def test_a_sweep_has_columns_of_them(told, tmp_path):

@@ -65,7 +65,7 @@ def transcript(scene: str) -> None:
             begin = last = time.monotonic()
             silence = 0.0
             process = subprocess.Popen(
-                [sys.executable, "-m", "chemage.cli", "run", scene, "--out", str(Path(folder) / f"{what}.h5")],
+                [sys.executable, "-m", "chemage", "run", scene, "--out", str(Path(folder) / f"{what}.h5")],
                 env=environment,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.PIPE,

@@ -4,7 +4,7 @@
     python tests/benchmarks/contact_errors.py spikes --count 30    # one family
     python tests/benchmarks/contact_errors.py pressure             # only the estimate of the pressure error
 
-The errors of the gap are evaluated in double precision by ``tests/physics/independent_contact.py``. The error of the
+The errors of the gap are evaluated in double precision by ``tests/stubs/independent_contact.py``. The error of the
 pressure is measured against the same contact solved to a tolerance of 1e-11 in double precision (whose gap is checked
 in the same way), or against the dense active-set solution where the grid is small.
 """
@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "physics"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "stubs"))
 
 from independent_contact import Body, Errors, dense_solution, evaluate
 

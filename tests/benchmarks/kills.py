@@ -119,7 +119,7 @@ def intact(folder: Path) -> list[str]:
 
 def started(kind: str, words: list[str], here: Path) -> subprocess.Popen[bytes]:
     """Begin a command in a folder."""
-    program = ["-c", DASK] if kind in ("workers", "scheduler") else ["-m", "chemage.cli"]
+    program = ["-c", DASK] if kind in ("workers", "scheduler") else ["-m", "chemage"]
     return subprocess.Popen(
         [sys.executable, *program, *words], cwd=here, stdout=subprocess.PIPE, stderr=subprocess.PIPE
     )

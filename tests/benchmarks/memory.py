@@ -1,4 +1,4 @@
-"""Memory that `chemage check` predicts against the peak of `chemage run`, for ten scenes of all kinds.
+"""Memory that `chemage check` predicts against the peak of `chemage run`, for scenes of all kinds.
 
     python tests/benchmarks/memory.py [NAME ...]
 
@@ -17,6 +17,10 @@ import tempfile
 from chemage.foundation.machine import kernel_folder
 
 KERNELS = str(kernel_folder())
+PULL = {"kind": "pulled", "speed": "1 um/s", "distance": "1 nm", "bond_stiffness": "10 nN/nm",
+        "transition_distance": "0.03 nm"}  # fmt: skip
+ADHESIVE = {"kind": "adhesive-bem", "modulus": "35.3 GPa", "work_of_adhesion": "50 mJ/m^2", "range": "0.5 nm",
+            "coarse": "note", "tolerance": 1e-3}  # fmt: skip
 #: name -> installed scene and changes
 SCENES = {
     "tip": ("silica-tip", {}),
@@ -35,6 +39,18 @@ SCENES = {
     "closure": ("silica-rough", {"surface.pixels": 1500, "ageing": {"kind": "closure"}, "observe": None}),
     "many sites": ("silica-rough", {"surface.pixels": 1000, "surface.zeta": 100, "contact.load": "300 uN",
                                     "hold.replicas": 3}),
+    "pulled tip": ("silica-afm-tip", {"rupture": PULL, "hold.replicas": 20}),
+    "pulled tip, 5000 points": ("silica-afm-tip", {"rupture": {**PULL, "points": 5000}, "hold.replicas": 50}),
+    "pulled rough": ("silica-rough", {"rupture": {**PULL, "spring": "1 uN/nm"}, "hold.replicas": 4}),
+    "pulled patch, 40 frames": ("silica-patch", {"rupture": {**PULL, "frames": 40}}),
+    "adhesive tip": ("silica-tip", {"contact": {**ADHESIVE, "load": "20 nN"}, "surface.pixels": 768,
+                                    "surface.pixel_size": 0.1}),
+    "adhesive rough": ("silica-patch", {"contact": {**ADHESIVE, "load": "1 uN"}, "surface.pixels": 512,
+                                        "contact.gap": True}),
+    "adhesive rough, 900": ("silica-patch", {"contact": {**ADHESIVE, "load": "3 uN", "law": "dugdale"},
+                                             "surface.pixels": 900}),
+    "adhesive, free": ("silica-tip", {"contact": {**ADHESIVE, "load": "20 nN"}, "surface.pixels": 500,
+                                      "surface.pixel_size": 0.15}),
 }  # fmt: skip
 WARM = """
 import json, sys

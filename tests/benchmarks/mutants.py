@@ -92,7 +92,7 @@ SLACK = 120
 #: s of waiting beyond six times the CPU seconds; a test that waits for ever uses none
 WAITING = 300
 #: how functions are marked that numba compiles
-COMPILED = re.compile(r"(nb\.)?(njit|jit|hot|inner)\b")
+COMPILED = re.compile(r"(nb\.)?(njit|jit|hot|inner|kernel)\b")
 #: what the places that are drawn call, in the first module that is imported
 WATCH = """
 import builtins, os

@@ -3,7 +3,7 @@
 Each surface is solved on 1250² pixels of 0.9036 nm. The bonds of both contacts are those of ageing ``closure``, so that
 the differences are those of the contact alone: area, mean pressure, bonds after 1000 s, β. The last column is by how
 much the bonds after 1000 s of the solved contact change if its rim is left out, as ``persson`` leaves it out. Run with
-``python tests/benchmarks/persson_errors.py``; it takes about fifteen minutes, and writes a table in Markdown.
+``python tests/benchmarks/persson_errors.py``; it takes about a minute, and writes a table in Markdown.
 """
 
 from __future__ import annotations

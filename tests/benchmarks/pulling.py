@@ -1,7 +1,8 @@
 """What a pulled contact must show, at full size: ``python tests/benchmarks/pulling.py [PART ...]``.
 
 Parts: ``master`` (interacting patches against the master equation, five seeds and three programmes), ``sliding``
-(six decades of speed and of the forming rate), ``stability`` (where stick-slip begins) and ``speed``.
+(six decades of speed and of the forming rate), ``stability`` (where stick-slip begins), ``speed``, and ``fuzz`` (random
+pulls).
 """
 
 from __future__ import annotations
@@ -12,8 +13,18 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "friction"))
-from pulled_models import KT, Independent, chi_square, codes, drive_of, lattice_of, master_equation, patches
+sys.path.insert(0, str(Path(__file__).parents[1] / "stubs"))
+from pulled_models import (
+    KT,
+    Independent,
+    chi_square,
+    codes,
+    drive_of,
+    lattice_of,
+    master_equation,
+    patches,
+    random_pull,
+)
 from scipy.stats import kstest
 
 import chemage as ca
@@ -122,8 +133,39 @@ def speed() -> None:
             print(f"{what}, spring {spring}: {events} events, {spent:.2f} CPU s, {events / spent:.3g} events/s")
 
 
+def foreseen(lattice, drive, times, options) -> float:
+    """Events that a pull is expected to have, as it says when it may have none."""
+    try:
+        ca.pulling("event-driven", most_events=1e-300).run(lattice, drive, times, **options)
+    except ca.InputError as refused:
+        return float(str(refused).split("about ")[1].split()[0])
+    return 0.0
+
+
+def fuzz(count: int = 400) -> None:
+    """Random pulls over many decades: balance of energy, seconds, and events foreseen over those that happened."""
+    worst, longest, refused, faults, off = 0.0, 0.0, 0, 0, []
+    for seed in range(count):
+        lattice, drive, times, options = random_pull(seed)
+        begin = time.process_time()
+        try:
+            pulled = EXACT.run(lattice, drive, times, **options)
+        except ca.InputError as error:
+            refused += 1
+            print(f"{seed}: {error}")
+            continue
+        finally:
+            longest = max(longest, time.process_time() - begin)
+        worst = max(worst, float(np.abs(pulled.imbalance).max()))
+        faults += bool(pulled.fault())
+        if (events := int(pulled.formed[-1] + pulled.broken[-1])) > 1000:
+            off.append(foreseen(lattice, drive, times, options) / events)
+    print(f"{count} pulls: {faults} contradict themselves, balance of energy within {worst:.1e}")
+    print(f"{refused} refused, longest {longest:.1f} CPU s; foreseen over happened {min(off):.2f} to {max(off):.2f}")
+
+
 if __name__ == "__main__":
-    parts = {"master": master, "sliding": sliding, "stability": stability, "speed": speed}
+    parts = {"master": master, "sliding": sliding, "stability": stability, "speed": speed, "fuzz": fuzz}
     for name in sys.argv[1:] or parts:
         print(f"-- {name}")
         parts[name]()

@@ -1,6 +1,6 @@
 """Whether a measured image, carried on to the site spacing, gives the contact and the ageing of the surface itself.
 
-    python tests/benchmarks/roughened.py                  # ten surfaces: about half an hour
+    python tests/benchmarks/roughened.py                  # ten surfaces: about a minute
     python tests/benchmarks/roughened.py --seeds 1 2      # some of them
     python tests/benchmarks/roughened.py --table FILE     # the table from rows measured before (CSV, as printed)
 

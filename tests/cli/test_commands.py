@@ -284,10 +284,10 @@ def test_plugins_check_is_content(command):
 @pytest.mark.long
 def test_a_terminal_without_greek_letters(small):
     environment = {**os.environ, "PYTHONIOENCODING": "ascii", "LC_ALL": "C"}
-    words = [sys.executable, "-m", "chemage.cli", "check", "silica-rough"]
+    words = [sys.executable, "-m", "chemage", "check", "silica-rough"]
     done = subprocess.run(words, cwd=small.parent, env=environment, capture_output=True)
     assert done.returncode == 0, done.stderr
-    words = [sys.executable, "-m", "chemage.cli", "check", "µ.toml"]
+    words = [sys.executable, "-m", "chemage", "check", "µ.toml"]
     done = subprocess.run(words, cwd=small.parent, env=environment, capture_output=True)
     assert done.returncode == 2
     assert b"Traceback" not in done.stderr

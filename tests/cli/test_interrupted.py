@@ -334,7 +334,7 @@ def test_too_little_memory_is_said(command, small, monkeypatch):
 
 
 def test_a_standard_output_that_is_full_or_closed(small):
-    program = [sys.executable, "-m", "chemage.cli", "plugins", "list"]
+    program = [sys.executable, "-m", "chemage", "plugins", "list"]
     with open("/dev/full", "w") as full:
         done = subprocess.run(program, cwd=small.parent, stdout=full, stderr=subprocess.PIPE, text=True)
     assert done.returncode == 2
@@ -349,7 +349,7 @@ def test_a_standard_output_that_is_full_or_closed(small):
 
 @pytest.mark.skipif(shutil.which("prlimit") is None, reason="prlimit is not installed")
 def test_a_log_that_cannot_be_written_is_one_line(small):
-    program = [sys.executable, "-m", "chemage.cli", "cite", "silica-tip", "--log", "mine.log"]
+    program = [sys.executable, "-m", "chemage", "cite", "silica-tip", "--log", "mine.log"]
     log = small.with_name("mine.log")
     size = 2**20
     for status, words in ((0, []), (0, ["--log", "the log ends here"]), (2, ["--log", "choose another place"])):

@@ -27,7 +27,7 @@ def words_offered(folder, line, shell="bash"):
     asked = {"COMP_WORDS": line, "COMP_CWORD": str(len(words) - 1)} if shell == "bash" else {}
     asked |= {"_TYPER_COMPLETE_ARGS": line, "_TYPER_COMPLETE_FISH_ACTION": "get-args"}
     done = subprocess.run(
-        [sys.executable, "-m", "chemage.cli"],
+        [sys.executable, "-m", "chemage"],
         env={**os.environ, **asked, "_CHEMAGE_COMPLETE": f"complete_{shell}"},
         cwd=folder,
         capture_output=True,

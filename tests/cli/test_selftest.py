@@ -47,23 +47,32 @@ def test_every_solver_engine_and_reader_is_tested():
     assert not {part for part in unmade if part.startswith(("contact", "engine", "reader"))}
 
 
+#: part of the selftest -> the file of its kernel, a term of it and a factor that makes it wrong
+BROKEN = {
+    "engine bkl": ("chemage_kinetics/_rate_classes.py", "math.exp((c", 0.8),
+    "contact fft-bem": ("chemage_contact/_kernels.py", "s[k] * g[k]", 1.1),
+}
+
+
 @pytest.mark.long
-@pytest.mark.parametrize(
-    ("part", "file", "right", "factor"),
-    [
-        ("engine bkl", "chemage_kinetics/_rate_classes.py", "math.exp((c", 0.8),
-        ("contact fft-bem", "chemage_contact/_kernels.py", "s[k] * g[k]", 1.1),
-    ],
-)
-def test_a_broken_kernel_is_caught(tmp_path, part, file, right, factor):
+def test_broken_kernels_are_caught_where_the_right_ones_are_kept(tmp_path):
     shutil.copytree(ROOT / "plugins", tmp_path / "plugins")
-    broken = tmp_path / "plugins" / file
-    assert broken.read_text().count(right) == 1
-    broken.write_text(broken.read_text().replace(right, f"{factor} * {right}"))
     path = os.pathsep.join([str(ROOT), str(tmp_path / "plugins")])
     environment = {**os.environ, "PYTHONPATH": path, "NUMBA_CACHE_DIR": str(tmp_path / "kernels")}
-    command = [sys.executable, "-m", "chemage.cli", "selftest", "--json"]
-    done = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True)
-    assert done.returncode == 1, done.stderr
-    failed = [one["part"] for one in json.loads(done.stdout)["parts"] if one["problems"]]
-    assert part in failed
+
+    def failed():
+        command = [sys.executable, "-m", "chemage", "selftest", "--json"]
+        done = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True)
+        assert done.stdout, done.stderr
+        return {one["part"] for one in json.loads(done.stdout)["parts"] if one["problems"]}
+
+    # contact solvers of packages that are not installed have problems before, too
+    before = failed()
+    assert not before & BROKEN.keys()
+    for file, right, factor in BROKEN.values():
+        broken = tmp_path / "plugins" / file
+        assert broken.read_text().count(right) == 1
+        broken.write_text(broken.read_text().replace(right, f"{factor} * {right}"))
+    found = failed() - before
+    assert found >= BROKEN.keys()
+    assert "engine rejection-free" not in found

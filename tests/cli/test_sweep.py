@@ -199,7 +199,7 @@ def test_many_points_need_a_word_without_a_terminal(command, scene, monkeypatch)
 
 
 def chemage_command(*words):
-    return [sys.executable, "-m", "chemage.cli", *map(str, words)]
+    return [sys.executable, "-m", "chemage", *map(str, words)]
 
 
 def slow(scene, seconds=0.05):

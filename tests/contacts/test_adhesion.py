@@ -243,3 +243,21 @@ def test_tension_needs_to_know_where_the_surfaces_touch():
         ca.ContactSolution(pressure=pressure, touching=np.array([[True]]), **fields)
     contact = ca.ContactSolution(pressure=pressure, touching=np.array([[True, True]]), **fields)
     assert contact.sites.size == 2
+
+
+@pytest.mark.parametrize(
+    ("kind", "holds", "fails", "limit"), [("jkr", 6.0, 0.13, "above 5"), ("dmt", 0.09, 0.3, "below 0.1")]
+)
+def test_a_law_beyond_its_range_says_so_in_check_and_in_its_result(kind, holds, fails, limit):
+    """Tabor's parameter (Rw²/(E*²z₀³))^(1/3), z₀ = 0.3 nm; issued with the law that holds there."""
+    for tabor, beyond in ((holds, False), (fails, True)):
+        work = E * math.sqrt((tabor * 0.3) ** 3 / R)
+        solver = ca.contact(kind, modulus=E, work_of_adhesion=work)
+        surface = sphere(128, size=1.0)
+        said = solver.check({"nx": 128, "ny": 128, "pixel_size": 1.0, "radius": R}, 10.0)
+        notes = solver.solve(surface, 10.0).notes
+        assert tuple(said) == notes
+        assert bool(notes) == beyond
+        if beyond:
+            assert f"is {limit}, and here it is {tabor:g} for" in notes[0]
+            assert "use contact 'maugis'" in notes[0]

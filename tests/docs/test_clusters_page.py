@@ -84,7 +84,7 @@ def cluster(tmp_path, monkeypatch):
     for name, text in (("sbatch", SBATCH), ("qsub", QSUB)):
         (programs / f"{name}.py").write_text(text)
         (programs / name).write_text(f'#!/bin/sh\nexec {sys.executable} "{programs}/{name}.py" "$@"\n')
-    (programs / "chemage").write_text(f'#!/bin/sh\nexec {sys.executable} -m chemage.cli "$@"\n')
+    (programs / "chemage").write_text(f'#!/bin/sh\nexec {sys.executable} -m chemage "$@"\n')
     for file in programs.iterdir():
         file.chmod(0o755)
     jobs = tmp_path / "jobs"

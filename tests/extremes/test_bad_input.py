@@ -79,7 +79,7 @@ def refuse(command, small, *words, verbs=("check", "run")):
         *[(f"interaction.strength={value}", "interaction.strength", value) for value in ("nan", "inf")],
         *[(f"breaking.std={value}", "breaking.std", value) for value in ("-0.1", "nan")],
         *[(f"surface.pixels={value}", "surface.pixels", value) for value in ("0", "-4", "2.5", "nan")],
-        ("surface.pixels=100_000_000", "surface.pixels", "too large for the memory"),
+        ("surface.pixels=100_000_000", "surface.pixels", "of memory of this machine hold the heights of at most"),
         ("surface.pixels=[3, 4, 5]", "surface.pixels", "3 numbers"),
         ("surface.hurst=1.5", "surface.hurst", "1.5"),
         ("surface.zeta=25", "surface", "zeta = 25: above the Nyquist limit 24 of 48 pixels"),

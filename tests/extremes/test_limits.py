@@ -48,7 +48,7 @@ BAD_SCENES = [
     (["surface={kind='from-file', path=\"a\\u0000b.npy\", pixel_size=1}"], "no name of a file"),
     (["surface={kind='from-file', path='h.txt', reader={kind='text', delimiter=''}}"], "one character"),
     (["surface={kind='from-file', path='h.txt', reader={kind='text', delimiter='1'}}"], "parts of numbers"),
-    (["surface={kind='from-file', path='/dev/zero', reader='npy', pixel_size=1}"], "a device or a pipe"),
+    (["surface={kind='from-file', path='/dev/zero', reader='npy', pixel_size=1}"], "is a device"),
 ]
 
 

@@ -31,13 +31,13 @@ def surface_of(path, **options):
 def test_pipes_are_refused_and_nothing_waits_for_them(tmp_path, name):
     pipe = tmp_path / name
     os.mkfifo(pipe)
-    with pytest.raises(StoreError, match="a device or a pipe"):
+    with pytest.raises(StoreError, match="is a pipe, not a file; save it to a file first"):
         surface_of(pipe)
-    with pytest.raises(StoreError, match="a device or a pipe"):
+    with pytest.raises(StoreError, match="is a pipe, not a file; save it to a file first"):
         ca.read(pipe)
-    with pytest.raises(StoreError, match="a device or a pipe"):
+    with pytest.raises(StoreError, match="is a pipe, not a file; save it to a file first"):
         ca.read_measurements(pipe)
-    with pytest.raises(StoreError, match="a device or a pipe"):
+    with pytest.raises(StoreError, match="is a pipe, not a file; save it to a file first"):
         ca.barriers("tabulated", path=str(pipe))
 
 
@@ -47,7 +47,7 @@ def test_pipes_and_devices_are_no_scenes(tmp_path, command):
     for path in (pipe, "/dev/zero"):
         done = command("check", path)
         assert done.status == 2
-        assert "a device or a pipe" in done.err or "neither a file" in done.err
+        assert " is a pipe, not a file" in done.err or "is a device" in done.err or "neither a file" in done.err
 
 
 class Waits(Exception):
@@ -89,7 +89,7 @@ ODD = [a_pipe, a_device, a_folder]
 def test_a_map_that_a_scene_names_is_an_ordinary_file(tmp_path, odd):
     odd(tmp_path / "map.json")
     scene = {**damages.SCENE, "accuracy": {"beta": "5 %"}, "ensemble": {"map": str(tmp_path / "map.json")}}
-    with at_once(), pytest.raises(StoreError, match=r"map\.json.*(device or a pipe|directory)"):
+    with at_once(), pytest.raises(StoreError, match=r"map\.json.*(is a device|is a pipe|directory)"):
         ca.ensemble(scene)
 
 
@@ -102,7 +102,7 @@ def test_what_is_no_file_in_a_sweep_is_refused_or_counted(swept, odd, place):
     path = {"point": store.point(key), "contact": store.contact(contact)}.get(place, folder / place)
     path.unlink(missing_ok=True)
     odd(path)
-    refused = "device or a pipe|is a link|directory|is a folder|cannot write"
+    refused = "is a device|is a pipe|is a link|directory|is a folder|cannot write"
     with at_once():
         if place == "sweep.json":
             with pytest.raises(StoreError, match=refused):
@@ -124,7 +124,7 @@ def test_what_is_no_file_in_a_sweep_is_refused_or_counted(swept, odd, place):
 @pytest.mark.parametrize("odd", ODD)
 def test_checkpoints_that_are_no_files_are_refused(tmp_path, odd):
     odd(tmp_path / "contact.h5")
-    with at_once(), pytest.raises(StoreError, match=r"contact\.h5.*(device or a pipe|is a link|directory)"):
+    with at_once(), pytest.raises(StoreError, match=r"contact\.h5.*(is a device|is a pipe|is a link|directory)"):
         ca.run(damages.SCENE, checkpoints=tmp_path, warn=False)
 
 
@@ -334,7 +334,7 @@ def test_what_is_printed_does_not_move_the_cursor(command, small, tmp_path):
     assert errors.printable("Δµ\t1\n") == "Δµ\t1\n"
 
 
-PROGRAM = [sys.executable, "-m", "chemage.cli"]
+PROGRAM = [sys.executable, "-m", "chemage"]
 
 
 @pytest.mark.parametrize("words", ["show small.h5", "check small.toml", "--version"])
@@ -385,7 +385,7 @@ def test_a_fault_of_the_program_is_one_line_and_its_place_is_in_the_log(command,
 @pytest.mark.long
 @pytest.mark.parametrize("closing", ["| head -1", ">&-", "> /dev/full"])
 def test_closed_and_full_outputs_leave_no_traceback(small, closing):
-    line = f"{sys.executable} -m chemage.cli schema {closing}; exit 0"
+    line = f"{sys.executable} -m chemage schema {closing}; exit 0"
     done = subprocess.run(["bash", "-c", line], capture_output=True, text=True, check=True)
     assert "Traceback" not in done.stderr
     assert "Exception ignored" not in done.stderr

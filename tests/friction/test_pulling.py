@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
-from pulled_models import Independent, chi_square, codes, drive_of, lattice_of, master_equation, patches
+from matplotlib.figure import Figure
+from pulled_models import (
+    Independent,
+    chi_square,
+    codes,
+    drive_of,
+    lattice_of,
+    master_equation,
+    patches,
+    random_pull,
+)
 from scipy.stats import kstest
 from seen import plan
 
 import chemage as ca
 from chemage import InputError
-from chemage.plugin import PullHistory
+from chemage.plugin import PlottedResult, PullHistory
 
 EXACT = ca.pulling("event-driven")
 
@@ -187,10 +194,64 @@ def test_without_a_barrier_it_is_exact_or_refused():
     gone = run(quick, drive_of(1e3), [0.0, 1e-9], start=all_bonded(quick))
     assert gone.bonds.tolist() == [5, 0]
     assert gone.peak < 1e-6
-    with pytest.raises(InputError, match=r"bonds would form and break without a force in 1 s, more than 1e\+10"):
+    with pytest.raises(
+        InputError, match=r"bonds are expected to form or break .* of 1 s, more than most_events = 1e\+08"
+    ):
         EXACT.run(lattice_of(5, 0.0, 0.0), drive_of(1e3), [1.0], temperature=300)
     with pytest.raises(InputError, match="pull less far"):
         EXACT.run(lattice_of(5, 1.0, 1.0), drive_of(1e9), [1e3], temperature=300)
+
+
+@pytest.mark.parametrize("seed", [16, 17, 26, 30, 47, 49, 52, 59])
+def test_energy_is_balanced_in_random_pulls(seed):
+    """A resting slider held by friction, a soft spring, nanoseconds: the work is no difference of large numbers; the
+    benchmark ``pulling.py fuzz`` runs 400."""
+    lattice, drive, times, options = random_pull(seed)
+    pulled = EXACT.run(lattice, drive, times, **options)
+    assert pulled.fault() == ""
+    assert np.abs(pulled.imbalance).max() < 1e-10
+
+
+def test_the_peak_is_that_of_this_pull():
+    """It begins anew where the drive changes, and goes on where nothing does."""
+    lattice = lattice_of(200, 3.0, 1.1)
+    law = ca.rupture("bell", transition_distance=0.05, speed=1e6, stiffness=10)
+    end = 0.7 * float(law.mean_forces(np.array([1.1]), 300.0)[0]) / 10 / 1e6
+    fast = run(lattice, drive_of(1e6), [end], start=all_bonded(lattice))
+    more = run(lattice, drive_of(1e6), [end, 2 * end], start=fast)
+    assert more.peak > fast.peak
+    assert run(lattice, drive_of(1e6), [3 * end], start=more).peak == more.peak
+    still = run(lattice, drive_of(0.0), [2 * end, 2 * end + 1e3], start=more)
+    assert still.peak == pytest.approx(more.force[-1], abs=1e-9)
+    assert still.peak < 0.5 * more.peak
+
+
+def test_events_are_foreseen_with_couplings_and_with_new_partners():
+    """What is refused is known before: bonds that help each other to form do so a million times as often."""
+    ring = np.arange(40)
+    graph = np.stack([(ring + 1) % 40, (ring - 1) % 40], axis=1).astype(np.int32)
+    helped = lattice_of(40, 0.65, 0.5).model_copy(update={"neighbours": graph, "coupling": np.full((40, 2), -0.15)})
+    partners = ca.plugin.Partners(np.linspace(0.3, 0.5, 100), np.zeros(40))
+    for lattice, drive, span in (
+        (helped, drive_of(1.0), 1e-3),
+        (lattice_of(40, 0.3, 0.5), drive_of(1.0), 1e-3),
+        (lattice_of(40, 0.5, 0.5), drive_of(1.0, partner="new"), 1e-2),
+        (lattice_of(40, 0.4, 1.0), drive_of(1e6), 1e-4),
+    ):
+        pulled = run(lattice, drive, [span], seed=3, start=all_bonded(lattice), partners=partners)
+        events = int(pulled.formed[-1] + pulled.broken[-1])
+        with pytest.raises(InputError, match="are expected to form or break") as refused:
+            ca.pulling("event-driven", most_events=1.0).run(lattice, drive, [span], temperature=300, partners=partners,
+                                                            start=all_bonded(lattice))  # fmt: skip
+        foreseen = float(str(refused.value).split("about ")[1].split()[0])
+        assert 0.5 < foreseen / events < 2, (foreseen, events)
+
+
+def test_a_pull_with_more_events_than_foreseen_stops(monkeypatch):
+    monkeypatch.setattr("chemage_kinetics.pulling.flips_on", lambda *_: 0.0)
+    engine, lattice = ca.pulling("event-driven", most_events=1e5), lattice_of(40, 0.3, 0.3)
+    with pytest.raises(InputError, match=r"bonds by .* s did form or break in a pull of 1 s, more than most_events"):
+        engine.run(lattice, drive_of(1.0), [1.0], temperature=300)
 
 
 def test_a_step_of_ten_decades_in_rate():
@@ -287,3 +348,40 @@ def test_the_law_says_beforehand_what_it_cannot_pull():
         ca.parse_scene(scene(speed=0))
     short = ca.parse_scene(scene(distance="0.05 nm"))
     assert any("there may be no peak" in note for note in plan(short).notes)
+    endless = scene(speed="0.01 nm/s", partner="kept", engine={"kind": "event-driven", "most_events": 1e4})
+    endless["breaking"]["mean"] = 0.6
+    said = plan(ca.parse_scene(endless)).notes
+    assert any("bonds, more than most_events = 10000 of its engine, which will refuse it" in note for note in said)
+
+
+@pytest.mark.parametrize(("distance", "noted"), [("0.06 nm", True), ("0.6 nm", False)])
+def test_a_result_says_where_the_force_ended_at_its_largest(distance, noted):
+    result = ca.run(scene(distance=distance))
+    said = [note for note in result.notes if "pulls the force was at its largest when the drive had moved" in note]
+    assert bool(said) == noted
+    assert all("ΔF is the force there, not a peak" in note for note in said)
+
+
+# -- figures ----------------------------------------------------------------------------------------------------------
+
+
+def test_maps_of_a_pull_are_cut_around_the_bonds():
+    """Those of a centred tip are centred; each of several results has its name, and all one scale."""
+    maps = np.zeros((1, 2, 40, 30))
+    maps[0, :, 18:22, 12:18] = 1
+    maps[0, 1, 21, 17] = 0
+    results = []
+    for name, size in (("a", 1), ("b", 3)):
+        measured = {"pull_force": np.zeros((1, 1, 2)), "pull_maps": size * maps, "pull_maps_at": np.array([[0.0, 0.3]])}
+        results.append(PlottedResult(name, SimpleNamespace(observables=measured), None, "C0"))
+    law = ca.rupture("pulled", speed=1, distance=1, bond_stiffness=1, transition_distance=0.03)
+    for shown in (results[:1], results):
+        axes = Figure().add_subplot()
+        law.draw("pull-maps", axes, shown)
+        image = axes.images[0].get_array().filled(np.nan)
+        # 4 x 6 cells with bonds, a cell around them, and a gap around that; two maps beside each other
+        assert image.shape == (len(shown) * 10, 2 * 8)
+        first = image[-10:, :8]
+        assert np.array_equal(first == 1, np.pad(np.ones((6, 4), bool), 2))
+        assert np.array_equal(np.isnan(first), np.pad(np.zeros((8, 6), bool), 1, constant_values=True))
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["b", "a"]

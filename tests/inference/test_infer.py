@@ -183,7 +183,7 @@ def test_the_result_is_stored_whole_and_the_same_seed_gives_the_same_on_one_thre
     assert len(summary["residuals"]) == summary["points"] == 25
 
 
-@pytest.mark.long
+@pytest.mark.campaign
 def test_an_unknown_activation_volume_is_found_from_two_loads():
     forming = ca.barriers("gaussian", mean=0.95, std=0.1)
     curves = [curve(forming, made=scene(**{"contact.load": load}), seed=int(load)) for load in (20.0, 500.0)]
@@ -283,7 +283,7 @@ def outside(peak, times, asked, seed):
     return found, found.forecast(hold_times=asked), truth
 
 
-@pytest.mark.long
+@pytest.mark.campaign
 @pytest.mark.parametrize(
     ("times", "peaks", "asked", "least"),
     [
@@ -331,7 +331,7 @@ def test_without_any_bond_a_note_says_that_forecasts_are_bounds_from_none_to_all
     assert high[0] > 0.5 * 1620
 
 
-@pytest.mark.long
+@pytest.mark.campaign
 def test_linear_ageing_is_a_narrow_peak_at_the_upper_end_and_logarithmic_ageing_a_flat_density():
     """Tian et al., Phys. Rev. Lett. 124, 026801 (2020): linear ageing of 5 to 90 ms at 300 K."""
     times = np.linspace(0.005, 0.09, 18)

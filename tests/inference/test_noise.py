@@ -180,7 +180,7 @@ def test_understated_errors_and_a_point_that_is_off_are_found():
     assert stated.errors[-1] == pytest.approx(data.errors[-1], rel=0.1)
 
 
-@pytest.mark.long
+@pytest.mark.campaign
 @pytest.mark.parametrize("kind", ["force", "load"])
 def test_a_shared_factor_widens_what_is_inferred(kind):
     data = curve(ca.barriers("gaussian", mean=0.9, std=0.05), times=TIMES)

@@ -535,6 +535,11 @@ def test_scores_name_the_best_and_those_as_good():
     assert words.family_rows(made_inference(scores={})) == []
 
 
+def test_the_band_of_a_peak_is_at_least_a_step_of_the_energies_wide():
+    one = made_inference()
+    assert words.density_text(one) == "one peak at 1.000 ± 0.008 eV"
+
+
 def test_every_figure_has_a_caption_and_what_it_should_show():
     scalars = {"bond_force": np.random.default_rng(0).uniform(2, 4, 60)}
     one = made_inference(scalars=scalars, scalar_bounds={"bond_force": (1.0, 9.0)})
@@ -546,6 +551,11 @@ def test_every_figure_has_a_caption_and_what_it_should_show():
     labels = density.get_legend_handles_labels()[1]
     assert {"visible energies", "90 % band", "68 % band", "mean", "gaussian"} <= {*labels}
     assert "uniform" not in labels, "46 below the best: excluded"
+    captions = [
+        result_of(each).pictures()["density"].panels[0].caption
+        for each in (one, made_inference(scores={}, families={}))
+    ]
+    assert ["Orange: families" in caption for caption in captions] == [True, False]
     data, residuals = figures["data"].axes
     assert data.get_legend().get_title().get_text() == "points: measured, bars 95 %; bands: 68 and 90 %"
     bars = np.array(data.containers[0].lines[2][0].get_segments())

@@ -2,15 +2,8 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
-sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
-
 from contact_errors import MODULUS, Case, cases, check, estimates, rough, slope
 from independent_contact import Body, dense_solution, evaluate
 

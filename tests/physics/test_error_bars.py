@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
+import error_bars
 import numpy as np
 import pytest
 from scipy import stats
 
 from chemage.plugin import statistics
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
-
-import error_bars
 
 #: what docs/how_accurate.md says holds the truth less often
 NARROW = ("skewed", "exponential", "bootstrap")
@@ -21,8 +15,11 @@ NARROW = ("skewed", "exponential", "bootstrap")
 TRIALS = {"replicas": 100, "arrhenius": 100}
 
 
+def campaign(name):
+    return pytest.param(name, marks=pytest.mark.campaign)
+
+
 CASES = [
-    "replicas",
     "few_sites",
     "measurements",
     "arrhenius",
@@ -31,11 +28,11 @@ CASES = [
     "seeds_of_sweeps",
     "observables",
     "grids",
+    "one_more_surface",
 ]
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("name", [*CASES, "one_more_surface"])
+@pytest.mark.parametrize("name", [pytest.param("replicas", marks=pytest.mark.long), *map(campaign, CASES)])
 def test_error_bars_hold_the_truth_as_often_as_they_say(name):
     """Not less often than claimed by 2 % and four standard errors of the count."""
     found = error_bars.block(name, 10**6, TRIALS.get(name, 200))
@@ -44,7 +41,7 @@ def test_error_bars_hold_the_truth_as_often_as_they_say(name):
             assert held / trials >= claimed - 0.02 - 4 * np.sqrt(claimed * (1 - claimed) / trials), bar
 
 
-@pytest.mark.long
+@pytest.mark.campaign
 @pytest.mark.parametrize(("count", "trials"), [(5, 200), (10, 200)])
 def test_weights_that_are_estimated_do_not_make_an_activation_energy_too_certain(count, trials):
     """With weights taken as known, 88 % (5 replicas) and 92 % (10) of the intervals held the truth."""

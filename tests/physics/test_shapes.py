@@ -53,6 +53,14 @@ def test_a_power_is_found_with_its_exponent(power):
     assert compared.laws[0].parameters[1] == pytest.approx(power, abs=0.02)
 
 
+def test_a_power_whose_exponent_runs_to_zero_is_called_the_logarithm():
+    compared = growth(TIMES, noisy(FALLING, 20_000), WINDOW)
+    laws = {law.name: law for law in compared.laws}
+    assert laws["power"].parameters == ()
+    assert laws["power"].chi_squared == laws["logarithm"].chi_squared
+    assert laws["power"].criterion > laws["logarithm"].criterion
+
+
 def test_an_exponent_of_two_thirds_is_not_one():
     loads = np.array([23.0, 50.0, 100.0, 200.0, 393.0])
     assert np.corrcoef(loads, loads ** (2 / 3))[0, 1] ** 2 > 0.95

@@ -173,7 +173,7 @@ def test_plugins_are_left_out_by_a_variable(tiny):
 def test_plugins_are_left_out_by_an_option(tiny):
     def listed(*words):
         done = subprocess.run(
-            [sys.executable, "-m", "chemage.cli", *words, "plugins", "list", "--json"], capture_output=True, text=True
+            [sys.executable, "-m", "chemage", *words, "plugins", "list", "--json"], capture_output=True, text=True
         )
         return done.returncode, done.stdout, done.stderr
 

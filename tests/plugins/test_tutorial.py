@@ -174,7 +174,7 @@ ca.write("bell-a.h5", result)
 ca.write("bell-b.h5", result)
 made = compare_files(["bell-a.h5", "bell-b.h5"])
 assert "bond-map" in comparison_figures(made)
-assert "fullest_cell at the last hold time" in dict(made.table())
+assert "bonds per area of the fullest cell at the last hold time" in dict(made.table())
 """
     file = project / "friction.py"
     file.write_text("".join(blocks) + use)

@@ -125,6 +125,13 @@ def test_the_same_holds_for_a_real_run_with_figures_of_plugins_and_a_sweep(width
     assert found == {}
 
 
+def test_legends_leave_two_thirds_of_a_figure_in_one_column(drawn):
+    for name, figure in drawn("1").items():
+        legends = [*figure.legends, *filter(None, (axes.get_legend() for axes in figure.axes))]
+        share = sum(legend.get_window_extent().height for legend in legends) / figure.bbox.height
+        assert share < 1 / 3, f"{name}: {100 * share:.0f} %"
+
+
 def test_faults_are_found(monkeypatch):
     figure, (axes,) = plots.panels(2.0, 1.0)
     axes.text(0.5, 0.5, "one text")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from inferring import Ageing, Curve, result_of, verdict
+from inferring import Ageing, Curve, CurveError, by_name, result_of, verdict
 from made_inference import made_inference
 
 import chemage as ca
@@ -53,6 +53,93 @@ def test_agreement_has_the_chance_that_it_says():
     assert np.mean(np.array(chances) < 0.1) == pytest.approx(0.1, abs=0.05)
     without = [verdict(measured(lambda v: v + 3, seed=seed), "run", *result()).chance for seed in range(20)]
     assert max(without) < 1e-3
+
+
+#: probability that a site is bonded at each of the hold times; 500 sites of 3 nN a bond
+SHARES = np.linspace(0.02, 0.5, TIMES.size)
+
+
+def run_of(rng, replicas, sites=500, surfaces=0.0):
+    """(replicas, m) ΔF of sites that bond for good, on surfaces of other sizes."""
+    bonds = (rng.random((replicas, sites, 1)) < SHARES).sum(axis=1)
+    return 3.0 * bonds * (1 + surfaces * rng.standard_normal((replicas, 1)))
+
+
+def share_that_differs(replicas, error, surfaces=0.0, factor=1.0, trials=60):
+    """The share of runs beside which measurements of the true mean, times ``factor``, do not agree."""
+    different = 0
+    for seed in range(trials):
+        rng = np.random.default_rng([seed, replicas])
+        values = factor * 3.0 * 500 * SHARES
+        stated = error * values
+        data = ca.Measurements("afm", TIMES, values + stated * rng.standard_normal(TIMES.size), "friction_drop", stated)
+        curves = run_of(rng, replicas, surfaces=surfaces)
+        curve = Curve("friction_drop", "nN", "ΔF").of_replicas(TIMES, curves)
+        different += verdict(data, "run", Ageing(load=50.0), {"friction_drop": curve}).chance < 0.05
+    return different / trials
+
+
+@pytest.mark.parametrize(
+    ("replicas", "error", "surfaces"),
+    [
+        (5, 0.01, 0.0),
+        *(pytest.param(*case, marks=pytest.mark.long) for case in [(2, 0.005, 0.0), (20, 0.01, 0.0), (10, 0.03, 0.15)]),
+    ],
+)
+def test_a_run_of_few_replicas_differs_from_its_own_truth_as_rarely_as_is_said(replicas, error, surfaces):
+    """One in twenty: of 60, eight or more would be one case in a hundred."""
+    assert share_that_differs(replicas, error, surfaces) < 8 / 60
+
+
+def test_a_run_of_few_replicas_tells_a_false_model():
+    assert share_that_differs(5, 0.01, factor=1.3, trials=20) > 0.8
+
+
+def test_the_covariance_of_a_run_is_that_of_independent_sites():
+    """N p(t) (1 − p(u)) of the bonds at t ≤ u, over the number of replicas."""
+    curves = run_of(np.random.default_rng(1), 400)
+    found = CurveError.of([curves], curves.mean(axis=0)).matrix()
+    exact = 9 * 500 * np.minimum.outer(SHARES, SHARES) * (1 - np.maximum.outer(SHARES, SHARES)) / 400
+    deviations = np.sqrt(np.diag(exact))
+    assert np.abs(found - exact).max() < 0.15 * np.outer(deviations, deviations).max()
+    assert np.sqrt(np.diag(found)) == pytest.approx(deviations, rel=0.1)
+
+
+def test_the_error_of_a_mean_over_terms_is_the_sum_of_theirs():
+    """Levels of a mean over surfaces: samples of one, and differences of another, which are independent of them."""
+    rng = np.random.default_rng(2)
+    first, second = run_of(rng, 40, surfaces=0.2), 0.1 * run_of(rng, 10)
+    mean = first.mean(axis=0) + second.mean(axis=0)
+    both = CurveError.of([first, second], mean)
+    single = [CurveError.of([one], mean) for one in (first, second)]
+    assert both.variance == pytest.approx(sum(one.variance for one in single))
+    assert 1 <= both.freedom <= 48
+
+
+def test_replicas_and_surfaces_are_the_samples_of_their_curves(small_contact_run):
+    """What is judged is the mean that is shown."""
+    for curve in small_contact_run:
+        np.testing.assert_allclose(sum(values.mean(axis=0) for values in curve.samples), curve.mean)
+        assert curve.known.shape == curve.mean.shape
+
+
+@pytest.fixture
+def small_contact_run():
+    rng = np.random.default_rng(3)
+    bonds = (rng.random((4, 500, 1)) < SHARES).sum(axis=1)
+    fields = {"load": 50.0, "temperature": 300.0}
+    aging = ca.Aging(hold_times=TIMES, bonds=bonds, sites=np.full(4, 500), **fields)
+    rows = np.concatenate([np.ones((6, 1)), run_of(rng, 6)], axis=1)
+    ensemble = ca.Ensemble(
+        hold_times=TIMES,
+        load=50.0,
+        window=(10.0, 1e4),
+        levels=({"words": "all", "replicas": 1, "samples": 6},),
+        rows={"0": rows},
+        known={"sites": np.full(rows.shape[1], 0.01)},
+        known_how={"sites": "known"},
+    )
+    return [by_name(result_of(one).curves())["friction_drop"] for one in (aging, ensemble)]
 
 
 def test_offset_and_slope_are_those_of_least_squares():

@@ -6,7 +6,7 @@ import warnings
 
 import numpy as np
 import pytest
-from seen import plan
+from seen import plan, result_of
 
 import chemage as ca
 from chemage import run
@@ -15,6 +15,7 @@ PATCH, TIP = "silica-patch", "silica-tip"
 BEM_TIP = {"contact": {"kind": "fft-bem", "modulus": 35.3, "load": "50 nN"}}
 THEORY = {"contact": {"kind": "persson", "modulus": 35.3, "load": "839 nN"}, "observe": None}
 CLOSURE = {"ageing": {"kind": "closure"}, "observe": None}
+NO_SPAN = {"hold.start": None, "hold.stop": None}
 
 #: scene, changes, what the plan warns of
 DOUBTFUL = {
@@ -26,13 +27,19 @@ DOUBTFUL = {
         "beta will not be fitted: no hold time lies between 1e+06 and 1e+07 s, 2 are needed (the hold times: 0.1 to",
     ),
     "fit window of one hold time": (PATCH, {"fit.start": 9.0, "fit.stop": 11.0}, "one hold time lies between 9 and 11"),
-    "fit window of two hold times": (PATCH, {"fit.start": 9.0, "fit.stop": 20.0}, "only 2 hold times lie in the fit"),
+    "fit window of two hold times": (PATCH, {"fit.start": 9.0, "fit.stop": 20.0}, "β rests on 2 hold times over"),
+    "three hold times over two decades": (
+        PATCH,
+        {"hold.times": [10.0, 100.0, 1000.0], **NO_SPAN},
+        "β rests on 3 hold times over 2 decades",
+    ),
     "rough, above the hardness": (
         PATCH,
         {"chemistry.hardness": "1 GPa"},
         "the mean contact pressure is expected to be 1.6 GPa, with 74 % of the contact area above the hardness",
     ),
     "tip, above the hardness": (TIP, {"chemistry.hardness": "1.2 GPa"}, "of the contact area above the hardness of"),
+    "adhesion that the contact leaves out": (TIP, {"chemistry.work_of_adhesion": 0.05}, "holds this sphere with up to"),
     "modulus in Pa": (PATCH, {"contact.modulus": 35.3e9}, "contact.modulus = 3.53e+10 GPa: moduli and strengths"),
     "load in N": (PATCH, {"contact.load": 2e-5}, "Is load = 2e-05 nN meant? A bare number is in nN"),
     "pixels too large": (
@@ -60,6 +67,17 @@ DOUBTFUL = {
         PATCH,
         {"surface.rms_slope": None, "surface.rms_height": "1 mm"},
         "are heights and pixels in nm? A file may be in metres or micrometres: give height_unit and pixel_size",
+    ),
+    "slopes that are not small": (PATCH, {"surface.rms_slope": 1.5}, "the rms slope is 1.5, and the half-space needs"),
+    "a mean pressure near E*": (
+        PATCH,
+        {"surface.rms_slope": 0.8},
+        "0.36 of the contact modulus, which no solid bears: use a contact with a hardness",
+    ),
+    "a tip under a mean pressure near E*": (
+        TIP,
+        {"surface.radius": 10, "contact.modulus": 5.0, "contact.load": "0.3 uN"},
+        "which no solid bears",
     ),
     "shortest wavelength": (PATCH, {"surface.zeta": 200}, "the shortest wavelength is 2.6 pixels; pixel-scale errors"),
     "barrier of -1 eV": (
@@ -252,3 +270,33 @@ def test_a_fit_that_cannot_be_made_says_why(small, times, said):
     again = ca.run(small)
     assert again.fit() is not None
     assert again.summary()["beta_reason"] is None
+
+
+@pytest.mark.parametrize(
+    ("slope", "load", "said"),
+    [
+        (0.3, "2 uN", []),
+        (1.2, "2 uN", ["the rms slope is 1.2, and the half-space needs slopes well below 1"]),
+        (0.9, "2 uN", ["the mean contact pressure is "]),
+        (0.78, "2 uN", ["the largest contact pressure is "]),
+    ],
+)
+def test_a_contact_beyond_elasticity_says_so(slope, load, said):
+    """Without a hardness; with one it is the slope alone that is beyond."""
+    surface = ca.surface("self-affine", pixels=64, pixel_size=1.0, zeta=8, hurst=0.8, rms_slope=slope).make(1)
+    for hardness in (None, 5.0):
+        contact = ca.contact("fft-bem", modulus=35.3, hardness=hardness).solve(surface, load)
+        notes = [note for note in result_of(contact).notes() if "contact pressure" in note or "slope is" in note]
+        expected = said if hardness is None or slope > 1 else []
+        assert [note.startswith(text) for note, text in zip(notes, expected, strict=True)] == [True] * len(expected)
+
+
+def test_a_block_of_bad_pixels_is_not_silent(tmp_path):
+    heights = ca.load_scene(PATCH, {"surface.pixels": 64, "surface.zeta": 8}).surface.make(1).heights.copy()
+    heights[10:14, 10:14] += 10.0
+    np.save(tmp_path / "heights.npy", heights)
+    surface = {"kind": "from-file", "path": str(tmp_path / "heights.npy"), "pixel_size": 0.4518}
+    data = {"surface": surface, "contact": {"kind": "fft-bem", "modulus": 35.3, "load": "0.2 uN"}}
+    scene = ca.parse_scene(data)
+    assert sum("the rms slope is 1.6, and the half-space needs" in note for note in plan(scene).notes) == 1
+    assert sum("the rms slope is 1.6, and the half-space needs" in note for note in run(scene).notes) == 1

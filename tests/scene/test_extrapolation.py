@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 import math
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from grid_errors import vanishing_pixels
 
 import chemage as ca
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
-
-from grid_errors import vanishing_pixels
 
 
 def disc(pixels: int, radius: float, shift: tuple[float, float] = (0.0, 0.0)) -> ca.ContactSolution:

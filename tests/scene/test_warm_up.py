@@ -234,8 +234,8 @@ def test_early_only_where_nothing_is_compiled(tmp_path, monkeypatch):
     with compiling.begun_early("silica-tip", {"hold.replicas": 2}, None):
         assert [stage for _, stage, *_ in started] == ["ageing", "contact"]
     started.clear()
-    (tmp_path / "foundation_1").mkdir()
-    (tmp_path / "foundation_1" / "random._fill-1.py311.nbi").touch()
+    (tmp_path / "chemage.foundation-1").mkdir()
+    (tmp_path / "chemage.foundation-1" / "random._fill-1.py311.nbi").touch()
     assert not machine.is_cold()
     with compiling.begun_early("silica-tip", {}, None) as begun:
         assert not begun
@@ -358,14 +358,25 @@ def test_a_kernel_that_is_kept_is_told_from_others():
     ],
 )
 def test_processors_whose_bytes_differ_have_different_names(environment, features, text, monkeypatch):
-    """Heights depend on whether numpy uses AVX-512, whatever kernels are compiled for."""
+    """Heights depend on whether numpy uses AVX-512, whatever kernels are compiled for; fits on that of BLAS."""
     for name in ("NUMBA_CPU_NAME", "NPY_DISABLE_CPU_FEATURES"):
         monkeypatch.delenv(name, raising=False)
     for name, value in environment.items():
         monkeypatch.setenv(name, value)
     monkeypatch.setattr(binding, "get_host_cpu_features", lambda: features)
     monkeypatch.setattr(binding, "get_host_cpu_name", lambda: "host")
+    monkeypatch.setattr(machine, "blas_kernel", lambda: "Haswell")
+    assert machine.processor.__wrapped__() == f"{text}, BLAS Haswell"
+    monkeypatch.setattr(machine, "blas_kernel", lambda: "")
     assert machine.processor.__wrapped__() == text
+
+
+def test_the_kernel_of_blas_is_that_which_numpy_uses():
+    asked = "from chemage.foundation import machine; print(machine.blas_kernel())"
+    for kernel in ("Haswell", "SkylakeX"):
+        environment = {**os.environ, "OPENBLAS_CORETYPE": kernel}
+        run = subprocess.run([sys.executable, "-c", asked], env=environment, capture_output=True, text=True, check=True)
+        assert run.stdout.strip() in (kernel, "")
 
 
 def test_the_speed_is_measured_once_and_kept(tmp_path, monkeypatch):

@@ -438,7 +438,7 @@ def placed(what: str, words: list[str], path: Path, kind: str, **options: Any) -
     folder = next(place for place in path.parents if (place / "run.toml").exists())
     before = set(folder.iterdir())
     with odd_file(path, kind):
-        command = [*(BOUND if kind == "read-only" else []), sys.executable, "-m", "chemage.cli", *words]
+        command = [*(BOUND if kind == "read-only" else []), sys.executable, "-m", "chemage", *words]
         if what.endswith("full disk"):
             command = [*FULL, *command]
         if kind == "clock":

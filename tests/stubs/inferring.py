@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from chemage.foundation.quantities import Curve
+from chemage.ageing.covariance import CurveError
+from chemage.foundation.quantities import Curve, by_name
 from chemage.foundation.result import Ageing, result_of
 from chemage.inference.calibrate import Calibration, _errors, _rank, calibrate
 from chemage.inference.noise import LARGEST, NEAREST, RARE, SPREAD, WIDER, ErrorModel, Noise, State
@@ -14,8 +15,9 @@ from chemage.results.verdicts import verdict
 drawn_errors, rank = _errors, _rank
 
 __all__ = [
-    "LARGEST", "NEAREST", "RARE", "SPREAD", "WIDER", "Ageing", "Calibration", "Chain", "Curve", "ErrorModel", "Noise",
-    "Prior", "Problem", "State", "calibrate", "drawn_errors", "effective", "r_hat", "rank", "result_of", "verdict",
+    "LARGEST", "NEAREST", "RARE", "SPREAD", "WIDER", "Ageing", "Calibration", "Chain", "Curve", "CurveError",
+    "ErrorModel", "Noise", "Prior", "Problem", "State", "by_name", "calibrate", "drawn_errors", "effective", "r_hat",
+    "rank", "result_of", "verdict",
 ]  # fmt: skip
 
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from chemage.cli.app import _plain_warnings as plain_warnings
+from chemage.foundation.units import in_one_unit
 from chemage.results.drawing import figures as figures_of  # as matplotlib's objects, which users get as files
+from chemage.scene.files import parse_toml
 
-__all__ = ["figures_of"]
+__all__ = ["figures_of", "in_one_unit", "parse_toml", "plain_warnings"]

@@ -6,9 +6,8 @@ from enum import IntEnum
 from typing import Any, ClassVar
 
 import numpy as np
-from numba import njit
 
-from chemage.plugin import KB, BondHistory, Engine, random
+from chemage.plugin import KB, BondHistory, Engine, kernel, random
 
 
 class Fault(IntEnum):
@@ -71,7 +70,7 @@ class Fault(IntEnum):
     BOUND = 27
 
 
-@njit(cache=True)
+@kernel
 def _rate(fault, i, forming, breaking, neighbours, coupling, pixels, nu, beta, bonded):
     at = min(pixels[i], forming.size - 1) if fault == 16 else i
     barrier = breaking[at] if bonded[i] else forming[at]
@@ -99,7 +98,7 @@ def _rate(fault, i, forming, breaking, neighbours, coupling, pixels, nu, beta, b
     return 0.5 * rate if fault == 19 else rate
 
 
-@njit(cache=True)
+@kernel
 def _advance(fault, rng, forming, breaking, neighbours, coupling, pixels, nu, beta, stops, bonded, time, counts):
     n = forming.size
     rates = np.zeros(n)

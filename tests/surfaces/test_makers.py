@@ -116,7 +116,7 @@ def test_rms_slope_and_height_are_two_ways_to_scale_one_surface():
         ({"pixels": True}, "whole number of pixels"),
         ({"pixels": "many"}, "whole number of pixels"),
         ({"pixels": [64, 64, 64]}, "3 numbers"),
-        ({"pixels": 10**7}, "too large for the memory"),
+        ({"pixels": 10**7}, "of memory of this machine hold the heights of at most"),
         ({"hurts": 0.8}, "did you mean 'hurst'"),
     ],
 )

@@ -201,7 +201,7 @@ def test_the_command_measures_what_makes_no_surface(command):
     done = command("roughness", "gaps.npy", "--height-unit", "nm", "--pixel-size", "2 nm")
     assert done.status == 0, done.err
     assert "300 heights are missing" in done.out
-    assert "rms slope" in done.out
+    assert "profile slope" in done.out
     assert "no fit: gaps.npy: 300 of 1200 heights are missing, the first at pixel (0, 0); give missing" in done.out
 
 
@@ -212,7 +212,9 @@ def test_the_command_fits_several_images_together_and_draws_them(command):
     words = ["--height-unit", "nm", "--pixel-size", "2 nm", "--lines", "differences", "--figures", "drawn"]
     done = command("roughness", "one.npy", "two.npy", *words)
     assert done.status == 0, done.err
-    assert done.out.count("rms curvature  ") == 2
+    assert done.out.count("profile curvature  ") == 2
+    # one number alone has the name of the rms slope: that of the gradient
+    assert sum(line.startswith("rms slope ") for line in done.out.splitlines()) == 1
     assert "lines               lines differences, rms_nm" in done.out
     assert done.out.count("Hurst exponent") == 1
     assert Path("drawn/roughness.png").stat().st_size > 10_000

@@ -5,15 +5,19 @@ from __future__ import annotations
 import math
 import tomllib
 from dataclasses import replace
+from functools import partial
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from scipy.fft import dctn
 
 import chemage as ca
 from chemage import InputError
+from chemage.plugin import PlottedResult
 from chemage_surfaces import fit_roughness
 
 SIDE, PIXELS = 0.45, 256
@@ -218,6 +222,23 @@ def test_it_is_a_scene_with_a_figure(command):
     record = ca.read("rough.h5").surface.provenance
     assert record["measured"]["steps"][0]["reader"] == "npy"
     assert 0.5 < record["roughened"]["hurst"] < 1
+
+
+def test_the_figure_shows_the_spectrum_of_this_surface_alone():
+    """Of a tip on it the image and the law, not the spectrum of the tip; nothing where the result holds no surface."""
+    below = roughened(imaged(REFERENCE.make(1).heights))
+    body = {"kind": "sphere", "radius": 30, "pixels": 64, "pixel_size": SIDE}
+    on_it = ca.surface("tip", body=body, counterface=below).make(1)
+    for surface, shown in ((below.make(1), 3), (on_it, 2), (None, 0)):
+        maps = {"contact": None, "surface": surface}
+        result = PlottedResult("it", None, None, "C0", below, load_maps=partial(SimpleNamespace, **maps))
+        axes = Figure().add_subplot()
+        below.draw("roughened-spectrum", axes, [result])
+        labels = axes.get_legend_handles_labels()[1]
+        assert len(labels) == shown
+        assert ("it, carried on" in labels) == (shown == 3)
+        assert axes.has_data() == bool(shown)
+        assert not axes.texts  # which would make a figure of it
 
 
 # -- roughness parameters of a measurement -----------------------------------------------------------------------------

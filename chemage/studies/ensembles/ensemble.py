@@ -140,10 +140,13 @@ class Ensemble(Record):
     @cached_property
     def half_widths(self) -> np.ndarray:
         """(quantities,) half the widths of their 95 % intervals."""
-        counts = [len(rows) for rows in self._terms]
+        return half_width(self._spreads, [len(rows) for rows in self._terms], self._known)
+
+    @property
+    def _known(self) -> np.ndarray:
+        """(quantities,) standard errors that are known before."""
         errors = [np.abs(self.mean) * relative for relative in self.known.values()]
-        total = np.sqrt(np.sum([error**2 for error in errors], axis=0)) if errors else np.zeros(self.quantities.count)
-        return half_width(self._spreads, counts, total)
+        return np.sqrt(np.sum([error**2 for error in errors], axis=0)) if errors else np.zeros(self.quantities.count)
 
     def estimate(self, name: str, time: float | None = None) -> Quantity:
         """The mean of a quantity over surfaces; of a curve at a hold time (s), by default the last.
@@ -235,6 +238,16 @@ class Ensemble(Record):
         return self.rows["0"][:, self._curve]
 
     @property
+    def friction_drop_terms(self) -> list[np.ndarray]:
+        """ΔF of independent samples, nN, (samples, m) each, whose means add up to the mean."""
+        return [rows[:, self._curve] for rows in self._terms]
+
+    @property
+    def friction_drop_known(self) -> np.ndarray:
+        """Standard error of ΔF that is known before, nN, (m,); nan: not known."""
+        return self._known[self._curve]
+
+    @property
     def friction_drop_half_width(self) -> np.ndarray:
         """Half the width of its 95 % interval, nN, (m,)."""
         return self.half_widths[self._curve]
@@ -313,7 +326,10 @@ class Ensemble(Record):
             )
             errors = {cause: np.array([one.errors[cause].size for one in estimates]) for cause in estimates[0].errors}
             of = {"x": self.hold_times, "mean": value, "stderr": stderr, "half_width": half, "errors": errors}
-            curves.append(DROPS[name].but(**of, over=what, band=self.random, alone=False))
+            scale = 1.0 if name == "friction_drop" else 1 / self.load
+            samples = [scale * curves for curves in self.friction_drop_terms]
+            spread = {"samples": samples, "known": scale * self.friction_drop_known}
+            curves.append(DROPS[name].but(**of, **spread, over=what, band=self.random, alone=False))
         return curves
 
     @property

@@ -24,10 +24,10 @@ from typing import Any, Self, TypeVar
 import numpy as np
 
 from chemage.ageing.aging import Aging
-from chemage.ageing.methods import check_method
+from chemage.ageing.methods import check_method, expected_cost
 from chemage.contacts.role import solve_contact
 from chemage.contacts.solution import ContactSolution
-from chemage.foundation.components import Component, call_with
+from chemage.foundation.components import Component
 from chemage.foundation.errors import ChemageError
 from chemage.foundation.records import content_hash
 from chemage.foundation.text import jsonable
@@ -252,9 +252,16 @@ def _prepared(scene: Scene, method: Any) -> float:
     if scene.site_grids:
         method.check_sites(scene.site_grids[1], None)
     costs = cost(scene)
-    coupled = scene.chemistry.interaction is not None
-    replica = {"cpu_seconds": costs.kinetics_cpu_seconds or 0.0}
-    seconds = call_with(method.expected, costs.sites or 1.0, replica, 1, interacting=coupled)
+    assert scene.hold is not None
+    seconds = expected_cost(
+        method,
+        costs.sites or 1.0,
+        {"cpu_seconds": costs.kinetics_cpu_seconds or 0.0},
+        1,
+        chemistry=scene.chemistry,
+        temperature=scene.hold.temperature,
+        mean_pressure=costs.mean_pressure,
+    )
     return max(0.0, seconds.get("cpu_seconds_most", 0.0) - seconds.get("cpu_seconds_least", 0.0))
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import ast
 import pickle
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -127,3 +129,23 @@ def test_isolated_registry_is_empty_and_in_use(isolated_registry):
     assert isolated_registry.records == []
     with pytest.raises(InputError, match="installed: none"):
         ca.engine("bkl")
+
+
+CHECKS_WORKER = """
+from chemage.testing import answers as kept
+print(kept._worker().submit(len, "abc").result())
+"""
+POOL = """
+from chemage.studies.runner import open_pool
+with open_pool("processes", 1) as kept:
+    print(kept.executor.submit(len, "abc").result())
+"""
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("code", [CHECKS_WORKER, POOL])
+def test_processes_end_without_a_word(code):
+    """Whatever module the interpreter takes down first."""
+    code += "import json; json.kept = kept"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (done.stdout, done.stderr) == ("3\n", "")

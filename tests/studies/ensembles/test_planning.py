@@ -119,11 +119,11 @@ def test_replicas_on_a_tip_scatter_as_sites_that_react_independently():
 
 
 def test_too_many_surfaces_and_too_few_bonds_are_said_before(scene):
-    (note,) = planned(scene, accuracy={"beta": 0.001}, most=100).notes
+    *_, note = planned(scene, accuracy={"beta": 0.001}, most=100).notes
     assert "surfaces (" in note
     assert "100 are allowed; ask for a wider interval, or allow more with [ensemble] most" in note
     early = ca.parse_scene({**DATA, "hold": {**DATA["hold"], "start": 1e-9}})
-    (note,) = planned(early, accuracy={"friction_drop@1e-9 s": 0.05}).notes
+    *_, note = planned(early, accuracy={"friction_drop@1e-9 s": 0.05}).notes
     assert "its mean is expected to be 0 within its interval" in note
 
 

@@ -563,7 +563,7 @@ def test_an_address_needs_host_and_port(address):
 
 def command(*words, timeout=300):
     begin = time.monotonic()
-    words = [sys.executable, "-m", "chemage.cli", *words]
+    words = [sys.executable, "-m", "chemage", *words]
     done = subprocess.run(words, capture_output=True, text=True, timeout=timeout)
     return done, time.monotonic() - begin
 

@@ -143,7 +143,7 @@ def test_a_budget_is_refused(file, tmp_path):
 
 
 def start(*words: object) -> subprocess.Popen:
-    command = [sys.executable, "-m", "chemage.cli", *map(str, words)]
+    command = [sys.executable, "-m", "chemage", *map(str, words)]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
 
 

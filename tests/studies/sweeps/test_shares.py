@@ -379,7 +379,7 @@ def test_check_says_what_shares_cost(command, file):
 
 def start(*words):
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    return subprocess.Popen([sys.executable, "-m", "chemage.cli", "sweep", *words], text=True, **pipes)
+    return subprocess.Popen([sys.executable, "-m", "chemage", "sweep", *words], text=True, **pipes)
 
 
 def finish(processes, statuses=(0,)):

@@ -2,24 +2,19 @@
 
 import json
 import math
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 import numpy as np
 import pytest
+from independent_contact import Body
 from scipy.stats import wasserstein_distance
 from seen import Point, TradeMap, figures, tradeoff
 
 import chemage as ca
 from chemage_contact import FFTBEM
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "physics"))
-from independent_contact import Body
-
-#: methods that first make a table are left out
-pytestmark = pytest.mark.usefixtures("without_preparation")
+pytestmark = pytest.mark.usefixtures("few_choices")
 
 SMALL = {"surface.pixels": 128, "surface.zeta": 16, "contact.load": "200 nN", "hold.replicas": 3, "hold.per_decade": 2}
 CONTACT_ONLY = {name: value for name, value in SMALL.items() if not name.startswith("hold")} | dict.fromkeys(

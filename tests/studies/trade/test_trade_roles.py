@@ -12,8 +12,7 @@ from seen import planned, tradeoff, tried_values
 import chemage as ca
 from chemage.plugin import Choice, Length
 
-#: methods that first make a table are left out
-pytestmark = pytest.mark.usefixtures("without_preparation")
+pytestmark = pytest.mark.usefixtures("few_choices")
 
 
 class Grained(ca.plugin.SurfaceMaker):

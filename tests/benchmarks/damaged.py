@@ -1,6 +1,6 @@
 """Damage files and folders of results, and put pipes, devices and links where paths stand; count what is believed.
 
-    python tests/benchmarks/damages.py files|edits|sweeps|kernels|places [COUNT] [SEED]
+    python tests/benchmarks/damaged.py files|edits|sweeps|kernels|places [COUNT] [SEED]
 
 ``files``: random damage of single files of each kind, inferences and means over surfaces included. ``edits``: every
 attribute and dataset edited in place with h5py. ``sweeps``: one file of a sweep damaged, removed or replaced, then the

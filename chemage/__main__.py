@@ -1,4 +1,4 @@
-"""``python -m chemage.cli``."""
+"""``python -m chemage``."""
 
 from chemage.cli import main
 

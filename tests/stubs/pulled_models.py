@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise, product
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -122,6 +123,39 @@ def patches(count: int, seed: int, forming: float = 0.42, breaking: float = 1.1)
         coupling=np.tile(coupling, (count, 1)),
         **{name: np.tile(values, count) for name, values in one.items()},
     )
+
+
+def random_pull(seed: int) -> tuple[ca.ReactionLattice, Drive, np.ndarray, dict[str, Any]]:
+    """Lattice, drive, times and options of a pull in which everything is drawn over many decades."""
+    rng = np.random.default_rng(seed)
+    n = int(np.exp(rng.uniform(0, np.log(300))))
+    forming = rng.uniform(0.2, 1.4) + rng.uniform(0, 0.2) * rng.standard_normal(n)
+    breaking = rng.uniform(0.3, 1.8) + rng.uniform(0, 0.1) * rng.standard_normal(n)
+    lattice = lattice_of(n, forming, breaking)
+    if n > 4 and rng.random() < 0.5:
+        reach = int(rng.integers(1, 3))
+        steps = np.concatenate([np.arange(1, reach + 1), -np.arange(1, reach + 1)])
+        graph = ((np.arange(n)[:, None] + steps) % n).astype(np.int32)
+        coupled = {"neighbours": graph, "coupling": np.full(graph.shape, rng.uniform(-0.3, 0.3))}
+        lattice = ca.ReactionLattice(pixels=(n, 1), sites=np.arange(n), forming=forming, breaking=breaking, **coupled)
+    speed, way = 10 ** rng.uniform(-3, 9), 10 ** rng.uniform(-3, 1.5)
+    drive = Drive(
+        speed=speed,
+        spring=[None, 0.0, 10 ** rng.uniform(-3, 6)][rng.choice(3, p=[0.4, 0.05, 0.55])],
+        friction=rng.choice([0.0, 10 ** rng.uniform(-3, 3)]),
+        bond_stiffness=10 ** rng.uniform(-2, 3),
+        transition_distance=rng.uniform(0.005, 0.2),
+        shape=str(rng.choice(["cusp", "cubic", "constant"])),
+        partner=str(rng.choice(["kept", "new"])),
+    )
+    times = np.concatenate([[0.0], np.geomspace(10 ** rng.uniform(-9, 0), 1.0, 12) * way / speed])
+    quantiles = np.sort(np.resize(forming, max(n, 2)))
+    return lattice, drive, times, {
+        "temperature": rng.uniform(100, 500),
+        "start": [None, np.ones(n, bool), rng.random(n) < 0.5][rng.integers(3)],
+        "partners": ca.plugin.Partners(quantiles, np.zeros(n)),
+        "seed": seed,
+    }  # fmt: skip
 
 
 def master_equation(lattice: ca.ReactionLattice, drive: Drive, end: float, steps: int) -> np.ndarray:
