@@ -420,7 +420,7 @@ def _measurements(comparison: Comparison, quantity: str) -> list[tuple[Measureme
         return []
     loads = {entry.ageing.load for entry in comparison.results}
     load = loads.pop() if len(loads) == 1 else None
-    found = [original.as_quantity(quantity, load) for original in comparison.measured]
+    found = [original.as_quantity(quantity, load) for original in comparison.measured]  # pyright: ignore[reportArgumentType]
     fits = [(data, comparison.measured_fit(data, "line")) for data in found if data is not None]
     return [(data, fit if fit is not None and fit.drawable else None) for data, fit in fits]
 
