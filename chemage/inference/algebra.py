@@ -13,6 +13,9 @@ import numpy as np
 
 from chemage.foundation.kernels import kernel
 
+#: times the longest: a row that is 0
+SHORT = 1e-20
+
 
 @kernel(nogil=True)
 def products(a, b):
@@ -86,8 +89,9 @@ def row_axes(matrix, least):
     They are the right singular vectors, by Jacobi rotations of pairs of rows: Hestenes, J. SIAM 6, 51 (1958).
     """
     rows = matrix.copy()
-    turned = True
-    while turned:
+    whole = (rows * rows).sum()
+    # twelve are many; nothing may turn them for ever
+    for _ in range(60):
         turned = False
         for i in range(rows.shape[0]):
             for j in range(i):
@@ -97,8 +101,8 @@ def row_axes(matrix, least):
                     aa += a[k] * a[k]
                     bb += b[k] * b[k]
                     ab += a[k] * b[k]
-                # below, rounding would turn them for ever
-                if abs(ab) <= 1e-13 * math.sqrt(aa * bb) or abs(ab) < 1e-280:
+                # a product of squares would underflow; a row this short turns no other one by a last bit
+                if abs(ab) <= 1e-13 * math.sqrt(aa) * math.sqrt(bb) or min(aa, bb) <= SHORT**2 * whole:
                     continue
                 turned = True
                 ratio = (bb - aa) / (2.0 * ab)
@@ -107,9 +111,11 @@ def row_axes(matrix, least):
                 sine = cosine * tangent
                 for k in range(a.size):
                     a[k], b[k] = cosine * a[k] - sine * b[k], sine * a[k] + cosine * b[k]
+        if not turned:
+            break
     lengths = np.sqrt((rows * rows).sum(axis=1))
     order = np.argsort(-lengths)
-    count = max((lengths > least).sum(), 1)
+    count = max((lengths > max(least, SHORT * math.sqrt(whole))).sum(), 1)
     axes = np.zeros((count, rows.shape[1]))
     if lengths[order[0]] == 0.0:
         axes[0, 0] = 1.0

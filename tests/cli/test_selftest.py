@@ -54,7 +54,7 @@ BROKEN = {
 }
 
 
-@pytest.mark.long
+@pytest.mark.campaign
 def test_broken_kernels_are_caught_where_the_right_ones_are_kept(tmp_path):
     shutil.copytree(ROOT / "plugins", tmp_path / "plugins")
     path = os.pathsep.join([str(ROOT), str(tmp_path / "plugins")])

@@ -15,6 +15,7 @@ ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "microscope.md").read_text(encoding="utf-8")
 
 
+@pytest.mark.long
 def test_the_scene_of_the_page_gives_the_numbers_of_the_page(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     shutil.copy(ROOT / "tests" / "data" / "topographies" / "afm.txt", tmp_path)

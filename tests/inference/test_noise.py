@@ -112,6 +112,7 @@ def test_a_calibration_is_drawn_from_its_prior_where_nothing_tells():
     assert np.std(drawn) == pytest.approx(0.1, rel=0.1)
 
 
+@pytest.mark.long
 def test_instruments_have_calibrations_of_their_own():
     """Two curves of one density, 20 % apart: the difference is known, and what they share is that of the prior."""
     size, width = 12, 0.1
@@ -164,7 +165,7 @@ def off_by(data, factor=1.0, scale=1.0, outlier=None):
     return data.model_copy(update={"values": values, "errors": np.array(data.errors) / scale})
 
 
-@pytest.mark.long
+@pytest.mark.campaign
 def test_understated_errors_and_a_point_that_is_off_are_found():
     data = curve(ca.barriers("gaussian", mean=0.95, std=0.1), times=np.logspace(-3, 5, 60))
     found = ca.infer(off_by(data, scale=2.5), scene(), families=(), samples=200)

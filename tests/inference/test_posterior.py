@@ -316,6 +316,7 @@ def test_samples_have_the_means_of_the_posterior():
     assert np.mean(found.densities == 0, axis=0) == pytest.approx(zero, abs=0.04)
 
 
+@pytest.mark.long
 def test_the_same_seed_gives_the_same_samples_and_none_has_an_integral_above_one():
     made = problem(values=(30.0, 30.0))
     first, again = (sample(made, np.ones(12), samples=60, seed=4).densities for _ in range(2))

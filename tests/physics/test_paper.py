@@ -74,6 +74,7 @@ def test_roughness_raises_friction_at_a_second_and_lowers_it_at_a_thousand():
         assert coefficient(0.05, 0.0, time) > coefficient(0.1, 0.0, time) > coefficient(0.2, 0.0, time)
 
 
+@pytest.mark.long
 def test_without_activation_volume_friction_follows_the_contact_area():
     """With ΔV = 0 pressure only decides who is in contact: Δμ is proportional to A at all times."""
     ratios = []

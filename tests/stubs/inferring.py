@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 from chemage.ageing.covariance import CurveError
+<<<<<<< HEAD
 from chemage.foundation.quantities import Curve, by_name
 from chemage.foundation.result import Ageing, result_of
+=======
+from chemage.foundation.result import Compared, Curve, result_of
+from chemage.inference import algebra
+>>>>>>> main
 from chemage.inference.calibrate import Calibration, _errors, _rank, calibrate
 from chemage.inference.noise import LARGEST, NEAREST, RARE, SPREAD, WIDER, ErrorModel, Noise, State
 from chemage.inference.open import effective, r_hat
@@ -15,9 +20,35 @@ from chemage.results.verdicts import verdict
 drawn_errors, rank = _errors, _rank
 
 __all__ = [
+<<<<<<< HEAD
     "LARGEST", "NEAREST", "RARE", "SPREAD", "WIDER", "Ageing", "Calibration", "Chain", "Curve", "CurveError",
     "ErrorModel", "Noise", "Prior", "Problem", "State", "by_name", "calibrate", "drawn_errors", "effective", "r_hat",
     "rank", "result_of", "verdict",
+=======
+    "LARGEST",
+    "NEAREST",
+    "RARE",
+    "SPREAD",
+    "WIDER",
+    "Calibration",
+    "Chain",
+    "Compared",
+    "Curve",
+    "CurveError",
+    "ErrorModel",
+    "Noise",
+    "Prior",
+    "Problem",
+    "State",
+    "algebra",
+    "calibrate",
+    "drawn_errors",
+    "effective",
+    "r_hat",
+    "rank",
+    "result_of",
+    "verdict",
+>>>>>>> main
 ]  # fmt: skip
 
 

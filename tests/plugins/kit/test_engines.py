@@ -95,6 +95,7 @@ def test_what_engines_say_beforehand(said):
     assert next(iter(said)) in failing(wrong, "engine_cost_is_estimated")
 
 
+@pytest.mark.long
 def test_speed_that_changes_bonds():
     base = ca.engine("rejection-free").__class__
     fields = {"__annotations__": {"threads_used": int}, "threads_used": 1, "speed_only": ("threads_used",)}
