@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 from chemage.ageing.covariance import CurveError
-<<<<<<< HEAD
 from chemage.foundation.quantities import Curve, by_name
 from chemage.foundation.result import Ageing, result_of
-=======
-from chemage.foundation.result import Compared, Curve, result_of
 from chemage.inference import algebra
->>>>>>> main
 from chemage.inference.calibrate import Calibration, _errors, _rank, calibrate
 from chemage.inference.noise import LARGEST, NEAREST, RARE, SPREAD, WIDER, ErrorModel, Noise, State
 from chemage.inference.open import effective, r_hat
@@ -20,44 +16,7 @@ from chemage.results.verdicts import verdict
 drawn_errors, rank = _errors, _rank
 
 __all__ = [
-<<<<<<< HEAD
     "LARGEST", "NEAREST", "RARE", "SPREAD", "WIDER", "Ageing", "Calibration", "Chain", "Curve", "CurveError",
-    "ErrorModel", "Noise", "Prior", "Problem", "State", "by_name", "calibrate", "drawn_errors", "effective", "r_hat",
-    "rank", "result_of", "verdict",
-=======
-    "LARGEST",
-    "NEAREST",
-    "RARE",
-    "SPREAD",
-    "WIDER",
-    "Calibration",
-    "Chain",
-    "Compared",
-    "Curve",
-    "CurveError",
-    "ErrorModel",
-    "Noise",
-    "Prior",
-    "Problem",
-    "State",
-    "algebra",
-    "calibrate",
-    "drawn_errors",
-    "effective",
-    "r_hat",
-    "rank",
-    "result_of",
-    "verdict",
->>>>>>> main
+    "ErrorModel", "Noise", "Prior", "Problem", "State", "algebra", "by_name", "calibrate", "drawn_errors", "effective",
+    "r_hat", "rank", "result_of", "verdict",
 ]  # fmt: skip
-
-
-def fewer_sweeps(monkeypatch):
-    """Make a calibration fast."""
-    monkeypatch.setattr("chemage.inference.calibrate.SWEEPS", 200)
-
-
-def few_effective(monkeypatch):
-    """End sampling at a third of the effective samples that are usual."""
-    monkeypatch.setattr("chemage.inference.sampling.ENOUGH", 100)
-    monkeypatch.setattr("chemage.inference.sampling.AGREED", 1.06)
