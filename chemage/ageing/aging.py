@@ -14,6 +14,7 @@ from pydantic import Field, model_validator
 
 from chemage.ageing.fitting import (
     BETA,
+    CUTOFF,
     DROPS,
     FIT_WINDOW,
     Fit,
@@ -380,7 +381,7 @@ class Aging(Observing, Record):
         numbers += [output.quantity() for output in self.measured.values() if output.is_number]
         fit, reason = fit_or_reason(self, window)
         if fit is None:
-            return [*numbers, BETA.but(reason=f"not fitted: {reason}")]
+            return [*numbers, BETA.but(reason=f"not fitted: {reason}"), CUTOFF.but(reason="not fitted")]
         beta, *others = fit.quantities()
         how = f"measured here, {self.replicas} replicas on this one surface"
         replicas = {"replicas": ErrorPart(fit.beta_stderr, how)} if self.replicas > 1 else {}

@@ -119,7 +119,7 @@ class Entry:
         numbers = {"name": self.name, "file": self.source, **self.plain}
         for one in self.quantities.values():
             numbers |= one.numbers()
-        return numbers | ({"approximate": self.approximation} if self.approximation else {})
+        return numbers
 
     def chemistry(self) -> dict[str, Any]:
         """The fields that determine the kinetics of the sites: dotted path -> value."""
@@ -228,9 +228,14 @@ class Comparison:
     def numbers(self) -> list[dict[str, Any]]:
         """The results as plain JSON values, one object each, all with the same names."""
         every = _joined(result.numbers() for result in self.results)
-        return [
-            jsonable({name: result.numbers().get(name) for name in every} | self._at(result)) for result in self.results
-        ]
+        any_approximate = any(result.approximation for result in self.results)
+        objects = []
+        for result in self.results:
+            one = {name: result.numbers().get(name) for name in every}
+            if any_approximate:
+                one["approximate"] = result.approximation
+            objects.append(jsonable(one | self._at(result)))
+        return objects
 
     def _at(self, result: Entry) -> dict[str, Any]:
         names, moments = self._curve_names(), []

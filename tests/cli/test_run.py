@@ -33,7 +33,8 @@ def test_the_table_shows_what_the_file_holds(command, small):
         f"{result.contact.area_fraction:.4g}",
         f"{result.contact.kappa:.4g}",
         f"{result.contact.mean_contact_pressure:.4g} GPa",
-        "rejection-free, 3 replicas",
+        "rejection-free",
+        "3 replicas on one surface",
         "small.h5",
     ):
         assert text in done.out, text
