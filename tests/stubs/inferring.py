@@ -20,3 +20,14 @@ __all__ = [
     "ErrorModel", "Noise", "Prior", "Problem", "State", "algebra", "by_name", "calibrate", "drawn_errors", "effective",
     "r_hat", "rank", "result_of", "verdict",
 ]  # fmt: skip
+
+
+def fewer_sweeps(monkeypatch):
+    """Make a calibration fast."""
+    monkeypatch.setattr("chemage.inference.calibrate.SWEEPS", 200)
+
+
+def few_effective(monkeypatch):
+    """End sampling at a third of the effective samples that are usual."""
+    monkeypatch.setattr("chemage.inference.sampling.ENOUGH", 100)
+    monkeypatch.setattr("chemage.inference.sampling.AGREED", 1.06)
