@@ -75,7 +75,7 @@ def work(tmp_path, monkeypatch):
     import chemage_work  # pyright: ignore[reportMissingImports]
 
     yield chemage_work
-    del sys.modules["chemage_work"]
+    sys.modules.pop("chemage_work", None)
 
 
 @pytest.fixture
@@ -329,7 +329,7 @@ def cluster(tmp_path_factory):
     with open_pool(f"dask:{folder / 'cluster.yaml'}") as pool:
         yield pool, chemage_work
     sys.path.remove(str(folder))
-    del sys.modules["chemage_work"]
+    sys.modules.pop("chemage_work", None)
 
 
 def test_a_cluster_from_a_file_answers(cluster):
