@@ -119,6 +119,8 @@ class Entry:
         numbers = {"name": self.name, "file": self.source, **self.plain}
         for one in self.quantities.values():
             numbers |= one.numbers()
+            if one.reason and not one.known:
+                numbers[f"{one.name}_reason"] = one.reason
         return numbers
 
     def chemistry(self) -> dict[str, Any]:
