@@ -24,6 +24,7 @@ from chemage.foundation.units import EV_PER_GPA_NM3 as EV_PER_GPA_NM3
 from chemage.foundation.units import Energy as Energy
 from chemage.kinetics.role import Engine as Engine
 from chemage.foundation.quantities import ErrorPart as ErrorPart
+from chemage.foundation.quantities import Estimate as Estimate
 from chemage.foundation.errors import ExecutorError as ExecutorError
 from chemage.ageing.fitting import FIT_WINDOW as FIT_WINDOW
 from chemage.foundation.units import FilePath as FilePath

@@ -32,7 +32,7 @@ class OfContact(OfRecord[C], Generic[C]):
         return [*super().notes(), *elasticity_notes(self.record)]
 
     def facts(self) -> Rows:
-        return [("surface", self.extent())]
+        return [("extent", self.extent())]
 
     def quantities(self) -> list[Quantity]:
         return self.record.quantities()

@@ -49,7 +49,7 @@ NAMES = {
     "foundation.kernels": "kernel",
     "foundation.machine": "cache_folder",
     "foundation.outputs": "Output record",
-    "foundation.quantities": "Curve ErrorPart Quantity",
+    "foundation.quantities": "Curve ErrorPart Estimate Quantity",
     "foundation.records": "content_hash file_hash",
     "foundation.components": "Component",
     "foundation.errors": "ChemageError ConvergenceError DamagedError ExecutorError InputError PlanWarning PluginError "

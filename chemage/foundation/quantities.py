@@ -192,6 +192,9 @@ class Quantity(Declared):
         return {self.name: self.value} | {f"{self.name}_{part}": getattr(self, part) for part in _COLUMNS[self.stated]}
 
 
+#: as plugins of before call it
+Estimate = Quantity
+
 #: the axis along which contacts age
 HOLD_TIME = Declared("hold_time", "s", "hold time")
 
