@@ -6,6 +6,7 @@ kind of result is a subclass; where the numbers are in a class of their own, :fu
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib import import_module
@@ -199,6 +200,8 @@ class Result:
                 rows.append(one.row())
                 for cause, size, how in one.parts():
                     rows.append((f"error of {one.symbol or one.label}: {cause}", f"{size} (standard error), {how}"))
+        if self.errors and any(math.isfinite(one.half_width) for one in numbers):
+            rows.append(("every ± is", self.errors))
         return [*rows, *self.remarks()]
 
     def arrays(self) -> Rows:

@@ -77,7 +77,8 @@ class EnsembleDisplay(OfRecord[Ensemble]):
     def quantities(self) -> list[Quantity]:
         asked = {goal.partition("@")[0].strip() for goal in self.record.goals}
         names = ("area_fraction", "beta", "b")
-        found = [one.but(errors=_in_words(one.errors)) for one in self.record.numbers()]
+        # those of b are those of β
+        found = [one.but(errors=_in_words(one.errors) if one.name != "b" else {}) for one in self.record.numbers()]
         return [one if one.name in names or one.name in asked else one.but(rank=Rank.REST) for one in found]
 
     def curves(self) -> list[Curve]:
