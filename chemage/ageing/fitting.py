@@ -221,6 +221,14 @@ class Fit:
         """β, b and the cut-off time, for the cells of a table."""
         return tuple(one.but(of="").text() for one in self.quantities())
 
+    def beta_text(self) -> str:
+        """β with its interval and unit."""
+        return self.texts()[0]
+
+    def cutoff_text(self) -> str:
+        """The cut-off time with its interval, or why there is none."""
+        return self.texts()[2]
+
     def _no_interval(self) -> str:
         """Why β has none, in words."""
         if self.replicas == 1:

@@ -132,11 +132,14 @@ class RunDisplay(Result):
         return self.run.plugins
 
     def facts(self) -> Rows:
-        run, scene = self.run, self.run.scene
+        scene = self.run.scene
         facts = [(section, f"{scene[section]['kind']}, {words}") for section, words in self._stages()]
         facts += self.aging.facts() if self.aging is not None else []
         facts += [(f"plugin {name}", source) for name, source in self.plugins.items()]
-        return facts + ([("wall time", self._timings())] if run.timings else [])
+        return facts
+
+    def remarks(self) -> Rows:
+        return [*super().remarks(), *([("wall time", self._timings())] if self.run.timings else [])]
 
     def _stages(self) -> Rows:
         return [("surface", self.contact.extent()), ("contact", self.contact.solved())]
