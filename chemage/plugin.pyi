@@ -17,13 +17,14 @@ from chemage.contacts.role import ContactSolver as ContactSolver
 from chemage.contacts.solution import ContactStatistics as ContactStatistics
 from chemage.contacts.theory import ContactTheory as ContactTheory
 from chemage.foundation.errors import ConvergenceError as ConvergenceError
+from chemage.foundation.quantities import Curve as Curve
 from chemage.foundation.errors import DamagedError as DamagedError
 from chemage.friction.pulling import Drive as Drive
 from chemage.foundation.units import EV_PER_GPA_NM3 as EV_PER_GPA_NM3
 from chemage.foundation.units import Energy as Energy
 from chemage.kinetics.role import Engine as Engine
-from chemage.studies.ensembles.ensemble import ErrorPart as ErrorPart
-from chemage.studies.ensembles.ensemble import Estimate as Estimate
+from chemage.foundation.quantities import ErrorPart as ErrorPart
+from chemage.foundation.quantities import Estimate as Estimate
 from chemage.foundation.errors import ExecutorError as ExecutorError
 from chemage.ageing.fitting import FIT_WINDOW as FIT_WINDOW
 from chemage.foundation.units import FilePath as FilePath
@@ -52,6 +53,7 @@ from chemage.studies.sweeps.result import Point as Point
 from chemage.foundation.units import Pressure as Pressure
 from chemage.friction.pulling import PullHistory as PullHistory
 from chemage.friction.pulling import Pulling as Pulling
+from chemage.foundation.quantities import Quantity as Quantity
 from chemage.surfaces.reading import Reader as Reader
 from chemage.foundation.result import Result as Result
 from chemage.surfaces.surface import Roughness as Roughness

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from chemage.ageing.aging import BARRIERS, Aging, elastic_limits, fit_or_reason
-from chemage.ageing.fitting import line_slopes, line_weights
+from chemage.ageing.aging import BARRIERS, Aging, elastic_limits
 from chemage.ageing.methods import (
     EVERY_SITE,
     AgedBonds,
@@ -285,37 +284,3 @@ def with_members(
             "member_ratios": ratios,
         }
     )
-
-
-def barriers_error(aging: Aging | None, window: tuple[float, float]) -> float | None:
-    """Relative standard error of β over ``window`` (s) that is due to the barriers; None where it is not known."""
-    if aging is None or aging.member_ratios is None:
-        return None
-    try:
-        own = aging.fit(*window).beta
-    except InputError:
-        return None
-    drops = aging.member_ratios * aging.mean_friction_coefficient_drop
-    slopes = line_slopes(aging.hold_times, drops, window)
-    return float(slopes.std(ddof=1) / abs(own)) if np.isfinite(slopes).all() and own != 0 else None
-
-
-def beta_errors(aging: Aging | None, window: tuple[float, float]) -> dict[str, float]:
-    """Relative standard errors of β over ``window`` (s) that follow from :attr:`Aging.errors` of a mean without
-    replicas, by name; of a mean over replicas, whose scatter gives an error of β, none.
-
-    Errors of the bonds at different hold times may have any signs, also opposite ones early and late, so that their
-    parts in the slope are added up by magnitude.
-    """
-    if aging is None or aging.replicas > 1:
-        return {}
-    fit, _ = fit_or_reason(aging, window)
-    if fit is None or fit.beta == 0:
-        return {}
-    use, weights = line_weights(aging.hold_times, window)
-    parts = np.abs(weights) * aging.mean_friction_coefficient_drop[use]
-    return {
-        name: float(np.sum(parts * error[use]) / abs(fit.beta))
-        for name, error in aging.errors.items()
-        if name != BARRIERS
-    }

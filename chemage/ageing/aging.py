@@ -12,7 +12,19 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from chemage.ageing.fitting import FIT_WINDOW, Fit, FitData, Quantity, fit_aging, why_not_fitted
+from chemage.ageing.fitting import (
+    BETA,
+    CUTOFF,
+    DROPS,
+    FIT_WINDOW,
+    Fit,
+    FitData,
+    Friction,
+    fit_aging,
+    line_slopes,
+    line_weights,
+    why_not_fitted,
+)
 from chemage.ageing.replicas import COMMON
 from chemage.contacts.role import sphere_radius
 from chemage.contacts.solution import Contact
@@ -20,6 +32,7 @@ from chemage.foundation.checks import check_times
 from chemage.foundation.codec import Derived, dataset, frame
 from chemage.foundation.errors import InputError
 from chemage.foundation.outputs import Measured, Observing, measured
+from chemage.foundation.quantities import HOLD_TIME, Curve, ErrorPart, Quantity, Rank, by_name
 from chemage.foundation.records import (
     Counts,
     Doubles,
@@ -49,28 +62,16 @@ if TYPE_CHECKING:
 BARRIERS = "barriers"
 #: standard deviations from what is possible at which an estimate is taken for a fault
 FAR = 8.0
-#: at each hold time: name -> (unit, meaning)
-CURVES: dict[str, tuple[str, str]] = {
-    "friction_drop": ("nN", "friction drop, mean over replicas"),
-    "friction_drop_stderr": ("nN", "its standard error"),
-    "friction_drop_half_width": ("nN", "half the width of its 95 % interval"),
-    "friction_coefficient_drop": ("1", "friction coefficient drop, mean over replicas"),
-    "friction_coefficient_drop_stderr": ("1", "its standard error"),
-    "friction_coefficient_drop_half_width": ("1", "half the width of its 95 % interval"),
-}
-#: numbers of the fit: name -> (unit, meaning)
-FIT: dict[str, tuple[str, str]] = {
-    "beta": ("1", "slope of the friction coefficient drop per decade of hold time"),
-    "beta_stderr": ("1", "standard error of beta"),
-    "beta_half_width": ("1", "half the width of the 95 % interval of beta"),
-    "b": ("1", "beta over ln 10, the slope per factor e of hold time"),
-    "b_stderr": ("1", "standard error of b"),
-    "b_half_width": ("1", "half the width of the 95 % interval of b"),
-    "cutoff_time": ("s", "cut-off time"),
-    "cutoff_time_stderr": ("s", "standard error of the cut-off time"),
-    "cutoff_time_low": ("s", "lower end of the 95 % interval of the cut-off time"),
-    "cutoff_time_high": ("s", "upper end of the 95 % interval of the cut-off time"),
-}
+#: the name of the error that is due to the distribution of barriers
+BARRIERS = "barriers"
+#: what all sites together do, beside what is fitted
+BONDS: dict[str, Curve] = by_name(
+    (
+        Curve("bonds", "1", "bonds", rank=Rank.REST),
+        Curve("bonds_per_area", "1/nm2", "bonds per contact area"),
+        Curve("bonded_fraction", "1", "fraction of sites bonded", rank=Rank.REST),
+    )
+)
 
 
 class Aging(Observing, Record):
@@ -324,9 +325,9 @@ class Aging(Observing, Record):
             raise InputError("friction: its fit is out of the range of numbers; check load and bond_force")
         return fit
 
-    def fit_data(self, quantity: Quantity | None) -> FitData:
+    def fit_data(self, quantity: Friction | None) -> FitData:
         """The friction drop of every replica, for :func:`chemage.fit_aging`."""
-        chosen: Quantity = quantity or "friction_coefficient_drop"
+        chosen: Friction = quantity or "friction_coefficient_drop"
         if chosen == "friction_coefficient_drop" and self.load <= 0:
             raise InputError(
                 f"load = {self.load:g}: the friction coefficient is undefined; fit quantity='friction_drop'"
@@ -338,7 +339,7 @@ class Aging(Observing, Record):
         self,
         ax: Axes | None = None,
         *,
-        quantity: Quantity | None = None,
+        quantity: Friction | None = None,
         fit: bool = True,
         color: str | None = None,
         label: str = "",
@@ -349,6 +350,42 @@ class Aging(Observing, Record):
         "friction_drop"; and with ``fit`` the line of :meth:`fit`. ``color`` and ``label`` are those of the curve.
         """
         return draw_result(self, ax, quantity=quantity, fit=fit, color=color, label=label)
+
+    def curves(self) -> list[Curve]:
+        """ΔF, Δμ, bonds per contact area and per site, and what was recorded at every hold time, as means over the
+        replicas; without those that are not known, such as Δμ without load."""
+        drops = {"friction_drop": self.friction_drop, "friction_coefficient_drop": self.friction_coefficient_drop}
+        with np.errstate(invalid="ignore", divide="ignore"):
+            drops["bonds"] = self.bonds
+            drops["bonds_per_area"] = self.bonds / self.site_area
+            drops["bonded_fraction"] = self.bonds / self.sites[:, None]
+        every = DROPS | BONDS
+        found = []
+        for name, values in drops.items():
+            curve = every[name].of_replicas(self.hold_times, values, self.over)
+            found.append(curve.but(known=self.stated_error * curve.mean))
+        found += [output.curve(self.hold_times, self.over) for output in self.measured.values() if output.is_curve]
+        if self.load <= 0:  # there is no coefficient of friction
+            found[0] = found[0].but(rank=Rank.FIRST)
+        return [one for one in found if np.isfinite(one.mean).any()]
+
+    @property
+    def over(self) -> str:
+        """What means are taken over."""
+        return f"mean of {self.replicas} replicas, 95 %" if self.replicas > 1 else "1 replica"
+
+    def quantities(self, window: tuple[float, float] = FIT_WINDOW) -> list[Quantity]:
+        """The limits of the elastic model, what was recorded, and the fit over ``window`` (s); where there is none,
+        why."""
+        numbers = elastic_quantities(self)
+        numbers += [output.quantity() for output in self.measured.values() if output.is_number]
+        fit, reason = fit_or_reason(self, window)
+        if fit is None:
+            return [*numbers, BETA.but(reason=f"not fitted: {reason}"), CUTOFF.but(reason="not fitted")]
+        beta, *others = fit.quantities()
+        how = f"measured here, {self.replicas} replicas on this one surface"
+        replicas = {"replicas": ErrorPart(fit.beta_stderr, how)} if self.replicas > 1 else {}
+        return [*numbers, beta.but(errors=replicas | beta_parts(self, window)), *others]
 
     def to_xarray(self) -> xarray.Dataset:
         """The arrays with the names, dimensions and units of the file, and the curves of friction of the file: means
@@ -365,17 +402,9 @@ class Aging(Observing, Record):
         beside the scatter of the replicas (``error.NAME``, relative); what observables measured at every hold time.
         """
         attributes = {"replicas": self.replicas, "load": self.load, "temperature": self.temperature}
-        return frame(self.columns(), "hold_time", attributes)
-
-    def columns(self) -> dict[str, np.ndarray]:
-        """The columns of :meth:`to_pandas`: name -> (m,)."""
-        curves = {name: getattr(self, name) for name in ("bonds", "friction_drop", "friction_coefficient_drop")}
-        curves |= {f"observable.{name}": output.values for name, output in self.measured.items() if output.is_curve}
-        columns = {"hold_time": self.hold_times}
-        for name, values in curves.items():
-            columns |= _with_errors(name, values)
+        columns = {name: values for curve in self.curves() for name, values in curve.numbers().items()}
         columns |= {f"error.{name}": error for name, error in self.errors.items()}
-        return columns
+        return frame({HOLD_TIME.name: self.hold_times, **columns}, HOLD_TIME.name, attributes)
 
     def _repr_html_(self) -> str:
         return notebook_html(self)
@@ -389,15 +418,6 @@ class Aging(Observing, Record):
     __str__ = __repr__
 
 
-def _with_errors(name: str, values: np.ndarray) -> dict[str, np.ndarray]:
-    """The mean over replicas, its standard error, and half the width of its 95 % interval, by the names of columns."""
-    return {
-        name: values.mean(axis=0),
-        f"{name}_stderr": standard_error(values),
-        f"{name}_half_width": half_width(values),
-    }
-
-
 def fit_or_reason(aging: Aging, window: tuple[float, float]) -> tuple[Fit | None, str]:
     """The line of Δμ over ``window`` (s), or None and why it cannot be fitted, in words."""
     if reason := why_not_fitted(aging.hold_times, window):
@@ -408,29 +428,37 @@ def fit_or_reason(aging: Aging, window: tuple[float, float]) -> tuple[Fit | None
         return None, str(error)
 
 
-def curves(aging: Aging) -> dict[str, np.ndarray]:
-    """Those of :data:`CURVES`, (m,) each; nan where a number is not known: no load, or a single replica."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        return {
-            **_with_errors("friction_drop", aging.friction_drop),
-            **_with_errors("friction_coefficient_drop", aging.friction_coefficient_drop),
-        }
+def beta_parts(aging: Aging, window: tuple[float, float]) -> dict[str, ErrorPart]:
+    """Parts of the error of β over ``window`` (s) that the scatter of the replicas does not contain: those of the mean
+    number of bonds where there are no replicas, and that of the distribution of barriers.
+
+    Errors of the bonds at different hold times may have any signs, also opposite ones early and late, so that their
+    parts in the slope are added up by magnitude.
+    """
+    fit, _ = fit_or_reason(aging, window)
+    if fit is None or fit.beta == 0:
+        return {}
+    parts = {}
+    if aging.replicas == 1:
+        use, weights = line_weights(aging.hold_times, window)
+        slopes = np.abs(weights) * aging.mean_friction_coefficient_drop[use]
+        parts = {name: float(np.sum(slopes * error[use])) for name, error in aging.errors.items() if name != BARRIERS}
+    if aging.member_ratios is not None:
+        drops = aging.member_ratios * aging.mean_friction_coefficient_drop
+        of_members = line_slopes(aging.hold_times, drops, window)
+        if np.isfinite(of_members).all():
+            parts[BARRIERS] = float(of_members.std(ddof=1))
+    return {name: ErrorPart(size, aging.error_sources[name]) for name, size in parts.items()}
 
 
 def stored_curves(aging: Aging) -> dict[str, tuple[tuple[str, ...], np.ndarray, str, str]]:
-    """Those of :data:`CURVES` that exist, name -> (dimensions, values, unit, meaning): without load there is no
-    coefficient of friction."""
+    """The curves of friction that a file has: name -> (dimensions, values, unit, meaning)."""
     return {
-        name: (("hold_time",), values, *CURVES[name])
-        for name, values in curves(aging).items()
-        if aging.load > 0 or "coefficient" not in name
+        name: ((HOLD_TIME.name,), curve.numbers()[name], unit, meaning)
+        for curve in aging.curves()
+        if curve.name in DROPS
+        for name, unit, meaning in curve.columns()
     }
-
-
-def fit_numbers(fit: Fit) -> dict[str, float]:
-    """Those of :data:`FIT`; nan where a number is not known."""
-    ends = {"cutoff_time_low": fit.cutoff_interval.low, "cutoff_time_high": fit.cutoff_interval.high}
-    return {name: ends[name] if name in ends else getattr(fit, name) for name in FIT}
 
 
 def derived(aging: Aging, window: tuple[float, float] = FIT_WINDOW) -> Derived:
@@ -438,28 +466,35 @@ def derived(aging: Aging, window: tuple[float, float] = FIT_WINDOW) -> Derived:
 
     Without two hold times in the window there is no fit.
     """
-    try:
-        fit = aging.fit(*window)
-    except InputError:
+    fit, _ = fit_or_reason(aging, window)
+    if fit is None:
         return Derived(stored_curves(aging), {})
-    numbers = {**fit_numbers(fit), "fit_window": np.array(window, dtype=np.float64), "fit_range": np.array(fit.span)}
-    return Derived(stored_curves(aging), numbers)
+    numbers: dict[str, Any] = {name: value for one in fit.quantities() for name, value in one.numbers().items()}
+    ends = {"fit_window": np.array(window, dtype=np.float64), "fit_range": np.array(fit.span)}
+    return Derived(stored_curves(aging), numbers | ends)
 
 
-#: what is reported, where it is known: name -> (unit, meaning)
-ELASTIC_MEASURES: dict[str, tuple[str, str]] = {
-    "hardness": ("GPa", "hardness of the material"),
-    "area_above_hardness": ("1", "share of the contact area whose pressure is above the hardness"),
-    "load_above_hardness": ("1", "share of the load carried where the pressure is above the hardness"),
-    "mean_shear_stress": (
-        "GPa",
-        "friction drop at the last hold time over the area of the sites in contact, mean over replicas",
-    ),
-    "shear_strength": ("GPa", "shear strength of the material"),
-    "shear_stress_to_strength": ("1", "mean shear stress over shear strength"),
-    "work_of_adhesion": ("J/m2", "work of adhesion of the surfaces"),
-    "pull_off_to_load": ("1", "pull-off force 2πwR of the sphere over the load, which is without adhesion"),
-}
+#: what is reported, where it is known
+ELASTIC_MEASURES: dict[str, Quantity] = by_name(
+    (
+        Quantity("hardness", "GPa", "hardness", "", "hardness of the material", Rank.REST),
+        Quantity("area_above_hardness", "1", "share of the contact area above the hardness"),
+        Quantity("load_above_hardness", "1", "share of the load above the hardness"),
+        Quantity(
+            "mean_shear_stress",
+            "GPa",
+            "mean shear stress",
+            "",
+            "friction drop at the last hold time over the area of the sites in contact, mean over replicas",
+        ),
+        Quantity("shear_strength", "GPa", "shear strength", "", "shear strength of the material", Rank.REST),
+        Quantity("shear_stress_to_strength", "1", "mean shear stress over shear strength"),
+        Quantity("work_of_adhesion", "J/m2", "work of adhesion", "", "work of adhesion of the surfaces", Rank.REST),
+        Quantity(
+            "pull_off_to_load", "1", "pull-off force 2πwR over the load", "", "of the sphere, which is without adhesion"
+        ),
+    )
+)
 #: a share of area or load, or a ratio of stress to strength, above this is noted
 NOTED_ELASTIC = 0.05
 
@@ -498,22 +533,14 @@ def elastic_measures(aging: Aging | None) -> dict[str, float]:
     return {name: measures[name] for name in ELASTIC_MEASURES if name in measures}
 
 
-def elastic_rows(aging: Aging | None) -> list[tuple[str, str]]:
-    """The rows of a printed table: (quantity, text)."""
-    measures = elastic_measures(aging)
-    rows = []
-    if "area_above_hardness" in measures:
-        area, load = _percent(measures["area_above_hardness"]), _percent(measures["load_above_hardness"])
-        rows.append(
-            (f"above the hardness of {measures['hardness']:g} GPa", f"{area} of the contact area, {load} of the load")
-        )
-    if aging is not None and "mean_shear_stress" in measures:
-        text = f"{measures['mean_shear_stress']:.4g} GPa"
-        if "shear_strength" in measures:
-            share = _percent(measures["shear_stress_to_strength"])
-            text += f", {share} of the shear strength of {measures['shear_strength']:g} GPa"
-        rows.append((f"mean shear stress at {aging.hold_times[-1]:g} s", text))
-    return rows
+def elastic_quantities(aging: Aging) -> list[Quantity]:
+    """The same as quantities."""
+    last = f"at {aging.hold_times[-1]:g} s"
+    late = ("mean_shear_stress", "shear_stress_to_strength")
+    return [
+        ELASTIC_MEASURES[name].but(value=value, of=last if name in late else "")
+        for name, value in elastic_measures(aging).items()
+    ]
 
 
 def elastic_notes(aging: Aging | None) -> tuple[str, ...]:
@@ -553,3 +580,13 @@ def neglected_adhesion(work: float, share: float) -> str:
 
 def _percent(share: float) -> str:
     return f"{100 * share:.3g} %" if share < 0.1 else f"{100 * share:.0f} %"
+
+
+def bond_errors(aging: Aging | None) -> dict[str, Any]:
+    """The errors of the mean beside the scatter of the replicas; empty where there are none."""
+    if aging is None or not aging.errors:
+        return {}
+    return {
+        "bond_errors": {name: error.tolist() for name, error in aging.errors.items()},
+        "bond_error_sources": aging.error_sources,
+    }

@@ -34,11 +34,12 @@ from chemage.ageing.models import (
 )
 from chemage.foundation.checks import within
 from chemage.foundation.errors import InputError
+from chemage.foundation.quantities import ONE, Curve, Quantity, Rank, by_name
 from chemage.foundation.statistics import jackknife_error
-from chemage.foundation.text import NO_SCATTER, ROUNDING, jsonable, power_text, with_error, with_interval
+from chemage.foundation.text import NO_SCATTER, ROUNDING, jsonable, power_text
 from chemage.foundation.units import QuantityLike, convert
 
-Quantity = Literal["friction_coefficient_drop", "friction_drop"]
+Friction = Literal["friction_coefficient_drop", "friction_drop"]
 
 #: default of the first and last hold time of the line, s
 FIT_WINDOW = (10.0, 1e4)
@@ -50,12 +51,37 @@ LN10 = math.log(10)
 FOR_BOOTSTRAP = 10
 #: with fewer hold times, or over fewer decades, a β is doubtful
 LEAST_POINTS, LEAST_DECADES = 6, 2.0
-#: what is written in place of an error
-NO_ERROR = "(one replica: no error)"
-#: quantity -> its unit inside chemage
-UNIT: dict[str, str] = {"friction_coefficient_drop": "", "friction_drop": "nN"}
-#: quantity -> how it is written
-SYMBOL: dict[str, str] = {"friction_coefficient_drop": "Δμ", "friction_drop": "ΔF"}
+#: what is fitted
+DROPS: dict[str, Curve] = by_name(
+    (
+        Curve("friction_drop", "nN", "friction drop", "ΔF", "friction drop, mean over replicas"),
+        Curve(
+            "friction_coefficient_drop",
+            "1",
+            "friction coefficient drop",
+            "Δμ",
+            "friction coefficient drop, mean over replicas",
+            Rank.FIRST,
+        ),
+    )
+)
+#: what is fitted -> its unit, "" for a pure number
+UNIT: dict[str, str] = {name: "" if one.unit == ONE else one.unit for name, one in DROPS.items()}
+BETA = Quantity(
+    "beta",
+    "1",
+    "ageing rate per decade",
+    "β",
+    "slope of the friction coefficient drop per decade of hold time",
+    Rank.FIRST,
+    stated="half_width",
+)
+B = Quantity(
+    "b", "1", "ageing rate per e-fold", "b", "beta over ln 10, the slope per factor e of hold time", stated="half_width"
+)
+CUTOFF = Quantity("cutoff_time", "s", "cut-off time", "t_c", stated="ends")
+#: the numbers of a fit
+FIT = (BETA, B, CUTOFF)
 
 
 class Curves(Protocol):
@@ -66,7 +92,7 @@ class Curves(Protocol):
         """(m,) s."""
         ...
 
-    def fit_data(self, quantity: Quantity | None) -> FitData:
+    def fit_data(self, quantity: Friction | None) -> FitData:
         """The curves of ``quantity``, or of the natural one where that is None."""
         ...
 
@@ -77,7 +103,7 @@ class FitData:
 
     #: (replicas, m), or (1, m) for measurements; ``quantity`` is ``scale`` times this
     curves: np.ndarray
-    quantity: Quantity
+    quantity: Friction
     scale: float = 1.0
     #: (m,) standard errors of the curve, in its unit
     error: np.ndarray | None = None
@@ -90,7 +116,7 @@ class Fit:
     """β and the cut-off time, with standard errors and intervals."""
 
     model: Model
-    quantity: Quantity
+    quantity: Friction
     #: per decade: a pure number for Δμ, nN for ΔF
     beta: float
     #: jackknife over replicas, or from the scatter of measurements about the fit; nan for a single replica
@@ -169,30 +195,46 @@ class Fit:
         """Standard error of β over its magnitude; nan where it has none."""
         return self.beta_stderr / abs(self.beta) if self.beta != 0 else math.nan
 
+    @property
+    def unit(self) -> str:
+        """Of β and b."""
+        return DROPS[self.quantity].unit
+
+    def quantities(self) -> list[Quantity]:
+        """β, b and the cut-off time with their intervals; where there is none, why."""
+        over = f"over {self.points} hold times from {self.span[0]:g} to {self.span[1]:g} s"
+        reason = self._no_interval() if math.isnan(self.beta_interval.low) else ""
+        doubtful = "; ".join(filter(None, (reason, self.doubt)))
+        slopes = [
+            one.but(unit=self.unit, value=value, reason=why, of=of).within(ends.low, ends.high, error)
+            for one, value, error, ends, why, of in (
+                (BETA, self.beta, self.beta_stderr, self.beta_interval, doubtful, over),
+                (B, self.b, self.b_stderr, self.b_interval, reason, ""),
+            )
+        ]
+        ends = self.cutoff_interval
+        why = f"undetermined: {self.cutoff_reason}" if self.cutoff_reason else reason
+        cutoff = CUTOFF.but(value=self.cutoff_time, reason=why).within(ends.low, ends.high, self.cutoff_time_stderr)
+        return [*slopes, cutoff]
+
+    def texts(self) -> tuple[str, ...]:
+        """β, b and the cut-off time, for the cells of a table."""
+        return tuple(one.but(of="").text() for one in self.quantities())
+
     def beta_text(self) -> str:
         """β with its interval and unit."""
-        return self._with(self.beta, self.beta_interval, UNIT[self.quantity])
-
-    def b_text(self) -> str:
-        """b with its interval and unit."""
-        return self._with(self.b, self.b_interval, UNIT[self.quantity])
+        return self.texts()[0]
 
     def cutoff_text(self) -> str:
         """The cut-off time with its interval, or why there is none."""
-        if self.cutoff_reason:
-            return f"undetermined: {self.cutoff_reason}"
-        return self._with(self.cutoff_time, self.cutoff_interval, "s")
-
-    def _with(self, value: float, interval: Interval, unit: str) -> str:
-        if math.isnan(interval.low) and math.isfinite(value):
-            return " ".join(filter(None, (f"{value:.4g}", unit, self._no_interval())))
-        return f"{with_interval(value, interval.low, interval.high)} {unit}".strip()
+        return self.texts()[2]
 
     def _no_interval(self) -> str:
         """Why β has none, in words."""
         if self.replicas == 1:
-            return NO_ERROR
-        return NO_SCATTER if self.beta_stderr <= ROUNDING * abs(self.beta) else "(no interval: too few points)"
+            return "one replica: no error"
+        scattered = self.beta_stderr > ROUNDING * abs(self.beta)
+        return "no interval: too few points" if scattered else NO_SCATTER.strip("()")
 
     @property
     def doubt(self) -> str:
@@ -201,8 +243,7 @@ class Fit:
 
     def symbol_text(self) -> str:
         """``β = 0.43(3)``: β with half of its interval in brackets, and its unit."""
-        half = self.beta_half_width if math.isfinite(self.beta_interval.low) else math.nan
-        return " ".join(filter(None, ("β =", with_error(self.beta, half), UNIT[self.quantity])))
+        return self.quantities()[0].short()
 
     def short_text(self) -> str:
         """β with half of its interval in brackets, what was fitted, and what to doubt, for legends."""
@@ -222,7 +263,7 @@ class Fit:
 
     def describe(self) -> str:
         """The model, in words."""
-        symbol = SYMBOL[self.quantity]
+        symbol = DROPS[self.quantity].symbol
         where = f"{self.span[0]:g} s to {self.span[1]:g} s" + f"; {self.doubt}" * bool(self.doubt)
         shape = "log10(t/t_c)" if self.model == "line" else "log10(1 + t/t_c)"
         return f"{symbol} = β {shape}, {self.points} points, {where}"
@@ -262,7 +303,7 @@ def fit_aging(
     *,
     model: Model = "line",
     window: tuple[QuantityLike, QuantityLike] | None = None,
-    quantity: Quantity | None = None,
+    quantity: Friction | None = None,
     bootstrap: Bootstrap | None = None,
     samples: int = 2000,
     confidence: float = 0.95,

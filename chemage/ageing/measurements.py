@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from chemage.ageing.fitting import UNIT, FitData, Quantity
+from chemage.ageing.fitting import UNIT, FitData, Friction
 from chemage.foundation.checks import check_times, force, temperature_value
 from chemage.foundation.errors import InputError, shown
 from chemage.foundation.records import frozen
@@ -51,7 +51,7 @@ class Measurements:
     #: (m,) Δμ, or ΔF in nN
     values: np.ndarray
     #: what ``values`` are
-    quantity: Quantity
+    quantity: Friction
     #: (m,) standard errors in the unit of ``values``, or None
     error: np.ndarray | None = None
     #: nN and K, where they are known
@@ -74,7 +74,7 @@ class Measurements:
             raise InputError.of("quantity", self.quantity, f"choose {' or '.join(UNIT)}")
         _check_data(self.hold_times, self.values, self.error)
 
-    def as_quantity(self, quantity: Quantity, load: float | None) -> Measurements | None:
+    def as_quantity(self, quantity: Friction, load: float | None) -> Measurements | None:
         """The same measurements as ΔF or Δμ under their load, else ``load`` nN; None where neither is known."""
         load = self.load or load
         if quantity == self.quantity:
@@ -85,7 +85,7 @@ class Measurements:
         error = None if self.error is None else self.error * factor
         return replace(self, values=self.values * factor, quantity=quantity, error=error)
 
-    def fit_data(self, quantity: Quantity | None) -> FitData:
+    def fit_data(self, quantity: Friction | None) -> FitData:
         """The curve as it was measured, for :func:`chemage.fit_aging`."""
         if quantity not in (None, self.quantity):
             raise InputError.of("quantity", quantity, f"these are measurements of {self.quantity}")

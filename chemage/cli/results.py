@@ -271,7 +271,7 @@ def _print_comparison(joined: Comparison) -> None:
             output.remark(note)
     if fits := joined.fits():
         columns = ("data", "model", "β per decade", "b per e-fold", "cut-off time")
-        lines = ((name, fit.describe(), fit.beta_text(), fit.b_text(), fit.cutoff_text()) for name, fit in fits)
+        lines = ((name, fit.describe(), *fit.texts()) for name, fit in fits)
         output.show_rows("Fits, 95 % intervals", columns, lines)
     for name, model, reason in joined.not_fitted():
         output.say(f"{name}: {model} not fitted: {reason}")

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 
-from chemage.contacts.options import force_text, pressure_text
 from chemage.contacts.role import elasticity_notes
 from chemage.contacts.solution import ContactSolution, ContactStatistics
 from chemage.foundation.figures import BLUE, GREEN, draw_map, from_zero, pooled, pressure_colours, seen_blocks
-from chemage.foundation.result import NONE, Compared, Curve, Medium, OfRecord, Panel, Picture, Rows, displays
+from chemage.foundation.quantities import Curve, Declared, Quantity
+from chemage.foundation.result import Medium, OfRecord, Panel, Picture, Rows, displays
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,41 +20,8 @@ if TYPE_CHECKING:
 #: pixels around the largest patch that are drawn, at least, and the size of what is drawn over that of the patch
 _LEAST, _MARGIN = 64, 2.0
 
-#: measures that are compared: name -> (label, unit in tables, unit in CSV)
-COMPARED = {
-    "area": ("contact area A", "nm²", "nm^2"),
-    "area_fraction": ("area fraction A/A0", "", ""),
-    "patches": ("patches", "", ""),
-    "perimeter_to_area": ("perimeter to area C/A", "1/nm", "1/nm"),
-    "mean_contact_pressure": ("mean contact pressure", "GPa", "GPa"),
-}
-
-
-def compared_measures(measures: Mapping[str, float]) -> Compared:
-    """The measures of a contact beside those of others."""
-    load = measures.get("load", math.nan)
-    rows = {"load": force_text(load) if math.isfinite(load) else NONE}
-    for name, (label, unit, _) in COMPARED.items():
-        value = measures.get(name, math.nan)
-        rows[label] = f"{value:.5g} {unit}".strip() if math.isfinite(value) else NONE
-    return Compared(
-        rows,
-        numbers={"load": load, **{name: measures.get(name) for name in COMPARED}, "replicas": 0},
-        units={"load": "nN", **{name: unit for name, (_, _, unit) in COMPARED.items() if unit}},
-        load=load,
-    )
-
-
-def main_measures(measures: Mapping[str, float], ages: bool = False) -> Rows:
-    """The measures that a reader looks for first: (value, what it is)."""
-    area, patches = measures.get("area_fraction", math.nan), measures.get("patches", math.nan)
-    pressure = measures.get("mean_contact_pressure", math.nan)
-    rows = [(f"{area:.3g}", "area fraction A/A₀")] if math.isfinite(area) else []
-    if not ages and math.isfinite(pressure):
-        rows.append((f"{pressure:.3g} GPa", "mean contact pressure"))
-    return rows + ([(f"{patches:g}", "contact patches")] if not ages and math.isfinite(patches) else [])
-
-
+PRESSURE = Declared("pressure", "GPa", "contact pressure")
+PRESSURES = Curve("pressures", "1/GPa", "density over the contact", axis_of=PRESSURE)
 C = TypeVar("C", ContactSolution, ContactStatistics)
 
 
@@ -65,32 +31,11 @@ class OfContact(OfRecord[C], Generic[C]):
     def notes(self) -> list[str]:
         return [*super().notes(), *elasticity_notes(self.record)]
 
-    def rows(self) -> Rows:
-        return [("contact", f"{self.extent()}; {self.loading()}"), *self.measures(), *self.remarks()]
+    def facts(self) -> Rows:
+        return [("extent", self.extent())]
 
-    def loading(self) -> str:
-        """Load and modulus, in words."""
-        contact = self.record
-        nominal = f" ({pressure_text(contact.nominal_pressure)} nominal)" if getattr(contact, "periodic", True) else ""
-        state = "" if contact.converged else "  NOT CONVERGED"
-        return f"load {force_text(contact.load)}{nominal}, E* {contact.modulus:g} GPa{state}"
-
-    def measures(self) -> Rows:
-        """The rows of what was found."""
-        contact, area = self.record, self.record.summary()["area"]
-        return [
-            *([("contact area A", f"{area:.5g} nm²")] if math.isfinite(area) else []),
-            ("area fraction A/A0", f"{contact.area_fraction:.5f}"),
-            ("kappa", f"{contact.kappa:.3f}"),
-            *self.of_map(),
-            ("mean contact pressure", f"{contact.mean_contact_pressure:.4g} GPa"),
-            *self.flow(),
-            *self.recorded(),
-        ]
-
-    def flow(self) -> Rows:
-        """The row of plastic flow, where the solver has a hardness."""
-        return []
+    def quantities(self) -> list[Quantity]:
+        return self.record.quantities()
 
     def extent(self) -> str:
         """The size of the surface and its slope, in words."""
@@ -100,37 +45,19 @@ class OfContact(OfRecord[C], Generic[C]):
         """How well it was solved, in words."""
         raise NotImplementedError
 
-    def of_map(self) -> Rows:
-        """The rows that need the map."""
-        raise NotImplementedError
-
     def pressures(self) -> tuple[np.ndarray, np.ndarray] | None:
         """The distribution of the pressure over the contact: bin edges (GPa), density (1/GPa)."""
         raise NotImplementedError
 
-    def summary(self, beside: bool = False) -> Rows:
-        return main_measures(self.record.summary())
-
     def made_by(self) -> dict[str, Any]:
         return {"scene": {}, "contact": self.record.provenance}
 
-    def compared(self, times: Sequence[float]) -> Compared:
-        joined = compared_measures(self.record.summary())
-        joined.rows |= self.recorded()
-        numbers = {name: output for name, output in self.record.measured.items() if output.is_number}
-        joined.numbers |= {f"observable.{name}": float(output.values[0]) for name, output in numbers.items()}
-        joined.units |= {f"observable.{name}": output.unit for name, output in numbers.items() if output.unit}
-        joined.curves = self.curves()
-        return joined
-
-    def curves(self) -> dict[str, Curve]:
-        """The distribution of the pressure, to be drawn with others."""
+    def curves(self) -> list[Curve]:
+        """The distribution of the pressure."""
         if (distribution := self.pressures()) is None:
-            return {}
+            return []
         edges, density = distribution
-        axes = "contact pressure (GPa)", "density over the contact (1/GPa)"
-        caption = "Distribution of the pressure over the contact."
-        return {"pressures": Curve("Density of the pressure", "", *axes, caption, edges, density, np.zeros(0))}
+        return [PRESSURES.but(x=edges, mean=density)]
 
 
 @displays(ContactSolution)
@@ -148,15 +75,6 @@ class ContactDisplay(OfContact[ContactSolution]):
 
     def maps(self) -> dict[str, Any]:
         return {"contact": self.record}
-
-    def of_map(self) -> Rows:
-        contact = self.record
-        return [("patches", f"{contact.patches}"), ("perimeter to area C/A", f"{contact.perimeter_to_area:.4f} /nm")]
-
-    def flow(self) -> Rows:
-        area, load = self.record.yielded
-        text = f"{100 * area:.3g} % of the contact area, {100 * load:.3g} % of the load"
-        return [("plastic flow", text)] if math.isfinite(area) else []
 
     def pressures(self) -> tuple[np.ndarray, np.ndarray] | None:
         sites = self.record.sites.size
@@ -210,9 +128,6 @@ class StatisticsDisplay(OfContact[ContactStatistics]):
 
     def solved(self) -> str:
         return "a theory: nothing is solved"
-
-    def of_map(self) -> Rows:
-        return [("patches, rim", "not known: the contact has no map")]
 
     def pressures(self) -> tuple[np.ndarray, np.ndarray] | None:
         contact = self.record

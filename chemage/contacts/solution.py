@@ -15,6 +15,7 @@ from chemage.foundation.checks import MOST_BINS, checked_count
 from chemage.foundation.codec import dataset, frame, map_frame
 from chemage.foundation.errors import InputError
 from chemage.foundation.outputs import Observing
+from chemage.foundation.quantities import Quantity, Rank, by_name
 from chemage.foundation.records import (
     Doubles,
     Flags,
@@ -38,30 +39,31 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 #: the measures users compare: property of :class:`Contact` or, where it needs the map, of :class:`ContactSolution`
-#: -> (unit, meaning)
-MEASURES: dict[str, tuple[str, str]] = {
-    "area_fraction": ("1", "contact area over nominal area"),
-    "area": ("nm2", "contact area"),
-    "corrected_area": ("nm2", "contact area less the excess of pixels at its rim"),
-    "kappa": ("1", "area-load coefficient A h'_rms E* / F_N"),
-    "patches": ("1", "contact patches"),
-    "perimeter_to_area": ("1/nm", "contact perimeter over contact area"),
-    "mean_contact_pressure": ("GPa", "mean pressure over the contact"),
-    "max_pressure": ("GPa", "largest pressure"),
-    "nominal_area": ("nm2", "nominal area"),
-    "nominal_pressure": ("GPa", "load over nominal area"),
-    "load": ("nN", "normal force"),
-    "modulus": ("GPa", "contact modulus"),
-    "rms_slope": ("1", "rms slope of the surface"),
-    "rms_height": ("nm", "rms height of the surface"),
-}
-
-
+MEASURES: dict[str, Quantity] = by_name(
+    (
+        Quantity("area_fraction", "1", "area fraction", "A/A0", "contact area over nominal area", Rank.FIRST),
+        Quantity("area", "nm2", "contact area", "A"),
+        Quantity("corrected_area", "nm2", "contact area less the excess of pixels at its rim", rank=Rank.REST),
+        Quantity("kappa", "1", "area-load coefficient", "κ", "area-load coefficient A h'_rms E* / F_N"),
+        Quantity("patches", "1", "patches", "", "contact patches"),
+        Quantity("perimeter_to_area", "1/nm", "perimeter to area", "C/A", "contact perimeter over contact area"),
+        Quantity("mean_contact_pressure", "GPa", "mean contact pressure", "", "mean pressure over the contact"),
+        Quantity("max_pressure", "GPa", "largest pressure", rank=Rank.REST),
+        Quantity("nominal_area", "nm2", "nominal area", rank=Rank.REST),
+        Quantity("nominal_pressure", "GPa", "nominal pressure", "", "load over nominal area", Rank.REST),
+        Quantity("load", "nN", "load", "", "normal force"),
+        Quantity("modulus", "GPa", "contact modulus", "E*"),
+        Quantity("rms_slope", "1", "rms slope", "", "rms slope of the surface", Rank.REST),
+        Quantity("rms_height", "nm", "rms height", "", "rms height of the surface", Rank.REST),
+    )
+)
 #: the same of contacts that know where the material flows
-FLOW_MEASURES: dict[str, tuple[str, str]] = {
-    "yielded_area": ("1", "share of the contact area where the material flows"),
-    "yielded_load": ("1", "share of the load carried where the material flows"),
-}
+FLOW_MEASURES: dict[str, Quantity] = by_name(
+    (
+        Quantity("yielded_area", "1", "share of the contact area where the material flows"),
+        Quantity("yielded_load", "1", "share of the load carried where the material flows"),
+    )
+)
 #: relative error of the force up to which rounding may be the cause
 LOAD_ERROR = 1e-6
 
@@ -165,6 +167,13 @@ class Contact(Observing, Record):
         """The measures users compare (:data:`MEASURES`), as plain numbers; nan where one needs a map and there is
         none."""
         return {name: self.measure(name) for name in MEASURES}
+
+    def quantities(self) -> list[Quantity]:
+        """The measures, and the numbers that were recorded; without those that this contact does not have."""
+        every = MEASURES | FLOW_MEASURES
+        found = [every[name].but(value=value) for name, value in self.summary().items()]
+        found += [output.quantity() for output in self.measured.values() if output.is_number]
+        return [one for one in found if one.known]
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the map of the pressure, or without one the contact area above each pressure, into ``ax`` or into a new

@@ -39,7 +39,7 @@ NAMES = {
     "contacts.role": "ContactSolver WrappedSolver contact solve_contact",
     "contacts.solution": "ContactSolution ContactStatistics",
     "contacts.theory": "ContactTheory",
-    "studies.ensembles.ensemble": "Ensemble ErrorPart Estimate",
+    "studies.ensembles.ensemble": "Ensemble",
     "studies.ensembles.running": "ensemble",
     "scene.materials": "Material MaterialValue material",
     "scene.provenance": "versions",
@@ -49,6 +49,7 @@ NAMES = {
     "foundation.kernels": "kernel",
     "foundation.machine": "cache_folder",
     "foundation.outputs": "Output record",
+    "foundation.quantities": "Curve ErrorPart Estimate Quantity",
     "foundation.records": "content_hash file_hash",
     "foundation.components": "Component",
     "foundation.errors": "ChemageError ConvergenceError DamagedError ExecutorError InputError PlanWarning PluginError "

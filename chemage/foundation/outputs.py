@@ -19,13 +19,15 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 
 from chemage.foundation.errors import PluginError
+from chemage.foundation.quantities import ONE, Curve, Quantity
 from chemage.foundation.statistics import half_width, standard_error
-from chemage.foundation.text import mean_text
 
 #: the dimension whose length is the number of hold times
 HOLD_TIME = "hold_time"
 #: how it was called at first, which is understood as well
 _HOLD_TIMES = "hold_times"
+#: of the name of a quantity that observables measure, or other components record
+RECORDED = "observable."
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
 #: names of variables and dimensions that a result or the table of a sweep has anyway
 _TAKEN = ("hold_times", "hold_time", "replica", "point", "bonds", "sites", "events", "rupture_force")
@@ -296,24 +298,24 @@ class Measured:
             return self.values
         return self.values[:, -1] if self.is_curve else None
 
-    def row(self, last: str = "") -> tuple[str, str]:
-        """What it is in words, of a curve at the ``last`` hold time, and its value; of other arrays the name, and size
-        and meaning."""
-        if self.numbers is None:
-            return self.name, "; ".join(filter(None, (self.text(), self.description)))
-        return f"{self.words} {last}".rstrip() if self.is_curve else self.words, self.text()
+    def quantity(self) -> Quantity:
+        """A single number, as its mean over the replicas."""
+        return Quantity(*self._declared()).of_replicas(self.values)
 
-    def text(self) -> str:
-        """Mean ± half of the 95 % interval with its unit, at the last hold time; of other arrays their size and the
-        range of their values."""
-        numbers = self.numbers
-        if numbers is not None:
-            return mean_text(numbers, self.unit)
+    def curve(self, hold_times: np.ndarray, over: str) -> Curve:
+        """A number for each hold time, as its mean over the replicas."""
+        return Curve(*self._declared()).of_replicas(hold_times, self.values, over)
+
+    def _declared(self) -> tuple[str, str, str, str, str]:
+        return f"{RECORDED}{self.name}", self.unit or ONE, self.words, "", self.description
+
+    def row(self) -> tuple[str, str]:
+        """Of an array its name, and size, range of values and meaning."""
         text = f"{' x '.join(str(n) for n in self.values.shape[1:])} values"
         finite = self.values[np.isfinite(self.values)]
         if finite.size:
             text += f" from {float(finite.min()):.4g} to {float(finite.max()):.4g} {self.unit}".rstrip()
-        return text
+        return self.name, "; ".join(filter(None, (text, self.description)))
 
     def summary(self) -> dict[str, Any]:
         """Dimensions, unit and shape, and of numbers and curves the mean over replicas with its errors."""

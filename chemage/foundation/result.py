@@ -6,7 +6,7 @@ kind of result is a subclass; where the numbers are in a class of their own, :fu
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib import import_module
@@ -21,6 +21,8 @@ from chemage.foundation.figures import panels, plots, png
 from chemage.foundation.looks import drawn_as
 from chemage.foundation.names import PICTURES
 from chemage.foundation.outputs import Observing
+from chemage.foundation.quantities import NONE as NONE
+from chemage.foundation.quantities import Curve, Quantity, Rank, headed
 from chemage.foundation.records import Record, approximations_in_words
 from chemage.foundation.text import html_table, jsonable, with_article
 
@@ -30,8 +32,14 @@ if TYPE_CHECKING:
 
 #: (name, text)
 Rows = list[tuple[str, str]]
-#: what stands in a cell without a value
-NONE = "-"
+#: hold times at which results are compared, s, besides the last
+TIMES = (1.0, 1e3)
+
+
+def compared_time(x: np.ndarray) -> float:
+    """The last of :data:`TIMES` that lies within the points ``x``, else the last point."""
+    inside = [time for time in TIMES if x[0] <= time <= x[-1]]
+    return inside[-1] if inside else float(x[-1])
 
 
 @dataclass(frozen=True)
@@ -109,80 +117,26 @@ class Table:
 
 
 @dataclass(frozen=True)
-class Curve:
-    """Something against hold time, or a distribution, that is drawn into one plot with that of other results."""
+class Ageing:
+    """What of an aged result other results and measurements are held against."""
 
-    #: "Friction drop", unit in words ", in nN"
-    words: str
-    unit: str
-    #: of the axes
-    xlabel: str
-    ylabel: str
-    caption: str
-    #: hold times (s), or edges of a distribution
-    x: np.ndarray
-    mean: np.ndarray
-    #: half the width of the 95 % interval; empty: none
-    half: np.ndarray
-    #: what the points are, for the legend
-    what: str = ""
-    band: bool = False
-    #: drawn on the page of this result alone, which has no picture of it
-    alone: bool = True
-    #: draws what is known beside it, such as a fit: called with axes, label ("" alone) and colour
-    beside: Callable[[Axes, str, str], None] | None = None
-    #: (n, m) each: independent samples whose means add up to ``mean``
-    samples: Sequence[np.ndarray] = ()
-    #: (m,) standard error that the samples do not contain, shared by all hold times; empty: none
-    known: np.ndarray = field(default_factory=lambda: np.zeros(0))
-
-
-@dataclass
-class Compared:
-    """A result as it stands beside others."""
-
-    #: label -> text
-    rows: dict[str, str] = field(default_factory=dict)
-    #: of these, those that are left out where the errors of all results have one meaning
-    only_beside: tuple[str, ...] = ()
-    #: name -> JSON value
-    numbers: dict[str, Any] = field(default_factory=dict)
-    #: the same for each of the hold times that are compared, and for the last
-    at: list[dict[str, Any]] = field(default_factory=list)
-    #: name of a number -> unit, for CSV
-    units: dict[str, str] = field(default_factory=dict)
-    #: name of the figure -> curve
-    curves: dict[str, Curve] = field(default_factory=dict)
-    #: fields that determine the kinetics of the sites: dotted path -> value; empty without ageing
-    chemistry: dict[str, Any] = field(default_factory=dict)
+    #: fields that determine the kinetics of the sites: dotted path -> value
+    chemistry: Mapping[str, Any] = field(default_factory=dict)
     #: nN
     load: float = np.nan
-    #: hold times of the line of β, s; fits a model (quantity, window) as to measurements: a fit, or why there is none
+    #: hold times of the line of β, s
     window: tuple[float, float] | None = None
+    #: fits a model (quantity, window) as to measurements: a fit, or why there is none
     fit: Callable[[Any, Any, Any], Any] | None = None
+    #: draws the fit beside the curve of the friction coefficient: called with axes, label ("" alone) and colour
+    draw_fit: Callable[[Axes, str, str], None] | None = None
     #: ΔF (nN, (m,)) at a load (nN), a temperature (K) and hold times (s), and its covariance (m, m), where a result can
     #: say it
     predict: Callable[[float, float, np.ndarray], tuple[np.ndarray, np.ndarray]] | None = None
 
-    def __or__(self, other: Compared) -> Compared:
-        """Both in one, this one first; the hold times are those of the first that has any."""
-        return Compared(
-            {**self.rows, **other.rows},
-            (*self.only_beside, *other.only_beside),
-            {**self.numbers, **other.numbers},
-            self.at or other.at,
-            {**self.units, **other.units},
-            {**self.curves, **other.curves},
-            {**self.chemistry, **other.chemistry},
-            other.load if np.isnan(self.load) else self.load,
-            self.window or other.window,
-            self.fit or other.fit,
-            self.predict or other.predict,
-        )
 
-
-class Result(ABC):
-    """A result as users see it. Only :meth:`rows` must be written; every other answer has a sensible default."""
+class Result:
+    """A result as users see it: facts, quantities, curves and pictures; everything that is shown is made from these."""
 
     #: characters of a line, where it is printed into a file or a pipe
     width: int = 110
@@ -221,9 +175,34 @@ class Result(ABC):
         """Plugins that took part: name -> distribution and version."""
         return {}
 
-    @abstractmethod
-    def rows(self) -> Rows:
-        """The main numbers: (name, text with error and unit)."""
+    def facts(self) -> Rows:
+        """What its numbers are of, in words: (what, how)."""
+        return []
+
+    def quantities(self) -> list[Quantity]:
+        """Its numbers."""
+        return []
+
+    def curves(self) -> list[Curve]:
+        """Its numbers along an axis; the first are drawn with those of other results."""
+        return []
+
+    def remarks(self) -> Rows:
+        """The last rows of its table."""
+        return [("approximate", self.approximation)] if self.approximation else []
+
+    def rows(self, every: bool = False) -> Rows:
+        """The table of its main numbers, or of ``every`` one: (what, text with error and unit)."""
+        rows, curves = self.facts(), [curve for curve in self.curves() if not curve.is_distribution]
+        numbers = sorted([*(curve.last() for curve in curves), *self.quantities()], key=lambda one: one.rank)
+        for one in numbers:
+            if every or one.rank <= Rank.TABLE:
+                rows.append(one.row())
+                for cause, size, how in one.parts():
+                    rows.append((f"error of {one.symbol or one.label}: {cause}", f"{size} (standard error), {how}"))
+        if self.errors and any(math.isfinite(one.half_width) for one in numbers):
+            rows.append(("every ± is", self.errors))
+        return [*rows, *self.remarks()]
 
     def arrays(self) -> Rows:
         """What was recorded and is no number or curve: (name, size and range), printed with ``--all``."""
@@ -231,12 +210,20 @@ class Result(ABC):
 
     def numbers(self) -> dict[str, Any]:
         """One JSON-able object."""
-        return dict(self.rows())
+        numbers: dict[str, Any] = dict(self.facts())
+        for one in (*self.quantities(), *self.curves()):
+            numbers |= one.numbers()
+        return jsonable(numbers)
 
-    def summary(self, beside: bool = False) -> Rows:
-        """The numbers that a reader looks for first: (value with its error, what it is); ``beside`` results of other
-        kinds, whose errors may be others."""
-        return []
+    def summary(self) -> Rows:
+        """The numbers that a reader looks for first: (value with its error, what it is)."""
+        return [(one.text(), one.row()[0]) for one in self.first()]
+
+    def first(self) -> list[Quantity]:
+        """The quantities of the first rank; curves at a time that other results have, too."""
+        curves = [curve for curve in self.curves() if curve.rank is Rank.FIRST]
+        numbers = [one for one in self.quantities() if one.rank is Rank.FIRST and one.known]
+        return [*(curve.at(compared_time(curve.x)) for curve in curves), *numbers]
 
     def notes(self) -> list[str]:
         """Doubts, faults and remarks, in words, each once."""
@@ -256,12 +243,23 @@ class Result(ABC):
         return f"{about} the result with `chemage run`.", self.scene
 
     def tables(self) -> list[Table]:
-        """Tables beside the rows."""
-        return []
+        """Tables beside the rows: here its curves against their axis."""
+        curves = [curve for curve in self.curves() if not curve.is_distribution]
+        if not curves:
+            return []
+        axis, x = curves[0].axis_of, curves[0].x
+        rows = [(f"{at:.6g}", *(curve.at(at).bare_or_none() for curve in curves)) for at in x.tolist()]
+        title = f"{curves[0].over}" if curves[0].over else ""
+        return [Table(title, [axis.axis, *(curve.axis for curve in curves)], rows, f"Against {axis.label}")]
 
     def columns(self) -> dict[str, Any]:
         """Its many values, for CSV: name and unit of a column -> values; empty: the rows are all there is."""
-        return {}
+        curves = [curve for curve in self.curves() if not curve.is_distribution]
+        columns: dict[str, Any] = {}
+        for curve in curves:
+            columns[headed(curve.axis_of.name, curve.axis_of.unit)] = curve.x
+            columns |= {headed(name, curve.unit): values for name, values in curve.numbers().items()}
+        return columns
 
     def cite(self) -> tuple[list[str], str]:
         """Texts to cite, and the version of chemage that made it ("": not recorded)."""
@@ -280,10 +278,9 @@ class Result(ABC):
         """Seeds, versions and content hashes: (item, value)."""
         return [(f"plugin {name}", version) for name, version in self.plugins.items()]
 
-    def compared(self, times: Sequence[float]) -> Compared:
-        """It beside other results at these hold times (s) and the last."""
-        numbers = {name: value for name, value in self.numbers().items() if isinstance(value, int | float | str | None)}
-        return Compared(dict(self.rows()), numbers=numbers)
+    def ageing(self) -> Ageing:
+        """What others are held against; nothing without ageing."""
+        return Ageing()
 
     def draw(self, axes: Axes, medium: Medium = FILE) -> None:
         """Draw its main plot: the first panel of the first picture; a kind may have options for it."""
@@ -342,15 +339,6 @@ class OfRecord(Result, Generic[R]):
     def plugins(self) -> Mapping[str, str]:
         return self.record.plugins
 
-    def remarks(self) -> Rows:
-        """The last rows: what is approximate."""
-        return [("approximate", words)] if (words := self.approximation) else []
-
-    def recorded(self, last: str = "") -> Rows:
-        """The rows of recorded numbers, and of curves at the ``last`` hold time."""
-        found = self.record.measured.values() if isinstance(self.record, Observing) else ()
-        return [output.row(last) for output in found if output.numbers is not None]
-
     def arrays(self) -> Rows:
         found = self.record.measured.values() if isinstance(self.record, Observing) else ()
         return [output.row() for output in found if output.numbers is None]
@@ -363,7 +351,8 @@ class OfRecord(Result, Generic[R]):
         if isinstance(self.record, Observing):
             del fields["outputs"]
             fields["observables"] = {name: output.summary() for name, output in self.record.measured.items()}
-        return {"object": self.name, **jsonable(fields)}
+        numbers = {name: value for one in self.quantities() for name, value in one.numbers().items()}
+        return {"object": self.name, **jsonable({**fields, **numbers})}
 
     def notes(self) -> list[str]:
         return list(dict.fromkeys(getattr(self.record, "notes", ())))
@@ -395,7 +384,7 @@ def displays(cls: type) -> Callable[[D], D]:
 class RecordDisplay(OfRecord[Record]):
     """A record without a display of its own: its fields."""
 
-    def rows(self) -> Rows:
+    def facts(self) -> Rows:
         fields = {name: value for name, value in self.numbers().items() if name != "object"}
         return [*self.remarks(), *((name, str(value)) for name, value in fields.items())]
 

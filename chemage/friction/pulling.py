@@ -394,7 +394,7 @@ def pull(
 class PullDisplay(OfRecord[PullHistory]):
     """A pull as users see it."""
 
-    def rows(self) -> Rows:
+    def facts(self) -> Rows:
         pull = self.record
         return [
             ("sites", str(pull.state.size)),
@@ -405,7 +405,6 @@ class PullDisplay(OfRecord[PullHistory]):
             ("slips", f"{pull.avalanches.sum()}, the largest by {pull.largest_drop:.4g} nN"),
             ("temperature", f"{pull.temperature:g} K"),
             ("pulled by", pull.engine),
-            *self.remarks(),
         ]
 
     def pictures(self) -> dict[str, Picture]:

@@ -10,7 +10,7 @@ from typing import Any, Self
 import numpy as np
 from pydantic import model_validator
 
-from chemage.ageing.fitting import UNIT, Quantity
+from chemage.ageing.fitting import UNIT, Friction
 from chemage.ageing.measurements import Measurements, read_table
 from chemage.foundation.checks import check_times, force, temperature_value
 from chemage.foundation.errors import InputError
@@ -36,7 +36,7 @@ class MeasuredCurve(Record):
     """nN"""
     temperature: PositiveNumber
     """K"""
-    quantity: Quantity = "friction_drop"
+    quantity: Friction = "friction_drop"
     """what ``values`` are: "friction_drop" (ΔF, nN) or "friction_coefficient_drop" (Δμ)"""
     hold_times: Doubles
     """(m,) s, > 0, non-decreasing; a time that occurs again is a repeated measurement"""

@@ -17,7 +17,8 @@ import numpy as np
 
 from chemage.foundation.figures import BLACK, BLUE, GREEN, GREY, ORANGE, PALETTE, from_zero, legend, plain
 from chemage.foundation.names import __version__
-from chemage.foundation.result import NONE, Compared, Medium, OfRecord, Panel, Picture, Result, Rows, Table, displays
+from chemage.foundation.quantities import NONE
+from chemage.foundation.result import Ageing, Medium, OfRecord, Panel, Picture, Result, Rows, Table, displays
 from chemage.foundation.statistics import NORMAL_LIMIT
 from chemage.foundation.text import plus_minus, power_text
 from chemage.inference.forecast import UNSEEN, WIDE, Forecast, band
@@ -418,13 +419,13 @@ class InferenceDisplay(Result):
     def plugins(self) -> Mapping[str, str]:
         return self.inference.plugins
 
-    def rows(self) -> Rows:
+    def rows(self, every: bool = False) -> Rows:
         return rows(self.inference)
 
     def numbers(self) -> dict[str, Any]:
         return self.result.summary()
 
-    def summary(self, beside: bool = False) -> Rows:
+    def summary(self) -> Rows:
         one = self.inference
         low, high = one.visible_range
         seen = f"{low:.2f} to {high:.2f} eV" if math.isfinite(low) else "none"
@@ -435,12 +436,12 @@ class InferenceDisplay(Result):
         rows.append((f"{one.chi2:.1f} / {one.hold_times.size}", "χ² / measured points"))
         return [*rows, (f"{one.effective_parameters:.1f}", "effective parameters")]
 
-    def compared(self, times: Sequence[float]) -> Compared:
+    def ageing(self) -> Ageing:
         def predict(load: float, temperature: float, hold_times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             made = self.inference.forecast(load=load, temperature=temperature, hold_times=hold_times)
             return made.median, np.atleast_2d(np.cov(made.samples.T))
 
-        return replace(super().compared(times), predict=predict)
+        return Ageing(predict=predict)
 
     def notes(self) -> list[str]:
         of_forecasts = (
@@ -570,7 +571,7 @@ def inference_display(inference: Inference) -> InferenceDisplay:
 class ForecastDisplay(OfRecord[Forecast]):
     """A forecast as users see it."""
 
-    def rows(self) -> Rows:
+    def rows(self, every: bool = False) -> Rows:
         one = self.record
         name, median, likely, sure = forecast_row("ΔF", one)
         conditions = ("temperature, load", f"{one.temperature:g} K, {one.load:g} nN")

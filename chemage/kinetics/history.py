@@ -187,7 +187,7 @@ def _few(values: np.ndarray) -> str:
 class HistoryDisplay(OfRecord[BondHistory]):
     """A history of bonds as users see it."""
 
-    def rows(self) -> Rows:
+    def facts(self) -> Rows:
         history = self.record
         return [
             ("sites", str(history.state.size)),
@@ -195,7 +195,6 @@ class HistoryDisplay(OfRecord[BondHistory]):
             ("formed and broken so far", f"{int(history.formed[-1])}, {int(history.broken[-1])}"),
             ("temperature", f"{history.temperature:g} K"),
             ("engine", history.engine),
-            *self.remarks(),
         ]
 
     def pictures(self) -> dict[str, Picture]:

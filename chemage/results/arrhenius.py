@@ -15,7 +15,8 @@ from chemage.ageing.aging import Aging
 from chemage.ageing.fitting import FIT_WINDOW
 from chemage.foundation.errors import InputError, StoreError
 from chemage.foundation.figures import BLACK, PALETTE, legend, plain
-from chemage.foundation.result import NONE, Medium, Panel, Picture, Result, Rows, Table, displays, is_result, result_of
+from chemage.foundation.quantities import NONE
+from chemage.foundation.result import Medium, Panel, Picture, Result, Rows, Table, displays, is_result, result_of
 from chemage.foundation.units import KB
 from chemage.results.files import read
 from chemage.studies.arrhenius import SYMBOLS, Arrhenius, Level, activation_energies
@@ -86,7 +87,7 @@ def _collected(
                 f"results: {shown.name} has no ageing curve; give runs or ageing curves at several temperatures"
             )
         agings.append(aging)
-        windows.append(shown.compared(()).window)
+        windows.append(shown.ageing().window)
     return agings, [], windows[0] if windows else None
 
 
@@ -129,7 +130,7 @@ class ArrheniusDisplay(Result):
     def title(self) -> str:
         return "Activation energies of ageing"
 
-    def rows(self) -> Rows:
+    def facts(self) -> Rows:
         kelvins = ", ".join(f"{kelvin:g}" for kelvin in self.energies.temperatures)
         return [("temperatures", f"{kelvins} K"), ("compared at levels of", SYMBOLS[self.energies.quantity])]
 
@@ -147,7 +148,8 @@ class ArrheniusDisplay(Result):
         for kelvin, fit in zip(self.energies.temperatures, self.energies.fits, strict=True):
             texts = (NONE,) * 4
             if fit is not None:
-                texts = (fit.beta_text(), fit.b_text(), f"{fit.beta / kelvin:.4g}", fit.cutoff_text())
+                beta, b, cutoff = fit.texts()
+                texts = (beta, b, f"{fit.beta / kelvin:.4g}", cutoff)
             by_temperature.append((f"{kelvin:g}", *texts))
         by_level = []
         for energy in self.energies.energies:

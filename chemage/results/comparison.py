@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import math
 import os
 import warnings
@@ -20,12 +19,12 @@ from pathlib import Path
 from typing import Any
 
 from chemage.ageing.aging import Aging
-from chemage.ageing.display import TIMES
 from chemage.ageing.fitting import Fit, Model, fit_aging
 from chemage.ageing.measurements import Measurements, read_table
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError, printable
-from chemage.foundation.result import NONE, Compared, Result, Rows, result_of
+from chemage.foundation.quantities import NONE, Curve, Quantity, Rank, by_name, headed
+from chemage.foundation.result import TIMES, Ageing, Result, result_of
 from chemage.foundation.text import jsonable
 from chemage.foundation.units import QuantityLike, convert
 from chemage.lattices.chemistry import SITE_DENSITY, Chemistry
@@ -46,9 +45,16 @@ class Entry:
     name: str
     source: str
     title: str
-    compared: Compared
-    #: main numbers alone, and beside results whose errors are others
-    summaries: tuple[Rows, Rows]
+    #: what it is of, in words
+    facts: Mapping[str, str]
+    #: the same for JSON
+    plain: Mapping[str, Any]
+    #: by name
+    quantities: Mapping[str, Quantity]
+    curves: Mapping[str, Curve]
+    #: the numbers that a reader looks for first
+    first: Sequence[Quantity]
+    ageing: Ageing
     errors: str
     approximation: str
     #: plugins that took part: name -> source
@@ -65,17 +71,23 @@ class Entry:
         thing: Any,
         name: str = "",
         source: str = "",
-        times: Sequence[float] = TIMES,
         whole: Callable[[], Result] | None = None,
     ) -> Entry:
         """Make an entry of a result of any kind."""
         result = result_of(thing)
+        # a kind of result that lays out its own rows and numbers
+        own = type(result).rows is not Result.rows
+        plain = {name: value for name, value in result.numbers().items() if isinstance(value, int | float | str | None)}
         return cls(
             printable(name or result.name),
             printable(source),
             result.title,
-            result.compared(times),
-            (result.summary(), result.summary(beside=True)),
+            dict(result.rows() if own else result.facts()),
+            plain if own else dict(result.facts()),
+            by_name(result.quantities()),
+            by_name(result.curves()),
+            result.first(),
+            result.ageing(),
             result.errors,
             result.approximation,
             dict(result.plugins),
@@ -88,13 +100,34 @@ class Entry:
     @property
     def ages(self) -> bool:
         """Whether it has a chemistry, and with it curves against hold time."""
-        return bool(self.compared.chemistry)
+        return bool(self.ageing.chemistry)
+
+    @property
+    def last(self) -> float:
+        """The last hold time, s; nan without any."""
+        return next((float(one.x[-1]) for one in self.curves.values() if not one.is_distribution), math.nan)
+
+    def at(self, name: str, time: float | None) -> Quantity | None:
+        """A curve at ``time`` (s), or at its last hold time."""
+        curve = self.curves.get(name)
+        if curve is None:
+            return None
+        return curve.last() if time is None else curve.at(time)
+
+    def numbers(self) -> dict[str, Any]:
+        """Facts and quantities by name."""
+        numbers = {"name": self.name, "file": self.source, **self.plain}
+        for one in self.quantities.values():
+            numbers |= one.numbers()
+            if one.reason and not one.known:
+                numbers[f"{one.name}_reason"] = one.reason
+        return numbers
 
     def chemistry(self) -> dict[str, Any]:
         """The fields that determine the kinetics of the sites: dotted path -> value."""
         if not self.ages:
             return {}
-        parts = self.compared.chemistry
+        parts = self.ageing.chemistry
         own = {name: value for name, value in parts.get("chemistry", {}).items() if name not in Chemistry.limits}
         # results from before there was a choice
         return dict(_flat({**parts, "chemistry": {"site_density": SITE_DENSITY, **own}}))
@@ -128,10 +161,6 @@ class Comparison:
         """Whether the errors of the results have different meanings, so that it must be said what each contains."""
         return len({result.errors for result in self.results}) > 1
 
-    def summary(self, result: Entry) -> Rows:
-        """The main numbers of one of the results."""
-        return result.summaries[self.has_several_errors]
-
     def chemistry_differences(self) -> list[Difference]:
         """Find the fields in which the chemistry of the aged results differs; empty if it is the same."""
         return _differences([result.chemistry() for result in self.results if result.ages])
@@ -163,12 +192,17 @@ class Comparison:
 
     def table(self) -> list[tuple[str, list[str]]]:
         """The rows of the printed table: (quantity, text of each result)."""
-        several = [result.compared for result in self.results]
-        rows = [
-            (label, [result.rows.get(label, NONE) for result in several])
-            for label in _joined(result.rows for result in several)
-            if not all(label in result.only_beside or label not in result.rows for result in several)
-        ]
+        labels = _joined(result.facts for result in self.results)
+        rows = [(label, [result.facts.get(label, NONE) for result in self.results]) for label in labels]
+        for label, several in self._numbers():
+            if any(one is not None and one.rank < Rank.REST and (one.known or one.reason) for one in several):
+                rows.append((label, [NONE if one is None else one.text() for one in several]))
+            causes = _joined(one.errors for one in several if one is not None)
+            for cause in causes:
+                parts = [{} if one is None else {name: size for name, size, _ in one.parts()} for one in several]
+                rows.append((f"error of {label}: {cause}", [each.get(cause, NONE) for each in parts]))
+        if any(result.errors for result in self.results):
+            rows.append(("every ± is", [result.errors or NONE for result in self.results]))
         if any(result.approximation for result in self.results):
             rows.append(("approximate", [result.approximation or NONE for result in self.results]))
         if any(result.plugins for result in self.results):
@@ -176,23 +210,45 @@ class Comparison:
             rows.append(("plugins that took part", texts))
         return rows
 
-    def numbers(self) -> list[dict[str, Any]]:
-        """The results as plain JSON values, one object each."""
-        return [jsonable(self._numbers(result)) for result in self.results]
+    def _numbers(self) -> Iterator[tuple[str, list[Quantity | None]]]:
+        """What each number is, and that of each result: of curves at every time, then of quantities."""
+        for name in self._curve_names():
+            for time in (*self.times, None):
+                several = [result.at(name, time) for result in self.results]
+                (title, *_) = [result.curves[name].title for result in self.results if name in result.curves]
+                yield f"{title} at {'the last hold time' if time is None else f'{time:g} s'}", several
+        for name in _joined(result.quantities for result in self.results):
+            several = [result.quantities.get(name) for result in self.results]
+            yield next(one.title for one in several if one is not None), several
 
-    def _numbers(self, result: Entry) -> dict[str, Any]:
-        several = [each.compared for each in self.results]
-        moments = result.compared.at or [{"time": time} for time in (*self.times, math.nan)]
-        names = _joined(entry for each in several for entry in each.at)
-        approximate = {"approximate": result.approximation} if any(each.approximation for each in self.results) else {}
-        return {
-            "name": result.name,
-            "file": result.source,
-            **{name: result.compared.numbers.get(name) for name in _joined(each.numbers for each in several)},
-            "plugins": dict(result.plugins),
-            **approximate,
-            "at": [{"time": entry["time"], **{name: entry.get(name) for name in names}} for entry in moments],
-        }
+    def _curve_names(self) -> list[str]:
+        """The curves against hold time of any result."""
+        return _joined(
+            [name for name, curve in result.curves.items() if not curve.is_distribution] for result in self.results
+        )
+
+    def numbers(self) -> list[dict[str, Any]]:
+        """The results as plain JSON values, one object each, all with the same names."""
+        every = _joined(result.numbers() for result in self.results)
+        any_approximate = any(result.approximation for result in self.results)
+        objects = []
+        for result in self.results:
+            one = {name: result.numbers().get(name) for name in every}
+            if any_approximate:
+                one["approximate"] = result.approximation
+            objects.append(jsonable(one | self._at(result)))
+        return objects
+
+    def _at(self, result: Entry) -> dict[str, Any]:
+        names, moments = self._curve_names(), []
+        for time in (*self.times, None):
+            moment: dict[str, Any] = {"time": result.last if time is None else time}
+            for name in names:
+                one = result.at(name, time)
+                (like, *_) = [each.curves[name] for each in self.results if name in each.curves]
+                moment |= dict.fromkeys(like.numbers()) if one is None else one.numbers()
+            moments.append(moment)
+        return {"plugins": dict(result.plugins), "at": moments}
 
     def todict(self) -> dict[str, Any]:
         """The whole comparison as plain JSON values."""
@@ -215,17 +271,17 @@ class Comparison:
 
     def csv(self) -> str:
         """The comparison as CSV with one line per result and units in the header."""
-        units = {name: unit for result in self.results for name, unit in result.compared.units.items()}
-        ages = any(result.compared.at for result in self.results)
+        declared = [one for result in self.results for one in (*result.quantities.values(), *result.curves.values())]
+        units = {name: unit for one in declared for name, unit, _ in one.columns()}
+        whens = [*(f"{time:g} s" for time in self.times), "last"] if self._curve_names() else []
         lines = []
         for numbers in self.numbers():
             moments = numbers.pop("at")
             numbers["plugins"] = "; ".join(f"{name}: {source}" for name, source in numbers["plugins"].items())
-            line = {_headed(name, units): value for name, value in _spread(numbers)}
-            if ages:
-                line[_headed("last", units)] = moments[-1]["time"]
-                for entry, label in zip(moments, (*(f"{time:g} s" for time in self.times), "last"), strict=True):
-                    line |= {_headed(name, units, label): entry[name] for name in entry if name != "time"}
+            line = {headed(name, units.get(name, "")): value for name, value in numbers.items()}
+            for when, moment in zip(whens, moments, strict=bool(whens)):
+                line[f"time, {when} (s)"] = moment.pop("time")
+                line |= {headed(f"{name} at {when}", units[name]): value for name, value in moment.items()}
             lines.append(line)
         text = io.StringIO()
         writer = csv.DictWriter(text, list(lines[0]), lineterminator="\n")
@@ -235,7 +291,9 @@ class Comparison:
 
     def verdicts(self) -> list[Verdict]:
         """Each measured curve beside each result: offset, slope, χ², residuals, and what they mean."""
-        return [verdict(data, entry.name, entry.compared) for data in self.measured for entry in self.results]
+        return [
+            verdict(data, entry.name, entry.ageing, entry.curves) for data in self.measured for entry in self.results
+        ]
 
     def fits(self) -> list[tuple[str, Fit]]:
         """Fit both models to each set of measurements, and to each result over the same hold times: (name, fit)."""
@@ -258,8 +316,8 @@ class Comparison:
                 positive = data.hold_times[data.hold_times > 0]
                 window = fit.window or (float(positive.min()), float(positive.max()))
                 for result in self.results:
-                    if result.compared.fit is not None:
-                        yield result.name, model, result.compared.fit(model, window, data.quantity)
+                    if result.ageing.fit is not None:
+                        yield result.name, model, result.ageing.fit(model, window, data.quantity)
 
     def measured_fit(self, data: Measurements, model: Model) -> Fit | None:
         """Fit a model to measurements; None if there are too few."""
@@ -269,7 +327,7 @@ class Comparison:
     def _measured_fit(self, data: Measurements, model: Model) -> Fit | str:
         # the line over the window of the results if it contains enough measurements, else over all of them
         reason = ""
-        for window in [self.results[0].compared.window, None] if model == "line" else [None]:
+        for window in [self.results[0].ageing.window, None] if model == "line" else [None]:
             try:
                 return fit_aging(data, model=model, window=window)
             except InputError as error:
@@ -313,10 +371,10 @@ def compare_files(
     data = [
         curve if repeated[curve.name] == 1 else replace(curve, name=f"{path}, {curve.name}") for path, curve in every
     ]
-    return Comparison(_entries(files, seconds), data, seconds)
+    return Comparison(_entries(files), data, seconds)
 
 
-def _entries(files: Sequence[str | Path], times: tuple[float, ...]) -> list[Entry]:
+def _entries(files: Sequence[str | Path]) -> list[Entry]:
     """Read results; each has the name of its file, or its path if two names are equal."""
     places = [place for file in files for place in _places(Path(file))]
     if len(places) > MOST:
@@ -333,7 +391,7 @@ def _entries(files: Sequence[str | Path], times: tuple[float, ...]) -> list[Entr
     for name, place in zip(names, places, strict=True):
         own = name if names.count(name) == 1 else str(place)
         # one file at a time: the maps of a large run take 100 MB
-        entries.append(Entry.of(load(place, maps=False), own, str(place), times, partial(load, place)))
+        entries.append(Entry.of(load(place, maps=False), own, str(place), partial(load, place)))
     return entries
 
 
@@ -362,23 +420,6 @@ def _joined(lists: Iterable[Iterable[str]]) -> list[str]:
                 order.insert(place, name)
             place = order.index(name) + 1
     return order
-
-
-def _headed(name: str, units: Mapping[str, str], when: str = "") -> str:
-    """The heading of a column: the name, when, and the unit."""
-    unit = units.get(name.removesuffix("_stderr").removesuffix("_half_width"))
-    return f"{name}{' at ' + when if when else ''}{f' ({unit})' if unit else ''}"
-
-
-def _spread(numbers: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Numbers for a line of CSV: the ends of an interval in two columns."""
-    ends = {"fit_window": ("fit_start", "fit_stop"), "fit_range": ("fit_first", "fit_last")}
-    for name, value in numbers.items():
-        if name in ends or name.endswith("_interval"):
-            stem = name.removesuffix("_interval")
-            yield from zip(ends.get(name, (f"{stem}_low", f"{stem}_high")), value or (None, None), strict=True)
-        else:
-            yield name, json.dumps(value) if isinstance(value, dict | list) else value
 
 
 def _differences(flats: Sequence[Mapping[str, Any]]) -> list[Difference]:

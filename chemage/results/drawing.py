@@ -20,8 +20,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from chemage.ageing.display import FIGURES
-from chemage.ageing.fitting import Fit, span_text
+from chemage.ageing.fitting import DROPS, Fit, span_text
 from chemage.ageing.measurements import Measurements
 from chemage.ageing.observables import Maps, Observed, PlottedResult
 from chemage.foundation.arranging import arrange
@@ -39,7 +38,9 @@ from chemage.foundation.figures import (
     pressure_colours,
 )
 from chemage.foundation.looks import drawn_as
-from chemage.foundation.result import Curve, drawn_picture, result_of, single_panels
+from chemage.foundation.outputs import RECORDED
+from chemage.foundation.quantities import Curve, Rank
+from chemage.foundation.result import drawn_picture, result_of, single_panels
 from chemage.foundation.statistics import NORMAL_LIMIT
 from chemage.foundation.units import convert
 from chemage.lattices.chemistry import Chemistry
@@ -285,10 +286,15 @@ def curve_figures(comparison: Comparison) -> dict[str, Figure]:
     curves: dict[str, list[tuple[Entry, Curve]]] = {}
     several = len(comparison.results) > 1 or comparison.measured
     for entry in comparison.results:
-        for name, curve in entry.compared.curves.items():
-            if several or curve.alone:
+        for name, curve in sorted(entry.curves.items(), key=lambda item: item[1].rank):
+            if curve.rank < Rank.REST and (several or curve.alone):
                 curves.setdefault(name, []).append((entry, curve))
-    return {name: _figure(comparison, name, drawn) for name, drawn in curves.items()}
+    return {figure_name(name): _figure(comparison, name, drawn) for name, drawn in curves.items()}
+
+
+def figure_name(curve: str) -> str:
+    """The name of the figure of a curve."""
+    return curve.replace("_", "-").removeprefix(RECORDED)
 
 
 def _figure(comparison: Comparison, name: str, curves: Sequence[tuple[Entry, Curve]]) -> Figure:
@@ -302,11 +308,10 @@ def _figure(comparison: Comparison, name: str, curves: Sequence[tuple[Entry, Cur
 
 def _draw_curves(axes: Axes, comparison: Comparison, name: str, curves: Sequence[tuple[Entry, Curve]]) -> str:
     """Draw the curves; return the title of their legend, which says what is common to all."""
-    quantity = next((key for key, (figure_name, *_) in FIGURES.items() if figure_name == name), "")
     alone, few = len(comparison.results) == 1, len(comparison.results) <= _FITTED
-    measured = _measurements(comparison, quantity)
+    measured = _measurements(comparison, name)
     fits = {} if alone else {data.name: fit for data, fit in measured if fit is not None}
-    if few and not alone and quantity == "friction_coefficient_drop":
+    if few and not alone and name == "friction_coefficient_drop":
         fits |= _fits(comparison)
     words, common = _fit_words(fits)
     styles = {
@@ -317,15 +322,16 @@ def _draw_curves(axes: Axes, comparison: Comparison, name: str, curves: Sequence
         for entry, curve in curves
     ]
     sample = curves[0][1]
-    axes.set(xlabel=sample.xlabel, ylabel=sample.ylabel)
-    if _is_distribution(sample):
+    axes.set(xlabel=sample.axis_of.axis, ylabel=sample.axis)
+    if sample.is_distribution:
         axes.set(xlim=(0, None), ylim=(0, None))
         return ""
     axes.set_xscale("log")
-    for entry, curve in curves if few else ():
-        if curve.beside is not None:
+    for entry, _ in curves if few and name == "friction_coefficient_drop" else ():
+        if entry.ageing.draw_fit is not None:
             # the legend has its β with the curve
-            curve.beside(axes, *(("", "") if alone else (_UNNAMED, _darker(styles[entry.name]["color"]))))
+            how = ("", "") if alone else (_UNNAMED, _darker(styles[entry.name]["color"]))
+            entry.ageing.draw_fit(axes, *how)
     _draw_measurements(axes, measured, words)
     _scale(axes, last)
     return common
@@ -335,8 +341,8 @@ def _fits(comparison: Comparison) -> dict[str, Fit]:
     """The line of β of each result that has one, by name."""
     found = {}
     for entry in comparison.results:
-        compared = entry.compared
-        fit = compared.fit("line", compared.window, "friction_coefficient_drop") if compared.fit is not None else ""
+        ageing = entry.ageing
+        fit = ageing.fit("line", ageing.window, "friction_coefficient_drop") if ageing.fit is not None else ""
         if isinstance(fit, Fit) and fit.drawable:
             found[entry.name] = fit
     return found
@@ -366,26 +372,22 @@ def _legend_name(entry: Entry) -> str:
     return plain(f"{entry.name} (approximate)" if entry.approximation else entry.name)
 
 
-def _is_distribution(curve: Curve) -> bool:
-    return curve.x.size == curve.mean.size + 1
-
-
 def _draw_curve(
     axes: Axes, comparison: Comparison, entry: Entry, curve: Curve, style: dict[str, Any], fitted: str
 ) -> float:
     """Draw a curve, with β of its ``fitted`` line in the legend; return its last value. A band contains
     the scatter between surfaces; bars are errors of replicas on one surface."""
-    if _is_distribution(curve):
+    if curve.is_distribution:
         axes.stairs(curve.mean, curve.x, color=style["color"], lw=1.4)
         middles, every = 0.5 * (curve.x[1:] + curve.x[:-1]), max(1, curve.mean.size // 8)
         axes.plot(middles, curve.mean, ls="none", markevery=every, ms=3.5, **style)
         axes.plot([], [], lw=1.4, ms=3.5, label=_legend_name(entry), **style)  # both in one entry of the legend
         return 0.0
-    what = curve.what
+    what = curve.over
     if comparison.has_several_errors and not curve.band and " replicas," in what:
         what = what.replace(" replicas,", " replicas on one surface,")
     label, positive = ", ".join(filter(None, (_legend_name(entry), what))) + fitted, curve.x > 0
-    x, mean, half = (values[positive] if values.size else values for values in (curve.x, curve.mean, curve.half))
+    x, mean, half = (values[positive] if values.size else values for values in (curve.x, curve.mean, curve.half_width))
     error = np.nan_to_num(half)
     if curve.band:
         axes.plot(x, mean, ms=3.5, lw=1, label=label, **style)
@@ -414,11 +416,11 @@ def _darker(color: str) -> str:
 
 def _measurements(comparison: Comparison, quantity: str) -> list[tuple[Measurements, Fit | None]]:
     """Measurements of a quantity, or of another that one common load turns into it, and the line fitted to each."""
-    if quantity not in ("friction_drop", "friction_coefficient_drop"):
+    if quantity not in DROPS:
         return []
-    loads = {entry.compared.load for entry in comparison.results}
+    loads = {entry.ageing.load for entry in comparison.results}
     load = loads.pop() if len(loads) == 1 else None
-    found = [original.as_quantity(quantity, load) for original in comparison.measured]
+    found = [original.as_quantity(quantity, load) for original in comparison.measured]  # pyright: ignore[reportArgumentType]
     fits = [(data, comparison.measured_fit(data, "line")) for data in found if data is not None]
     return [(data, fit if fit is not None and fit.drawable else None) for data, fit in fits]
 

@@ -24,9 +24,10 @@ from chemage.foundation.figures import png
 from chemage.foundation.files import preflight, write_file
 from chemage.foundation.looks import drawn_as
 from chemage.foundation.names import __version__
-from chemage.foundation.result import NONE, Panel, Picture, Result, Table, drawn_picture
+from chemage.foundation.quantities import NONE, by_name
+from chemage.foundation.result import Panel, Picture, Result, Table, drawn_picture
 from chemage.results.comparison import Comparison, Difference, Entry, compare_files
-from chemage.results.drawing import brought_figures, curve_figures
+from chemage.results.drawing import brought_figures, curve_figures, figure_name
 from chemage.results.verdicts import COLUMNS, Verdict
 
 if TYPE_CHECKING:
@@ -174,7 +175,7 @@ def _comparison(comparison: Comparison, name: str) -> Section:
         tables.append(Table("Model against data: measured = offset + slope × model", COLUMNS, rows))
         tables += [_residuals(each) for each in verdicts if each.values.size]
     if fits := comparison.fits():
-        rows = [(name, fit.describe(), fit.beta_text(), fit.b_text(), fit.cutoff_text()) for name, fit in fits]
+        rows = [(name, fit.describe(), *fit.texts()) for name, fit in fits]
         columns = ["data", "model", "β per decade", "b per e-fold", "cut-off time t_c"]
         tables.append(Table("Equal fits to measurements and results", columns, rows))
     if left_out := comparison.not_fitted():
@@ -202,15 +203,14 @@ def _difference_row(entry: Difference) -> tuple[str, ...]:
 
 
 def _main_table(comparison: Comparison) -> Table:
-    """The main numbers of every result; what differs from the heading of its column is said with the number."""
-    numbers = {entry.name: comparison.summary(entry) for entry in comparison.results}
-    columns = [what for _, what in max(numbers.values(), key=len)]
-    rows = []
-    for name, summary in numbers.items():
-        same = {what: value for value, what in summary if what in columns}
-        others = iter([f"{value} ({what})" for value, what in summary if what not in columns])
-        rows.append((name, *(same.get(what) or next(others, NONE) for what in columns)))
-    return Table("Main numbers", ["", *columns], rows)
+    """The main numbers of every result."""
+    every = [by_name(entry.first) for entry in comparison.results]
+    titles = {name: one.row()[0] for numbers in every for name, one in numbers.items()}
+    rows = [
+        (entry.name, *(numbers[name].text() if name in numbers else NONE for name in titles))
+        for entry, numbers in zip(comparison.results, every, strict=True)
+    ]
+    return Table("Main numbers", ["", *titles.values()], rows)
 
 
 def _parts(entry: Entry, result: Result, key: str) -> Iterator[Part]:
@@ -226,7 +226,7 @@ def _parts(entry: Entry, result: Result, key: str) -> Iterator[Part]:
     headed += [("Figures", picture) for picture in _brought(alone, key)]
     approximate = [f"approximate: {result.approximation}"] if result.approximation else []
     first = [picture for _, picture in headed[:1]]
-    yield Part(numbers=alone.summary(entry), figures=first, notes=[*approximate, *result.notes()])
+    yield Part(numbers=result.summary(), figures=first, notes=[*approximate, *result.notes()])
     below = {heading: Part(heading) for heading, _ in headed[1:]}
     for heading, picture in headed[1:]:
         below[heading].figures.append(picture)
@@ -268,18 +268,24 @@ def _curves(comparison: Comparison, key: str) -> list[tuple[Any, str]]:
     drawn = []
     for name, figure in curve_figures(comparison).items():
         curves = [
-            (entry.name, entry.compared.curves[name]) for entry in comparison.results if name in entry.compared.curves
+            (entry.name, curve)
+            for entry in comparison.results
+            for curve in entry.curves.values()
+            if figure_name(curve.name) == name
         ]
         sample = curves[0][1]
+        caption = f"{sample.title} against {sample.axis_of.label}, means and 95 % intervals."
         texts = [
             f"{of} goes from {curve.mean[0]:.3g} at {curve.x[0]:g} s to {curve.mean[-1]:.3g} at {curve.x[-1]:g} s"
             for of, curve in curves
         ]
-        alt = f"{sample.words} against hold time{sample.unit}: {'; '.join(texts)}."
-        if sample.xlabel != "hold time (s)":
-            alt = f"{sample.caption} Curves for {', '.join(of for of, _ in curves)}."
+        alt = f"{sample.axis} against {sample.axis_of.label}: {'; '.join(texts)}."
+        if sample.is_distribution:
+            caption = f"Distribution of the {sample.axis_of.label}."
+            alt = f"{caption} Curves for {', '.join(of for of, _ in curves)}."
+        caption = caption[0].upper() + caption[1:]
         bars = _BARS if len({curve.band for _, curve in curves}) > 1 else ""
-        drawn.append((_markup(svg(figure, alt, f"{key}-{name}")), sample.caption + bars + _approximate(comparison)))
+        drawn.append((_markup(svg(figure, alt, f"{key}-{name}")), caption + bars + _approximate(comparison)))
     return drawn
 
 

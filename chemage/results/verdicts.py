@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from chemage.ageing.covariance import CurveError, agreement
-from chemage.ageing.display import FIGURES
 from chemage.ageing.fitting import UNIT
 from chemage.ageing.measurements import Measurements
-from chemage.foundation.result import Compared, Curve
+from chemage.foundation.quantities import Curve
+from chemage.foundation.result import Ageing
 from chemage.foundation.statistics import NORMAL_LIMIT
 from chemage.foundation.text import jsonable, plus_minus, power_text
 
@@ -70,9 +70,9 @@ class Verdict:
 COLUMNS = ("measured", "result", "offset", "slope", "χ²", "verdict")
 
 
-def verdict(data: Measurements, name: str, compared: Compared) -> Verdict:
+def verdict(data: Measurements, name: str, ageing: Ageing, curves: Mapping[str, Curve]) -> Verdict:
     """Judge measurements beside a result, interpolated in log t at the measured hold times."""
-    said = _model(data, compared)
+    said = _model(data, ageing, curves)
     if isinstance(said, str):
         return Verdict(data.name, name, f"not compared: {said}")
     data, model = said
@@ -125,33 +125,31 @@ class _Model(NamedTuple):
     mean: np.ndarray
     #: (j, j) covariance of its errors, but for those that its samples show
     known: np.ndarray
-    #: (m,) the curve at its own hold times, and its samples, see :class:`chemage.foundation.result.Curve`
+    #: (m,) the curve at its own hold times, and its samples, see :class:`chemage.foundation.quantities.Curve`
     curve: np.ndarray
     samples: Sequence[np.ndarray]
     #: (j, m) takes the curve to the hold times of the measurements
     places: np.ndarray
 
 
-def _model(data: Measurements, compared: Compared) -> tuple[Measurements, _Model] | str:
+def _model(data: Measurements, ageing: Ageing, curves: Mapping[str, Curve]) -> tuple[Measurements, _Model] | str:
     """The measurements in the quantity of the result, and what that says of them; or why it says nothing."""
-    if compared.predict is not None:
+    if ageing.predict is not None:
         if data.load is None or data.temperature is None:
             return "the table has no load and temperature at which the density would be carried forward"
         there = data.as_quantity("friction_drop", data.load)
         assert there is not None
         kept = there.hold_times > 0
         mean, covariance = np.full(kept.size, math.nan), np.zeros((kept.size, kept.size))
-        mean[kept], covariance[np.ix_(kept, kept)] = compared.predict(
-            data.load, data.temperature, there.hold_times[kept]
-        )
+        mean[kept], covariance[np.ix_(kept, kept)] = ageing.predict(data.load, data.temperature, there.hold_times[kept])
         return there, _Model(mean, covariance, mean, (), np.eye(mean.size))
-    kelvin = compared.chemistry.get("temperature")
-    for own, theirs, unit in ((data.load, compared.load, "nN"), (data.temperature, kelvin, "K")):
+    kelvin = ageing.chemistry.get("temperature")
+    for own, theirs, unit in ((data.load, ageing.load, "nN"), (data.temperature, kelvin, "K")):
         if own is not None and theirs is not None and abs(own - theirs) > SAME * own:
             return f"measured at {own:g} {unit}, the result is at {theirs:g} {unit}"
     for quantity in (data.quantity, *UNIT):
-        there = data.as_quantity(quantity, compared.load if np.isfinite(compared.load) else None)  # pyright: ignore[reportArgumentType]
-        curve = compared.curves.get(FIGURES[quantity][0])
+        there = data.as_quantity(quantity, ageing.load if np.isfinite(ageing.load) else None)  # pyright: ignore[reportArgumentType]
+        curve = curves.get(quantity)
         if there is None or curve is None:
             continue
         return there, _of_curve(curve, there.hold_times)
@@ -166,7 +164,8 @@ def _of_curve(curve: Curve, hold_times: np.ndarray) -> _Model:
     known = curve.known
     if not known.size:
         # of a curve without samples its interval is all that is known
-        known = np.zeros(curve.x.size) if len(curve.samples) or not curve.half.size else curve.half / NORMAL_LIMIT
+        alone = curve.half_width.size and not len(curve.samples)
+        known = curve.half_width / NORMAL_LIMIT if alone else np.zeros(curve.x.size)
     # the errors that samples do not show are taken as one
     shared = places @ np.nan_to_num(known[positive])
     mean = curve.mean[positive]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -15,7 +15,8 @@ from chemage.ageing.display import AgingDisplay
 from chemage.contacts.display import OfContact
 from chemage.foundation.figures import BLACK, plain
 from chemage.foundation.names import __version__
-from chemage.foundation.result import NONE, Compared, Picture, Result, Rows, Table, displays, result_of
+from chemage.foundation.quantities import NONE, Curve, Quantity
+from chemage.foundation.result import Ageing, Picture, Result, Rows, displays, result_of
 from chemage.plugins import registry
 from chemage.scene.provenance import scatter_of
 from chemage.scene.run import Run
@@ -130,26 +131,31 @@ class RunDisplay(Result):
     def plugins(self) -> Mapping[str, str]:
         return self.run.plugins
 
-    def rows(self) -> Rows:
-        run, kinds = self.run, {name: self.run.scene[name]["kind"] for name in ("surface", "contact")}
-        rows = [
-            ("surface", f"{kinds['surface']}, {self.contact.extent()}"),
-            ("contact", f"{kinds['contact']}, {self.contact.loading()}"),
-            *self.contact.measures(),
-            *(self.aging.ageing_rows() if self.aging is not None else ()),
-        ]
-        rows += [("approximate", self.approximation)] if self.approximation else []
-        rows += [(f"plugin {name}", source) for name, source in self.plugins.items()]
-        return rows + ([("wall time", self._timings())] if run.timings else [])
+    def facts(self) -> Rows:
+        scene = self.run.scene
+        facts = [(section, f"{scene[section]['kind']}, {words}") for section, words in self._stages()]
+        facts += self.aging.facts() if self.aging is not None else []
+        facts += [(f"plugin {name}", source) for name, source in self.plugins.items()]
+        return facts
+
+    def remarks(self) -> Rows:
+        return [*super().remarks(), *([("wall time", self._timings())] if self.run.timings else [])]
+
+    def _stages(self) -> Rows:
+        return [("surface", self.contact.extent()), ("contact", self.contact.solved())]
+
+    def quantities(self) -> list[Quantity]:
+        aged = self.run.aging.quantities(self.run.window) if self.run.aging is not None else []
+        return [*self.contact.quantities(), *aged]
+
+    def curves(self) -> list[Curve]:
+        return [*(self.aging.curves() if self.aging is not None else ()), *self.contact.curves()]
 
     def _timings(self) -> str:
         return ", ".join(f"{stage} {seconds:.2f} s" for stage, seconds in self.run.timings.items())
 
     def numbers(self) -> dict[str, Any]:
         return self.run.summary()
-
-    def summary(self, beside: bool = False) -> Rows:
-        return (self.aging or self.contact).summary(beside)
 
     def notes(self) -> list[str]:
         faults = [] if self.run.contact.converged else self.contact.notes()[:1]
@@ -167,12 +173,6 @@ class RunDisplay(Result):
             title = f"{self.title}, {self.aging.record.temperature:g} K{approximate}"
             found["friction"] = replace(found["friction"], title=title)
         return found
-
-    def tables(self) -> list[Table]:
-        return self.aging.tables() if self.aging is not None else []
-
-    def columns(self) -> dict[str, Any]:
-        return self.aging.columns() if self.aging is not None else {}
 
     def cite(self) -> tuple[list[str], str]:
         return list(self.run.cite), self.run.versions.get("chemage", __version__)
@@ -196,25 +196,11 @@ class RunDisplay(Result):
             *((f"content hash of {name}", part.digest()) for name, part in run.parts().items()),
         ]
 
-    def compared(self, times: Sequence[float]) -> Compared:
-        contact = self.contact.compared(times)
+    def ageing(self) -> Ageing:
         if self.aging is None:
-            return of_scene(self.scene) | contact
-        aging = self.aging.compared(times)
-        aging.numbers |= {name: value for name, value in contact.numbers.items() if name != "replicas"}
-        aging.rows |= self.contact.recorded()
-        aging.units |= contact.units
-        aging.curves |= contact.curves  # those of friction before that of the pressure
-        aging.chemistry = chemistry_of_scene(self.scene, self.aging.record.temperature)
-        return of_scene(self.scene) | aging
-
-
-def of_scene(scene: Mapping[str, Any]) -> Compared:
-    """What a scene says beside others: its name, and how surface and contact were made."""
-    surface, solver = (scene.get(section, {}).get("kind") for section in ("surface", "contact"))
-    made_of = ", ".join(kind for kind in (surface, solver) if kind)
-    rows = {"scene": str(scene.get("name", "")) or NONE, "surface, solver": made_of or NONE}
-    return Compared(rows, numbers={"scene": scene.get("name"), "surface": surface, "solver": solver})
+            return Ageing(load=self.run.contact.load)
+        chemistry = chemistry_of_scene(self.scene, self.aging.record.temperature)
+        return replace(self.aging.ageing(), chemistry=chemistry)
 
 
 def chemistry_of_scene(scene: Mapping[str, Any], temperature: float) -> dict[str, Any]:

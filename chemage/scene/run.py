@@ -12,9 +12,19 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from chemage.ageing.age import BARRIERS, age, barriers_error, beta_errors, with_members
-from chemage.ageing.aging import CURVES, FIT, Aging, curves, elastic_measures, elastic_notes, fit_numbers, fit_or_reason
-from chemage.ageing.fitting import FIT_WINDOW, Fit
+import numpy as np
+
+from chemage.ageing.age import age, with_members
+from chemage.ageing.aging import (
+    BARRIERS,
+    Aging,
+    beta_parts,
+    bond_errors,
+    elastic_measures,
+    elastic_notes,
+    fit_or_reason,
+)
+from chemage.ageing.fitting import DROPS, FIT, FIT_WINDOW, Fit
 from chemage.ageing.replicas import keep, resumed
 from chemage.contacts.role import elasticity_notes, solve_contact
 from chemage.contacts.solution import ContactSolution, ContactStatistics
@@ -112,16 +122,11 @@ class Run:
         return self._fitted()[0]
 
     @property
-    def barriers_error(self) -> float | None:
-        """Relative standard error of β that is due to the barriers, where members of their distribution were aged."""
-        return barriers_error(self.aging, self.window)
-
-    @property
     def beta_errors(self) -> dict[str, float]:
         """What an error of β beside the scatter of the replicas is due to -> relative standard error."""
-        barriers = self.barriers_error
-        errors = {} if barriers is None else {BARRIERS: barriers}
-        return {**beta_errors(self.aging, self.window), **errors}
+        parts = {} if self.aging is None else beta_parts(self.aging, self.window)
+        beta = abs(self.fit().beta) if parts else 1.0  # pyright: ignore[reportOptionalMemberAccess]
+        return {name: part.size / beta for name, part in parts.items()}
 
     def _fitted(self) -> tuple[Fit | None, str]:
         return (None, "") if self.aging is None else fit_or_reason(self.aging, self.window)
@@ -144,10 +149,10 @@ class Run:
             "events": (None if aging.events is None else int(aging.events.sum())) if aging else 0,
             "common_random_numbers": aging.provenance.get("common") if aging else None,
             "hold_times": aging.hold_times.tolist() if aging else [],
-            **(curves(aging) if aging else {name: [] for name in CURVES}),
+            **self._curves(),
             **bond_errors(aging),
             "observables": {name: quantity.summary() for name, quantity in self.measured.items()},
-            **(fit_numbers(fit) if fit else dict.fromkeys(FIT)),
+            **{name: value for one in (fit.quantities() if fit else FIT) for name, value in one.numbers().items()},
             "fit_range": list(fit.span) if fit else None,
             "beta_reason": reason or None,
             "cutoff_reason": (fit.cutoff_reason or None) if fit else None,
@@ -162,6 +167,13 @@ class Run:
             **({"approximate": self.approximate} if self.approximate else {}),
         }
         return jsonable(numbers)
+
+    def _curves(self) -> dict[str, Any]:
+        """ΔF and Δμ with their errors; nan where one is not known, and empty without ageing."""
+        known = {curve.name: curve for curve in self.aging.curves()} if self.aging is not None else {}
+        none = np.full(0 if self.aging is None else self.aging.hold_times.size, np.nan)
+        curves = [known.get(name, curve.but(mean=none, stderr=none, half_width=none)) for name, curve in DROPS.items()]
+        return {name: values for curve in curves for name, values in curve.numbers().items()}
 
     def plot(self, *what: Literal["surface", "contact", "aging"]) -> tuple[Axes, ...]:
         """Draw surface, contact and ageing side by side in a figure of pyplot, or only those named; return their axes.
@@ -249,16 +261,6 @@ def _solve(contact: ContactSolution | ContactStatistics) -> dict[str, Any]:
 
 def _sites(contact: ContactSolution | ContactStatistics) -> float | None:
     return None if isinstance(contact, ContactStatistics) else contact.sites.size
-
-
-def bond_errors(aging: Aging | None) -> dict[str, Any]:
-    """The errors of the mean beside the scatter of the replicas; empty where there are none."""
-    if aging is None or not aging.errors:
-        return {}
-    return {
-        "bond_errors": {name: error.tolist() for name, error in aging.errors.items()},
-        "bond_error_sources": aging.error_sources,
-    }
 
 
 def _is_sound(name: str, value: Any) -> bool:

@@ -22,7 +22,7 @@ _MOST_PIXELS = 2**22
 class SurfaceDisplay(OfRecord[Surface]):
     """A surface as users see it."""
 
-    def rows(self) -> Rows:
+    def facts(self) -> Rows:
         surface = self.record
         (nx, ny), side = surface.shape, surface.pixel_size
         rows = [
@@ -31,7 +31,7 @@ class SurfaceDisplay(OfRecord[Surface]):
         ]
         if surface.heights.size <= _MOST_PIXELS or "rms_slope" in vars(surface):
             rows.append(("rms slope", f"{surface.rms_slope:.4g}"))
-        return [*rows, ("periodic", "yes" if surface.periodic else "no"), *self.remarks()]
+        return [*rows, ("periodic", "yes" if surface.periodic else "no")]
 
     def pictures(self) -> dict[str, Picture]:
         heights = Panel(

@@ -96,7 +96,7 @@ def test_a_cutoff_decades_before_the_hold_times_is_not_stated(cutoff, bootstrap)
     # the line itself is known
     np.testing.assert_allclose(fit(times[1:5]), made.mean_friction_coefficient_drop[1:5], atol=10)
     told = "undetermined: the fit meets zero more than 3 decades before the hold times"
-    assert fit.cutoff_text() == told
+    assert fit.texts()[2] == told
     numbers = fit.todict()
     assert (numbers["cutoff_time"], numbers["cutoff_time_stderr"]) == (None, None)
     assert numbers["cutoff_time_interval"] == [0.0, None]
@@ -108,7 +108,7 @@ def test_a_cutoff_of_a_slope_that_may_be_zero_is_not_stated():
     slopes = np.array([[-1], [0], [1], [2]])
     fit = line(0, 1.0, times, replicas=4, noise=100 * slopes * np.arange(6) + 10000).fit(10, 1e4)
     assert fit.beta > 0 > fit.beta_interval.low
-    assert fit.cutoff_text() == "undetermined: β is not distinguishable from zero"
+    assert fit.texts()[2] == "undetermined: β is not distinguishable from zero"
     assert fit.todict()["cutoff_time"] is None
 
 

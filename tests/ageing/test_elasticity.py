@@ -123,7 +123,7 @@ def test_more_than_a_twentieth_is_noted(contact, shown):
 
     peak, stress = contact.max_pressure, aged(contact).mean_shear_stress
     assert notes(hardness=1.1 * peak) == []
-    assert "0 % of the contact area, 0 % of the load" in shown(aged(contact, hardness=1.1 * peak)), "in the table"
+    assert "share of the load above the hardness 0 " in shown(aged(contact, hardness=1.1 * peak)), "in the table"
     (note,) = notes(hardness=0.5 * peak)
     area, load = contact.above(0.5 * peak)
     assert note.startswith(f"{100 * area:.0f} % of the contact area, which carries {100 * load:.0f} % of the load, is")

@@ -97,7 +97,7 @@ def test_what_spreadsheets_do_to_a_file_does_no_harm(tmp_path, text):
         (
             "hold_time (s), friction_drop (nN), friction_coefficient_drop\n1,2,3\n",
             InputError,
-            "friction_coefficient_drop and friction_drop are both there; give one",
+            "friction_drop and friction_coefficient_drop are both there; give one",
         ),
         ("hold_time (s), hold_time (s), error\n", InputError, "hold_time is there twice"),
         (

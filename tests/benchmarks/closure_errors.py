@@ -28,7 +28,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import chemage as ca
-from chemage.ageing.age import beta_errors
+from chemage.ageing.aging import beta_parts
 from chemage.plugin import random, statistics
 from chemage_ageing import _table
 
@@ -275,7 +275,7 @@ def measured(scene: Scene, method: str, folder: str, kind: str = "") -> dict[str
         "stated": stated.tolist(),
         "noise": (known.noise / known.bonds).tolist(),
         "beta": [float(slope(bonds) / known.slope - 1), known.slope_noise / abs(known.slope)],
-        "beta_stated": math.hypot(*beta_errors(found, (10.0, 1e4)).values()),
+        "beta_stated": math.hypot(*(part.size for part in beta_parts(found, (10.0, 1e4)).values())) / abs(known.slope),
         "replicas": known.replicas,
         "bonds": known.bonds.tolist(),
         "alone": (alone / exact - 1).tolist(),

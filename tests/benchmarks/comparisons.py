@@ -17,8 +17,9 @@ from typing import Any
 import numpy as np
 
 import chemage as ca
-from chemage.ageing.fitting import line_weights
-from chemage.foundation.result import Compared, Curve
+from chemage.ageing.fitting import DROPS, line_weights
+from chemage.foundation.quantities import Curve
+from chemage.foundation.result import Ageing
 from chemage.results.verdicts import AGREE, verdict
 
 TIMES = np.geomspace(0.1, 1e4, 11)
@@ -55,11 +56,9 @@ def pool(name: str, replicas: int = POOL) -> np.ndarray:
     return curves
 
 
-def beside(curves: np.ndarray) -> Compared:
+def beside(curves: np.ndarray) -> tuple[Ageing, dict[str, Curve]]:
     """A run with these replicas."""
-    mean = curves.mean(axis=0)
-    curve = Curve("", "", "", "", "", TIMES, mean, np.zeros(0), samples=(curves,))
-    return Compared(curves={"friction-drop": curve}, load=50.0)
+    return Ageing(load=50.0), {"friction_drop": DROPS["friction_drop"].of_replicas(TIMES, curves)}
 
 
 def share(curves: np.ndarray, replicas: int, error: float, trials: int, wrong: float = 0.0) -> float:
@@ -80,7 +79,7 @@ def share(curves: np.ndarray, replicas: int, error: float, trials: int, wrong: f
         stated = error * values
         values = values + stated * rng.standard_normal(values.size)
         data = ca.Measurements("m", MEASURED, values, "friction_drop", stated, load=50.0)
-        different += verdict(data, "run", beside(chosen)).chance < AGREE
+        different += verdict(data, "run", *beside(chosen)).chance < AGREE
     return different / trials
 
 

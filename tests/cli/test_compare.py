@@ -39,7 +39,7 @@ def test_a_table_names_every_file_and_says_whether_the_chemistry_is_the_same(two
     head = done.out.splitlines()[1].split()
     assert head == ["at40", "at80"]
     assert "Chemistry: the same in all results." in done.out
-    for label in ("load", "friction drop ΔF at 1 s", "fraction of sites bonded", "β, 95 % interval"):
+    for label in ("load", "friction drop ΔF at 1 s", "bonds per contact area", "ageing rate per decade β"):
         assert label in done.out
     line = next(line for line in done.out.splitlines() if line.split()[:1] == ["load"])
     assert line.split() == ["load", "40", "nN", "80", "nN"]

@@ -11,7 +11,7 @@ import pytest
 import chemage as ca
 from chemage import InputError, parse_scene
 from chemage.contacts.solution import MEASURES, Contact
-from chemage.plugin import SceneError
+from chemage.plugin import Quantity, SceneError
 
 PERSSON = ca.contact("persson", modulus=35.3)
 SIGMA = 0.5 * 35.3 * 0.1
@@ -144,7 +144,7 @@ def test_rms_height_and_slope_of_a_spectrum_are_those_of_many_surfaces(hurst, et
 def test_a_measure_that_is_added_as_the_documentation_says_is_unknown_without_a_map(monkeypatch):
     """A property of ContactSolution and a line in MEASURES (docs/architecture.md) are enough."""
     unchanged = PERSSON.statistics(rough(), 100.0).summary()
-    monkeypatch.setitem(MEASURES, "largest_patch", ("1", "pixels of the largest patch"))
+    monkeypatch.setitem(MEASURES, "largest_patch", Quantity("largest_patch", "1", "pixels of the largest patch"))
     monkeypatch.setattr(ca.ContactSolution, "largest_patch", property(lambda self: self.patch_sizes[0]), raising=False)
     pressed = ca.contact("hertz", modulus=35.3).solve(
         ca.surface("sphere", radius=30, pixels=32, pixel_size=0.5).make(), 10.0
@@ -161,7 +161,7 @@ def test_a_measure_that_is_added_as_the_documentation_says_is_unknown_without_a_
 
 def test_a_measure_that_needs_no_map_is_declared_once(monkeypatch):
     """A property of what both kinds of contact are, and a line in MEASURES."""
-    monkeypatch.setitem(MEASURES, "mean_load", ("nN/nm", "load over the side of the surface"))
+    monkeypatch.setitem(MEASURES, "mean_load", Quantity("mean_load", "nN/nm", "load over the side of the surface"))
     monkeypatch.setattr(Contact, "mean_load", property(lambda self: self.load / math.sqrt(self.nominal_area)), False)
     pressed = ca.contact("hertz", modulus=35.3).solve(
         ca.surface("sphere", radius=30, pixels=32, pixel_size=0.5).make(), 10.0

@@ -21,12 +21,12 @@ def test_the_scene_of_the_page_gives_the_numbers_of_the_page(tmp_path, monkeypat
     shutil.copy(ROOT / "tests" / "data" / "topographies" / "afm.txt", tmp_path)
     (scene,) = re.findall(r"^```toml\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
     mean = ca.ensemble(ca.parse_scene(tomllib.loads(scene), "tip"), surfaces=8)
-    for name, label in (("beta", "beta"), ("area_fraction", "area fraction A/A0")):
+    for name, label in (("beta", "ageing rate per decade β"), ("area_fraction", "area fraction A/A0")):
         printed = re.findall(rf"^ {label} +([\d.]+) ± ([\d.]+)", PAGE, re.MULTILINE)[0]
         found = mean.estimate(name)
         for number, text in zip((found.value, found.half_width), printed, strict=True):
             # to the last printed digit
             assert number == pytest.approx(float(text), abs=0.6 * 10.0 ** -len(text.partition(".")[2]))
     assert set(mean.estimate("beta").errors) == {"surfaces", "replicas"}
-    assert "error of beta: scatter between surfaces" in PAGE
-    assert "error of beta: scatter between replicas" in PAGE
+    assert "error of β: scatter between surfaces" in PAGE
+    assert "error of β: scatter between replicas" in PAGE

@@ -84,15 +84,15 @@ def test_a_run_carries_the_error_of_its_barriers(run, tmp_path):
     assert np.allclose(error, run.aging.member_ratios.std(axis=0, ddof=1), equal_nan=True)
     assert 0 < error[-1] < 0.3
     assert "8 members" in run.aging.error_sources["barriers"]
-    assert 0 < run.barriers_error < 1
+    assert 0 < run.beta_errors["barriers"] < 1
     summary = run.summary()
-    assert summary["beta_errors"] == {"barriers": run.barriers_error}
+    assert summary["beta_errors"] == run.beta_errors
     assert summary["bond_errors"]["barriers"][-1] == error[-1]
     path = tmp_path / "run.h5"
     ca.write(path, run)
     again = ca.read(path)
     assert again.aging == run.aging
-    assert again.barriers_error == run.barriers_error
+    assert again.beta_errors == run.beta_errors
 
 
 def test_the_rest_of_the_run_is_as_without(run):
@@ -113,7 +113,7 @@ def test_other_distributions_have_no_such_error():
     run = ca.run(ca.parse_scene(SCENE), warn=False)
     assert run.aging.errors == {}
     assert run.aging.member_ratios is None
-    assert run.barriers_error is None
+    assert run.beta_errors == {}
     assert "beta_errors" not in run.summary()
 
 
@@ -154,7 +154,7 @@ def test_show_names_the_error(run, command, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     ca.write("run.h5", run)
     shown = " ".join(command("show", "run.h5").out.split())
-    assert "error of beta: barriers" in shown
+    assert "error of β: barriers" in shown
     assert "scatter of 8 members of the distribution of barriers" in shown
 
 

@@ -189,7 +189,7 @@ def test_a_hook_records_and_the_next_stage_has_it():
     with registry.using(registry.Registry()) as installed:
         installed.register(Hook(depth=Output((), "nm", "depth").of(2.5)), "noting")
         made = surface()
-        assert made.measured["depth"].text() == "2.5 nm"
+        assert made.measured["depth"].quantity().text() == "2.5 nm"
         assert ca.solve_contact(ca.contact("hertz", modulus=35.3), made, 5).observables["depth"] == 2.5
     assert surface().observables == {}
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from seen import Compared, Table
+from seen import Table
 
 import chemage as ca
 from chemage.plugin import Panel, Picture, Result
@@ -117,7 +117,7 @@ def test_it_stands_beside_kinds_that_are_built_in(files, command, examples):
     ca.write("aging.h5", examples.aging())
     rows = dict(ca.compare_files(["aging.h5", files[0]]).table())
     assert rows["grains at the end"] == ["-", "9 <b>"]
-    assert rows["replicas"][1] == "-"
+    assert rows["engine"][1] == "-"
     assert command("report", "aging.h5", files[0]).status == 0
 
 
@@ -135,12 +135,6 @@ def test_a_file_of_something_else_is_named(files, command, isolated_registry, mo
     done = command("show", files[0])
     assert (done.status, done.out) == (2, "")
     assert "an int is no result" in done.err
-
-
-def test_two_views_of_one_result_are_joined_in_their_order():
-    first = Compared({"load": "1", "area": "2"}, numbers={"load": 1.0})
-    both = first | Compared({"area": "3", "beta": "4"}, load=7.0)
-    assert (list(both.rows.items()), both.load) == ([("load", "1"), ("area", "3"), ("beta", "4")], 7.0)
 
 
 def test_kinds_of_results_are_told_apart_in_three_places_at_most():

@@ -34,7 +34,7 @@ def test_the_usual_figures_are_lines_with_bands(swept):
     assert name == "beta-friction_drop-against-load-by-temperature"
     assert along == "friction_coefficient_drop-against-hold_time-by-load"
     left, right = made[name].axes
-    assert (left.get_xlabel(), left.get_ylabel()) == ("load (nN)", "β per decade")
+    assert (left.get_xlabel(), left.get_ylabel()) == ("load (nN)", "ageing rate per decade β")
     assert right.get_ylabel() == "friction drop ΔF at 1000 s (nN)"
     beta = result.to_xarray()["beta"].mean("seed")
     for line, kelvin in zip(left.lines, (300, 310), strict=True):
@@ -74,7 +74,7 @@ def test_a_heat_map_has_a_cell_for_each_pair(swept):
     np.testing.assert_allclose(mesh.get_array(), beta.values)
     assert figure.axes[0].get_xlabel() == "load (nN)"
     assert figure.axes[0].get_ylabel() == "temperature (K)"
-    assert figure.axes[1].get_ylabel() == "β per decade"
+    assert figure.axes[1].get_ylabel() == "ageing rate per decade β"
 
 
 def test_many_lines_become_a_heat_map(swept, monkeypatch):
@@ -116,7 +116,7 @@ def test_a_contact_alone_has_its_area(tiny, tmp_path):
     result = chemage.sweep({**scene, "sweep": {"contact.load": [5.0, 6.0]}}, tmp_path / "out")
     made = sweep_figures(result)
     assert list(made) == ["area_fraction-against-load"]
-    assert made["area_fraction-against-load"].axes[0].get_ylabel() == "contact area A/A$_0$"
+    assert made["area_fraction-against-load"].axes[0].get_ylabel() == "area fraction A/A0"
 
 
 def test_nothing_is_drawn_of_a_sweep_without_results(swept):

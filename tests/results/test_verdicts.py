@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from inferring import Compared, Curve, CurveError, result_of, verdict
+from inferring import Ageing, Curve, CurveError, by_name, result_of, verdict
 from made_inference import made_inference
 
 import chemage as ca
@@ -14,8 +14,12 @@ MODEL = 20 + 10 * np.log10(TIMES)
 
 
 def result(half=0.0, load=50.0, temperature=300.0):
-    curve = Curve("", "", "", "", "", TIMES, MODEL, np.full(TIMES.size, half))
-    return Compared(curves={"friction-drop": curve}, load=load, chemistry={"temperature": temperature})
+    curve = Curve("friction_drop", "nN", "ΔF", x=TIMES, mean=MODEL, half_width=np.full(TIMES.size, half))
+    return Ageing(load=load, chemistry={"temperature": temperature}), {"friction_drop": curve}
+
+
+def inferred():
+    return result_of(made_inference()).ageing(), {}
 
 
 def measured(change=lambda values: values, error=1.0, seed=0, **fields):
@@ -36,7 +40,7 @@ def measured(change=lambda values: values, error=1.0, seed=0, **fields):
     ],
 )
 def test_the_verdict_says_how_they_differ(change, error, says):
-    found = verdict(measured(change, error), "run", result())
+    found = verdict(measured(change, error), "run", *result())
     assert __import__("re").search(says, found.verdict), found.verdict
 
 
@@ -45,9 +49,9 @@ def test_agreement_has_the_chance_that_it_says():
     chances = []
     for seed in range(300):
         shift = 3 * np.random.default_rng([1, seed]).standard_normal()
-        chances.append(verdict(measured(lambda v, s=shift: v + s, seed=seed), "run", result(half=3 * 1.96)).chance)
+        chances.append(verdict(measured(lambda v, s=shift: v + s, seed=seed), "run", *result(half=3 * 1.96)).chance)
     assert np.mean(np.array(chances) < 0.1) == pytest.approx(0.1, abs=0.05)
-    without = [verdict(measured(lambda v: v + 3, seed=seed), "run", result()).chance for seed in range(20)]
+    without = [verdict(measured(lambda v: v + 3, seed=seed), "run", *result()).chance for seed in range(20)]
     assert max(without) < 1e-3
 
 
@@ -70,8 +74,8 @@ def share_that_differs(replicas, error, surfaces=0.0, factor=1.0, trials=60):
         stated = error * values
         data = ca.Measurements("afm", TIMES, values + stated * rng.standard_normal(TIMES.size), "friction_drop", stated)
         curves = run_of(rng, replicas, surfaces=surfaces)
-        curve = Curve("", "", "", "", "", TIMES, curves.mean(axis=0), np.zeros(0), samples=(curves,))
-        different += verdict(data, "run", Compared(curves={"friction-drop": curve}, load=50.0)).chance < 0.05
+        curve = Curve("friction_drop", "nN", "ΔF").of_replicas(TIMES, curves)
+        different += verdict(data, "run", Ageing(load=50.0), {"friction_drop": curve}).chance < 0.05
     return different / trials
 
 
@@ -114,8 +118,7 @@ def test_the_error_of_a_mean_over_terms_is_the_sum_of_theirs():
 
 def test_replicas_and_surfaces_are_the_samples_of_their_curves(small_contact_run):
     """What is judged is the mean that is shown."""
-    for compared in small_contact_run:
-        curve = compared.curves["friction-drop"]
+    for curve in small_contact_run:
         np.testing.assert_allclose(sum(values.mean(axis=0) for values in curve.samples), curve.mean)
         assert curve.known.shape == curve.mean.shape
 
@@ -136,11 +139,11 @@ def small_contact_run():
         known={"sites": np.full(rows.shape[1], 0.01)},
         known_how={"sites": "known"},
     )
-    return [result_of(one).compared((1.0,)) for one in (aging, ensemble)]
+    return [by_name(result_of(one).curves())["friction_drop"] for one in (aging, ensemble)]
 
 
 def test_offset_and_slope_are_those_of_least_squares():
-    found = verdict(measured(lambda v: 5 + 1.2 * v), "run", result())
+    found = verdict(measured(lambda v: 5 + 1.2 * v), "run", *result())
     slope, offset = np.polyfit(MODEL, found.values, 1)
     assert (found.offset[0], found.slope[0]) == pytest.approx((offset, slope))
     assert found.residuals == pytest.approx(found.values - MODEL)
@@ -152,13 +155,13 @@ def test_offset_and_slope_are_those_of_least_squares():
     [
         (measured(load=80.0), result(), "measured at 80 nN, the result is at 50 nN"),
         (measured(temperature=350.0), result(), "measured at 350 K, the result is at 300 K"),
-        (measured(), Compared(), "no friction against hold time"),
+        (measured(), (Ageing(), {}), "no friction against hold time"),
         (ca.Measurements("m", TIMES * 1e6, MODEL, "friction_drop"), result(), "only 0 hold times in common"),
-        (measured(), result_of(made_inference()).compared((1.0,)), "no load and temperature"),
+        (measured(), inferred(), "no load and temperature"),
     ],
 )
 def test_what_cannot_be_compared_says_why(data, beside, says):
-    found = verdict(data, "run", beside)
+    found = verdict(data, "run", *beside)
     assert found.verdict.startswith("not compared: ")
     assert says in found.verdict
     assert not found.values.size
@@ -168,8 +171,8 @@ def test_an_inference_is_judged_at_the_conditions_of_the_data():
     one = made_inference()
     made = one.forecast(load=20.0, temperature=300.0, hold_times=TIMES)
     data = ca.Measurements("other", TIMES, made.median, "friction_drop", 0.03 * made.median, 20.0, 300.0)
-    found = verdict(data, "inferred", result_of(one).compared((1.0,)))
+    found = verdict(data, "inferred", result_of(one).ageing(), {})
     assert found.verdict == "agrees within the errors"
     assert found.model_errors == pytest.approx(made.samples.std(axis=0, ddof=1))
     off = ca.Measurements("other", TIMES, 2 * made.median, "friction_drop", 0.03 * made.median, 20.0, 300.0)
-    assert verdict(off, "inferred", result_of(one).compared((1.0,))).verdict.startswith("differs: the same shape")
+    assert verdict(off, "inferred", result_of(one).ageing(), {}).verdict.startswith("differs: the same shape")

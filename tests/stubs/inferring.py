@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from chemage.ageing.covariance import CurveError
-from chemage.foundation.result import Compared, Curve, result_of
+from chemage.foundation.quantities import Curve, by_name
+from chemage.foundation.result import Ageing, result_of
 from chemage.inference import algebra
 from chemage.inference.calibrate import Calibration, _errors, _rank, calibrate
 from chemage.inference.noise import LARGEST, NEAREST, RARE, SPREAD, WIDER, ErrorModel, Noise, State
@@ -15,29 +16,9 @@ from chemage.results.verdicts import verdict
 drawn_errors, rank = _errors, _rank
 
 __all__ = [
-    "LARGEST",
-    "NEAREST",
-    "RARE",
-    "SPREAD",
-    "WIDER",
-    "Calibration",
-    "Chain",
-    "Compared",
-    "Curve",
-    "CurveError",
-    "ErrorModel",
-    "Noise",
-    "Prior",
-    "Problem",
-    "State",
-    "algebra",
-    "calibrate",
-    "drawn_errors",
-    "effective",
-    "r_hat",
-    "rank",
-    "result_of",
-    "verdict",
+    "LARGEST", "NEAREST", "RARE", "SPREAD", "WIDER", "Ageing", "Calibration", "Chain", "Curve", "CurveError",
+    "ErrorModel", "Noise", "Prior", "Problem", "State", "algebra", "by_name", "calibrate", "drawn_errors", "effective",
+    "r_hat", "rank", "result_of", "verdict",
 ]  # fmt: skip
 
 

@@ -14,7 +14,7 @@ from tempfile import TemporaryDirectory
 import chemage as ca
 from chemage.foundation import limits
 from chemage.foundation.drawn import drawn_data
-from chemage.foundation.result import Compared, Table, result_of
+from chemage.foundation.result import Table, result_of
 from chemage.results.comparison import Comparison, Entry
 from chemage.results.drawing import comparison_figures, figures, window_figure
 from chemage.results.page import scene_toml
@@ -30,7 +30,6 @@ from chemage.studies.trade.trade_map import Point, TradeMap
 
 __all__ = [
     "HOLD_TIME",
-    "Compared",
     "Comparison",
     "Entry",
     "Point",

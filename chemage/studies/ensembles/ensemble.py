@@ -3,26 +3,28 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from pydantic import model_validator
 
-from chemage.ageing.fitting import why_not_fitted
+from chemage.ageing.fitting import BETA, DROPS, LN10, B, why_not_fitted
 from chemage.foundation.codec import dataset, frame
+from chemage.foundation.outputs import RECORDED
+from chemage.foundation.quantities import HOLD_TIME, Curve, ErrorPart, Quantity, by_name
 from chemage.foundation.records import Doubles, Named, Number, Plain, Record, approximations_in_words
 from chemage.foundation.result import draw_result, notebook_html
 from chemage.scene.scene import heading
-from chemage.studies.ensembles.quantities import CURVES, RECORDED, Quantities, Spread, half_width, regressed, spread_of
+from chemage.studies.ensembles.quantities import Quantities, Spread, half_width, regressed, spread_of
 
 if TYPE_CHECKING:
     import pandas
     import xarray
     from matplotlib.axes import Axes
 
+#: relative differences that rounding makes
+EXACT = 1e-12
 #: name of an error -> what it is due to, in words
 SOURCES = {
     "surfaces": "scatter between surfaces",
@@ -33,36 +35,6 @@ SOURCES = {
     "approximation": "approximate methods",
     "barriers": "distributions of barriers that the same data allow",
 }
-
-
-@dataclass(frozen=True)
-class ErrorPart:
-    """One part of the error of an estimate."""
-
-    #: standard error, in the unit of the estimate; nan where it is not known
-    size: float
-    #: how it is known, in words
-    how: str
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """A mean over surfaces, with its 95 % interval and the parts of its error."""
-
-    value: float
-    #: half the width of the interval; nan where a part of the error is not known
-    half_width: float
-    errors: Mapping[str, ErrorPart] = field(default_factory=dict)
-
-    @property
-    def stderr(self) -> float:
-        """The standard error: that of all parts together."""
-        return math.hypot(*(part.size for part in self.errors.values()))
-
-    @property
-    def relative(self) -> float:
-        """Half the width of the interval over the magnitude of the mean."""
-        return self.half_width / abs(self.value) if self.value else math.nan
 
 
 class Ensemble(Record):
@@ -176,7 +148,7 @@ class Ensemble(Record):
         errors = [np.abs(self.mean) * relative for relative in self.known.values()]
         return np.sqrt(np.sum([error**2 for error in errors], axis=0)) if errors else np.zeros(self.quantities.count)
 
-    def estimate(self, name: str, time: float | None = None) -> Estimate:
+    def estimate(self, name: str, time: float | None = None) -> Quantity:
         """The mean of a quantity over surfaces; of a curve at a hold time (s), by default the last.
 
         Raises
@@ -184,13 +156,25 @@ class Ensemble(Record):
         InputError
             There is no such quantity, or no such hold time.
         """
-        return self._estimate(
-            self.quantities.column(name, time), 1 / self.load if name.endswith("coefficient_drop") else 1
-        )
+        column = self.quantities.column(name, time)
+        if name not in DROPS:
+            return self._estimate(self.quantities.declared(name), column)
+        at = self.hold_times[column - self._curve.start]
+        return self._estimate(self.quantities.declared(name), column).but(of=f"at {at:g} s")
 
-    def _estimate(self, column: int, scale: float) -> Estimate:
+    def _estimate(self, declared: Quantity, column: int, scale: float = 1.0) -> Quantity:
+        scale = scale / self.load if declared.name == "friction_coefficient_drop" else scale
         parts = {name: ErrorPart(scale * part.size, part.how) for name, part in self._parts(column).items()}
-        return Estimate(float(self.mean[column]) * scale, float(self.half_widths[column]) * scale, parts)
+        half, stderr = float(self.half_widths[column]) * scale, math.hypot(*(part.size for part in parts.values()))
+        value = float(self.mean[column]) * scale
+        reason = ""
+        if half <= EXACT * abs(value) or not any(part.size != 0 for part in parts.values()):
+            reason = "the same in all samples"
+        elif math.isnan(half):
+            unknown = [SOURCES.get(name, name) for name, part in parts.items() if math.isnan(part.size)]
+            reason = ": ".join(["interval not known", *unknown])
+        reason = "; ".join(filter(None, (reason, declared.reason)))
+        return declared.but(value=value).between(half, stderr, errors=parts, reason=reason)
 
     def _parts(self, column: int) -> dict[str, ErrorPart]:
         """The parts of the error of a column: standard errors."""
@@ -239,11 +223,9 @@ class Ensemble(Record):
         return bool(self.levels[0].get("random", True))
 
     @property
-    def b(self) -> Estimate:
+    def b(self) -> Quantity:
         """b = β/ln 10, per e-fold of the hold time."""
-        beta = self.estimate("beta")
-        parts = {name: ErrorPart(part.size / math.log(10), part.how) for name, part in beta.errors.items()}
-        return Estimate(beta.value / math.log(10), beta.half_width / math.log(10), parts)
+        return self._estimate(B, self.quantities.column("beta"), 1 / LN10)
 
     @property
     def friction_drop(self) -> np.ndarray:
@@ -304,14 +286,10 @@ class Ensemble(Record):
     def to_xarray(self) -> xarray.Dataset:
         """The arrays with the names, dimensions and units of the file, and the mean curves of friction with half the
         widths of their 95 % intervals and the parts of their errors (standard errors). Needs xarray."""
-        units = {"friction_drop": "nN"}
         derived = {
-            name: (
-                ("hold_time",),
-                values,
-                {"units": units.get(name.partition(".")[0].removesuffix("_half_width"), "1")},
-            )
-            for name, values in self.curves().items()
+            name: ((HOLD_TIME.name,), values, {"units": curve.unit})
+            for curve in self.curves()
+            for name, values in curve.numbers().items()
         }
         return dataset(self, derived)
 
@@ -334,18 +312,39 @@ class Ensemble(Record):
                     [estimate.errors.get(part, none).size for estimate in estimates.values()]
                 )
             return frame(columns, "measure", attributes)
-        return frame({"hold_time": self.hold_times, **self.curves()}, "hold_time", attributes)
+        columns = {name: values for curve in self.curves() for name, values in curve.numbers().items()}
+        return frame({HOLD_TIME.name: self.hold_times, **columns}, HOLD_TIME.name, attributes)
 
-    def curves(self) -> dict[str, np.ndarray]:
-        """Columns of the curves of friction in :meth:`to_pandas`: name -> (m,)."""
-        columns: dict[str, np.ndarray] = {}
-        for name in (curve for curve in CURVES if curve in self.quantities.names):
+    def curves(self) -> list[Curve]:
+        """ΔF and Δμ against hold time."""
+        what = f"mean of {self.over}, 95 %{' band' if self.random else ''}"
+        curves = []
+        for name in (name for name in DROPS if name in self.quantities.names):
             estimates = [self.estimate(name, float(time)) for time in self.hold_times]
-            columns[name] = np.array([estimate.value for estimate in estimates])
-            columns[f"{name}_half_width"] = np.array([estimate.half_width for estimate in estimates])
-            for part in estimates[0].errors:
-                columns[f"{name}.{part}"] = np.array([estimate.errors[part].size for estimate in estimates])
-        return columns
+            value, stderr, half = (
+                np.array([getattr(one, part) for one in estimates]) for part in ("value", "stderr", "half_width")
+            )
+            errors = {cause: np.array([one.errors[cause].size for one in estimates]) for cause in estimates[0].errors}
+            of = {"x": self.hold_times, "mean": value, "stderr": stderr, "half_width": half, "errors": errors}
+            scale = 1.0 if name == "friction_drop" else 1 / self.load
+            samples = [scale * curves for curves in self.friction_drop_terms]
+            spread = {"samples": samples, "known": scale * self.friction_drop_known}
+            curves.append(DROPS[name].but(**of, **spread, over=what, band=self.random, alone=False))
+        return curves
+
+    @property
+    def over(self) -> str:
+        """What the mean is over, in few words."""
+        if self.controlled:
+            return f"{self.surfaces} surfaces and {self.levels[-1]['samples']} sketches"
+        return f"{self.surfaces} surfaces" if self.random else f"{self.surfaces} replicas on one surface"
+
+    def numbers(self) -> list[Quantity]:
+        """The measures of the contact, β and b."""
+        found = [self.estimate(name) for name in self.measures]
+        if self.quantities.has_beta:
+            found += [self.estimate("beta"), self.b]
+        return [one for one in found if one.known]
 
     def _repr_html_(self) -> str:
         return notebook_html(self)
@@ -353,26 +352,31 @@ class Ensemble(Record):
     def summary(self) -> dict[str, Any]:
         """One JSON-able object with the estimates, their intervals and the parts of their errors; β, the curves and the
         measures of the contact also by the names, and in the places, that they have in :meth:`Run.summary`."""
-        names = [name for name in self.quantities.names if not name.endswith("_drop")]
-        estimates: dict[str, Any] = {name: _plain(self.estimate(name)) for name in names}
-        for name in self.quantities.names:
-            if name.endswith("_drop"):
-                scale = 1 / self.load if name.endswith("coefficient_drop") else 1.0
-                estimates[name] = [
-                    {"hold_time": float(time), **_plain(self._estimate(self._curve.start + k, scale))}
-                    for k, time in enumerate(self.hold_times)
-                ]
-        if self.quantities.has_beta:
-            estimates["b"] = _plain(self.b)
+        curves, numbers = by_name(self.curves()), by_name(self.numbers())
+        estimates: dict[str, Any] = {name: _plain(one) for name, one in numbers.items()}
+        for name in curves:
+            estimates[name] = [
+                {"hold_time": float(time), **_plain(self.estimate(name, float(time)))} for time in self.hold_times
+            ]
+        none = np.full(self.hold_times.size, math.nan)
+        without = [
+            one.but(mean=none, stderr=none, half_width=none) for name, one in DROPS.items() if name not in curves
+        ]
+        without += [one for one in (BETA, B) if one.name not in numbers]
+        every = [*numbers.values(), *(one.but(errors={}) for one in curves.values()), *without]
+        fitted = self.quantities.has_beta
+        why = why_not_fitted(self.hold_times, self.window) if self.hold_times.size and not fitted else ""
         approximate = approximations_in_words(self.approximate)
         return {
             "name": self.name,
             "surfaces": self.surfaces if self.random else 1,
             "replicas": int(self.levels[0].get("replicas", 1)),
             "load": self.load,
-            **{name: self.estimate(name).value for name in self.measures},
             "hold_times": self.hold_times.tolist(),
-            **self._as_of_a_run(),
+            **{name: value for one in every for name, value in one.numbers().items()},
+            "fit_range": list(self.quantities.span) if fitted else None,
+            "beta_reason": why or None,
+            "beta_scatter_between_surfaces": self.scatter,
             "observables": self._recorded(),
             "levels": [dict(level) for level in self.levels],
             "goals": self.goals,
@@ -394,24 +398,6 @@ class Ensemble(Record):
             found[name.removeprefix(RECORDED)] = {"dims": [], "unit": "", "description": "", "shape": [], **mean}
         return found
 
-    def _as_of_a_run(self) -> dict[str, Any]:
-        """The curves, β and b by the names that they have for a run."""
-        parts, fitted = ("", "stderr", "half_width"), self.quantities.has_beta
-        numbers: dict[str, Any] = {}
-        for name in CURVES:
-            there = name in self.quantities.names
-            estimates = [self.estimate(name, float(time)) for time in self.hold_times] if there else []
-            for part in parts:
-                column = [getattr(point, part or "value") for point in estimates]
-                numbers[f"{name}_{part}".rstrip("_")] = column if there else [math.nan] * self.hold_times.size
-        for name in ("beta", "b"):
-            estimate = (self.estimate("beta") if name == "beta" else self.b) if fitted else None
-            for part in parts:
-                numbers[f"{name}_{part}".rstrip("_")] = None if estimate is None else getattr(estimate, part or "value")
-        why = why_not_fitted(self.hold_times, self.window) if self.hold_times.size and not fitted else ""
-        numbers["fit_range"] = list(self.quantities.span) if fitted else None
-        return numbers | {"beta_reason": why or None, "beta_scatter_between_surfaces": self.scatter}
-
     def __repr__(self) -> str:
         if not self.quantities.has_beta:
             return f"<Ensemble of {self.surfaces} samples>"
@@ -421,7 +407,7 @@ class Ensemble(Record):
     __str__ = __repr__
 
 
-def _plain(estimate: Estimate) -> dict[str, Any]:
+def _plain(estimate: Quantity) -> dict[str, Any]:
     return {
         "value": estimate.value,
         "half_width": estimate.half_width,

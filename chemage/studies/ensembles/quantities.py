@@ -18,19 +18,19 @@ from typing import Any
 import numpy as np
 
 from chemage.ageing.aging import Aging
-from chemage.ageing.fitting import few_hold_times, line_slopes
+from chemage.ageing.fitting import BETA, DROPS, few_hold_times, line_slopes
+from chemage.contacts.solution import FLOW_MEASURES, MEASURES
 from chemage.foundation.checks import within
 from chemage.foundation.codec import from_json
 from chemage.foundation.errors import InputError, nearest
-from chemage.foundation.outputs import HOLD_TIME
+from chemage.foundation.outputs import HOLD_TIME, RECORDED
+from chemage.foundation.quantities import ONE, Quantity
 from chemage.foundation.records import merged_approximations
 from chemage.foundation.statistics import student_limit
 from chemage.plugins.sources import components_in
 from chemage.scene.scene import Scene
 from chemage.studies.tasks import Outcome
 
-#: quantities that are a curve over hold times
-CURVES = ("friction_drop", "friction_coefficient_drop")
 #: measures of a contact that are the same on every surface, and so no quantities of an ensemble
 _GIVEN = {"load", "modulus", "nominal_area", "nominal_pressure"}
 
@@ -75,10 +75,6 @@ class Sample:
         if not np.isfinite(drop).all():
             raise InputError("friction_drop: has numbers that are not finite; see `chemage run` of one surface")
         return cls(drop, numbers, plugins, approximate)
-
-
-#: of the name of a quantity that observables measure, or other components record
-RECORDED = "observable."
 
 
 def recorded_measures(scene: Scene) -> dict[str, str]:
@@ -138,8 +134,19 @@ class Quantities:
     @property
     def names(self) -> list[str]:
         """What can be asked for."""
-        curves = list(CURVES if self.load > 0 else CURVES[:1]) if self.hold_times.size else []
+        curves = list(DROPS)[: 1 + (self.load > 0)] if self.hold_times.size else []
         return [*(["beta"] if self.has_beta else []), *curves, *self.measures]
+
+    def declared(self, name: str) -> Quantity:
+        """What a quantity is."""
+        if name == BETA.name:
+            of = f"over {int(self.fitted.sum())} hold times from {self.span[0]:g} to {self.span[1]:g} s"
+            return BETA.but(of=of, reason=self.doubt)
+        if name in DROPS:
+            return DROPS[name].number()
+        return (MEASURES | FLOW_MEASURES).get(name) or Quantity(
+            name, ONE, name.removeprefix(RECORDED).replace("_", " ")
+        )
 
     @property
     def count(self) -> int:
@@ -178,7 +185,7 @@ class Quantities:
                 f"accuracy.{name}: no such quantity{nearest(name, self.names)}; this scene has {', '.join(self.names)}"
             )
         first = int(self.has_beta)
-        if name in CURVES:
+        if name in DROPS:
             return first + self._moment(name, time)
         if time is not None:
             raise InputError(f"accuracy.{name}: does not depend on the hold time; leave out the part after @")

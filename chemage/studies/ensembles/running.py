@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from chemage.ageing.age import BARRIERS
+from chemage.ageing.aging import BARRIERS
 from chemage.foundation.errors import InputError, PlanWarning
 from chemage.foundation.progress import Report
 from chemage.foundation.records import merged_approximations

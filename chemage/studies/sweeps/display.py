@@ -15,11 +15,13 @@ from chemage.foundation.errors import InputError
 from chemage.foundation.figures import BLUE, PALETTE, from_zero, plain, shared_legend
 from chemage.foundation.looks import current
 from chemage.foundation.names import __version__
+from chemage.foundation.quantities import headed
 from chemage.foundation.result import Medium, Panel, Picture, Result, Rows, Table, displays, result_of
 from chemage.foundation.text import jsonable
 from chemage.studies.sweeps.grid import Grid
 from chemage.studies.sweeps.result import Point, SweepResult, in_words
-from chemage.studies.sweeps.views import HOLD_TIME, Quantity, SweepData, View, swept_rows
+from chemage.studies.sweeps.table import DECLARED
+from chemage.studies.sweeps.views import HOLD_TIME, SweepData, View, ViewedQuantity, swept_rows
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,15 +33,6 @@ MOST_ROWS = 60
 MOST_LINES = 8
 #: an axis whose values span more decades is logarithmic
 LOG_DECADES = 1.5
-#: result -> its label, without the unit
-_LABELS = {
-    "beta": "β per decade",
-    "friction_drop": "friction drop ΔF",
-    "friction_coefficient_drop": "friction coefficient drop Δμ",
-    "cutoff_time": "cut-off time",
-    "area_fraction": "contact area A/A$_0$",
-    HOLD_TIME: "hold time",
-}
 _GREY = "#DDDDDD"
 
 
@@ -72,7 +65,7 @@ class SweepDisplay(Result):
         folder, here = Path(self.sweep.folder), Path.cwd()
         return f"{self.name} in {folder.relative_to(here) if folder.is_relative_to(here) else folder}"
 
-    def rows(self) -> Rows:
+    def facts(self) -> Rows:
         state = self.state
         spoilt = f" ({state['contacts_damaged']} damaged)" if state["contacts_damaged"] else ""
         words = [f"{state['done']} of {state['points']} points done", f"{state['contacts']} contacts{spoilt}"]
@@ -204,7 +197,7 @@ def _picture(data: SweepData, view: View, names: Sequence[str], heat: bool) -> t
     return name, Picture(drawn, (4.9 * len(drawn) + beside, 4.1), finish=finish)
 
 
-def _title(data: SweepData, view: View, found: Sequence[Quantity], *, bands: bool) -> str:
+def _title(data: SweepData, view: View, found: Sequence[ViewedQuantity], *, bands: bool) -> str:
     """What the figure shows beside its axes: fixed values, the meaning of the band, points that are missing."""
     parts = [data.text(dim, place) for dim, place in view.fixed.items()]
     with_errors = bands and any(np.isfinite(quantity.low).any() for quantity in found)
@@ -223,24 +216,21 @@ def _title(data: SweepData, view: View, found: Sequence[Quantity], *, bands: boo
     return f"{data.name}: {'; '.join(parts)}" if parts else data.name
 
 
+def _words(name: str, otherwise: str) -> str:
+    return DECLARED[name].title if name in DECLARED else plain(otherwise)
+
+
 def _axis_label(data: SweepData, name: str) -> str:
-    return _with_unit(_LABELS.get(name) or plain(name.replace("_", " ")), data.unit(name))
+    return headed(_words(name, name.replace("_", " ")), data.unit(name))
 
 
-def _label(data: SweepData, quantity: Quantity) -> str:
-    meaning = quantity.meaning if quantity.name.startswith("observable.") else quantity.name.replace("_", " ")
-    label = _LABELS.get(quantity.name) or plain(meaning)
+def _label(data: SweepData, quantity: ViewedQuantity) -> str:
+    label = _words(quantity.name, quantity.meaning)
     times = data.table.hold_times
     if quantity.at_last:
         last = times[np.isfinite(times)].max() if times.ndim == 1 and times.size else None
         label += " at the last hold time" if last is None else f" at {last:g} s"
-    return _with_unit(label, quantity.unit)
-
-
-def _with_unit(label: str, unit: str) -> str:
-    for written, symbol in (("nm2", "nm²"), ("**", "^"), ("angstrom^3", "Å³"), ("nm^2", "nm²")):
-        unit = unit.replace(written, symbol)
-    return f"{label} ({plain(unit)})" if unit else label
+    return headed(label, quantity.unit)
 
 
 def is_logarithmic(values: np.ndarray) -> bool:
@@ -249,7 +239,7 @@ def is_logarithmic(values: np.ndarray) -> bool:
     return bool(finite.size > 1 and finite.min() > 0 and np.log10(finite.max()) - np.log10(finite.min()) > LOG_DECADES)
 
 
-def _draw_lines(axes: Axes, medium: Medium, data: SweepData, view: View, quantity: Quantity) -> None:
+def _draw_lines(axes: Axes, medium: Medium, data: SweepData, view: View, quantity: ViewedQuantity) -> None:
     places = data.values(view.x)
     is_number = view.x == HOLD_TIME or data.is_number(view.x)
     x = np.asarray(places, dtype=np.float64) if is_number else np.arange(len(places), dtype=np.float64)
@@ -278,7 +268,7 @@ def _draw_lines(axes: Axes, medium: Medium, data: SweepData, view: View, quantit
     axes.grid(alpha=0.25, lw=0.6)
 
 
-def _reaches_zero(quantity: Quantity) -> bool:
+def _reaches_zero(quantity: ViewedQuantity) -> bool:
     """Whether a band, which a logarithmic axis would cut, reaches zero."""
     return bool((quantity.low[np.isfinite(quantity.low)] <= 0).any())
 
@@ -295,7 +285,7 @@ def _colours(data: SweepData, view: View, number: int) -> list[Any]:
     return [colormaps["viridis"](0.92 * rank / (number - 1)) for rank in ranks]
 
 
-def _draw_heat(axes: Axes, medium: Medium, data: SweepData, view: View, quantity: Quantity) -> None:
+def _draw_heat(axes: Axes, medium: Medium, data: SweepData, view: View, quantity: ViewedQuantity) -> None:
     from matplotlib.colors import LogNorm
 
     assert view.lines is not None

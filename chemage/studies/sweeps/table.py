@@ -13,28 +13,31 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from chemage.ageing.aging import CURVES, ELASTIC_MEASURES, FIT
-from chemage.ageing.fitting import LN10
+from chemage.ageing.aging import ELASTIC_MEASURES
+from chemage.ageing.fitting import DROPS, FIT, LN10
 from chemage.contacts.solution import FLOW_MEASURES, MEASURES
 from chemage.foundation.container import seal
 from chemage.foundation.errors import optional_module
 from chemage.foundation.files import write_file
+from chemage.foundation.quantities import HOLD_TIME, Declared, Quantity, headed
 from chemage.studies.sweeps.grid import Axis, shown
 
 if TYPE_CHECKING:
     import pandas
     import xarray
 
+_COUNTS = (
+    Quantity("sites", "1", "sites", "", "reactive sites, mean over replicas"),
+    Quantity("replicas", "1", "replicas"),
+    Quantity("events", "1", "events", "", "bonds formed and broken, all replicas"),
+)
+_EVERY = (*MEASURES.values(), *FLOW_MEASURES.values(), *_COUNTS, *FIT, *ELASTIC_MEASURES.values())
 #: scalar results of a point: name in the summary -> (unit, meaning)
-SCALARS: dict[str, tuple[str, str]] = {
-    **MEASURES,
-    **FLOW_MEASURES,
-    "sites": ("1", "reactive sites, mean over replicas"),
-    "replicas": ("1", "replicas"),
-    "events": ("1", "bonds formed and broken, all replicas"),
-    **FIT,
-    **ELASTIC_MEASURES,
-}
+SCALARS = {name: (unit, meaning) for one in _EVERY for name, unit, meaning in one.columns()}
+#: curves of a point: name in the summary -> (unit, meaning)
+CURVES = {name: (unit, meaning) for one in DROPS.values() for name, unit, meaning in one.columns()}
+#: what is written on axes and in headings: name -> quantity or curve
+DECLARED: dict[str, Declared] = {one.name: one for one in (HOLD_TIME, *MEASURES.values(), *DROPS.values(), *_EVERY)}
 #: those of SCALARS that only repeat a field of the scene; where that is swept, it has their place in the dataset
 GIVEN = {"load", "nominal_pressure", "modulus", "replicas", "hardness", "shear_strength", "work_of_adhesion"}
 #: dimensions, values, attributes
@@ -226,13 +229,13 @@ class Table:
         names = [
             f"{path} ({unit})" if unit else path for path, unit in ((p, self.units.get(p, "")) for p in self.swept)
         ]
-        scalars = [f"{name}{_in(SCALARS[name][0])}" for name in self.scalars]
+        scalars = [headed(name, SCALARS[name][0]) for name in self.scalars]
         last = {"hold_time": _last(self.hold_times, self.hold_times)}
         last |= {name: _last(values, value_of(name, self.curves)) for name, values in self.curves.items()}
-        lasts = ["last hold_time (s)"] + [f"last {name}{_in(unit)}" for name, (unit, _) in CURVES.items()]
+        lasts = ["last hold_time (s)"] + [headed(f"last {name}", unit) for name, (unit, _) in CURVES.items()]
         seen = {name: values for name, (_, _, values) in self.observed.items()}
         observed = {
-            f"{'last ' * (values.ndim == 2)}{name}{_in(unit)}": _last(values, value_of(name, seen))
+            headed(f"{'last ' * (values.ndim == 2)}{name}", unit): _last(values, value_of(name, seen))
             if values.ndim == 2
             else values
             for name, (unit, _, values) in self.observed.items()
@@ -458,10 +461,6 @@ def _last(values: np.ndarray, like: np.ndarray) -> np.ndarray:
         if there.size:
             last[number] = there[-1]
     return last if values.ndim == 2 else last[0]
-
-
-def _in(unit: str) -> str:
-    return "" if unit == "1" else f" ({unit})"
 
 
 def _cell(value: Any) -> Any:

@@ -9,21 +9,21 @@ from typing import Any
 
 import numpy as np
 
-from chemage.ageing.aging import CURVES
 from chemage.ageing.fitting import FIT_WINDOW, few_hold_times
 from chemage.foundation.checks import within
 from chemage.foundation.errors import InputError, UnitError, nearest
+from chemage.foundation.quantities import Rank, headed
 from chemage.foundation.statistics import crossed_half_width, student_limit
 from chemage.foundation.text import plus_minus
 from chemage.foundation.units import convert
 from chemage.studies.sweeps.grid import Axis, shown
 from chemage.studies.sweeps.result import SweepResult
-from chemage.studies.sweeps.table import Dimension, Table, is_seed, last_part, value_of
+from chemage.studies.sweeps.table import CURVES, DECLARED, Dimension, Table, is_seed, last_part, value_of
 
 #: the axis along a curve
 HOLD_TIME = "hold_time"
-#: columns of the table of results: name -> heading
-_TABLE = {"area_fraction": "A/A0", "friction_coefficient_drop": "Δμ", "beta": "β"}
+#: columns of the table of results
+_FIRST = [name for name, one in DECLARED.items() if one.rank is Rank.FIRST]
 #: what is drawn unless asked otherwise, as far as it is known
 _USUAL = ("beta", "friction_drop")
 _WITHOUT_AGEING = ("area_fraction",)
@@ -43,7 +43,7 @@ class View:
 
 
 @dataclass(frozen=True)
-class Quantity:
+class ViewedQuantity:
     """One quantity of a view."""
 
     name: str
@@ -204,7 +204,7 @@ class SweepData:
             f"--where {name}", value, f"is not swept; the values are {texts} {self.unit(label)}".rstrip()
         )
 
-    def quantity(self, name: str, view: View) -> Quantity:
+    def quantity(self, name: str, view: View) -> ViewedQuantity:
         """The numbers of ``name`` in ``view``.
 
         Raises
@@ -231,7 +231,7 @@ class SweepData:
         if not view.averaged:
             low, high = self._interval(name, view, mean)
         meaning = self.variables[name][2]["long_name"]
-        return Quantity(name, self.unit(name), meaning, mean, low, high, is_curve and not along)
+        return ViewedQuantity(name, self.unit(name), meaning, mean, low, high, is_curve and not along)
 
     def _interval(self, name: str, view: View, mean: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The ends of the interval over replicas, nan where a result has none."""
@@ -295,7 +295,7 @@ class SweepData:
         dims = [dim for dim in self.dimensions if not self.is_seed(dim)] or list(self.dimensions)
         seeds = tuple(dim for dim in self.dimensions if dim not in dims)
         names = [name for dim in dims for name in self._along(dim)]
-        columns = [name for name in _TABLE if np.isfinite(self.variables[name][1]).any()]
+        columns = [name for name in _FIRST if np.isfinite(self.variables[name][1]).any()]
         shape = [self.dimensions[dim].size for dim in dims]
         done = self._flat(np.array([status == "done" for status in self.table.status]).reshape(self.shape), dims).sum(
             axis=0
@@ -310,8 +310,12 @@ class SweepData:
             texts = [self.value_text(*part) for part in parts]
             numbers = [_with_error(mean[number], half[number]) for mean, half in results]
             lines.append((*texts, *([str(done[number])] if uneven else []), *numbers))
-        headings = [f"{name} ({unit})" if (unit := self.unit(name)) else name for name in names]
-        return (*headings, *(["seeds"] if uneven else []), *(_TABLE[name] for name in columns)), lines
+        headings = [headed(name, self.unit(name)) for name in names]
+        return (
+            *headings,
+            *(["seeds"] if uneven else []),
+            *(DECLARED[name].symbol or DECLARED[name].label for name in columns),
+        ), lines
 
     def _along(self, dim: str) -> list[str]:
         """The names of the coordinates along a dimension."""

@@ -49,7 +49,7 @@ class TradeDisplay(Result):
     def title(self) -> str:
         return f"Speed against accuracy: {self.name}"
 
-    def rows(self) -> Rows:
+    def facts(self) -> Rows:
         trade = self.trade
         where = "surfaces" if trade.random else "repetitions on the one surface"
         rows = [

@@ -173,7 +173,7 @@ def test_a_sweep_of_pressures_has_them_under_their_own_name_and_loads_as_forces_
     result = chemage.sweep({**ROUGH, "sweep": swept}, tmp_path / "out")
     data = SweepData(result)
     headings, lines = data.rows()
-    assert headings[:2] == ("nominal_pressure (MPa)", "pixel_size (angstrom)")
+    assert headings[:2] == ("nominal_pressure (MPa)", "pixel_size (Å)")
     assert [line[:2] for line in lines] == [("20", "4.5"), ("20", "5"), ("60", "4.5"), ("60", "5")]
     assert data.text("nominal_pressure", 1) == "nominal_pressure = 60 MPa"
     arrays = result.to_xarray()
