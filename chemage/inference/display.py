@@ -578,8 +578,7 @@ class ForecastDisplay(OfRecord[Forecast]):
         return [conditions, (name, f"{median}; 68 %: {likely} nN, 90 %: {sure} nN")]
 
     def columns(self) -> dict[str, Any]:
-        one = self.record
-        ends = {}
+        one, ends = self.record, {}
         for level in (0.68, WIDE):
             low, high = one.band(level)
             ends |= {f"low {100 * level:.0f} % (nN)": low, f"high {100 * level:.0f} % (nN)": high}
