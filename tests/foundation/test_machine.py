@@ -157,6 +157,8 @@ def test_what_is_compiled_beside_edited_files_is_not_kept(site, folder):
 
 
 def test_the_folder_changes_with_every_file_and_with_what_compiles(tmp_path, folder, monkeypatch):
+    for name in ("CPU_NAME", "CPU_FEATURES"):
+        monkeypatch.setattr(numba.config, name, None)
     package = tmp_path / "mine"
     (package / "deep").mkdir(parents=True)
     names = set()
