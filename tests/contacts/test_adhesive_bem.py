@@ -120,7 +120,7 @@ def test_a_hard_small_sphere_pulls_off_as_dmt(law):
     assert loop.pull_off == pytest.approx(2 * math.pi * work * radius, rel=0.02)
 
 
-@pytest.mark.long
+@pytest.mark.campaign
 def test_a_soft_large_sphere_is_jkr():
     """Tabor's parameter 5: pull-off within 2 %, radius at every load within 3 %. Dugdale's law needs finer pixels, and
     is compared with Maugis' sphere."""

@@ -350,8 +350,8 @@ KILLS = (-1, 0, 1, 6, 13)
     [
         pytest.param("serial", None, (13,), marks=pytest.mark.long),
         pytest.param("processes", 2, (0, 6), marks=pytest.mark.long),
-        pytest.param("serial", None, KILLS, marks=pytest.mark.long),
-        pytest.param("processes", 2, KILLS, marks=pytest.mark.long),
+        pytest.param("serial", None, KILLS, marks=pytest.mark.campaign),
+        pytest.param("processes", 2, KILLS, marks=pytest.mark.campaign),
     ],
 )
 def test_killed_anywhere_it_goes_on_and_computes_nothing_twice(tiny, tmp_path, executor, workers, kills):

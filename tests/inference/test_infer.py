@@ -100,7 +100,7 @@ def test_a_known_density_is_recovered_and_nothing_is_claimed_outside(name):
     assert found.chi2 < 45
 
 
-@pytest.mark.long
+@pytest.mark.campaign
 def test_the_interaction_is_part_of_the_inference_and_leaving_it_out_is_worse():
     forming = ca.barriers("tabulated", energies=[0.8, 1.0, 1.2], weights=[0, 1, 0])
     made = scene(0.5)
@@ -120,7 +120,7 @@ def test_the_interaction_is_part_of_the_inference_and_leaving_it_out_is_worse():
     assert found.diagnostics["changes"][-1] < 0.1
 
 
-@pytest.mark.long
+@pytest.mark.campaign
 def test_a_left_out_load_is_predicted_and_a_plan_is_ranked():
     forming = ca.barriers("gaussian", mean=0.95, std=0.1)
     found = ca.infer(curve(forming), scene(), families=(), samples=400, seed=5)

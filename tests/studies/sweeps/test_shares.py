@@ -389,7 +389,7 @@ def finish(processes, statuses=(0,)):
         assert "Traceback" not in err
 
 
-@pytest.mark.long
+@pytest.mark.campaign
 def test_sixteen_processes_at_the_same_time(command, file, tiny):
     finish([start("study.toml", "--out", "out", "--points", f"{share}/16") for share in range(1, 17)])
     assert len(tiny.computed("kinetics")) == 32, "each point is computed once"
