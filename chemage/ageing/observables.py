@@ -13,7 +13,7 @@ from chemage.ageing.aging import Aging
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.components import Component
 from chemage.foundation.errors import PluginError
-from chemage.foundation.outputs import Checker, Declared, Output, declaration_problems, recording
+from chemage.foundation.outputs import Checker, Output, RecordedValue, declaration_problems, recording
 from chemage.kinetics.history import BondHistory
 from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.lattice import ReactionLattice
@@ -159,10 +159,10 @@ def measure(
     for answer in answers:
         checker = Checker("the hook chemage_observe of a plugin", times)
         checker.names(answer, {})
-        outputs = {name: value.output for name, value in answer.items() if isinstance(value, Declared)}
+        outputs = {name: value.output for name, value in answer.items() if isinstance(value, RecordedValue)}
         if problems := declaration_problems(outputs):
             raise PluginError(f"the hook chemage_observe of a plugin: {problems[0]}")
-        plain = {name: value.values if isinstance(value, Declared) else value for name, value in answer.items()}
+        plain = {name: value.values if isinstance(value, RecordedValue) else value for name, value in answer.items()}
         _take(seen, checker, ((name, value, outputs.get(name)) for name, value in plain.items()))
     dims = {dim for output in seen.outputs.values() for dim in output.dims}
     if both := dims & seen.values.keys():

@@ -26,7 +26,7 @@ def chemage_solve_contact(
     """
 
 
-class Default:
+class OwnContactMethod:
     """The solver's own method."""
 
     @hookimpl(trylast=True)

@@ -52,9 +52,9 @@ class Output:
         dims = tuple(HOLD_TIME if dim == _HOLD_TIMES else dim for dim in names)
         object.__setattr__(self, "dims", dims)
 
-    def of(self, values: Any) -> Declared:
+    def of(self, values: Any) -> RecordedValue:
         """``values`` with this declaration, for :func:`record` and the hook ``chemage_observe``."""
-        return Declared(self, values)
+        return RecordedValue(self, values)
 
     def todict(self) -> dict[str, Any]:
         """Plain JSON values."""
@@ -62,7 +62,7 @@ class Output:
 
 
 @dataclass(frozen=True)
-class Declared:
+class RecordedValue:
     """A recorded number or array, and what it is."""
 
     output: Output
@@ -73,7 +73,7 @@ class Recorded(NamedTuple):
     """What was recorded, and by whom, in words."""
 
     who: str
-    declared: Declared
+    declared: RecordedValue
 
 
 #: name -> what was recorded in this block
@@ -92,7 +92,7 @@ def recording() -> Iterator[Block]:
         _block.reset(token)
 
 
-def record(**values: Declared) -> None:
+def record(**values: RecordedValue) -> None:
     """Record numbers, curves or maps beside what a hook answers: ``name=Output(dims, unit, description).of(values)``.
 
     They are kept with the result of the stage; outside a stage they are dropped. Of a name that is recorded again, the
@@ -105,7 +105,7 @@ def record_by(who: str, values: Mapping[str, Any]) -> None:
     """As :func:`record`, by ``who``, which must be a single one for each name."""
     block = _block.get()
     for name, declared in values.items():
-        if not isinstance(declared, Declared):
+        if not isinstance(declared, RecordedValue):
             raise PluginError(f"{who}: {name!r} is recorded without its unit; give Output(dims, unit, ...).of(values)")
         if block is not None:
             if (other := block.get(name, (who,))[0]) != who:

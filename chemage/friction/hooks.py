@@ -50,7 +50,7 @@ def chemage_pull_bonds(
     """
 
 
-class Default:
+class OwnRuptureMethod:
     """The law's own method; without a law, the mean force per bond and the front factor of the chemistry; the engine's
     own method."""
 

@@ -39,7 +39,7 @@ def chemage_run_kinetics(
     """
 
 
-class Default:
+class OwnEngineMethod:
     """The engine's own method."""
 
     @hookimpl(trylast=True)

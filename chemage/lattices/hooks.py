@@ -29,7 +29,7 @@ def chemage_build_lattice(
     """
 
 
-class Default:
+class OwnChemistryMethod:
     """The chemistry's own method."""
 
     @hookimpl(trylast=True)

@@ -77,7 +77,7 @@ class Brought(NamedTuple):
     caption: str
 
 
-class _Plan(NamedTuple):
+class _PlannedFigure(NamedTuple):
     """A figure to be drawn."""
 
     name: str
@@ -124,7 +124,7 @@ def plugin_figures(sources: Sequence[Source], size: tuple[float, float] = (5.4, 
     return drawn
 
 
-def _drawn(plan: _Plan, size: tuple[float, float]) -> Figure | None:
+def _drawn(plan: _PlannedFigure, size: tuple[float, float]) -> Figure | None:
     try:
         with drawn_as():
             figure, (axes,) = plots(*size)
@@ -157,7 +157,7 @@ def _warn(text: str) -> None:
 # -- of components ----------------------------------------------------------------------------------------------------
 
 
-def _of_components(sources: Sequence[Source]) -> Iterator[_Plan]:
+def _of_components(sources: Sequence[Source]) -> Iterator[_PlannedFigure]:
     """The figures of each kind, with all the results in which a component of this kind took part."""
     groups: dict[tuple[str, str], list[tuple[int, str, Component]]] = {}
     for number, source in enumerate(sources):
@@ -174,7 +174,7 @@ def _of_components(sources: Sequence[Source]) -> Iterator[_Plan]:
             _warn(f"the figures of {bringer} were left out: figures = {figures!r} does not map names to captions")
             continue
         for name, caption in figures.items():
-            yield _Plan(str(name), str(caption), bringer, kind, _drawing(component, name, results))
+            yield _PlannedFigure(str(name), str(caption), bringer, kind, _drawing(component, name, results))
 
 
 def _drawing(component: Component, name: str, results: Sequence[PlottedResult]) -> Callable[[Axes], None]:
@@ -208,7 +208,7 @@ def _by(record: PluginRecord | None) -> str:
 # -- of hooks ---------------------------------------------------------------------------------------------------------
 
 
-def _of_hooks(sources: Sequence[Source]) -> Iterator[_Plan]:
+def _of_hooks(sources: Sequence[Source]) -> Iterator[_PlannedFigure]:
     """The figures of ``chemage_figures``: of the results in which the plugin took part.
 
     A plugin that answers no stage and offers no component can take part in none; it is given all results.
@@ -235,7 +235,7 @@ def _of_hooks(sources: Sequence[Source]) -> Iterator[_Plan]:
             )
             continue
         for name, caption, draw in offered:
-            yield _Plan(str(name), str(caption), bringer, record.name, _calling(draw, own))
+            yield _PlannedFigure(str(name), str(caption), bringer, record.name, _calling(draw, own))
 
 
 def _calling(draw: Any, results: Sequence[PlottedResult]) -> Callable[[Axes], None]:

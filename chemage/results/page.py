@@ -40,7 +40,7 @@ _BARS = " Bands are intervals of means over surfaces, bars of means over replica
 
 
 @dataclass
-class Part:
+class PagePart:
     """The content below one heading of a section."""
 
     heading: str = ""
@@ -56,12 +56,12 @@ class Part:
 
 
 @dataclass
-class Section:
+class PageSection:
     """A section of the page; ``key`` is its anchor."""
 
     key: str
     name: str
-    parts: list[Part]
+    parts: list[PagePart]
     paragraphs: Sequence[str] = ()
 
 
@@ -118,11 +118,11 @@ def html(files: Sequence[str | Path], *, measured: Sequence[str | Path] = ()) ->
         result = entry.whole()  # one file at a time: the maps of a large run take 100 MB
         title = entry.title if not entry.title or entry.title.startswith(entry.name) else f"{entry.name}: {entry.title}"
         name = (title or entry.name) if several else "Result"
-        sections.append(Section(f"r{number}", name, list(_parts(entry, result, f"r{number}"))))
+        sections.append(PageSection(f"r{number}", name, list(_parts(entry, result, f"r{number}"))))
         cite |= dict.fromkeys(result.cite()[0])
         please = please or result.please_cite
     if cite:
-        sections.append(Section("cite", "References", [Part(items=list(cite))], [please]))
+        sections.append(PageSection("cite", "References", [PagePart(items=list(cite))], [please]))
     style = resources.files("chemage.results").joinpath("report.css").read_text(encoding="utf-8")
     only = comparison.results[0]
     return _template().render(
@@ -158,7 +158,7 @@ def _errors(comparison: Comparison) -> str:
 # -- sections ---------------------------------------------------------------------------------------------------------
 
 
-def _comparison(comparison: Comparison, name: str) -> Section:
+def _comparison(comparison: Comparison, name: str) -> PageSection:
     names, several = [entry.name for entry in comparison.results], len(comparison.results) > 1
     tables: list[Table] = []
     if several:
@@ -181,10 +181,10 @@ def _comparison(comparison: Comparison, name: str) -> Section:
     if left_out := comparison.not_fitted():
         tables.append(Table("Fits that cannot be made", ["data", "model", "reason"], left_out))
     drawn = [*_curves(comparison, "c"), *_brought(comparison, "c")]
-    leading, others = Part(figures=drawn[:1]), drawn[1:]
+    leading, others = PagePart(figures=drawn[:1]), drawn[1:]
     leading.tables = [_main_table(comparison)] if several else []
-    parts = [leading, Part(tables=tables), *([Part("Figures", figures=others)] if others else [])]
-    return Section(name.lower(), name, parts, [comparison.statement()] if several else [])
+    parts = [leading, PagePart(tables=tables), *([PagePart("Figures", figures=others)] if others else [])]
+    return PageSection(name.lower(), name, parts, [comparison.statement()] if several else [])
 
 
 def _residuals(each: Verdict) -> Table:
@@ -213,7 +213,7 @@ def _main_table(comparison: Comparison) -> Table:
     return Table("Main numbers", ["", *titles.values()], rows)
 
 
-def _parts(entry: Entry, result: Result, key: str) -> Iterator[Part]:
+def _parts(entry: Entry, result: Result, key: str) -> Iterator[PagePart]:
     """The parts of the section of a result: the main numbers, figures and tables below their headings, scene,
     provenance."""
     alone = Comparison([entry])
@@ -226,21 +226,21 @@ def _parts(entry: Entry, result: Result, key: str) -> Iterator[Part]:
     headed += [("Figures", picture) for picture in _brought(alone, key)]
     approximate = [f"approximate: {result.approximation}"] if result.approximation else []
     first = [picture for _, picture in headed[:1]]
-    yield Part(numbers=result.summary(), figures=first, notes=[*approximate, *result.notes()])
-    below = {heading: Part(heading) for heading, _ in headed[1:]}
+    yield PagePart(numbers=result.summary(), figures=first, notes=[*approximate, *result.notes()])
+    below = {heading: PagePart(heading) for heading, _ in headed[1:]}
     for heading, picture in headed[1:]:
         below[heading].figures.append(picture)
-    below["Key numbers"] = Part("Key numbers", tables=[Table("", ["quantity", "value"], result.rows())])
+    below["Key numbers"] = PagePart("Key numbers", tables=[Table("", ["quantity", "value"], result.rows())])
     for table in result.tables():
-        part = below.setdefault(table.heading, Part(table.heading))
+        part = below.setdefault(table.heading, PagePart(table.heading))
         part.tables.append(table)
         part.paragraphs = [*part.paragraphs, *table.remarks]
     yield from below.values()
     about, scene = result.stated()
     if scene:
-        yield Part("Scene", paragraphs=[_with_code(about)], code=scene_toml(scene))
+        yield PagePart("Scene", paragraphs=[_with_code(about)], code=scene_toml(scene))
     provenance = [("file", entry.source), *result.provenance()]
-    yield Part("Provenance", tables=[Table("", ["item", "value"], provenance)])
+    yield PagePart("Provenance", tables=[Table("", ["item", "value"], provenance)])
 
 
 def scene_toml(scene: Mapping[str, Any]) -> str:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from chemage.ageing.fitting import Fit
 
 
-class Published(NamedTuple):
+class PublishedRate(NamedTuple):
     """A published ageing rate."""
 
     #: per decade
@@ -38,7 +38,7 @@ class Published(NamedTuple):
     source: str
 
 
-def published(scene: Mapping[str, Any]) -> list[Published]:
+def published(scene: Mapping[str, Any]) -> list[PublishedRate]:
     """List what plugins say was published for a result of ``scene`` (plain data, in internal units)."""
     plugins = registry.current()
     values = []
@@ -46,7 +46,7 @@ def published(scene: Mapping[str, Any]) -> list[Published]:
         try:
             for where, beta, source in function() or ():
                 if where and all(_same(_value(scene, path), value) for path, value in where.items()):
-                    values.append(Published(float(beta), str(source)))
+                    values.append(PublishedRate(float(beta), str(source)))
         except (Exception, SystemExit) as error:
             if plugins.strict:
                 raise

@@ -21,7 +21,7 @@ def chemage_make_surface(maker: SurfaceMaker, seed: Seed) -> Surface | None:
     """Make a surface. Return None to leave it to the next plugin; chemage itself answers last."""
 
 
-class Default:
+class OwnSurfaceMethod:
     """The maker's own method."""
 
     @hookimpl(trylast=True)

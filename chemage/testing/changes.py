@@ -14,7 +14,7 @@ from chemage.foundation.outputs import HOLD_TIME
 from chemage.friction.role import Bonded, Rupture
 from chemage.testing.answers import Questions, asks
 from chemage.testing.checks import check_of, dimensions, require, rescaled, whole
-from chemage.testing.replicas import TIMES, Replica, bonded_of, finished, force_of, numbers, with_states
+from chemage.testing.replicas import TIMES, FinishedReplica, bonded_of, finished, force_of, numbers, with_states
 
 check_observable, check_rupture = whole(Observable), whole(Rupture)
 
@@ -23,8 +23,13 @@ SAME = {"rtol": 1e-9, "atol": 1e-12}
 
 
 def changed(
-    replica: Replica, *, temperature: float = 300.0, pixel: float = 0.5, pressure: float = 1.0, energy: float = 1.0
-) -> Replica:
+    replica: FinishedReplica,
+    *,
+    temperature: float = 300.0,
+    pixel: float = 0.5,
+    pressure: float = 1.0,
+    energy: float = 1.0,
+) -> FinishedReplica:
     """The replica at another temperature (K), with pixels of another size (nm), and with pressures and barriers times
     a factor."""
     contact, lattice, history = replica
@@ -38,10 +43,10 @@ def changed(
     }
     lattice = lattice.model_copy(update={"pixel_size": pixel, **barriers})
     update = {"temperature": temperature, "lattice_hash": lattice.digest()}
-    return Replica(contact, lattice, history.model_copy(update=update))
+    return FinishedReplica(contact, lattice, history.model_copy(update=update))
 
 
-def shifted(replica: Replica, step: tuple[int, int]) -> Replica:
+def shifted(replica: FinishedReplica, step: tuple[int, int]) -> FinishedReplica:
     """The same replica on a periodic surface that begins elsewhere, so that its sites are in another order."""
     contact, lattice, history = replica
     nx, ny = contact.shape
@@ -57,12 +62,12 @@ def shifted(replica: Replica, step: tuple[int, int]) -> Replica:
     lattice = lattice.model_copy(update={"sites": moved[order], **fields})
     states = None if history.states is None else history.states[:, order]
     update = {"state": history.state[order], "states": states, "lattice_hash": lattice.digest()}
-    return Replica(
+    return FinishedReplica(
         ContactSolution.fromdict({**contact.todict(), "pressure": pressure}), lattice, history.model_copy(update=update)
     )
 
 
-def _as_bonded(component: Rupture, replica: Replica, chemistry: Any) -> Bonded:
+def _as_bonded(component: Rupture, replica: FinishedReplica, chemistry: Any) -> Bonded:
     """As the law receives it, with the barriers that the replica has."""
     return Bonded(replica.contact, chemistry, replica.lattice, replica.history)
 
@@ -70,8 +75,8 @@ def _as_bonded(component: Rupture, replica: Replica, chemistry: Any) -> Bonded:
 # -- questions --------------------------------------------------------------------------------------------------------
 
 
-def _replicas() -> Iterator[tuple[str, Replica]]:
-    changes: dict[str, Callable[[Replica], Replica]] = {
+def _replicas() -> Iterator[tuple[str, FinishedReplica]]:
+    changes: dict[str, Callable[[FinishedReplica], FinishedReplica]] = {
         "at another temperature": lambda replica: changed(replica, temperature=317.0),
         "in pixels of another size": lambda replica: changed(replica, pixel=0.7),
         "under another pressure": lambda replica: changed(replica, pressure=1.3),
@@ -111,7 +116,7 @@ def _order_of_the_sites_does_not_matter(component: Observable | Rupture) -> None
     replica = with_states(finished(40, 17, grid=(9, 7), times=TIMES))
     whole = bonded_of(component, replica) if isinstance(component, Rupture) else None
     if whole is not None:
-        replica = Replica(whole.contact, whole.lattice, replica.history)
+        replica = FinishedReplica(whole.contact, whole.lattice, replica.history)
     for step in ((3, 2), (5, 6)):
         cases = [replica, shifted(replica, step)]
         if whole is not None:

@@ -32,7 +32,7 @@ from chemage.scene.provenance import bibtex_problem
 from chemage.surfaces.role import SurfaceMaker
 from chemage.surfaces.surface import Surface
 from chemage.testing.checks import CheckFailed, check_of, options_of, other_values, refuses, require, require_plain
-from chemage.testing.replicas import Even, Replica, bonded_of, finished, numbers, with_states
+from chemage.testing.replicas import Even, FinishedReplica, bonded_of, finished, numbers, with_states
 
 
 @check_of(Component)
@@ -322,7 +322,7 @@ def _drawn(component: Any, figure: str, results: Sequence[Any], what: str = "", 
     return bytes(canvas.buffer_rgba())
 
 
-def _measured(component: Observable, replicas: Sequence[Replica]) -> Aging:
+def _measured(component: Observable, replicas: Sequence[FinishedReplica]) -> Aging:
     """The result of these replicas, as ``chemage.age`` makes it."""
     measured = [numbers(component, replica, "a replica") for replica in replicas]
     return _aging(

@@ -43,7 +43,7 @@ class Even(Barriers):
         return np.where((energy >= 0.8) & (energy <= 1.4), 1 / 0.6, 0.0)
 
 
-class Replica(NamedTuple):
+class FinishedReplica(NamedTuple):
     """What is there when the kinetics of a replica have been run."""
 
     contact: ContactSolution
@@ -59,7 +59,7 @@ def finished(
     times: Sequence[float] = (0.0, 10.0),
     breaking: bool = True,
     interacting: bool = True,
-) -> Replica:
+) -> FinishedReplica:
     """A finished replica: ``n`` sites scattered over the grid, ``bonded`` of them with a bond at the end."""
     rng = np.random.default_rng(n + 100 * grid[0])
     pixels = grid[0] * grid[1]
@@ -91,7 +91,7 @@ def finished(
         engine="by-hand",
         lattice_hash=lattice.digest(),
     )
-    return Replica(contact, lattice, history)
+    return FinishedReplica(contact, lattice, history)
 
 
 def _rank(n: int) -> np.ndarray:
@@ -99,7 +99,7 @@ def _rank(n: int) -> np.ndarray:
     return np.random.default_rng(n).permutation(n)
 
 
-def with_states(replica: Replica) -> Replica:
+def with_states(replica: FinishedReplica) -> FinishedReplica:
     """The replica with the state of every site at every hold time: a bond that has formed stays."""
     if replica.history.states is not None:
         return replica
@@ -107,7 +107,7 @@ def with_states(replica: Replica) -> Replica:
     return replica._replace(history=replica.history.model_copy(update={"states": states}))
 
 
-Case = tuple[str, Replica]
+Case = tuple[str, FinishedReplica]
 
 
 def usual(times: Sequence[float] = (0.0, 10.0)) -> list[Case]:
@@ -140,7 +140,7 @@ def _answer(what: str, method: str, call: Callable[[], Any]) -> Any:
 # -- observables ------------------------------------------------------------------------------------------------------
 
 
-def numbers(component: Observable, replica: Replica, what: str) -> dict[str, np.ndarray]:
+def numbers(component: Observable, replica: FinishedReplica, what: str) -> dict[str, np.ndarray]:
     """What the observable measures, which must be named numbers."""
     seen = with_states(replica) if component.states else replica
     answer = _answer(what, "measure", lambda: component.measure(*seen))
@@ -153,7 +153,7 @@ def numbers(component: Observable, replica: Replica, what: str) -> dict[str, np.
     return values
 
 
-def _bytes(component: Observable, replica: Replica) -> dict[str, bytes]:
+def _bytes(component: Observable, replica: FinishedReplica) -> dict[str, bytes]:
     return {name: value.tobytes() for name, value in numbers(component, replica, "a replica").items()}
 
 
@@ -232,7 +232,7 @@ LEAST, MOST = 1e-4, 100.0
 TIMES = (0.0, 0.1, 10.0, 10.0, 1e4)
 
 
-def bonded_of(component: Rupture, replica: Replica) -> Bonded:
+def bonded_of(component: Rupture, replica: FinishedReplica) -> Bonded:
     """A replica with breaking barriers that differ from site to site, as the law receives it."""
     contact, lattice, history = with_states(replica) if component.states else replica
     breaking: Any = None

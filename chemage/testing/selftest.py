@@ -28,7 +28,7 @@ from chemage.testing.contacts import rough_surface
 from chemage.testing.replicas import finished
 
 
-class Outcome(NamedTuple):
+class PartOutcome(NamedTuple):
     """How the tests of one part ended."""
 
     #: role and kind, or another part of chemage
@@ -41,7 +41,7 @@ class Outcome(NamedTuple):
     untested: str = ""
 
 
-def selftest() -> Iterator[Outcome]:
+def selftest() -> Iterator[PartOutcome]:
     """Run the tests, one part at a time: random numbers, files, then every component that can be made."""
     yield _outcome("random numbers", [random_numbers_are_the_published_ones])
     yield _outcome("files", [files_give_back_what_was_written, bytes_are_the_known_ones])
@@ -55,14 +55,14 @@ def selftest() -> Iterator[Outcome]:
                 yield _outcome(part, tests)
             elif known:
                 unmade[part] = f"it needs {' and '.join(known[0].missing)}"
-    yield from (Outcome(part, 0, [], 0.0, why) for part, why in unmade.items())
+    yield from (PartOutcome(part, 0, [], 0.0, why) for part, why in unmade.items())
 
 
 def _test(check: Check, component: Component) -> Callable[[], None]:
     return lambda: check(component)
 
 
-def _outcome(part: str, tests: list[Callable[[], None]]) -> Outcome:
+def _outcome(part: str, tests: list[Callable[[], None]]) -> PartOutcome:
     begin, problems = time.perf_counter(), []
     for test in tests:
         try:
@@ -71,7 +71,7 @@ def _outcome(part: str, tests: list[Callable[[], None]]) -> Outcome:
             problems.append(f"{failure.check}: {failure.args[2]}")
         except Exception as error:
             problems.append(f"{type(error).__name__}: {error}")
-    return Outcome(part, len(tests) - len(problems), problems, time.perf_counter() - begin)
+    return PartOutcome(part, len(tests) - len(problems), problems, time.perf_counter() - begin)
 
 
 def examples() -> tuple[list[Component], dict[str, str]]:

@@ -171,14 +171,14 @@ def coupled(scale: float = 1.0) -> Group:
 
 
 @dataclass(frozen=True)
-class Sample:
+class LatticeCounts:
     """How many lattices of how many groups are run."""
 
     copies: int
     runs: int
 
     @classmethod
-    def of(cls, component: Engine, runs: int = 200) -> Sample:
+    def of(cls, component: Engine, runs: int = 200) -> LatticeCounts:
         """Many small lattices; for an approximate engine few larger ones, as it may round the number of bonds."""
         return cls(COPIES, runs) if component.exact else cls(LARGE, 8)
 
@@ -200,7 +200,7 @@ def sampled(
     start: bool = False,
 ) -> np.ndarray:
     """States of the groups after ``time`` s over many seeds, (2**m,); from all bonds where ``start`` is true."""
-    sample = Sample.of(component, runs)
+    sample = LatticeCounts.of(component, runs)
     m = len(group.forming)
     counts = np.zeros(2**m, dtype=np.int64)
     for seed in range(sample.runs):
@@ -263,7 +263,7 @@ def _within_declared(component: Engine, where: str, mean: float, expected: float
 
 
 @dataclass(frozen=True)
-class Hold:
+class GroupHold:
     """A group, and a hold at whose end one of its sites is bonded in 5 to 95 % of all cases."""
 
     group: Group
@@ -282,7 +282,7 @@ class Hold:
 @lru_cache(maxsize=256)
 def random_hold(
     seed: int, rows: int = 1, columns: int = 2, *, events: float = 60.0, flips: float = 60.0, decades: float = 60.0
-) -> Hold:
+) -> GroupHold:
     """A grid of sites, each coupled to the up to eight around it, with rates that differ by up to 10**``decades``.
 
     One site flickers, with up to ``flips`` events in the mean, in one of its states up to half the ``decades`` faster
@@ -319,11 +319,11 @@ def random_hold(
         bonded = float(probabilities[np.arange(2**m) >> doubtful & 1 == 1].sum())
         most = float(means.max(initial=0.0))
         if 0.05 < bonded < 0.95 and most <= 2.0 * flips and means.sum() - most <= events:
-            return Hold(group, time, kelvin, start, probabilities, means)
+            return GroupHold(group, time, kelvin, start, probabilities, means)
 
 
 def held(
-    component: Engine, hold: Hold, copies: int, runs: int, *, through: Sequence[float] = (), restart: bool = False
+    component: Engine, hold: GroupHold, copies: int, runs: int, *, through: Sequence[float] = (), restart: bool = False
 ) -> np.ndarray:
     """States of ``copies`` groups at the end of the hold over ``runs`` seeds, (2**m,).
 

@@ -28,7 +28,7 @@ from scipy import fft as sfft
 
 from . import _cohesion as cohesion
 from . import _kernels as kernels
-from ._cohesion import Law
+from ._cohesion import CohesiveLaw
 from ._operators import Substrate, Team
 
 Array = NDArray[Any]
@@ -47,7 +47,7 @@ ROUNDING = 1e-13
 
 
 @dataclass
-class Goal:
+class Prescribed:
     """What is given: the mean pressure, or the approach; the other is None."""
 
     pressure: float | None
@@ -75,7 +75,7 @@ class Found:
 class Adhesive:
     """One minimisation: the arrays, and the steps on them."""
 
-    def __init__(self, body: Substrate, heights: Array, law: Law, goal: Goal, team: Team) -> None:
+    def __init__(self, body: Substrate, heights: Array, law: CohesiveLaw, goal: Prescribed, team: Team) -> None:
         self.body, self.h, self.law, self.goal, self.team = body, heights, law, goal, team
         self.shape, self.padded = body.shape, body.padded
         self.periodic = body.periodic
@@ -117,7 +117,7 @@ class Adhesive:
 
 
 @dataclass
-class Point:
+class Iterate:
     """The unknown, its traction, and what follows."""
 
     x: Array
@@ -138,7 +138,7 @@ class Point:
     """whether the spectrum is the transform of the unknown itself"""
 
 
-def evaluate(problem: Adhesive, x: Array, rise: float, spectrum: Array | None = None) -> Point:
+def evaluate(problem: Adhesive, x: Array, rise: float, spectrum: Array | None = None) -> Iterate:
     """Traction, gradient and energy at ``x``, whose ``spectrum`` may be known."""
     goal, fresh = problem.goal, spectrum is None
     if spectrum is None:
@@ -167,7 +167,7 @@ def evaluate(problem: Adhesive, x: Array, rise: float, spectrum: Array | None = 
     if excess:
         error = max(error, LOAD * abs(excess) / borne if borne else math.inf)
     energy, terms = 0.5 * up + attracted + work, abs(0.5 * up) + abs(attracted) + abs(work)
-    return Point(x, rise, spectrum, p, mean, r, energy, terms, error, excess, shift, count, contact, fresh)
+    return Iterate(x, rise, spectrum, p, mean, r, energy, terms, error, excess, shift, count, contact, fresh)
 
 
 def minimise(problem: Adhesive, x: Array, rise: float, tolerance: float, limit: int) -> Found:
@@ -226,7 +226,7 @@ def minimise(problem: Adhesive, x: Array, rise: float, tolerance: float, limit: 
     )
 
 
-def step(problem: Adhesive, here: Point, d: Array, ds: float, slope: float) -> Point | None:
+def step(problem: Adhesive, here: Iterate, d: Array, ds: float, slope: float) -> Iterate | None:
     """The lowest point along the direction; None if none is lower."""
     if not slope < 0:
         return None
@@ -276,7 +276,7 @@ def _levelled(
     return out, shift
 
 
-def _gone(problem: Adhesive, here: Point) -> bool:
+def _gone(problem: Adhesive, here: Iterate) -> bool:
     """Whether a pull has parted the surfaces: no contact, and next to no attraction left."""
     pressure = problem.goal.pressure
     if pressure is None or pressure >= 0 or here.contact:
@@ -286,7 +286,7 @@ def _gone(problem: Adhesive, here: Point) -> bool:
     return cohesion.attraction(gap, problem.law)[0] < 0.1 * -pressure
 
 
-def _approach(problem: Adhesive, here: Point) -> float:
+def _approach(problem: Adhesive, here: Iterate) -> float:
     if not problem.periodic:
         return here.rise
     nx, ny = problem.shape

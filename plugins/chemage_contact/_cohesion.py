@@ -1,7 +1,7 @@
 """Kernels of the adhesive contact: plain functions of arrays that compute rows lo … hi and fill their rows of ``part``.
 
 Lengths are in pixels, stresses in units of the contact modulus. ``x`` is the unknown on the padded grid: the gap on the
-pixels of the surface (``h.shape``), beyond them the displacement of the free surface. ``law`` is :class:`Law`.
+pixels of the surface (``h.shape``), beyond them the displacement of the free surface. ``law`` is :class:`CohesiveLaw`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _OPTIONS = {"nogil": True, "fastmath": {"reassoc", "nsz", "contract"}, "error_mo
 _FAR = 60.0
 
 
-class Law(NamedTuple):
+class CohesiveLaw(NamedTuple):
     """The attraction of two surfaces as a function of their gap."""
 
     exponential: bool

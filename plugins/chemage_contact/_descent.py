@@ -13,8 +13,8 @@ from chemage.plugin import progress
 
 from . import _kernels as kernels
 from ._bounds import restored, shift_to
-from ._grid import Convolution, Grid, Split, suits
-from ._kernels import Search, State
+from ._grid import Convolution, GridProblem, Split, suits
+from ._kernels import DescentState, Search
 from ._operators import Active
 
 Array = NDArray[Any]
@@ -73,7 +73,7 @@ KEEP_FROM = 15
 
 
 @dataclass
-class Outcome:
+class GridSolution:
     """The end of the iteration on one grid. ``gap`` is without ``gap_offset``; ``offset`` is the offset of G p - h."""
 
     pressure: Array
@@ -127,7 +127,7 @@ class Descent:
     are those of a gap evaluated in the precision of the state, from the pressure that is returned.
     """
 
-    def __init__(self, grid: Grid, p: Array, tolerance: float, limit: int, final: bool) -> None:
+    def __init__(self, grid: GridProblem, p: Array, tolerance: float, limit: int, final: bool) -> None:
         self.grid, self.tolerance, self.limit, self.final = grid, tolerance, limit, final
         self.method = grid.settings.method
         self._make_split()
@@ -143,14 +143,14 @@ class Descent:
         self.kept: Kept | None = None
         self.standing = Standing()
         self.active = grid.everywhere
-        self.state = State(p, np.empty(p.shape, grid.state))
+        self.state = DescentState(p, np.empty(p.shape, grid.state))
         #: offset that the stored gap already contains
         self.base = grid.offset_fixed or 0.0
         #: present sum of the pressure
         self.load = grid.load
         self._evaluate_gap(grid.operator)
 
-    def run(self) -> Outcome:
+    def run(self) -> GridSolution:
         """Iterate to the end."""
         while True:
             self._assess()
@@ -317,7 +317,7 @@ class Descent:
             pixels = np.flatnonzero(self.state.p)
             self.kept = Kept(error, pixels, self.state.p.ravel()[pixels])
 
-    def _outcome(self, rounding: bool = False) -> Outcome:
+    def _outcome(self, rounding: bool = False) -> GridSolution:
         """The present solution, or the best one kept if the iteration ended without reaching the tolerance."""
         target = self.tolerance * self._scale()
         kept = self.kept
@@ -331,7 +331,7 @@ class Descent:
         # Rounding of a gap in single precision is not in the error measured with it.
         noise = self._noise() if self.final and self.evaluated_by.dtype == np.float32 else 0.0
         estimate = self._pressure_error() if self.final else (0.0, 0.0)
-        return Outcome(
+        return GridSolution(
             self.state.p,
             self.state.r,
             s.offset,
@@ -346,7 +346,7 @@ class Descent:
             estimate,
         )
 
-    def _tighten(self, outcome: Outcome) -> bool:
+    def _tighten(self, outcome: GridSolution) -> bool:
         """Lower the tolerance if the error of the pressure is too large; the iteration starts anew from here."""
         error, wanted = outcome.pressure_error[0], self.grid.settings.pressure_tolerance
         if not self.final or wanted is None or error <= wanted:

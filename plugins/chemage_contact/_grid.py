@@ -33,7 +33,7 @@ from chemage import InputError
 from chemage.plugin import algebra
 
 from . import _kernels as kernels
-from ._kernels import Heights, State
+from ._kernels import DescentState, Heights
 from ._operators import Active, Substrate, Team, fast_length
 
 Array = NDArray[Any]
@@ -260,7 +260,7 @@ class Split:
         self._run = team.run
         nx, ny = body.shape
         coarse = (nx // RATIO, ny // RATIO)
-        self._axes: tuple[kernels.Axis, kernels.Axis] | None = None
+        self._axes: tuple[kernels.Interpolation, kernels.Interpolation] | None = None
         if not divides(body.shape):
             coarse = (fast_length(math.ceil(nx / RATIO)), fast_length(math.ceil(ny / RATIO)))
             self._axes = _axis(nx, coarse[0], np.dtype(dtype)), _axis(ny, coarse[1], np.dtype(dtype))
@@ -294,11 +294,11 @@ class Split:
         return out
 
 
-def _axis(fine: int, coarse: int, dtype: Any) -> kernels.Axis:
+def _axis(fine: int, coarse: int, dtype: Any) -> kernels.Interpolation:
     """Interpolation along an axis of ``coarse`` pixels to one of ``fine``, periodic."""
     place = np.arange(fine) * coarse
     lower = place // fine
-    return kernels.Axis(lower, (lower + 1) % coarse, ((place - lower * fine) / fine).astype(dtype))
+    return kernels.Interpolation(lower, (lower + 1) % coarse, ((place - lower * fine) / fine).astype(dtype))
 
 
 def _pixel_symbol(body: Substrate, fine: Substrate, inverse: bool) -> Floats:
@@ -399,7 +399,7 @@ class Settings:
     any_size: bool = False
 
 
-class Grid:
+class GridProblem:
     """The problem on one grid, and sums over its blocks."""
 
     def __init__(
@@ -462,7 +462,7 @@ class Grid:
             self._double = Convolution(*make, floating=self.floating)
         return self._double
 
-    def gap(self, operator: Convolution, base: float, state: State) -> None:
+    def gap(self, operator: Convolution, base: float, state: DescentState) -> None:
         """The gap G p - h + base, in the precision of the operator, into ``state.r``.
 
         The sums of the gap and of the free pixels are in ``part`` afterwards.
@@ -541,7 +541,7 @@ def resampled(
         x = np.arange(m) * (n / m)
         low = np.minimum(x.astype(np.int64), n - 1)
         high = (low + 1) % n if periodic else np.minimum(low + 1, n - 1)
-        axes.append(kernels.Axis(low, high, x - low))
+        axes.append(kernels.Interpolation(low, high, x - low))
     target = np.empty(shape, dtype)
     team.run(kernel, shape[0], source, *axes, *bounds, target)
     return target

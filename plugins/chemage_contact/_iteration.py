@@ -39,9 +39,9 @@ from numpy.typing import NDArray
 
 from . import _kernels as kernels
 from ._bounds import projected, restored
-from ._descent import Descent, Outcome
-from ._grid import PRECISIONS, Grid, Settings, dimensionless, divides, grids, regridded, resampled, suits, sums
-from ._kernels import Heights, State
+from ._descent import Descent, GridSolution
+from ._grid import PRECISIONS, GridProblem, Settings, dimensionless, divides, grids, regridded, resampled, suits, sums
+from ._kernels import DescentState, Heights
 from ._operators import Substrate, Team
 
 Array = NDArray[Any]
@@ -53,7 +53,7 @@ COARSE_ITERATIONS = 30
 
 
 @dataclass
-class Result:
+class DimensionlessSolution:
     """A solution in dimensionless units: ``pressure`` and ``gap``, both (nx, ny); errors relative to ``scale``."""
 
     pressure: Array
@@ -91,7 +91,7 @@ def solve(
     start: Array | None = None,
     settings: Settings,
     team: Team,
-) -> Result:
+) -> DimensionlessSolution:
     """Solve on ``substrate`` for ``heights``.
 
     ``stiffness`` is (unit of pressure)·pixel/(E*·unit of height). With ``offset`` None ``mean`` is the mean pressure;
@@ -109,13 +109,13 @@ def solve(
         h = heights if finest else regridded(heights, shape, state, substrate.periodic, team)
         # Displacements are counted in pixels of the grid at hand.
         pixels = here.pixel[0] * here.pixel[1] / (substrate.pixel[0] * substrate.pixel[1])
-        grid = Grid(here, h, stiffness * math.sqrt(pixels), mean, offset, settings, team, finest, hardness)
+        grid = GridProblem(here, h, stiffness * math.sqrt(pixels), mean, offset, settings, team, finest, hardness)
         end = _solve_on(grid, p, finest)
         p = end.pressure
         levels.append((shape, end.iterations))
         if finest:
             end.gap += end.gap_offset
-            return Result(
+            return DimensionlessSolution(
                 pressure=p,
                 gap=end.gap,
                 offset=end.offset - stiffness * mean * grid.uniform,
@@ -134,7 +134,7 @@ def solve(
     raise AssertionError("there is always a finest grid")
 
 
-def _solve_on(grid: Grid, p: Array | None, finest: bool) -> Outcome:
+def _solve_on(grid: GridProblem, p: Array | None, finest: bool) -> GridSolution:
     """Solve on one grid, from the pressure on a coarser one (or on this one), or from none."""
     body, settings, load_given = grid.substrate, grid.settings, grid.offset_fixed is None
     if p is None:
@@ -156,7 +156,7 @@ def _solve_on(grid: Grid, p: Array | None, finest: bool) -> Outcome:
     return Descent(grid, p, tolerance, limit, finest).run()
 
 
-def _flattening(grid: Grid) -> Array:
+def _flattening(grid: GridProblem) -> Array:
     """Pressure with mean 0 that presses the heights flat: exact where nothing is padded."""
     q = grid.exact().precondition(dimensionless(grid.heights, grid.state, grid.team))
     q -= q.dtype.type(q.mean(dtype=np.float64))
@@ -165,7 +165,7 @@ def _flattening(grid: Grid) -> Array:
     return q
 
 
-def _full_contact(grid: Grid) -> Outcome | None:
+def _full_contact(grid: GridProblem) -> GridSolution | None:
     """The solution if every pixel touches, else None.
 
     The gap is computed from the varying part of the pressure: under a large mean the sum would not resolve it. It is
@@ -182,7 +182,7 @@ def _full_contact(grid: Grid) -> Outcome | None:
     # The mean height is the offset, if the load is given and the body periodic.
     base = float(np.mean(dimensionless(grid.heights, np.float64, grid.team)))
     operator = grid.exact() if grid.state == np.float64 or not grid.finest else grid.double()
-    grid.gap(operator, base, State(varying, r))
+    grid.gap(operator, base, DescentState(varying, r))
     correction = -float(r.mean(dtype=np.float64))
     rms = math.sqrt(float(np.mean(np.square(r + r.dtype.type(correction)), dtype=np.float64)))
     grid.history.append((rms, 0.0))
@@ -190,10 +190,10 @@ def _full_contact(grid: Grid) -> Outcome | None:
     approach = grid.uniform * grid.stiffness * grid.mean - offset
     scale = min(1.0, approach) if approach > 0.0 else 1.0
     eps = 2.0 * float(np.finfo(grid.state).eps)
-    return Outcome(p, r, correction, offset, scale, rms, 0.0, True, 0, [], True, (eps, eps))
+    return GridSolution(p, r, correction, offset, scale, rms, 0.0, True, 0, [], True, (eps, eps))
 
 
-def _first_guess(grid: Grid) -> Array:
+def _first_guess(grid: GridProblem) -> Array:
     """The admissible pressure nearest to the one that presses the heights flat."""
     if grid.offset_fixed is None:
         return projected(_flattening(grid) + grid.mean, grid.mean, grid.hardness).astype(grid.state)
@@ -227,7 +227,7 @@ def _calls(body: Substrate, settings: Settings, heights: Any, bounded: bool) -> 
     part = np.zeros((1, 7))
     surface = kernels.Heights(_frozen(heights), 0.0, 1.0)
     yield kernels.moments, (surface.values, 0.0, 1.0, part)
-    axis = kernels.Axis(np.zeros(1, np.int64), np.zeros(1, np.int64), np.zeros(1))
+    axis = kernels.Interpolation(np.zeros(1, np.int64), np.zeros(1, np.int64), np.zeros(1))
     if len(shapes) > 1:
         yield kernels.resample, (surface.values, axis, axis, np.zeros((1, 1)))
     p = np.zeros((1, 1), state)
@@ -243,7 +243,7 @@ def _calls(body: Substrate, settings: Settings, heights: Any, bounded: bool) -> 
         yield from _descent(here, settings, surface if finest else kernels.Heights(_frozen(state)), bound, part)
     if state != work:
         yield from _convolution(body, state)
-        yield kernels.subtract, (*_blocks(), p, surface, 1.0, 0.0, kernels.State(p, p), bound, part)
+        yield kernels.subtract, (*_blocks(), p, surface, 1.0, 0.0, kernels.DescentState(p, p), bound, part)
     yield kernels.correct, (*_blocks(), _search(work), np.zeros((1, 1), work), 1.0, 1.0, part)
 
 
@@ -269,14 +269,14 @@ def _descent(body: Substrate, settings: Settings, heights: kernels.Heights, boun
     """The kernels of the iteration on one grid."""
     state, work = PRECISIONS[settings.precision]
     p, pixel = np.zeros((1, 1), state), np.zeros((1, 1), work)
-    both, search, blocks = kernels.State(p, p), _search(work), _blocks()
+    both, search, blocks = kernels.DescentState(p, p), _search(work), _blocks()
     yield from _convolution(body, work)
     yield kernels.subtract, (*blocks, pixel, heights, 1.0, 0.0, both, bound, part)
     yield kernels.residual, (*blocks, both, 0.0, bound, pixel, part)
     yield kernels.indicator, (*blocks, pixel, pixel, True)
     split = suits(body, settings.any_size)
     if split:
-        axis = kernels.Axis(np.zeros(1, np.int64), np.zeros(1, np.int64), np.zeros(1, work))
+        axis = kernels.Interpolation(np.zeros(1, np.int64), np.zeros(1, np.int64), np.zeros(1, work))
         if divides(body.shape):
             yield kernels.restrict, (*blocks, pixel, pixel)
             yield kernels.local, (*blocks, pixel, pixel, pixel, pixel, part)

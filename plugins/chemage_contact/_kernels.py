@@ -53,7 +53,7 @@ class Blocks(NamedTuple):
     """(rows · per_row,) uint8, block by block"""
 
 
-class State(NamedTuple):
+class DescentState(NamedTuple):
     """The unknown and its gradient, in the precision of the state."""
 
     p: Array
@@ -86,7 +86,7 @@ class Heights(NamedTuple):
     factor: float = 1.0
 
 
-class Axis(NamedTuple):
+class Interpolation(NamedTuple):
     """Linear interpolation along one axis: entry k of the target is (1 - weight[k])·source[lower[k]] +
     weight[k]·source[upper[k]]."""
 

@@ -57,7 +57,7 @@ _MAUGIS = """@article{maugis1992,
 
 
 @dataclass(frozen=True)
-class State:
+class AdhesiveState:
     """A sphere in contact: force (nN), radius of the contact and of the zone around it in which there is attraction,
     and approach since first touch (nm)."""
 
@@ -93,16 +93,16 @@ class AdhesiveSphere(ContactSolver, ABC):
         """The largest pull (nN, > 0) that a sphere of ``radius`` nm bears."""
 
     @abstractmethod
-    def at_load(self, radius: float, load: float) -> State:
+    def at_load(self, radius: float, load: float) -> AdhesiveState:
         """The stable contact under ``load`` nN, which is at least that of pull-off."""
 
     @abstractmethod
-    def at_approach(self, radius: float, displacement: float, *, touching: bool = True) -> State | None:
+    def at_approach(self, radius: float, displacement: float, *, touching: bool = True) -> AdhesiveState | None:
         """The contact at an approach of ``displacement`` nm since first touch, as it is where the surfaces were
         ``touching`` before, or were not; None: they do not touch."""
 
     @abstractmethod
-    def _forces(self, radius: float, state: State, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    def _forces(self, radius: float, state: AdhesiveState, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Force (nN) on each pixel between the edges ``x`` and ``y``, nm from the apex."""
 
     def _carries(self, radius: float) -> str:
@@ -148,7 +148,7 @@ class AdhesiveSphere(ContactSolver, ABC):
         self._at(surface["radius"], load, (int(surface["nx"]), int(surface["ny"])), surface["pixel_size"])
         return (beyond,) if (beyond := self._beyond(surface["radius"])) else ()
 
-    def _at(self, radius: float, load: float, shape: tuple[int, int], size: float) -> State:
+    def _at(self, radius: float, load: float, shape: tuple[int, int], size: float) -> AdhesiveState:
         """The contact under ``load``, if it is one and on the grid."""
         pull = self.pull_off(radius)
         # the last bits are those of the conversion of units
@@ -195,14 +195,14 @@ class AdhesiveSphere(ContactSolver, ABC):
         for displacement in displacements:
             state = self.at_approach(radius, displacement, touching=touching)
             touching = state is not None
-            states.append(state or State(0.0, 0.0, 0.0, displacement))
+            states.append(state or AdhesiveState(0.0, 0.0, 0.0, displacement))
         return Loop(
             np.array(displacements, dtype=np.float64),
             np.array([state.load for state in states]),
             np.array([math.pi * state.edge**2 for state in states]),
         )
 
-    def _solution(self, surface: Surface, radius: float, state: State, load: float) -> ContactSolution:
+    def _solution(self, surface: Surface, radius: float, state: AdhesiveState, load: float) -> ContactSolution:
         size = surface.pixel_size
         x, y = (_edges(n, size) for n in surface.shape)
         pressure = self._forces(radius, state, x, y) / size**2
@@ -287,20 +287,20 @@ class JKR(AdhesiveSphere):
         """(3/2)πwR."""
         return 1.5 * math.pi * self.work_of_adhesion * radius
 
-    def at_load(self, radius: float, load: float) -> State:
+    def at_load(self, radius: float, load: float) -> AdhesiveState:
         """See :meth:`AdhesiveSphere.at_load`."""
         pull = self.pull_off(radius)
         cubed = 0.75 * radius / self.modulus * (load + 2 * pull + 2 * math.sqrt(max(pull * (load + pull), 0.0)))
         return self._state(radius, math.cbrt(cubed), load)
 
-    def _state(self, radius: float, edge: float, load: float | None = None) -> State:
+    def _state(self, radius: float, edge: float, load: float | None = None) -> AdhesiveState:
         w, modulus = self.work_of_adhesion, self.modulus
         force = 4 * modulus * edge**3 / (3 * radius) - math.sqrt(8 * math.pi * w * modulus * edge**3)
-        return State(
+        return AdhesiveState(
             force if load is None else load, edge, edge, edge**2 / radius - math.sqrt(2 * math.pi * w * edge / modulus)
         )
 
-    def at_approach(self, radius: float, displacement: float, *, touching: bool = True) -> State | None:
+    def at_approach(self, radius: float, displacement: float, *, touching: bool = True) -> AdhesiveState | None:
         """See :meth:`AdhesiveSphere.at_approach`: surfaces apart jump into contact where they touch, at 0."""
         # a = x² a₁, in which x⁴ − x = d on the stable branch beyond its lowest point
         scale = math.cbrt(2 * math.pi * self.work_of_adhesion * radius**2 / self.modulus)
@@ -311,7 +311,7 @@ class JKR(AdhesiveSphere):
         root = max(float(value.real) for value in roots if abs(value.imag) < 1e-6)
         return self._state(radius, max(root, lowest) ** 2 * scale)
 
-    def _forces(self, radius: float, state: State, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    def _forces(self, radius: float, state: AdhesiveState, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         edge, modulus = state.edge, self.modulus
         hertz = 2 * modulus * edge**3 / (math.pi * radius)
         punch = math.sqrt(2 * self.work_of_adhesion * modulus / (math.pi * edge)) * edge**2
@@ -338,19 +338,21 @@ class DMT(AdhesiveSphere):
         """2πwR."""
         return 2 * math.pi * self.work_of_adhesion * radius
 
-    def at_load(self, radius: float, load: float) -> State:
+    def at_load(self, radius: float, load: float) -> AdhesiveState:
         """See :meth:`AdhesiveSphere.at_load`."""
         edge = math.cbrt(0.75 * radius / self.modulus * (load + self.pull_off(radius)))
-        return State(load, edge, edge, edge**2 / radius)
+        return AdhesiveState(load, edge, edge, edge**2 / radius)
 
-    def at_approach(self, radius: float, displacement: float, *, touching: bool = True) -> State | None:
+    def at_approach(self, radius: float, displacement: float, *, touching: bool = True) -> AdhesiveState | None:
         """See :meth:`AdhesiveSphere.at_approach`."""
         if displacement < 0:
             return None
         edge = math.sqrt(displacement * radius)
-        return State(4 * self.modulus * edge**3 / (3 * radius) - self.pull_off(radius), edge, edge, displacement)
+        return AdhesiveState(
+            4 * self.modulus * edge**3 / (3 * radius) - self.pull_off(radius), edge, edge, displacement
+        )
 
-    def _forces(self, radius: float, state: State, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    def _forces(self, radius: float, state: AdhesiveState, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         edge = state.edge
         forces = 2 * self.modulus * edge**3 / (math.pi * radius) * _pixels(_corner_force, x / edge, y / edge)
         return np.maximum(forces, 0.0)
@@ -388,18 +390,18 @@ class Maugis(AdhesiveSphere):
         force, _, _, strength = self.units(radius)
         return -force * _load(_weakest(strength), strength)
 
-    def at_load(self, radius: float, load: float) -> State:
+    def at_load(self, radius: float, load: float) -> AdhesiveState:
         """See :meth:`AdhesiveSphere.at_load`."""
         force, _, _, strength = self.units(radius)
         return self._state(radius, _solved(lambda angle: _load(angle, strength), load / force, _weakest(strength)))
 
-    def _state(self, radius: float, angle: float) -> State:
+    def _state(self, radius: float, angle: float) -> AdhesiveState:
         force, unit, depth, strength = self.units(radius)
         outer = _outer(angle, strength)
         displacement = _approach(angle, strength) * depth
-        return State(force * _load(angle, strength), unit * outer * math.cos(angle), unit * outer, displacement)
+        return AdhesiveState(force * _load(angle, strength), unit * outer * math.cos(angle), unit * outer, displacement)
 
-    def at_approach(self, radius: float, displacement: float, *, touching: bool = True) -> State | None:
+    def at_approach(self, radius: float, displacement: float, *, touching: bool = True) -> AdhesiveState | None:
         """See :meth:`AdhesiveSphere.at_approach`: surfaces apart jump into contact where their bulge has closed the
         gap, or at once where the attraction begins at a gap z₀."""
         _, _, depth, strength = self.units(radius)
@@ -421,7 +423,7 @@ class Maugis(AdhesiveSphere):
         # ... if the attraction did not spread at once when it began
         return -self.range if closed < 8 * strain * radius / math.pi else -2 * strain * closed
 
-    def _forces(self, radius: float, state: State, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    def _forces(self, radius: float, state: AdhesiveState, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         edge, outer = state.edge, state.outer
         forces = 2 * self.modulus * edge**3 / (math.pi * radius) * _pixels(_corner_force, x / edge, y / edge)
         # the attraction as a sum of flat punches of radius t from a to c: (2σ/π) ∫ t dt/√(c² − t²) 1/√(t² − r²)

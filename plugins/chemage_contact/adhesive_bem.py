@@ -12,8 +12,8 @@ from pydantic import Field
 
 from chemage import ContactSolution, InputError, Surface
 from chemage.plugin import ContactModulus, ContactSolver, ConvergenceError, Length, Unit, convert, threads
-from chemage_contact._attraction import Adhesive, Found, Goal, minimise
-from chemage_contact._cohesion import Law
+from chemage_contact._attraction import Adhesive, Found, Prescribed, minimise
+from chemage_contact._cohesion import CohesiveLaw
 from chemage_contact._operators import FreeHalfSpace, PeriodicHalfSpace, Substrate, Team
 from chemage_contact.adhesion import Loop
 from chemage_contact.fft_bem import _BUGNICOURT, FFTBEM
@@ -213,7 +213,7 @@ class AdhesiveBEM(ContactSolver):
         if load is not None and "radius" in surface.provenance:
             self._bearable(float(surface.provenance["radius"]), load)
         pressure = None if load is None else load / surface.nominal_area / modulus
-        goal = Goal(pressure, None if approach is None else approach / size)
+        goal = Prescribed(pressure, None if approach is None else approach / size)
         with Team(self.threads or threads.available()) as team:
             problem = Adhesive(body, heights, law, goal, team)
             begin = before or self._begin(surface, problem, load)
@@ -230,11 +230,11 @@ class AdhesiveBEM(ContactSolver):
             )
         return self._solution(surface, found, load, law, coarse), _Before(found.unknown, found.approach)
 
-    def _law(self, size: float) -> Law:
+    def _law(self, size: float) -> CohesiveLaw:
         """The attraction in pixels of ``size`` nm and contact moduli; a stress that falls to zero over its own elastic
         deformation of a pixel leaves no pixel the choice of two gaps."""
         work, reach = self.work_of_adhesion / self.modulus / size, self.range / size
-        return Law(self.law == "exponential", work, reach, 0.5 * work / reach)
+        return CohesiveLaw(self.law == "exponential", work, reach, 0.5 * work / reach)
 
     def _begin(self, surface: Surface, problem: Adhesive, load: float | None) -> _Before:
         x, rise = np.zeros(problem.padded), 0.0
@@ -250,7 +250,9 @@ class AdhesiveBEM(ContactSolver):
             x[:nx, :ny] = -problem.h
         return _Before(x, 0.0 if problem.periodic else rise)
 
-    def _solution(self, surface: Surface, found: Found, load: float | None, law: Law, coarse: str) -> ContactSolution:
+    def _solution(
+        self, surface: Surface, found: Found, load: float | None, law: CohesiveLaw, coarse: str
+    ) -> ContactSolution:
         size, area = surface.pixel_size, surface.pixel_size**2
         pressure, gap, touching = found.traction * self.modulus, found.gap * size, found.gap <= 0
         force = float(pressure.sum()) * area
@@ -322,7 +324,7 @@ def _placed(problem: Adhesive, before: _Before, approach: float) -> _Before:
     return _Before(x, 0.0)
 
 
-def _at_edge(gap: np.ndarray, law: Law) -> list[str]:
+def _at_edge(gap: np.ndarray, law: CohesiveLaw) -> list[str]:
     """A note of contact or attraction on the outermost pixels of a free surface, beyond which nothing acts."""
     nearest = min(float(edge.min()) for edge in (gap[0], gap[-1], gap[:, 0], gap[:, -1]))
     if nearest <= 0:

@@ -465,7 +465,7 @@ class FFTBEM(ContactSolver):
             notes=tuple(notes),
         )
 
-    def _full(self, surface: Surface, result: iteration.Result, flow: np.ndarray | None) -> list[str]:
+    def _full(self, surface: Surface, result: iteration.DimensionlessSolution, flow: np.ndarray | None) -> list[str]:
         """Notes of a contact in which every pixel touches."""
         more = "uniform pressure" if self.is_nominally_flat(surface.periodic) else "the pressure of a flat punch"
         more = f"adds {more}" if flow is None or not flow.any() else "makes more of it yield"
@@ -497,7 +497,7 @@ class FFTBEM(ContactSolver):
         where = "contact at the edge of the grid, beyond which nothing carries load"
         return [f"{where}: {100 * share:.2g} % of the load is on the outermost pixels, as at the edge of a punch"]
 
-    def _failure(self, result: iteration.Result) -> str:
+    def _failure(self, result: iteration.DimensionlessSolution) -> str:
         larger = "accept a larger tolerance"
         if result.iterations >= self.max_iterations:
             why, remedy = "the iteration limit was reached", f"raise max_iterations, or {larger}"
@@ -516,7 +516,7 @@ class FFTBEM(ContactSolver):
         )
 
 
-def _flow(result: iteration.Result, hardness: float, unit: float) -> np.ndarray:
+def _flow(result: iteration.DimensionlessSolution, hardness: float, unit: float) -> np.ndarray:
     """The overlap where the pressure is the hardness, in nm; it is taken from the gap, which is then closed."""
     values = result.pressure
     flow = np.where(values >= bounded(hardness, values.dtype.type), np.maximum(-result.gap, 0), 0)
@@ -526,7 +526,7 @@ def _flow(result: iteration.Result, hardness: float, unit: float) -> np.ndarray:
     return flow
 
 
-def _report(solver: FFTBEM, result: iteration.Result | None, **errors: float) -> dict[str, Any]:
+def _report(solver: FFTBEM, result: iteration.DimensionlessSolution | None, **errors: float) -> dict[str, Any]:
     """The errors of the solution and how it was found: plain values."""
     numbers: dict[str, Any] = {
         "tolerance": solver.tolerance,

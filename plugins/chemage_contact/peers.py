@@ -45,7 +45,7 @@ _ROETTGER = """@article{roettger2022,
 }"""  # noqa: E501
 
 
-class Answer(NamedTuple):
+class PeerSolution(NamedTuple):
     """What a library returns: pressure in units of the nominal one, iterations, and whether it says that it
     converged; None: it does not say."""
 
@@ -76,7 +76,7 @@ class Peer(ContactSolver):
         return None
 
     @abstractmethod
-    def _answer(self, library: Any, heights: Floats, stiffness: float, ceiling: float, periodic: bool) -> Answer:
+    def _answer(self, library: Any, heights: Floats, stiffness: float, ceiling: float, periodic: bool) -> PeerSolution:
         """The contact of ``heights`` with an rms of 1 on pixels of 1 under a mean pressure of 1; ``stiffness`` is the
         contact modulus in these units, ``ceiling`` the largest pressure."""
 
@@ -115,7 +115,7 @@ class Peer(ContactSolver):
             raise InputError(
                 f"contact {self.kind!r} needs two pixels along each side and heights that differ; use contact 'fft-bem'"
             )
-        answer, failed = Answer(np.zeros(surface.shape), 0, True), ""
+        answer, failed = PeerSolution(np.zeros(surface.shape), 0, True), ""
         measures = {"tolerance": self.tolerance, "rms_gap": 0.0, "penetration": 0.0}
         if load > 0:
             stiffness = self.modulus * unit / (size * nominal)
@@ -149,7 +149,7 @@ class Peer(ContactSolver):
             provenance=self.provenance(surface) | {"library": f"{self.library} {_version(library)}"},
         )
 
-    def _failure(self, answer: Answer, measures: Mapping[str, float]) -> str:
+    def _failure(self, answer: PeerSolution, measures: Mapping[str, float]) -> str:
         worst = max(measures["rms_gap"], measures["penetration"])
         said = answer.converged if answer.converged is not None else worst < MARGIN * self.tolerance
         if said and math.isfinite(worst):
@@ -229,7 +229,7 @@ class Tamaas(Peer):
         self._check_periodic(surface.periodic)
         return super()._solve(surface, load, start)
 
-    def _answer(self, library: Any, heights: Floats, stiffness: float, ceiling: float, periodic: bool) -> Answer:
+    def _answer(self, library: Any, heights: Floats, stiffness: float, ceiling: float, periodic: bool) -> PeerSolution:
         library.set_log_level(library.LogLevel.error)
         model = library.ModelFactory.createModel(
             library.model_type.basic_2d, [float(n) for n in heights.shape], list(heights.shape)
@@ -247,11 +247,11 @@ class Tamaas(Peer):
         if math.isfinite(ceiling):
             pressure, _ = solved(library.KatoSaturated(model, heights, self.tolerance, ceiling))
             if float(pressure.max()) >= ceiling * (1 - 1e-12):
-                return Answer(pressure, 0, None)  # it returns 0 whatever its error is
+                return PeerSolution(pressure, 0, None)  # it returns 0 whatever its error is
             # nothing flows; contacts of a few pixels are elastic, and it stops before it has solved them
             model.traction[...] = 0.0
         pressure, error = solved(library.PolonskyKeerRey(model, heights, self.tolerance))
-        return Answer(pressure, 0, error <= self.tolerance)
+        return PeerSolution(pressure, 0, error <= self.tolerance)
 
 
 class ContactMechanics(Peer):
@@ -274,7 +274,7 @@ class ContactMechanics(Peer):
         """See :meth:`chemage.plugin.ContactSolver.is_nominally_flat`; ``boundary`` may make it periodic, or free."""
         return periodic if self.boundary == "auto" else self.boundary == "periodic"
 
-    def _answer(self, library: Any, heights: Floats, stiffness: float, ceiling: float, periodic: bool) -> Answer:
+    def _answer(self, library: Any, heights: Floats, stiffness: float, ceiling: float, periodic: bool) -> PeerSolution:
         with warnings.catch_warnings(action="ignore"):
             from SurfaceTopography import Topography
 
@@ -287,4 +287,4 @@ class ContactMechanics(Peer):
                 external_force=float(heights.size), pentol=self.tolerance, maxiter=self.max_iterations
             )
         force = np.asarray(found.jac, dtype=np.float64)[: heights.shape[0], : heights.shape[1]]
-        return Answer(np.maximum(np.sign(force.sum()) * force, 0.0), int(found.nit), bool(found.success))
+        return PeerSolution(np.maximum(np.sign(force.sum()) * force, 0.0), int(found.nit), bool(found.success))

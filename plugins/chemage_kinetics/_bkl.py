@@ -80,7 +80,7 @@ STREAM = STREAMS["bkl"]
 FIRST, SECOND, OF_SOJOURN = np.int64(0), np.int64(1), np.uint64(2)
 
 
-class Ahead(NamedTuple):
+class NextAttempts(NamedTuple):
     """Random numbers of this and the next attempts; scratch arrays."""
 
     key: Key
@@ -92,13 +92,13 @@ class Ahead(NamedTuple):
     """whether to look ahead; changes nothing but the time"""
 
 
-class Run(NamedTuple):
+class BklRun(NamedTuple):
     """Everything a run consists of; its arrays carry the state from call to call."""
 
     key: Key
     holds: Holds
     classes: Classes
-    ahead: Ahead
+    ahead: NextAttempts
     near: np.ndarray
     """(k + 1, 2) int64 scratch: sites that change their class, and the class"""
     rng: np.ndarray
@@ -110,16 +110,16 @@ class Run(NamedTuple):
     DONE"""
 
 
-def new_run(key: Key, holds: Holds, classes: Classes, time: float) -> Run:
+def new_run(key: Key, holds: Holds, classes: Classes, time: float) -> BklRun:
     """A run that starts at ``time`` (s); attempts are counted from 0."""
     counters = np.zeros(4, np.int64)
     counters[LAST] = -1
     draws, spots = np.empty((RING, 4)), np.zeros(RING, np.int64)
-    return Run(
+    return BklRun(
         key=key,
         holds=holds,
         classes=classes,
-        ahead=Ahead(key, draws, spots, predicting=classes.records.shape[0] >= FAR),
+        ahead=NextAttempts(key, draws, spots, predicting=classes.records.shape[0] >= FAR),
         near=np.empty((classes.model.neighbours.shape[1] + 1, 2), np.int64),
         rng=np.empty(5, np.uint64),
         clock=np.array([time, 0.0]),
@@ -172,7 +172,7 @@ def _flip_cold(i: Int, classes: Classes, near: np.ndarray) -> None:
 
 
 @inner
-def _start_sequence(run: Run, attempt: Int) -> None:
+def _start_sequence(run: BklRun, attempt: Int) -> None:
     """Set ``rng`` to the private sequence of the sojourn that follows an attempt."""
     run.rng[0] = run.key.k0
     run.rng[1] = run.key.k1
@@ -191,7 +191,7 @@ def _put_back_around(i: Int, classes: Classes) -> None:
 
 
 @inner
-def _attempt_elsewhere(run: Run) -> Int:
+def _attempt_elsewhere(run: BklRun) -> Int:
     """The site that an attempt selects and accepts among those in classes, or -1; moves a rejected site whose class is
     out of date."""
     classes = run.classes
@@ -210,7 +210,7 @@ def _attempt_elsewhere(run: Run) -> Int:
 
 
 @inner
-def _dwell(run: Run, i: Int, high: Float, low: Float, hold: Int, rate_back: Float) -> tuple[Float, Float, Int]:
+def _dwell(run: BklRun, i: Int, high: Float, low: Float, hold: Int, rate_back: Float) -> tuple[Float, Float, Int]:
     """Follow site i, which flickers, until something else is attempted or the present hold time is reached.
 
     Its neighbours differ in rate between its two states, so they leave their classes as well and react at their exact
@@ -261,7 +261,7 @@ def _dwell(run: Run, i: Int, high: Float, low: Float, hold: Int, rate_back: Floa
 
 
 @hot
-def _draw(ahead: Ahead, attempt: Int) -> None:
+def _draw(ahead: NextAttempts, attempt: Int) -> None:
     """The four random numbers of an attempt."""
     e = attempt & (RING - 1)
     k0, k1 = ahead.key
@@ -270,7 +270,7 @@ def _draw(ahead: Ahead, attempt: Int) -> None:
 
 
 @hot
-def _look_ahead(ahead: Ahead, classes: Classes, attempt: Int, total: Float) -> None:
+def _look_ahead(ahead: NextAttempts, classes: Classes, attempt: Int, total: Float) -> None:
     """Prefetch the memory of the next predicted attempts; a wrong prediction costs time and changes nothing.
 
     Three attempts ahead the entry in the list of members, two ahead the site's own rows, one ahead its neighbours: each
@@ -297,7 +297,7 @@ def _look_ahead(ahead: Ahead, classes: Classes, attempt: Int, total: Float) -> N
 
 
 @hot
-def _attempt(ahead: Ahead, classes: Classes, e: Int, total: Float) -> tuple[Int, Float]:
+def _attempt(ahead: NextAttempts, classes: Classes, e: Int, total: Float) -> tuple[Int, Float]:
     """The site that the attempt in row ``e`` of the ring selects and accepts, or -1; moves a rejected site whose class
     is out of date. Also returns the total weight afterwards."""
     c = select_class(ahead.draws[e, 1] * total, classes)
@@ -316,7 +316,7 @@ def _attempt(ahead: Ahead, classes: Classes, e: Int, total: Float) -> tuple[Int,
 
 
 @jit
-def advance(run: Run, superbasins: bool | None, attempts: Int) -> None:
+def advance(run: BklRun, superbasins: bool | None, attempts: Int) -> None:
     """Go on for at most ``attempts`` attempts, or to the last hold time (then ``counters[DONE]`` is 1).
 
     superbasins: True or None, so that the two-state chain is compiled only where it is used.

@@ -117,7 +117,7 @@ class Key(NamedTuple):
     k1: np.uint64
 
 
-class Model(NamedTuple):
+class KineticModel(NamedTuple):
     """Everything about a lattice at one temperature that does not change during a run, but the forming barriers.
 
     neighbours: (n, k) int32, -1 where there is none; k = 0 where nothing interacts. coupling: (n, k) eV. breaking: (n,)
@@ -136,7 +136,7 @@ class Sites(NamedTuple):
 
     words: np.ndarray
     """(n,) int64, see above"""
-    model: Model
+    model: KineticModel
 
 
 class Holds(NamedTuple):
@@ -151,7 +151,7 @@ class Holds(NamedTuple):
 
 
 @hot
-def prefetch_rows(i: Int, model: Model) -> None:
+def prefetch_rows(i: Int, model: KineticModel) -> None:
     """Prefetch the graph rows of site i, which may lie across two cache lines."""
     prefetch(model.neighbours, i)
     prefetch(model.neighbours, i + 1)
@@ -160,7 +160,7 @@ def prefetch_rows(i: Int, model: Model) -> None:
 
 
 @hot
-def prefetch_site(i: Int, words: np.ndarray, model: Model) -> None:
+def prefetch_site(i: Int, words: np.ndarray, model: KineticModel) -> None:
     """Prefetch everything that belongs to site i alone."""
     prefetch(words, i)
     prefetch_rows(i, model)
@@ -184,7 +184,7 @@ def fixed_coupling(energy: Float) -> Int:
 
 
 @jit
-def start_words(forming: np.ndarray, model: Model, state: np.ndarray, words: np.ndarray) -> None:
+def start_words(forming: np.ndarray, model: KineticModel, state: np.ndarray, words: np.ndarray) -> None:
     """Fill ``words`` (n,) int64 with 2 * (forming barrier with the present neighbours) + bonded."""
     forming = borrowed(forming)
     model = borrowed(model)
@@ -210,7 +210,7 @@ def rate(barrier: Int, nu: Float, per_unit: Float) -> Float:
 
 
 @inner
-def site_rate(site: Int, words: np.ndarray, model: Model) -> Float:
+def site_rate(site: Int, words: np.ndarray, model: KineticModel) -> Float:
     """The rate at which a site changes its state: forms its bond or breaks it. 0 for a bond that never breaks."""
     word = words[site]
     if word & 1 == 0:

@@ -17,7 +17,7 @@ from chemage import InputError, ReactionLattice
 from chemage.plugin import KB, BondHistory, PullHistory, Seed, random
 from chemage.plugin import threads as processors
 from chemage_kinetics import _common
-from chemage_kinetics._common import Holds, Key, Model, mix
+from chemage_kinetics._common import Holds, Key, KineticModel, mix
 from chemage_kinetics._rate_classes import CLASSES, PER_KT, octaves_of
 
 #: Sites whose pixel and energies enter the key, spread evenly over the lattice.
@@ -150,7 +150,7 @@ class Pending:
             self._wrong(name, "lists a site twice")
         return array
 
-    def members(self, words: np.ndarray, model: Model) -> tuple[np.ndarray, np.ndarray]:
+    def members(self, words: np.ndarray, model: KineticModel) -> tuple[np.ndarray, np.ndarray]:
         """All sites by class, (n,) int32, and how many each class has, (CLASSES,) int64.
 
         Each site must be in a class whose bound is not below its rate, see `_rate_classes`.
@@ -185,10 +185,10 @@ def _frozen_empty(*shape: int, dtype: type[np.generic] = np.float64) -> np.ndarr
     return array
 
 
-def model_of(lattice: ReactionLattice, temperature: float) -> Model:
+def model_of(lattice: ReactionLattice, temperature: float) -> KineticModel:
     """The lattice at ``temperature`` (K) as the kernels take it."""
     n = lattice.sites.size
-    return Model(
+    return KineticModel(
         neighbours=_frozen_empty(n, 0, dtype=np.int32) if lattice.neighbours is None else lattice.neighbours,
         coupling=_frozen_empty(n, 0, dtype=np.float32) if lattice.coupling is None else lattice.coupling,
         breaking=_frozen_empty(0) if lattice.breaking is None else lattice.breaking,
@@ -225,7 +225,7 @@ class Job:
     seed: Seed
     start: BondHistory | np.ndarray | None
     key: Key = field(init=False)
-    model: Model = field(init=False)
+    model: KineticModel = field(init=False)
     mark: np.ndarray = field(init=False)
     """uint64 (1,), see `fingerprint`"""
     state: np.ndarray = field(init=False)

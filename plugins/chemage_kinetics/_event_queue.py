@@ -28,7 +28,7 @@ HELD = 14
 AHEAD = 12
 
 
-class Grid(NamedTuple):
+class Buckets(NamedTuple):
     """How times are divided into buckets, see `bucket_of`."""
 
     offset: int
@@ -184,18 +184,18 @@ def drop(keys: np.ndarray, sites: np.ndarray, spot: np.ndarray, size: Int, site:
 
 
 @inner
-def _grid(sites: Int, queue: Queue) -> Grid:
+def _grid(sites: Int, queue: Queue) -> Buckets:
     """How a patch of so many sites is divided into buckets."""
     bits = 2
     while sites >> (14 + bits) > 0 and OCTAVES << bits < MOST_BUCKETS:
         bits += 1
     last = (OCTAVES << bits) - 1 if sites > ONE_BUCKET else 0
     queue.number[0] = queue.final
-    return Grid((queue.bits[0] >> (52 - bits)) - last, 52 - bits, last)
+    return Buckets((queue.bits[0] >> (52 - bits)) - last, 52 - bits, last)
 
 
 @hot
-def bucket_of(time: Float, grid: Grid, queue: Queue) -> Int:
+def bucket_of(time: Float, grid: Buckets, queue: Queue) -> Int:
     """The bucket of a time: exponent and some leading bits of a positive double."""
     queue.number[0] = time
     return min(max((queue.bits[0] >> grid.shift) - grid.offset, 0), grid.last)
@@ -227,7 +227,7 @@ def _list_later(site: Int, bucket: Int, queue: Queue) -> bool:
 
 
 @hot
-def correct_top(queue: Queue, size: Int, grid: Grid, present: Int) -> Int:
+def correct_top(queue: Queue, size: Int, grid: Buckets, present: Int) -> Int:
     """Correct the entries at the top of the heap until the first is right; returns the size of the heap."""
     keys = queue.keys
     sites = queue.sites
@@ -254,7 +254,7 @@ def correct_top(queue: Queue, size: Int, grid: Grid, present: Int) -> Int:
 
 
 @hot
-def offer(queue: Queue, size: Int, site: Int, grid: Grid, present: Int) -> Int:
+def offer(queue: Queue, size: Int, site: Int, grid: Buckets, present: Int) -> Int:
     """Enter a pending time that is new or earlier than before in the queue; returns the size of the heap."""
     high = queue.times[site, 0]
     low = queue.times[site, 1]
@@ -273,12 +273,12 @@ def offer(queue: Queue, size: Int, site: Int, grid: Grid, present: Int) -> Int:
 
 
 @inner
-def _offer_cold(queue: Queue, size: Int, site: Int, grid: Grid, present: Int) -> Int:
+def _offer_cold(queue: Queue, size: Int, site: Int, grid: Buckets, present: Int) -> Int:
     return offer(queue, size, site, grid, present)
 
 
 @inner
-def open_bucket(queue: Queue, order: Order, patch: Int, size: Int, grid: Grid, bucket: Int) -> Int:
+def open_bucket(queue: Queue, order: Order, patch: Int, size: Int, grid: Buckets, bucket: Int) -> Int:
     """Take the entries of one bucket of a patch into the heap; returns its size."""
     queue = borrowed(queue)
     order = borrowed(order)
@@ -312,14 +312,14 @@ def open_bucket(queue: Queue, order: Order, patch: Int, size: Int, grid: Grid, b
 
 
 @hot
-def _sorting_bucket(queue: Queue, i: Int, grid: Grid) -> Int:
+def _sorting_bucket(queue: Queue, i: Int, grid: Buckets) -> Int:
     """The bucket of site i; the one after the last where it has no event before the last hold time."""
     high = queue.times[i, 0]
     return grid.last + 1 if past(high, queue.times[i, 1], queue.final) else bucket_of(high, grid, queue)
 
 
 @inner
-def start_patch(queue: Queue, order: Order, patch: Int) -> Grid:
+def start_patch(queue: Queue, order: Order, patch: Int) -> Buckets:
     """Empty the queue and sort the sites of a patch by bucket; returns the grid."""
     queue = borrowed(queue)
     order = borrowed(order)

@@ -33,7 +33,7 @@ from chemage_kinetics._common import (
 STREAM = STREAMS["independent"]
 
 
-class Sites(NamedTuple):
+class IndependentSites(NamedTuple):
     """All sites in their present states, with their random numbers and the times of their next events."""
 
     key: Key
@@ -55,7 +55,7 @@ class Sites(NamedTuple):
 
 
 @hot
-def _draw(sites: Sites, i: Int, barrier: Int, high: Float, low: Float) -> tuple[Float, Float]:
+def _draw(sites: IndependentSites, i: Int, barrier: Int, high: Float, low: Float) -> tuple[Float, Float]:
     """A new pending time of site i, from the instant high + low on, as a pair. Infinite where the rate is zero."""
     draw = sites.draws[i]
     sites.draws[i] = draw + 1
@@ -68,7 +68,7 @@ def _draw(sites: Sites, i: Int, barrier: Int, high: Float, low: Float) -> tuple[
 
 
 @jit
-def draw_times(sites: Sites, start: Float) -> None:
+def draw_times(sites: IndependentSites, start: Float) -> None:
     """Draw the first pending times of all sites, from the time ``start`` (s) on."""
     sites = borrowed(sites)
     for i in range(sites.pixels.size):
@@ -81,7 +81,7 @@ def draw_times(sites: Sites, start: Float) -> None:
 
 
 @hot
-def _follow_site(sites: Sites, holds: Holds, rng: np.ndarray, i: Int) -> None:
+def _follow_site(sites: IndependentSites, holds: Holds, rng: np.ndarray, i: Int) -> None:
     """Follow site i, whose next event comes before the last hold time, to that time."""
     times = holds.times
     final = times[times.size - 1]
@@ -121,7 +121,7 @@ def _follow_site(sites: Sites, holds: Holds, rng: np.ndarray, i: Int) -> None:
 
 
 @jit
-def follow(sites: Sites, holds: Holds, rng: np.ndarray, first: Int, last: Int) -> None:
+def follow(sites: IndependentSites, holds: Holds, rng: np.ndarray, first: Int, last: Int) -> None:
     """Follow the sites ``first`` to ``last`` - 1 to the last hold time. rng: (5,) uint64 scratch, see `_common`."""
     sites = borrowed(sites)
     holds = borrowed(holds)

@@ -26,7 +26,7 @@ from chemage_kinetics._common import (
     Holds,
     Int,
     Key,
-    Model,
+    KineticModel,
     borrowed,
     change_state,
     choose_around,
@@ -47,7 +47,7 @@ from chemage_kinetics._common import (
     until,
 )
 from chemage_kinetics._event_queue import (
-    Grid,
+    Buckets,
     Order,
     Queue,
     bucket_of,
@@ -61,11 +61,11 @@ from chemage_kinetics._event_queue import (
 STREAM = STREAMS["next-reaction"]
 
 
-class Sites(NamedTuple):
+class QueuedSites(NamedTuple):
     """All sites in their present states, with their random numbers."""
 
     key: Key
-    model: Model
+    model: KineticModel
     pixels: np.ndarray
     """(n,) int64: index of each site's random numbers, the pixel where no other site is in it"""
     words: np.ndarray
@@ -74,10 +74,10 @@ class Sites(NamedTuple):
     """(n,) int64: random numbers drawn so far"""
 
 
-class Run(NamedTuple):
+class NextReactionRun(NamedTuple):
     """Everything one thread works on."""
 
-    sites: Sites
+    sites: QueuedSites
     holds: Holds
     queue: Queue
     order: Order
@@ -87,7 +87,7 @@ class Run(NamedTuple):
     """(5,) uint64 scratch, see `_common`"""
 
 
-class Chain(NamedTuple):
+class FlickerRates(NamedTuple):
     """Rates (Hz) around a site that flickers: of the site itself, and of all its neighbours together; in its present
     state and in its other state."""
 
@@ -101,7 +101,7 @@ class Chain(NamedTuple):
 
 
 @hot
-def _draw(site: Int, high: Float, low: Float, sites: Sites, times: np.ndarray) -> None:
+def _draw(site: Int, high: Float, low: Float, sites: QueuedSites, times: np.ndarray) -> None:
     """Draw a new pending time of a site, from the instant high + low on. Infinite where the rate is zero."""
     model = sites.model
     word = sites.words[site]
@@ -126,12 +126,12 @@ def _draw(site: Int, high: Float, low: Float, sites: Sites, times: np.ndarray) -
 
 
 @inner
-def _draw_cold(site: Int, high: Float, low: Float, sites: Sites, times: np.ndarray) -> None:
+def _draw_cold(site: Int, high: Float, low: Float, sites: QueuedSites, times: np.ndarray) -> None:
     _draw(site, high, low, sites, times)
 
 
 @jit
-def draw_times(sites: Sites, start: Float, times: np.ndarray) -> None:
+def draw_times(sites: QueuedSites, start: Float, times: np.ndarray) -> None:
     """Draw the first pending times (n, 2) of all sites, from the time ``start`` (s) on."""
     sites = borrowed(sites)
     times = borrowed(times)
@@ -140,7 +140,7 @@ def draw_times(sites: Sites, start: Float, times: np.ndarray) -> None:
 
 
 @hot
-def _flip(site: Int, high: Float, low: Float, sites: Sites, queue: Queue, sooner: np.ndarray) -> Int:
+def _flip(site: Int, high: Float, low: Float, sites: QueuedSites, queue: Queue, sooner: np.ndarray) -> Int:
     """Change the state of a site, and the energies and pending times of its neighbours; its own time is not drawn.
 
     Returns how many neighbours ``sooner`` lists: those whose time moved forward, or came to lie before the last hold
@@ -191,7 +191,7 @@ def _flip(site: Int, high: Float, low: Float, sites: Sites, queue: Queue, sooner
 
 
 @hot
-def _look_ahead(sites: Sites, queue: Queue, size: Int) -> None:
+def _look_ahead(sites: QueuedSites, queue: Queue, size: Int) -> None:
     """Prefetch the memory of the next predicted events.
 
     The next event is most likely the first of the four below the top, and the one after it another of them: the rows of
@@ -223,7 +223,9 @@ def _look_ahead(sites: Sites, queue: Queue, size: Int) -> None:
 
 
 @inner
-def _stay(run: Run, i: Int, high: Float, low: Float, span: Float, limit: Float, chain: Chain, hold: Int) -> None:
+def _stay(
+    run: NextReactionRun, i: Int, high: Float, low: Float, span: Float, limit: Float, chain: FlickerRates, hold: Int
+) -> None:
     """Follow site i as a two-state chain for ``span`` seconds at most, and draw the pending times around it anew."""
     run = borrowed(run)
     sites = run.sites
@@ -273,7 +275,7 @@ def _drop_around(queue: Queue, size: Int, i: Int, neighbours: np.ndarray) -> Int
 
 
 @inner
-def _offer_around(queue: Queue, size: Int, i: Int, neighbours: np.ndarray, grid: Grid, present: Int) -> Int:
+def _offer_around(queue: Queue, size: Int, i: Int, neighbours: np.ndarray, grid: Buckets, present: Int) -> Int:
     """Enter site i and its neighbours in the queue; returns the size of the heap."""
     for s in range(-1, neighbours.shape[1]):
         j = np.int64(neighbours[i, s]) if s >= 0 else i
@@ -284,7 +286,15 @@ def _offer_around(queue: Queue, size: Int, i: Int, neighbours: np.ndarray, grid:
 
 @inner
 def _end_aside(
-    run: Run, i: Int, high: Float, low: Float, chain: Chain, hold: Int, size: Int, grid: Grid, present: Int
+    run: NextReactionRun,
+    i: Int,
+    high: Float,
+    low: Float,
+    chain: FlickerRates,
+    hold: Int,
+    size: Int,
+    grid: Buckets,
+    present: Int,
 ) -> Int:
     """Follow site i, set aside with its neighbours, until the next event elsewhere in the patch or around it, or the
     next hold time; then enter them in the queue again. Returns the size of the heap."""
@@ -300,7 +310,7 @@ def _end_aside(
 
 
 @hot
-def _flickers(chain: Chain, span: Float) -> bool:
+def _flickers(chain: FlickerRates, span: Float) -> bool:
     """Whether a site changes its state far more often than anything happens around it, and often within ``span``
     seconds; what is fast around one of its states does not count where it leaves that state faster still."""
     rarely = FLICKER * chain.around_here <= chain.here and FLICKER * chain.around_there <= chain.there
@@ -311,7 +321,9 @@ def _flickers(chain: Chain, span: Float) -> bool:
 
 
 @hot
-def _event(run: Run, i: Int, high: Float, low: Float, hold: Int, size: Int, grid: Grid, present: Int) -> Int:
+def _event(
+    run: NextReactionRun, i: Int, high: Float, low: Float, hold: Int, size: Int, grid: Buckets, present: Int
+) -> Int:
     """The event of site i: new states and pending times of it and its neighbours. Returns the size of the heap."""
     found = _flip(i, high, low, run.sites, run.queue, run.sooner)
     count_flip(run.holds.tally, hold, run.sites.words[i])
@@ -322,7 +334,7 @@ def _event(run: Run, i: Int, high: Float, low: Float, hold: Int, size: Int, grid
 
 
 @jit
-def follow(run: Run, first: Int, last: Int, superbasins: bool | None, events: Int) -> Int:
+def follow(run: NextReactionRun, first: Int, last: Int, superbasins: bool | None, events: Int) -> Int:
     """Follow the patches ``first`` to ``last`` - 1 to the last hold time, or for about ``events`` events.
 
     superbasins: True or None, so that the two-state chain is compiled only where it is used. Returns the first patch
@@ -340,7 +352,7 @@ def follow(run: Run, first: Int, last: Int, superbasins: bool | None, events: In
         present = np.int64(-1)
         aside = np.int64(-1)
         high = low = 0.0
-        chain = Chain(0.0, 0.0, 0.0, 0.0)
+        chain = FlickerRates(0.0, 0.0, 0.0, 0.0)
         while True:
             size = correct_top(queue, size, grid, present)
             # The heap may hold entries of later buckets; they wait until theirs is open.
@@ -374,7 +386,7 @@ def follow(run: Run, first: Int, last: Int, superbasins: bool | None, events: In
                 around_there = rate_around(i, sites)
                 size = _event(run, i, high, low, hold, size, grid, present)
                 here = site_rate(i, sites.words, sites.model)
-                chain = Chain(here, there, rate_around(i, sites), around_there)
+                chain = FlickerRates(here, there, rate_around(i, sites), around_there)
                 if _flickers(chain, until(high, low, hold_times[hold])):
                     aside = i
                     size = _drop_around(queue, size, i, sites.model.neighbours)

@@ -26,7 +26,7 @@ from chemage_kinetics._common import (
     Float,
     Int,
     Key,
-    Model,
+    KineticModel,
     borrowed,
     fixed_barrier,
     fixed_coupling,
@@ -38,7 +38,7 @@ from chemage_kinetics._common import (
     rate,
     until,
 )
-from chemage_kinetics._rejection_free import Rates, mark, refresh, select, tree_total
+from chemage_kinetics._rejection_free import SiteRates, mark, refresh, select, tree_total
 
 STREAM = random.KINETICS + 4
 PARTNER = random.KINETICS + 5
@@ -77,7 +77,7 @@ class Bonds(NamedTuple):
     """nm"""
 
 
-class Drive(NamedTuple):
+class SliderDrive(NamedTuple):
     """What pulls: speed nm/s; spring nN/nm, inf where the slider itself has the speed; friction nN."""
 
     speed: float
@@ -85,7 +85,7 @@ class Drive(NamedTuple):
     friction: float
 
 
-class Partners(NamedTuple):
+class NewPartners(NamedTuple):
     """New partners of sites that lost their bond; ``quantiles`` is empty where they keep them."""
 
     quantiles: np.ndarray
@@ -96,19 +96,19 @@ class Partners(NamedTuple):
     """(n,) int64: index of each site's random numbers"""
 
 
-class Run(NamedTuple):
+class PullRun(NamedTuple):
     """Everything a pull consists of; its arrays carry the state from call to call."""
 
     key: Key
-    model: Model
+    model: KineticModel
     bonds: Bonds
-    drive: Drive
-    partners: Partners
+    drive: SliderDrive
+    partners: NewPartners
     words: np.ndarray
     """(n,) int64, see `_common`"""
     base: np.ndarray
     """(n,) int64: the part of the forming barrier that is the site's own, in fixed point"""
-    rates: Rates
+    rates: SiteRates
     made: np.ndarray
     """(n,) int64: window in which each bond formed"""
     rest: np.ndarray
@@ -159,18 +159,18 @@ def under_force(barrier: Float, lowered: Float, exponent: Float, nu: Float) -> F
 
 
 @hot
-def _stretch(i: Int, run: Run, window: Int, rest: Float) -> Float:
+def _stretch(i: Int, run: PullRun, window: Int, rest: Float) -> Float:
     return (window - run.made[i]) * run.bonds.window + (rest - run.rest[i])
 
 
 @hot
-def _present_stretch(i: Int, run: Run) -> Float:
+def _present_stretch(i: Int, run: PullRun) -> Float:
     """The stretch of bond i; it is never compressed."""
     return max(_stretch(i, run, run.counts[WINDOW], run.reals[REST]) + run.reals[REST_LOW], 0.0)
 
 
 @hot
-def _rate_at(i: Int, run: Run, stretch: Float) -> Float:
+def _rate_at(i: Int, run: PullRun, stretch: Float) -> Float:
     """The breaking rate of bond i if it is stretched so far."""
     return under_force(run.bonds.barrier[i], max(stretch, 0.0) * run.bonds.gain, run.bonds.exponent, run.model.nu)
 
@@ -185,7 +185,7 @@ def _times(a: Float, count: Int) -> tuple[Float, Float]:
 
 
 @hot
-def _load(run: Run) -> Float:
+def _load(run: PullRun) -> Float:
     """The force of all bonds, nN."""
     counts, reals = run.counts, run.reals
     if counts[BONDS] == 0:
@@ -197,7 +197,7 @@ def _load(run: Run) -> Float:
 
 
 @hot
-def _force(run: Run) -> Float:
+def _force(run: PullRun) -> Float:
     """Of the drive, nN."""
     if run.counts[RESTS]:
         return run.reals[PULL] + run.reals[PULL_LOW]
@@ -205,13 +205,13 @@ def _force(run: Run) -> Float:
 
 
 @hot
-def _slack(run: Run) -> Float:
+def _slack(run: PullRun) -> Float:
     """How much more bonds and friction hold than the spring pulls, nN, where the slider rests."""
     return (_load(run) + run.drive.friction - run.reals[PULL]) - run.reals[PULL_LOW]
 
 
 @hot
-def _speed(run: Run) -> Float:
+def _speed(run: PullRun) -> Float:
     """Of the slider, nm/s."""
     drive = run.drive
     if run.counts[RESTS] or drive.spring == 0.0:
@@ -225,7 +225,7 @@ def _speed(run: Run) -> Float:
 
 
 @hot
-def _enlist(i: Int, window: Int, run: Run) -> None:
+def _enlist(i: Int, window: Int, run: PullRun) -> None:
     run.bound[i] = window
     slot = window & (RING - 1)
     first = run.heads[slot]
@@ -237,7 +237,7 @@ def _enlist(i: Int, window: Int, run: Run) -> None:
 
 
 @hot
-def _strike(i: Int, run: Run) -> None:
+def _strike(i: Int, run: PullRun) -> None:
     after, before = run.links[i, 0], run.links[i, 1]
     if before >= 0:
         run.links[before, 0] = after
@@ -248,7 +248,7 @@ def _strike(i: Int, run: Run) -> None:
 
 
 @hot
-def _least_barrier(speed: Float, run: Run) -> Float:
+def _least_barrier(speed: Float, run: PullRun) -> Float:
     """The barrier (k_BT) over which bonds break with probability RARE within the FURTHEST windows; inf at rest."""
     if speed <= 0.0:
         return np.inf
@@ -256,7 +256,7 @@ def _least_barrier(speed: Float, run: Run) -> Float:
 
 
 @hot
-def _bind(i: Int, least: Float, run: Run) -> None:
+def _bind(i: Int, least: Float, run: PullRun) -> None:
     """Give bond i a bound at the end of a window ahead, and list it there; ``least``: see `_least_barrier`."""
     window, ahead = run.counts[WINDOW], np.int64(1)
     barrier, exponent = run.bonds.barrier[i], run.bonds.exponent
@@ -271,7 +271,7 @@ def _bind(i: Int, least: Float, run: Run) -> None:
 
 
 @inner
-def _rebind(passed: Int, run: Run) -> None:
+def _rebind(passed: Int, run: PullRun) -> None:
     """New bounds for the bonds of the last ``passed`` windows, up to the present one."""
     least, count = _least_barrier(_speed(run), run), np.int64(0)
     window = run.counts[WINDOW]
@@ -301,7 +301,7 @@ def _two_sum(reals: np.ndarray, at: Int, more: Float) -> None:
 
 
 @hot
-def _shift(distance: Float, run: Run) -> None:
+def _shift(distance: Float, run: PullRun) -> None:
     """Move the slider, and give new bounds to the bonds whose window it has come to."""
     reals, counts = run.reals, run.counts
     _two_sum(reals, REST, distance)
@@ -315,7 +315,7 @@ def _shift(distance: Float, run: Run) -> None:
 
 
 @hot
-def _work(run: Run, span: Float) -> tuple[Float, Float, Float]:
+def _work(run: PullRun, span: Float) -> tuple[Float, Float, Float]:
     """Of ``span`` seconds ahead, without an event: the work of drive and friction (nN nm), and the way (nm)."""
     speed, drive = _speed(run), run.drive
     way = speed * span
@@ -327,7 +327,7 @@ def _work(run: Run, span: Float) -> tuple[Float, Float, Float]:
 
 
 @hot
-def _note_peak(run: Run) -> None:
+def _note_peak(run: PullRun) -> None:
     """Compare the force before a bond breaks with the largest one, and with that of the last slip."""
     reals, counts = run.reals, run.counts
     force = _force(run)
@@ -345,7 +345,7 @@ def _note_peak(run: Run) -> None:
 
 
 @inner
-def _end_slip(run: Run) -> None:
+def _end_slip(run: PullRun) -> None:
     reals, counts = run.reals, run.counts
     size = np.int64(0)
     while (counts[FALLS] >> (size + 1)) > 0:
@@ -357,7 +357,7 @@ def _end_slip(run: Run) -> None:
 
 
 @hot
-def _note_fall(run: Run) -> None:
+def _note_fall(run: PullRun) -> None:
     reals, counts = run.reals, run.counts
     counts[FALLS] += 1
     force = _force(run)
@@ -369,7 +369,7 @@ def _note_fall(run: Run) -> None:
 
 
 @hot
-def settle(excess: Float, run: Run) -> None:
+def settle(excess: Float, run: PullRun) -> None:
     """Let the slider go to where spring, bonds and friction balance, if the spring pulls by an ``excess`` (nN) more
     than they hold."""
     if excess <= 0.0 or math.isinf(run.drive.spring):
@@ -386,7 +386,7 @@ def settle(excess: Float, run: Run) -> None:
 
 
 @hot
-def _form(i: Int, run: Run) -> None:
+def _form(i: Int, run: PullRun) -> None:
     counts, reals = run.counts, run.reals
     run.made[i] = counts[WINDOW]
     run.rest[i] = reals[REST]
@@ -399,7 +399,7 @@ def _form(i: Int, run: Run) -> None:
 
 
 @hot
-def _partner_barrier(key: Key, partners: Partners, i: Int, slips: Int) -> Float:
+def _partner_barrier(key: Key, partners: NewPartners, i: Int, slips: Int) -> Float:
     """The forming barrier of a site (eV) with the partner that it met after so many lost bonds."""
     table = partners.quantiles
     u = random.uniform(key.k0, key.k1, PARTNER, partners.pixels[i], slips) * (table.size - 1)
@@ -408,14 +408,14 @@ def _partner_barrier(key: Key, partners: Partners, i: Int, slips: Int) -> Float:
 
 
 @hot
-def _new_partner(i: Int, run: Run) -> None:
+def _new_partner(i: Int, run: PullRun) -> None:
     new = fixed_barrier(_partner_barrier(run.key, run.partners, i, run.slips[i]))
     run.words[i] += 2 * (new - run.base[i])
     run.base[i] = new
 
 
 @hot
-def _break(i: Int, run: Run) -> None:
+def _break(i: Int, run: PullRun) -> None:
     counts, reals = run.counts, run.reals
     stretch = _present_stretch(i, run)
     _note_peak(run)
@@ -437,7 +437,7 @@ def _break(i: Int, run: Run) -> None:
 
 
 @hot
-def _change(i: Int, run: Run) -> None:
+def _change(i: Int, run: PullRun) -> None:
     """Form or break the bond of site i; new rates of its neighbours."""
     model = run.model
     bonded = run.words[i] & 1
@@ -461,7 +461,7 @@ def _change(i: Int, run: Run) -> None:
 
 
 @inner
-def _sample(run: Run, span: Float, hold: Int) -> None:
+def _sample(run: PullRun, span: Float, hold: Int) -> None:
     """What is seen ``span`` seconds ahead, before the next event."""
     reals, counts, bonds, drive = run.reals, run.counts, run.bonds, run.drive
     work, rubbed, way = _work(run, span)
@@ -491,7 +491,7 @@ def _sample(run: Run, span: Float, hold: Int) -> None:
 
 
 @hot
-def _to_next_window(run: Run) -> Int:
+def _to_next_window(run: PullRun) -> Int:
     """Windows to the next one for which bonds are listed; RING where there is none."""
     window = run.counts[WINDOW]
     for ahead in range(1, RING):
@@ -502,7 +502,7 @@ def _to_next_window(run: Run) -> Int:
 
 @jit
 def present_barriers(
-    key: Key, partners: Partners, before: np.ndarray, slips: np.ndarray, forming: np.ndarray, base: np.ndarray
+    key: Key, partners: NewPartners, before: np.ndarray, slips: np.ndarray, forming: np.ndarray, base: np.ndarray
 ) -> None:
     """Replace the forming barriers (eV) of sites that have lost bonds since there were ``before`` by those of the
     present partners; and give all in fixed point."""
@@ -513,7 +513,7 @@ def present_barriers(
 
 
 @jit
-def start(run: Run, goes_on: bool) -> None:
+def start(run: PullRun, goes_on: bool) -> None:
     """Give every bond its bound, that of before where a pull goes on, and let the slider settle."""
     run = borrowed(run)
     least = _least_barrier(_speed(run), run)
@@ -530,7 +530,7 @@ def start(run: Run, goes_on: bool) -> None:
 
 
 @jit
-def stretches(run: Run, out: np.ndarray) -> None:
+def stretches(run: PullRun, out: np.ndarray) -> None:
     """Fill the stretch of every bond at the last time."""
     _, _, way = _work(run, until(run.reals[HIGH], run.reals[LOW], run.times[run.times.size - 1]))
     for i in range(out.size):
@@ -539,14 +539,14 @@ def stretches(run: Run, out: np.ndarray) -> None:
 
 
 @hot
-def _draw(run: Run) -> None:
+def _draw(run: PullRun) -> None:
     """The random numbers of the next event: how long it is waited for, and what it is."""
     u, run.reals[CHOICE] = random.uniform_pair(run.key.k0, run.key.k1, STREAM, run.counts[EVENT], 0)
     run.reals[LEFT] = -math.log(u)
 
 
 @jit
-def advance(run: Run, events: Int) -> None:
+def advance(run: PullRun, events: Int) -> None:
     """Go on for about ``events`` events, or to the last time (then ``counts[DONE]`` is 1).
 
     The state is that of the last event; it is followed to a time only to be sampled, so that what is sampled changes

@@ -19,7 +19,7 @@ from chemage_kinetics._common import (
     UNITS_PER_EV,
     Float,
     Int,
-    Model,
+    KineticModel,
     borrowed,
     fixed_barrier,
     hot,
@@ -66,7 +66,7 @@ class Classes(NamedTuple):
     """(GROUPS,) float64: sums over groups of eight classes of slots times 2**-c; -1: to be summed again"""
     used: np.ndarray
     """(2,) int64: the first and the last group in use"""
-    model: Model
+    model: KineticModel
     per_class: float
     """1/(k_B T ln 2) over one fixed-point unit of energy"""
 
@@ -126,7 +126,7 @@ def octaves_of(words: np.ndarray, breaking: np.ndarray, per_class: float) -> np.
     return octaves
 
 
-def new_classes(words: np.ndarray, model: Model, order: np.ndarray | None, counts: np.ndarray | None) -> Classes:
+def new_classes(words: np.ndarray, model: KineticModel, order: np.ndarray | None, counts: np.ndarray | None) -> Classes:
     """The classes of the sites; ``order`` and ``counts`` as `sort` or `members` give them, or None: sorted here."""
     per_class = model.per_unit * PER_KT
     if order is None or counts is None:

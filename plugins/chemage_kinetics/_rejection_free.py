@@ -29,7 +29,7 @@ from chemage_kinetics._common import (
     Holds,
     Int,
     Key,
-    Model,
+    KineticModel,
     borrowed,
     count_flip,
     count_sojourn,
@@ -58,7 +58,7 @@ NONE = np.int64(-1)
 ONE = np.int64(1)
 
 
-class Rates(NamedTuple):
+class SiteRates(NamedTuple):
     """The rate of every site: in its leaf or, for a listed site, in the list."""
 
     tree: np.ndarray
@@ -77,12 +77,12 @@ class Rates(NamedTuple):
     """whether fast sites are listed; changes which random numbers decide what"""
 
 
-def empty_rates(sites: int, slots: int, listing: bool) -> Rates:
+def empty_rates(sites: int, slots: int, listing: bool) -> SiteRates:
     """Memory for the rates of ``sites`` sites with ``slots`` neighbours each; see `fill`."""
     starts = _levels(sites)
     rates = _aligned(int(ROOM) + 8)
     rates[:] = 0.0
-    return Rates(
+    return SiteRates(
         tree=_aligned(int(starts[-1])),
         starts=starts,
         sites=np.full(ROOM, NONE),
@@ -122,19 +122,19 @@ def _block_sum(tree: np.ndarray, b: Int) -> Float:
 
 
 @hot
-def tree_total(rates: Rates) -> Float:
+def tree_total(rates: SiteRates) -> Float:
     """Total rate of the tree."""
     return _block_sum(rates.tree, rates.starts[rates.starts.size - 2])
 
 
 @hot
-def list_total(rates: Rates) -> Float:
+def list_total(rates: SiteRates) -> Float:
     """Total rate of the listed sites."""
     return _block_sum(rates.rates, ROOM)
 
 
 @jit
-def fill(words: np.ndarray, model: Model, rates: Rates) -> None:
+def fill(words: np.ndarray, model: KineticModel, rates: SiteRates) -> None:
     """Fill the leaves from energies and states, then every level above."""
     words = borrowed(words)
     model = borrowed(model)
@@ -155,7 +155,7 @@ def fill(words: np.ndarray, model: Model, rates: Rates) -> None:
 
 
 @hot
-def mark(rates: Rates, block: Int, count: Int) -> Int:
+def mark(rates: SiteRates, block: Int, count: Int) -> Int:
     """Add a block to the first ``count`` of ``dirty`` if it is not one of them; returns their number."""
     for d in range(count):
         if rates.dirty[d] == block:
@@ -165,7 +165,7 @@ def mark(rates: Rates, block: Int, count: Int) -> Int:
 
 
 @hot
-def refresh(rates: Rates, count: Int) -> Float:
+def refresh(rates: SiteRates, count: Int) -> Float:
     """Sum again every ancestor of the ``count`` leaf blocks in ``dirty``; returns the total of the tree."""
     tree = rates.tree
     dirty = rates.dirty
@@ -185,7 +185,7 @@ def refresh(rates: Rates, count: Int) -> Float:
 
 
 @hot
-def _find(i: Int, rates: Rates) -> Int:
+def _find(i: Int, rates: SiteRates) -> Int:
     """The position of site i in the list, or -1. Without a branch, so that it runs on vector registers."""
     found = 0
     for h in range(rates.listed[0]):
@@ -194,20 +194,20 @@ def _find(i: Int, rates: Rates) -> Int:
 
 
 @hot
-def _enter(h: Int, i: Int, value: Float, rates: Rates) -> None:
+def _enter(h: Int, i: Int, value: Float, rates: SiteRates) -> None:
     rates.sites[h] = i
     rates.rates[h] = value
     rates.rates[ROOM + (h >> 3)] = _block_sum(rates.rates, h & ~7)
 
 
 @hot
-def threshold(rates: Rates) -> Float:
+def threshold(rates: SiteRates) -> Float:
     """The rate above which a site is listed."""
     return FAST * tree_total(rates) if rates.listing else np.inf
 
 
 @hot
-def settle(i: Int, value: Float, fast: Float, rates: Rates) -> None:
+def settle(i: Int, value: Float, fast: Float, rates: SiteRates) -> None:
     """Give site i its rate: in the list if it is above ``fast`` and there is room, otherwise in its leaf."""
     count = rates.listed[0]
     if count > 0 and rates.tree[i] == 0.0:  # as it is for listed sites
@@ -228,12 +228,12 @@ def settle(i: Int, value: Float, fast: Float, rates: Rates) -> None:
 
 
 @inner
-def _settle_cold(i: Int, value: Float, fast: Float, rates: Rates) -> None:
+def _settle_cold(i: Int, value: Float, fast: Float, rates: SiteRates) -> None:
     settle(i, value, fast, rates)
 
 
 @jit
-def relist(fast: np.ndarray, rates: Rates) -> None:
+def relist(fast: np.ndarray, rates: SiteRates) -> None:
     """Move the sites ``fast`` (int64) from a newly filled tree to the list, in the order in which they were there."""
     for h in range(fast.size):
         _enter(h, fast[h], rates.tree[fast[h]], rates)
@@ -244,14 +244,14 @@ def relist(fast: np.ndarray, rates: Rates) -> None:
 
 
 @inner
-def rate_of(i: Int, rates: Rates) -> Float:
+def rate_of(i: Int, rates: SiteRates) -> Float:
     """The rate of site i, whether it is listed or not."""
     h = _find(i, rates)
     return rates.rates[h] if h >= 0 else rates.tree[i]
 
 
 @inner
-def set_aside(i: Int, rates: Rates) -> Float:
+def set_aside(i: Int, rates: SiteRates) -> Float:
     """Exclude site i from the selection; returns the total rate of all others."""
     _settle_cold(i, 0.0, np.inf, rates)
     rates.dirty[0] = i >> 3
@@ -259,7 +259,7 @@ def set_aside(i: Int, rates: Rates) -> Float:
 
 
 @inner
-def put_back(i: Int, value: Float, rates: Rates) -> None:
+def put_back(i: Int, value: Float, rates: SiteRates) -> None:
     """Undo `set_aside`: site i has the rate ``value``."""
     _settle_cold(i, value, threshold(rates), rates)
     rates.dirty[0] = i >> 3
@@ -284,7 +284,7 @@ def descend(tree: np.ndarray, base: Int, target: Float) -> tuple[Int, Float]:
 
 
 @hot
-def select(rates: Rates, target: Float, v: Float) -> Int:
+def select(rates: SiteRates, target: Float, v: Float) -> Int:
     """The leaf at which the running sum of rates passes ``target``; never one of zero rate.
 
     With a ``v`` that is not 0, ``target`` selects only one of the nodes UPPER levels down, and ``v`` a leaf below it.
@@ -301,13 +301,13 @@ def select(rates: Rates, target: Float, v: Float) -> Int:
 
 
 @inner
-def select_cold(rates: Rates, target: Float) -> Int:
+def select_cold(rates: SiteRates, target: Float) -> Int:
     """`select` with a single random number; a function of its own, to be compiled once."""
     return select(rates, target, 0.0)
 
 
 @hot
-def select_listed(rates: Rates, target: Float) -> Int:
+def select_listed(rates: SiteRates, target: Float) -> Int:
     """The position in the list at which the running sum of rates passes ``target``."""
     block, target = descend(rates.rates, ROOM, target)
     return 8 * block + descend(rates.rates, 8 * block, target)[0]
@@ -335,15 +335,15 @@ OF_EVENT, OF_SELECTION, OF_SOJOURN = np.int64(0), np.int64(1), np.uint64(2)
 class System(NamedTuple):
     """The lattice in its present state."""
 
-    model: Model
+    model: KineticModel
     words: np.ndarray
     """(n,) int64, see `_common`"""
-    rates: Rates
+    rates: SiteRates
     near: np.ndarray
     """(k, 2) int64 scratch: unbonded neighbours of the present site, and their barriers"""
 
 
-class Ahead(NamedTuple):
+class Predictions(NamedTuple):
     """Predicted selections; scratch arrays."""
 
     key: Key
@@ -353,13 +353,13 @@ class Ahead(NamedTuple):
     """(RING,) int64: the node that each selection has reached"""
 
 
-class Run(NamedTuple):
+class RejectionFreeRun(NamedTuple):
     """Everything a run consists of; its arrays carry the state from call to call."""
 
     key: Key
     holds: Holds
     system: System
-    ahead: Ahead
+    ahead: Predictions
     rng: np.ndarray
     """(5,) uint64 scratch, see `_common`"""
     clock: np.ndarray
@@ -369,15 +369,17 @@ class Run(NamedTuple):
     number of the next selection DRAWN from the tree"""
 
 
-def new_run(key: Key, holds: Holds, model: Model, words: np.ndarray, rates: Rates, time: float) -> Run:
+def new_run(
+    key: Key, holds: Holds, model: KineticModel, words: np.ndarray, rates: SiteRates, time: float
+) -> RejectionFreeRun:
     """A run that starts at ``time`` (s); events and selections are counted from 0."""
     counters = np.zeros(5, np.int64)
     counters[LAST] = -1
-    return Run(
+    return RejectionFreeRun(
         key=key,
         holds=holds,
         system=System(model, words, rates, near=np.empty((model.neighbours.shape[1], 2), np.int64)),
-        ahead=Ahead(key, draws=np.zeros((RING, 3)), spots=np.zeros(RING, np.int64)),
+        ahead=Predictions(key, draws=np.zeros((RING, 3)), spots=np.zeros(RING, np.int64)),
         rng=np.empty(5, np.uint64),
         clock=np.array([time, 0.0]),
         counters=counters,
@@ -385,7 +387,7 @@ def new_run(key: Key, holds: Holds, model: Model, words: np.ndarray, rates: Rate
 
 
 @hot
-def _draw(ahead: Ahead, drawn: Int) -> None:
+def _draw(ahead: Predictions, drawn: Int) -> None:
     """The two random numbers that select the ``drawn``-th site from the tree."""
     slot = drawn & (RING - 1)
     ahead.draws[slot, 0], ahead.draws[slot, 1] = random.uniform_pair(
@@ -394,7 +396,7 @@ def _draw(ahead: Ahead, drawn: Int) -> None:
 
 
 @hot
-def _begin(ahead: Ahead, rates: Rates, total: Float, slot: Int) -> None:
+def _begin(ahead: Predictions, rates: SiteRates, total: Float, slot: Int) -> None:
     """First stage of predicting a selection: down to the last level but two."""
     node = 0
     top = rates.starts.size - 2
@@ -410,7 +412,7 @@ def _begin(ahead: Ahead, rates: Rates, total: Float, slot: Int) -> None:
 
 
 @hot
-def _look_ahead(ahead: Ahead, system: System, drawn: Int, total: Float) -> None:
+def _look_ahead(ahead: Predictions, system: System, drawn: Int, total: Float) -> None:
     """Prefetch the memory of the next predicted events; a wrong prediction costs time and changes nothing.
 
     Four selections ahead the sums above the leaves, three ahead the leaves, two ahead the site's own rows, one ahead
@@ -490,7 +492,7 @@ def _flip(system: System, i: Int) -> None:
 
 
 @inner
-def _start_sequence(run: Run, event: Int) -> None:
+def _start_sequence(run: RejectionFreeRun, event: Int) -> None:
     """Set ``rng`` to the private sequence of the sojourn that follows an event."""
     run.rng[0] = run.key.k0
     run.rng[1] = run.key.k1
@@ -501,7 +503,7 @@ def _start_sequence(run: Run, event: Int) -> None:
 
 @inner
 def _dwell(
-    run: Run, i: Int, high: Float, low: Float, hold: Int, rate_back: Float, leave_back: Float
+    run: RejectionFreeRun, i: Int, high: Float, low: Float, hold: Int, rate_back: Float, leave_back: Float
 ) -> tuple[Float, Float, Int]:
     """Follow site i, which flickers, until something else happens or the present hold time is reached.
 
@@ -545,7 +547,9 @@ def _dwell(
 
 
 @hot
-def _select(ahead: Ahead, system: System, v: Float, drawn: Int, total: Float, listed: Float) -> tuple[Int, Float, Int]:
+def _select(
+    ahead: Predictions, system: System, v: Float, drawn: Int, total: Float, listed: Float
+) -> tuple[Int, Float, Int]:
     """Select the site of an event, ``v`` uniform on (0, 1); returns the site, its rate, and selections drawn so far."""
     rates = system.rates
     v *= total + listed
@@ -562,7 +566,7 @@ def _select(ahead: Ahead, system: System, v: Float, drawn: Int, total: Float, li
 
 
 @jit
-def advance(run: Run, superbasins: bool | None, events: Int) -> None:
+def advance(run: RejectionFreeRun, superbasins: bool | None, events: Int) -> None:
     """Go on for at most ``events`` events, or to the last hold time (then ``counters[DONE]`` is 1).
 
     superbasins: True or None, so that the two-state chain is compiled only where it is used.

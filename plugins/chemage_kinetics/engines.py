@@ -220,14 +220,14 @@ class NextReaction(EventEngine, ThreadedEngine):
             times, draws = np.array(job.resume.times("times")), np.array(job.resume.draws("draws"))
         else:
             times, draws = np.empty((n, 2)), job.carried_draws()
-        sites = _next_reaction.Sites(job.key, job.model, job.lattice.random_index, words, draws)
+        sites = _next_reaction.QueuedSites(job.key, job.model, job.lattice.random_index, words, draws)
         if job.resume is None:
             _next_reaction.draw_times(sites, job.time, times)
         largest = int(np.diff(starts).max(initial=0))
 
         def follow(first: int, last: int, tally: np.ndarray) -> int:
             most = int(np.diff(starts[first : last + 1]).max(initial=0))
-            run = _next_reaction.Run(
+            run = _next_reaction.NextReactionRun(
                 sites=sites,
                 holds=Holds(job.hold_times, tally),
                 queue=new_queue(times, spot, most, float(job.hold_times[-1])),
@@ -279,7 +279,7 @@ class Independent(KernelEngine, ThreadedEngine):
         else:
             times, draws = np.empty((n, 2)), job.carried_draws()
         model = job.model
-        sites = _independent.Sites(
+        sites = _independent.IndependentSites(
             key=job.key,
             pixels=job.lattice.random_index,
             forming=job.lattice.forming,

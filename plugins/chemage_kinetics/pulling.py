@@ -123,9 +123,9 @@ class _Job:
         self.bonds = kernel.Bonds(
             np.maximum(lattice.breaking, 0.0) / thermal, drive.exponent, gain, drive.bond_stiffness, window
         )
-        self.pull = kernel.Drive(drive.speed, math.inf if drive.spring is None else drive.spring, drive.friction)
+        self.pull = kernel.SliderDrive(drive.speed, math.inf if drive.spring is None else drive.spring, drive.friction)
         empty = np.empty(0)
-        self.partners = kernel.Partners(
+        self.partners = kernel.NewPartners(
             empty if partners is None else np.array(partners.quantiles, np.float64),
             empty if partners is None else np.ascontiguousarray(partners.shift, np.float64),
             lattice.random_index,
@@ -173,7 +173,7 @@ class _Job:
             np.array_equal(before.resume.get(name, ()), array) for name, array in self._identity().items()
         )
 
-    def prepared(self) -> kernel.Run:
+    def prepared(self) -> kernel.PullRun:
         """The state of the contact at the start."""
         n, before = self.state.size, self.before
         reals, counts = np.zeros(kernel.REALS), np.zeros(kernel.COUNTS, np.int64)
@@ -192,7 +192,7 @@ class _Job:
         fill(words, self.model, rates)
         m = self.times.size
         counts[kernel.HOLD] = counts[kernel.DONE] = 0
-        run = kernel.Run(
+        run = kernel.PullRun(
             key=self.key,
             model=self.model,
             bonds=self.bonds,
@@ -246,7 +246,7 @@ class _Job:
             reals[kernel.WORK if change > 0 else kernel.LOST] += abs(change)
         reals[kernel.TOP] = force
 
-    def finished(self, run: kernel.Run, kind: str) -> PullHistory:
+    def finished(self, run: kernel.PullRun, kind: str) -> PullHistory:
         """The result, with what is needed to go on."""
         reals, samples, tallies = run.reals, run.samples, run.tallies
         state, stretch = bonded(run.words), np.zeros(run.words.size)

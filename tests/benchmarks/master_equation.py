@@ -23,7 +23,7 @@ import numpy as np
 from scipy import stats
 
 from chemage.plugin import registry
-from chemage.testing.small_systems import Group, Hold, chance_of, held, random_hold
+from chemage.testing.small_systems import Group, GroupHold, chance_of, held, random_hold
 from chemage_kinetics import engines
 
 #: sites of the lattices, in turn; nine take half a second to solve, and a few attempts until one site is in doubt
@@ -43,7 +43,7 @@ def variants(kinds: list[str]) -> list[tuple[str, dict[str, object]]]:
     return found
 
 
-def uncoupled(hold: Hold) -> Hold:
+def uncoupled(hold: GroupHold) -> GroupHold:
     """The same sites without interaction."""
     group = Group(hold.group.forming, hold.group.breaking)
     first = 2 ** len(group.forming) - 1 if hold.start else 0

@@ -205,7 +205,7 @@ def _without_false(path: str, value: Any) -> Any:
 
 
 @dataclass
-class Contact:
+class SharedContact:
     """A contact to solve, which several points may share."""
 
     key: str
@@ -225,7 +225,7 @@ class Survey:
     keys: list[str] = field(default_factory=list)
     agings: list[str] = field(default_factory=list)
     contact_of: list[int] = field(default_factory=list)
-    contacts: list[Contact] = field(default_factory=list)
+    contacts: list[SharedContact] = field(default_factory=list)
     #: CPU time of each point without its contact, s; None where its engine gives no estimate
     cpu_seconds: list[float | None] = field(default_factory=list)
     #: size of the point files
@@ -384,7 +384,7 @@ def _add(result: Survey, point: int, scene: Scene, numbers: dict[str, int]) -> N
     if keys["contact"] not in numbers:
         numbers[keys["contact"]] = len(result.contacts)
         result.contacts.append(
-            Contact(keys["contact"], keys["surface"], point, costs.contact_cpu_seconds, 3000 + costs.contact_file)
+            SharedContact(keys["contact"], keys["surface"], point, costs.contact_cpu_seconds, 3000 + costs.contact_file)
         )
         _note_memory(result, costs.contact_bytes)
     result.contact_of.append(numbers[keys["contact"]])
@@ -421,7 +421,7 @@ def _resolve(result: Survey, axis: int, place: int, scene: Scene) -> None:
             result.units[path] = scene.unit(path)
 
 
-def order_of(contacts: list[Contact]) -> list[int]:
+def order_of(contacts: list[SharedContact]) -> list[int]:
     """Order the numbers of ``contacts`` so that those of one surface follow each other."""
     first: dict[str, int] = {}
     for number, contact in enumerate(contacts):

@@ -23,7 +23,7 @@ from chemage.studies.ensembles.ensemble import Ensemble
 from chemage.studies.folder import FORMAT, Folder, SweepWarning
 from chemage.studies.sweeps.grid import Axis, Grid, shown
 from chemage.studies.sweeps.shares import PLACE, remedies
-from chemage.studies.sweeps.table import Table, error_text
+from chemage.studies.sweeps.table import SweepTable, error_text
 
 if TYPE_CHECKING:
     import pandas
@@ -280,10 +280,10 @@ class SweepResult:
         """The points that failed."""
         return [self[index] for index, state in enumerate(self.states()) if state == "failed"]
 
-    def table(self) -> Table:
+    def table(self) -> SweepTable:
         """The table of all points, as they are in the folder at present."""
         points = (self.store.read_point(key) for key in self.keys)
-        return Table.collect(self.swept, self.units, points, self.axes)
+        return SweepTable.collect(self.swept, self.units, points, self.axes)
 
     def to_pandas(self) -> pandas.DataFrame:
         """A data frame with one row per point: status, swept fields, results.

@@ -128,7 +128,7 @@ def dimensions(
 
 
 @dataclass(frozen=True)
-class Table:
+class SweepTable:
     """Columns of a sweep; missing values are nan, or -1 for bonds."""
 
     #: path -> one validated value per point: numbers in internal units, everything else as text
@@ -167,7 +167,7 @@ class Table:
         units: Mapping[str, str],
         points: Iterable[Mapping[str, Any]],
         axes: Sequence[Axis] = (),
-    ) -> Table:
+    ) -> SweepTable:
         """Make the table from the files of the points, read one after the other; missing ones have only a status.
 
         ``axes`` are those of the grid, of which ``swept`` has the values at every point.

@@ -18,7 +18,7 @@ from chemage.foundation.text import plus_minus
 from chemage.foundation.units import convert
 from chemage.studies.sweeps.grid import Axis, shown
 from chemage.studies.sweeps.result import SweepResult
-from chemage.studies.sweeps.table import CURVES, DECLARED, Dimension, Table, is_seed, last_part, value_of
+from chemage.studies.sweeps.table import CURVES, DECLARED, Dimension, SweepTable, is_seed, last_part, value_of
 
 #: the axis along a curve
 HOLD_TIME = "hold_time"
@@ -64,7 +64,7 @@ class SweepData:
 
     def __init__(self, result: SweepResult) -> None:
         self.name = result.name
-        self.table: Table = result.table()
+        self.table: SweepTable = result.table()
         self.dimensions: dict[str, Dimension] = {dimension.name: dimension for dimension in self.table.dimensions}
         self.shape = tuple(dimension.size for dimension in self.dimensions.values())
         self.variables = self.table.variables()
