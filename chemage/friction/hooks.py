@@ -77,6 +77,9 @@ class OwnRuptureMethod:
         return engine.run(lattice, drive, times, temperature=temperature, seed=seed, start=start, partners=partners)
 
 
+ANSWERS = OwnRuptureMethod
+
+
 class _Rupture(Stage):
     def fault(self, answer: Any, arguments: Mapping[str, Any]) -> str:
         import numpy as np

@@ -58,7 +58,7 @@ __all__ = ["PluginRecord", "PluginWarning", "Registry", "scene_text", "source_ve
 
 GROUP = "chemage"
 #: modules in which the rooms of chemage declare roles (``ROLES``), stages (``STAGES``), hooks, and their own answers
-#: (``Default``)
+#: (``ANSWERS``)
 ROOMS = (
     "chemage.plugins.hooks",
     "chemage.surfaces.hooks",
@@ -104,7 +104,7 @@ class Registry:
                 )
 
     def add_room(self, room: Any) -> None:
-        """Add what a module declares: roles (``ROLES``), stages (``STAGES``), hooks and own answers (``Default``)."""
+        """Add what a module declares: roles (``ROLES``), stages (``STAGES``), hooks and own answers (``ANSWERS``)."""
         self.rooms.append(room)
         self._attach_room(self.manager, room)
         self.roles |= getattr(room, "ROLES", {})
@@ -113,8 +113,8 @@ class Registry:
 
     def _attach_room(self, manager: Hooks, room: Any) -> None:
         add_specifications(manager, room)
-        if (default := getattr(room, "Default", None)) is not None:
-            plugin = default()
+        if (answers := getattr(room, "ANSWERS", None)) is not None:
+            plugin = answers()
             manager.register(plugin, room.__name__.removesuffix(".hooks"))
             self._record(manager, plugin, "", str)
 

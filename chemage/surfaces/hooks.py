@@ -29,6 +29,9 @@ class OwnSurfaceMethod:
         return maker.make(seed)
 
 
+ANSWERS = OwnSurfaceMethod
+
+
 #: rms slopes of surfaces: beyond these heights or pixels are likely in another unit than they are said to be
 SLOPES = (1e-6, 3.0)
 

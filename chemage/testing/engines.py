@@ -34,7 +34,7 @@ from chemage.testing.small_systems import (
     NU,
     TEMPERATURE,
     Group,
-    LatticeCounts,
+    Trials,
     barrier,
     compare,
     compare_mean,
@@ -242,11 +242,7 @@ def _one_site_is_the_closed_form(component: Engine) -> None:
     theta = forming / total * (1 - np.exp(-total * times))
     # the mean number of bonds formed by t, ∫ k_f (1 − θ) dt
     formed = forming * (times - (forming / total) * (times - (1 - np.exp(-total * times)) / total))
-    samples = (
-        [LatticeCounts(48, 400), LatticeCounts(600, 1), LatticeCounts(1, 400)]
-        if component.exact
-        else [LatticeCounts(LARGE, 8)]
-    )
+    samples = [Trials(48, 400), Trials(600, 1), Trials(1, 400)] if component.exact else [Trials(LARGE, 8)]
     for sample in samples:
         lattice = group.lattice(sample.copies)
         runs = [component.run(lattice, times, temperature=300, seed=seed) for seed in range(sample.runs)]
@@ -313,7 +309,7 @@ def _rates_span_many_decades(component: Engine) -> None:
     subtracting rates is lost in rounding."""
     slow = (1e-6, 4e-6)
     rng = np.random.default_rng(5)
-    sample = LatticeCounts(8, 100) if component.exact else LatticeCounts(LARGE, 4)
+    sample = Trials(8, 100) if component.exact else Trials(LARGE, 4)
     bonded = np.zeros(2, dtype=np.int64)
     early = 0
     time, many = 2e5, 2 * sample.copies
@@ -461,7 +457,7 @@ def _going_on_keeps_the_rates(component: Engine) -> None:
     """A run that goes on from a history with the same seed has the right rates from there on: neither the clock nor the
     random numbers begin again, and a new temperature counts."""
     group = single(1.0)
-    samples = [LatticeCounts(1, 400), LatticeCounts(12, 100)] if component.exact else [LatticeCounts(LARGE, 8)]
+    samples = [Trials(1, 400), Trials(12, 100)] if component.exact else [Trials(LARGE, 8)]
     for sample in samples:
         lattice = group.lattice(sample.copies)
         for kelvin in (300.0, 330.0):

@@ -171,14 +171,14 @@ def coupled(scale: float = 1.0) -> Group:
 
 
 @dataclass(frozen=True)
-class LatticeCounts:
+class Trials:
     """How many lattices of how many groups are run."""
 
     copies: int
     runs: int
 
     @classmethod
-    def of(cls, component: Engine, runs: int = 200) -> LatticeCounts:
+    def of(cls, component: Engine, runs: int = 200) -> Trials:
         """Many small lattices; for an approximate engine few larger ones, as it may round the number of bonds."""
         return cls(COPIES, runs) if component.exact else cls(LARGE, 8)
 
@@ -200,7 +200,7 @@ def sampled(
     start: bool = False,
 ) -> np.ndarray:
     """States of the groups after ``time`` s over many seeds, (2**m,); from all bonds where ``start`` is true."""
-    sample = LatticeCounts.of(component, runs)
+    sample = Trials.of(component, runs)
     m = len(group.forming)
     counts = np.zeros(2**m, dtype=np.int64)
     for seed in range(sample.runs):
