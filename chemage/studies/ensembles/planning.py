@@ -1,16 +1,18 @@
 """What an ensemble will do and cost, estimated before anything is computed.
 
-What the rule that stops an ensemble will do, found by applying it to imagined samples of the expected scatter.
+The rule that stops an ensemble says what it will do with samples that have exactly the expected mean and variance: the
+optimal allocation of multilevel Monte Carlo (Giles, Acta Numer. 24, 259 (2015)) with Student's limit.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from scipy import special
 
 from chemage.foundation.text import percent
 from chemage.foundation.threads import available
@@ -33,203 +35,119 @@ from chemage.studies.ensembles.goals import Request, Scatters, is_about_zero, sc
 from chemage.studies.ensembles.quantities import RECORDED, limit, recorded_measures
 from chemage.studies.ensembles.running import Sampler, needing
 
-#: how often the rule is applied, for the median and the range
-TRIALS = 31
-#: part of the trials on each side of the range
-TAIL = 0.1
+#: probabilities at the ends of the ranges
+TAILS = (0.1, 0.9)
 #: correlation of the area of a sketch with what β has in common on a surface (``tests/benchmarks/sketches.py``)
 CORRELATION = 0.95
 
 
 @dataclass
-class _Spent:
-    """CPU and wall seconds of imagined samples."""
-
-    cpu: float = 0.0
-    wall: float = 0.0
-
-
-@dataclass
-class _Imagined:
-    """A level of which the samples are normal numbers."""
+class _ExpectedLevel:
+    """A level of which any four samples have the mean and the variance that are expected."""
 
     cost: float
-    mean: np.ndarray
+    mean: float
+    #: (quantities,)
     deviation: np.ndarray
-    rng: np.random.Generator
-    workers: int
-    spent: _Spent
-    #: (quantities,) correlation with the number that each surface has
+    #: (quantities,) with what the levels of a surface have in common
     correlation: np.ndarray
-    #: of the numbers of the surfaces, the same for the levels that have them in common
-    seed: int
+    #: takes the wall time of samples
+    spend: Callable[[float], None]
 
     def sample(self, begin: int, end: int) -> np.ndarray:
         """See :class:`chemage.studies.ensembles.stages.Level`."""
-        self.spent.cpu += self.cost * (end - begin)
-        self.spent.wall += self.cost * (end - begin) / min(self.workers, max(1, end - begin))
-        own = self.rng.normal(size=(end - begin, self.mean.size))
-        common = np.random.default_rng(self.seed).normal(size=end)[begin:, None]
+        self.spend(self.cost * (end - begin))
+        number = np.arange(begin, end)[:, None]
+        common, own = 1 - 2 * (number % 2), 1 - 2 * (number // 2 % 2)
         return self.mean + self.deviation * (self.correlation * common + np.sqrt(1 - self.correlation**2) * own)
 
 
 @dataclass(frozen=True)
 class Expectation:
-    """Medians over trials of what the rule does, and ranges of 80 % of the trials."""
+    """What the rule is expected to do."""
 
     #: samples of the first level, and of the corrections
     samples: tuple[int, ...]
-    #: of the first level
-    range: tuple[int, int]
     cpu_seconds: float
-    cpu_range: tuple[float, float]
     wall_seconds: float
+    #: of the samples of the first level, in 80 % of cases
+    range: tuple[int, int]
     #: quantity -> half the width of its interval over its mean
     intervals: dict[str, float] = field(default_factory=dict)
-    #: part of the trials in which the accuracy is reached
-    reached: float = 1.0
-    #: why it is not: the reasons of :class:`chemage.studies.ensembles.stages.Unreachable`
+    #: why the accuracy is not reached: ``time``, or that of :class:`chemage.studies.ensembles.stages.Unreachable`
     reason: str = ""
     #: samples of the control
     sketches: int = 0
 
-    def scaled(self, factor: float) -> Expectation:
-        """The same where everything takes ``factor`` times as long."""
-        low, high = self.cpu_range
-        return replace(
-            self,
-            cpu_seconds=self.cpu_seconds * factor,
-            cpu_range=(low * factor, high * factor),
-            wall_seconds=self.wall_seconds * factor,
-        )
+    @classmethod
+    def counted(cls, count: int, seconds: float, workers: int, **more: Any) -> Expectation:
+        """Of a number of samples that is known, each of which takes ``seconds``."""
+        return cls((count,), count * seconds, count * seconds / min(workers, count), (count, count), **more)
+
+    @property
+    def cpu_range(self) -> tuple[float, float]:
+        """CPU seconds of as few, and of as many samples as the range says."""
+        each = self.cpu_seconds / self.samples[0]
+        return each * self.range[0], each * self.range[1]
 
 
-def expected_of(
-    request: Request, routes: list[stages.Route], expected: Scatters, means: Mapping[str, float], workers: int
-) -> Expectation | None:
-    """Apply the rule to imagined samples; None where the scatter of a quantity is not known.
+def _expected_of(
+    request: Request, routes: Sequence[stages.Route], expected: Scatters, mean: np.ndarray, workers: int
+) -> Expectation:
+    """What the rule does with samples that scatter exactly as is expected; ``mean`` (quantities,) is what errors of
+    coarse grids may depend on."""
+    goals = {goal.column: goal.name for goal in request.goals} or {0: request.quantities.names[0]}
+    columns, wall = sorted(goals), [0.0]
+    scatter = expected.sample(_replicas_of(routes[0].levels[0]))[columns]
 
-    Parameters
-    ----------
-    routes
-        Those of the ensemble; their levels state their costs and are not sampled.
-    means
-        Measures of the contact that are expected, of which errors of coarse grids may depend.
-    workers
-        Surfaces that are computed at the same time.
-    """
-    columns = sorted({goal.column for goal in request.goals}) or [0]
-    replicas = [_replicas_of(level) for level in routes[0].levels]
-    scatter = expected.sample(replicas[0])[columns]
-    if np.any(is_about_zero(scatter)):
-        cost, count = routes[0].levels[0].cost, stages.FIRST
-        if request.budget is not None:
-            count = max(count, int(workers * request.budget / cost))
-        cpu = count * cost
-        return Expectation((count,), (count, count), cpu, (cpu, cpu), cpu / workers, {}, 0.0, "zero")
-    if not np.isfinite(scatter).all():
-        return None
-    full = _mean(request, means)
-    trials = [_trial(request, routes, expected, full, columns, workers, seed) for seed in range(TRIALS)]
-    firsts = sorted(trial.samples[0] for trial in trials)
-    cpu = sorted(trial.cpu_seconds for trial in trials)
-    levels = max(len(trial.samples) for trial in trials)
-    counts = [[(*trial.samples, *[0] * levels)[k] for trial in trials] for k in range(levels)]
-    low, high = int(TAIL * (TRIALS - 1)), int((1 - TAIL) * (TRIALS - 1))
-    middle = {name: float(np.median([trial.intervals[name] for trial in trials])) for name in trials[0].intervals}
-    reasons = [trial.reason for trial in trials if trial.reason]
+    def spend(seconds: float) -> None:
+        wall[0] += seconds / workers
+
+    def level(of: stages.Level, mean: float, deviation: np.ndarray, common: np.ndarray) -> _ExpectedLevel:
+        return _ExpectedLevel(of.cost, mean, deviation, common, spend)
+
+    none, one = np.zeros(len(columns)), np.ones(1)
+    first = level(routes[0].levels[0], 1.0, scatter, CORRELATION * expected.surfaces[columns] / scatter)
+    drawn = []
+    for route in routes:
+        levels = [first]
+        for correction in route.levels[1:]:
+            per_surface = 1 + REPLICA_SHARE / _replicas_of(correction)
+            change = DIFFERENCE * math.sqrt(per_surface / (1 + REPLICA_SHARE / DIFFERENCE_REPLICAS))
+            levels.append(level(correction, 0.0, np.full(len(columns), change), none))
+        known, control = route.known(mean)[columns], None
+        if route.control is not None:
+            control = level(route.control, 1.0, one, one)
+        drawn.append(stages.Route(route.name, tuple(levels), lambda _, known=known: known, control))
+    clock = stages.Clock(math.inf if request.budget is None else request.budget, now=lambda: wall[0])
+    accuracy, reason = request.accuracy()[columns], ""
+    try:
+        state = stages.run_stages(drawn, accuracy, most=request.most, clock=clock)
+        reason = "" if state.reached(accuracy) else "time"
+        counts = state.counts
+    except stages.Unreachable as error:
+        state, reason = error.state, error.reason
+        counts = error.needed or state.counts
+    # what was tried and left costs, too
+    cpu = max(workers * wall[0], sum(count * cost for count, cost in zip(counts, state.costs, strict=True)))
+    freedom = state.sampled[0].freedom
+    # the number of samples goes with the variance, as it is measured with these degrees of freedom
+    shares = 2 * special.gammaincinv(freedom / 2, TAILS) / freedom if reason != "time" else np.ones(2)
+    low, high = (max(stages.FIRST, round(share * counts[0])) for share in shares.tolist())
+    half = dict(zip(columns, state.relative().tolist(), strict=True))
     return Expectation(
-        samples=tuple(round(float(np.median(one))) for one in counts),
-        range=(firsts[low], firsts[high]),
-        cpu_seconds=float(np.median(cpu)),
-        cpu_range=(cpu[low], cpu[high]),
-        wall_seconds=float(np.median([trial.wall_seconds for trial in trials])),
-        intervals=middle,
-        reached=1 - len(reasons) / TRIALS,
-        reason=max(set(reasons), key=reasons.count) if reasons else "",
-        sketches=round(float(np.median([trial.sketches for trial in trials]))),
+        samples=tuple(counts[: len(counts) - state.controlled]),
+        cpu_seconds=cpu,
+        wall_seconds=cpu / min(workers, counts[0]),
+        range=(low, high),
+        intervals={name: half[column] for column, name in goals.items()},
+        reason=reason,
+        sketches=counts[-1] if state.controlled else 0,
     )
 
 
 def _replicas_of(level: stages.Level) -> int:
     return level.parts[0].computation.replicas  # pyright: ignore[reportAttributeAccessIssue]
-
-
-def _mean(request: Request, means: Mapping[str, float]) -> np.ndarray:
-    """(quantities,): 1 where only the relative scatter counts, measures of the contact as far as they are known."""
-    quantities = request.quantities
-    measures = [means.get(name, math.nan) for name in quantities.measures]
-    return np.concatenate([np.ones(quantities.count - len(measures)), measures])
-
-
-def _trial(
-    request: Request,
-    routes: list[stages.Route],
-    expected: Scatters,
-    full: np.ndarray,
-    columns: list[int],
-    workers: int,
-    seed: int,
-) -> Expectation:
-    """One application of the rule."""
-    rng, spent = np.random.default_rng(seed), _Spent()
-    levels: dict[int, _Imagined] = {}
-
-    def imagined(level: stages.Level, number: int) -> _Imagined:
-        if id(level) not in levels:
-            replicas = _replicas_of(level)
-            deviation = expected.sample(replicas)[columns]
-            mean, correlation = np.ones(len(columns)), np.zeros(len(columns))
-            if number:
-                per_surface = (1 + REPLICA_SHARE / replicas) / (1 + REPLICA_SHARE / DIFFERENCE_REPLICAS)
-                deviation, mean = np.full(len(columns), DIFFERENCE * math.sqrt(per_surface)), np.zeros(len(columns))
-            else:
-                correlation = CORRELATION * expected.surfaces[columns] / np.maximum(deviation, 1e-300)
-            levels[id(level)] = _Imagined(level.cost, mean, deviation, rng, workers, spent, correlation, seed)
-        return levels[id(level)]
-
-    def sketched(level: stages.Level | None) -> _Imagined | None:
-        one = np.ones(1)
-        return None if level is None else _Imagined(level.cost, one, one, rng, workers, spent, one, seed)
-
-    def errors(route: stages.Route) -> Callable[[np.ndarray], np.ndarray]:
-        return lambda mean: route.known(full)[columns]
-
-    drawn = [
-        stages.Route(
-            one.name,
-            tuple(imagined(level, k) for k, level in enumerate(one.levels)),
-            errors(one),
-            sketched(one.control),
-        )
-        for one in routes
-    ]
-    clock = stages.Clock(math.inf if request.budget is None else request.budget, now=lambda: spent.wall)
-    accuracy = request.accuracy()[columns]
-    reason = ""
-    try:
-        state = stages.run_stages(drawn, accuracy, most=request.most, clock=clock)
-        counts = state.counts
-    except stages.Unreachable as error:
-        state, reason = error.state, error.reason
-        counts = error.needed or state.counts
-    half = state.half_width() / np.abs(state.mean)
-    names = [goal.name for goal in request.goals] or [request.quantities.names[0]]
-    places = [columns.index(goal.column) for goal in request.goals] or [0]
-    cpu, wall = spent.cpu, spent.wall
-    if reason == "most":
-        cpu = sum(count * one.level.cost for count, one in zip(counts, state.sampled, strict=True))
-        wall = cpu / workers
-    return Expectation(
-        samples=tuple(counts[: len(counts) - state.controlled]),
-        sketches=counts[-1] if state.controlled else 0,
-        range=(counts[0], counts[0]),
-        cpu_seconds=cpu,
-        cpu_range=(cpu, cpu),
-        wall_seconds=wall,
-        intervals={name: float(half[place]) for name, place in zip(names, places, strict=True)},
-        reason=reason or ("" if state.reached(accuracy) else "time"),
-    )
 
 
 @dataclass(frozen=True)
@@ -292,7 +210,7 @@ class EnsemblePlan:
                 f"{_seconds(first)}, which is longer than the budget of {budget:g} s"
             )
         seen = self.foreseen
-        if seen is not None and asked.goals and seen.reason and seen.reached < 0.5:
+        if seen is not None and asked.goals and seen.reason:
             notes.append(self._unreached(seen))
         return notes
 
@@ -480,7 +398,9 @@ def plan(scene: Scene) -> EnsemblePlan:
         costs = estimate.cost(scene)
         expected = scatters(request, costs, single.numbers)
         seen, reason = _expectation(sampler, costs, expected, first)
-        seen = None if seen is None else seen.scaled(first.scale)
+        if seen is not None:
+            cpu, wall = seen.cpu_seconds * first.scale, seen.wall_seconds * first.scale
+            seen = replace(seen, cpu_seconds=cpu, wall_seconds=wall)
     return EnsemblePlan(single, request, here, tuple(seconds), replicas, expected, seen, reason)
 
 
@@ -489,35 +409,32 @@ def _expectation(
 ) -> tuple[Expectation | None, str]:
     """What the rule is expected to do, and how that is known; ``first`` is the cheapest computation, in whose seconds
     all times are."""
-    asked, workers = sampler.request, available()
-    request = asked if asked.budget is None else replace(asked, budget=asked.budget / first.scale)
-    seconds, replicas = first.seconds, first.replicas
-    if request.surfaces is not None:
-        return _counted(request, expected, seconds, replicas), "as asked for"
-    means: Mapping[str, float] = {} if costs.area_fraction is None else {"area_fraction": costs.area_fraction}
-    seen = expected_of(request, sampler.possible_routes(), expected, means, fitting(first, workers))
-    if seen is not None:
-        return seen, _why(request, expected, replicas)
+    request, workers = sampler.request, available()
+    columns = sorted({goal.column for goal in request.goals}) or [0]
+    scatter = expected.sample(first.replicas)[columns]
+    if (count := request.surfaces) is not None:
+        half = limit(count - 1) * float(scatter[0]) / math.sqrt(count)
+        known = math.isfinite(half) and not is_about_zero(scatter[0])
+        intervals = {request.quantities.names[0]: half} if known else {}
+        return Expectation.counted(count, first.seconds, workers, intervals=intervals), "as asked for"
+    workers, budget = fitting(first, workers), math.inf
+    timed = stages.FIRST
+    if request.budget is not None:
+        budget = request.budget / first.scale
+        timed = max(timed, int(workers * budget / first.seconds))
+    if np.any(is_about_zero(scatter)):
+        return Expectation.counted(timed, first.seconds, workers, reason="zero"), _why(request, expected, first.replicas)
+    if np.isfinite(scatter).all():
+        measures = [costs.area_fraction if name == "area_fraction" else None for name in request.quantities.measures]
+        ones = [1.0] * (request.quantities.count - len(measures))  # of which only the relative scatter counts
+        mean = np.array([*ones, *measures], dtype=np.float64)
+        timed_request = replace(request, budget=None if request.budget is None else budget)
+        seen = _expected_of(timed_request, sampler.possible_routes(), expected, mean, workers)
+        return seen, _why(request, expected, first.replicas)
     if request.budget is not None and not request.goals:
-        count = max(stages.FIRST, int(workers * request.budget / seconds))
-        wall = count * seconds / workers
-        total = count * seconds
-        expectation = Expectation((count,), (count, count), total, (total, total), wall)
-        return expectation, "as many as the time allows"
+        return Expectation.counted(timed, first.seconds, workers), "as many as the time allows"
     over = "surfaces" if request.random else "replicas"
     return None, f"the scatter between {over} is not known before" + (f": {expected.source}" if expected.source else "")
-
-
-def _counted(request: Request, expected: Scatters, seconds: float, replicas: int) -> Expectation:
-    """Of a number of surfaces that is given."""
-    count = request.surfaces or 1
-    column = 0
-    scatter = float(expected.sample(replicas)[column])
-    intervals = {}
-    if math.isfinite(scatter) and not is_about_zero(scatter):
-        intervals[request.quantities.names[0]] = limit(count - 1) * scatter / math.sqrt(count)
-    total = count * seconds
-    return Expectation((count,), (count, count), total, (total, total), total / min(available(), count), intervals)
 
 
 def _why(request: Request, expected: Scatters, replicas: int) -> str:

@@ -171,14 +171,14 @@ class Sampler:
         self._part = None if points is None else self._part_of(points)
         self._progress: Report = _silent
         self._routes: list[stages.Route] = []
-        self._rule: Generator[stages.Need, None, stages.State] | None = None
-        self._state: stages.State | None = None
+        self._rule: Generator[stages.Need, None, stages.SamplingState] | None = None
+        self._state: stages.SamplingState | None = None
         #: key of a task that was asked for -> the samples that it belongs to
         self._waiting: dict[str, tuple[Samples, Task]] = {}
         #: (quantities,) relative standard errors of the barriers, and how they are known; measured when sampling begins
         self._barriers, self._barriers_how = np.zeros(self.request.quantities.count), ""
         #: the state after the last stage, and the counts that are aimed at
-        self._aimed: tuple[stages.State, list[int]] | None = None
+        self._aimed: tuple[stages.SamplingState, list[int]] | None = None
         self._shown = (-math.inf, "")
 
     @property
@@ -274,20 +274,20 @@ class Sampler:
             stopped = "the number of surfaces that was asked for" if counted else self._ending(self._state)
             return self._made(self._state, stopped)
 
-    def _steps(self) -> Generator[stages.Need, None, stages.State]:
+    def _steps(self) -> Generator[stages.Need, None, stages.SamplingState]:
         """The rule, which stops where samples have to be taken."""
         asked = self.request
         if asked.surfaces is not None:
             counted = stages.Sampled(self._routes[0].levels[0])
             yield counted.level, asked.surfaces
             counted.upto(asked.surfaces)
-            return stages.State(self._routes[0], [counted], np.zeros(self._quantities.count, dtype=bool))
+            return stages.SamplingState(self._routes[0], [counted], np.zeros(self._quantities.count, dtype=bool))
         clock = stages.Clock(asked.budget if asked.budget is not None else math.inf)
         return (
             yield from stages.steps(self._routes, asked.accuracy(), most=asked.most, clock=clock, watch=self._watch)
         )
 
-    def _ending(self, state: stages.State) -> str:
+    def _ending(self, state: stages.SamplingState) -> str:
         """Why sampling ended, in words."""
         if state.reached(self.request.accuracy()):
             return "the accuracy was reached"
@@ -376,7 +376,7 @@ class Sampler:
 
     # -- progress and messages ----------------------------------------------------------------------------------------
 
-    def _watch(self, state: stages.State, aimed: list[int]) -> None:
+    def _watch(self, state: stages.SamplingState, aimed: list[int]) -> None:
         self._aimed = (state, aimed)
 
     def _taken(self, samples: Samples) -> None:
@@ -420,7 +420,7 @@ class Sampler:
         if len(sampled) > len(route.levels):  # a sample may be there before its control
             pairs = min(sampled[0].count, sampled[-1].count)
             sampled[0].values = sampled[0].values[:pairs]
-        state = stages.State(route, sampled, np.zeros(self._quantities.count, dtype=bool))
+        state = stages.SamplingState(route, sampled, np.zeros(self._quantities.count, dtype=bool))
         return self._in_words(state.mean, state.half_width())
 
     def _in_words(self, mean: np.ndarray, half: np.ndarray) -> str:
@@ -470,7 +470,7 @@ class Sampler:
 
     # -- the result ---------------------------------------------------------------------------------------------------
 
-    def _made(self, state: stages.State, stopped: str) -> Ensemble:
+    def _made(self, state: stages.SamplingState, stopped: str) -> Ensemble:
         interval = self._in_words(state.mean, state.half_width())
         names = [SAMPLING, *[CORRECTING] * (len(state.route.levels) - 1), *[SKETCHING] * state.controlled]
         for name, sampled in zip(names, state.sampled, strict=True):
@@ -521,7 +521,7 @@ class Sampler:
             return notes
         return (*notes, text)
 
-    def _provenance(self, state: stages.State) -> dict[str, Any]:
+    def _provenance(self, state: stages.SamplingState) -> dict[str, Any]:
         samples = [sample for level in state.sampled for part in _of(level.level).parts for sample in part.samples]
         plugins = {name: source for sample in samples for name, source in sample.plugins.items()}
         approximate = merged_approximations(*(sample.approximate for sample in samples))

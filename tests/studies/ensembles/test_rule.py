@@ -14,7 +14,7 @@ import chemage as ca
 from chemage import Ensemble, ensemble
 from chemage.studies.ensembles import computations
 from chemage.studies.ensembles.quantities import Spread, allocated, half_width, regressed, spread_of
-from chemage.studies.ensembles.stages import CONTROLLED, FIRST, Clock, Route, State, Unreachable, run_stages
+from chemage.studies.ensembles.stages import CONTROLLED, FIRST, Clock, Route, SamplingState, Unreachable, run_stages
 
 # -- how many samples an accuracy needs: against closed forms and against a search of all numbers ---------------------
 
@@ -458,5 +458,5 @@ def test_its_text_says_what_it_was_regressed_on(made):
 def test_a_state_without_its_control_is_a_plain_mean():
     pair = Pair(1, 0.9)
     route = Route("", (pair.first,), nothing, pair.control)
-    state = State(route, [], np.array([True]))
+    state = SamplingState(route, [], np.array([True]))
     assert not state.controlled
