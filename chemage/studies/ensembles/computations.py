@@ -10,6 +10,8 @@ import math
 import statistics
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import reduce
+from itertools import islice
 
 import numpy as np
 
@@ -20,7 +22,7 @@ from chemage.scene import plan as estimate
 from chemage.scene.files import override, parse_scene
 from chemage.scene.run import run
 from chemage.scene.scene import Scene, coarser
-from chemage.studies.ensembles.quantities import Quantities, Sample
+from chemage.studies.ensembles.quantities import Quantities, SurfaceSample
 from chemage.studies.runner import PROGRAM
 from chemage.studies.study import Archive
 from chemage.studies.tasks import Outcome, Task
@@ -111,9 +113,11 @@ class Computation:
         """The scene on one surface with its own disorder."""
         return self.scene.with_hold(seed=hold_seed).model_copy(update={"surface_seed": surface_seed})
 
-    def compute(self, surface_seed: int, hold_seed: int) -> Sample:
+    def compute(self, surface_seed: int, hold_seed: int) -> SurfaceSample:
         """Compute one sample in this thread."""
-        return Sample.of(Outcome(run(self.seeded(surface_seed, hold_seed), threads=1, warn=False, members=False)))
+        return SurfaceSample.of(
+            Outcome(run(self.seeded(surface_seed, hold_seed), threads=1, warn=False, members=False))
+        )
 
 
 def computations(scene: Scene) -> list[Computation]:
@@ -330,7 +334,7 @@ def barriers_error(
 
 
 #: called when a sample is there, with those of its computation so far
-Taken = Callable[["Samples"], None]
+Taken = Callable[["SampleSeries"], None]
 
 
 def seed_of(base: int, level: int, number: int, what: int) -> int:
@@ -343,7 +347,7 @@ def seed_of(base: int, level: int, number: int, what: int) -> int:
     return (int(words[0]) << 21) | (int(words[1]) >> 11)
 
 
-class Samples:
+class SampleSeries:
     """The samples of one computation on the surfaces (or replicas) of one level."""
 
     def __init__(
@@ -352,9 +356,9 @@ class Samples:
         """``varied``: another surface for each sample; else the surface of the scene with other replicas."""
         self.computation, self.level, self.varied = computation, level, varied
         #: without gaps, in the order of their numbers
-        self.samples: list[Sample] = []
+        self.samples: list[SurfaceSample] = []
         self._archive, self._taken = archive, taken
-        self._later: dict[int, Sample] = {}
+        self._later: dict[int, SurfaceSample] = {}
 
     def seeds(self, number: int) -> tuple[int, int]:
         """The seeds of surface and disorder of a sample."""
@@ -387,10 +391,10 @@ class Samples:
             if outcome is None:
                 tasks.append(task)
             else:
-                self.receive(number, Sample.of(outcome))
+                self.receive(number, SurfaceSample.of(outcome))
         return tasks
 
-    def receive(self, number: int, sample: Sample) -> None:
+    def receive(self, number: int, sample: SurfaceSample) -> None:
         """Add a sample; those before it may come later."""
         self._later[number] = sample
         while len(self.samples) in self._later:
@@ -399,11 +403,12 @@ class Samples:
                 self._taken(self)
 
 
-class Parts:
-    """A level that is made of the samples of one or two computations."""
+class SurfaceLevel:
+    """A level of one computation on random surfaces, or of the difference between two on the same surfaces."""
 
-    def __init__(self, *parts: Samples) -> None:
-        self.parts = parts
+    def __init__(self, row: Callable[[SurfaceSample], np.ndarray], *parts: SampleSeries) -> None:
+        self.parts, self._row = parts, row
+        self._rows: list[np.ndarray] = []
 
     @property
     def cost(self) -> float:
@@ -416,47 +421,18 @@ class Parts:
 
     def so_far(self) -> np.ndarray:
         """(samples, quantities): what is there."""
-        raise NotImplementedError
+        there = zip(*(part.samples for part in self.parts), strict=False)
+        for samples in islice(there, len(self._rows), None):
+            self._rows.append(reduce(np.subtract, map(self._row, samples)))
+        return np.array(self._rows) if self._rows else np.zeros((0, 0))
 
 
-class Single(Parts):
-    """A level of one computation."""
-
-    def __init__(self, samples: Samples, quantities: Quantities) -> None:
-        super().__init__(samples)
-        self._quantities = quantities
-        self._rows: list[np.ndarray] = []
-
-    def so_far(self) -> np.ndarray:
-        """(samples, quantities): what is there."""
-        for sample in self.parts[0].samples[len(self._rows) :]:
-            self._rows.append(self._quantities.row(sample))
-        return np.array(self._rows).reshape(-1, self._quantities.count)
+def area(sample: SurfaceSample) -> np.ndarray:
+    """(1,) what the first level is regressed on."""
+    return np.array([sample.measures["area_fraction"]])
 
 
-class Control(Parts):
-    """What the first level is regressed on: the area of a contact, on the surfaces of its samples and on more."""
-
-    def so_far(self) -> np.ndarray:
-        """(samples, 1): what is there."""
-        return np.array([[sample.measures["area_fraction"]] for sample in self.parts[0].samples]).reshape(-1, 1)
-
-
-class Difference(Parts):
-    """A level of the difference between a finer and a coarser computation on the same surfaces."""
-
-    def __init__(self, fine: Samples, coarse: Samples, quantities: Quantities) -> None:
-        super().__init__(fine, coarse)
-        self._quantities = quantities
-
-    def so_far(self) -> np.ndarray:
-        """(samples, quantities): what is there."""
-        pairs = zip(*(part.samples for part in self.parts), strict=False)
-        rows = [self._quantities.row(fine) - self._quantities.row(coarse) for fine, coarse in pairs]
-        return np.array(rows).reshape(-1, self._quantities.count)
-
-
-def within(parts: tuple[Samples, ...], quantities: Quantities) -> tuple[np.ndarray, int] | None:
+def within(parts: tuple[SampleSeries, ...], quantities: Quantities) -> tuple[np.ndarray, int] | None:
     """The variance between replicas on one surface, (quantities,), and its degrees of freedom; None without any."""
     total, freedom = np.zeros(quantities.count), 0
     for sample in parts[0].samples:

@@ -35,7 +35,7 @@ SCATTER = 0.05
 
 
 @dataclass(frozen=True)
-class Goal:
+class AccuracyGoal:
     """One quantity, and the relative half width of its 95 % interval that is asked for."""
 
     #: as it was written, such as ``friction_coefficient_drop@1e3 s``
@@ -53,7 +53,7 @@ class Request:
     #: whether another seed gives another surface; else the mean is over replicas on the one surface
     random: bool
     quantities: Quantities
-    goals: list[Goal]
+    goals: list[AccuracyGoal]
     #: None: as many as the goals or the budget decide
     surfaces: int | None
     #: wall time, s
@@ -199,7 +199,7 @@ def with_request(
     return scene.model_copy(update={"ensemble": None if nothing else wish, "accuracy": goals})
 
 
-def goals(accuracy: Mapping[str, Any], quantities: Quantities) -> list[Goal]:
+def goals(accuracy: Mapping[str, Any], quantities: Quantities) -> list[AccuracyGoal]:
     """The goals that a mapping of names to accuracies states.
 
     Raises
@@ -207,7 +207,7 @@ def goals(accuracy: Mapping[str, Any], quantities: Quantities) -> list[Goal]:
     InputError
         A quantity that the scene does not have, an accuracy that is none, or a time that is no hold time.
     """
-    return [Goal(name, column_of(name, quantities), value) for name, value in accuracies(accuracy).items()]
+    return [AccuracyGoal(name, column_of(name, quantities), value) for name, value in accuracies(accuracy).items()]
 
 
 def column_of(text: str, quantities: Quantities) -> int:
@@ -220,7 +220,7 @@ def column_of(text: str, quantities: Quantities) -> int:
     return quantities.column(name.strip(), when)
 
 
-def wanted(goals: list[Goal], count: int) -> np.ndarray:
+def wanted(goals: list[AccuracyGoal], count: int) -> np.ndarray:
     """(count,) the accuracy of each column; inf where none is asked."""
     accuracy = np.full(count, np.inf)
     for goal in goals:

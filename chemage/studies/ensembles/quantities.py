@@ -36,7 +36,7 @@ _GIVEN = {"load", "modulus", "nominal_area", "nominal_pressure"}
 
 
 @dataclass(frozen=True)
-class Sample:
+class SurfaceSample:
     """What one computation on one surface gives."""
 
     #: nN, (replicas, m); (0, 0) without ageing
@@ -49,7 +49,7 @@ class Sample:
     approximate: Sequence[Mapping[str, Any]] = ()
 
     @classmethod
-    def of(cls, outcome: Outcome) -> Sample:
+    def of(cls, outcome: Outcome) -> SurfaceSample:
         """The sample that a task gave.
 
         Raises
@@ -153,11 +153,11 @@ class Quantities:
         """Number of columns."""
         return int(self.has_beta) + self.hold_times.size + len(self.measures)
 
-    def row(self, sample: Sample) -> np.ndarray:
+    def row(self, sample: SurfaceSample) -> np.ndarray:
         """(count,) of one sample, the mean over its replicas; nan where a measure does not exist."""
         return self._rows(sample.friction_drop.mean(axis=0)[None], sample.measures)[0]
 
-    def replica_rows(self, sample: Sample) -> np.ndarray:
+    def replica_rows(self, sample: SurfaceSample) -> np.ndarray:
         """(replicas, count): of each replica."""
         return self._rows(sample.friction_drop, sample.measures)
 

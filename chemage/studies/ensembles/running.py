@@ -25,12 +25,10 @@ from chemage.scene.scene import Scene
 from chemage.studies.ensembles import stages
 from chemage.studies.ensembles.computations import (
     Computation,
-    Control,
-    Difference,
-    Parts,
-    Samples,
-    Single,
+    SampleSeries,
+    SurfaceLevel,
     Taken,
+    area,
     barriers_error,
     fitting,
     own_error,
@@ -39,8 +37,8 @@ from chemage.studies.ensembles.computations import (
     within,
 )
 from chemage.studies.ensembles.ensemble import Ensemble
-from chemage.studies.ensembles.goals import Goal, Request, with_request
-from chemage.studies.ensembles.quantities import MOST, Quantities, Sample
+from chemage.studies.ensembles.goals import AccuracyGoal, Request, with_request
+from chemage.studies.ensembles.quantities import MOST, Quantities, SurfaceSample
 from chemage.studies.study import Archive, Part, Selection, Study
 from chemage.studies.tasks import Outcome, Task, registered_classes
 from chemage.studies.trade.trade_map import TradeMap
@@ -133,9 +131,9 @@ def _silent(stage: str, done: int, total: int, note: str = "") -> None:
     pass
 
 
-def _of(level: stages.Level) -> Parts:
+def _of(level: stages.Level) -> SurfaceLevel:
     """A level of an ensemble as what it is made of."""
-    assert isinstance(level, Parts)
+    assert isinstance(level, SurfaceLevel)
     return level
 
 
@@ -174,7 +172,7 @@ class Sampler:
         self._rule: Generator[stages.Need, None, stages.SamplingState] | None = None
         self._state: stages.SamplingState | None = None
         #: key of a task that was asked for -> the samples that it belongs to
-        self._waiting: dict[str, tuple[Samples, Task]] = {}
+        self._waiting: dict[str, tuple[SampleSeries, Task]] = {}
         #: (quantities,) relative standard errors of the barriers, and how they are known; measured when sampling begins
         self._barriers, self._barriers_how = np.zeros(self.request.quantities.count), ""
         #: the state after the last stage, and the counts that are aimed at
@@ -264,7 +262,7 @@ class Sampler:
     def tell(self, task: Task, outcome: Outcome) -> None:
         """Receive a sample."""
         part, _ = self._waiting[task.key]
-        part.receive(task.number, Sample.of(self.archive.received(task, outcome)))
+        part.receive(task.number, SurfaceSample.of(self.archive.received(task, outcome)))
 
     def ensemble(self) -> Ensemble:
         """The result, when nothing more is asked."""
@@ -304,23 +302,23 @@ class Sampler:
         ways = self.request.computations()
         base = np.hypot(self._approximation(), self._barriers)
         coarse, fine = ways[0], ways[-1]
-        single = Single(self._samples(coarse, 0), self._quantities)
+        row = self._quantities.row
+        single = SurfaceLevel(row, self._samples(coarse, 0))
         sketch = sketched(coarse) if self.request.random and self.request.surfaces is None else None
-        control = None if sketch is None else Control(self._samples(sketch, 0, self._sketched))
+        control = None if sketch is None else SurfaceLevel(area, self._samples(sketch, 0, self._sketched))
         if len(ways) == 1 or (coarse.errors is not None and not coarse.errors.any()):
             return [stages.Route("own grid", (single,), lambda mean: base, control)]
         replicas = replicas_of_difference(fine, coarse)
         level = [self._samples(way.with_replicas(replicas), 1) for way in (fine, coarse)]
-        difference = Difference(level[0], level[1], self._quantities)
-        corrected = stages.Route("corrected", (single, difference), lambda mean: base, control)
+        corrected = stages.Route("corrected", (single, SurfaceLevel(row, *level)), lambda mean: base, control)
 
         def before(mean: np.ndarray) -> np.ndarray:
             return np.sqrt(base**2 + self._coarsening(coarse, mean) ** 2)
 
         return [stages.Route("not corrected", (single,), before, control), corrected]
 
-    def _samples(self, computation: Computation, level: int, taken: Taken | None = None) -> Samples:
-        return Samples(
+    def _samples(self, computation: Computation, level: int, taken: Taken | None = None) -> SampleSeries:
+        return SampleSeries(
             computation,
             level=level,
             varied=self.request.random,
@@ -379,7 +377,7 @@ class Sampler:
     def _watch(self, state: stages.SamplingState, aimed: list[int]) -> None:
         self._aimed = (state, aimed)
 
-    def _taken(self, samples: Samples) -> None:
+    def _taken(self, samples: SampleSeries) -> None:
         """Report one more sample."""
         if samples.level and samples is not _of(self._routes[-1].levels[-1]).parts[0]:
             return  # the coarse part of a difference
@@ -391,7 +389,7 @@ class Sampler:
         if done < total:  # more may be needed: the end is reported when it is certain
             self._progress(CORRECTING if samples.level else SAMPLING, done, total, self._shown[1])
 
-    def _sketched(self, samples: Samples) -> None:
+    def _sketched(self, samples: SampleSeries) -> None:
         """Report one more sample of the control."""
         done, aimed = len(samples.samples), self._aimed
         total = aimed[1][-1] if aimed is not None and aimed[0].controlled else done
@@ -424,7 +422,7 @@ class Sampler:
         return self._in_words(state.mean, state.half_width())
 
     def _in_words(self, mean: np.ndarray, half: np.ndarray) -> str:
-        shown = self.request.goals or [Goal(self._quantities.names[0], 0, 0.0)]
+        shown = self.request.goals or [AccuracyGoal(self._quantities.names[0], 0, 0.0)]
         parts = []
         for goal in shown:
             reached = half[goal.column] / abs(mean[goal.column]) if mean[goal.column] else math.nan
@@ -533,7 +531,7 @@ class Sampler:
             **({"approximate": approximate} if approximate else {}),
         }
 
-    def _described(self, sampled: stages.Sampled, parts: tuple[Samples, ...]) -> dict[str, Any]:
+    def _described(self, sampled: stages.Sampled, parts: tuple[SampleSeries, ...]) -> dict[str, Any]:
         """A level as it is in the record."""
         return {
             "words": " minus ".join(part.computation.words for part in parts),

@@ -373,7 +373,9 @@ class Search:
             counts[-1] = max(counts[-1], counts[0])
         return [min(count, self.most) for count in counts]
 
-    def controlled(self, state: SamplingState, counts: list[int]) -> Generator[Need, None, tuple[SamplingState, list[int]]]:
+    def controlled(
+        self, state: SamplingState, counts: list[int]
+    ) -> Generator[Need, None, tuple[SamplingState, list[int]]]:
         """The same with the control of the route, where that seems to be cheaper; and the counts."""
         control = state.route.control
         first = min(PAIRS, math.ceil(LOOK * self.clock.affordable(state, counts)[0]))

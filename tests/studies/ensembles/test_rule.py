@@ -404,7 +404,9 @@ def scene() -> ca.Scene:
 def made(scene) -> Ensemble:
     # on so small a contact a sketch costs half of it; as cheap as on large ones, it is taken
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(computations.Control, "cost", 0.001)
+        cost = computations.SurfaceLevel.cost.fget
+        cheap = property(lambda level: cost(level) if level.parts[0].computation.scene.ages else 0.001)
+        patch.setattr(computations.SurfaceLevel, "cost", cheap)
         return ensemble(scene, accuracy={"beta": "3 %"}, threads=1)
 
 
