@@ -19,15 +19,14 @@ from chemage.ageing.aging import BARRIERS
 from chemage.foundation.memory import capacity
 from chemage.foundation.statistics import NORMAL_LIMIT
 from chemage.scene import plan as estimate
-from chemage.scene.files import override, parse_scene
 from chemage.scene.run import run
 from chemage.scene.scene import Scene, coarser
 from chemage.studies.ensembles.quantities import Quantities, SurfaceSample
 from chemage.studies.runner import PROGRAM
 from chemage.studies.study import Archive
 from chemage.studies.tasks import Outcome, Task
-from chemage.studies.trade.choices import GRID
-from chemage.studies.trade.trade_map import Point, TradeMap
+from chemage.studies.trade.choices import GRID, with_changes
+from chemage.studies.trade.trade_map import TradeMap, TradePoint
 
 #: factors by which the pixels of the contact are made larger, the largest first
 COARSER = (4, 2)
@@ -210,13 +209,11 @@ def mapped_computations(map: TradeMap, scene: Scene, quantities: Quantities, wan
             least, chosen = price, point
     if chosen is None:
         return [whole]
-    changed = parse_scene(override(base.todict(), chosen.changes))
-    # what the material gave is written out in the data
-    changed = changed.model_copy(update={"material": base.material, "from_material": base.from_material})
+    changed = with_changes(base, chosen.changes)
     return [_mapped(changed, chosen, map, quantities), whole]
 
 
-def _mapped(scene: Scene, point: Point, map: TradeMap, quantities: Quantities, errors: bool = True) -> Computation:
+def _mapped(scene: Scene, point: TradePoint, map: TradeMap, quantities: Quantities, errors: bool = True) -> Computation:
     ageing = statistics.median(point.ageing_seconds)
     pixel = scene.surface.expected().get("pixel_size", 0.0)
     own = map.scene.get("surface", {}).get("pixel_size", pixel)
@@ -238,7 +235,7 @@ def _names(quantities: Quantities) -> list[str]:
     return [*(["beta"] if quantities.has_beta else []), *curve, *quantities.measures]
 
 
-def _errors(point: Point, quantities: Quantities) -> np.ndarray:
+def _errors(point: TradePoint, quantities: Quantities) -> np.ndarray:
     """(quantities,) relative standard errors of the settings; nan where they were not measured."""
     names = _names(quantities)
     if point.exact:
@@ -246,13 +243,13 @@ def _errors(point: Point, quantities: Quantities) -> np.ndarray:
     return np.array([point.deviation(name).size for name in names])
 
 
-def _price(point: Point, own: Point, map: TradeMap, names: list[str], wanted: Wanted) -> float:
+def _price(point: TradePoint, own: TradePoint, map: TradeMap, names: list[str], wanted: Wanted) -> float:
     """CPU seconds until every goal is reached, with or without corrections; with a budget alone, the relative half
     width that it allows."""
     return max(_price_of(point, own, map, names[column], accuracy, wanted) for column, accuracy in wanted.goals)
 
 
-def _price_of(point: Point, own: Point, map: TradeMap, name: str, accuracy: float, wanted: Wanted) -> float:
+def _price_of(point: TradePoint, own: TradePoint, map: TradeMap, name: str, accuracy: float, wanted: Wanted) -> float:
     seconds, whole = _of_one(point, map), _of_one(own, map)
     surfaces = map.surface_scatter.get(name, 0.0) if map.random else 0.0
     variance = surfaces**2 + point.scatter.get(name, 0.0) ** 2
@@ -272,7 +269,7 @@ def _price_of(point: Point, own: Point, map: TradeMap, name: str, accuracy: floa
     return min(plain, corrected * (NORMAL_LIMIT / accuracy) ** 2)
 
 
-def _of_one(point: Point, map: TradeMap) -> float:
+def _of_one(point: TradePoint, map: TradeMap) -> float:
     """CPU seconds of one surface with one replica."""
     ageing = statistics.median(point.ageing_seconds)
     if point.replicates and map.replicas:
