@@ -299,18 +299,12 @@ class Ensemble(Record):
         hold times one row for each measure of the contact. Needs pandas."""
         attributes = {"surfaces": self.surfaces if self.random else 1, "load": self.load}
         if not self.hold_times.size:
-            estimates = {name: self.estimate(name) for name in self.measures}
-            parts = dict.fromkeys(part for estimate in estimates.values() for part in estimate.errors)
-            columns = {
-                "measure": np.array(list(estimates)),
-                "value": np.array([estimate.value for estimate in estimates.values()]),
-                "half_width": np.array([estimate.half_width for estimate in estimates.values()]),
-            }
-            for part in parts:
-                none = ErrorPart(math.nan, "")
-                columns[f"error.{part}"] = np.array(
-                    [estimate.errors.get(part, none).size for estimate in estimates.values()]
-                )
+            rows = []
+            for one in (self.estimate(name) for name in self.measures):
+                errors = {f"error.{cause}": part.size for cause, part in one.errors.items()}
+                rows.append({"measure": one.name, "value": one.value, "half_width": one.half_width, **errors})
+            names = dict.fromkeys(name for row in rows for name in row)
+            columns = {name: np.array([row.get(name, math.nan) for row in rows]) for name in names}
             return frame(columns, "measure", attributes)
         columns = {name: values for curve in self.curves() for name, values in curve.numbers().items()}
         return frame({HOLD_TIME.name: self.hold_times, **columns}, HOLD_TIME.name, attributes)

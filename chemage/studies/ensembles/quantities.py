@@ -322,31 +322,40 @@ def _of_one(spreads: list[Spread], costs: list[float], done: list[int], known: n
     """As :func:`allocated`, of one quantity."""
     scale = 1.0
     counts = list(done)
+    variances = [float(spread.variance[0]) for spread in spreads]
     # Student's limit depends on the counts; it falls as they rise, so that doubling the goal always ends
     for _ in range(200):
         if float(half_width(spreads, counts, known)[0]) <= wanted:
             break
         goal = (wanted / limit(math.inf)) ** 2 - float(known[0]) ** 2
-        counts = _optimal([float(spread.variance[0]) for spread in spreads], costs, done, max(goal, 1e-300) / scale)
+        best = optimal(variances, costs, done, variance=max(goal, 1e-300) / scale)
+        counts = [min(MOST, math.ceil(count - 1e-9)) for count in best]
         scale *= 1.05
     return counts
 
 
-def _optimal(variances: list[float], costs: list[float], done: list[int], goal: float) -> list[int]:
-    """Counts that give Σ v/n ≤ ``goal`` at the lowest cost, none below ``done``."""
-    counts = [float(count) for count in done]
-    free = [k for k, variance in enumerate(variances) if variance > 0]
-    while free:
-        held = sum(variances[k] / counts[k] for k in range(len(counts)) if k not in free)
-        left = goal - held
-        if left <= 0:  # what is held is too much: let everything grow
-            free, left = [k for k, variance in enumerate(variances) if variance > 0], goal
-        share = sum(math.sqrt(variances[k] * costs[k]) for k in free)
-        best = {k: math.sqrt(variances[k] / costs[k]) * share / left for k in free}
-        short = [k for k in free if best[k] < done[k]]
-        if not short or len(short) == len(free):
-            for k in free:
-                counts[k] = max(best[k], done[k])
+def optimal(
+    variances: Sequence[float],
+    costs: Sequence[float],
+    done: Sequence[int],
+    *,
+    variance: float = math.inf,
+    budget: float = math.inf,
+) -> list[float]:
+    """Counts n_l ∝ √(v_l/c_l) of samples, none below ``done``, that reach a variance Σ v/n of the mean at the lowest
+    cost, or the smallest variance for a ``budget`` of more samples (Giles, Acta Numer. 24, 259 (2015))."""
+    v, c, least = (np.asarray(values, dtype=np.float64) for values in (variances, costs, done))
+    free, counts = v > 0, least
+    while free.any():
+        share = np.sqrt(v * c)[free].sum()
+        if math.isfinite(budget):
+            scale = (budget + (c * least)[free].sum()) / share
+        else:
+            scale = share / max(variance - (v / least)[~free].sum(), 1e-300)
+        best = np.sqrt(v / c) * scale
+        short = free & (best < least)
+        if not short.any():
+            counts = np.where(free, best, least)
             break
-        free = [k for k in free if k not in short]
-    return [min(MOST, math.ceil(count - 1e-9)) for count in counts]
+        free &= ~short
+    return counts.tolist()

@@ -19,7 +19,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from chemage.studies.ensembles.quantities import Spread, allocated, half_width, regressed, spread_of
+from chemage.studies.ensembles.quantities import Spread, allocated, half_width, optimal, regressed, spread_of
 
 #: samples of the first stage: of a level that is sampled often, and of one that corrects it
 FIRST, FIRST_DIFFERENCES = 6, 5
@@ -237,18 +237,8 @@ class Clock:
         variances = [float(spread.variance[widest]) for spread in state.spreads]
         if not any(variances):  # equal samples say nothing of what other samples would be
             variances[0] = 1.0
-        total = left + sum(sampled.count * wall for sampled, wall in zip(state.sampled, walls, strict=True))
-        share = sum(math.sqrt(variance * wall) for variance, wall in zip(variances, walls, strict=True))
-        best = [total * math.sqrt(v / w) / share for v, w in zip(variances, walls, strict=True)]
-        short = [
-            max(0.0, count - sampled.count) * wall
-            for count, sampled, wall in zip(best, state.sampled, walls, strict=True)
-        ]
-        scale = min(1.0, left / sum(short)) if sum(short) > 0 else 0.0
-        return [
-            sampled.count + int(scale * max(0.0, count - sampled.count))
-            for count, sampled in zip(best, state.sampled, strict=True)
-        ]
+        best = optimal(variances, walls, state.counts, budget=left)
+        return [min(int(count), most) for count, most in zip(best, counts, strict=True)]
 
 
 def run_stages(routes: Sequence[Route], accuracy: np.ndarray, *, most: int, **options: Any) -> SamplingState:
