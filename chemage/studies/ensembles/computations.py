@@ -330,8 +330,8 @@ def barriers_error(
     return errors, HOW.format(aging.error_sources[BARRIERS])
 
 
-#: called when a sample is there, with those of its computation so far
-Taken = Callable[["SampleSeries"], None]
+#: called when a sample is there, with the number of those so far
+Taken = Callable[[int], None]
 
 
 def seed_of(base: int, level: int, number: int, what: int) -> int:
@@ -397,14 +397,17 @@ class SampleSeries:
         while len(self.samples) in self._later:
             self.samples.append(self._later.pop(len(self.samples)))
             if self._taken is not None:
-                self._taken(self)
+                self._taken(len(self.samples))
 
 
 class SurfaceLevel:
-    """A level of one computation on random surfaces, or of the difference between two on the same surfaces."""
+    """A level of one computation on random surfaces, or of the difference between two on the same surfaces.
 
-    def __init__(self, row: Callable[[SurfaceSample], np.ndarray], *parts: SampleSeries) -> None:
-        self.parts, self._row = parts, row
+    ``name`` is that of the stage that is reported; ``row`` gives the numbers of a sample.
+    """
+
+    def __init__(self, name: str, row: Callable[[SurfaceSample], np.ndarray], *parts: SampleSeries) -> None:
+        self.name, self.parts, self._row = name, parts, row
         self._rows: list[np.ndarray] = []
 
     @property

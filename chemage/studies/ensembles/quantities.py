@@ -31,8 +31,8 @@ from chemage.plugins.sources import components_in
 from chemage.scene.scene import Scene
 from chemage.studies.tasks import Outcome
 
-#: measures of a contact that are the same on every surface, and so no quantities of an ensemble
-_GIVEN = {"load", "modulus", "nominal_area", "nominal_pressure"}
+#: measures of a contact that are the same on every surface and with all settings
+GIVEN = {"load", "modulus", "nominal_area", "nominal_pressure"}
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ class Quantities:
     def of(cls, scene: Scene, measures: Sequence[str]) -> Quantities:
         """Those of a scene, whose contacts have ``measures``."""
         times = scene.hold.hold_times if scene.ages and scene.hold is not None else np.zeros(0)
-        names = tuple(name for name in measures if name not in _GIVEN)
+        names = tuple(name for name in measures if name not in GIVEN)
         return cls(times, scene.load, (scene.fit.start, scene.fit.stop), names)
 
     @property

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 import time
 import warnings
-from collections.abc import Generator, Mapping
+from collections.abc import Generator, Mapping, Sequence
 from concurrent.futures import Executor
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,6 @@ from chemage.studies.ensembles.computations import (
     Computation,
     SampleSeries,
     SurfaceLevel,
-    Taken,
     area,
     barriers_error,
     fitting,
@@ -175,8 +175,10 @@ class Sampler:
         self._waiting: dict[str, tuple[SampleSeries, Task]] = {}
         #: (quantities,) relative standard errors of the barriers, and how they are known; measured when sampling begins
         self._barriers, self._barriers_how = np.zeros(self.request.quantities.count), ""
-        #: the state after the last stage, and the counts that are aimed at
-        self._aimed: tuple[stages.SamplingState, list[int]] | None = None
+        #: the route and the levels that are sampled since the last stage, and the counts that are aimed at
+        self._route: stages.Route | None = None
+        self._levels: Sequence[stages.Level] = ()
+        self._aimed: dict[str, int] = {}
         self._shown = (-math.inf, "")
 
     @property
@@ -238,16 +240,16 @@ class Sampler:
             What is asked cannot be reached.
         """
         with self.scene.in_use():
-            return self._needed()
+            if self._rule is None:
+                self._measure_barriers()
+                self._routes = self.possible_routes()
+                self._rule = self._steps()
+            return self._needed(self._rule)
 
-    def _needed(self) -> list[Task]:
-        if self._rule is None:
-            self._measure_barriers()
-            self._routes = self.possible_routes()
-            self._rule = self._steps()
+    def _needed(self, rule: Generator[stages.Need, None, stages.SamplingState]) -> list[Task]:
         while True:
             try:
-                level, count = next(self._rule)
+                level, count = next(rule)
             except StopIteration as end:
                 self._state = end.value
                 return []
@@ -303,27 +305,28 @@ class Sampler:
         base = np.hypot(self._approximation(), self._barriers)
         coarse, fine = ways[0], ways[-1]
         row = self._quantities.row
-        single = SurfaceLevel(row, self._samples(coarse, 0))
+        single = SurfaceLevel(SAMPLING, row, self._samples(coarse, 0, SAMPLING))
         sketch = sketched(coarse) if self.request.random and self.request.surfaces is None else None
-        control = None if sketch is None else SurfaceLevel(area, self._samples(sketch, 0, self._sketched))
+        control = None if sketch is None else SurfaceLevel(SKETCHING, area, self._samples(sketch, 0, SKETCHING))
         if len(ways) == 1 or (coarse.errors is not None and not coarse.errors.any()):
             return [stages.Route("own grid", (single,), lambda mean: base, control)]
         replicas = replicas_of_difference(fine, coarse)
-        level = [self._samples(way.with_replicas(replicas), 1) for way in (fine, coarse)]
-        corrected = stages.Route("corrected", (single, SurfaceLevel(row, *level)), lambda mean: base, control)
+        pair = [self._samples(way.with_replicas(replicas), 1, CORRECTING * (way is fine)) for way in (fine, coarse)]
+        difference = SurfaceLevel(CORRECTING, row, *pair)
+        corrected = stages.Route("corrected", (single, difference), lambda mean: base, control)
 
         def before(mean: np.ndarray) -> np.ndarray:
             return np.sqrt(base**2 + self._coarsening(coarse, mean) ** 2)
 
         return [stages.Route("not corrected", (single,), before, control), corrected]
 
-    def _samples(self, computation: Computation, level: int, taken: Taken | None = None) -> SampleSeries:
+    def _samples(self, computation: Computation, level: int, stage: str = "") -> SampleSeries:
         return SampleSeries(
             computation,
             level=level,
             varied=self.request.random,
             archive=self.archive,
-            taken=taken or self._taken,
+            taken=partial(self._taken, stage) if stage else None,
         )
 
     # -- errors that are known before ---------------------------------------------------------------------------------
@@ -375,44 +378,24 @@ class Sampler:
     # -- progress and messages ----------------------------------------------------------------------------------------
 
     def _watch(self, state: stages.SamplingState, aimed: list[int]) -> None:
-        self._aimed = (state, aimed)
+        self._route, self._levels = state.route, [sampled.level for sampled in state.sampled]
+        self._aimed = {_of(level).name: count for level, count in zip(self._levels, aimed, strict=True)}
 
-    def _taken(self, samples: SampleSeries) -> None:
+    def _taken(self, stage: str, done: int) -> None:
         """Report one more sample."""
-        if samples.level and samples is not _of(self._routes[-1].levels[-1]).parts[0]:
-            return  # the coarse part of a difference
-        done = len(samples.samples)
-        total = max(done, self._total(samples.level))
+        first = {SAMPLING: self.request.surfaces or stages.FIRST, CORRECTING: stages.FIRST_DIFFERENCES}
+        total = self._aimed.get(stage, first.get(stage, done))
         now = time.monotonic()
         if now - self._shown[0] > PERIOD:
             self._shown = (now, self._interval())
         if done < total:  # more may be needed: the end is reported when it is certain
-            self._progress(CORRECTING if samples.level else SAMPLING, done, total, self._shown[1])
-
-    def _sketched(self, samples: SampleSeries) -> None:
-        """Report one more sample of the control."""
-        done, aimed = len(samples.samples), self._aimed
-        total = aimed[1][-1] if aimed is not None and aimed[0].controlled else done
-        if done < total:
-            self._progress(SKETCHING, done, total, self._shown[1])
-
-    def _total(self, level: int) -> int:
-        """How many samples of a level are expected."""
-        if self.request.surfaces is not None:
-            return self.request.surfaces
-        if self._aimed is not None and level < len(self._aimed[1]):
-            return self._aimed[1][level]
-        return stages.FIRST_DIFFERENCES if level else stages.FIRST
+            self._progress(stage, done, total, self._shown[1])
 
     def _interval(self) -> str:
         """The interval of what is asked from the samples so far, in words; "" where there are too few."""
-        route = self._aimed[0].route if self._aimed is not None else self._routes[0]
-        levels = self._aimed[0].sampled if self._aimed is not None else []
+        route = self._route or self._routes[0]
         looks = 0 if self.request.surfaces is not None else stages.LOOKS
-        sampled = [
-            stages.Sampled(level, _of(level).so_far(), looks=looks)
-            for level in ([sampled.level for sampled in levels] or route.levels)
-        ]
+        sampled = [stages.Sampled(level, _of(level).so_far(), looks=looks) for level in self._levels or route.levels]
         if min(part.count for part in sampled) < 2:
             return ""
         if len(sampled) > len(route.levels):  # a sample may be there before its control
@@ -433,7 +416,7 @@ class Sampler:
 
     def _so_far(self) -> str:
         """What an interrupted ensemble leaves, in words."""
-        route = self._aimed[0].route if self._aimed is not None else self._routes[0]
+        route = self._route or self._routes[0]
         counts = " and ".join(str(len(_of(level).so_far())) for level in route.levels)
         kept = ""
         if self.archive.path is not None:
@@ -470,15 +453,13 @@ class Sampler:
 
     def _made(self, state: stages.SamplingState, stopped: str) -> Ensemble:
         interval = self._in_words(state.mean, state.half_width())
-        names = [SAMPLING, *[CORRECTING] * (len(state.route.levels) - 1), *[SKETCHING] * state.controlled]
-        for name, sampled in zip(names, state.sampled, strict=True):
-            self._progress(name, sampled.count, sampled.count, interval)
         levels, rows, inside = [], {}, None
         for number, sampled in enumerate(state.sampled):
-            parts = _of(sampled.level).parts
+            name, parts = _of(sampled.level).name, _of(sampled.level).parts
+            self._progress(name, sampled.count, sampled.count, interval)
             levels.append(self._described(sampled, parts))
             rows[str(number)] = np.array(sampled.values)
-            if names[number] == SKETCHING:
+            if name == SKETCHING:
                 levels[-1]["control"] = True
             else:
                 inside = within(parts, self._quantities) or inside

@@ -37,6 +37,7 @@ from chemage.scene.provenance import nested, versions
 from chemage.scene.run import aged
 from chemage.scene.scene import Scene, coarser
 from chemage.scene.warm_up import form, warm_up
+from chemage.studies.ensembles.quantities import GIVEN
 from chemage.studies.tasks import Outcome, Recent, Task, Worker
 from chemage.surfaces.role import make_surface
 
@@ -48,7 +49,7 @@ MOST_VALUES = 8
 COARSER = (4, 2)
 #: what an ageing method may cost before it gives its first answer, CPU seconds
 PREPARATION = 10.0
-_BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
+_WORD, _KEY = re.compile(r"[A-Za-z_-][A-Za-z0-9_-]*"), re.compile(r'"([A-Za-z0-9_-]+)" = ')
 
 
 @dataclass(frozen=True)
@@ -165,7 +166,7 @@ def _kinds(
             try:
                 other = made(scene, kind, options, notes)
             except ChemageError as error:
-                notes.append(f"{role} {label}: not tried: {_first_sentence(error)}")
+                notes.append(f"{role} {label}: not tried: {str(error).splitlines()[0]}")
                 continue
             if other is not None:
                 exact = role == ENGINE and other.engine is not None and other.engine.exact
@@ -228,10 +229,6 @@ def _prepared(scene: Scene, method: Any) -> float:
     return max(0.0, seconds.get("cpu_seconds_most", 0.0) - seconds.get("cpu_seconds_least", 0.0))
 
 
-def _first_sentence(error: Exception) -> str:
-    return str(error).splitlines()[0]
-
-
 def most_accurate(scene: Scene) -> Scene:
     """The most accurate settings of every section, and the kinetics of every site."""
     changed: dict[str, Any] = {AGEING: None} if scene.ageing is not None else {}
@@ -274,29 +271,20 @@ def _plain(scene: Scene) -> dict[str, Any]:
 
 def pasted(changed: Mapping[str, Any]) -> str:
     """The same as options of the command line: ``--set contact.tolerance=0.001``."""
-    return " ".join(f"--set {shlex.quote(f'{path}={_toml(value, top=True)}')}" for path, value in changed.items())
+    return " ".join(f"--set {shlex.quote(f'{path}={_toml(value)}')}" for path, value in changed.items())
 
 
-def _toml(value: Any, *, top: bool = False) -> str:
-    """A value in TOML; a plain word at the ``top`` needs no quotes on the command line."""
-    if isinstance(value, str):
-        return value if top and _BARE_KEY.fullmatch(value) and not value[0].isdigit() else json.dumps(value)
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, Mapping):
-        inner = (f"{key} = {_toml(item)}" for key, item in value.items() if item is not None)
-        return "{" + ", ".join(inner) + "}"
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(_toml(item) for item in value) + "]"
-    return repr(value)
+def _toml(value: Any) -> str:
+    """A value in TOML, which is JSON but for tables; a plain word needs no quotes on the command line."""
+    if value is None or (isinstance(value, str) and _WORD.fullmatch(value)):
+        return str(value)
+    return _KEY.sub(r"\1 = ", json.dumps(value, separators=(", ", " = ")))
 
 
 T = TypeVar("T")
 
 #: distance of the distribution of pressure from that of the reference over the mean pressure
 DISTRIBUTION = "pressure_distribution"
-#: measures of a contact that its settings do not change
-_GIVEN = {"load", "modulus", "nominal_area", "nominal_pressure"}
 
 
 def timed(work: Callable[[], T]) -> tuple[T, float]:
@@ -344,7 +332,7 @@ class Timed(Task):
             worker.stage = "ageing"
             _compile(scene, solved.contact)
             aging, seconds = timed(lambda: aged(scene, solved.contact))
-        measures = {name: float(value) for name, value in solved.contact.summary().items() if name not in _GIVEN}
+        measures = {name: float(value) for name, value in solved.contact.summary().items() if name not in GIVEN}
         return Outcome(content=self._content(solved, seconds, {**measures, DISTRIBUTION: distance}, aging))
 
     def _content(
