@@ -159,16 +159,19 @@ class EnsemblePlan:
     request: Request
     #: the cheapest first
     computations: tuple[Computation, ...]
-    #: CPU seconds of a sample of the first level, and of a correction to it where there may be one
-    seconds: tuple[float, ...]
-    #: replicas of each sample of a correction
-    replicas_of_corrections: int
+    #: what is computed for a sample of the first level, and for a correction to it where there may be one
+    levels: tuple[tuple[Computation, ...], ...]
     #: scatter that is expected
     scatters: Scatters
     #: what the rule is expected to do; None: not known before the first samples are computed
     foreseen: Expectation | None
     #: how that is known, in words
     reason: str
+
+    @property
+    def seconds(self) -> list[float]:
+        """CPU seconds of a sample of each level."""
+        return [sum(part.seconds for part in parts) for parts in self.levels]
 
     @property
     def expected(self) -> int | None:
@@ -183,13 +186,8 @@ class EnsemblePlan:
     @property
     def memory(self) -> float | None:
         """Bytes, with as many surfaces at the same time as there are processors; None where it is not known."""
-        used = [self.computations[0]]
-        if self.foreseen is None or (len(self.foreseen.samples) > 1 and self.foreseen.samples[1]):
-            used.append(self.computations[-1])
-        sizes = [
-            None if computation.bytes is None else computation.bytes * self._at_once(computation)
-            for computation in used
-        ]
+        used = self.computations if self.foreseen is None or len(self._levels()) > 1 else self.computations[:1]
+        sizes = [None if one.bytes is None else one.bytes * self._at_once(one) for one in (used[0], used[-1])]
         if any(size is None for size in sizes):
             return None
         return PROGRAM + max(size for size in sizes if size is not None)
@@ -201,7 +199,8 @@ class EnsemblePlan:
     @property
     def notes(self) -> list[str]:
         """What to know before it runs, in words."""
-        notes = [note for note in self.one.notes if note not in self._about_length]
+        # how long one run of the scene would take is another question
+        notes = [note for note in self.one.notes if not note.startswith("this will take ")]
         asked, budget = self.request, self.request.budget
         first = stages.FIRST * self.seconds[0] / available()
         if budget is not None and first > budget:
@@ -213,11 +212,6 @@ class EnsemblePlan:
         if seen is not None and asked.goals and seen.reason:
             notes.append(self._unreached(seen))
         return notes
-
-    @property
-    def _about_length(self) -> list[str]:
-        """Notes on how long one run of the scene would take, which is another question."""
-        return [note for note in self.one.notes if note.startswith("this will take ")]
 
     def _unreached(self, seen: Expectation) -> str:
         asked = self.request
@@ -250,10 +244,7 @@ class EnsemblePlan:
                     {"words": computation.words, "cpu_seconds": computation.seconds, "factor": computation.factor}
                     for computation in self.computations
                 ],
-                "levels": [
-                    {"words": words, "samples": count, "replicas": replicas, "cpu_seconds": seconds}
-                    for words, count, replicas, seconds in self._levels()
-                ],
+                "levels": self._levels(),
                 "sketches": None if self.sketch is None else self.sketch[1],
                 "expected_samples": self.expected,
                 "expected_samples_range": None if seen is None else list(seen.range),
@@ -267,17 +258,14 @@ class EnsemblePlan:
             },
         }
 
-    def _levels(self) -> list[tuple[str, int, int, float]]:
-        """(what is computed, samples, replicas, CPU seconds of a sample) of each level that is expected."""
-        if self.foreseen is None:
-            return []
-        first, last = self.computations[0], self.computations[-1]
-        levels = [(first.words, self.foreseen.samples[0], first.replicas, self.seconds[0])]
-        if len(self.foreseen.samples) > 1 and self.foreseen.samples[1]:
-            pair = [computation.with_replicas(self.replicas_of_corrections) for computation in (last, first)]
-            words = " minus ".join(computation.words for computation in pair)
-            levels.append((words, self.foreseen.samples[1], pair[0].replicas, self.seconds[1]))
-        return levels
+    def _levels(self) -> list[dict[str, Any]]:
+        """What is computed for each level that is expected, how many samples, and the CPU seconds of one."""
+        counts = () if self.foreseen is None else self.foreseen.samples
+        levels = []
+        for parts, count, seconds in zip(self.levels, counts, self.seconds, strict=False):
+            words = " minus ".join(part.words for part in parts)
+            levels.append({"words": words, "samples": count, "replicas": parts[0].replicas, "cpu_seconds": seconds})
+        return [level for level in levels if level["samples"]]
 
     @property
     def sketch(self) -> tuple[Computation, int] | None:
@@ -357,8 +345,9 @@ class EnsemblePlan:
             rows.append(("control", text))
         levels = self._levels()
         if len(levels) > 1:
-            words, count, _, seconds = levels[1]
-            rows.append(("corrections", f"{count} of {words}, {_seconds(count * seconds)} CPU"))
+            _, second = levels
+            spent = _seconds(second["samples"] * second["cpu_seconds"])
+            rows.append(("corrections", f"{second['samples']} of {second['words']}, {spent} CPU"))
         elif self.foreseen is not None and len(self.seconds) > 1:
             rows.append(("corrections", "none expected: the stated error of the coarse grid is small enough"))
         elif len(self.seconds) > 1:
@@ -391,17 +380,17 @@ def plan(scene: Scene) -> EnsemblePlan:
         request = sampler.request
         first, *_ = stated = request.computations()
         here = tuple(computation.here() for computation in stated)
-        seconds, replicas = [here[0].seconds], 1
+        levels = [here[:1]]
         if len(here) > 1:
             replicas = replicas_of_difference(here[-1], here[0])
-            seconds.append(sum(part.with_replicas(replicas).seconds for part in (here[0], here[-1])))
+            levels.append(tuple(part.with_replicas(replicas) for part in (here[-1], here[0])))
         costs = estimate.cost(scene)
         expected = scatters(request, costs, single.numbers)
         seen, reason = _expectation(sampler, costs, expected, first)
         if seen is not None:
             cpu, wall = seen.cpu_seconds * first.scale, seen.wall_seconds * first.scale
             seen = replace(seen, cpu_seconds=cpu, wall_seconds=wall)
-    return EnsemblePlan(single, request, here, tuple(seconds), replicas, expected, seen, reason)
+    return EnsemblePlan(single, request, here, tuple(levels), expected, seen, reason)
 
 
 def _expectation(
