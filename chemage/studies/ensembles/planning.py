@@ -133,7 +133,8 @@ def _expected_of(
     freedom = state.sampled[0].freedom
     # the number of samples goes with the variance, as it is measured with these degrees of freedom
     shares = 2 * special.gammaincinv(freedom / 2, TAILS) / freedom if reason != "time" else np.ones(2)
-    low, high = (max(stages.FIRST, round(share * counts[0])) for share in shares.tolist())
+    needed = counts[0] if reason else counts[0] * float(np.max(state.relative() / accuracy)) ** 2
+    low, high = (max(stages.FIRST, round(share * needed)) for share in shares.tolist())
     half = dict(zip(columns, state.relative().tolist(), strict=True))
     return Expectation(
         samples=tuple(counts[: len(counts) - state.controlled]),
