@@ -7,7 +7,6 @@ Samples of a computation on many surfaces: the tasks that give them, and what is
 from __future__ import annotations
 
 import math
-import statistics
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import reduce
@@ -182,31 +181,33 @@ def replicas_of_difference(fine: Computation, coarse: Computation) -> int:
 # -- settings from a map of speed against accuracy ---------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Wanted:
-    """What the settings are chosen for: quantities with their accuracy, or one quantity in a time."""
+def mapped_computations(
+    map: TradeMap, scene: Scene, quantities: Quantities, goals: Sequence[tuple[int, float]], budget: float
+) -> list[Computation]:
+    """The settings of the map with which ``scene`` is expected to reach its goals at the least cost, and those of the
+    scene itself last; only these where no other pay.
 
-    #: (column, relative half width) of each goal; 0: as accurate as the time allows
-    goals: Sequence[tuple[int, float]]
-    #: CPU seconds; inf: as long as it takes
-    budget: float = math.inf
-
-
-def mapped_computations(map: TradeMap, scene: Scene, quantities: Quantities, wanted: Wanted) -> list[Computation]:
-    """The settings of the map with which ``scene`` is expected to reach what is ``wanted`` at the least cost, and those
-    of the scene itself last; only these where no other pay."""
+    Parameters
+    ----------
+    goals
+        (column, relative half width) of each; 0: as accurate as the time allows.
+    budget
+        CPU seconds; inf: as long as it takes.
+    """
     base, own = scene.bare(), map.own
     if own is None:
         return []
     whole = _mapped(base, own, map, quantities, errors=False)
     names = _names(quantities)
-    least, chosen = MAP_PAYS * _price(own, own, map, names, wanted), None
+
+    def price(point: TradePoint) -> float:
+        """CPU seconds until every goal is reached; with a budget alone, the relative half width that it allows."""
+        return max(_price(point, own, map, names[column], accuracy, budget) for column, accuracy in goals)
+
+    least, chosen = MAP_PAYS * price(own), None
     for point in map.points:
-        if point.own or point.reference:
-            continue
-        price = _price(point, own, map, names, wanted)
-        if price < least:
-            least, chosen = price, point
+        if not point.own and not point.reference and (found := price(point)) < least:
+            least, chosen = found, point
     if chosen is None:
         return [whole]
     changed = with_changes(base, chosen.changes)
@@ -214,14 +215,14 @@ def mapped_computations(map: TradeMap, scene: Scene, quantities: Quantities, wan
 
 
 def _mapped(scene: Scene, point: TradePoint, map: TradeMap, quantities: Quantities, errors: bool = True) -> Computation:
-    ageing = statistics.median(point.ageing_seconds)
+    contact, replica = map.seconds_of(point)
     pixel = scene.surface.expected().get("pixel_size", 0.0)
     own = map.scene.get("surface", {}).get("pixel_size", pixel)
     factor = round(pixel / own) if isinstance(own, int | float) and own > 0 and pixel else 1
     return replace(
         estimated(scene, factor),
-        contact_seconds=statistics.median(point.contact_seconds),
-        replica_seconds=ageing / map.replicas if point.replicates and map.replicas else ageing,
+        contact_seconds=contact,
+        replica_seconds=replica,
         settings="" if point.own else point.words,
         errors=_errors(point, quantities) if errors else None,
         grid_only=set(point.choices) <= {GRID},
@@ -243,14 +244,10 @@ def _errors(point: TradePoint, quantities: Quantities) -> np.ndarray:
     return np.array([point.deviation(name).size for name in names])
 
 
-def _price(point: TradePoint, own: TradePoint, map: TradeMap, names: list[str], wanted: Wanted) -> float:
-    """CPU seconds until every goal is reached, with or without corrections; with a budget alone, the relative half
-    width that it allows."""
-    return max(_price_of(point, own, map, names[column], accuracy, wanted) for column, accuracy in wanted.goals)
-
-
-def _price_of(point: TradePoint, own: TradePoint, map: TradeMap, name: str, accuracy: float, wanted: Wanted) -> float:
-    seconds, whole = _of_one(point, map), _of_one(own, map)
+def _price(point: TradePoint, own: TradePoint, map: TradeMap, name: str, accuracy: float, budget: float) -> float:
+    """CPU seconds until an observable is known to an accuracy, with or without corrections; 0: the relative half width
+    that a budget allows."""
+    seconds, whole = sum(map.seconds_of(point)), sum(map.seconds_of(own))
     surfaces = map.surface_scatter.get(name, 0.0) if map.random else 0.0
     variance = surfaces**2 + point.scatter.get(name, 0.0) ** 2
     same = point.own or point.exact
@@ -262,19 +259,11 @@ def _price_of(point: TradePoint, own: TradePoint, map: TradeMap, name: str, accu
     change = 0.0 if same else deviation.stderr**2 * (map.rounds if map.random else deviation.freedom + 1)
     corrected = (math.sqrt(variance * seconds) + math.sqrt(change * (seconds + whole))) ** 2
     if accuracy == 0:
-        time = wanted.budget if math.isfinite(wanted.budget) else _ONE
+        time = budget if math.isfinite(budget) else _ONE
         return NORMAL_LIMIT * min(math.sqrt(variance * seconds / time + size**2), math.sqrt(corrected / time))
     left = (accuracy / NORMAL_LIMIT) ** 2 - size**2
     plain = seconds * variance / left if left > 0 else math.inf
     return min(plain, corrected * (NORMAL_LIMIT / accuracy) ** 2)
-
-
-def _of_one(point: TradePoint, map: TradeMap) -> float:
-    """CPU seconds of one surface with one replica."""
-    ageing = statistics.median(point.ageing_seconds)
-    if point.replicates and map.replicas:
-        ageing /= map.replicas
-    return statistics.median(point.contact_seconds) + ageing
 
 
 def own_error(map: TradeMap, quantities: Quantities) -> str:

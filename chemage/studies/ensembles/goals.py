@@ -22,7 +22,6 @@ from chemage.studies.ensembles import stages
 from chemage.studies.ensembles.computations import (
     DIFFERENCE,
     Computation,
-    Wanted,
     computations,
     mapped_computations,
     replicas_of_difference,
@@ -115,8 +114,7 @@ class Request:
         if self.map is not None:
             goals = [(goal.column, goal.accuracy) for goal in self.goals] or [(0, 0.0)]
             budget = math.inf if self.budget is None else self.budget * available()
-            wanted = Wanted(goals, budget)
-            if chosen := mapped_computations(self.map, self.scene, self.quantities, wanted):
+            if chosen := mapped_computations(self.map, self.scene, self.quantities, goals, budget):
                 return chosen
         ways = computations(self.scene)
         if not self.random or self.surfaces is not None:

@@ -302,8 +302,9 @@ class Mapper:
             yield from self._referred(0)
 
     def _named(self, number: int, tasks: Sequence[tuple[str, Timed]]) -> list[tuple[str, Timed]]:
-        where = "surface" if self.random else "repetition"
-        return [(f"{where} {number + 1} of {self.rounds}: {words}", task) for words, task in tasks]
+        of = f"{number + 1} of {self.rounds}"
+        where = f"surface {of}" if self.random else f"repetition {of}"
+        return [(f"{where}: {words}", task) for words, task in tasks]
 
     def _leave_out_slow(self) -> Iterator[list[tuple[str, Timed]]]:
         """Age one replica of everything, and leave out what is far slower than the scene."""

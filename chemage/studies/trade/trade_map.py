@@ -236,6 +236,11 @@ class TradeMap:
         """The settings of the scene."""
         return next((point for point in self.points if point.own), None)
 
+    def seconds_of(self, point: TradePoint) -> tuple[float, float]:
+        """Median CPU seconds of the contact, and of one replica; of all ageing where replicas are not computed."""
+        contact, ageing = statistics.median(point.contact_seconds), statistics.median(point.ageing_seconds)
+        return contact, ageing / self.replicas if point.replicates and self.replicas else ageing
+
     def of(self, observable: str) -> list[TradePoint]:
         """The points that can be compared at an observable: for one of the contact, those that differ there."""
         points = [
@@ -272,19 +277,19 @@ class TradeMap:
         return least or Cheapest(observable, within, None, best=best)
 
     def _with_replicas(self, point: TradePoint, observable: str, within: float, bound: float) -> Cheapest | None:
-        contact = statistics.median(point.contact_seconds)
+        contact, replica = self.seconds_of(point)
         if not of_ageing(observable):
             return Cheapest(observable, within, point, None, contact, bound, bound)
-        ageing, scatter = statistics.median(point.ageing_seconds), point.scatter.get(observable, math.nan)
         if not point.replicates:
-            return Cheapest(observable, within, point, None, contact + ageing, bound, bound)
+            return Cheapest(observable, within, point, None, contact + replica, bound, bound)
+        scatter = point.scatter.get(observable, math.nan)
         if not math.isfinite(scatter):
             return None
         count = max(2, math.ceil((NORMAL_LIMIT * scatter) ** 2 / (within**2 - bound**2)))
         if count > MOST_REPLICAS:
             return None
         noise = NORMAL_LIMIT * scatter / math.sqrt(count)
-        seconds = contact + ageing / self.replicas * count
+        seconds = contact + replica * count
         return Cheapest(observable, within, point, count, seconds, math.hypot(bound, noise), bound, noise)
 
     def sentences(self) -> dict[str, list[str]]:
