@@ -16,7 +16,7 @@ from chemage.foundation.errors import ChemageError, InputError
 from chemage.foundation.threads import available
 from chemage.foundation.units import convert
 from chemage.lattices.independent import expected_kinetics, rough_pressures, smooth_pressures
-from chemage.scene.plan import Plan, cost
+from chemage.scene.plan import Plan, cost, in_hours
 from chemage.scene.scene import LEAST, SURFACES_LIMIT, EnsembleOptions, Scene, accuracies, budget_seconds, is_random
 from chemage.studies.ensembles import stages
 from chemage.studies.ensembles.computations import (
@@ -26,11 +26,16 @@ from chemage.studies.ensembles.computations import (
     mapped_computations,
     replicas_of_difference,
 )
-from chemage.studies.ensembles.quantities import Quantities, limit, recorded_measures
+from chemage.studies.ensembles.quantities import MOST, Quantities, limit, recorded_measures
 from chemage.studies.trade.trade_map import TradeMap
 
 #: scatter of a quantity between surfaces that is expected where nothing is known, over the mean
 SCATTER = 0.05
+
+
+def time_text(seconds: float) -> str:
+    """CPU time in words."""
+    return in_hours(seconds) if seconds >= 120 else f"{seconds:.2g} s"
 
 
 @dataclass(frozen=True)
@@ -108,6 +113,22 @@ class Request:
     def counted(self) -> str:
         """What is counted: ``surfaces``, or ``replicas`` on the one surface."""
         return "surfaces" if self.random else "replicas"
+
+    @property
+    def wishes(self) -> str:
+        """The goals in words."""
+        return ", ".join(f"accuracy.{goal.name} = {100 * goal.accuracy:g} %" for goal in self.goals)
+
+    def refusal(self, needed: int | None, seconds: float, so_far: str = "") -> str:
+        """That more samples are needed than are allowed, with their CPU time, or that no number is enough (None)."""
+        if needed is None:
+            text = f"errors that no number of {self.counted} makes smaller are larger{so_far}; ask for a wider interval"
+            return f"{self.wishes}: {text}"
+        about = f"about {round(needed, 2 - len(str(needed))):,}" if needed < MOST else f"more than {MOST:,}"
+        return (
+            f"{self.wishes}: would need {about} {self.counted} ({time_text(seconds)} of CPU time), and {self.most:,} "
+            f"are allowed{so_far}; ask for a wider interval, or allow more with [ensemble] most"
+        )
 
     def computations(self) -> list[Computation]:
         """The computations that may be used, the cheapest first."""

@@ -18,7 +18,7 @@ from chemage.foundation.text import percent
 from chemage.foundation.threads import available
 from chemage.plugins.sources import components_in
 from chemage.scene import plan as estimate
-from chemage.scene.plan import Plan, in_hours
+from chemage.scene.plan import Plan
 from chemage.scene.scene import Scene
 from chemage.studies.ensembles import stages
 from chemage.studies.ensembles.computations import (
@@ -31,9 +31,9 @@ from chemage.studies.ensembles.computations import (
     replicas_of_difference,
     sketched,
 )
-from chemage.studies.ensembles.goals import Request, Scatters, is_about_zero, scatters
+from chemage.studies.ensembles.goals import Request, Scatters, is_about_zero, scatters, time_text
 from chemage.studies.ensembles.quantities import RECORDED, limit, recorded_measures
-from chemage.studies.ensembles.running import Sampler, needing
+from chemage.studies.ensembles.running import Sampler
 
 #: probabilities at the ends of the ranges
 TAILS = (0.1, 0.9)
@@ -207,7 +207,7 @@ class EnsemblePlan:
         if budget is not None and first > budget:
             notes.append(
                 f"the first {stages.FIRST} {asked.counted}, without which there is no interval, take about "
-                f"{_seconds(first)}, which is longer than the budget of {budget:g} s"
+                f"{time_text(first)}, which is longer than the budget of {budget:g} s"
             )
         seen = self.foreseen
         if seen is not None and asked.goals and seen.reason:
@@ -215,10 +215,7 @@ class EnsemblePlan:
         return notes
 
     def _unreached(self, seen: Expectation) -> str:
-        asked = self.request
-        names = ", ".join(f"accuracy.{goal.name} = {100 * goal.accuracy:g} %" for goal in asked.goals)
-        if seen.reason == "most":
-            return needing(names, max(seen.samples), seen.cpu_seconds, asked)
+        names = self.request.wishes
         if seen.reason == "time":
             reached = ", ".join(f"{name} ± {percent(half)}" for name, half in seen.intervals.items())
             return f"{names}: the time will be over before; {reached} is expected then"
@@ -227,7 +224,7 @@ class EnsemblePlan:
                 f"{names}: its mean is expected to be 0 within its interval, {self.reason}; ask at other hold times, "
                 "or another temperature"
             )
-        return f"{names}: errors that no number of {asked.counted} makes smaller are larger; ask for a wider interval"
+        return self.request.refusal(max(seen.samples) if seen.reason == "most" else None, seen.cpu_seconds)
 
     def todict(self) -> dict[str, Any]:
         """One JSON-able object."""
@@ -336,35 +333,33 @@ class EnsemblePlan:
         names += ["computation that may correct it"] * (len(self.computations) - 1)
         used = [self.computations[0], *([self.computations[-1]] if len(self.computations) > 1 else [])]
         rows = [
-            (name, f"{computation.words}, about {_seconds(computation.seconds)} of CPU time each")
+            (name, f"{computation.words}, about {time_text(computation.seconds)} of CPU time each")
             for name, computation in zip(names, used, strict=False)
         ]
         if self.sketch is not None:
             sketch, count = self.sketch
             grid = sketch.words.partition(",")[0]
-            text = f"the area of the contact of {count} surfaces on {grid}, {_seconds(sketch.seconds)} of CPU time each"
+            text = (
+                f"the area of the contact of {count} surfaces on {grid}, {time_text(sketch.seconds)} of CPU time each"
+            )
             rows.append(("control", text))
         levels = self._levels()
         if len(levels) > 1:
             _, second = levels
-            spent = _seconds(second["samples"] * second["cpu_seconds"])
+            spent = time_text(second["samples"] * second["cpu_seconds"])
             rows.append(("corrections", f"{second['samples']} of {second['words']}, {spent} CPU"))
         elif self.foreseen is not None and len(self.seconds) > 1:
             rows.append(("corrections", "none expected: the stated error of the coarse grid is small enough"))
         elif len(self.seconds) > 1:
             first = stages.FIRST_DIFFERENCES * self.seconds[1]
-            rows.append(("corrections", f"where they pay: {stages.FIRST_DIFFERENCES} first, {_seconds(first)} CPU"))
+            rows.append(("corrections", f"where they pay: {stages.FIRST_DIFFERENCES} first, {time_text(first)} CPU"))
         return rows
 
 
 def _cost(seen: Expectation) -> str:
     low, high = seen.cpu_range
-    spread = f" ({_seconds(low)} to {_seconds(high)})" if high > 1.3 * low else ""
-    return f"about {_seconds(seen.cpu_seconds)} of CPU time{spread}, {_seconds(seen.wall_seconds)} on this machine"
-
-
-def _seconds(seconds: float) -> str:
-    return in_hours(seconds) if seconds >= 120 else f"{seconds:.2g} s"
+    spread = f" ({time_text(low)} to {time_text(high)})" if high > 1.3 * low else ""
+    return f"about {time_text(seen.cpu_seconds)} of CPU time{spread}, {time_text(seen.wall_seconds)} on this machine"
 
 
 def plan(scene: Scene) -> EnsemblePlan:

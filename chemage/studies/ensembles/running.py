@@ -20,7 +20,7 @@ from chemage.foundation.records import merged_approximations
 from chemage.foundation.text import percent
 from chemage.foundation.threads import available
 from chemage.scene.files import load_scene, parse_scene
-from chemage.scene.plan import cost, in_hours
+from chemage.scene.plan import cost
 from chemage.scene.provenance import versions
 from chemage.scene.scene import Scene
 from chemage.studies.ensembles import stages
@@ -38,7 +38,7 @@ from chemage.studies.ensembles.computations import (
 )
 from chemage.studies.ensembles.ensemble import Ensemble
 from chemage.studies.ensembles.goals import AccuracyGoal, Request, with_request
-from chemage.studies.ensembles.quantities import MOST, Quantities, SurfaceSample
+from chemage.studies.ensembles.quantities import Quantities, SurfaceSample
 from chemage.studies.study import Archive, Part, Selection, Study
 from chemage.studies.tasks import Outcome, Task, registered_classes
 from chemage.studies.trade.trade_map import TradeMap
@@ -115,16 +115,6 @@ def ensemble(
     where: dict[str, Any] = {"executor": executor, "workers": workers, "threads": threads, "patience": patience}
     where["points"] = points
     return Sampler(asked, samples=samples, measured=map, **where).run(progress)
-
-
-def needing(names: str, count: int, seconds: float, asked: Request, so_far: str = "") -> str:
-    """What to say where more surfaces would be needed than are allowed; ``seconds`` of CPU time."""
-    about = f"about {round(count, 2 - len(str(count))):,}" if count < MOST else f"more than {MOST:,}"
-    time_text = in_hours(seconds) if seconds >= 120 else f"{seconds:.2g} s"
-    return (
-        f"{names}: would need {about} {asked.counted} ({time_text} of CPU time), and {asked.most:,} are allowed"
-        f"{so_far}; ask for a wider interval, or allow more with [ensemble] most"
-    )
 
 
 def _silent(stage: str, done: int, total: int, note: str = "") -> None:
@@ -425,29 +415,24 @@ class Sampler:
 
     def _explained(self, error: stages.Unreachable) -> str:
         state, asked = error.state, self.request
-        names = ", ".join(f"accuracy.{goal.name} = {100 * goal.accuracy:g} %" for goal in asked.goals)
         words = self._in_words(state.mean, state.half_width())
         so_far = f"{words or 'no interval'} from {state.sampled[0].count} samples"
         if error.reason == "zero":
-            return f"{names}: its mean is 0 within its interval ({so_far}), so that no relative accuracy can be reached"
+            text = f"its mean is 0 within its interval ({so_far}), so that no relative accuracy can be reached"
+            return f"{asked.wishes}: {text}"
         if error.reason == "unknown":
             undefined = [goal.name for goal in asked.goals if math.isnan(state.mean[goal.column])]
             if undefined:
                 return f"accuracy.{undefined[0]}: some contacts of this scene do not have this quantity; leave it out"
             return (
-                f"{names}: an approximate part of the scene does not say how large its error of this quantity is; "
-                "leave the part out, or ask for the friction drop"
-            )
-        if error.reason == "known" or error.needed is None:
-            return (
-                f"{names}: errors that no number of {asked.counted} makes smaller are larger ({so_far}); "
-                "ask for a wider interval"
+                f"{asked.wishes}: an approximate part of the scene does not say how large its error of this quantity "
+                "is; leave the part out, or ask for the friction drop"
             )
         scale = _of(state.sampled[0].level).parts[0].computation.scale
         seconds = scale * sum(
-            count * sampled.level.cost for count, sampled in zip(error.needed, state.sampled, strict=True)
+            count * sampled.level.cost for count, sampled in zip(error.needed or (), state.sampled, strict=False)
         )
-        return needing(names, max(error.needed), seconds, asked, f" ({so_far})")
+        return asked.refusal(max(error.needed) if error.needed else None, seconds, f" ({so_far})")
 
     # -- the result ---------------------------------------------------------------------------------------------------
 
