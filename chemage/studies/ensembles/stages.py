@@ -192,8 +192,8 @@ class Clock:
     seconds: float = math.inf
     now: Callable[[], float] = time.monotonic
     begin: float = field(init=False)
-    #: by the identity of a level: wall seconds and samples so far
-    spent: dict[int, tuple[float, int]] = field(default_factory=dict)
+    #: CPU seconds of the samples so far, as estimated before
+    cost: float = 0.0
 
     def __post_init__(self) -> None:
         self.begin = self.now()
@@ -204,28 +204,21 @@ class Clock:
         return self.seconds - (self.now() - self.begin) if math.isfinite(self.seconds) else math.inf
 
     def upto(self, sampled: Sampled, count: int) -> Steps:
-        """Take samples until there are ``count``, and note how long it took."""
-        before, begin = sampled.count, self.now()
-        if count > before:
+        """Take samples until there are ``count``."""
+        if count > sampled.count:
             yield sampled.level, count
-        sampled.upto(count)
-        wall, done = self.spent.get(id(sampled.level), (0.0, 0))
-        self.spent[id(sampled.level)] = (wall + self.now() - begin, done + sampled.count - before)
+            self.cost += (count - sampled.count) * sampled.level.cost
+            sampled.upto(count)
 
-    def wall(self, sampled: Sampled, state: SamplingState) -> float:
-        """Wall seconds of one more sample, as measured; of a level without samples in proportion to its cost."""
-        wall, done = self.spent.get(id(sampled.level), (0.0, 0))
-        if done:
-            return wall / done
-        first = state.sampled[0]
-        wall, done = self.spent.get(id(first.level), (0.0, 0))
-        return wall / max(done, 1) * sampled.level.cost / max(first.level.cost, 1e-12)
+    def wall(self, level: Level) -> float:
+        """Wall seconds of one more sample: in proportion to its cost, as measured of those so far."""
+        return max(level.cost * (self.now() - self.begin) / max(self.cost, 1e-12), 1e-9)
 
     def affordable(self, state: SamplingState, counts: list[int]) -> list[int]:
         """``counts``, or as many samples as the time that is left allows, divided so that the interval is narrowest."""
         if not math.isfinite(self.seconds):
             return counts
-        walls = [max(self.wall(sampled, state), 1e-9) for sampled in state.sampled]
+        walls = [self.wall(sampled.level) for sampled in state.sampled]
         more = sum(
             max(0, count - sampled.count) * wall
             for count, sampled, wall in zip(counts, state.sampled, walls, strict=True)
@@ -418,8 +411,7 @@ class Search:
     def _may_pay(self, route: Route, state: SamplingState, least: float) -> bool:
         """Whether the first samples of a route may be worth their cost."""
         if math.isfinite(self.clock.seconds):
-            wall = self.clock.wall(Sampled(route.levels[-1]), state)
-            return FIRST_DIFFERENCES * wall < 0.35 * self.clock.left
+            return FIRST_DIFFERENCES * self.clock.wall(route.levels[-1]) < 0.35 * self.clock.left
         # what it costs at least: its first samples, and the first level without the errors that it corrects
         alone = SamplingState(Route("", route.levels[:1], route.known), state.sampled[:1], state.asked)
         try:
