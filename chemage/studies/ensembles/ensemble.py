@@ -178,7 +178,7 @@ class Ensemble(Record):
 
     def _parts(self, column: int) -> dict[str, ErrorPart]:
         """The parts of the error of a column: standard errors."""
-        spreads, rows, parts = self._spreads, self._terms, {}
+        spreads, rows = self._spreads, self._terms
         first, count = float(spreads[0].variance[column]), len(rows[0])
         # of the mean of the control
         more = float(spreads[-1].variance[column]) / len(rows[-1]) if self.controlled else 0.0
@@ -186,17 +186,18 @@ class Ensemble(Record):
         how = f"measured here, {count} surfaces" if self.random else f"measured here, {count * replicas} replicas"
         if self.controlled:
             how += f" and the area of sketches of {len(rows[-1])}"
+        cause, inside, is_split = "surfaces and replicas", 0.0, False
         if not self.random:
-            parts["replicas"] = ErrorPart(math.sqrt(first / count), how + " on this one surface")
+            cause, how = "replicas", f"{how} on this one surface"
         elif column >= self._curve.stop:  # the contact is the same for all replicas
-            parts["surfaces"] = ErrorPart(math.sqrt(first / count + more), how)
+            cause = "surfaces"
         elif "variance" in self.within:
-            inside = float(self.within["variance"][column]) / replicas
-            parts["surfaces"] = ErrorPart(math.sqrt(max(0.0, first - inside) / count + more), how)
+            is_split = True
+            cause, inside = "surfaces", float(self.within["variance"][column]) / replicas
+        parts = {cause: ErrorPart(math.sqrt(max(0.0, first - inside) / count + more), how)}
+        if is_split:
             on_each = f"measured here, {replicas} on each surface" if replicas > 1 else "measured here, on few surfaces"
             parts["replicas"] = ErrorPart(math.sqrt(min(inside, first) / count), on_each)
-        else:
-            parts["surfaces and replicas"] = ErrorPart(math.sqrt(first / count + more), how)
         for number in range(1, len(rows) - self.controlled):
             size = math.sqrt(float(spreads[number].variance[column]) / len(rows[number]))
             parts["discretisation"] = ErrorPart(

@@ -26,7 +26,7 @@ from chemage.foundation.errors import InputError, nearest
 from chemage.foundation.outputs import HOLD_TIME, RECORDED
 from chemage.foundation.quantities import ONE, Quantity
 from chemage.foundation.records import merged_approximations
-from chemage.foundation.statistics import student_limit
+from chemage.foundation.statistics import student_limit, student_limits
 from chemage.plugins.sources import components_in
 from chemage.scene.scene import Scene
 from chemage.studies.tasks import Outcome
@@ -277,17 +277,12 @@ def half_width(spreads: list[Spread], counts: list[int], known: np.ndarray) -> n
     known
         (quantities,) standard errors from other causes, known before; they are taken as normal.
     """
-    parts = [spread.variance / count for spread, count in zip(spreads, counts, strict=True)]
-    total = sum(parts) + known**2
-    half = np.full(total.shape, np.nan)
-    for k, variance in enumerate(total):
-        if variance > 0:
-            below = sum(
-                float(part[k]) ** 2 / spread.freedom for part, spread in zip(parts, spreads, strict=True) if part[k] > 0
-            )
-            freedom = float(variance) ** 2 / below if below > 0 else math.inf
-            half[k] = limit(freedom) * math.sqrt(variance)
-    return half
+    parts = np.array([spread.variance / count for spread, count in zip(spreads, counts, strict=True)])
+    total = parts.sum(axis=0) + known**2
+    freedoms = np.array([[spread.freedom] for spread in spreads])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        freedom = total**2 / (parts**2 / freedoms).sum(axis=0)
+    return np.where(total > 0, student_limits(np.minimum(freedom, 1e9)) * np.sqrt(total), np.nan)
 
 
 def limit(freedom: float) -> float:
