@@ -408,9 +408,8 @@ def _expectation(
         budget = request.budget / first.scale
         timed = max(timed, int(workers * budget / first.seconds))
     if np.any(is_about_zero(scatter)):
-        return Expectation.counted(timed, first.seconds, workers, reason="zero"), _why(
-            request, expected, first.replicas
-        )
+        seen = Expectation.counted(timed, first.seconds, workers, reason="zero")
+        return seen, _why(request, expected, first.replicas)
     if np.isfinite(scatter).all():
         measures = [costs.area_fraction if name == "area_fraction" else None for name in request.quantities.measures]
         ones = [1.0] * (request.quantities.count - len(measures))  # of which only the relative scatter counts

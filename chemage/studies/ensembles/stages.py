@@ -278,7 +278,7 @@ def steps(
     beginning = Sampled(routes[0].levels[0], looks=LOOKS)
     yield from clock.upto(beginning, FIRST)
     state = SamplingState(routes[0], [beginning], np.isfinite(accuracy))
-    search = Search(routes, accuracy, most, clock)
+    search = RouteSearch(routes, accuracy, most, clock)
     state, counts = yield from search.chosen(state)
     state, counts = yield from search.controlled(state, counts)
     for part in (LOOK, SECOND):
@@ -307,7 +307,7 @@ def steps(
 
 
 @dataclass(frozen=True)
-class Search:
+class RouteSearch:
     """How many samples are needed, and which route needs the least."""
 
     routes: Sequence[Route]

@@ -53,7 +53,7 @@ _WORD, _KEY = re.compile(r"[A-Za-z_-][A-Za-z0-9_-]*"), re.compile(r'"([A-Za-z0-9
 
 
 @dataclass(frozen=True)
-class Setting:
+class TradeSetting:
     """One value of one thing that can be chosen, other than that of the scene."""
 
     #: what is chosen, such as ``contact.tolerance``; a combination has one setting of each
@@ -73,7 +73,7 @@ class Setting:
 
 
 #: a combination of settings
-Combination = tuple[Setting, ...]
+Combination = tuple[TradeSetting, ...]
 
 
 def applied(scene: Scene, combination: Combination) -> Scene:
@@ -103,18 +103,18 @@ def go_together(combination: Combination) -> bool:
     return not (method and any(one.name.partition(".")[0] == ENGINE for one in combination))
 
 
-def choices(scene: Scene, notes: list[str]) -> list[Setting]:
+def choices(scene: Scene, notes: list[str]) -> list[TradeSetting]:
     """Every setting that ``scene`` has besides its own values; what is not tried is noted in words."""
     found = [*_options(scene, notes), *_grids(scene), *_kinds(scene, SOLVER, _with_solver, notes)]
     if scene.ages:
         found += _kinds(scene, ENGINE, _with_engine, notes)
         if scene.ageing is not None:
-            found.append(Setting(AGEING, "every site", {AGEING: None}, "ageing", exact=True))
+            found.append(TradeSetting(AGEING, "every site", {AGEING: None}, "ageing", exact=True))
         found += _kinds(scene, AGEING, _with_method, notes)
     return found
 
 
-def _options(scene: Scene, notes: list[str]) -> Iterator[Setting]:
+def _options(scene: Scene, notes: list[str]) -> Iterator[TradeSetting]:
     """The values in ``trade`` of every component, but those of the scene."""
     for section, component in scene.sections().items():
         stage = "contact" if section in ("surface", "contact") else "ageing"
@@ -131,7 +131,7 @@ def _options(scene: Scene, notes: list[str]) -> Iterator[Setting]:
                 tried = _some(tuple(values), own)
                 if len(tried) < len(values):
                     notes.append(f"{name}: {len(tried)} of {len(values)} values are tried")
-                yield from (Setting(name, str(value), {name: value}, stage) for value in tried if value != own)
+                yield from (TradeSetting(name, str(value), {name: value}, stage) for value in tried if value != own)
 
 
 def _some(values: tuple[Any, ...], own: Any) -> tuple[Any, ...]:
@@ -144,16 +144,16 @@ def _some(values: tuple[Any, ...], own: Any) -> tuple[Any, ...]:
     return tuple(values[k] for k in sorted(chosen))
 
 
-def _grids(scene: Scene) -> Iterator[Setting]:
+def _grids(scene: Scene) -> Iterator[TradeSetting]:
     """Coarser grids of the contact, with the sites in place."""
     for factor in COARSER:
         if (coarse := coarser(scene, factor)) is not None:
-            yield Setting(GRID, f"{factor} times coarser", changes(scene, coarse), "contact")
+            yield TradeSetting(GRID, f"{factor} times coarser", changes(scene, coarse), "contact")
 
 
 def _kinds(
     scene: Scene, role: str, made: Callable[[Scene, str, dict[str, Any], list[str]], Scene | None], notes: list[str]
-) -> Iterator[Setting]:
+) -> Iterator[TradeSetting]:
     """Other components of a role, which ``made`` puts into the scene; methods of ageing at each value of their
     options."""
     plugins, own = registry.current(), scene.component(role)
@@ -171,7 +171,7 @@ def _kinds(
             if other is not None:
                 exact = role == ENGINE and other.engine is not None and other.engine.exact
                 stage = "contact" if role == SOLVER else "ageing"
-                yield Setting(role, label, changes(scene, other), stage, exact)
+                yield TradeSetting(role, label, changes(scene, other), stage, exact)
 
 
 def _with_solver(scene: Scene, kind: str, options: dict[str, Any], notes: list[str]) -> Scene | None:

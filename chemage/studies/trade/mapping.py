@@ -36,8 +36,8 @@ from chemage.studies.tasks import Outcome, Task, registered_classes
 from chemage.studies.trade.choices import (
     ENGINE,
     Combination,
-    Setting,
     Timed,
+    TradeSetting,
     applied,
     changes,
     choices,
@@ -401,10 +401,10 @@ class Mapper:
                 on_front[id(trial)] = trial
         return list(on_front.values())
 
-    def _useful(self) -> dict[str, list[Setting]]:
+    def _useful(self) -> dict[str, list[TradeSetting]]:
         """What is chosen -> the values that make their stage cheaper, and are not beaten by another value."""
         own = self.trials[frozenset()]
-        useful: dict[str, list[Setting]] = {}
+        useful: dict[str, list[TradeSetting]] = {}
         for name in dict.fromkeys(one.name for one in self.choices):
             singles = [trial for trial in self.trials.values() if len(trial.combination) == 1]
             singles = [trial for trial in singles if trial.combination[0].name == name]
