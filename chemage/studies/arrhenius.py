@@ -334,10 +334,13 @@ def _line(
         error = np.sqrt(share @ residual**2 / freedom * (rows**2 / share).sum(axis=1))
         words = f"Student's t, scatter about the line, {x.size} temperatures"
     elif len(set(counts)) == 1:
-        error, freedom = _together(x, weight, left_out, weighted), counts[0] - 1.0
+        error, freedom = _jackknife(x, weight, logs, left_out, weighted, range(x.size)), counts[0] - 1.0
         words = f"Student's t, jackknife over {counts[0]} replicas"
     else:
-        error, freedom = _apart(x, weight, logs, left_out, weighted)
+        # the degrees of freedom are those of the temperature with the largest part: those of Welch and Satterthwaite
+        # are too many where a few replicas decide
+        parts = [_jackknife(x, weight, logs, left_out, weighted, [k]) ** 2 for k in range(x.size)]
+        error, freedom = np.sqrt(np.sum(parts, axis=0)), np.array(counts)[np.argmax(parts, axis=0)] - 1.0
         words = f"Student's t, jackknife over {min(counts)} to {max(counts)} replicas"
     half = error * student_limits(np.broadcast_to(freedom, 2), confidence)
     finite = bool(np.isfinite(half).all())
@@ -376,39 +379,29 @@ def _weights_without(left_out: np.ndarray) -> np.ndarray:
         return (r - 1) * (r - 2) / np.maximum(rest, 0.0)
 
 
-def _together(x: np.ndarray, weight: np.ndarray, left_out: Sequence[np.ndarray], weighted: bool) -> np.ndarray:
-    """Jackknife errors of E_a and ln t₀ with replica r left out at every temperature at once.
+def _jackknife(
+    x: np.ndarray,
+    weight: np.ndarray,
+    logs: np.ndarray,
+    left_out: Sequence[np.ndarray],
+    weighted: bool,
+    at: Sequence[int],
+) -> np.ndarray:
+    """(2,) jackknife errors of E_a and ln t₀ with replica r left out at the temperatures ``at``.
 
     The weights are those without it: taken as known they would make the error too small, since temperatures that seem
     to scatter little by chance count most.
     """
-    values = np.array(left_out)
-    if not weighted:
-        return jackknife_error(values.T @ _rows(x, weight).T)
-    weights = np.array([_weights_without(without) for without in values])
-    weights = np.where(np.isfinite(weights), weights, weight[:, None])
-    return jackknife_error(np.array([_rows(x, weights[:, r]) @ values[:, r] for r in range(values.shape[1])]))
-
-
-def _apart(
-    x: np.ndarray, weight: np.ndarray, logs: np.ndarray, left_out: Sequence[np.ndarray], weighted: bool
-) -> tuple[np.ndarray, np.ndarray]:
-    """Errors of E_a and ln t₀ and their degrees of freedom, with the replicas of each temperature left out in turn.
-
-    The degrees of freedom are those of the temperature with the largest part: those of Welch and Satterthwaite are too
-    many where a few replicas decide.
-    """
-    parts = []
-    for at, without in enumerate(left_out):
-        values = []
-        weights = _weights_without(without) if weighted else np.full(len(without), weight[at])
-        for log, changed in zip(without, weights, strict=True):
-            logs_now, weight_now = logs.copy(), weight.copy()
-            logs_now[at], weight_now[at] = log, changed if math.isfinite(changed) else weight[at]
-            values.append(_rows(x, weight_now) @ logs_now)
-        parts.append(jackknife_error(np.array(values)) ** 2)
-    counts = np.array([len(without) for without in left_out])
-    return np.sqrt(np.sum(parts, axis=0)), counts[np.argmax(parts, axis=0)] - 1.0
+    values = []
+    weights = {k: _weights_without(left_out[k]) for k in at} if weighted else {}
+    for r in range(len(left_out[at[0]])):
+        logs_now, weight_now = logs.copy(), weight.copy()
+        for k in at:
+            logs_now[k] = left_out[k][r]
+            if weighted and math.isfinite(weights[k][r]):
+                weight_now[k] = weights[k][r]
+        values.append(_rows(x, weight_now) @ logs_now)
+    return jackknife_error(np.array(values))
 
 
 def _fit(aging: Aging, quantity: Level, window: tuple[float, float]) -> Fit | None:

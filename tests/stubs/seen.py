@@ -26,16 +26,16 @@ from chemage.studies.sweeps.running import read_grid, show_progress, survey_of
 from chemage.studies.sweeps.views import HOLD_TIME, SweepData, swept_rows
 from chemage.studies.trade.choices import choices
 from chemage.studies.trade.mapping import planned, tradeoff
-from chemage.studies.trade.trade_map import Point, TradeMap
+from chemage.studies.trade.trade_map import TradeMap, TradePoint
 
 __all__ = [
     "HOLD_TIME",
     "Comparison",
     "Entry",
-    "Point",
     "SweepData",
     "Table",
     "TradeMap",
+    "TradePoint",
     "comparison_figures",
     "drawn_data",
     "figures",
@@ -68,4 +68,4 @@ def report(files: Sequence[str | Path], **options) -> str:
 def tried_values(scene: ca.Scene, option: str) -> tuple[list[str], list[str]]:
     """The values of an option that a map of speed and accuracy tries, and what it notes of them."""
     notes: list[str] = []
-    return [one.label for one in choices(scene, notes) if one.knob == option], notes
+    return [one.label for one in choices(scene, notes) if one.name == option], notes

@@ -7,9 +7,10 @@ Samples of a computation on many surfaces: the tasks that give them, and what is
 from __future__ import annotations
 
 import math
-import statistics
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import reduce
+from itertools import islice
 
 import numpy as np
 
@@ -17,15 +18,14 @@ from chemage.ageing.aging import BARRIERS
 from chemage.foundation.memory import capacity
 from chemage.foundation.statistics import NORMAL_LIMIT
 from chemage.scene import plan as estimate
-from chemage.scene.files import override, parse_scene
 from chemage.scene.run import run
 from chemage.scene.scene import Scene, coarser
-from chemage.studies.ensembles.quantities import Quantities, Sample
+from chemage.studies.ensembles.quantities import Quantities, SurfaceSample
 from chemage.studies.runner import PROGRAM
 from chemage.studies.study import Archive
 from chemage.studies.tasks import Outcome, Task
-from chemage.studies.trade.choices import GRID
-from chemage.studies.trade.trade_map import Point, TradeMap
+from chemage.studies.trade.choices import GRID, with_changes
+from chemage.studies.trade.trade_map import TradeMap, TradePoint
 
 #: factors by which the pixels of the contact are made larger, the largest first
 COARSER = (4, 2)
@@ -111,9 +111,11 @@ class Computation:
         """The scene on one surface with its own disorder."""
         return self.scene.with_hold(seed=hold_seed).model_copy(update={"surface_seed": surface_seed})
 
-    def compute(self, surface_seed: int, hold_seed: int) -> Sample:
+    def compute(self, surface_seed: int, hold_seed: int) -> SurfaceSample:
         """Compute one sample in this thread."""
-        return Sample.of(Outcome(run(self.seeded(surface_seed, hold_seed), threads=1, warn=False, members=False)))
+        return SurfaceSample.of(
+            Outcome(run(self.seeded(surface_seed, hold_seed), threads=1, warn=False, members=False))
+        )
 
 
 def computations(scene: Scene) -> list[Computation]:
@@ -179,48 +181,48 @@ def replicas_of_difference(fine: Computation, coarse: Computation) -> int:
 # -- settings from a map of speed against accuracy ---------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Wanted:
-    """What the settings are chosen for: quantities with their accuracy, or one quantity in a time."""
+def mapped_computations(
+    map: TradeMap, scene: Scene, quantities: Quantities, goals: Sequence[tuple[int, float]], budget: float
+) -> list[Computation]:
+    """The settings of the map with which ``scene`` is expected to reach its goals at the least cost, and those of the
+    scene itself last; only these where no other pay.
 
-    #: (column, relative half width) of each goal; 0: as accurate as the time allows
-    goals: Sequence[tuple[int, float]]
-    #: CPU seconds; inf: as long as it takes
-    budget: float = math.inf
-
-
-def mapped_computations(map: TradeMap, scene: Scene, quantities: Quantities, wanted: Wanted) -> list[Computation]:
-    """The settings of the map with which ``scene`` is expected to reach what is ``wanted`` at the least cost, and those
-    of the scene itself last; only these where no other pay."""
+    Parameters
+    ----------
+    goals
+        (column, relative half width) of each; 0: as accurate as the time allows.
+    budget
+        CPU seconds; inf: as long as it takes.
+    """
     base, own = scene.bare(), map.own
     if own is None:
         return []
     whole = _mapped(base, own, map, quantities, errors=False)
     names = _names(quantities)
-    least, chosen = MAP_PAYS * _price(own, own, map, names, wanted), None
+
+    def price(point: TradePoint) -> float:
+        """CPU seconds until every goal is reached; with a budget alone, the relative half width that it allows."""
+        return max(_price(point, own, map, names[column], accuracy, budget) for column, accuracy in goals)
+
+    least, chosen = MAP_PAYS * price(own), None
     for point in map.points:
-        if point.own or point.reference:
-            continue
-        price = _price(point, own, map, names, wanted)
-        if price < least:
-            least, chosen = price, point
+        if not point.own and not point.reference and (found := price(point)) < least:
+            least, chosen = found, point
     if chosen is None:
         return [whole]
-    changed = parse_scene(override(base.todict(), chosen.changes))
-    # what the material gave is written out in the data
-    changed = changed.model_copy(update={"material": base.material, "from_material": base.from_material})
+    changed = with_changes(base, chosen.changes)
     return [_mapped(changed, chosen, map, quantities), whole]
 
 
-def _mapped(scene: Scene, point: Point, map: TradeMap, quantities: Quantities, errors: bool = True) -> Computation:
-    ageing = statistics.median(point.ageing_seconds)
+def _mapped(scene: Scene, point: TradePoint, map: TradeMap, quantities: Quantities, errors: bool = True) -> Computation:
+    contact, replica = map.seconds_of(point)
     pixel = scene.surface.expected().get("pixel_size", 0.0)
     own = map.scene.get("surface", {}).get("pixel_size", pixel)
     factor = round(pixel / own) if isinstance(own, int | float) and own > 0 and pixel else 1
     return replace(
         estimated(scene, factor),
-        contact_seconds=statistics.median(point.contact_seconds),
-        replica_seconds=ageing / map.replicas if point.replicates and map.replicas else ageing,
+        contact_seconds=contact,
+        replica_seconds=replica,
         settings="" if point.own else point.words,
         errors=_errors(point, quantities) if errors else None,
         grid_only=set(point.choices) <= {GRID},
@@ -234,7 +236,7 @@ def _names(quantities: Quantities) -> list[str]:
     return [*(["beta"] if quantities.has_beta else []), *curve, *quantities.measures]
 
 
-def _errors(point: Point, quantities: Quantities) -> np.ndarray:
+def _errors(point: TradePoint, quantities: Quantities) -> np.ndarray:
     """(quantities,) relative standard errors of the settings; nan where they were not measured."""
     names = _names(quantities)
     if point.exact:
@@ -242,14 +244,10 @@ def _errors(point: Point, quantities: Quantities) -> np.ndarray:
     return np.array([point.deviation(name).size for name in names])
 
 
-def _price(point: Point, own: Point, map: TradeMap, names: list[str], wanted: Wanted) -> float:
-    """CPU seconds until every goal is reached, with or without corrections; with a budget alone, the relative half
-    width that it allows."""
-    return max(_price_of(point, own, map, names[column], accuracy, wanted) for column, accuracy in wanted.goals)
-
-
-def _price_of(point: Point, own: Point, map: TradeMap, name: str, accuracy: float, wanted: Wanted) -> float:
-    seconds, whole = _of_one(point, map), _of_one(own, map)
+def _price(point: TradePoint, own: TradePoint, map: TradeMap, name: str, accuracy: float, budget: float) -> float:
+    """CPU seconds until an observable is known to an accuracy, with or without corrections; 0: the relative half width
+    that a budget allows."""
+    seconds, whole = sum(map.seconds_of(point)), sum(map.seconds_of(own))
     surfaces = map.surface_scatter.get(name, 0.0) if map.random else 0.0
     variance = surfaces**2 + point.scatter.get(name, 0.0) ** 2
     same = point.own or point.exact
@@ -261,19 +259,11 @@ def _price_of(point: Point, own: Point, map: TradeMap, name: str, accuracy: floa
     change = 0.0 if same else deviation.stderr**2 * (map.rounds if map.random else deviation.freedom + 1)
     corrected = (math.sqrt(variance * seconds) + math.sqrt(change * (seconds + whole))) ** 2
     if accuracy == 0:
-        time = wanted.budget if math.isfinite(wanted.budget) else _ONE
+        time = budget if math.isfinite(budget) else _ONE
         return NORMAL_LIMIT * min(math.sqrt(variance * seconds / time + size**2), math.sqrt(corrected / time))
     left = (accuracy / NORMAL_LIMIT) ** 2 - size**2
     plain = seconds * variance / left if left > 0 else math.inf
     return min(plain, corrected * (NORMAL_LIMIT / accuracy) ** 2)
-
-
-def _of_one(point: Point, map: TradeMap) -> float:
-    """CPU seconds of one surface with one replica."""
-    ageing = statistics.median(point.ageing_seconds)
-    if point.replicates and map.replicas:
-        ageing /= map.replicas
-    return statistics.median(point.contact_seconds) + ageing
 
 
 def own_error(map: TradeMap, quantities: Quantities) -> str:
@@ -329,8 +319,8 @@ def barriers_error(
     return errors, HOW.format(aging.error_sources[BARRIERS])
 
 
-#: called when a sample is there, with those of its computation so far
-Taken = Callable[["Samples"], None]
+#: called when a sample is there, with the number of those so far
+Taken = Callable[[int], None]
 
 
 def seed_of(base: int, level: int, number: int, what: int) -> int:
@@ -343,7 +333,7 @@ def seed_of(base: int, level: int, number: int, what: int) -> int:
     return (int(words[0]) << 21) | (int(words[1]) >> 11)
 
 
-class Samples:
+class SampleSeries:
     """The samples of one computation on the surfaces (or replicas) of one level."""
 
     def __init__(
@@ -352,9 +342,9 @@ class Samples:
         """``varied``: another surface for each sample; else the surface of the scene with other replicas."""
         self.computation, self.level, self.varied = computation, level, varied
         #: without gaps, in the order of their numbers
-        self.samples: list[Sample] = []
+        self.samples: list[SurfaceSample] = []
         self._archive, self._taken = archive, taken
-        self._later: dict[int, Sample] = {}
+        self._later: dict[int, SurfaceSample] = {}
 
     def seeds(self, number: int) -> tuple[int, int]:
         """The seeds of surface and disorder of a sample."""
@@ -387,23 +377,27 @@ class Samples:
             if outcome is None:
                 tasks.append(task)
             else:
-                self.receive(number, Sample.of(outcome))
+                self.receive(number, SurfaceSample.of(outcome))
         return tasks
 
-    def receive(self, number: int, sample: Sample) -> None:
+    def receive(self, number: int, sample: SurfaceSample) -> None:
         """Add a sample; those before it may come later."""
         self._later[number] = sample
         while len(self.samples) in self._later:
             self.samples.append(self._later.pop(len(self.samples)))
             if self._taken is not None:
-                self._taken(self)
+                self._taken(len(self.samples))
 
 
-class Parts:
-    """A level that is made of the samples of one or two computations."""
+class SurfaceLevel:
+    """A level of one computation on random surfaces, or of the difference between two on the same surfaces.
 
-    def __init__(self, *parts: Samples) -> None:
-        self.parts = parts
+    ``name`` is that of the stage that is reported; ``row`` gives the numbers of a sample.
+    """
+
+    def __init__(self, name: str, row: Callable[[SurfaceSample], np.ndarray], *parts: SampleSeries) -> None:
+        self.name, self.parts, self._row = name, parts, row
+        self._rows: list[np.ndarray] = []
 
     @property
     def cost(self) -> float:
@@ -416,47 +410,18 @@ class Parts:
 
     def so_far(self) -> np.ndarray:
         """(samples, quantities): what is there."""
-        raise NotImplementedError
+        there = zip(*(part.samples for part in self.parts), strict=False)
+        for samples in islice(there, len(self._rows), None):
+            self._rows.append(reduce(np.subtract, map(self._row, samples)))
+        return np.array(self._rows) if self._rows else np.zeros((0, 0))
 
 
-class Single(Parts):
-    """A level of one computation."""
-
-    def __init__(self, samples: Samples, quantities: Quantities) -> None:
-        super().__init__(samples)
-        self._quantities = quantities
-        self._rows: list[np.ndarray] = []
-
-    def so_far(self) -> np.ndarray:
-        """(samples, quantities): what is there."""
-        for sample in self.parts[0].samples[len(self._rows) :]:
-            self._rows.append(self._quantities.row(sample))
-        return np.array(self._rows).reshape(-1, self._quantities.count)
+def area(sample: SurfaceSample) -> np.ndarray:
+    """(1,) what the first level is regressed on."""
+    return np.array([sample.measures["area_fraction"]])
 
 
-class Control(Parts):
-    """What the first level is regressed on: the area of a contact, on the surfaces of its samples and on more."""
-
-    def so_far(self) -> np.ndarray:
-        """(samples, 1): what is there."""
-        return np.array([[sample.measures["area_fraction"]] for sample in self.parts[0].samples]).reshape(-1, 1)
-
-
-class Difference(Parts):
-    """A level of the difference between a finer and a coarser computation on the same surfaces."""
-
-    def __init__(self, fine: Samples, coarse: Samples, quantities: Quantities) -> None:
-        super().__init__(fine, coarse)
-        self._quantities = quantities
-
-    def so_far(self) -> np.ndarray:
-        """(samples, quantities): what is there."""
-        pairs = zip(*(part.samples for part in self.parts), strict=False)
-        rows = [self._quantities.row(fine) - self._quantities.row(coarse) for fine, coarse in pairs]
-        return np.array(rows).reshape(-1, self._quantities.count)
-
-
-def within(parts: tuple[Samples, ...], quantities: Quantities) -> tuple[np.ndarray, int] | None:
+def within(parts: tuple[SampleSeries, ...], quantities: Quantities) -> tuple[np.ndarray, int] | None:
     """The variance between replicas on one surface, (quantities,), and its degrees of freedom; None without any."""
     total, freedom = np.zeros(quantities.count), 0
     for sample in parts[0].samples:

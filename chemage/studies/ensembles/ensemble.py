@@ -178,7 +178,7 @@ class Ensemble(Record):
 
     def _parts(self, column: int) -> dict[str, ErrorPart]:
         """The parts of the error of a column: standard errors."""
-        spreads, rows, parts = self._spreads, self._terms, {}
+        spreads, rows = self._spreads, self._terms
         first, count = float(spreads[0].variance[column]), len(rows[0])
         # of the mean of the control
         more = float(spreads[-1].variance[column]) / len(rows[-1]) if self.controlled else 0.0
@@ -186,17 +186,18 @@ class Ensemble(Record):
         how = f"measured here, {count} surfaces" if self.random else f"measured here, {count * replicas} replicas"
         if self.controlled:
             how += f" and the area of sketches of {len(rows[-1])}"
+        cause, inside, is_split = "surfaces and replicas", 0.0, False
         if not self.random:
-            parts["replicas"] = ErrorPart(math.sqrt(first / count), how + " on this one surface")
+            cause, how = "replicas", f"{how} on this one surface"
         elif column >= self._curve.stop:  # the contact is the same for all replicas
-            parts["surfaces"] = ErrorPart(math.sqrt(first / count + more), how)
+            cause = "surfaces"
         elif "variance" in self.within:
-            inside = float(self.within["variance"][column]) / replicas
-            parts["surfaces"] = ErrorPart(math.sqrt(max(0.0, first - inside) / count + more), how)
+            is_split = True
+            cause, inside = "surfaces", float(self.within["variance"][column]) / replicas
+        parts = {cause: ErrorPart(math.sqrt(max(0.0, first - inside) / count + more), how)}
+        if is_split:
             on_each = f"measured here, {replicas} on each surface" if replicas > 1 else "measured here, on few surfaces"
             parts["replicas"] = ErrorPart(math.sqrt(min(inside, first) / count), on_each)
-        else:
-            parts["surfaces and replicas"] = ErrorPart(math.sqrt(first / count + more), how)
         for number in range(1, len(rows) - self.controlled):
             size = math.sqrt(float(spreads[number].variance[column]) / len(rows[number]))
             parts["discretisation"] = ErrorPart(
@@ -299,18 +300,12 @@ class Ensemble(Record):
         hold times one row for each measure of the contact. Needs pandas."""
         attributes = {"surfaces": self.surfaces if self.random else 1, "load": self.load}
         if not self.hold_times.size:
-            estimates = {name: self.estimate(name) for name in self.measures}
-            parts = dict.fromkeys(part for estimate in estimates.values() for part in estimate.errors)
-            columns = {
-                "measure": np.array(list(estimates)),
-                "value": np.array([estimate.value for estimate in estimates.values()]),
-                "half_width": np.array([estimate.half_width for estimate in estimates.values()]),
-            }
-            for part in parts:
-                none = ErrorPart(math.nan, "")
-                columns[f"error.{part}"] = np.array(
-                    [estimate.errors.get(part, none).size for estimate in estimates.values()]
-                )
+            rows = []
+            for one in (self.estimate(name) for name in self.measures):
+                errors = {f"error.{cause}": part.size for cause, part in one.errors.items()}
+                rows.append({"measure": one.name, "value": one.value, "half_width": one.half_width, **errors})
+            names = dict.fromkeys(name for row in rows for name in row)
+            columns = {name: np.array([row.get(name, math.nan) for row in rows]) for name in names}
             return frame(columns, "measure", attributes)
         columns = {name: values for curve in self.curves() for name, values in curve.numbers().items()}
         return frame({HOLD_TIME.name: self.hold_times, **columns}, HOLD_TIME.name, attributes)

@@ -16,26 +16,30 @@ from chemage.foundation.errors import ChemageError, InputError
 from chemage.foundation.threads import available
 from chemage.foundation.units import convert
 from chemage.lattices.independent import expected_kinetics, rough_pressures, smooth_pressures
-from chemage.scene.plan import Plan, cost
+from chemage.scene.plan import Plan, cost, in_hours
 from chemage.scene.scene import LEAST, SURFACES_LIMIT, EnsembleOptions, Scene, accuracies, budget_seconds, is_random
 from chemage.studies.ensembles import stages
 from chemage.studies.ensembles.computations import (
     DIFFERENCE,
     Computation,
-    Wanted,
     computations,
     mapped_computations,
     replicas_of_difference,
 )
-from chemage.studies.ensembles.quantities import Quantities, limit, recorded_measures
+from chemage.studies.ensembles.quantities import MOST, Quantities, limit, recorded_measures
 from chemage.studies.trade.trade_map import TradeMap
 
 #: scatter of a quantity between surfaces that is expected where nothing is known, over the mean
 SCATTER = 0.05
 
 
+def time_text(seconds: float) -> str:
+    """CPU time in words."""
+    return in_hours(seconds) if seconds >= 120 else f"{seconds:.2g} s"
+
+
 @dataclass(frozen=True)
-class Goal:
+class AccuracyGoal:
     """One quantity, and the relative half width of its 95 % interval that is asked for."""
 
     #: as it was written, such as ``friction_coefficient_drop@1e3 s``
@@ -53,7 +57,7 @@ class Request:
     #: whether another seed gives another surface; else the mean is over replicas on the one surface
     random: bool
     quantities: Quantities
-    goals: list[Goal]
+    goals: list[AccuracyGoal]
     #: None: as many as the goals or the budget decide
     surfaces: int | None
     #: wall time, s
@@ -110,13 +114,28 @@ class Request:
         """What is counted: ``surfaces``, or ``replicas`` on the one surface."""
         return "surfaces" if self.random else "replicas"
 
+    @property
+    def wishes(self) -> str:
+        """The goals in words."""
+        return ", ".join(f"accuracy.{goal.name} = {100 * goal.accuracy:g} %" for goal in self.goals)
+
+    def refusal(self, needed: int | None, seconds: float, so_far: str = "") -> str:
+        """That more samples are needed than are allowed, with their CPU time, or that no number is enough (None)."""
+        if needed is None:
+            text = f"errors that no number of {self.counted} makes smaller are larger{so_far}; ask for a wider interval"
+            return f"{self.wishes}: {text}"
+        about = f"about {round(needed, 2 - len(str(needed))):,}" if needed < MOST else f"more than {MOST:,}"
+        return (
+            f"{self.wishes}: would need {about} {self.counted} ({time_text(seconds)} of CPU time), and {self.most:,} "
+            f"are allowed{so_far}; ask for a wider interval, or allow more with [ensemble] most"
+        )
+
     def computations(self) -> list[Computation]:
         """The computations that may be used, the cheapest first."""
         if self.map is not None:
             goals = [(goal.column, goal.accuracy) for goal in self.goals] or [(0, 0.0)]
             budget = math.inf if self.budget is None else self.budget * available()
-            wanted = Wanted(goals, budget)
-            if chosen := mapped_computations(self.map, self.scene, self.quantities, wanted):
+            if chosen := mapped_computations(self.map, self.scene, self.quantities, goals, budget):
                 return chosen
         ways = computations(self.scene)
         if not self.random or self.surfaces is not None:
@@ -199,7 +218,7 @@ def with_request(
     return scene.model_copy(update={"ensemble": None if nothing else wish, "accuracy": goals})
 
 
-def goals(accuracy: Mapping[str, Any], quantities: Quantities) -> list[Goal]:
+def goals(accuracy: Mapping[str, Any], quantities: Quantities) -> list[AccuracyGoal]:
     """The goals that a mapping of names to accuracies states.
 
     Raises
@@ -207,7 +226,7 @@ def goals(accuracy: Mapping[str, Any], quantities: Quantities) -> list[Goal]:
     InputError
         A quantity that the scene does not have, an accuracy that is none, or a time that is no hold time.
     """
-    return [Goal(name, column_of(name, quantities), value) for name, value in accuracies(accuracy).items()]
+    return [AccuracyGoal(name, column_of(name, quantities), value) for name, value in accuracies(accuracy).items()]
 
 
 def column_of(text: str, quantities: Quantities) -> int:
@@ -220,7 +239,7 @@ def column_of(text: str, quantities: Quantities) -> int:
     return quantities.column(name.strip(), when)
 
 
-def wanted(goals: list[Goal], count: int) -> np.ndarray:
+def wanted(goals: list[AccuracyGoal], count: int) -> np.ndarray:
     """(count,) the accuracy of each column; inf where none is asked."""
     accuracy = np.full(count, np.inf)
     for goal in goals:

@@ -1,22 +1,24 @@
 """What an ensemble will do and cost, estimated before anything is computed.
 
-What the rule that stops an ensemble will do, found by applying it to imagined samples of the expected scatter.
+The rule that stops an ensemble says what it will do with samples that have exactly the expected mean and variance: the
+optimal allocation of multilevel Monte Carlo (Giles, Acta Numer. 24, 259 (2015)) with Student's limit.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from scipy import special
 
 from chemage.foundation.text import percent
 from chemage.foundation.threads import available
 from chemage.plugins.sources import components_in
 from chemage.scene import plan as estimate
-from chemage.scene.plan import Plan, in_hours
+from chemage.scene.plan import Plan
 from chemage.scene.scene import Scene
 from chemage.studies.ensembles import stages
 from chemage.studies.ensembles.computations import (
@@ -29,207 +31,124 @@ from chemage.studies.ensembles.computations import (
     replicas_of_difference,
     sketched,
 )
-from chemage.studies.ensembles.goals import Request, Scatters, is_about_zero, scatters
+from chemage.studies.ensembles.goals import Request, Scatters, is_about_zero, scatters, time_text
 from chemage.studies.ensembles.quantities import RECORDED, limit, recorded_measures
-from chemage.studies.ensembles.running import Sampler, needing
+from chemage.studies.ensembles.running import Sampler
 
-#: how often the rule is applied, for the median and the range
-TRIALS = 31
-#: part of the trials on each side of the range
-TAIL = 0.1
+#: probabilities at the ends of the ranges
+TAILS = (0.1, 0.9)
 #: correlation of the area of a sketch with what β has in common on a surface (``tests/benchmarks/sketches.py``)
 CORRELATION = 0.95
 
 
 @dataclass
-class _Spent:
-    """CPU and wall seconds of imagined samples."""
-
-    cpu: float = 0.0
-    wall: float = 0.0
-
-
-@dataclass
-class _Imagined:
-    """A level of which the samples are normal numbers."""
+class _ExpectedLevel:
+    """A level of which any four samples have the mean and the variance that are expected."""
 
     cost: float
-    mean: np.ndarray
+    mean: float
+    #: (quantities,)
     deviation: np.ndarray
-    rng: np.random.Generator
-    workers: int
-    spent: _Spent
-    #: (quantities,) correlation with the number that each surface has
+    #: (quantities,) with what the levels of a surface have in common
     correlation: np.ndarray
-    #: of the numbers of the surfaces, the same for the levels that have them in common
-    seed: int
+    #: takes the wall time of samples
+    spend: Callable[[float], None]
 
     def sample(self, begin: int, end: int) -> np.ndarray:
         """See :class:`chemage.studies.ensembles.stages.Level`."""
-        self.spent.cpu += self.cost * (end - begin)
-        self.spent.wall += self.cost * (end - begin) / min(self.workers, max(1, end - begin))
-        own = self.rng.normal(size=(end - begin, self.mean.size))
-        common = np.random.default_rng(self.seed).normal(size=end)[begin:, None]
+        self.spend(self.cost * (end - begin))
+        number = np.arange(begin, end)[:, None]
+        common, own = 1 - 2 * (number % 2), 1 - 2 * (number // 2 % 2)
         return self.mean + self.deviation * (self.correlation * common + np.sqrt(1 - self.correlation**2) * own)
 
 
 @dataclass(frozen=True)
 class Expectation:
-    """Medians over trials of what the rule does, and ranges of 80 % of the trials."""
+    """What the rule is expected to do."""
 
     #: samples of the first level, and of the corrections
     samples: tuple[int, ...]
-    #: of the first level
-    range: tuple[int, int]
     cpu_seconds: float
-    cpu_range: tuple[float, float]
     wall_seconds: float
+    #: of the samples of the first level, in 80 % of cases
+    range: tuple[int, int]
     #: quantity -> half the width of its interval over its mean
     intervals: dict[str, float] = field(default_factory=dict)
-    #: part of the trials in which the accuracy is reached
-    reached: float = 1.0
-    #: why it is not: the reasons of :class:`chemage.studies.ensembles.stages.Unreachable`
+    #: why the accuracy is not reached: ``time``, or that of :class:`chemage.studies.ensembles.stages.Unreachable`
     reason: str = ""
     #: samples of the control
     sketches: int = 0
 
-    def scaled(self, factor: float) -> Expectation:
-        """The same where everything takes ``factor`` times as long."""
-        low, high = self.cpu_range
-        return replace(
-            self,
-            cpu_seconds=self.cpu_seconds * factor,
-            cpu_range=(low * factor, high * factor),
-            wall_seconds=self.wall_seconds * factor,
-        )
+    @classmethod
+    def counted(cls, count: int, seconds: float, workers: int, **more: Any) -> Expectation:
+        """Of a number of samples that is known, each of which takes ``seconds``."""
+        return cls((count,), count * seconds, count * seconds / min(workers, count), (count, count), **more)
+
+    @property
+    def cpu_range(self) -> tuple[float, float]:
+        """CPU seconds of as few, and of as many samples as the range says."""
+        each = self.cpu_seconds / self.samples[0]
+        return each * self.range[0], each * self.range[1]
 
 
-def expected_of(
-    request: Request, routes: list[stages.Route], expected: Scatters, means: Mapping[str, float], workers: int
-) -> Expectation | None:
-    """Apply the rule to imagined samples; None where the scatter of a quantity is not known.
+def _expected_of(
+    request: Request, routes: Sequence[stages.Route], expected: Scatters, mean: np.ndarray, workers: int
+) -> Expectation:
+    """What the rule does with samples that scatter exactly as is expected; ``mean`` (quantities,) is what errors of
+    coarse grids may depend on."""
+    goals = {goal.column: goal.name for goal in request.goals} or {0: request.quantities.names[0]}
+    columns, wall = sorted(goals), [0.0]
+    scatter = expected.sample(_replicas_of(routes[0].levels[0]))[columns]
 
-    Parameters
-    ----------
-    routes
-        Those of the ensemble; their levels state their costs and are not sampled.
-    means
-        Measures of the contact that are expected, of which errors of coarse grids may depend.
-    workers
-        Surfaces that are computed at the same time.
-    """
-    columns = sorted({goal.column for goal in request.goals}) or [0]
-    replicas = [_replicas_of(level) for level in routes[0].levels]
-    scatter = expected.sample(replicas[0])[columns]
-    if np.any(is_about_zero(scatter)):
-        cost, count = routes[0].levels[0].cost, stages.FIRST
-        if request.budget is not None:
-            count = max(count, int(workers * request.budget / cost))
-        cpu = count * cost
-        return Expectation((count,), (count, count), cpu, (cpu, cpu), cpu / workers, {}, 0.0, "zero")
-    if not np.isfinite(scatter).all():
-        return None
-    full = _mean(request, means)
-    trials = [_trial(request, routes, expected, full, columns, workers, seed) for seed in range(TRIALS)]
-    firsts = sorted(trial.samples[0] for trial in trials)
-    cpu = sorted(trial.cpu_seconds for trial in trials)
-    levels = max(len(trial.samples) for trial in trials)
-    counts = [[(*trial.samples, *[0] * levels)[k] for trial in trials] for k in range(levels)]
-    low, high = int(TAIL * (TRIALS - 1)), int((1 - TAIL) * (TRIALS - 1))
-    middle = {name: float(np.median([trial.intervals[name] for trial in trials])) for name in trials[0].intervals}
-    reasons = [trial.reason for trial in trials if trial.reason]
+    def spend(seconds: float) -> None:
+        wall[0] += seconds / workers
+
+    def level(of: stages.Level, mean: float, deviation: np.ndarray, common: np.ndarray) -> _ExpectedLevel:
+        return _ExpectedLevel(of.cost, mean, deviation, common, spend)
+
+    none, one = np.zeros(len(columns)), np.ones(1)
+    first = level(routes[0].levels[0], 1.0, scatter, CORRELATION * expected.surfaces[columns] / scatter)
+    drawn = []
+    for route in routes:
+        levels = [first]
+        for correction in route.levels[1:]:
+            per_surface = 1 + REPLICA_SHARE / _replicas_of(correction)
+            change = DIFFERENCE * math.sqrt(per_surface / (1 + REPLICA_SHARE / DIFFERENCE_REPLICAS))
+            levels.append(level(correction, 0.0, np.full(len(columns), change), none))
+        known, control = route.known(mean)[columns], None
+        if route.control is not None:
+            control = level(route.control, 1.0, one, one)
+        drawn.append(stages.Route(route.name, tuple(levels), lambda _, known=known: known, control))
+    clock = stages.Clock(math.inf if request.budget is None else request.budget, now=lambda: wall[0])
+    accuracy, reason = request.accuracy()[columns], ""
+    try:
+        state = stages.run_stages(drawn, accuracy, most=request.most, clock=clock)
+        reason = "" if state.reached(accuracy) else "time"
+        counts = state.counts
+    except stages.Unreachable as error:
+        state, reason = error.state, error.reason
+        counts = error.needed or state.counts
+    # what was tried and left costs, too
+    cpu = max(workers * wall[0], sum(count * cost for count, cost in zip(counts, state.costs, strict=True)))
+    freedom = state.sampled[0].freedom
+    # the number of samples goes with the variance, as it is measured with these degrees of freedom
+    shares = 2 * special.gammaincinv(freedom / 2, TAILS) / freedom if reason != "time" else np.ones(2)
+    needed = counts[0] if reason else counts[0] * float(np.max(state.relative() / accuracy)) ** 2
+    low, high = (max(stages.FIRST, round(share * needed)) for share in shares.tolist())
+    half = dict(zip(columns, state.relative().tolist(), strict=True))
     return Expectation(
-        samples=tuple(round(float(np.median(one))) for one in counts),
-        range=(firsts[low], firsts[high]),
-        cpu_seconds=float(np.median(cpu)),
-        cpu_range=(cpu[low], cpu[high]),
-        wall_seconds=float(np.median([trial.wall_seconds for trial in trials])),
-        intervals=middle,
-        reached=1 - len(reasons) / TRIALS,
-        reason=max(set(reasons), key=reasons.count) if reasons else "",
-        sketches=round(float(np.median([trial.sketches for trial in trials]))),
+        samples=tuple(counts[: len(counts) - state.controlled]),
+        cpu_seconds=cpu,
+        wall_seconds=cpu / min(workers, counts[0]),
+        range=(low, high),
+        intervals={name: half[column] for column, name in goals.items()},
+        reason=reason,
+        sketches=counts[-1] if state.controlled else 0,
     )
 
 
 def _replicas_of(level: stages.Level) -> int:
     return level.parts[0].computation.replicas  # pyright: ignore[reportAttributeAccessIssue]
-
-
-def _mean(request: Request, means: Mapping[str, float]) -> np.ndarray:
-    """(quantities,): 1 where only the relative scatter counts, measures of the contact as far as they are known."""
-    quantities = request.quantities
-    measures = [means.get(name, math.nan) for name in quantities.measures]
-    return np.concatenate([np.ones(quantities.count - len(measures)), measures])
-
-
-def _trial(
-    request: Request,
-    routes: list[stages.Route],
-    expected: Scatters,
-    full: np.ndarray,
-    columns: list[int],
-    workers: int,
-    seed: int,
-) -> Expectation:
-    """One application of the rule."""
-    rng, spent = np.random.default_rng(seed), _Spent()
-    levels: dict[int, _Imagined] = {}
-
-    def imagined(level: stages.Level, number: int) -> _Imagined:
-        if id(level) not in levels:
-            replicas = _replicas_of(level)
-            deviation = expected.sample(replicas)[columns]
-            mean, correlation = np.ones(len(columns)), np.zeros(len(columns))
-            if number:
-                per_surface = (1 + REPLICA_SHARE / replicas) / (1 + REPLICA_SHARE / DIFFERENCE_REPLICAS)
-                deviation, mean = np.full(len(columns), DIFFERENCE * math.sqrt(per_surface)), np.zeros(len(columns))
-            else:
-                correlation = CORRELATION * expected.surfaces[columns] / np.maximum(deviation, 1e-300)
-            levels[id(level)] = _Imagined(level.cost, mean, deviation, rng, workers, spent, correlation, seed)
-        return levels[id(level)]
-
-    def sketched(level: stages.Level | None) -> _Imagined | None:
-        one = np.ones(1)
-        return None if level is None else _Imagined(level.cost, one, one, rng, workers, spent, one, seed)
-
-    def errors(route: stages.Route) -> Callable[[np.ndarray], np.ndarray]:
-        return lambda mean: route.known(full)[columns]
-
-    drawn = [
-        stages.Route(
-            one.name,
-            tuple(imagined(level, k) for k, level in enumerate(one.levels)),
-            errors(one),
-            sketched(one.control),
-        )
-        for one in routes
-    ]
-    clock = stages.Clock(math.inf if request.budget is None else request.budget, now=lambda: spent.wall)
-    accuracy = request.accuracy()[columns]
-    reason = ""
-    try:
-        state = stages.run_stages(drawn, accuracy, most=request.most, clock=clock)
-        counts = state.counts
-    except stages.Unreachable as error:
-        state, reason = error.state, error.reason
-        counts = error.needed or state.counts
-    half = state.half_width() / np.abs(state.mean)
-    names = [goal.name for goal in request.goals] or [request.quantities.names[0]]
-    places = [columns.index(goal.column) for goal in request.goals] or [0]
-    cpu, wall = spent.cpu, spent.wall
-    if reason == "most":
-        cpu = sum(count * one.level.cost for count, one in zip(counts, state.sampled, strict=True))
-        wall = cpu / workers
-    return Expectation(
-        samples=tuple(counts[: len(counts) - state.controlled]),
-        sketches=counts[-1] if state.controlled else 0,
-        range=(counts[0], counts[0]),
-        cpu_seconds=cpu,
-        cpu_range=(cpu, cpu),
-        wall_seconds=wall,
-        intervals={name: float(half[place]) for name, place in zip(names, places, strict=True)},
-        reason=reason or ("" if state.reached(accuracy) else "time"),
-    )
 
 
 @dataclass(frozen=True)
@@ -241,16 +160,19 @@ class EnsemblePlan:
     request: Request
     #: the cheapest first
     computations: tuple[Computation, ...]
-    #: CPU seconds of a sample of the first level, and of a correction to it where there may be one
-    seconds: tuple[float, ...]
-    #: replicas of each sample of a correction
-    replicas_of_corrections: int
+    #: what is computed for a sample of the first level, and for a correction to it where there may be one
+    levels: tuple[tuple[Computation, ...], ...]
     #: scatter that is expected
     scatters: Scatters
     #: what the rule is expected to do; None: not known before the first samples are computed
     foreseen: Expectation | None
     #: how that is known, in words
     reason: str
+
+    @property
+    def seconds(self) -> list[float]:
+        """CPU seconds of a sample of each level."""
+        return [sum(part.seconds for part in parts) for parts in self.levels]
 
     @property
     def expected(self) -> int | None:
@@ -265,13 +187,8 @@ class EnsemblePlan:
     @property
     def memory(self) -> float | None:
         """Bytes, with as many surfaces at the same time as there are processors; None where it is not known."""
-        used = [self.computations[0]]
-        if self.foreseen is None or (len(self.foreseen.samples) > 1 and self.foreseen.samples[1]):
-            used.append(self.computations[-1])
-        sizes = [
-            None if computation.bytes is None else computation.bytes * self._at_once(computation)
-            for computation in used
-        ]
+        used = self.computations if self.foreseen is None or len(self._levels()) > 1 else self.computations[:1]
+        sizes = [None if one.bytes is None else one.bytes * self._at_once(one) for one in (used[0], used[-1])]
         if any(size is None for size in sizes):
             return None
         return PROGRAM + max(size for size in sizes if size is not None)
@@ -283,29 +200,22 @@ class EnsemblePlan:
     @property
     def notes(self) -> list[str]:
         """What to know before it runs, in words."""
-        notes = [note for note in self.one.notes if note not in self._about_length]
+        # how long one run of the scene would take is another question
+        notes = [note for note in self.one.notes if not note.startswith("this will take ")]
         asked, budget = self.request, self.request.budget
         first = stages.FIRST * self.seconds[0] / available()
         if budget is not None and first > budget:
             notes.append(
                 f"the first {stages.FIRST} {asked.counted}, without which there is no interval, take about "
-                f"{_seconds(first)}, which is longer than the budget of {budget:g} s"
+                f"{time_text(first)}, which is longer than the budget of {budget:g} s"
             )
         seen = self.foreseen
-        if seen is not None and asked.goals and seen.reason and seen.reached < 0.5:
+        if seen is not None and asked.goals and seen.reason:
             notes.append(self._unreached(seen))
         return notes
 
-    @property
-    def _about_length(self) -> list[str]:
-        """Notes on how long one run of the scene would take, which is another question."""
-        return [note for note in self.one.notes if note.startswith("this will take ")]
-
     def _unreached(self, seen: Expectation) -> str:
-        asked = self.request
-        names = ", ".join(f"accuracy.{goal.name} = {100 * goal.accuracy:g} %" for goal in asked.goals)
-        if seen.reason == "most":
-            return needing(names, max(seen.samples), seen.cpu_seconds, asked)
+        names = self.request.wishes
         if seen.reason == "time":
             reached = ", ".join(f"{name} ± {percent(half)}" for name, half in seen.intervals.items())
             return f"{names}: the time will be over before; {reached} is expected then"
@@ -314,7 +224,7 @@ class EnsemblePlan:
                 f"{names}: its mean is expected to be 0 within its interval, {self.reason}; ask at other hold times, "
                 "or another temperature"
             )
-        return f"{names}: errors that no number of {asked.counted} makes smaller are larger; ask for a wider interval"
+        return self.request.refusal(max(seen.samples) if seen.reason == "most" else None, seen.cpu_seconds)
 
     def todict(self) -> dict[str, Any]:
         """One JSON-able object."""
@@ -332,10 +242,7 @@ class EnsemblePlan:
                     {"words": computation.words, "cpu_seconds": computation.seconds, "factor": computation.factor}
                     for computation in self.computations
                 ],
-                "levels": [
-                    {"words": words, "samples": count, "replicas": replicas, "cpu_seconds": seconds}
-                    for words, count, replicas, seconds in self._levels()
-                ],
+                "levels": self._levels(),
                 "sketches": None if self.sketch is None else self.sketch[1],
                 "expected_samples": self.expected,
                 "expected_samples_range": None if seen is None else list(seen.range),
@@ -349,17 +256,14 @@ class EnsemblePlan:
             },
         }
 
-    def _levels(self) -> list[tuple[str, int, int, float]]:
-        """(what is computed, samples, replicas, CPU seconds of a sample) of each level that is expected."""
-        if self.foreseen is None:
-            return []
-        first, last = self.computations[0], self.computations[-1]
-        levels = [(first.words, self.foreseen.samples[0], first.replicas, self.seconds[0])]
-        if len(self.foreseen.samples) > 1 and self.foreseen.samples[1]:
-            pair = [computation.with_replicas(self.replicas_of_corrections) for computation in (last, first)]
-            words = " minus ".join(computation.words for computation in pair)
-            levels.append((words, self.foreseen.samples[1], pair[0].replicas, self.seconds[1]))
-        return levels
+    def _levels(self) -> list[dict[str, Any]]:
+        """What is computed for each level that is expected, how many samples, and the CPU seconds of one."""
+        counts = () if self.foreseen is None else self.foreseen.samples
+        levels = []
+        for parts, count, seconds in zip(self.levels, counts, self.seconds, strict=False):
+            words = " minus ".join(part.words for part in parts)
+            levels.append({"words": words, "samples": count, "replicas": parts[0].replicas, "cpu_seconds": seconds})
+        return [level for level in levels if level["samples"]]
 
     @property
     def sketch(self) -> tuple[Computation, int] | None:
@@ -429,34 +333,33 @@ class EnsemblePlan:
         names += ["computation that may correct it"] * (len(self.computations) - 1)
         used = [self.computations[0], *([self.computations[-1]] if len(self.computations) > 1 else [])]
         rows = [
-            (name, f"{computation.words}, about {_seconds(computation.seconds)} of CPU time each")
+            (name, f"{computation.words}, about {time_text(computation.seconds)} of CPU time each")
             for name, computation in zip(names, used, strict=False)
         ]
         if self.sketch is not None:
             sketch, count = self.sketch
             grid = sketch.words.partition(",")[0]
-            text = f"the area of the contact of {count} surfaces on {grid}, {_seconds(sketch.seconds)} of CPU time each"
+            text = (
+                f"the area of the contact of {count} surfaces on {grid}, {time_text(sketch.seconds)} of CPU time each"
+            )
             rows.append(("control", text))
         levels = self._levels()
         if len(levels) > 1:
-            words, count, _, seconds = levels[1]
-            rows.append(("corrections", f"{count} of {words}, {_seconds(count * seconds)} CPU"))
+            _, second = levels
+            spent = time_text(second["samples"] * second["cpu_seconds"])
+            rows.append(("corrections", f"{second['samples']} of {second['words']}, {spent} CPU"))
         elif self.foreseen is not None and len(self.seconds) > 1:
             rows.append(("corrections", "none expected: the stated error of the coarse grid is small enough"))
         elif len(self.seconds) > 1:
             first = stages.FIRST_DIFFERENCES * self.seconds[1]
-            rows.append(("corrections", f"where they pay: {stages.FIRST_DIFFERENCES} first, {_seconds(first)} CPU"))
+            rows.append(("corrections", f"where they pay: {stages.FIRST_DIFFERENCES} first, {time_text(first)} CPU"))
         return rows
 
 
 def _cost(seen: Expectation) -> str:
     low, high = seen.cpu_range
-    spread = f" ({_seconds(low)} to {_seconds(high)})" if high > 1.3 * low else ""
-    return f"about {_seconds(seen.cpu_seconds)} of CPU time{spread}, {_seconds(seen.wall_seconds)} on this machine"
-
-
-def _seconds(seconds: float) -> str:
-    return in_hours(seconds) if seconds >= 120 else f"{seconds:.2g} s"
+    spread = f" ({time_text(low)} to {time_text(high)})" if high > 1.3 * low else ""
+    return f"about {time_text(seen.cpu_seconds)} of CPU time{spread}, {time_text(seen.wall_seconds)} on this machine"
 
 
 def plan(scene: Scene) -> EnsemblePlan:
@@ -473,15 +376,17 @@ def plan(scene: Scene) -> EnsemblePlan:
         request = sampler.request
         first, *_ = stated = request.computations()
         here = tuple(computation.here() for computation in stated)
-        seconds, replicas = [here[0].seconds], 1
+        levels = [here[:1]]
         if len(here) > 1:
             replicas = replicas_of_difference(here[-1], here[0])
-            seconds.append(sum(part.with_replicas(replicas).seconds for part in (here[0], here[-1])))
+            levels.append(tuple(part.with_replicas(replicas) for part in (here[-1], here[0])))
         costs = estimate.cost(scene)
         expected = scatters(request, costs, single.numbers)
         seen, reason = _expectation(sampler, costs, expected, first)
-        seen = None if seen is None else seen.scaled(first.scale)
-    return EnsemblePlan(single, request, here, tuple(seconds), replicas, expected, seen, reason)
+        if seen is not None:
+            cpu, wall = seen.cpu_seconds * first.scale, seen.wall_seconds * first.scale
+            seen = replace(seen, cpu_seconds=cpu, wall_seconds=wall)
+    return EnsemblePlan(single, request, here, tuple(levels), expected, seen, reason)
 
 
 def _expectation(
@@ -489,35 +394,33 @@ def _expectation(
 ) -> tuple[Expectation | None, str]:
     """What the rule is expected to do, and how that is known; ``first`` is the cheapest computation, in whose seconds
     all times are."""
-    asked, workers = sampler.request, available()
-    request = asked if asked.budget is None else replace(asked, budget=asked.budget / first.scale)
-    seconds, replicas = first.seconds, first.replicas
-    if request.surfaces is not None:
-        return _counted(request, expected, seconds, replicas), "as asked for"
-    means: Mapping[str, float] = {} if costs.area_fraction is None else {"area_fraction": costs.area_fraction}
-    seen = expected_of(request, sampler.possible_routes(), expected, means, fitting(first, workers))
-    if seen is not None:
-        return seen, _why(request, expected, replicas)
+    request, workers = sampler.request, available()
+    columns = sorted({goal.column for goal in request.goals}) or [0]
+    scatter = expected.sample(first.replicas)[columns]
+    if (count := request.surfaces) is not None:
+        half = limit(count - 1) * float(scatter[0]) / math.sqrt(count)
+        known = math.isfinite(half) and not is_about_zero(scatter[0])
+        intervals = {request.quantities.names[0]: half} if known else {}
+        return Expectation.counted(count, first.seconds, workers, intervals=intervals), "as asked for"
+    workers, budget = fitting(first, workers), math.inf
+    timed = stages.FIRST
+    if request.budget is not None:
+        budget = request.budget / first.scale
+        timed = max(timed, int(workers * budget / first.seconds))
+    if np.any(is_about_zero(scatter)):
+        seen = Expectation.counted(timed, first.seconds, workers, reason="zero")
+        return seen, _why(request, expected, first.replicas)
+    if np.isfinite(scatter).all():
+        measures = [costs.area_fraction if name == "area_fraction" else None for name in request.quantities.measures]
+        ones = [1.0] * (request.quantities.count - len(measures))  # of which only the relative scatter counts
+        mean = np.array([*ones, *measures], dtype=np.float64)
+        timed_request = replace(request, budget=None if request.budget is None else budget)
+        seen = _expected_of(timed_request, sampler.possible_routes(), expected, mean, workers)
+        return seen, _why(request, expected, first.replicas)
     if request.budget is not None and not request.goals:
-        count = max(stages.FIRST, int(workers * request.budget / seconds))
-        wall = count * seconds / workers
-        total = count * seconds
-        expectation = Expectation((count,), (count, count), total, (total, total), wall)
-        return expectation, "as many as the time allows"
+        return Expectation.counted(timed, first.seconds, workers), "as many as the time allows"
     over = "surfaces" if request.random else "replicas"
     return None, f"the scatter between {over} is not known before" + (f": {expected.source}" if expected.source else "")
-
-
-def _counted(request: Request, expected: Scatters, seconds: float, replicas: int) -> Expectation:
-    """Of a number of surfaces that is given."""
-    count = request.surfaces or 1
-    column = 0
-    scatter = float(expected.sample(replicas)[column])
-    intervals = {}
-    if math.isfinite(scatter) and not is_about_zero(scatter):
-        intervals[request.quantities.names[0]] = limit(count - 1) * scatter / math.sqrt(count)
-    total = count * seconds
-    return Expectation((count,), (count, count), total, (total, total), total / min(available(), count), intervals)
 
 
 def _why(request: Request, expected: Scatters, replicas: int) -> str:

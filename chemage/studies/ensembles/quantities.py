@@ -26,17 +26,17 @@ from chemage.foundation.errors import InputError, nearest
 from chemage.foundation.outputs import HOLD_TIME, RECORDED
 from chemage.foundation.quantities import ONE, Quantity
 from chemage.foundation.records import merged_approximations
-from chemage.foundation.statistics import student_limit
+from chemage.foundation.statistics import student_limit, student_limits
 from chemage.plugins.sources import components_in
 from chemage.scene.scene import Scene
 from chemage.studies.tasks import Outcome
 
-#: measures of a contact that are the same on every surface, and so no quantities of an ensemble
-_GIVEN = {"load", "modulus", "nominal_area", "nominal_pressure"}
+#: measures of a contact that are the same on every surface and with all settings
+GIVEN = {"load", "modulus", "nominal_area", "nominal_pressure"}
 
 
 @dataclass(frozen=True)
-class Sample:
+class SurfaceSample:
     """What one computation on one surface gives."""
 
     #: nN, (replicas, m); (0, 0) without ageing
@@ -49,7 +49,7 @@ class Sample:
     approximate: Sequence[Mapping[str, Any]] = ()
 
     @classmethod
-    def of(cls, outcome: Outcome) -> Sample:
+    def of(cls, outcome: Outcome) -> SurfaceSample:
         """The sample that a task gave.
 
         Raises
@@ -108,7 +108,7 @@ class Quantities:
     def of(cls, scene: Scene, measures: Sequence[str]) -> Quantities:
         """Those of a scene, whose contacts have ``measures``."""
         times = scene.hold.hold_times if scene.ages and scene.hold is not None else np.zeros(0)
-        names = tuple(name for name in measures if name not in _GIVEN)
+        names = tuple(name for name in measures if name not in GIVEN)
         return cls(times, scene.load, (scene.fit.start, scene.fit.stop), names)
 
     @property
@@ -153,11 +153,11 @@ class Quantities:
         """Number of columns."""
         return int(self.has_beta) + self.hold_times.size + len(self.measures)
 
-    def row(self, sample: Sample) -> np.ndarray:
+    def row(self, sample: SurfaceSample) -> np.ndarray:
         """(count,) of one sample, the mean over its replicas; nan where a measure does not exist."""
         return self._rows(sample.friction_drop.mean(axis=0)[None], sample.measures)[0]
 
-    def replica_rows(self, sample: Sample) -> np.ndarray:
+    def replica_rows(self, sample: SurfaceSample) -> np.ndarray:
         """(replicas, count): of each replica."""
         return self._rows(sample.friction_drop, sample.measures)
 
@@ -277,17 +277,12 @@ def half_width(spreads: list[Spread], counts: list[int], known: np.ndarray) -> n
     known
         (quantities,) standard errors from other causes, known before; they are taken as normal.
     """
-    parts = [spread.variance / count for spread, count in zip(spreads, counts, strict=True)]
-    total = sum(parts) + known**2
-    half = np.full(total.shape, np.nan)
-    for k, variance in enumerate(total):
-        if variance > 0:
-            below = sum(
-                float(part[k]) ** 2 / spread.freedom for part, spread in zip(parts, spreads, strict=True) if part[k] > 0
-            )
-            freedom = float(variance) ** 2 / below if below > 0 else math.inf
-            half[k] = limit(freedom) * math.sqrt(variance)
-    return half
+    parts = np.array([spread.variance / count for spread, count in zip(spreads, counts, strict=True)])
+    total = parts.sum(axis=0) + known**2
+    freedoms = np.array([[spread.freedom] for spread in spreads])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        freedom = total**2 / (parts**2 / freedoms).sum(axis=0)
+    return np.where(total > 0, student_limits(np.minimum(freedom, 1e9)) * np.sqrt(total), np.nan)
 
 
 def limit(freedom: float) -> float:
@@ -322,31 +317,40 @@ def _of_one(spreads: list[Spread], costs: list[float], done: list[int], known: n
     """As :func:`allocated`, of one quantity."""
     scale = 1.0
     counts = list(done)
+    variances = [float(spread.variance[0]) for spread in spreads]
     # Student's limit depends on the counts; it falls as they rise, so that doubling the goal always ends
     for _ in range(200):
         if float(half_width(spreads, counts, known)[0]) <= wanted:
             break
         goal = (wanted / limit(math.inf)) ** 2 - float(known[0]) ** 2
-        counts = _optimal([float(spread.variance[0]) for spread in spreads], costs, done, max(goal, 1e-300) / scale)
+        best = optimal(variances, costs, done, variance=max(goal, 1e-300) / scale)
+        counts = [min(MOST, math.ceil(count - 1e-9)) for count in best]
         scale *= 1.05
     return counts
 
 
-def _optimal(variances: list[float], costs: list[float], done: list[int], goal: float) -> list[int]:
-    """Counts that give Σ v/n ≤ ``goal`` at the lowest cost, none below ``done``."""
-    counts = [float(count) for count in done]
-    free = [k for k, variance in enumerate(variances) if variance > 0]
-    while free:
-        held = sum(variances[k] / counts[k] for k in range(len(counts)) if k not in free)
-        left = goal - held
-        if left <= 0:  # what is held is too much: let everything grow
-            free, left = [k for k, variance in enumerate(variances) if variance > 0], goal
-        share = sum(math.sqrt(variances[k] * costs[k]) for k in free)
-        best = {k: math.sqrt(variances[k] / costs[k]) * share / left for k in free}
-        short = [k for k in free if best[k] < done[k]]
-        if not short or len(short) == len(free):
-            for k in free:
-                counts[k] = max(best[k], done[k])
+def optimal(
+    variances: Sequence[float],
+    costs: Sequence[float],
+    done: Sequence[int],
+    *,
+    variance: float = math.inf,
+    budget: float = math.inf,
+) -> list[float]:
+    """Counts n_l ∝ √(v_l/c_l) of samples, none below ``done``, that reach a variance Σ v/n of the mean at the lowest
+    cost, or the smallest variance for a ``budget`` of more samples (Giles, Acta Numer. 24, 259 (2015))."""
+    v, c, least = (np.asarray(values, dtype=np.float64) for values in (variances, costs, done))
+    free, counts = v > 0, least
+    while free.any():
+        share = np.sqrt(v * c)[free].sum()
+        if math.isfinite(budget):
+            scale = (budget + (c * least)[free].sum()) / share
+        else:
+            scale = share / max(variance - (v / least)[~free].sum(), 1e-300)
+        best = np.sqrt(v / c) * scale
+        short = free & (best < least)
+        if not short.any():
+            counts = np.where(free, best, least)
             break
-        free = [k for k in free if k not in short]
-    return [min(MOST, math.ceil(count - 1e-9)) for count in counts]
+        free &= ~short
+    return counts.tolist()

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 import time
 import warnings
-from collections.abc import Generator, Mapping
+from collections.abc import Generator, Mapping, Sequence
 from concurrent.futures import Executor
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,18 +20,15 @@ from chemage.foundation.records import merged_approximations
 from chemage.foundation.text import percent
 from chemage.foundation.threads import available
 from chemage.scene.files import load_scene, parse_scene
-from chemage.scene.plan import cost, in_hours
+from chemage.scene.plan import cost
 from chemage.scene.provenance import versions
 from chemage.scene.scene import Scene
 from chemage.studies.ensembles import stages
 from chemage.studies.ensembles.computations import (
     Computation,
-    Control,
-    Difference,
-    Parts,
-    Samples,
-    Single,
-    Taken,
+    SampleSeries,
+    SurfaceLevel,
+    area,
     barriers_error,
     fitting,
     own_error,
@@ -39,8 +37,8 @@ from chemage.studies.ensembles.computations import (
     within,
 )
 from chemage.studies.ensembles.ensemble import Ensemble
-from chemage.studies.ensembles.goals import Goal, Request, with_request
-from chemage.studies.ensembles.quantities import MOST, Quantities, Sample
+from chemage.studies.ensembles.goals import AccuracyGoal, Request, with_request
+from chemage.studies.ensembles.quantities import Quantities, SurfaceSample
 from chemage.studies.study import Archive, Part, Selection, Study
 from chemage.studies.tasks import Outcome, Task, registered_classes
 from chemage.studies.trade.trade_map import TradeMap
@@ -119,23 +117,13 @@ def ensemble(
     return Sampler(asked, samples=samples, measured=map, **where).run(progress)
 
 
-def needing(names: str, count: int, seconds: float, asked: Request, so_far: str = "") -> str:
-    """What to say where more surfaces would be needed than are allowed; ``seconds`` of CPU time."""
-    about = f"about {round(count, 2 - len(str(count))):,}" if count < MOST else f"more than {MOST:,}"
-    time_text = in_hours(seconds) if seconds >= 120 else f"{seconds:.2g} s"
-    return (
-        f"{names}: would need {about} {asked.counted} ({time_text} of CPU time), and {asked.most:,} are allowed"
-        f"{so_far}; ask for a wider interval, or allow more with [ensemble] most"
-    )
-
-
 def _silent(stage: str, done: int, total: int, note: str = "") -> None:
     pass
 
 
-def _of(level: stages.Level) -> Parts:
+def _of(level: stages.Level) -> SurfaceLevel:
     """A level of an ensemble as what it is made of."""
-    assert isinstance(level, Parts)
+    assert isinstance(level, SurfaceLevel)
     return level
 
 
@@ -171,14 +159,16 @@ class Sampler:
         self._part = None if points is None else self._part_of(points)
         self._progress: Report = _silent
         self._routes: list[stages.Route] = []
-        self._rule: Generator[stages.Need, None, stages.State] | None = None
-        self._state: stages.State | None = None
+        self._rule: Generator[stages.Need, None, stages.SamplingState] | None = None
+        self._state: stages.SamplingState | None = None
         #: key of a task that was asked for -> the samples that it belongs to
-        self._waiting: dict[str, tuple[Samples, Task]] = {}
+        self._waiting: dict[str, tuple[SampleSeries, Task]] = {}
         #: (quantities,) relative standard errors of the barriers, and how they are known; measured when sampling begins
         self._barriers, self._barriers_how = np.zeros(self.request.quantities.count), ""
-        #: the state after the last stage, and the counts that are aimed at
-        self._aimed: tuple[stages.State, list[int]] | None = None
+        #: the route and the levels that are sampled since the last stage, and the counts that are aimed at
+        self._route: stages.Route | None = None
+        self._levels: Sequence[stages.Level] = ()
+        self._aimed: dict[str, int] = {}
         self._shown = (-math.inf, "")
 
     @property
@@ -240,16 +230,16 @@ class Sampler:
             What is asked cannot be reached.
         """
         with self.scene.in_use():
-            return self._needed()
+            if self._rule is None:
+                self._measure_barriers()
+                self._routes = self.possible_routes()
+                self._rule = self._steps()
+            return self._needed(self._rule)
 
-    def _needed(self) -> list[Task]:
-        if self._rule is None:
-            self._measure_barriers()
-            self._routes = self.possible_routes()
-            self._rule = self._steps()
+    def _needed(self, rule: Generator[stages.Need, None, stages.SamplingState]) -> list[Task]:
         while True:
             try:
-                level, count = next(self._rule)
+                level, count = next(rule)
             except StopIteration as end:
                 self._state = end.value
                 return []
@@ -264,7 +254,7 @@ class Sampler:
     def tell(self, task: Task, outcome: Outcome) -> None:
         """Receive a sample."""
         part, _ = self._waiting[task.key]
-        part.receive(task.number, Sample.of(self.archive.received(task, outcome)))
+        part.receive(task.number, SurfaceSample.of(self.archive.received(task, outcome)))
 
     def ensemble(self) -> Ensemble:
         """The result, when nothing more is asked."""
@@ -274,20 +264,20 @@ class Sampler:
             stopped = "the number of surfaces that was asked for" if counted else self._ending(self._state)
             return self._made(self._state, stopped)
 
-    def _steps(self) -> Generator[stages.Need, None, stages.State]:
+    def _steps(self) -> Generator[stages.Need, None, stages.SamplingState]:
         """The rule, which stops where samples have to be taken."""
         asked = self.request
         if asked.surfaces is not None:
             counted = stages.Sampled(self._routes[0].levels[0])
             yield counted.level, asked.surfaces
             counted.upto(asked.surfaces)
-            return stages.State(self._routes[0], [counted], np.zeros(self._quantities.count, dtype=bool))
+            return stages.SamplingState(self._routes[0], [counted], np.zeros(self._quantities.count, dtype=bool))
         clock = stages.Clock(asked.budget if asked.budget is not None else math.inf)
         return (
             yield from stages.steps(self._routes, asked.accuracy(), most=asked.most, clock=clock, watch=self._watch)
         )
 
-    def _ending(self, state: stages.State) -> str:
+    def _ending(self, state: stages.SamplingState) -> str:
         """Why sampling ended, in words."""
         if state.reached(self.request.accuracy()):
             return "the accuracy was reached"
@@ -304,14 +294,15 @@ class Sampler:
         ways = self.request.computations()
         base = np.hypot(self._approximation(), self._barriers)
         coarse, fine = ways[0], ways[-1]
-        single = Single(self._samples(coarse, 0), self._quantities)
+        row = self._quantities.row
+        single = SurfaceLevel(SAMPLING, row, self._samples(coarse, 0, SAMPLING))
         sketch = sketched(coarse) if self.request.random and self.request.surfaces is None else None
-        control = None if sketch is None else Control(self._samples(sketch, 0, self._sketched))
+        control = None if sketch is None else SurfaceLevel(SKETCHING, area, self._samples(sketch, 0, SKETCHING))
         if len(ways) == 1 or (coarse.errors is not None and not coarse.errors.any()):
             return [stages.Route("own grid", (single,), lambda mean: base, control)]
         replicas = replicas_of_difference(fine, coarse)
-        level = [self._samples(way.with_replicas(replicas), 1) for way in (fine, coarse)]
-        difference = Difference(level[0], level[1], self._quantities)
+        pair = [self._samples(way.with_replicas(replicas), 1, CORRECTING * (way is fine)) for way in (fine, coarse)]
+        difference = SurfaceLevel(CORRECTING, row, *pair)
         corrected = stages.Route("corrected", (single, difference), lambda mean: base, control)
 
         def before(mean: np.ndarray) -> np.ndarray:
@@ -319,13 +310,13 @@ class Sampler:
 
         return [stages.Route("not corrected", (single,), before, control), corrected]
 
-    def _samples(self, computation: Computation, level: int, taken: Taken | None = None) -> Samples:
-        return Samples(
+    def _samples(self, computation: Computation, level: int, stage: str = "") -> SampleSeries:
+        return SampleSeries(
             computation,
             level=level,
             varied=self.request.random,
             archive=self.archive,
-            taken=taken or self._taken,
+            taken=partial(self._taken, stage) if stage else None,
         )
 
     # -- errors that are known before ---------------------------------------------------------------------------------
@@ -376,55 +367,35 @@ class Sampler:
 
     # -- progress and messages ----------------------------------------------------------------------------------------
 
-    def _watch(self, state: stages.State, aimed: list[int]) -> None:
-        self._aimed = (state, aimed)
+    def _watch(self, state: stages.SamplingState, aimed: list[int]) -> None:
+        self._route, self._levels = state.route, [sampled.level for sampled in state.sampled]
+        self._aimed = {_of(level).name: count for level, count in zip(self._levels, aimed, strict=True)}
 
-    def _taken(self, samples: Samples) -> None:
+    def _taken(self, stage: str, done: int) -> None:
         """Report one more sample."""
-        if samples.level and samples is not _of(self._routes[-1].levels[-1]).parts[0]:
-            return  # the coarse part of a difference
-        done = len(samples.samples)
-        total = max(done, self._total(samples.level))
+        first = {SAMPLING: self.request.surfaces or stages.FIRST, CORRECTING: stages.FIRST_DIFFERENCES}
+        total = self._aimed.get(stage, first.get(stage, done))
         now = time.monotonic()
         if now - self._shown[0] > PERIOD:
             self._shown = (now, self._interval())
         if done < total:  # more may be needed: the end is reported when it is certain
-            self._progress(CORRECTING if samples.level else SAMPLING, done, total, self._shown[1])
-
-    def _sketched(self, samples: Samples) -> None:
-        """Report one more sample of the control."""
-        done, aimed = len(samples.samples), self._aimed
-        total = aimed[1][-1] if aimed is not None and aimed[0].controlled else done
-        if done < total:
-            self._progress(SKETCHING, done, total, self._shown[1])
-
-    def _total(self, level: int) -> int:
-        """How many samples of a level are expected."""
-        if self.request.surfaces is not None:
-            return self.request.surfaces
-        if self._aimed is not None and level < len(self._aimed[1]):
-            return self._aimed[1][level]
-        return stages.FIRST_DIFFERENCES if level else stages.FIRST
+            self._progress(stage, done, total, self._shown[1])
 
     def _interval(self) -> str:
         """The interval of what is asked from the samples so far, in words; "" where there are too few."""
-        route = self._aimed[0].route if self._aimed is not None else self._routes[0]
-        levels = self._aimed[0].sampled if self._aimed is not None else []
+        route = self._route or self._routes[0]
         looks = 0 if self.request.surfaces is not None else stages.LOOKS
-        sampled = [
-            stages.Sampled(level, _of(level).so_far(), looks=looks)
-            for level in ([sampled.level for sampled in levels] or route.levels)
-        ]
+        sampled = [stages.Sampled(level, _of(level).so_far(), looks=looks) for level in self._levels or route.levels]
         if min(part.count for part in sampled) < 2:
             return ""
         if len(sampled) > len(route.levels):  # a sample may be there before its control
             pairs = min(sampled[0].count, sampled[-1].count)
             sampled[0].values = sampled[0].values[:pairs]
-        state = stages.State(route, sampled, np.zeros(self._quantities.count, dtype=bool))
+        state = stages.SamplingState(route, sampled, np.zeros(self._quantities.count, dtype=bool))
         return self._in_words(state.mean, state.half_width())
 
     def _in_words(self, mean: np.ndarray, half: np.ndarray) -> str:
-        shown = self.request.goals or [Goal(self._quantities.names[0], 0, 0.0)]
+        shown = self.request.goals or [AccuracyGoal(self._quantities.names[0], 0, 0.0)]
         parts = []
         for goal in shown:
             reached = half[goal.column] / abs(mean[goal.column]) if mean[goal.column] else math.nan
@@ -435,7 +406,7 @@ class Sampler:
 
     def _so_far(self) -> str:
         """What an interrupted ensemble leaves, in words."""
-        route = self._aimed[0].route if self._aimed is not None else self._routes[0]
+        route = self._route or self._routes[0]
         counts = " and ".join(str(len(_of(level).so_far())) for level in route.levels)
         kept = ""
         if self.archive.path is not None:
@@ -444,43 +415,36 @@ class Sampler:
 
     def _explained(self, error: stages.Unreachable) -> str:
         state, asked = error.state, self.request
-        names = ", ".join(f"accuracy.{goal.name} = {100 * goal.accuracy:g} %" for goal in asked.goals)
         words = self._in_words(state.mean, state.half_width())
         so_far = f"{words or 'no interval'} from {state.sampled[0].count} samples"
         if error.reason == "zero":
-            return f"{names}: its mean is 0 within its interval ({so_far}), so that no relative accuracy can be reached"
+            text = f"its mean is 0 within its interval ({so_far}), so that no relative accuracy can be reached"
+            return f"{asked.wishes}: {text}"
         if error.reason == "unknown":
             undefined = [goal.name for goal in asked.goals if math.isnan(state.mean[goal.column])]
             if undefined:
                 return f"accuracy.{undefined[0]}: some contacts of this scene do not have this quantity; leave it out"
             return (
-                f"{names}: an approximate part of the scene does not say how large its error of this quantity is; "
-                "leave the part out, or ask for the friction drop"
-            )
-        if error.reason == "known" or error.needed is None:
-            return (
-                f"{names}: errors that no number of {asked.counted} makes smaller are larger ({so_far}); "
-                "ask for a wider interval"
+                f"{asked.wishes}: an approximate part of the scene does not say how large its error of this quantity "
+                "is; leave the part out, or ask for the friction drop"
             )
         scale = _of(state.sampled[0].level).parts[0].computation.scale
         seconds = scale * sum(
-            count * sampled.level.cost for count, sampled in zip(error.needed, state.sampled, strict=True)
+            count * sampled.level.cost for count, sampled in zip(error.needed or (), state.sampled, strict=False)
         )
-        return needing(names, max(error.needed), seconds, asked, f" ({so_far})")
+        return asked.refusal(max(error.needed) if error.needed else None, seconds, f" ({so_far})")
 
     # -- the result ---------------------------------------------------------------------------------------------------
 
-    def _made(self, state: stages.State, stopped: str) -> Ensemble:
+    def _made(self, state: stages.SamplingState, stopped: str) -> Ensemble:
         interval = self._in_words(state.mean, state.half_width())
-        names = [SAMPLING, *[CORRECTING] * (len(state.route.levels) - 1), *[SKETCHING] * state.controlled]
-        for name, sampled in zip(names, state.sampled, strict=True):
-            self._progress(name, sampled.count, sampled.count, interval)
         levels, rows, inside = [], {}, None
         for number, sampled in enumerate(state.sampled):
-            parts = _of(sampled.level).parts
+            name, parts = _of(sampled.level).name, _of(sampled.level).parts
+            self._progress(name, sampled.count, sampled.count, interval)
             levels.append(self._described(sampled, parts))
             rows[str(number)] = np.array(sampled.values)
-            if names[number] == SKETCHING:
+            if name == SKETCHING:
                 levels[-1]["control"] = True
             else:
                 inside = within(parts, self._quantities) or inside
@@ -521,7 +485,7 @@ class Sampler:
             return notes
         return (*notes, text)
 
-    def _provenance(self, state: stages.State) -> dict[str, Any]:
+    def _provenance(self, state: stages.SamplingState) -> dict[str, Any]:
         samples = [sample for level in state.sampled for part in _of(level.level).parts for sample in part.samples]
         plugins = {name: source for sample in samples for name, source in sample.plugins.items()}
         approximate = merged_approximations(*(sample.approximate for sample in samples))
@@ -533,7 +497,7 @@ class Sampler:
             **({"approximate": approximate} if approximate else {}),
         }
 
-    def _described(self, sampled: stages.Sampled, parts: tuple[Samples, ...]) -> dict[str, Any]:
+    def _described(self, sampled: stages.Sampled, parts: tuple[SampleSeries, ...]) -> dict[str, Any]:
         """A level as it is in the record."""
         return {
             "words": " minus ".join(part.computation.words for part in parts),

@@ -19,7 +19,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from chemage.studies.ensembles.quantities import Spread, allocated, half_width, regressed, spread_of
+from chemage.studies.ensembles.quantities import Spread, allocated, half_width, optimal, regressed, spread_of
 
 #: samples of the first stage: of a level that is sampled often, and of one that corrects it
 FIRST, FIRST_DIFFERENCES = 6, 5
@@ -92,7 +92,7 @@ class Sampled:
 
 
 @dataclass
-class State:
+class SamplingState:
     """What is known after the samples so far."""
 
     route: Route
@@ -172,7 +172,7 @@ class State:
 class Unreachable(Exception):
     """No number of samples gives the accuracy that was asked for."""
 
-    def __init__(self, state: State, needed: list[int] | None, reason: str) -> None:
+    def __init__(self, state: SamplingState, needed: list[int] | None, reason: str) -> None:
         super().__init__(reason)
         self.state, self.needed, self.reason = state, needed, reason
 
@@ -182,7 +182,7 @@ Need = tuple[Level, int]
 #: a part of the rule, which stops where samples have to be taken
 Steps = Generator[Need, None, None]
 #: called after each stage, with what is known and the counts that are aimed at
-Watch = Callable[[State, list[int]], None]
+Watch = Callable[[SamplingState, list[int]], None]
 
 
 @dataclass
@@ -192,8 +192,8 @@ class Clock:
     seconds: float = math.inf
     now: Callable[[], float] = time.monotonic
     begin: float = field(init=False)
-    #: by the identity of a level: wall seconds and samples so far
-    spent: dict[int, tuple[float, int]] = field(default_factory=dict)
+    #: CPU seconds of the samples so far, as estimated before
+    cost: float = 0.0
 
     def __post_init__(self) -> None:
         self.begin = self.now()
@@ -204,28 +204,21 @@ class Clock:
         return self.seconds - (self.now() - self.begin) if math.isfinite(self.seconds) else math.inf
 
     def upto(self, sampled: Sampled, count: int) -> Steps:
-        """Take samples until there are ``count``, and note how long it took."""
-        before, begin = sampled.count, self.now()
-        if count > before:
+        """Take samples until there are ``count``."""
+        if count > sampled.count:
             yield sampled.level, count
-        sampled.upto(count)
-        wall, done = self.spent.get(id(sampled.level), (0.0, 0))
-        self.spent[id(sampled.level)] = (wall + self.now() - begin, done + sampled.count - before)
+            self.cost += (count - sampled.count) * sampled.level.cost
+            sampled.upto(count)
 
-    def wall(self, sampled: Sampled, state: State) -> float:
-        """Wall seconds of one more sample, as measured; of a level without samples in proportion to its cost."""
-        wall, done = self.spent.get(id(sampled.level), (0.0, 0))
-        if done:
-            return wall / done
-        first = state.sampled[0]
-        wall, done = self.spent.get(id(first.level), (0.0, 0))
-        return wall / max(done, 1) * sampled.level.cost / max(first.level.cost, 1e-12)
+    def wall(self, level: Level) -> float:
+        """Wall seconds of one more sample: in proportion to its cost, as measured of those so far."""
+        return max(level.cost * (self.now() - self.begin) / max(self.cost, 1e-12), 1e-9)
 
-    def affordable(self, state: State, counts: list[int]) -> list[int]:
+    def affordable(self, state: SamplingState, counts: list[int]) -> list[int]:
         """``counts``, or as many samples as the time that is left allows, divided so that the interval is narrowest."""
         if not math.isfinite(self.seconds):
             return counts
-        walls = [max(self.wall(sampled, state), 1e-9) for sampled in state.sampled]
+        walls = [self.wall(sampled.level) for sampled in state.sampled]
         more = sum(
             max(0, count - sampled.count) * wall
             for count, sampled, wall in zip(counts, state.sampled, walls, strict=True)
@@ -237,21 +230,11 @@ class Clock:
         variances = [float(spread.variance[widest]) for spread in state.spreads]
         if not any(variances):  # equal samples say nothing of what other samples would be
             variances[0] = 1.0
-        total = left + sum(sampled.count * wall for sampled, wall in zip(state.sampled, walls, strict=True))
-        share = sum(math.sqrt(variance * wall) for variance, wall in zip(variances, walls, strict=True))
-        best = [total * math.sqrt(v / w) / share for v, w in zip(variances, walls, strict=True)]
-        short = [
-            max(0.0, count - sampled.count) * wall
-            for count, sampled, wall in zip(best, state.sampled, walls, strict=True)
-        ]
-        scale = min(1.0, left / sum(short)) if sum(short) > 0 else 0.0
-        return [
-            sampled.count + int(scale * max(0.0, count - sampled.count))
-            for count, sampled in zip(best, state.sampled, strict=True)
-        ]
+        best = optimal(variances, walls, state.counts, budget=left)
+        return [min(int(count), most) for count, most in zip(best, counts, strict=True)]
 
 
-def run_stages(routes: Sequence[Route], accuracy: np.ndarray, *, most: int, **options: Any) -> State:
+def run_stages(routes: Sequence[Route], accuracy: np.ndarray, *, most: int, **options: Any) -> SamplingState:
     """Carry out :func:`steps` with levels whose samples are there when they are asked for; the arguments are the
     same."""
     rule = steps(routes, accuracy, most=most, **options)
@@ -269,7 +252,7 @@ def steps(
     most: int,
     clock: Clock | None = None,
     watch: Watch | None = None,
-) -> Generator[Need, None, State]:
+) -> Generator[Need, None, SamplingState]:
     """Sample until the half width of the interval is at most ``accuracy`` times the mean, in every quantity, or until
     the time of ``clock`` is over; stop wherever samples have to be taken, which are there when the rule goes on.
 
@@ -294,8 +277,8 @@ def steps(
     clock = clock or Clock()
     beginning = Sampled(routes[0].levels[0], looks=LOOKS)
     yield from clock.upto(beginning, FIRST)
-    state = State(routes[0], [beginning], np.isfinite(accuracy))
-    search = _Search(routes, accuracy, most, clock)
+    state = SamplingState(routes[0], [beginning], np.isfinite(accuracy))
+    search = RouteSearch(routes, accuracy, most, clock)
     state, counts = yield from search.chosen(state)
     state, counts = yield from search.controlled(state, counts)
     for part in (LOOK, SECOND):
@@ -324,7 +307,7 @@ def steps(
 
 
 @dataclass(frozen=True)
-class _Search:
+class RouteSearch:
     """How many samples are needed, and which route needs the least."""
 
     routes: Sequence[Route]
@@ -332,7 +315,7 @@ class _Search:
     most: int
     clock: Clock
 
-    def needed(self, state: State, expected: bool = False) -> list[int]:
+    def needed(self, state: SamplingState, expected: bool = False) -> list[int]:
         """The numbers of samples that the accuracy needs; with a budget no more than ``most``.
 
         Parameters
@@ -373,36 +356,38 @@ class _Search:
             counts[-1] = max(counts[-1], counts[0])
         return [min(count, self.most) for count in counts]
 
-    def controlled(self, state: State, counts: list[int]) -> Generator[Need, None, tuple[State, list[int]]]:
+    def controlled(
+        self, state: SamplingState, counts: list[int]
+    ) -> Generator[Need, None, tuple[SamplingState, list[int]]]:
         """The same with the control of the route, where that seems to be cheaper; and the counts."""
         control = state.route.control
         first = min(PAIRS, math.ceil(LOOK * self.clock.affordable(state, counts)[0]))
         if control is None or counts[0] < CONTROLLED or first < FIRST:
             return state, counts
-        tried = State(state.route, [*state.sampled, Sampled(control, looks=LOOKS)], state.asked)
+        tried = SamplingState(state.route, [*state.sampled, Sampled(control, looks=LOOKS)], state.asked)
         yield from tried.upto([max(first, state.sampled[0].count), *state.counts[1:], first], self.clock)
         try:
             plain, regressed = self.needed(state, expected=True), self.needed(tried, expected=True)
-            pays = self._price(tried, regressed) < self._price(state, plain)
+            pays = self.price(tried, regressed) < self.price(state, plain)
             return (tried, self.needed(tried)) if pays else (state, self.needed(state))
         except Unreachable:
             return state, counts
 
-    def chosen(self, state: State) -> Generator[Need, None, tuple[State, list[int]]]:
+    def chosen(self, state: SamplingState) -> Generator[Need, None, tuple[SamplingState, list[int]]]:
         """The route that seems best after the first stage, and its counts; routes with corrections take their first
         samples where they may be better than those without."""
-        candidates: list[tuple[float, State, list[int]]] = []
+        candidates: list[tuple[float, SamplingState, list[int]]] = []
         failed: Unreachable | None = None
         for route in sorted(self.routes, key=lambda route: len(route.levels)):
             if candidates and not self._may_pay(route, state, min(candidate[0] for candidate in candidates)):
                 continue
-            tried = State(route, [state.sampled[0]], state.asked)
+            tried = SamplingState(route, [state.sampled[0]], state.asked)
             for level in route.levels[1:]:
                 more = Sampled(level, looks=LOOKS)
                 yield from self.clock.upto(more, FIRST_DIFFERENCES)
                 tried.sampled.append(more)
             try:
-                counts, price = self.needed(tried), self._price(tried, self.needed(tried, expected=True))
+                counts, price = self.needed(tried), self.price(tried, self.needed(tried, expected=True))
             except Unreachable as error:
                 failed = failed if failed is not None and failed.needed is not None else error
                 continue
@@ -413,7 +398,7 @@ class _Search:
         _, chosen, counts = min(candidates, key=lambda candidate: candidate[0])
         return chosen, counts
 
-    def _price(self, state: State, counts: list[int]) -> float:
+    def price(self, state: SamplingState, counts: list[int]) -> float:
         """What a route costs, CPU seconds; where time is limited, the relative half width that it will reach."""
         if math.isfinite(self.clock.seconds):
             aimed = self.clock.affordable(state, counts)
@@ -423,13 +408,12 @@ class _Search:
         spent = sum(sampled.level.cost * sampled.count for sampled in state.sampled[1:])
         return state.cost(counts) + spent
 
-    def _may_pay(self, route: Route, state: State, least: float) -> bool:
+    def _may_pay(self, route: Route, state: SamplingState, least: float) -> bool:
         """Whether the first samples of a route may be worth their cost."""
         if math.isfinite(self.clock.seconds):
-            wall = self.clock.wall(Sampled(route.levels[-1]), state)
-            return FIRST_DIFFERENCES * wall < 0.35 * self.clock.left
+            return FIRST_DIFFERENCES * self.clock.wall(route.levels[-1]) < 0.35 * self.clock.left
         # what it costs at least: its first samples, and the first level without the errors that it corrects
-        alone = State(Route("", route.levels[:1], route.known), state.sampled[:1], state.asked)
+        alone = SamplingState(Route("", route.levels[:1], route.known), state.sampled[:1], state.asked)
         try:
             first = alone.cost(self.needed(alone, expected=True))
         except Unreachable:

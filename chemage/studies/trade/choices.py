@@ -1,4 +1,4 @@
-"""The choices between speed and accuracy that a scene has, and the changes to the scene file that each of them is.
+"""The settings between speed and accuracy that a scene has, and the changes to the scene file that each of them is.
 
 These are the values of options in ``trade`` of its components, at any depth; coarser grids; other solvers, engines and
 methods of ageing.
@@ -16,9 +16,9 @@ import math
 import re
 import shlex
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import partial
+from itertools import permutations
 from typing import Any, Self, TypeVar
 
 import numpy as np
@@ -27,16 +27,17 @@ from chemage.ageing.aging import Aging
 from chemage.ageing.methods import check_method, expected_cost
 from chemage.contacts.role import solve_contact
 from chemage.contacts.solution import ContactSolution
-from chemage.foundation.components import Component
 from chemage.foundation.errors import ChemageError
 from chemage.foundation.records import content_hash
 from chemage.foundation.text import jsonable
 from chemage.plugins import registry
+from chemage.scene.files import override, parse_scene
 from chemage.scene.plan import cost
 from chemage.scene.provenance import nested, versions
 from chemage.scene.run import aged
 from chemage.scene.scene import Scene, coarser
 from chemage.scene.warm_up import form, warm_up
+from chemage.studies.ensembles.quantities import GIVEN
 from chemage.studies.tasks import Outcome, Recent, Task, Worker
 from chemage.surfaces.role import make_surface
 
@@ -48,17 +49,18 @@ MOST_VALUES = 8
 COARSER = (4, 2)
 #: what an ageing method may cost before it gives its first answer, CPU seconds
 PREPARATION = 10.0
-_BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
+_WORD, _KEY = re.compile(r"[A-Za-z_-][A-Za-z0-9_-]*"), re.compile(r'"([A-Za-z0-9_-]+)" = ')
 
 
 @dataclass(frozen=True)
-class Choice:
+class TradeSetting:
     """One value of one thing that can be chosen, other than that of the scene."""
 
-    #: what is chosen, such as ``contact.tolerance``; a combination has one choice of each
-    knob: str
+    #: what is chosen, such as ``contact.tolerance``; a combination has one setting of each
+    name: str
     label: str
-    apply: Callable[[Scene], Scene]
+    #: dotted path -> value that has to be set in the scene
+    changes: Mapping[str, Any]
     #: whether only the contact depends on it, or only the ageing
     stage: str
     #: declared not to change what is computed but for noise, as an exact engine
@@ -66,59 +68,57 @@ class Choice:
 
     @property
     def words(self) -> str:
-        """The choice in words."""
-        return f"{self.knob} {self.label}"
+        """The setting in words."""
+        return f"{self.name} {self.label}"
 
 
-#: a combination of choices, in the order in which they are applied
-Combination = tuple[Choice, ...]
+#: a combination of settings
+Combination = tuple[TradeSetting, ...]
 
 
 def applied(scene: Scene, combination: Combination) -> Scene:
-    """``scene`` with every choice.
+    """``scene`` with every setting.
 
     Raises
     ------
     ChemageError
         They do not go together.
     """
-    for choice in sorted(combination, key=_order):
-        scene = choice.apply(scene)
-    return scene
+    return with_changes(scene, {path: value for one in combination for path, value in one.changes.items()})
 
 
-def _order(choice: Choice) -> int:
-    # a component is chosen before its options, and a grid made coarser from the surface that is chosen
-    return {SOLVER: 0, AGEING: 0, ENGINE: 0, GRID: 2}.get(choice.knob, 1)
+def with_changes(scene: Scene, changed: Mapping[str, Any]) -> Scene:
+    """``scene`` with other values: dotted path -> value."""
+    other = parse_scene(override(scene.todict(), changed))
+    # what the material gave is written out in the data
+    return other.model_copy(update={"material": scene.material, "from_material": scene.from_material})
 
 
 def go_together(combination: Combination) -> bool:
-    """Whether choices can be combined: one of each kind, and no options of a component that another one replaces."""
-    knobs = [choice.knob for choice in combination]
-    if len(set(knobs)) < len(knobs):
+    """Whether settings can be combined: no two of one option, and none of a component that another one replaces."""
+    paths = [path for one in combination for path in one.changes]
+    if any(f"{inner}.".startswith(f"{outer}.") for inner, outer in permutations(paths, 2)):
         return False
-    for replaced in (SOLVER, ENGINE):
-        if replaced in knobs and any(knob.startswith(f"{replaced}.") for knob in knobs):
-            return False
-    method = next((choice for choice in combination if choice.knob == AGEING), None)
-    alone = method is not None and not method.label.startswith("every site")
-    return not (alone and any(knob == ENGINE or knob.startswith(("engine.", "ageing.")) for knob in knobs))
+    method = any(one.name == AGEING and not one.exact for one in combination)
+    return not (method and any(one.name.partition(".")[0] == ENGINE for one in combination))
 
 
-def choices(scene: Scene, notes: list[str]) -> list[Choice]:
-    """Every choice that ``scene`` has besides its own values; what is not tried is noted in words."""
-    every = [*_options(scene, notes), *_grids(scene), *_solvers(scene, notes)]
+def choices(scene: Scene, notes: list[str]) -> list[TradeSetting]:
+    """Every setting that ``scene`` has besides its own values; what is not tried is noted in words."""
+    found = [*_options(scene, notes), *_grids(scene), *_kinds(scene, SOLVER, _with_solver, notes)]
     if scene.ages:
-        every += [*_engines(scene, notes), *_methods(scene, notes)]
-    return every
+        found += _kinds(scene, ENGINE, _with_engine, notes)
+        if scene.ageing is not None:
+            found.append(TradeSetting(AGEING, "every site", {AGEING: None}, "ageing", exact=True))
+        found += _kinds(scene, AGEING, _with_method, notes)
+    return found
 
 
-def _options(scene: Scene, notes: list[str]) -> Iterator[Choice]:
+def _options(scene: Scene, notes: list[str]) -> Iterator[TradeSetting]:
     """The values in ``trade`` of every component, but those of the scene."""
     for section, component in scene.sections().items():
         stage = "contact" if section in ("surface", "contact") else "ageing"
         for path, part in nested(component, section):
-            below = tuple(path.removeprefix(section).split(".")[1:])
             for option, values in part.trade.items():
                 name = f"{path}.{option}"
                 if section.startswith("observe"):
@@ -131,18 +131,7 @@ def _options(scene: Scene, notes: list[str]) -> Iterator[Choice]:
                 tried = _some(tuple(values), own)
                 if len(tried) < len(values):
                     notes.append(f"{name}: {len(tried)} of {len(values)} values are tried")
-                for value in tried:
-                    if value != own:
-                        yield Choice(name, str(value), _turned(section, below, option, value), stage)
-
-
-def _turned(section: str, below: Sequence[str], option: str, value: Any) -> Callable[[Scene], Scene]:
-    def apply(scene: Scene) -> Scene:
-        component = scene.sections()[section]
-        changed = _replaced(component, below, lambda part: part.replace(**{option: value}))
-        return with_section(scene, section, changed)
-
-    return apply
+                yield from (TradeSetting(name, str(value), {name: value}, stage) for value in tried if value != own)
 
 
 def _some(values: tuple[Any, ...], own: Any) -> tuple[Any, ...]:
@@ -155,87 +144,62 @@ def _some(values: tuple[Any, ...], own: Any) -> tuple[Any, ...]:
     return tuple(values[k] for k in sorted(chosen))
 
 
-def _grids(scene: Scene) -> Iterator[Choice]:
+def _grids(scene: Scene) -> Iterator[TradeSetting]:
     """Coarser grids of the contact, with the sites in place."""
     for factor in COARSER:
-        if coarser(scene, factor) is not None:
-            yield Choice(GRID, f"{factor} times coarser", partial(_coarser, factor), "contact")
+        if (coarse := coarser(scene, factor)) is not None:
+            yield TradeSetting(GRID, f"{factor} times coarser", changes(scene, coarse), "contact")
 
 
-def _coarser(factor: int, scene: Scene) -> Scene:
-    changed = coarser(scene, factor)
-    if changed is None:
-        raise ChemageError("this surface has no coarser grid")
-    return changed
-
-
-def _solvers(scene: Scene, notes: list[str]) -> Iterator[Choice]:
-    """Other contact solvers with the options that they share with that of the scene."""
-    own = scene.contact
-    for kind in registry.current().kinds("contact"):
-        if kind == own.kind:
+def _kinds(
+    scene: Scene, role: str, made: Callable[[Scene, str, dict[str, Any], list[str]], Scene | None], notes: list[str]
+) -> Iterator[TradeSetting]:
+    """Other components of a role, which ``made`` puts into the scene; methods of ageing at each value of their
+    options."""
+    plugins, own = registry.current(), scene.component(role)
+    for kind in plugins.kinds(role):
+        if own is not None and kind == own.kind:
             continue
-        try:
-            cls = registry.current().component("contact", kind)
-            shared = {name: getattr(own, name) for name in own.model_fields_set if name in cls.model_fields}
-            other = registry.current().make("contact", kind, shared)
-            if not other.gives_map:
-                continue  # it has no map
-            other.check(scene.surface.expected(), scene.load)
-        except ChemageError as error:
-            notes.append(f"contact {kind}: not tried: {_first_sentence(error)}")
-            continue
-        yield Choice(SOLVER, kind, lambda scene, other=other: scene.model_copy(update={"contact": other}), "contact")
-
-
-def _engines(scene: Scene, notes: list[str]) -> Iterator[Choice]:
-    assert scene.engine is not None
-    for kind in registry.current().kinds("engine"):
-        if kind == scene.engine.kind:
-            continue
-        try:
-            other = registry.current().make("engine", kind, {})
-            other.check(scene.chemistry is not None and scene.chemistry.interaction is not None)
-        except ChemageError as error:
-            notes.append(f"engine {kind}: not tried: {_first_sentence(error)}")
-            continue
-        yield Choice(
-            ENGINE, kind, lambda scene, other=other: scene.model_copy(update={"engine": other}), "ageing", other.exact
-        )
-
-
-def _methods(scene: Scene, notes: list[str]) -> Iterator[Choice]:
-    """Other methods of ageing at each value of their options, and the kinetics of every site."""
-    if scene.ageing is not None:
-        yield Choice(
-            AGEING, "every site", lambda scene: scene.model_copy(update={"ageing": None}), "ageing", exact=True
-        )
-    for kind in registry.current().kinds("ageing"):
-        if scene.ageing is not None and kind == scene.ageing.kind:
-            continue
-        trade = registry.current().component("ageing", kind).trade
-        tried = [{name: value} for name, values in trade.items() for value in values] or [{}]
-        for options in tried:
+        trade = plugins.component(role, kind).trade if role == AGEING else {}
+        for options in [{name: value} for name, values in trade.items() for value in values] or [{}]:
             label = ", ".join([kind, *(f"{name} {value}" for name, value in options.items())])
             try:
-                method = registry.current().make("ageing", kind, options)
-                before = _prepared(scene, method)
-                if before > PREPARATION:
-                    notes.append(
-                        f"ageing {label}: not tried: it may need {before:.0f} CPU seconds before its first answer"
-                    )
-                    continue
-                if before > 0:
-                    notes.append(f"ageing {label}: up to {before:.2g} CPU seconds, needed once, are not in its times")
+                other = made(scene, kind, options, notes)
             except ChemageError as error:
-                notes.append(f"ageing {label}: not tried: {_first_sentence(error)}")
+                notes.append(f"{role} {label}: not tried: {str(error).splitlines()[0]}")
                 continue
-            yield Choice(AGEING, label, lambda scene, method=method: _with_method(scene, method), "ageing")
+            if other is not None:
+                exact = role == ENGINE and other.engine is not None and other.engine.exact
+                stage = "contact" if role == SOLVER else "ageing"
+                yield TradeSetting(role, label, changes(scene, other), stage, exact)
 
 
-def _with_method(scene: Scene, method: Any) -> Scene:
-    observe = scene.observe if method.observes else ()
-    return scene.model_copy(update={"ageing": method, "observe": observe})
+def _with_solver(scene: Scene, kind: str, options: dict[str, Any], notes: list[str]) -> Scene | None:
+    """Another contact solver with the options that it shares with that of the scene; None if it has no map."""
+    own, cls = scene.contact, registry.current().component("contact", kind)
+    shared = {name: getattr(own, name) for name in own.model_fields_set if name in cls.model_fields}
+    other = registry.current().make("contact", kind, shared | options)
+    if not other.gives_map:
+        return None
+    other.check(scene.surface.expected(), scene.load)
+    return scene.model_copy(update={"contact": other})
+
+
+def _with_engine(scene: Scene, kind: str, options: dict[str, Any], notes: list[str]) -> Scene:
+    other = registry.current().make("engine", kind, options)
+    other.check(scene.chemistry is not None and scene.chemistry.interaction is not None)
+    return scene.model_copy(update={"engine": other})
+
+
+def _with_method(scene: Scene, kind: str, options: dict[str, Any], notes: list[str]) -> Scene:
+    method = registry.current().make("ageing", kind, options)
+    before = _prepared(scene, method)
+    if before > PREPARATION:
+        raise ChemageError(f"it may need {before:.0f} CPU seconds before its first answer")
+    if before > 0:
+        label = ", ".join([kind, *(f"{name} {value}" for name, value in options.items())])
+        notes.append(f"ageing {label}: up to {before:.2g} CPU seconds, needed once, are not in its times")
+    return scene.model_copy(update={"ageing": method, "observe": scene.observe if method.observes else ()})
 
 
 def _prepared(scene: Scene, method: Any) -> float:
@@ -265,58 +229,19 @@ def _prepared(scene: Scene, method: Any) -> float:
     return max(0.0, seconds.get("cpu_seconds_most", 0.0) - seconds.get("cpu_seconds_least", 0.0))
 
 
-def _first_sentence(error: Exception) -> str:
-    return str(error).splitlines()[0]
-
-
-# -- scenes with other components -------------------------------------------------------------------------------------
-
-
-def _replaced(component: Any, below: Sequence[str], change: Callable[[Any], Any]) -> Any:
-    """``component`` with ``change`` applied to the component that ``below`` leads to."""
-    if not below:
-        return change(component)
-    name, rest = below[0], below[1:]
-    if isinstance(component, Mapping):
-        return {**component, name: _replaced(component[name], rest, change)}
-    if isinstance(component, list | tuple):
-        items = [_replaced(item, rest, change) if k == int(name) else item for k, item in enumerate(component)]
-        return type(component)(items)
-    return component.replace(**{name: _replaced(getattr(component, name), rest, change)})
-
-
 def most_accurate(scene: Scene) -> Scene:
     """The most accurate settings of every section, and the kinetics of every site."""
-    for name, component in scene.sections().items():
-        if not name.startswith("observe"):
-            scene = with_section(scene, name, _reference(component))
-    return scene.model_copy(update={"ageing": None}) if scene.ageing is not None else scene
+    changed: dict[str, Any] = {AGEING: None} if scene.ageing is not None else {}
+    for section, component in scene.sections().items():
+        parts = () if section.startswith("observe") or section in changed else nested(component, section)
+        for path, part in parts:
+            best = part.reference()
+            options = {name: value for name, value in best.todict().items() if value != part.todict().get(name)}
+            changed |= {f"{path}.{name}": value for name, value in options.items()}
+    return with_changes(scene, changed)
 
 
-def _reference(component: Component) -> Component:
-    """The component, and those that are options of it, each as accurate as its class can make it."""
-    best = component.reference()
-    for path, _ in list(nested(best, ""))[1:]:
-        best = _replaced(best, path.split(".")[1:], lambda part: part.reference())
-    return best
-
-
-def with_section(scene: Scene, section: str, component: Component) -> Scene:
-    """``scene`` with another component in a section."""
-    name, _, number = section.partition(".")
-    if name in type(scene).model_fields:
-        value: Any = component
-        if number:
-            value = _replaced(getattr(scene, name), [number], lambda _: component)
-        return scene.model_copy(update={name: value})
-    for field in type(scene).model_fields:
-        value = getattr(scene, field)
-        if isinstance(value, Component) and name in type(value).model_fields:
-            return scene.model_copy(update={field: value.replace(**{name: component})})
-    raise KeyError(section)
-
-
-# -- a choice as changes to the scene file -----------------------------------------------------------------------------
+# -- a setting as changes to the scene file ----------------------------------------------------------------------------
 
 
 def changes(own: Scene, other: Scene) -> dict[str, Any]:
@@ -331,9 +256,9 @@ def changes(own: Scene, other: Scene) -> dict[str, Any]:
         if isinstance(old, Mapping) and isinstance(new, Mapping) and old.get("kind") == new.get("kind"):
             keys = {**old, **new}
             changed |= {f"{name}.{key}": new.get(key) for key in keys if old.get(key) != new.get(key)}
-        elif isinstance(new, Mapping) and name in _components(other):
+        elif isinstance(new, Mapping) and (component := other.sections().get(name)) is not None:
             besides = {"seed", "load"} & new.keys()
-            options = _components(other)[name].model_fields_set
+            options = component.model_fields_set
             changed[name] = {key: value for key, value in new.items() if key in options | {"kind", *besides}}
         else:
             changed[name] = [] if new is None and name == "observe" else new
@@ -344,35 +269,22 @@ def _plain(scene: Scene) -> dict[str, Any]:
     return json.loads(json.dumps(scene.todict()))
 
 
-def _components(scene: Scene) -> dict[str, Component]:
-    return scene.sections()
-
-
 def pasted(changed: Mapping[str, Any]) -> str:
     """The same as options of the command line: ``--set contact.tolerance=0.001``."""
-    return " ".join(f"--set {shlex.quote(f'{path}={_toml(value, top=True)}')}" for path, value in changed.items())
+    return " ".join(f"--set {shlex.quote(f'{path}={_toml(value)}')}" for path, value in changed.items())
 
 
-def _toml(value: Any, *, top: bool = False) -> str:
-    """A value in TOML; a plain word at the ``top`` needs no quotes on the command line."""
-    if isinstance(value, str):
-        return value if top and _BARE_KEY.fullmatch(value) and not value[0].isdigit() else json.dumps(value)
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, Mapping):
-        inner = (f"{key} = {_toml(item)}" for key, item in value.items() if item is not None)
-        return "{" + ", ".join(inner) + "}"
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(_toml(item) for item in value) + "]"
-    return repr(value)
+def _toml(value: Any) -> str:
+    """A value in TOML, which is JSON but for tables; a plain word needs no quotes on the command line."""
+    if value is None or (isinstance(value, str) and _WORD.fullmatch(value)):
+        return str(value)
+    return _KEY.sub(r"\1 = ", json.dumps(value, separators=(", ", " = ")))
 
 
 T = TypeVar("T")
 
 #: distance of the distribution of pressure from that of the reference over the mean pressure
 DISTRIBUTION = "pressure_distribution"
-#: measures of a contact that its settings do not change
-_GIVEN = {"load", "modulus", "nominal_area", "nominal_pressure"}
 
 
 def timed(work: Callable[[], T]) -> tuple[T, float]:
@@ -420,7 +332,7 @@ class Timed(Task):
             worker.stage = "ageing"
             _compile(scene, solved.contact)
             aging, seconds = timed(lambda: aged(scene, solved.contact))
-        measures = {name: float(value) for name, value in solved.contact.summary().items() if name not in _GIVEN}
+        measures = {name: float(value) for name, value in solved.contact.summary().items() if name not in GIVEN}
         return Outcome(content=self._content(solved, seconds, {**measures, DISTRIBUTION: distance}, aging))
 
     def _content(
@@ -438,35 +350,6 @@ class Timed(Task):
             "measures": jsonable(measures),
             "friction_drop": None if aging is None else np.asarray(aging.friction_drop, dtype=np.float64).tolist(),
         }
-
-
-@dataclass(frozen=True)
-class Timing:
-    """What came of a timed scene."""
-
-    contact_seconds: float
-    #: of all replicas
-    ageing_seconds: float
-    #: of the contact; nan where a measure does not exist
-    measures: dict[str, float]
-    #: (replicas, m) nN; None without ageing
-    friction_drop: np.ndarray | None
-
-    @classmethod
-    def read(cls, content: Mapping[str, Any]) -> Timing:
-        """From what a worker sends, or a folder has."""
-        drop = content["friction_drop"]
-        return cls(
-            content["contact_seconds"],
-            content["ageing_seconds"],
-            {name: math.nan if value is None else value for name, value in content["measures"].items()},
-            None if drop is None else np.array(drop, dtype=np.float64),
-        )
-
-    @property
-    def seconds(self) -> float:
-        """CPU seconds of contact and ageing."""
-        return self.contact_seconds + self.ageing_seconds
 
 
 # -- in the worker ----------------------------------------------------------------------------------------------------

@@ -11,7 +11,7 @@ from chemage.foundation.figures import BLACK, GREY, PALETTE, shared_legend
 from chemage.foundation.result import Medium, Panel, Picture, Result, Rows, Table, displays
 from chemage.foundation.text import percent, plus_minus
 from chemage.studies.trade.choices import AGEING, ENGINE, GRID, SOLVER
-from chemage.studies.trade.trade_map import Point, TradeMap, of_ageing, words
+from chemage.studies.trade.trade_map import TradeMap, TradePoint, of_ageing, words
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -129,7 +129,7 @@ def _plus_minus(value: float, error: float) -> str:
     return text.removeprefix("-") if text.startswith("-0") and not text.partition("±")[0].strip("-0.") else text
 
 
-def _deviation(point: Point, name: str) -> str:
+def _deviation(point: TradePoint, name: str) -> str:
     deviation = point.deviation(name)
     mark = "*" if name in point.front else ""
     value, half = 100 * deviation.value, 100 * deviation.half_width
@@ -162,7 +162,7 @@ class _Style:
         order = sorted(ageings, key=lambda name: (name != "", name))
         self.markers = {name: _MARKERS[k % len(_MARKERS)] for k, name in enumerate(order)}
 
-    def of(self, point: Point) -> dict[str, Any]:
+    def of(self, point: TradePoint) -> dict[str, Any]:
         """How a point is drawn."""
         color = self.colors[_contact(point)]
         filled = len(point.choices) > 1
@@ -192,14 +192,14 @@ class _Style:
         return symbols
 
 
-def _contact(point: Point) -> str:
+def _contact(point: TradePoint) -> str:
     """The grid or the solver of a point; "" for those of the scene."""
     if GRID in point.choices:
         return f"grid {point.choices[GRID]}"
     return point.choices.get(SOLVER, "")
 
 
-def _ageing(point: Point) -> str:
+def _ageing(point: TradePoint) -> str:
     """How the ageing of a point is computed, without numbers; "" as in the scene."""
     return (point.choices.get(AGEING) or point.choices.get(ENGINE, "")).partition(",")[0]
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -35,17 +35,25 @@ from chemage.studies.study import Archive, Study
 from chemage.studies.tasks import Outcome, Task, registered_classes
 from chemage.studies.trade.choices import (
     ENGINE,
-    Choice,
     Combination,
     Timed,
-    Timing,
+    TradeSetting,
     applied,
     changes,
     choices,
     go_together,
     most_accurate,
 )
-from chemage.studies.trade.trade_map import BETA, DISTRIBUTION, DROP, SHOWN_MEASURES, Point, TradeMap, machine, pareto
+from chemage.studies.trade.trade_map import (
+    BETA,
+    DISTRIBUTION,
+    DROP,
+    SHOWN_MEASURES,
+    TradeMap,
+    TradePoint,
+    machine,
+    pareto,
+)
 
 #: called with what was measured
 Report = Callable[[str], None]
@@ -117,28 +125,54 @@ def planned(scene: Scene) -> str:
 
 
 @dataclass(frozen=True)
-class _Record:
-    """What a combination gives in one round, and its difference from the reference."""
+class _Timing:
+    """What a combination gives in one round."""
 
     contact_seconds: float
     ageing_seconds: float
-    #: observable -> (replicas,) values, or (1,) of the contact
+    #: observable -> (replicas,) values, or (1,) of the contact; nan where a measure does not exist
     values: dict[str, np.ndarray]
-    #: observable -> (replicas,) values less those of the reference
-    differences: dict[str, np.ndarray]
+
+    @property
+    def seconds(self) -> float:
+        """CPU seconds of contact and ageing of all replicas."""
+        return self.contact_seconds + self.ageing_seconds
+
+    def less(self, reference: _Timing, name: str) -> np.ndarray:
+        """(replicas,) values less those of a reference; the difference of the means where one has no replicas."""
+        value, other = self.values[name], reference.values[name]
+        if len(value) != len(other):
+            value, other = value.mean(keepdims=True), other.mean(keepdims=True)
+        return value - other
 
 
 @dataclass
 class _Trial:
-    """A combination of choices and what was measured of it."""
+    """A combination of settings, what was measured of it, and what that is compared with, in each round."""
 
     combination: Combination
     scene: Scene
-    records: list[_Record] = field(default_factory=list)
+    rounds: list[_Timing] = field(default_factory=list)
+    references: list[_Timing] = field(default_factory=list)
 
     @property
-    def seconds(self) -> float:
-        return self.records[0].contact_seconds + self.records[0].ageing_seconds
+    def first(self) -> _Timing:
+        """Of the first round."""
+        return self.rounds[0]
+
+    @property
+    def stage(self) -> str:
+        """``contact`` if only the contact depends on the settings, else ``ageing``."""
+        return "contact" if all(one.stage == "contact" for one in self.combination) else "ageing"
+
+    def seconds(self, stage: str) -> float:
+        """CPU seconds of a stage in the first round."""
+        return getattr(self.first, f"{stage}_seconds")
+
+    def differences(self, name: str) -> list[np.ndarray]:
+        """(replicas,) from the reference in each round; none where that does not have the observable."""
+        pairs = zip(self.rounds, self.references, strict=True)
+        return [one.less(other, name) for one, other in pairs if name in other.values]
 
 
 class Mapper:
@@ -164,10 +198,10 @@ class Mapper:
         self._stages: Iterator[Sequence[tuple[str, Timed]]] | None = None
         #: by key of a task that was asked for: what it is, in words
         self._asked: dict[str, str] = {}
-        self._timings: dict[str, Timing] = {}
-        self._errors: dict[str, BaseException] = {}
+        #: by key of a task: what was measured, or why nothing was
+        self._found: dict[str, _Timing | ChemageError] = {}
         #: of each round
-        self._references: list[Timing] = []
+        self._references: list[_Timing] = []
         self._spent = 0.0
 
     # -- as a design, see :class:`chemage.studies.study.Design` -------------------------------------------------------
@@ -179,10 +213,10 @@ class Mapper:
         for stage in self._stages:
             tasks: dict[str, Task] = {}
             for words, task in stage:
-                if task.key in self._timings or task.key in self._errors:
+                if task.key in self._found:
                     continue
                 if (outcome := self._archive.find(task)) is not None and outcome.content is not None:
-                    self._timings[task.key] = Timing.read(outcome.content)
+                    self._found[task.key] = self._read(outcome.content)
                     continue
                 tasks[task.key], self._asked[task.key] = task, words
             if tasks:
@@ -193,26 +227,43 @@ class Mapper:
         """Receive what was measured."""
         words = self._asked.pop(task.key)
         if isinstance(outcome.error, ChemageError):
-            self._errors[task.key] = outcome.error
+            self._found[task.key] = outcome.error
         else:
             content = self._archive.received(task, outcome).content
             assert content is not None
-            self._timings[task.key] = Timing.read(content)
-            self._spent += self._timings[task.key].seconds
-        each = self._spent / max(len(self._timings), 1)
+            self._found[task.key] = timing = self._read(content)
+            self._spent += timing.seconds
+        each = self._spent / max(len(self._found), 1)
         left = f"; about {seconds:.0f} s left of these" if (seconds := each * len(self._asked)) >= 1 else ""
         self._report(words + left)
+
+    def _read(self, content: Mapping[str, Any]) -> _Timing:
+        """From what a worker sends, or a folder has."""
+        values = {name: np.array([value], dtype=np.float64) for name, value in content["measures"].items()}
+        if content["friction_drop"] is not None:
+            drop = np.array(content["friction_drop"], dtype=np.float64)
+            values |= {_drop_at(at): drop[:, k] for k, at in enumerate(self._quantities.hold_times.tolist())}
+            if self._quantities.has_beta:
+                values[BETA] = self._quantities.slope(drop) / self.scene.load
+        return _Timing(content["contact_seconds"], content["ageing_seconds"], values)
+
+    def _measured_of(self, task: Task) -> _Timing:
+        """What was measured of a task; raises the error that it gave."""
+        found = self._found[task.key]
+        if isinstance(found, ChemageError):
+            raise found
+        return found
 
     def scenes(self) -> Iterator[Scene]:
         """The scene, its reference, and the scene with each single choice."""
         yield from (self.scene, self.reference, *self._alone("contact").values(), *self._alone("ageing").values())
 
     def _alone(self, stage: str) -> dict[str, Scene]:
-        """The scene with each of the choices of a stage that can be had, by the words of the choice."""
+        """The scene with each of the settings of a stage that can be had, by the words of the setting."""
         scenes: dict[str, Scene] = {}
-        for choice in self.choices:
+        for one in self.choices:
             with suppress(ChemageError):  # the reason is noted where it is measured
-                scenes |= {choice.words: choice.apply(self.scene)} if choice.stage == stage else {}
+                scenes |= {one.words: applied(self.scene, (one,))} if one.stage == stage else {}
         return scenes
 
     def _all_stages(self) -> Iterator[list[tuple[str, Timed]]]:
@@ -220,24 +271,13 @@ class Mapper:
         if self.scene.ages:
             yield from self._leave_out_slow()
         for number in range(self.rounds):
-            reference = [("reference", self._task(self.reference, number, compared=False))]
-            yield self._named(number, reference)
-            if (error := self._errors.get(reference[0][1].key)) is not None:
-                if number or self.reference is self.scene:
-                    raise error
-                self.notes.append(f"no reference, so that errors are differences from the scene as it is: {error}")
-                self.reference = self.scene
-                reference = [("reference", self._task(self.reference, 0, compared=False))]
-                yield self._named(0, reference)
-                if (error := self._errors.get(reference[0][1].key)) is not None:
-                    raise error
-            self._references.append(self._timings[reference[0][1].key])
+            yield from self._referred(number)
             if number:
                 yield from self._measured(number, [trial.combination for trial in self.trials.values()])
                 continue
-            yield from self._measured(0, [(), *((choice,) for choice in self.choices)])
+            yield from self._measured(0, [(), *((one,) for one in self.choices)])
             if frozenset() not in self.trials:
-                raise self._errors[self._task(self.scene, 0).key]
+                self._measured_of(self._task(self.scene, 0))
             yield from self._measured(0, self._combinations())
             promising = self._promising()
             if left_out := len(self.trials) - len(promising):
@@ -246,11 +286,25 @@ class Mapper:
                     "left out"
                 )
             self.trials = promising
-        self.trials = {key: trial for key, trial in self.trials.items() if len(trial.records) == self.rounds}
+        self.trials = {key: trial for key, trial in self.trials.items() if len(trial.rounds) == self.rounds}
+
+    def _referred(self, number: int) -> Iterator[list[tuple[str, Timed]]]:
+        """The reference of a round: the scene itself where the most accurate one fails in the first round."""
+        task = self._task(self.reference, number, compared=False)
+        yield self._named(number, [("reference", task)])
+        try:
+            self._references.append(self._measured_of(task))
+        except ChemageError as error:
+            if number or self.reference is self.scene:
+                raise
+            self.notes.append(f"no reference, so that errors are differences from the scene as it is: {error}")
+            self.reference = self.scene
+            yield from self._referred(0)
 
     def _named(self, number: int, tasks: Sequence[tuple[str, Timed]]) -> list[tuple[str, Timed]]:
-        where = "surface" if self.random else "repetition"
-        return [(f"{where} {number + 1} of {self.rounds}: {words}", task) for words, task in tasks]
+        of = f"{number + 1} of {self.rounds}"
+        where = f"surface {of}" if self.random else f"repetition {of}"
+        return [(f"{where}: {words}", task) for words, task in tasks]
 
     def _leave_out_slow(self) -> Iterator[list[tuple[str, Timed]]]:
         """Age one replica of everything, and leave out what is far slower than the scene."""
@@ -262,17 +316,18 @@ class Mapper:
         def seconds(scene: Scene) -> float:
             assert scene.hold is not None
             whole = scene.ageing is not None and not scene.ageing.replicates
-            timing = self._timings.get(of(scene).key)
-            return 0.0 if timing is None else timing.ageing_seconds * (1 if whole else scene.hold.replicas)
+            found = self._found.get(of(scene).key)
+            one = found.ageing_seconds if isinstance(found, _Timing) else 0.0
+            return one * (1 if whole else scene.hold.replicas)
 
         scenes = self._alone("ageing")
         yield [(f"one replica: {words}", of(scene)) for words, scene in [("scene", self.scene), *scenes.items()]]
-        first = self._timings.get(of(self.scene).key)
-        own = seconds(self.scene) + (0.0 if first is None else first.contact_seconds)
-        for choice in [choice_alone for choice_alone in self.choices if choice_alone.words in scenes]:
-            if (expected := seconds(scenes[choice.words])) > max(SLOWER * own, NOT_LONG):
-                self.notes.append(f"{choice.words}: left out: about {expected / own:.0f} times slower than the scene")
-                self.choices.remove(choice)
+        first = self._found.get(of(self.scene).key)
+        own = seconds(self.scene) + (first.contact_seconds if isinstance(first, _Timing) else 0.0)
+        for one in [one for one in self.choices if one.words in scenes]:
+            if (expected := seconds(scenes[one.words])) > max(SLOWER * own, NOT_LONG):
+                self.notes.append(f"{one.words}: left out: about {expected / own:.0f} times slower than the scene")
+                self.choices.remove(one)
 
     def _measured(self, number: int, combinations: Sequence[Combination]) -> Iterator[list[tuple[str, Timed]]]:
         """Compute combinations in a round, and the references of exact engines among them; record what they give."""
@@ -286,14 +341,16 @@ class Mapper:
         tasks += [("reference", self._compared(*combination, number)) for combination in scenes.values()]
         yield self._named(number, tasks)
         for key, (combination, scene) in scenes.items():
-            task = self._task(scene, number)
-            if (error := self._errors.get(task.key)) is not None:
+            try:
+                timing = self._measured_of(self._task(scene, number))
+                reference = self._measured_of(self._compared(combination, scene, number))
+            except ChemageError as error:
                 self._refused(combination, error)
                 continue
             trial = self.trials.setdefault(key, _Trial(combination, scene))
-            reference = self._timings[self._compared(combination, scene, number).key]
-            if len(trial.records) == number:
-                trial.records.append(self._record(self._timings[task.key], reference))
+            if len(trial.rounds) == number:
+                trial.rounds.append(timing)
+                trial.references.append(reference)
 
     def _refused(self, combination: Combination, error: BaseException) -> None:
         if len(combination) == 1:
@@ -311,37 +368,15 @@ class Mapper:
 
     def _compared(self, combination: Combination, scene: Scene, number: int) -> Timed:
         """The reference that a combination is compared with: with the noise of its engine, if that is exact."""
-        exact = any(choice.knob == ENGINE and choice.exact for choice in combination)
+        exact = any(one.name == ENGINE and one.exact for one in combination)
         same = self.reference.model_copy(update={"engine": scene.engine}) if exact else self.reference
         return self._task(same, number, compared=False)
-
-    # -- recording ----------------------------------------------------------------------------------------------------
-
-    def _record(self, timing: Timing, reference: Timing) -> _Record:
-        values, compared, differences = self._values(timing), self._values(reference), {}
-        for name, value in values.items():
-            other = compared.get(name)
-            if other is None:
-                continue
-            if len(value) != len(other):  # a method that gives the mean alone
-                value, other = value.mean(keepdims=True), other.mean(keepdims=True)
-            differences[name] = value - other
-        return _Record(timing.contact_seconds, timing.ageing_seconds, values, differences)
-
-    def _values(self, timing: Timing) -> dict[str, np.ndarray]:
-        values = {name: np.array([value]) for name, value in timing.measures.items()}
-        if (drop := timing.friction_drop) is not None:
-            values |= {_drop_at(at): drop[:, k] for k, at in enumerate(self._quantities.hold_times.tolist())}
-            if self._quantities.has_beta:
-                values[BETA] = self._quantities.slope(drop) / self.scene.load
-        return values
 
     # -- combinations -------------------------------------------------------------------------------------------------
 
     def observables(self) -> list[str]:
         """The observables that are shown, as far as the reference has them."""
-        rounds = [self._values(timing) for timing in self._references]
-        mean = {name: float(np.mean([values[name].mean() for values in rounds])) for name in rounds[0]}
+        mean = {name: _mean_of(self._references, name) for name in self._references[0].values}
         names = [BETA] if BETA in mean else []
         if self.scene.ages and self.scene.hold is not None:
             names += [_drop_at(at) for at in _decades(self.scene.hold.hold_times)]
@@ -352,11 +387,10 @@ class Mapper:
 
     def _error(self, trial: _Trial, name: str) -> float:
         """The error of the first round, or what it may be where the replicas hide it."""
-        difference = trial.records[0].differences.get(name)
-        if difference is None:
+        differences = trial.differences(name)
+        if not differences:
             return math.nan
-        noise = difference.std(ddof=1) / math.sqrt(len(difference)) if len(difference) > 1 else 0.0
-        return max(abs(float(difference.mean())), float(noise))
+        return max(abs(float(differences[0].mean())), math.sqrt(_noise(differences[0])))
 
     def _fronts(self, trials: list[_Trial], seconds: Callable[[_Trial], float]) -> list[_Trial]:
         """The trials on the front of at least one observable, in the first round."""
@@ -367,26 +401,25 @@ class Mapper:
                 on_front[id(trial)] = trial
         return list(on_front.values())
 
-    def _useful(self) -> dict[str, list[Choice]]:
+    def _useful(self) -> dict[str, list[TradeSetting]]:
         """What is chosen -> the values that make their stage cheaper, and are not beaten by another value."""
-        own = self.trials[frozenset()].records[0]
-        useful: dict[str, list[Choice]] = {}
-        for knob in dict.fromkeys(choice.knob for choice in self.choices):
+        own = self.trials[frozenset()]
+        useful: dict[str, list[TradeSetting]] = {}
+        for name in dict.fromkeys(one.name for one in self.choices):
             singles = [trial for trial in self.trials.values() if len(trial.combination) == 1]
-            singles = [trial for trial in singles if trial.combination[0].knob == knob]
-            stage = "ageing_seconds" if singles and singles[0].combination[0].stage == "ageing" else "contact_seconds"
+            singles = [trial for trial in singles if trial.combination[0].name == name]
 
-            def seconds(trial: _Trial, stage: str = stage) -> float:
-                return getattr(trial.records[0], stage)
+            def seconds(trial: _Trial) -> float:
+                return trial.seconds(trial.stage)
 
-            cheaper = [trial for trial in singles if seconds(trial) <= CHEAPER * getattr(own, stage)]
-            if knob == ENGINE:  # exact engines differ by their speed alone
+            cheaper = [trial for trial in singles if seconds(trial) <= CHEAPER * own.seconds(trial.stage)]
+            if name == ENGINE:  # exact engines differ by their speed alone
                 exact = [trial for trial in cheaper if trial.combination[0].exact]
                 cheaper = [trial for trial in cheaper if trial not in exact] + sorted(exact, key=seconds)[:1]
             front = sorted(self._fronts(cheaper, seconds), key=seconds)
             if len(front) > MOST_VALUES:
                 front = [front[0], front[len(front) // 2], front[-1]]
-            useful[knob] = [trial.combination[0] for trial in front]
+            useful[name] = [trial.combination[0] for trial in front]
         return useful
 
     def _combinations(self) -> list[Combination]:
@@ -402,22 +435,22 @@ class Mapper:
 
     def _presumed(self, combination: Combination) -> float:
         """CPU seconds if every choice saves the same part as alone."""
-        own = self.trials[frozenset()].records[0]
-        seconds = {"contact_seconds": own.contact_seconds, "ageing_seconds": own.ageing_seconds}
-        for choice in combination:
-            alone = self.trials[frozenset([(choice.knob, choice.label)])].records[0]
-            for stage in seconds:
-                seconds[stage] *= getattr(alone, stage) / max(getattr(own, stage), 1e-9)
-        return sum(seconds.values())
+        own, total = self.trials[frozenset()], 0.0
+        for stage in ("contact", "ageing"):
+            seconds = own.seconds(stage)
+            for one in combination:
+                seconds *= self.trials[_key((one,))].seconds(stage) / max(own.seconds(stage), 1e-9)
+            total += seconds
+        return total
 
     def _promising(self) -> dict[Any, _Trial]:
         """Single choices, and the combinations that may be on a front."""
         everything = list(self.trials.values())
-        front = self._fronts(everything, lambda trial: trial.seconds)
-        contacts = [trial for trial in everything if _only_contact(trial.combination)]
-        front += self._fronts(contacts, lambda trial: trial.records[0].contact_seconds)
+        front = self._fronts(everything, lambda trial: trial.first.seconds)
+        contacts = [trial for trial in everything if trial.stage == "contact"]
+        front += self._fronts(contacts, lambda trial: trial.first.contact_seconds)
         combined = list({id(trial): trial for trial in front if len(trial.combination) > 1}.values())
-        combined = sorted(combined, key=lambda trial: trial.seconds)
+        combined = sorted(combined, key=lambda trial: trial.first.seconds)
         if len(combined) > MOST_KEPT:
             step = len(combined) / MOST_KEPT
             combined = [combined[int(k * step)] for k in range(MOST_KEPT)]
@@ -428,15 +461,13 @@ class Mapper:
 
     def map(self) -> TradeMap:
         """The map of what was measured."""
-        own = self.trials[frozenset()]
-        means = {name: [record.values[name].mean() for record in own.records] for name in own.records[0].values}
-        scatter = {}
-        if self.random and self.rounds > 1:
-            for name, values in means.items():
-                total, noise = np.var(values, ddof=1), np.mean([_noise(record.values[name]) for record in own.records])
-                mean = abs(float(np.mean(values)))
-                scatter[name] = math.sqrt(max(float(total) - float(noise), 0.0)) / mean if mean else math.nan
-        map = TradeMap(
+        own, scatter = self.trials[frozenset()].rounds, {}
+        for name in own[0].values if self.random and self.rounds > 1 else ():
+            total = np.var([one.values[name].mean() for one in own], ddof=1)
+            between = max(float(total) - float(np.mean([_noise(one.values[name]) for one in own])), 0.0)
+            mean = abs(_mean_of(own, name))
+            scatter[name] = math.sqrt(between) / mean if mean else math.nan
+        measured = TradeMap(
             scene=self.scene.todict(),
             question=question(self.scene),
             versions=versions(self.scene),
@@ -446,40 +477,46 @@ class Mapper:
             replicas=self.scene.hold.replicas if self.scene.ages and self.scene.hold is not None else 0,
             observables=self.observables(),
             surface_scatter=scatter,
-            points=[self._point(record) for record in self.trials.values()],
+            points=[self._point(trial) for trial in self.trials.values()],
             notes=list(self.notes),
         )
-        return map.marked()
+        return measured.marked()
 
-    def _point(self, trial: _Trial) -> Point:
-        records = trial.records
-        differences, values, scatter = {}, {}, {}
-        for name in records[0].differences:
-            reference = [record.values[name].mean() - record.differences[name].mean() for record in records]
-            scale = abs(float(np.mean(reference))) if name != DISTRIBUTION else 1.0
-            mean, stderr, freedom = _mean_and_error([record.differences[name] for record in records], self.random)
+    def _point(self, trial: _Trial) -> TradePoint:
+        rounds, differences, values, scatter = trial.rounds, {}, {}, {}
+        for name in rounds[0].values:
+            if not (found := trial.differences(name)):
+                continue
+            values[name] = _mean_of(rounds, name)
+            reference = values[name] - float(np.mean([one.mean() for one in found]))
+            scale = abs(reference) if name != DISTRIBUTION else 1.0
+            mean, stderr, freedom = _mean_and_error(found, self.random)
             if stderr < 1e-13 * max(abs(mean), scale):  # equal but for rounding
                 stderr = 0.0
             differences[name] = (mean / scale, stderr / scale, freedom) if scale else (math.nan, math.nan, 0)
-            values[name] = float(np.mean([record.values[name].mean() for record in records]))
-            noise = float(np.mean([_noise(record.values[name]) * len(record.values[name]) for record in records]))
-            if len(records[0].values[name]) > 1 and values[name]:
-                scatter[name] = math.sqrt(noise) / abs(values[name])
+            if (count := len(rounds[0].values[name])) > 1 and values[name]:
+                noise = float(np.mean([_noise(one.values[name]) for one in rounds]))
+                scatter[name] = math.sqrt(noise * count) / abs(values[name])
         method = trial.scene.ageing
-        return Point(
-            choices={choice.knob: choice.label for choice in trial.combination},
+        return TradePoint(
+            choices={one.name: one.label for one in trial.combination},
             changes=changes(self.scene, trial.scene),
-            contact_seconds=[record.contact_seconds for record in records],
-            ageing_seconds=[record.ageing_seconds for record in records],
+            contact_seconds=[one.contact_seconds for one in rounds],
+            ageing_seconds=[one.ageing_seconds for one in rounds],
             differences=differences,
             values=values,
             scatter=scatter,
-            contact_only=_only_contact(trial.combination),
+            contact_only=trial.stage == "contact",
             replicates=(method or EVERY_SITE).replicates,
-            exact=bool(trial.combination) and all(choice.exact for choice in trial.combination),
+            exact=bool(trial.combination) and all(one.exact for one in trial.combination),
             own=not trial.combination,
             remark=approximations_in_words(approximations(*_replaced(self.scene, trial.scene))),
         )
+
+
+def _mean_of(rounds: Sequence[_Timing], name: str) -> float:
+    """Mean of an observable over rounds."""
+    return float(np.mean([one.values[name].mean() for one in rounds]))
 
 
 def _rounds(scene: Scene) -> int:
@@ -520,20 +557,16 @@ def _noise(values: np.ndarray) -> float:
 
 
 def _key(combination: Combination) -> frozenset[tuple[str, str]]:
-    return frozenset((choice.knob, choice.label) for choice in combination)
-
-
-def _only_contact(combination: Combination) -> bool:
-    return all(choice.stage == "contact" for choice in combination)
+    return frozenset((one.name, one.label) for one in combination)
 
 
 def _contact_of(combination: Combination) -> str:
     """The part of a combination on which the contact depends."""
-    return _words(tuple(choice for choice in combination if choice.stage == "contact"))
+    return _words(tuple(one for one in combination if one.stage == "contact"))
 
 
 def _words(combination: Combination) -> str:
-    return ", ".join(choice.words for choice in combination) or "the scene as it is"
+    return ", ".join(one.words for one in combination) or "the scene as it is"
 
 
 def _is_scene(scene: Scene, combination: Combination) -> bool:

@@ -6,11 +6,12 @@ from __future__ import annotations
 import math
 import statistics
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import BeforeValidator, TypeAdapter
 
 from chemage.foundation.container import read_json, sealed_json
 from chemage.foundation.errors import DamagedError, InputError, StoreError
@@ -40,6 +41,8 @@ WORDS = {
 #: replicas that are thought of
 MOST_REPLICAS = 100_000
 FORMAT = 1
+#: a number that is null in a file where it is not known
+Known = Annotated[float, BeforeValidator(lambda value: math.nan if value is None else value)]
 
 
 def words(observable: str) -> str:
@@ -89,7 +92,7 @@ class Deviation:
 
 
 @dataclass(frozen=True)
-class Point:
+class TradePoint:
     """One setting, or a combination of them, as it was measured."""
 
     #: what is chosen -> value, without what is as in the scene
@@ -100,11 +103,11 @@ class Point:
     contact_seconds: list[float]
     ageing_seconds: list[float]
     #: observable -> (difference, standard error, degrees of freedom), see :class:`Deviation`
-    differences: dict[str, tuple[float, float, int]]
+    differences: dict[str, tuple[Known, Known, int]]
     #: observable -> mean value over the rounds
-    values: dict[str, float]
+    values: dict[str, Known]
     #: observable of the ageing -> standard deviation between replicas over the mean
-    scatter: dict[str, float]
+    scatter: dict[str, Known]
     #: whether only the contact differs from that of the scene
     contact_only: bool = True
     #: whether each replica has a scatter of its own, and takes its own time
@@ -150,7 +153,7 @@ class Cheapest:
     observable: str
     within: float
     #: None: none was found
-    point: Point | None
+    point: TradePoint | None
     #: replicas that the accuracy needs; None where there are none, or their number does not matter
     replicas: int | None = None
     seconds: float = math.nan
@@ -219,8 +222,8 @@ class TradeMap:
     #: observables that are shown
     observables: list[str]
     #: observable -> standard deviation between surfaces over the mean, with the settings of the scene
-    surface_scatter: dict[str, float] = field(default_factory=dict)
-    points: list[Point] = field(default_factory=list)
+    surface_scatter: dict[str, Known] = field(default_factory=dict)
+    points: list[TradePoint] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
     @property
@@ -229,29 +232,34 @@ class TradeMap:
         return str(self.scene.get("name", "scene"))
 
     @property
-    def own(self) -> Point | None:
+    def own(self) -> TradePoint | None:
         """The settings of the scene."""
         return next((point for point in self.points if point.own), None)
 
-    def of(self, observable: str) -> list[Point]:
+    def seconds_of(self, point: TradePoint) -> tuple[float, float]:
+        """Median CPU seconds of the contact, and of one replica; of all ageing where replicas are not computed."""
+        contact, ageing = statistics.median(point.contact_seconds), statistics.median(point.ageing_seconds)
+        return contact, ageing / self.replicas if point.replicates and self.replicas else ageing
+
+    def of(self, observable: str) -> list[TradePoint]:
         """The points that can be compared at an observable: for one of the contact, those that differ there."""
         points = [
             point for point in self.points if not point.reference and not math.isnan(point.deviation(observable).bound)
         ]
         return points if of_ageing(observable) else [point for point in points if point.contact_only]
 
-    def front(self, observable: str) -> list[Point]:
+    def front(self, observable: str) -> list[TradePoint]:
         """The Pareto front, from fast to accurate: no other point is both faster and more accurate."""
         return pareto(self.of(observable), lambda point: (point.seconds(observable), point.deviation(observable).bound))
 
     def marked(self) -> TradeMap:
         """The same with the front of every observable marked in the points."""
-        fronts = {name: {id(point) for point in self.front(name)} for name in self.observables}
+        fronts = {name: self.front(name) for name in self.observables}
         points = []
         for point in self.points:
-            on = [name for name in self.observables if id(point) in fronts[name]]
-            points.append(Point(**{**_shallow(point), "front": on}))
-        return TradeMap(**{**_shallow(self), "points": points})
+            on = [name for name, front in fronts.items() if any(point is one for one in front)]
+            points.append(replace(point, front=on))
+        return replace(self, points=points)
 
     def cheapest(self, observable: str, within: float) -> Cheapest:
         """The settings that give an observable of one surface within an accuracy at the least cost, with as many
@@ -268,20 +276,20 @@ class TradeMap:
                 least = candidate
         return least or Cheapest(observable, within, None, best=best)
 
-    def _with_replicas(self, point: Point, observable: str, within: float, bound: float) -> Cheapest | None:
-        contact = statistics.median(point.contact_seconds)
+    def _with_replicas(self, point: TradePoint, observable: str, within: float, bound: float) -> Cheapest | None:
+        contact, replica = self.seconds_of(point)
         if not of_ageing(observable):
             return Cheapest(observable, within, point, None, contact, bound, bound)
-        ageing, scatter = statistics.median(point.ageing_seconds), point.scatter.get(observable, math.nan)
         if not point.replicates:
-            return Cheapest(observable, within, point, None, contact + ageing, bound, bound)
+            return Cheapest(observable, within, point, None, contact + replica, bound, bound)
+        scatter = point.scatter.get(observable, math.nan)
         if not math.isfinite(scatter):
             return None
         count = max(2, math.ceil((NORMAL_LIMIT * scatter) ** 2 / (within**2 - bound**2)))
         if count > MOST_REPLICAS:
             return None
         noise = NORMAL_LIMIT * scatter / math.sqrt(count)
-        seconds = contact + ageing / self.replicas * count
+        seconds = contact + replica * count
         return Cheapest(observable, within, point, count, seconds, math.hypot(bound, noise), bound, noise)
 
     def sentences(self) -> dict[str, list[str]]:
@@ -315,24 +323,12 @@ class TradeMap:
 
     def todict(self) -> dict[str, Any]:
         """One JSON-able object."""
-        data = {item.name: getattr(self, item.name) for item in fields(self) if item.name != "points"}
-        return jsonable({**data, "points": [asdict(item) for item in self.points]})
+        return jsonable(asdict(self))
 
     @classmethod
     def fromdict(cls, data: Mapping[str, Any]) -> TradeMap:
         """The inverse of :meth:`todict`."""
-        points = []
-        for data_of_point in data["points"]:
-            differences = {
-                name: (_float(d), _float(s), int(n)) for name, (d, s, n) in data_of_point["differences"].items()
-            }
-            numbers = {
-                name: {key: _float(value) for key, value in data_of_point[name].items()}
-                for name in ("values", "scatter")
-            }
-            points.append(Point(**{**data_of_point, **numbers, "differences": differences}))
-        scatter = {name: _float(value) for name, value in data["surface_scatter"].items()}
-        return cls(**{**data, "surface_scatter": scatter, "points": points})
+        return TypeAdapter(cls).validate_python(data)
 
     # -- the file -----------------------------------------------------------------------------------------------------
 
@@ -390,14 +386,6 @@ class TradeMap:
         ]
         if changed:
             raise InputError(f"{name}: was measured with other versions: {', '.join(changed)}; {again}")
-
-
-def _float(value: Any) -> float:
-    return math.nan if value is None else float(value)
-
-
-def _shallow(record: Any) -> dict[str, Any]:
-    return {item.name: getattr(record, item.name) for item in fields(record)}
 
 
 def pareto(points: Sequence[Any], of: Any) -> list[Any]:

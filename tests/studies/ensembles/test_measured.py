@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from seen import Point, TradeMap
+from seen import TradeMap, TradePoint
 
 import chemage as ca
 from chemage import InputError, ensemble
@@ -34,7 +34,7 @@ def scene() -> ca.Scene:
     return ca.parse_scene(ROUGH)
 
 
-def made(scene: ca.Scene, *points: Point) -> TradeMap:
+def made(scene: ca.Scene, *points: TradePoint) -> TradeMap:
     """A map with these points and that of the scene itself, which takes 1 s for a contact and 30 ms for 3 replicas."""
     own = measured(1.0, 0.0, choices={}, changes={}, own=True)
     return TradeMap(
@@ -43,7 +43,7 @@ def made(scene: ca.Scene, *points: Point) -> TradeMap:
     )  # fmt: skip
 
 
-def measured(seconds: float, error: float, stderr: float = 0.0, **more: Any) -> Point:
+def measured(seconds: float, error: float, stderr: float = 0.0, **more: Any) -> TradePoint:
     names = ["beta", *(f"friction_drop@{time:g} s" for time in 10.0 ** np.arange(-2, 5)), "corrected_area"]
     fields: dict[str, Any] = {
         "choices": {"contact.tolerance": "0.01"},
@@ -54,7 +54,7 @@ def measured(seconds: float, error: float, stderr: float = 0.0, **more: Any) -> 
         "values": {},
         "scatter": dict.fromkeys(names, 0.1),
     }
-    return Point(**{**fields, **more})
+    return TradePoint(**{**fields, **more})
 
 
 def asked(scene: ca.Scene, accuracy: float, found: TradeMap) -> list[Any]:

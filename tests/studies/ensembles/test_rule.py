@@ -14,7 +14,7 @@ import chemage as ca
 from chemage import Ensemble, ensemble
 from chemage.studies.ensembles import computations
 from chemage.studies.ensembles.quantities import Spread, allocated, half_width, regressed, spread_of
-from chemage.studies.ensembles.stages import CONTROLLED, FIRST, Clock, Route, State, Unreachable, run_stages
+from chemage.studies.ensembles.stages import CONTROLLED, FIRST, Clock, Route, SamplingState, Unreachable, run_stages
 
 # -- how many samples an accuracy needs: against closed forms and against a search of all numbers ---------------------
 
@@ -404,7 +404,9 @@ def scene() -> ca.Scene:
 def made(scene) -> Ensemble:
     # on so small a contact a sketch costs half of it; as cheap as on large ones, it is taken
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(computations.Control, "cost", 0.001)
+        cost = computations.SurfaceLevel.cost.fget
+        cheap = property(lambda level: cost(level) if level.parts[0].computation.scene.ages else 0.001)
+        patch.setattr(computations.SurfaceLevel, "cost", cheap)
         return ensemble(scene, accuracy={"beta": "3 %"}, threads=1)
 
 
@@ -458,5 +460,5 @@ def test_its_text_says_what_it_was_regressed_on(made):
 def test_a_state_without_its_control_is_a_plain_mean():
     pair = Pair(1, 0.9)
     route = Route("", (pair.first,), nothing, pair.control)
-    state = State(route, [], np.array([True]))
+    state = SamplingState(route, [], np.array([True]))
     assert not state.controlled

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from independent_contact import Body
 from scipy.stats import wasserstein_distance
-from seen import Point, TradeMap, figures, tradeoff
+from seen import TradeMap, TradePoint, figures, tradeoff
 
 import chemage as ca
 from chemage_contact import FFTBEM
@@ -28,7 +28,7 @@ def found() -> TradeMap:
     return tradeoff(ca.load_scene("silica-rough", SMALL), rounds=1)
 
 
-def singles(found: TradeMap, option: str) -> dict[str, Point]:
+def singles(found: TradeMap, option: str) -> dict[str, TradePoint]:
     """The points that differ from the scene in this option alone: value -> point."""
     return {one.choices[option]: one for one in found.points if set(one.choices) == {option}}
 

@@ -9,12 +9,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
-from seen import Point, TradeMap, figures, tradeoff
+from seen import TradeMap, TradePoint, figures, tradeoff
 
 import chemage as ca
 from chemage import ContactSolution, InputError
 from chemage.plugin import ContactSolver, DamagedError, Pressure, StoreError, container, options, override
-from chemage.studies.trade.choices import Timed, changes, choices, go_together, pasted
+from chemage.studies.trade.choices import Timed, applied, changes, choices, go_together, pasted
 from chemage.studies.trade.trade_map import Deviation, pareto, words
 
 ROUNDS = 3
@@ -72,7 +72,7 @@ def found(scene):
     return _MADE[0]
 
 
-def point(found: TradeMap, **chosen: str) -> Point:
+def point(found: TradeMap, **chosen: str) -> TradePoint:
     """The point with these choices; ``_`` stands for a dot."""
     wanted = {name.replace("_", "."): value for name, value in chosen.items()}
     (one,) = [one for one in found.points if one.choices == wanted]
@@ -200,7 +200,7 @@ def test_choices_that_save_time_are_combined(scene, faster):
 
 
 def test_two_values_of_one_option_are_not_combined(scene):
-    share = [choice for choice in choices(scene, []) if choice.knob == "contact.share"]
+    share = [choice for choice in choices(scene, []) if choice.name == "contact.share"]
     assert len(share) == 2  # and that of the scene
     assert not go_together(tuple(share))
 
@@ -273,10 +273,10 @@ def test_settings_can_be_pasted(scene, found):
 def test_a_coarser_grid_can_be_pasted_with_its_sites_in_place():
     scene = ca.load_scene("silica-rough")
     (grid,) = [choice for choice in choices(scene, []) if choice.label == "2 times coarser"]
-    changed = changes(scene, grid.apply(scene))
+    changed = changes(scene, applied(scene, (grid,)))
     assert changed["surface.pixels"] == [1250, 1250]
     again = ca.parse_scene(override(scene.todict(), changed))
-    assert again.keys() == grid.apply(scene).keys()
+    assert again.keys() == applied(scene, (grid,)).keys()
     assert again.site_grids is not None
     assert scene.site_grids is not None
     assert again.site_grids[1] == scene.site_grids[1]
@@ -285,7 +285,7 @@ def test_a_coarser_grid_can_be_pasted_with_its_sites_in_place():
 # -- fronts and the cheapest settings ----------------------------------------------------------------------------------
 
 
-def made_point(seconds: float, error: float, stderr: float = 0.0, **more: Any) -> Point:
+def made_point(seconds: float, error: float, stderr: float = 0.0, **more: Any) -> TradePoint:
     """A point that needs this for the contact, and a tenth of it for the ageing of ten replicas."""
     fields: dict[str, Any] = {
         "choices": {"contact.tolerance": f"{error:g}"},
@@ -296,7 +296,7 @@ def made_point(seconds: float, error: float, stderr: float = 0.0, **more: Any) -
         "values": {"beta": 0.4},
         "scatter": {"beta": 0.05},
     }
-    return Point(**{**fields, **more})
+    return TradePoint(**{**fields, **more})
 
 
 @pytest.fixture
