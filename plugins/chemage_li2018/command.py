@@ -15,7 +15,9 @@ if TYPE_CHECKING:
     from chemage import SweepResult
     from chemage_li2018.reproduction_page import Reproduction
 
-STUDIES = ("tips", "density", "challenge")
+STUDIES = ("density",)
+#: scenes in place of former studies
+_SCENES = {"tips": "silica-tips and silica-patches", "challenge": "contact-challenge-loads, -pixels and -sizes"}
 
 
 def reproduce(
@@ -68,7 +70,7 @@ def study(
         typer.Argument(
             metavar="NAME",
             autocompletion=lambda incomplete: [study for study in STUDIES if study.startswith(incomplete)],
-            help=f"name of the study: {', '.join(STUDIES[:-1])} or {STUDIES[-1]}",
+            help="name of the study: density",
         ),
     ],
     out: Annotated[
@@ -78,12 +80,6 @@ def study(
         ),
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="compute only a few contacts, as a test")] = False,
-    surface: Annotated[
-        Path | None,
-        typer.Option(
-            "--surface", metavar="FILE", help="of the challenge: the published surface, instead of random ones"
-        ),
-    ] = None,
     force: options.ForceOpt = False,
 ) -> None:
     """Run an installed study.
@@ -92,25 +88,13 @@ def study(
     """
     from chemage import InputError
     from chemage.plugin import nearest
+    from chemage_li2018 import density_page
 
+    if name in _SCENES:
+        raise InputError.of("study", name, "is computed by scenes", f"use `chemage run` with {_SCENES[name]}")
     if name not in STUDIES:
         raise InputError(f"no study {name!r}{nearest(name, STUDIES)}; there are: {', '.join(STUDIES)}")
-    out = out or Path(f"study-{name}")
-    if name == "challenge":
-        from chemage_li2018 import challenge_page
-
-        paths = challenge_page.write_study(out, quick=quick, force=force, surface=surface)
-    elif surface is not None:
-        raise InputError.of("surface", str(surface), f"study {name!r} makes its own surfaces", "leave it out")
-    elif name == "tips":
-        from chemage_li2018 import tips_page
-
-        paths = tips_page.write_study(out, quick=quick, force=force)
-    else:
-        from chemage_li2018 import density_page
-
-        paths = density_page.write_study(out, quick=quick, force=force)
-    for path in paths:
+    for path in density_page.write_study(out or Path(f"study-{name}"), quick=quick, force=force):
         typer.echo(path)
 
 
