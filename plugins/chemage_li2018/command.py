@@ -153,15 +153,16 @@ def write(
     """Write figures and page of completed sweeps, by base, into ``folder``, and return the comparisons."""
 
     from chemage.plugin import figures, versions, write_file
-    from chemage_li2018 import figures_supplement, reproduction_page
-    from chemage_li2018.sweeps import Point, save_points, studies_of
+    from chemage_li2018 import reproduction_page
+    from chemage_li2018.figures import NAMES, drawn
+    from chemage_li2018.sweeps import StudyPoint, save_points, studies_of
 
-    points = [Point.of(point) for result in results.values() for point in result]
+    points = [StudyPoint.of(point) for result in results.values() for point in result]
     about = {"targets": names, "seeds": list(seeds), "pixels": pixels, "versions": versions()}
     save_points(folder / "reproduction.npz", points, about)
     compared, text = reproduction_page.of_points(folder / "reproduction.npz")
     write_file(folder / "reproduction.md", text, force=True)
     computed = studies_of(points, names)
-    drawn = {name: figures_supplement.DRAW[name](computed) for name in names if name in figures_supplement.DRAW}
-    figures.save_figures(drawn, folder / reproduction_page.FIGURES, force=True)
+    made = {name: drawn(name, computed) for name in names if name in NAMES}
+    figures.save_figures(made, folder / reproduction_page.FIGURES, force=True)
     return compared

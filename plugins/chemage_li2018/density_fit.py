@@ -37,7 +37,7 @@ Nodes = tuple[Sequence[float], Sequence[float]]
 
 
 @dataclass(frozen=True)
-class Family:
+class DensityFamily:
     """A family of densities that are piecewise linear (the beta distribution: on a fine grid)."""
 
     name: str
@@ -52,6 +52,10 @@ class Family:
         """Make the barriers of the density with these parameters."""
         energies, weights = self.nodes(*(float(value) for value in parameters))
         return chemage.barriers("tabulated", energies=list(energies), weights=list(weights))
+
+    def named(self, parameters: Sequence[float] | np.ndarray) -> str:
+        """Parameters with their names, in words."""
+        return ", ".join(f"{name} {value:.3g}" for name, value in zip(self.parameters, parameters, strict=True))
 
     def design(self, count: int, seed: int = 5) -> np.ndarray:
         """Spread parameters evenly over the box (Sobol'), (count, k)."""
@@ -109,7 +113,7 @@ _SHAPES: dict[str, tuple[dict[str, tuple[float, float]], Callable[..., Nodes]]] 
     ),
 }
 *FAMILIES, FREE_END = (
-    Family(name, tuple(ranges), tuple(ranges.values()), nodes) for name, (ranges, nodes) in _SHAPES.items()
+    DensityFamily(name, tuple(ranges), tuple(ranges.values()), nodes) for name, (ranges, nodes) in _SHAPES.items()
 )
 
 #: hold times over which the paper may have fitted β, s
@@ -136,6 +140,10 @@ class Reported(NamedTuple):
     onsets: np.ndarray
     #: hold time at which Δμ of h' = 0.05 passes that of h' = 0.2, with ΔV, s: (1,) or (n, 1)
     crossing: np.ndarray
+
+    def times(self, at: int = 0, window: int = OURS) -> list[str]:
+        """Onsets with ΔV and without, and the crossing, of one density, in s."""
+        return [f"{value:.2g}" for value in np.exp([*self.onsets[at, window], *self.crossing[at]])]
 
     @classmethod
     def of(cls, curves: np.ndarray) -> Reported:
@@ -196,7 +204,7 @@ def misfit_of_times(reported: Reported, paper: Reported) -> np.ndarray:
 class Emulator:
     """Curves of a family between computed densities."""
 
-    family: Family
+    family: DensityFamily
     #: (n, k), and Δμ, mean over surfaces, (n, conditions, m)
     parameters: np.ndarray
     curves: np.ndarray
@@ -227,10 +235,10 @@ class Emulator:
 
 
 @dataclass(frozen=True)
-class Prior:
+class DensityPrior:
     """Draws of all families, equally many of each; N altogether."""
 
-    families: Sequence[Family]
+    families: Sequence[DensityFamily]
     #: position of the family, (N,), its parameters, and what the paper would report of it
     family: np.ndarray
     parameters: list[np.ndarray]
@@ -241,7 +249,7 @@ class Prior:
     errors: np.ndarray
 
     @classmethod
-    def of(cls, emulators: Sequence[Emulator], shift: np.ndarray, count: int = 1 << 12) -> Prior:
+    def of(cls, emulators: Sequence[Emulator], shift: np.ndarray, count: int = 1 << 12) -> DensityPrior:
         """Draw from families; ``shift`` (windows, 6) is what ln β lacks to the mean over all surfaces."""
         families = [emulator.family for emulator in emulators]
         parameters = [family.design(count, seed=11) for family in families]

@@ -11,20 +11,15 @@ import chemage
 from chemage import Surface, make_surface, parse_scene, solve_contact
 from chemage.plugin import label_patches, override, scene_data
 from chemage_li2018 import published
-from chemage_li2018.published import Row
-from chemage_li2018.sweeps import ROW, SURFACE_SEEDS, Mean, mean
+from chemage_li2018.pages import render
+from chemage_li2018.published import TABLE_1, PaperSurface
+from chemage_li2018.sweeps import SEED, SLOPE, SURFACE_SEEDS, Mean, coarse, mean
 
 #: rows in which N_p differs least between surfaces: enough to see a change of some per cent
 STEADY = ("circle", "diamond", "asterisk")
+_STEADY_ROWS = [row for row in TABLE_1 if row.name in STEADY]
 _MEASURES = ("patches", "perimeter_to_area")
-
-
-class Change(NamedTuple):
-    """N_p and C/A with one thing changed, relative to those as computed, over rows and surfaces."""
-
-    name: str
-    patches: Mean
-    perimeter_to_area: Mean
+AS_COMPUTED = "as computed"
 
 
 class PatchStudy(NamedTuple):
@@ -33,14 +28,8 @@ class PatchStudy(NamedTuple):
     seeds: tuple[int, ...]
     #: way to count -> (rows, surfaces)
     counts: dict[str, np.ndarray]
-    #: what is changed about the contact of the steady rows
-    changes: list[Change]
-
-    @property
-    def ratios(self) -> np.ndarray:
-        """N_p as computed over the paper's, (rows, surfaces)."""
-        paper = np.array([float(row.patches) for row in published.TABLE_1])
-        return next(iter(self.counts.values())) / paper[:, None]
+    #: what is changed about the contact of the steady rows -> N_p and C/A relative to those as computed
+    changes: dict[str, tuple[Mean, ...]]
 
 
 # -- ways to count ----------------------------------------------------------------------------------------------------
@@ -90,13 +79,13 @@ def _with_spectrum(surface: Surface, changed: np.ndarray, slope: float) -> Surfa
     return Surface(heights=surface.heights * (slope / surface.rms_slope), **options)
 
 
-def _no_plateau(surface: Surface, row: Row, slope: float) -> Surface:
+def _no_plateau(surface: Surface, row: PaperSurface, slope: float) -> Surface:
     """The surface without waves longer than the roll-off."""
     waves, q = _spectrum(surface)
     return _with_spectrum(surface, np.where(q < row.eta * (1 - 1e-9), 0, waves), slope)
 
 
-def _equal_amplitudes(surface: Surface, row: Row, slope: float) -> Surface:
+def _equal_amplitudes(surface: Surface, row: PaperSurface, slope: float) -> Surface:
     """The surface with the phases of its waves, and amplitudes that are exactly those of the spectrum."""
     waves, q = _spectrum(surface)
     inside = (q >= 1 - 1e-9) & (q <= row.zeta * (1 + 1e-9))
@@ -105,7 +94,7 @@ def _equal_amplitudes(surface: Surface, row: Row, slope: float) -> Surface:
     return _with_spectrum(surface, np.where(size > 0, waves / np.where(size > 0, size, 1), 0) * np.sqrt(density), slope)
 
 
-SPECTRA: dict[str, Callable[[Surface, Row, float], Surface]] = {
+SPECTRA: dict[str, Callable[[Surface, PaperSurface, float], Surface]] = {
     "no waves longer than the roll-off": _no_plateau,
     "amplitudes without scatter (random phases only)": _equal_amplitudes,
 }
@@ -114,10 +103,7 @@ SPECTRA: dict[str, Callable[[Surface, Row, float], Surface]] = {
 def _base(pixels: int | None) -> dict[str, Any]:
     data, _ = scene_data("silica-rough")
     data = {name: data[name] for name in ("surface", "contact")} | {"name": "reproduction-patches"}
-    data = override(data, {"surface.rms_slope": published.SLOPES[0]})
-    if pixels is not None:
-        data = override(data, {"surface.pixels": pixels, "surface.pixel_size": 2500 * 0.4518 / pixels})
-    return data
+    return override(data, {SLOPE: published.SLOPES[0], **(coarse(pixels) if pixels is not None else {})})
 
 
 def scenes(seeds: Sequence[int], pixels: int | None = None) -> dict[str, dict[str, Any]]:
@@ -126,12 +112,8 @@ def scenes(seeds: Sequence[int], pixels: int | None = None) -> dict[str, dict[st
     for name, options in OPTIONS.items():
         if pixels is not None and "surface.pixels" in options:
             continue
-        chosen = [row for row in published.TABLE_1 if not options or row.name in STEADY]
-        points = [(row, seed) for row in chosen for seed in seeds]
-        columns: dict[str, list[Any]] = {
-            path: [getattr(row, path.partition(".")[2]) for row, _ in points] for path in ROW
-        }
-        columns["surface.seed"] = [seed for _, seed in points]
+        points = [row.options | {SEED: seed} for row in (_STEADY_ROWS if options else TABLE_1) for seed in seeds]
+        columns = {path: [point[path] for point in points] for path in points[0]}
         sweeps[name] = {**override(_base(pixels), options), "sweep": {"zip": [columns]}}
     return sweeps
 
@@ -140,136 +122,57 @@ def study(
     results: dict[str, chemage.SweepResult], seeds: Sequence[int], pixels: int | None, report: Callable[[str], None]
 ) -> PatchStudy:
     """Count the patches of completed sweeps, and solve the contacts of surfaces with other spectra."""
-    measured: dict[tuple[str, str, int], tuple[float, ...]] = {}
-    counts = {name: np.zeros((len(published.TABLE_1), len(seeds)), dtype=np.int64) for name in COUNTS}
-    for name, result in results.items():
-        for point in result:
-            values = point.values
-            place, row = _row(values)
-            measured[name, row.name, values["surface.seed"]] = tuple(point.summary[name] for name in _MEASURES)
-            if name == "as computed":
-                pressure = point.contact().pressure
-                for way, count in COUNTS.items():
-                    counts[way][place, list(seeds).index(values["surface.seed"])] = count(pressure)
+    # points are row by row, seed by seed
+    measured = {
+        name: np.array([[point.summary[one] for one in _MEASURES] for point in result])
+        for name, result in results.items()
+    }
+    counts: dict[str, list[int]] = {name: [] for name in COUNTS}
+    for point in results[AS_COMPUTED]:
+        pressure = point.contact().pressure
+        for name, count in COUNTS.items():
+            counts[name].append(count(pressure))
+    of_rows = measured.pop(AS_COMPUTED).reshape(len(TABLE_1), len(seeds), -1)
+    reference = np.concatenate([of_rows[TABLE_1.index(row)] for row in _STEADY_ROWS])
     for name, change in SPECTRA.items():
-        for row in (row for row in published.TABLE_1 if row.name in STEADY):
+        found = []
+        for row in _STEADY_ROWS:
             for seed in seeds:
                 report(f"{name}, {row.name}, surface {seed}")
-                measured[name, row.name, seed] = _other(row, seed, pixels, change)
-    changes = [
-        Change(name, *(_ratio(measured, name, seeds, place) for place in range(2)))
-        for name in [*OPTIONS, *SPECTRA]
-        if (name, STEADY[0], seeds[0]) in measured and name != "as computed"
-    ]
-    return PatchStudy(tuple(seeds), counts, changes)
-
-
-def _ratio(
-    measured: dict[tuple[str, str, int], tuple[float, ...]], name: str, seeds: Sequence[int], place: int
-) -> Mean:
-    return mean(
-        measured[name, row, seed][place] / measured["as computed", row, seed][place] for row in STEADY for seed in seeds
-    )
-
-
-def _row(values: dict[str, Any]) -> tuple[int, Row]:
-    for place, row in enumerate(published.TABLE_1):
-        if all(abs(values[path] - getattr(row, path.partition(".")[2])) < 1e-9 for path in ROW):
-            return place, row
-    raise KeyError(values)
-
-
-def _other(
-    row: Row, seed: int, pixels: int | None, change: Callable[[Surface, Row, float], Surface]
-) -> tuple[float, ...]:
-    options = {path: getattr(row, path.partition(".")[2]) for path in ROW} | {"surface.seed": seed}
-    scene = parse_scene(override(_base(pixels), options))
-    surface = change(make_surface(scene.surface, scene.surface_seed), row, published.SLOPES[0])
-    contact = solve_contact(scene.contact, surface, scene.load)
-    return tuple(float(getattr(contact, name)) for name in _MEASURES)
-
-
-# -- the page ---------------------------------------------------------------------------------------------------------
-
-_PAGE = """# Number of patches
-
-The number of contact patches N_p is below that of the paper's Table 1 in {low} of its seven rows, by
-{shift:.1%} on average. Output of `chemage reproduce patches --seeds {count}`: {pixels} x {pixels} pixels,
-h'_rms = 0.05, 20 µN, surface seeds {first} to {last}; mean ± standard deviation between surfaces.
-
-## Ways to count
-
-{counts}
-
-*As computed*: pixels with p > 0 that share an edge or a corner are one patch, across the edges of the periodic
-surface as well. *4 neighbours*: corners do not connect. *Cut at the edges*: a patch that crosses an edge counts
-twice. *Both*: these two. *p > 2 % of the mean*: pixels with less than this share of the mean contact pressure
-count as open.
-
-## Changes of the contact
-
-On the rows {steady}, where N_p varies least; the paper's N_p is {needed:.3f} times ours there, while its
-C/A is ours within two per cent; mean ± standard deviation over rows and surfaces.
-
-{changes}
-
-The contact depends on load, modulus and slope only through F_N/(E* h'_rms): E* = 35.79 GPa instead of 35.3 is a
-load 1.4 % lower, and a slope that is 1 % larger a load 1 % lower.
-
-## Chance
-
-The paper has one realisation per row. If its rows share one random field, as ours of one seed do, their N_p
-rise and fall together: the ratio of ours to the paper's, averaged over the rows, is {together} over our
-surfaces, and {above} of {count} surfaces have at least the paper's N_p on average. If its rows are independent,
-the seven together are {independent:.1f} standard deviations above ours.
-
-{verdict}
-"""
+                scene = parse_scene(override(_base(pixels), row.options | {SEED: seed}))
+                surface = change(make_surface(scene.surface, scene.surface_seed), row, published.SLOPES[0])
+                contact = solve_contact(scene.contact, surface, scene.load)
+                found.append([float(getattr(contact, one)) for one in _MEASURES])
+        measured[name] = np.array(found)
+    changes = {name: tuple(mean(column) for column in (of / reference).T) for name, of in measured.items()}
+    every = {name: np.reshape(of, (len(TABLE_1), len(seeds))) for name, of in counts.items()}
+    return PatchStudy(tuple(seeds), every, changes)
 
 
 def page(counted: PatchStudy, pixels: int) -> str:
     """Write the page as Markdown."""
-    names = list(counted.counts)
-    head = ["| row | paper | " + " | ".join(names) + " |", "| " + " | ".join(["---"] * (len(names) + 2)) + " |"]
-    rows = [
-        f"| {row.name} | {row.patches} | " + " | ".join(str(mean(counted.counts[n][i])) for n in names) + " |"
-        for i, row in enumerate(published.TABLE_1)
-    ]
-    paper = np.array([float(row.patches) for row in published.TABLE_1])[:, None]
-    last = "| mean of ours / paper | | " + " | ".join(f"{(counted.counts[n] / paper).mean():.3f}" for n in names) + " |"
-    ratios = counted.ratios
+    paper = np.array([[float(row.patches)] for row in TABLE_1])
+    table = []
+    for place, row in enumerate(TABLE_1):
+        table.append([row.name, row.patches, *(mean(of[place]) for of in counted.counts.values())])
+    table.append(["mean of ours / paper", "", *(f"{(of / paper).mean():.3f}" for of in counted.counts.values())])
+    ratios = counted.counts[AS_COMPUTED] / paper
     shift = ratios.mean(axis=1)
-    steady = [i for i, row in enumerate(published.TABLE_1) if row.name in STEADY]
-    errors = ratios.std(axis=1, ddof=1) * np.sqrt(1 + 1 / ratios.shape[1])
-    independent = float(np.sum((1 - shift) / errors) / np.sqrt(len(shift)))
-    above = int(np.count_nonzero(ratios.mean(axis=0) >= 1))
-    changed = ["| changed | N_p relative to as computed | C/A relative to as computed |", "| --- | --- | --- |"]
-    changed += [f"| {name.name} | {name.patches} | {name.perimeter_to_area} |" for name in counted.changes]
-    return _PAGE.format(
-        low=int(np.count_nonzero(shift < 1)),
-        shift=1 - shift.mean(),
-        count=len(counted.seeds),
+    errors = ratios.std(axis=1, ddof=1) * np.sqrt(1 + 1 / len(counted.seeds))
+    return render(
+        "patches",
+        seeds=counted.seeds,
         pixels=pixels,
-        first=counted.seeds[0],
-        last=counted.seeds[-1],
-        counts="\n".join([*head, *rows, last]),
-        steady=", ".join(STEADY),
-        needed=1 / shift[steady].mean(),
-        changes="\n".join(changed),
+        counts=list(counted.counts),
+        table=table,
+        changes=counted.changes,
+        steady=STEADY,
+        needed=1 / np.mean([shift[TABLE_1.index(row)] for row in _STEADY_ROWS]),
+        low=int(np.count_nonzero(shift < 1)),
+        shift=shift,
         together=mean(ratios.mean(axis=0)),
-        above=above,
-        independent=independent,
-        verdict=_verdict(above, len(counted.seeds), independent),
-    )
-
-
-def _verdict(above: int, count: int, independent: float) -> str:
-    if abs(independent) <= 2:
-        return "Chance is enough to explain the difference, whichever of the two holds."
-    shared = "likely" if above >= 0.1 * count else "unlikely"
-    return (
-        f"As one random field shared by the rows the difference is {shared} by chance, as seven independent surfaces "
-        "it is not. Which of the two holds, and what else may differ, is open: the paper's surfaces are not published."
+        above=int(np.count_nonzero(ratios.mean(axis=0) >= 1)),
+        independent=float(np.sum((1 - shift) / errors) / np.sqrt(len(shift))),
     )
 
 

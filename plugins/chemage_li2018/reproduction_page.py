@@ -8,9 +8,10 @@ from pathlib import Path
 
 from chemage_li2018 import claims, comparisons, estimates, published
 from chemage_li2018.comparisons import COMMON, DISAGREES, Claim, Estimate, Line
-from chemage_li2018.estimates import Band, Variant
-from chemage_li2018.shapes import EQUAL
-from chemage_li2018.sweeps import TARGETS, read_points, studies_of
+from chemage_li2018.estimates import Band
+from chemage_li2018.pages import render
+from chemage_li2018.shapes import EQUAL, ScalingLaw
+from chemage_li2018.sweeps import TARGETS, Mean, read_points, studies_of
 
 #: folder of the figures, relative to the page
 FIGURES = "figures/reproduction"
@@ -78,29 +79,9 @@ the growth per decade, β over 10 to 10⁴ s. ΔF itself rises to a broad maximu
 breaking balance within the hold time.""",
 }
 
-_HEAD = """# Reproduction of the paper
 
-{paper}: the published numbers, figures and claims beside ours. Output of `chemage reproduce{targets} --seeds
-{count}` with {pixels} x {pixels} pixels, {surfaces} and 10 replicas of the disorder on each (on the
-rows of Table 1 other than the circle, for the interaction, and from 100 µN on, 2); chemage {chemage}, numpy {numpy},
-numba {numba}, processor {processor}. Another kind of processor rounds otherwise, which moves mean β by up to 0.3 %. The
-seeds 101 and above were used to tune nothing: neither the barrier density nor any option.
-
-*Ours* is the mean over surface seeds ± the standard deviation between them; error bars and bands in figures are the
-same. The paper has one realisation of each surface. Every comparison has one of four words:
-
-- *calibrated*: the barrier density was fitted to this number or statement; its agreement says nothing about accuracy.
-- *predicted*: not fitted, and the two agree: within the digits or the range of the paper, within {common:.0%}, or
-  within the interval that holds the value of one more surface with a probability of 95 % (the column *because* says
-  which). A claim is predicted if it holds.
-- *disagrees*: not fitted, and the two do not agree, or the claim does not hold.
-- *not tested*: the reason stands beside it.{coarse}"""
-
-
-_COARSE = (
-    "\n\n**Coarse surfaces:** a pixel is one site, so coarser pixels have fewer bonds; β and Δμ are not comparable "
-    "with those of the paper, and contours are shorter."
-)
+#: in place of the parameters of a power without an exponent
+DEGENERATE = "degenerate, its exponent runs to 0: the logarithm"
 
 
 @dataclass(frozen=True)
@@ -111,7 +92,7 @@ class Reproduction:
     claims: list[Claim]
     estimates: list[Estimate] = field(default_factory=list)
     #: β of Fig. 6 by what it hangs on
-    variants: list[Variant] = field(default_factory=list)
+    variants: dict[str, Mean] = field(default_factory=dict)
     #: β over the members of the barrier density
     bands: list[Band] = field(default_factory=list)
     #: the least and the largest of times of Fig. 3 over the members, s
@@ -126,8 +107,8 @@ def of_points(file: Path) -> tuple[Reproduction, str]:
     compared = Reproduction(
         comparisons.lines(studies, names),
         claims.claims(studies, names),
-        estimates.estimates(studies) if "estimates" in names else [],
-        estimates.variants(studies) if "fig6" in names else [],
+        list(estimates.estimates(studies)) if "estimates" in names else [],
+        estimates.variants(studies) if "fig6" in names else {},
         estimates.bands(studies) if "calibration" in names else [],
         estimates.times(studies) if "calibration" in names else {},
     )
@@ -135,131 +116,45 @@ def of_points(file: Path) -> tuple[Reproduction, str]:
 
 
 def page(
-    results: Reproduction,
-    targets: Sequence[str],
-    *,
-    seeds: Sequence[int],
-    pixels: int,
-    versions: dict[str, str],
+    results: Reproduction, targets: Sequence[str], *, seeds: Sequence[int], pixels: int, versions: dict[str, str]
 ) -> str:
     """Write the page as Markdown."""
-    several = f"{len(seeds)} surfaces per row (seeds {seeds[0]} to {seeds[-1]})"
-    parts = [
-        _HEAD.format(
-            paper=published.PAPER,
-            targets=" all" if len(targets) == len(TARGETS) else " " + " ".join(targets),
-            count=len(seeds),
-            pixels=pixels,
-            surfaces=several if len(seeds) > 1 else f"one surface per row (seed {seeds[0]})",
-            common=COMMON,
-            coarse="" if pixels == 2500 else _COARSE,
-            **{name: versions[name] for name in ("chemage", "numpy", "numba")},
-            processor=versions["processor"].partition(" ")[0],
-        )
-    ]
-    if results.lines:
-        parts.append(_lines_table(results.lines))
-    misses = [line for line in results.lines if line.word == DISAGREES]
-    if misses:
-        parts.append(
-            "Disagree: "
-            + "; ".join(f"{line.quantity} ({line.shown})" for line in misses)
-            + ". Probable reasons are given below."
-        )
-    parts += [
-        table for table in (_bands_table(results.bands, results.times), _variants_table(results.variants)) if table
-    ]
-    if results.claims:
-        rows = [f"| {c.target} | {c.statement} | {c.ours} | {_word(c.word)} |" for c in results.claims]
-        parts.append(_table("Claims", "figure | claim | found | word", rows))
-        parts += [table for table in [_laws_table(results.claims)] if table]
-    if results.estimates:
-        rows = [f"| {e.statement} | {e.ours} | {e.how} | {_word(e.word)} |" for e in results.estimates]
-        parts.append(_table("Estimates of the text", "paper | ours | how ours is computed | word", rows))
-    reasons = [f"- **{name}**: {_reason(name)}" for name in targets if name in REASONS]
-    if reasons:
-        parts.append("## Reasons for differences\n\n" + "\n".join(reasons))
-    drawn = [name for name in targets if name in CAPTIONS]
-    if drawn:
-        parts.append("## Figures")
-    parts += [f"![{CAPTIONS[name]}]({FIGURES}/{name}.png)\n\n*{name}*. {CAPTIONS[name]}" for name in drawn]
-    return "\n\n".join(parts) + "\n"
+    surfaces = f"one surface per row (seed {seeds[0]})"
+    if len(seeds) > 1:
+        surfaces = f"{len(seeds)} surfaces per row (seeds {seeds[0]} to {seeds[-1]})"
+    return render(
+        "reproduction",
+        results=results,
+        paper=published.PAPER,
+        targets=" all" if len(targets) == len(TARGETS) else " " + " ".join(targets),
+        surfaces=surfaces,
+        seeds=seeds,
+        pixels=pixels,
+        versions=versions,
+        common=COMMON,
+        equal=EQUAL,
+        fig_6=float(published.FIG_6_BETA),
+        word=_word,
+        parameters=_parameters,
+        misses=[line for line in results.lines if line.word == DISAGREES],
+        reasons={name: reason(name) for name in targets if name in REASONS},
+        captions={name: CAPTIONS[name] for name in targets if name in CAPTIONS},
+        folder=FIGURES,
+    )
 
 
-def _word(word: str) -> str:
-    return f"**{word}**" if word == DISAGREES else word
+def _word(one: Line | Claim | Estimate) -> str:
+    return f"**{one.word}**" if one.word == DISAGREES else one.word
 
 
-def _reason(name: str) -> str:
+def _parameters(law: ScalingLaw) -> str:
+    return ", ".join(f"{number:.3g}" for number in law.parameters) or DEGENERATE
+
+
+def reason(target: str) -> str:
+    """The probable reason for the differences of a target."""
     (low, first), (high, last) = ((load, float(text)) for load, text in published.TIP_BETA.items())
     bonds = last * high / (first * low)
     share = bonds**-1.5  # (low + adhesion) / (high + adhesion), area ∝ load^(2/3)
     adhesion = (share * high - low) / (1 - share)
-    text = REASONS[name]
-    return " ".join((text.format(bonds=bonds, adhesion=adhesion) if name == "tips" else text).split())
-
-
-def _table(title: str, header: str, rows: Sequence[str]) -> str:
-    count = header.count("|") + 1
-    return f"## {title}\n\n" + "\n".join([f"| {header} |", "| " + " | ".join(["---"] * count) + " |", *rows])
-
-
-def _lines_table(lines: Sequence[Line]) -> str:
-    rows = [
-        f"| {line.target} | {line.quantity} | {line.paper.text} | {line.ours} | {line.shown} | "
-        f"{_word(line.word)} | {'' if line.calibrated else line.reason} |"
-        for line in lines
-    ]
-    return _table("Numbers", "target | quantity | paper | ours | difference | word | because", rows)
-
-
-#: in place of the parameters of a power without an exponent
-DEGENERATE = "degenerate, its exponent runs to 0: the logarithm"
-
-
-def _laws_table(claims: Sequence[Claim]) -> str:
-    rows = [
-        f"| {claim.statement} | {law.name} | "
-        f"{', '.join(f'{number:.3g}' for number in law.parameters) or DEGENERATE} | "
-        f"{law.chi_squared:.1f} | {law.criterion - claim.laws[0].criterion:.1f} |"
-        for claim in claims
-        for law in claim.laws
-    ]
-    if not rows:
-        return ""
-    text = (
-        "\n\nLaws of growth with hold time are fitted to the increments of the mean curve, relative to the mean "
-        "increment, with the errors of independent surfaces; laws of the load to ΔF, with the errors of replicas. A "
-        f"statement is refused if a rival has a criterion (AICc) lower by more than {EQUAL:g}, unless the local slope "
-        f"changes by less than {COMMON:.0%} from the first decade to the last."
-    )
-    return (
-        _table("Claims of shape against rivals", "claim | law | its parameters | χ² | AICc over the least", rows) + text
-    )
-
-
-def _bands_table(bands: Sequence[Band], times: dict[str, tuple[float, float]]) -> str:
-    if not bands:
-        return ""
-    rows = [
-        f"| {b.quantity} | {b.paper} | {b.residual:+.1%} | {b.low:+.1%} to {b.high:+.1%} | {b.word} |" for b in bands
-    ]
-    text = (
-        f"\n\nThe barrier density has {bands[0].members} members that span what the published rates and times and an "
-        "unknown window of the fit leave open (`barrier_density.md`). The band is the smallest and the largest β over "
-        "these, relative to the density of all other numbers (member 0), on the first surface with the same random "
-        "numbers; the residual is that of member 0, ours over the paper's less one, on all surfaces. **Every number "
-        "that rests on the density has the error of the band beside the scatter between surfaces.**"
-    )
-    if times:
-        listed = ", ".join(f"{name} {low:.2g} to {high:.2g} s" for name, (low, high) in times.items())
-        text += f" Of the times in the claims on Fig. 3, to which they are fitted, the members give: {listed}."
-    return _table("Calibration", "quantity | paper | residual | band over the members | word", rows) + text
-
-
-def _variants_table(variants: Sequence[Variant]) -> str:
-    if not variants:
-        return ""
-    paper = float(published.FIG_6_BETA)
-    rows = [f"| {variant.name} | {variant.beta} | {variant.beta.value / paper - 1:+.1%} |" for variant in variants]
-    return _table("What β of Fig. 6 hangs on", f"computed with | β | relative to {published.FIG_6_BETA}", rows)
+    return " ".join(REASONS[target].split()).format(bonds=bonds, adhesion=adhesion)

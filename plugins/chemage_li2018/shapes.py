@@ -22,7 +22,7 @@ EQUAL = 2.0
 DEGENERATE = 0.01
 
 
-class Law(NamedTuple):
+class ScalingLaw(NamedTuple):
     """A law of growth fitted to a mean curve."""
 
     name: str
@@ -33,10 +33,10 @@ class Law(NamedTuple):
     criterion: float
 
 
-class Comparison(NamedTuple):
+class LawComparison(NamedTuple):
     """Laws of growth with time, the one with the least criterion first."""
 
-    laws: tuple[Law, ...]
+    laws: tuple[ScalingLaw, ...]
     #: local slope per decade in the first and the last decade, and standard errors
     first: tuple[float, float]
     last: tuple[float, float]
@@ -76,7 +76,7 @@ _LAWS: dict[str, tuple[Callable[[np.ndarray, np.ndarray], np.ndarray], tuple[tup
 }
 
 
-def growth(times: np.ndarray, curves: np.ndarray, window: tuple[float, float]) -> Comparison:
+def growth(times: np.ndarray, curves: np.ndarray, window: tuple[float, float]) -> LawComparison:
     """Compare the laws by which curves grow with hold time.
 
     Parameters
@@ -102,7 +102,7 @@ def growth(times: np.ndarray, curves: np.ndarray, window: tuple[float, float]) -
     if abs(laws["power"].parameters[1]) * math.log(x[-1] / x[0]) < DEGENERATE:
         laws["power"] = _law("power", (), laws["logarithm"].chi_squared, middle.size, 2)
     decades = np.log10(x)
-    return Comparison(
+    return LawComparison(
         tuple(sorted(laws.values(), key=lambda law: law.criterion)),
         _slope(y, decades <= decades[0] + 1.001, decades),
         _slope(y, decades >= decades[-1] - 1.001, decades),
@@ -114,7 +114,7 @@ def _slope(y: np.ndarray, inside: np.ndarray, decades: np.ndarray) -> tuple[floa
     return float(slopes.mean()), float(slopes.std(ddof=1) / math.sqrt(len(y)))
 
 
-def _fitted(name: str, times: np.ndarray, increments: np.ndarray, error: np.ndarray) -> Law:
+def _fitted(name: str, times: np.ndarray, increments: np.ndarray, error: np.ndarray) -> ScalingLaw:
     law, starts = _LAWS[name]
 
     def rest(parameters: np.ndarray) -> np.ndarray:
@@ -129,12 +129,12 @@ def _fitted(name: str, times: np.ndarray, increments: np.ndarray, error: np.ndar
     return _law(name, best.x, 2.0 * float(best.cost), increments.size, best.x.size)
 
 
-def _law(name: str, parameters: Sequence[float] | np.ndarray, chi: float, count: int, numbers: int) -> Law:
+def _law(name: str, parameters: Sequence[float] | np.ndarray, chi: float, count: int, numbers: int) -> ScalingLaw:
     correction = 2.0 * numbers * (numbers + 1) / max(count - numbers - 1, 1)
-    return Law(name, tuple(float(value) for value in parameters), chi, chi + 2.0 * numbers + correction)
+    return ScalingLaw(name, tuple(float(value) for value in parameters), chi, chi + 2.0 * numbers + correction)
 
 
-def of_load(load: np.ndarray, y: np.ndarray, error: np.ndarray, area: float = 2 / 3) -> tuple[Law, ...]:
+def of_load(load: np.ndarray, y: np.ndarray, error: np.ndarray, area: float = 2 / 3) -> tuple[ScalingLaw, ...]:
     """Compare a line with an offset with powers of the load, the law with the least criterion first.
 
     Parameters
