@@ -19,6 +19,7 @@ import numpy as np
 import chemage
 from chemage import ContactSolution, ReactionLattice, Scene
 from chemage.plugin import EV_PER_GPA_NM3, StoreError, container, override, random, scene_data, threads
+from chemage_li2018.sweeps import coarse
 
 #: seeds of the surfaces; the first is that of the scene silica-rough
 SURFACES = tuple(range(7, 23))
@@ -126,9 +127,8 @@ class DensityCurves:
     def _scene(self, seed: int, slope: float) -> Scene:
         data, _ = scene_data("silica-rough" if slope else "silica-afm-tip")
         changes: dict[str, Any] = {"surface.seed": seed, "surface.rms_slope": slope} if slope else {}
-        if slope and self.pixels != 2500:  # each pixel is a site of a coarser surface
-            changes |= {"surface.pixels": self.pixels, "surface.pixel_size": 2500 * 0.4518 / self.pixels}
-            changes |= {"chemistry.site_density": "pixel"}
+        if slope and self.pixels != 2500:
+            changes |= coarse(self.pixels)
         return chemage.parse_scene(override(data, changes))
 
     def _draws(self, scene: Scene, seed: int, slope: float) -> list[_Draw]:

@@ -171,7 +171,7 @@ def fig3(axes: Sequence[Axes], studies: Studies) -> None:
                 _band(over_time, group.times, group.coefficient, ms=3.5, markevery=4, **style)
                 area = group.of("area_fraction")
                 for axis, time in zip(over_area, (1.0, 1e3), strict=True):
-                    _bars(axis, [area.mean()], [group.coefficient_at(time)], xerr=_spread(area), fmt="", **style)
+                    _bars(axis, [area.mean()], [group.coefficient_at(time)], xerr=_spread(area), fmt="", ms=5, **style)
         over_time.set(xscale="log", xlabel="hold time (s)", ylabel="Δμ", title=title, ylim=(0, None))
         for axis, time in zip(over_area, (1.0, 1e3), strict=True):
             axis.set(xlabel="A/A$_0$", ylabel="Δμ", title=f"{title}, {time:g} s", xlim=(0, None), ylim=(0, None))

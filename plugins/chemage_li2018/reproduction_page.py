@@ -50,8 +50,8 @@ part of the contact exceeds 10 GPa, where silica would yield.""",
 contact consists of a few islands that differ from surface to surface; a single surface may have half as many patches as
 another. Over eight surfaces N_p is low in
 most rows, within what chance explains (`chemage reproduce patches`). If
-the paper counts a patch that crosses an edge twice and does not connect corners, 1.4 % are left. Load, modulus,
-tolerance and pixels do not explain it; which of the rest holds is open, as the paper's surfaces are not published.""",
+the paper counts a patch that crosses an edge twice and does not connect corners, 1.4 % are left; which of the rest
+holds is open, as the paper's surfaces are not published.""",
     "fig3": """The barriers from molecular dynamics are not published. The density used instead is fitted to these
 six β, which therefore test nothing: the residual and the band over densities that the paper leaves open are in the
 table. That of all numbers here (member 0) has the least misfit of rates and times together. With ΔV at

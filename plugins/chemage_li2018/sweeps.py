@@ -10,7 +10,7 @@ import json
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from itertools import product
+from itertools import product, zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -254,16 +254,15 @@ def _columns(studies: Sequence[str], seeds: Sequence[int]) -> dict[str, list[Any
 
 def _data(base: str, pixels: int | None) -> dict[str, Any]:
     data, _ = scene_data(BASES[base].scene)
-    data = override(data, {"name": f"reproduction-{base}", **BASES[base].changes})
-    if base == "rough" and pixels is not None:
-        return override(data, {**coarse(pixels), "chemistry.site_density": "pixel"})
-    return data
+    changes = coarse(pixels) if base == "rough" and pixels is not None else {}
+    return override(data, {"name": f"reproduction-{base}", **BASES[base].changes, **changes})
 
 
 def coarse(pixels: int) -> dict[str, Any]:
-    """Changes to a rough surface of the paper's size; with ``site_density = "pixel"`` each pixel is a site, so that
-    patches, areas and bonds have the same coarse pixels."""
-    return {"surface.pixels": pixels, "surface.pixel_size": 2500 * 0.4518 / pixels}
+    """Coarsen a rough surface at the paper's size; each pixel is a site, so that patches, areas and bonds have the same
+    coarse pixels."""
+    size = 2500 * 0.4518 / pixels
+    return {"surface.pixels": pixels, "surface.pixel_size": size, "chemistry.site_density": "pixel"}
 
 
 @dataclass(frozen=True)
@@ -407,9 +406,8 @@ def save_points(path: Path, points: Sequence[StudyPoint], about: dict[str, Any])
     arrays = {}
     for name, rows in columns.items():
         # rows of different lengths end with nan
-        arrays[name] = np.full((len(rows), max(map(len, rows), default=0)), np.nan, "f8" if name == "times" else "f4")
-        for row, values in zip(arrays[name], rows, strict=True):
-            row[: len(values)] = values
+        padded = np.array(list(zip_longest(*rows, fillvalue=np.nan)), "f8" if name == "times" else "f4")
+        arrays[name] = padded.reshape(-1, len(rows)).T
     summaries = [{name: point.summary[name] for name in _SUMMED if name in point.summary} for point in points]
     text = json.dumps({**about, "changes": [point.changes for point in points], "summaries": summaries})
     image = io.BytesIO()
@@ -448,10 +446,6 @@ class Mean:
         digits = text.decimals(self.scatter / math.sqrt(self.count))
         value, scatter = (f"{round(number, digits):.{max(digits, 0)}f}" for number in (self.value, self.scatter))
         return f"{value} ± {scatter}"
-
-    def times(self, factor: float) -> Mean:
-        """This mean multiplied by a positive number."""
-        return Mean(self.value * factor, self.scatter * factor, self.count)
 
     @property
     def one_more(self) -> float:

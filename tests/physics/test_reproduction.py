@@ -22,7 +22,7 @@ from chemage_li2018 import (
 )
 from chemage_li2018.comparisons import Claim, Line, lines
 from chemage_li2018.published import PublishedNumber
-from chemage_li2018.sweeps import SLOPE, Mean, PointSet, StudyPoint, mean, studies_of
+from chemage_li2018.sweeps import SLOPE, Mean, PointSet, StudyPoint, studies_of
 
 PIXELS = 320
 SEED = sweeps.SURFACE_SEEDS[0]
@@ -62,7 +62,8 @@ def test_every_target_is_drawn_and_written(coarse: tuple[dict[str, chemage.Sweep
     results, folder = coarse
     assert not any(result.failed for result in results.values())
     names = [name for name in sweeps.TARGETS if name not in ("temperature", "tips")]
-    found = command.write({"rough": results["rough"]}, names, folder, seeds=(SEED,), pixels=PIXELS)
+    made = [StudyPoint.of(point) for point in results["rough"]]
+    found = command.write(made, names, folder, seeds=(SEED,), pixels=PIXELS)
     text = (folder / "reproduction.md").read_text(encoding="utf-8")
     for name in set(figures.NAMES) & set(names):
         assert (folder / reproduction_page.FIGURES / f"{name}.png").stat().st_size > 10_000
@@ -401,30 +402,22 @@ def test_ways_to_count_patches():
     }
 
 
-def test_changed_spectra_keep_the_slope_and_the_phases():
-    row = published.TABLE_1[0]
-    scene = chemage.parse_scene({**patches._base(PIXELS), "fit": {}})
-    surface = chemage.make_surface(scene.surface, 5)
-    for change in patches.SPECTRA.values():
-        other = change(surface, row, 0.05)
-        assert other.rms_slope == pytest.approx(0.05, rel=1e-6)
-        assert other.heights.shape == surface.heights.shape
-    waves = np.fft.fft2(patches._no_plateau(surface, row, 0.05).heights)
-    assert np.abs(waves[0, 1]) < 1e-6 * np.abs(waves).max()
-    waves = np.fft.fft2(patches._equal_amplitudes(surface, row, 0.05).heights)
-    assert np.abs(waves[0, 1]) == pytest.approx(np.abs(waves[2, 0]), rel=1e-6)
-
-
 def test_page_of_patches_says_whether_chance_is_enough():
     paper = np.array([[float(row.patches)] for row in published.TABLE_1])
     rng = np.random.default_rng(1)
-    counts = {name: paper * rng.normal(1.0, 0.2, (7, 8)) for name in patches.COUNTS}
-    changes = {"load 10 % higher": (mean([1.1, 1.2]), mean([1.0, 1.0]))}
-    text = patches.page(patches.PatchStudy(tuple(range(101, 109)), counts, changes), 2500)
+    counts = paper * rng.normal(1.0, 0.2, (len(patches.COUNTS), 7, 8))
+    text = patches.page(counts, tuple(range(101, 109)), 2500)
     assert "Chance is enough" in text
-    low = {name: 0.5 * values for name, values in counts.items()}
-    text = patches.page(patches.PatchStudy(tuple(range(101, 109)), low, {}), 2500)
+    text = patches.page(0.5 * counts, tuple(range(101, 109)), 2500)
     assert "is open" in text
+
+
+@pytest.mark.long
+def test_patches_of_the_rows_are_counted_as_computed(coarse: tuple[dict[str, chemage.SweepResult], Path]):
+    table = points(coarse, "table1")["table"]
+    counts = patches.counted(table)
+    assert counts.shape == (len(patches.COUNTS), 7, 1)
+    np.testing.assert_array_equal(counts[0].ravel(), table.of("patches"))
 
 
 # -- input ------------------------------------------------------------------------------------------------------------
