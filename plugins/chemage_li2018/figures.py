@@ -104,9 +104,24 @@ def fig1(axes: Sequence[Axes], studies: Studies) -> None:
     contact, scene = point.computed.contact(), point.computed.scene()
     scene.surface.make(scene.surface_seed).plot(axes[0])
     _contact(axes[1], contact)
-    contact.plot(axes[2])
+    corner, width = _densest(contact.contact), max(8, contact.shape[0] // 8)
+    part = contact.pressure[corner[0] : corner[0] + width, corner[1] : corner[1] + width]
+    x, y, size = (contact.pixel_size * pixels for pixels in (*corner, width))
+    plots.draw_map(axes[2], np.ma.masked_equal(part, 0.0), (x, x + size, y, y + size), "pressure (GPa)", cmap="viridis")
+    axes[1].indicate_inset((x, y, size, size), edgecolor=plots.PALETTE[1], alpha=1)
+    axes[2].set_title("pressure in the square", fontsize=9)
     axes[0].set_title(f"surface, seed {point.changes[SEED]}", fontsize=9)
     axes[1].set_title(f"contact at 20 µN, A/A$_0$ = {contact.area_fraction:.4f}", fontsize=9)
+
+
+def _densest(contact: np.ndarray) -> np.ndarray:
+    """The first pixel of the square of an eighth of the width with the most contact."""
+    from scipy import ndimage
+
+    width = max(8, contact.shape[0] // 8)
+    share = ndimage.uniform_filter(contact.astype(np.float32), width, mode="constant")
+    middle = np.unravel_index(int(np.argmax(share)), share.shape)
+    return np.clip(np.array(middle) - width // 2, 0, np.array(contact.shape) - width)
 
 
 def _contact(axes: Axes, contact: Any) -> None:
