@@ -8,9 +8,11 @@ from __future__ import annotations
 import io
 import json
 import math
+import tomllib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from itertools import product, zip_longest
+from importlib import resources
+from itertools import chain, product, zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -20,13 +22,8 @@ from scipy import stats
 import chemage
 from chemage import InputError
 from chemage.plugin import FIT_WINDOW, nearest, open_file, override, scene_data, text, write_file
-from chemage_li2018.published import SLOPES, TABLE_1, PaperSurface
-from chemage_silica import MDSilica
+from chemage_li2018.published import TABLE_1, PaperSurface
 
-#: nN
-LOADS = tuple(1000.0 * load for load in (5, 10, 20, 50, 100, 200, 500))
-#: eV
-STRENGTHS = (0.0, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0)
 #: nm³: 6.4 Å³, and none
 WITH_PRESSURE = 0.0064
 VOLUMES = (WITH_PRESSURE, 0.0)
@@ -34,11 +31,6 @@ VOLUMES = (WITH_PRESSURE, 0.0)
 LITERAL_VOLUME = 0.04e-3
 #: silanol density of a partly hydroxylated surface over that of the model, 2.6 and 4.9 OH/nm²
 PARTIAL = round(2.6 / 4.9, 4)
-#: K
-TEMPERATURES = (225.0, 250.0, 275.0, 300.0, 325.0, 350.0, 375.0, 400.0)
-#: nN and nm: loads of AFM in the paper and some between; radii, which the paper does not give
-TIP_LOADS = (23.0, 50.0, 100.0, 200.0, 393.0)
-TIP_RADII = (30.0, 100.0)
 #: seeds of the surfaces: none of them was used to fit the barrier density or to choose an option
 SURFACE_SEEDS = tuple(range(101, 101 + 32))
 FEWEST_PIXELS = 320
@@ -46,18 +38,6 @@ FEWEST_PIXELS = 320
 SLOPE, SEED, LOAD, VOLUME = "surface.rms_slope", "surface.seed", "contact.load", "chemistry.activation_volume"
 MEMBER, REPLICAS, KELVIN, RADIUS = "forming.member", "hold.replicas", "hold.temperature", "surface.radius"
 HYDROXYLATION, FRONT, STRENGTH = "chemistry.hydroxylation", "chemistry.front_factor", "interaction.strength"
-
-Points = list[dict[str, Any]]
-
-
-@dataclass(frozen=True)
-class PaperStudy:
-    """The points that a panel needs, for one surface."""
-
-    base: str
-    points: Points
-    #: number of surface seeds at most; 0: all that are asked for
-    surfaces: int = 0
 
 
 @dataclass(frozen=True)
@@ -68,120 +48,27 @@ class BaseScene:
     #: dotted path -> value of the reference; every point has a value for each
     reference: dict[str, Any]
     #: what all of its points change about the scene
-    changes: dict[str, Any] = field(default_factory=dict)
+    changes: dict[str, Any]
     #: whether each surface seed gives another surface
     rough: bool = True
 
 
-BASES = {
-    "rough": BaseScene(
-        "silica-rough",
-        {
-            SLOPE: 0.1,
-            **TABLE_1[0].options,
-            LOAD: 20000.0,
-            VOLUME: WITH_PRESSURE,
-            HYDROXYLATION: 1.0,
-            FRONT: 1.0,
-            STRENGTH: 0.5,
-            MEMBER: 0,
-            REPLICAS: 10,
-        },
-        {"observe": [{"kind": "barrier-spectrum"}, {"kind": "pressure-spectrum"}]},
-    ),
-    # the interaction of the paper's rough surfaces
-    "patch": BaseScene(
-        "silica-patch",
-        {KELVIN: 300.0, MEMBER: 0, REPLICAS: 10},
-        {"observe": [], STRENGTH: 0.5, "hold.start": 1e-3, "hold.stop": 1e4},
-    ),
-    "tip": BaseScene(
-        "silica-tip",
-        {RADIUS: 30.0, LOAD: 50.0, KELVIN: 300.0, "hold.stop": 1e5, REPLICAS: 200},
-        {"observe": []},
-        rough=False,
-    ),
-}
+@dataclass(frozen=True)
+class PaperStudy:
+    """The points that a panel needs, for one surface."""
+
+    base: str
+    #: dotted path -> values that change together; axes are combined, the last one fastest
+    axes: list[dict[str, list[Any]]]
+    #: number of surface seeds at most; 0: all that are asked for
+    surfaces: int = 0
 
 
-def _along(path: str, values: Iterable[Any]) -> Points:
-    return [{path: value} for value in values]
-
-
-def _grid(*axes: Points) -> Points:
-    """Every combination of changes, the last axis fastest."""
-    points = []
-    for parts in product(*axes):
-        points.append({path: value for part in parts for path, value in part.items()})
-    return points
-
-
-def _warm(replicas: int) -> Points:
-    # above 350 K most events break a bond that has just formed
-    return [{KELVIN: t, REPLICAS: replicas if t <= 350 else replicas // 10} for t in TEMPERATURES]
-
-
-_MEMBERS = _along(MEMBER, range(MDSilica.MEMBERS))
-_ROWS = [row.options for row in TABLE_1]
-_FRONT = {SLOPE: 0.4, FRONT: 0.15}
-
-STUDIES: dict[str, PaperStudy] = {
-    "reference": PaperStudy("rough", [{REPLICAS: 1}]),
-    # the contact at 100 µN has 300 000 sites, and needs few replicas
-    "loads": PaperStudy("rough", [{LOAD: load, REPLICAS: 10 if load < 100e3 else 2} for load in LOADS]),
-    "rows": PaperStudy("rough", _grid(_along(VOLUME, VOLUMES), _along(SLOPE, SLOPES), _ROWS, [{REPLICAS: 2}])),
-    "members": PaperStudy(
-        "rough",
-        _grid(
-            _MEMBERS,
-            [
-                *_grid(
-                    [{SLOPE: slope, REPLICAS: count} for slope, count in zip(SLOPES, (2, 3, 5), strict=True)],
-                    _along(VOLUME, VOLUMES),
-                ),
-                {**_FRONT, HYDROXYLATION: 0.5, REPLICAS: 10},
-            ],
-        ),
-        surfaces=1,
-    ),
-    "table": PaperStudy("rough", _grid([{SLOPE: SLOPES[0], REPLICAS: 1}], _ROWS)),
-    "slopes": PaperStudy("rough", _grid(_along(VOLUME, VOLUMES), _along(SLOPE, SLOPES))),
-    "front": PaperStudy(
-        "rough",
-        [
-            {**_FRONT, HYDROXYLATION: 0.5},
-            {**_FRONT, HYDROXYLATION: 0.25},
-            {**_FRONT, HYDROXYLATION: 0.5, VOLUME: LITERAL_VOLUME},
-            {**_FRONT, HYDROXYLATION: PARTIAL},
-            {SLOPE: 0.4},
-        ],
-    ),
-    "interaction": PaperStudy("rough", _grid(_along(STRENGTH, STRENGTHS), [{REPLICAS: 2}])),
-    "warm rough": PaperStudy("patch", _warm(10)),
-    "warm members": PaperStudy("patch", _grid(_MEMBERS, [one for one in _warm(10) if one[KELVIN] <= 350]), surfaces=1),
-    "warm tip": PaperStudy("tip", _grid([{"hold.stop": 1e4}], _warm(40))),
-    "tips": PaperStudy("tip", _grid(_along(RADIUS, TIP_RADII), _along(LOAD, TIP_LOADS))),
-}
-
+_DATA = tomllib.loads(resources.files("chemage_li2018").joinpath("reproduction.toml").read_text(encoding="utf-8"))
+BASES = {name: BaseScene(**base) for name, base in _DATA["bases"].items()}
+STUDIES = {name: PaperStudy(**study) for name, study in _DATA["studies"].items()}
 #: the studies of each figure or table
-TARGETS: dict[str, tuple[str, ...]] = {
-    "fig1": ("reference",),
-    "fig2": ("loads",),
-    "fig3": ("rows", "slopes"),
-    "fig4": ("slopes",),
-    "fig5": ("rows",),
-    "fig6": ("front",),
-    "table1": ("table",),
-    "kappa": ("loads", "table", "front"),
-    "maps": ("table",),
-    "areas": ("loads",),
-    "barriers": ("loads",),
-    "interaction": ("interaction",),
-    "temperature": ("warm rough", "warm members", "warm tip"),
-    "tips": ("tips",),
-    "estimates": ("slopes", "front"),
-    "calibration": ("members", "slopes", "front"),
-}
+TARGETS: dict[str, list[str]] = _DATA["targets"]
 
 
 def chosen(names: Sequence[str]) -> list[str]:
@@ -206,10 +93,13 @@ def studies_for(targets: Iterable[str]) -> list[str]:
     return list(dict.fromkeys(study for target in targets for study in TARGETS[target]))
 
 
-def members(study: str) -> Points:
+def members(study: str) -> list[dict[str, Any]]:
     """List the points of a study for one surface seed: dotted path -> value, with all varied paths in each."""
-    panel = STUDIES[study]
-    return [{**BASES[panel.base].reference, **changes} for changes in panel.points]
+    panel, points = STUDIES[study], []
+    paths = [path for axis in panel.axes for path in axis]
+    for parts in product(*(zip(*axis.values(), strict=True) for axis in panel.axes)):
+        points.append(BASES[panel.base].reference | dict(zip(paths, chain(*parts), strict=True)))
+    return points
 
 
 def content(point: dict[str, Any]) -> str:
@@ -244,7 +134,7 @@ def _columns(studies: Sequence[str], seeds: Sequence[int]) -> dict[str, list[Any
     """The points of ``studies`` as columns by path; of equal points that with the most replicas is computed."""
     points: dict[str, dict[str, Any]] = {}
     for study in studies:
-        surfaces = _along(SEED, seeds[: STUDIES[study].surfaces or None]) or [{}]
+        surfaces = [{SEED: seed} for seed in seeds[: STUDIES[study].surfaces or None]] or [{}]
         for surface, member in product(surfaces, members(study)):
             name = f"{surface} {content(member)}"
             if name not in points or points[name][REPLICAS] < member[REPLICAS]:

@@ -23,9 +23,12 @@ from chemage_li2018 import (
 from chemage_li2018.comparisons import Claim, Line, lines
 from chemage_li2018.published import PublishedNumber
 from chemage_li2018.sweeps import SLOPE, Mean, PointSet, StudyPoint, studies_of
+from chemage_silica import MDSilica
 
 PIXELS = 320
 SEED = sweeps.SURFACE_SEEDS[0]
+LOADS = [point[sweeps.LOAD] for point in sweeps.members("loads")]
+STRENGTHS = [point[sweeps.STRENGTH] for point in sweeps.members("interaction")]
 
 
 @pytest.fixture(scope="module")
@@ -119,6 +122,11 @@ def size(scene) -> int:
     return math.prod(len(values) for values in [*groups, *axes.values()])
 
 
+def test_every_member_of_the_density_is_computed():
+    for study in ("members", "warm members"):
+        assert {point["forming.member"] for point in sweeps.members(study)} == set(range(MDSilica.MEMBERS))
+
+
 def test_one_target_needs_only_its_own_points():
     data = sweeps.scenes(["fig6"], (101, 102), PIXELS)
     assert list(data) == ["rough"]
@@ -129,7 +137,7 @@ def test_one_target_needs_only_its_own_points():
 def test_equal_points_of_two_targets_are_computed_once_with_the_most_replicas():
     """Fig. 1 needs one replica of the reference, and Fig. 2 ten."""
     both = sweeps.scenes(["fig1", "fig2"], (101,), PIXELS)["rough"]["sweep"]["zip"][0]
-    assert len(both["contact.load"]) == len(sweeps.LOADS)
+    assert len(both["contact.load"]) == len(LOADS)
     assert both["hold.replicas"][both["contact.load"].index(20000.0)] == 10
 
 
@@ -224,11 +232,11 @@ def synthetic(strength: float, drop: float) -> StudyPoint:
 
 def test_a_claim_that_is_false_is_reported_as_false():
     """Friction that keeps falling beyond 0.5 eV is no saturation."""
-    falling = [synthetic(strength, 100 - 60 * strength) for strength in sweeps.STRENGTHS]
+    falling = [synthetic(strength, 100 - 60 * strength) for strength in STRENGTHS]
     (claim,) = claims.claims({"interaction": PointSet(falling)}, ["interaction"])
     assert not claim.holds
     assert claim.word == "disagrees"
-    level = [synthetic(strength, 100 - 60 * min(strength, 0.5)) for strength in sweeps.STRENGTHS]
+    level = [synthetic(strength, 100 - 60 * min(strength, 0.5)) for strength in STRENGTHS]
     (claim,) = claims.claims({"interaction": PointSet(level)}, ["interaction"])
     assert claim.holds
     assert claim.word == "predicted"
@@ -246,7 +254,7 @@ def loaded(at_most: float) -> list[StudyPoint]:
             np.zeros(33),
             {"pressures": np.ones(4)},
         )
-        for load in sweeps.LOADS
+        for load in LOADS
     ]
 
 
