@@ -272,18 +272,12 @@ class DensityPrior:
 
     def chi_squared(self, paper: Reported, surface: np.ndarray, method: float) -> np.ndarray:
         """χ² of six rates over each window, (N, windows)."""
-        return self._joined(
-            lambda part, error: chi_squared(part, paper, covariance(surface, np.exp(paper.beta), method) + error)
-        )
+        errors = covariance(surface, np.exp(paper.beta), method) + self.errors
+        return chi_squared(self.reported, paper, errors[self.family])
 
     def log_likelihood(self, paper: Reported, surface: np.ndarray) -> np.ndarray:
         """ln of the likelihood of every draw, (N, windows, methods); see :func:`log_likelihood`."""
-        return self._joined(lambda part, error: log_likelihood(part, paper, surface + error))
-
-    def _joined(self, of: Callable[[Reported, np.ndarray], np.ndarray]) -> np.ndarray:
-        each = [self.family == number for number in range(len(self.families))]
-        parts = (Reported(*(column[chosen] for column in self.reported)) for chosen in each)
-        return np.concatenate([of(part, error) for part, error in zip(parts, self.errors, strict=True)])
+        return log_likelihood(self.reported, paper, (surface + self.errors)[self.family])
 
     def posterior(self, paper: Reported, surface: np.ndarray) -> np.ndarray:
         """Weights that sum to 1, (N, windows, methods)."""
@@ -293,17 +287,20 @@ class DensityPrior:
 
 
 def chi_squared(reported: Reported, paper: Reported, errors: np.ndarray) -> np.ndarray:
-    """χ² of the six rates of n densities over each window, with the covariance of the errors, (n, windows)."""
+    """χ² of the six rates of n densities over each window, (n, windows); ``errors`` are one covariance, or n."""
     rest = paper.beta - reported.beta[:, :, :6]
-    return np.einsum("nwi,ij,nwj->nw", rest, np.linalg.inv(errors), rest)
+    return (rest @ np.linalg.inv(errors) * rest).sum(axis=-1)
 
 
 def log_likelihood(reported: Reported, paper: Reported, surface: np.ndarray) -> np.ndarray:
-    """ln of the likelihood of n densities by their rates and times, but for a constant: (n, windows, methods)."""
+    """ln of the likelihood of n densities by their rates and times, but for a constant: (n, windows, methods).
+
+    ``surface`` is (6, 6), or (n, 6, 6).
+    """
     misfits = []
     for method in METHODS:
         errors = covariance(surface, np.exp(paper.beta), method)
-        misfits.append(chi_squared(reported, paper, errors) + np.linalg.slogdet(errors)[1])
+        misfits.append(chi_squared(reported, paper, errors) + np.linalg.slogdet(errors)[1][..., None])
     return -0.5 * (np.stack(misfits, axis=-1) + misfit_of_times(reported, paper)[..., None])
 
 

@@ -64,11 +64,12 @@ class PaperStudy:
     surfaces: int = 0
 
 
-_DATA = tomllib.loads(resources.files("chemage_li2018").joinpath("reproduction.toml").read_text(encoding="utf-8"))
-BASES = {name: BaseScene(**base) for name, base in _DATA["bases"].items()}
-STUDIES = {name: PaperStudy(**study) for name, study in _DATA["studies"].items()}
+#: the contents of reproduction.toml
+DATA = tomllib.loads(resources.files("chemage_li2018").joinpath("reproduction.toml").read_text(encoding="utf-8"))
+BASES = {name: BaseScene(**base) for name, base in DATA["bases"].items()}
+STUDIES = {name: PaperStudy(**study) for name, study in DATA["studies"].items()}
 #: the studies of each figure or table
-TARGETS: dict[str, list[str]] = _DATA["targets"]
+TARGETS: dict[str, list[str]] = DATA["targets"]
 
 
 def chosen(names: Sequence[str]) -> list[str]:
