@@ -146,30 +146,15 @@ def _trend(studies: Studies) -> Iterable[Claim]:
 
 def crossings(lower: PointSet, upper: PointSet) -> np.ndarray:
     """Hold time at which Δμ of each of ``lower`` first exceeds that of ``upper``, s, (n,); nan if it never does."""
-    decades, found = np.log10(lower.times), []
-    for gap in lower.coefficient - upper.coefficient:
-        below = np.flatnonzero(gap < 0)
-        if below.size and below[-1] + 1 < gap.size:
-            found.append(_time_between(decades, gap, int(below[-1]) + 1, 0.0))
-        else:
-            found.append(math.nan)
-    return np.array(found)
+    gap = upper.coefficient - lower.coefficient
+    never = (gap <= 0).all(axis=1) | (gap[:, -1] > 0)
+    return np.where(never, np.nan, shapes.last_positive(lower.times, gap))
 
 
 def onsets(points: PointSet) -> np.ndarray:
     """Hold time at which the local slope dΔF/dlog10 t first reaches half of the fitted slope, s, (n,)."""
-    decades, found = np.log10(points.times), []
-    for drop, half in zip(points.drop, 0.5 * points.of("beta") * points.of("load"), strict=True):
-        slope = np.gradient(drop, decades)
-        first = int(np.argmax(slope >= half))
-        found.append(_time_between(decades, slope, first, half) if first else float(points.times[0]))
-    return np.array(found)
-
-
-def _time_between(decades: np.ndarray, values: np.ndarray, at: int, level: float) -> float:
-    """The time between at − 1 and at where ``values`` have ``level``."""
-    share = (level - values[at - 1]) / (values[at] - values[at - 1])
-    return float(10 ** (decades[at - 1] + share * (decades[at] - decades[at - 1])))
+    slope = np.gradient(points.coefficient, np.log10(points.times), axis=1)
+    return shapes.first_reaching(points.times, slope, 0.5 * points.of("beta"))
 
 
 @_on("fig3")

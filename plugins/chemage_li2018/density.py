@@ -16,6 +16,7 @@ import chemage
 from chemage_li2018 import density_fit as fit
 from chemage_li2018.density_fit import FAMILIES, FREE_END, OURS, PAPER, DensityPrior, Emulator, Reported
 from chemage_li2018.density_rates import FITTED, SURFACES, TIMES, TIP, UNUSED, DensityCurves
+from chemage_li2018.shapes import first_reaching
 from chemage_silica import MDSilica
 
 #: the density of versions before 0.2.0, and one that was fitted to the rates alone, which misses the onsets; they are
@@ -208,7 +209,7 @@ def _growth(curves: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     first, last = TIP_LINEAR
     inside = (first <= TIMES) & (last >= TIMES)
     exponent = np.polyfit(np.log(TIMES[inside]), np.log(np.maximum(curves[:, inside], 1e-6)).T, 1)[0]
-    return fit.first_reaching(np.gradient(curves, np.log10(TIMES), axis=-1), half), exponent
+    return np.log(first_reaching(TIMES, np.gradient(curves, np.log10(TIMES), axis=-1), half)), exponent
 
 
 def _misfit_of_tip(start: np.ndarray, exponent: np.ndarray) -> np.ndarray:

@@ -25,6 +25,7 @@ from scipy.interpolate import RBFInterpolator
 from scipy.stats import qmc
 
 import chemage
+from chemage_li2018 import shapes
 from chemage_li2018.density_rates import TIMES
 from chemage_li2018.published import BETA, SLOPES
 
@@ -149,14 +150,10 @@ class Reported(NamedTuple):
     def of(cls, curves: np.ndarray) -> Reported:
         """Read curves Δμ (n, conditions, m), of which the first six are :data:`FITTED`."""
         beta = np.stack([slope(curves, window) for window in WINDOWS], axis=1)
-        rough, smooth = curves[:, 2], curves[:, 0]
-        # a time before the first or after the last hold time is that one
-        above = np.where((rough > smooth).any(axis=1), TIMES.size - 1 - np.argmax((rough > smooth)[:, ::-1], axis=1), 0)
-        gap = rough - smooth
-        crossing = _between(gap, np.minimum(above + 1, TIMES.size - 1), 0.0)
+        crossing = np.log(shapes.last_positive(TIMES, curves[:, 2] - curves[:, 0]))
         half = 0.5 * beta[:, :, [1, 4]]
         steep = np.gradient(curves[:, None, [1, 4]], _X, axis=-1)
-        onsets = first_reaching(np.broadcast_to(steep, (*half.shape, TIMES.size)), half)
+        onsets = np.log(shapes.first_reaching(TIMES, np.broadcast_to(steep, (*half.shape, TIMES.size)), half))
         return cls(np.log(np.maximum(beta, 1e-12)), onsets, crossing[:, None])
 
 
@@ -165,20 +162,6 @@ def slope(curves: np.ndarray, window: tuple[float, float]) -> np.ndarray:
     inside = (window[0] * (1 - 1e-9) <= TIMES) & (window[1] * (1 + 1e-9) >= TIMES)
     x = _X[inside] - _X[inside].mean()
     return curves[..., inside] @ x / (x @ x)
-
-
-def first_reaching(values: np.ndarray, level: np.ndarray) -> np.ndarray:
-    """ln of the hold time (s) at which ``values`` (..., m) first reach ``level`` (...), (...)."""
-    return _between(values, np.argmax(values >= level[..., None], axis=-1), level)
-
-
-def _between(values: np.ndarray, at: np.ndarray, level: np.ndarray | float) -> np.ndarray:
-    """ln of the hold time between at − 1 and at where ``values`` (..., m) have ``level``."""
-    before = np.maximum(at - 1, 0)
-    first, last = (np.take_along_axis(values, place[..., None], -1)[..., 0] for place in (before, at))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.nan_to_num(np.clip((level - first) / (last - first), 0, 1))
-    return np.log(10) * (_X[before] + share * (_X[at] - _X[before]))
 
 
 PUBLISHED = np.array([BETA[volume][slope] for volume in (6.4, 0.0) for slope in SLOPES])

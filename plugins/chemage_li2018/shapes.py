@@ -175,3 +175,24 @@ def exponent(x: np.ndarray, y: np.ndarray) -> Exponent:
         return Exponent(float(slopes[0]), math.nan)
     half = float(stats.t.ppf(0.975, len(slopes) - 1)) * slopes.std(ddof=1) / math.sqrt(len(slopes))
     return Exponent(float(slopes.mean()), float(half))
+
+
+def first_reaching(times: np.ndarray, values: np.ndarray, level: np.ndarray) -> np.ndarray:
+    """Hold time at which ``values`` (..., m) first reach ``level`` (...), or the first one."""
+    return _between(times, values, np.argmax(values >= level[..., None], axis=-1), level)
+
+
+def last_positive(times: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Hold time after which ``values`` (..., m) are not positive again; the first or the last one if there is none."""
+    positive = values > 0
+    after = np.where(positive.any(axis=-1), times.size - np.argmax(positive[..., ::-1], axis=-1), 1)
+    return _between(times, values, np.minimum(after, times.size - 1), np.zeros(values.shape[:-1]))
+
+
+def _between(times: np.ndarray, values: np.ndarray, at: np.ndarray, level: np.ndarray) -> np.ndarray:
+    """The time between those at − 1 and at where ``values`` (..., m), linear in its logarithm, have ``level``."""
+    before, decades = np.maximum(at - 1, 0), np.log10(times)
+    first, last = (np.take_along_axis(values, place[..., None], -1)[..., 0] for place in (before, at))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.nan_to_num(np.clip((level - first) / (last - first), 0, 1))
+    return 10 ** (decades[before] + share * (decades[at] - decades[before]))
