@@ -48,8 +48,7 @@ class Density:
 
     name: str
     barriers: chemage.plugin.Barriers
-    #: Δμ, mean over surfaces, (conditions, m), and what the paper would report of it, one density
-    curves: np.ndarray
+    #: what the paper would report of it, one density
     reported: Reported
     #: χ² of the six rates with an error of the method of 1 %, by window, and of the times with our own window
     rates: np.ndarray
@@ -150,7 +149,7 @@ def _density(name: str, barriers: chemage.plugin.Barriers, curves: np.ndarray, s
     reported = Reported.of(curves.mean(axis=0)[None])._replace(beta=Reported.of(curves).beta.mean(axis=0)[None])
     errors = fit.covariance(surface, fit.PUBLISHED, fit.METHODS[0])
     times = float(fit.misfit_of_times(reported, PAPER)[0, OURS])
-    return Density(name, barriers, curves.mean(axis=0), reported, fit.chi_squared(reported, PAPER, errors)[0], times)
+    return Density(name, barriers, reported, fit.chi_squared(reported, PAPER, errors)[0], times)
 
 
 def _held(

@@ -88,6 +88,17 @@ def _pressures(axes: Axes, points: PointSet, **style: Any) -> None:
     axes.set(xlabel="pressure (GPa)", ylabel="density per site (1/GPa)", ylim=(0, None))
 
 
+def _at_times(
+    axes: Axes, x: Iterable[float], groups: Iterable[PointSet], xlabel: str, *, coefficient: bool = False
+) -> None:
+    """Draw ΔF or Δμ of groups of surfaces at three hold times."""
+    every = list(groups)
+    for time, colour in _TIMES.items():
+        values = [one.coefficient_at(time) if coefficient else one.at(time) / 1000 for one in every]
+        _bars(axes, x, values, color=colour, label=f"{time:g} s")
+    axes.set(xlabel=xlabel, ylabel="Δμ" if coefficient else "ΔF (µN)", ylim=(0, None))
+
+
 def _over_loads(studies: Studies) -> dict[float, PointSet]:
     """The points by load in µN."""
     return {load / 1000: group for load, group in studies["loads"].by(LOAD).items()}
@@ -147,13 +158,8 @@ def fig2(axes: Sequence[Axes], studies: Studies) -> None:
     axes[1].set(xscale="log", yscale="log", xlabel="hold time (s)", ylabel="ΔF (µN)", ylim=(1e-2, None))
     axes[2].set(xscale="log", xlabel="hold time (s)", ylabel="Δμ", ylim=(0, None))
     for place, (x, label) in enumerate(((list(groups), "load (µN)"), (_areas(groups.values()), "A/A$_0$"))):
-        force, coefficient = axes[4 + 2 * place : 6 + 2 * place]
-        for time, colour in _TIMES.items():
-            style = {"color": colour, "label": f"{time:g} s"}
-            _bars(force, x, [group.at(time) / 1000 for group in groups.values()], **style)
-            _bars(coefficient, x, [group.coefficient_at(time) for group in groups.values()], **style)
-        force.set(xlabel=label, ylabel="ΔF (µN)", ylim=(0, None))
-        coefficient.set(xlabel=label, ylabel="Δμ", ylim=(0, None))
+        _at_times(axes[4 + 2 * place], x, groups.values(), label)
+        _at_times(axes[5 + 2 * place], x, groups.values(), label, coefficient=True)
     for axis, name in zip(axes, "abbcdddd", strict=True):
         axis.set_title(f"({name})", loc="left", fontsize=10)
 
@@ -287,9 +293,7 @@ def barriers(axes: Sequence[Axes], studies: Studies) -> None:
 def interaction(axes: Sequence[Axes], studies: Studies) -> None:
     """Draw ΔF against the strength of the interaction."""
     groups = studies["interaction"].by(STRENGTH)
-    for time, colour in _TIMES.items():
-        _bars(axes[0], groups, [group.at(time) / 1000 for group in groups.values()], color=colour, label=f"{time:g} s")
-    axes[0].set(xlabel="I$_b$ (eV)", ylabel="ΔF (µN)", ylim=(0, None))
+    _at_times(axes[0], groups, groups.values(), "I$_b$ (eV)")
 
 
 @_figure(2)

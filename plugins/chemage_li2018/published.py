@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import tomllib
 from decimal import Decimal
-from typing import NamedTuple
+from importlib import resources
+from typing import Any, NamedTuple
 
+#: the contents of reproduction.toml
+DATA: dict[str, Any] = tomllib.loads(
+    resources.files("chemage_li2018").joinpath("reproduction.toml").read_text(encoding="utf-8")
+)
 PAPER = "Li, Pastewka & Szlufarska, Phys. Rev. E 98, 023001 (2018)"
 
 
@@ -54,15 +60,7 @@ class PaperSurface(NamedTuple):
         return {f"surface.{name}": getattr(self, name) for name in ("hurst", "zeta", "eta")}
 
 
-TABLE_1 = (
-    PaperSurface("circle", "o", 0.8, 150, 3, "160", "0.44"),
-    PaperSurface("square", "s", 0.5, 150, 3, "499", "0.73"),
-    PaperSurface("diamond", "D", 0.3, 150, 3, "1013", "0.96"),
-    PaperSurface("triangle up", "^", 0.8, 75, 3, "75", "0.27"),
-    PaperSurface("triangle down", "v", 0.8, 15, 3, "14", "0.11"),
-    PaperSurface("asterisk", "*", 0.8, 150, 10, "435", "0.64"),
-    PaperSurface("cross", "x", 0.8, 150, 1, "113", "0.42"),
-)
+TABLE_1 = tuple(PaperSurface(**row) for row in DATA["table_1"])
 SLOPES = (0.05, 0.1, 0.2)
 
 #: β at 20 µN against h'_rms, by activation volume in Å³. The paper's caption of Fig. 3 gives the second set to panel

@@ -11,14 +11,14 @@ from chemage_li2018.comparisons import COMMON, DISAGREES, Claim, Estimate, Line
 from chemage_li2018.estimates import Band
 from chemage_li2018.pages import render
 from chemage_li2018.shapes import EQUAL, ScalingLaw
-from chemage_li2018.sweeps import DATA, TARGETS, Mean, read_points, studies_of
+from chemage_li2018.sweeps import TARGETS, Mean, read_points, studies_of
 
 #: folder of the figures, relative to the page
 FIGURES = "figures/reproduction"
 
-CAPTIONS: dict[str, str] = DATA["captions"]
+CAPTIONS: dict[str, str] = published.DATA["captions"]
 #: probable reasons for differences, and what is open, by target
-REASONS: dict[str, str] = DATA["reasons"]
+REASONS: dict[str, str] = published.DATA["reasons"]
 #: in place of the parameters of a power without an exponent
 DEGENERATE = "degenerate, its exponent runs to 0: the logarithm"
 

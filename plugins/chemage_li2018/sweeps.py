@@ -8,10 +8,8 @@ from __future__ import annotations
 import io
 import json
 import math
-import tomllib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from importlib import resources
 from itertools import chain, product, zip_longest
 from pathlib import Path
 from typing import Any
@@ -22,7 +20,7 @@ from scipy import stats
 import chemage
 from chemage import InputError
 from chemage.plugin import FIT_WINDOW, nearest, open_file, override, scene_data, text, write_file
-from chemage_li2018.published import TABLE_1, PaperSurface
+from chemage_li2018.published import DATA, TABLE_1, PaperSurface
 
 #: nm³: 6.4 Å³, and none
 WITH_PRESSURE = 0.0064
@@ -64,8 +62,6 @@ class PaperStudy:
     surfaces: int = 0
 
 
-#: the contents of reproduction.toml
-DATA = tomllib.loads(resources.files("chemage_li2018").joinpath("reproduction.toml").read_text(encoding="utf-8"))
 BASES = {name: BaseScene(**base) for name, base in DATA["bases"].items()}
 STUDIES = {name: PaperStudy(**study) for name, study in DATA["studies"].items()}
 #: the studies of each figure or table
