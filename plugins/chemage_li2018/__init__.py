@@ -1,4 +1,4 @@
-"""Studies: figures and tables of the paper, calibration of its barriers, scaling of friction by contact area."""
+"""Studies: figures and tables of the paper, calibration of its barriers; scenes of further comparisons."""
 
 from __future__ import annotations
 
@@ -13,3 +13,10 @@ def chemage_cli() -> list[tuple[str, Any]]:
     from chemage_li2018.command import reproduce, study
 
     return [("reproduce", reproduce), ("study", study)]
+
+
+@hookimpl
+def chemage_scenes() -> dict[str, str]:
+    """The scenes of this package."""
+    challenge = (f"contact-challenge-{what}" for what in ("loads", "pixels", "sizes"))
+    return {name: f"chemage_li2018:scenes/{name}.toml" for name in (*challenge, "silica-patches")}

@@ -14,8 +14,11 @@ if TYPE_CHECKING:
 
     from chemage import SweepResult
     from chemage_li2018.reproduction_page import Reproduction
+    from chemage_li2018.sweeps import StudyPoint
 
-STUDIES = ("tips", "density", "challenge")
+STUDIES = ("density",)
+#: scenes in place of former studies
+_SCENES = {"tips": "silica-tips and silica-patches", "challenge": "contact-challenge-loads, -pixels and -sizes"}
 
 
 def reproduce(
@@ -25,7 +28,7 @@ def reproduce(
             metavar="TARGETS",
             help="what to compute: fig1 … fig6, table1, kappa; maps, areas, barriers (supplement); estimates (numbers "
             "in the text); calibration (of the barriers); interaction, temperature, tips; or all, the default. "
-            "patches, what changes the number of patches, is not part of all. Since 0.2, fig1 is the surface, fig2 "
+            "patches, ways to count them, is not part of all. Since 0.2, fig1 is the surface, fig2 "
             "friction against time, fig4 pressures and barriers, and fig5 has ΔV = 0.",
             show_default=False,
         ),
@@ -49,17 +52,24 @@ def reproduce(
     The results are compared with the published numbers. Completed points are skipped, so that the same command resumes
     an interrupted one.
     """
-    from chemage_li2018 import sweeps
+    from chemage.plugin import write_file
+    from chemage_li2018 import patches, sweeps
 
-    if targets == ["patches"]:
-        return _patches(out / f"patches-{max(2, seeds)}-{pixels or 2500}", seeds, pixels, executor, workers)
-    names = sweeps.chosen(targets or [])
-    surfaces = sweeps.SURFACE_SEEDS[:seeds]
-    folder = out / f"{'-'.join(names) if len(names) < len(sweeps.TARGETS) else 'all'}-{seeds}-{pixels or 2500}"
-    scenes = {f"sweep-{base}": data for base, data in sweeps.scenes(names, surfaces, pixels).items()}
-    results = _swept(scenes, folder, executor, workers)
-    _show(write(results, names, folder, seeds=surfaces, pixels=pixels or 2500))
-    typer.echo(f"\n{folder / 'reproduction.md'}")
+    alone = targets == ["patches"]
+    names = ["table1"] if alone else sweeps.chosen(targets or [])
+    # the scatter of patches needs two surfaces
+    surfaces = sweeps.SURFACE_SEEDS[: max(seeds, 2) if alone else seeds]
+    words = "-".join(names) if len(names) < len(sweeps.TARGETS) else "all"
+    folder = out / f"{'patches' if alone else words}-{len(surfaces)}-{pixels or 2500}"
+    results = _swept(sweeps.scenes(names, surfaces, pixels), folder, executor, workers)
+    points = [sweeps.StudyPoint.of(point) for result in results for point in result]
+    if alone:
+        counts = patches.counted(sweeps.studies_of(points, names)["table"])
+        write_file(folder / "patches.md", patches.page(counts, surfaces, pixels or 2500), force=True)
+        typer.echo(folder / "patches.md")
+    else:
+        _show(write(points, names, folder, seeds=surfaces, pixels=pixels or 2500))
+        typer.echo(f"\n{folder / 'reproduction.md'}")
 
 
 def study(
@@ -68,7 +78,7 @@ def study(
         typer.Argument(
             metavar="NAME",
             autocompletion=lambda incomplete: [study for study in STUDIES if study.startswith(incomplete)],
-            help=f"name of the study: {', '.join(STUDIES[:-1])} or {STUDIES[-1]}",
+            help="name of the study: density",
         ),
     ],
     out: Annotated[
@@ -78,12 +88,6 @@ def study(
         ),
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="compute only a few contacts, as a test")] = False,
-    surface: Annotated[
-        Path | None,
-        typer.Option(
-            "--surface", metavar="FILE", help="of the challenge: the published surface, instead of random ones"
-        ),
-    ] = None,
     force: options.ForceOpt = False,
 ) -> None:
     """Run an installed study.
@@ -92,62 +96,30 @@ def study(
     """
     from chemage import InputError
     from chemage.plugin import nearest
+    from chemage_li2018 import density_page
 
+    if name in _SCENES:
+        raise InputError.of("study", name, "is computed by scenes", f"use `chemage run` with {_SCENES[name]}")
     if name not in STUDIES:
         raise InputError(f"no study {name!r}{nearest(name, STUDIES)}; there are: {', '.join(STUDIES)}")
-    out = out or Path(f"study-{name}")
-    if name == "challenge":
-        from chemage_li2018 import challenge_page
-
-        paths = challenge_page.write_study(out, quick=quick, force=force, surface=surface)
-    elif surface is not None:
-        raise InputError.of("surface", str(surface), f"study {name!r} makes its own surfaces", "leave it out")
-    elif name == "tips":
-        from chemage_li2018 import tips_page
-
-        paths = tips_page.write_study(out, quick=quick, force=force)
-    else:
-        from chemage_li2018 import density_page
-
-        paths = density_page.write_study(out, quick=quick, force=force)
-    for path in paths:
+    for path in density_page.write_study(out or Path(f"study-{name}"), quick=quick, force=force):
         typer.echo(path)
 
 
-def _swept(
-    scenes: Mapping[str, dict[str, Any]], folder: Path, executor: str, workers: int | None
-) -> dict[str, SweepResult]:
-    """Compute the sweeps, each in a folder of its name, and end the command if a point failed."""
+def _swept(scenes: Mapping[str, dict[str, Any]], folder: Path, executor: str, workers: int | None) -> list[SweepResult]:
+    """Compute the sweeps, by base, each in a folder, and end the command if a point failed."""
     from chemage import sweep
 
-    results = {
-        name: sweep(data, folder / name, executor=executor, workers=workers, progress=True)
-        for name, data in scenes.items()
-    }
-    failed = [point for result in results.values() for point in result.failed]
+    results = []
+    for base, data in scenes.items():
+        results.append(sweep(data, folder / f"sweep-{base}", executor=executor, workers=workers, progress=True))
+    failed = [point for result in results for point in result.failed]
+    for point in failed:
+        typer.echo(f"failed: {point!r}: {point.error}", err=True)
     if failed:
-        for point in failed:
-            typer.echo(f"failed: {point!r}: {point.error}", err=True)
-        count = sum(len(result) for result in results.values())
-        typer.echo(f"{len(failed)} of {count} points failed; rerun the same command to try them again", err=True)
+        typer.echo(f"{len(failed)} points failed; rerun the same command to try them again", err=True)
         raise typer.Exit(1)
     return results
-
-
-def _patches(folder: Path, count: int, pixels: int | None, executor: str, workers: int | None) -> None:
-    from chemage.plugin import write_file
-    from chemage_li2018 import patches
-
-    seeds = patches.seeds_of(count)
-    scenes = {
-        name.replace(" ", "-").replace("%", "percent"): (name, data)
-        for name, data in patches.scenes(seeds, pixels).items()
-    }
-    swept = _swept({folder_name: data for folder_name, (_, data) in scenes.items()}, folder, executor, workers)
-    results = {scenes[folder_name][0]: result for folder_name, result in swept.items()}
-    counted = patches.study(results, seeds, pixels, lambda text: typer.echo(text, err=True))
-    write_file(folder / "patches.md", patches.page(counted, pixels or 2500), force=True)
-    typer.echo(folder / "patches.md")
 
 
 def _show(results: Reproduction) -> None:
@@ -164,20 +136,19 @@ def _show(results: Reproduction) -> None:
 
 
 def write(
-    results: Mapping[str, SweepResult], names: list[str], folder: Path, *, seeds: Sequence[int], pixels: int
+    points: Sequence[StudyPoint], names: list[str], folder: Path, *, seeds: Sequence[int], pixels: int
 ) -> Reproduction:
-    """Write figures and page of completed sweeps, by base, into ``folder``, and return the comparisons."""
-
+    """Write figures and page of completed points into ``folder``, and return the comparisons."""
     from chemage.plugin import figures, versions, write_file
-    from chemage_li2018 import figures_supplement, reproduction_page
-    from chemage_li2018.sweeps import Point, save_points, studies_of
+    from chemage_li2018 import reproduction_page
+    from chemage_li2018.figures import NAMES, drawn
+    from chemage_li2018.sweeps import save_points, studies_of
 
-    points = [Point.of(point) for result in results.values() for point in result]
     about = {"targets": names, "seeds": list(seeds), "pixels": pixels, "versions": versions()}
     save_points(folder / "reproduction.npz", points, about)
     compared, text = reproduction_page.of_points(folder / "reproduction.npz")
     write_file(folder / "reproduction.md", text, force=True)
     computed = studies_of(points, names)
-    drawn = {name: figures_supplement.DRAW[name](computed) for name in names if name in figures_supplement.DRAW}
-    figures.save_figures(drawn, folder / reproduction_page.FIGURES, force=True)
+    made = {name: drawn(name, computed) for name in names if name in NAMES}
+    figures.save_figures(made, folder / reproduction_page.FIGURES, force=True)
     return compared

@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
 from chemage_li2018 import published
-from chemage_li2018.published import Published
-from chemage_li2018.shapes import Law
-from chemage_li2018.sweeps import LOAD, ROW, SLOPE, VOLUME, WITH_PRESSURE, Mean, Point, by, grouped, mean
+from chemage_li2018.published import PublishedNumber
+from chemage_li2018.shapes import ScalingLaw
+from chemage_li2018.sweeps import LOAD, RADIUS, SLOPE, Mean, PointSet, Studies, front, mean
 
 CALIBRATED, PREDICTED, DISAGREES, UNTESTED = "calibrated", "predicted", "disagrees", "not tested"
 #: largest accepted relative distance from a published number
@@ -21,7 +21,7 @@ class Line(NamedTuple):
 
     target: str
     quantity: str
-    paper: Published
+    paper: PublishedNumber
     ours: Mean
     #: whether an option was fitted to the published number
     calibrated: bool = False
@@ -65,16 +65,16 @@ class Line(NamedTuple):
 class Claim(NamedTuple):
     """A statement of the paper, our result, and whether the statement holds for it."""
 
-    target: str
     #: as in the paper; for a statement that cannot be tested, ``ours`` is the reason
     statement: str
     ours: str
     #: None if it is not tested
     holds: bool | None
     #: the laws that were compared, the best first, if the statement is about a shape
-    laws: tuple[Law, ...] = ()
+    laws: tuple[ScalingLaw, ...] = ()
     #: whether the barrier density was fitted to what it states
     calibrated: bool = False
+    target: str = ""
 
     @property
     def word(self) -> str:
@@ -96,77 +96,55 @@ class Estimate(NamedTuple):
     word: str
 
 
-Studies = dict[str, list[Point]]
-
-
 def lines(studies: Studies, targets: Sequence[str]) -> list[Line]:
     """Compare the published numbers of ``targets`` with those of the computed ``studies``."""
-    return [line for target in targets if target in _LINES for line in _LINES[target](studies)]
+    found = []
+    for target in targets:
+        for quantity, paper, points, name in _NUMBERS.get(target, lambda _: ())(studies):
+            ours = mean(points.of(name))
+            found.append(Line(target, quantity, PublishedNumber.of(paper), ours, calibrated=target == "fig3"))
+    return found
 
 
-def rows(points: Sequence[Point]) -> list[tuple[published.Row, list[Point]]]:
-    """Sort points by the rows of Table 1."""
-    groups = grouped(points, *ROW)
-    return [(row, groups[row.hurst, row.zeta, row.eta]) for row in published.TABLE_1]
+#: what is published, as it is printed; and the points that have it, in the summary by a name
+_Numbers = Iterable[tuple[str, str, PointSet, str]]
 
 
-def by_volume(points: Sequence[Point]) -> dict[float, list[Point]]:
-    """Group points by the activation volume in Å³."""
-    return {6.4 if volume else 0.0: group for volume, group in by(points, VOLUME).items()}
-
-
-def circle(points: Sequence[Point]) -> list[Point]:
-    """The points with the roughness of the reference, the first row of Table 1."""
-    return rows(points)[0][1]
-
-
-def front(studies: Studies, hydroxylation: float, volume: float = WITH_PRESSURE) -> list[Point]:
-    """The points of Fig. 6 with a hydroxylation and an activation volume (nm³)."""
-    return grouped(studies["front"], "chemistry.hydroxylation", VOLUME)[hydroxylation, volume]
-
-
-def _line(target: str, quantity: str, paper: str, points: Sequence[Point], name: str) -> Line:
-    return Line(target, quantity, Published.of(paper), mean(p.summary[name] for p in points))
-
-
-def _kappa_lines(studies: Studies) -> Iterable[Line]:
-    by_load = {load / 1000: group for load, group in by(studies["loads"], LOAD).items()}
+def _kappa(studies: Studies) -> _Numbers:
+    by_load = {load / 1000: group for load, group in studies["loads"].by(LOAD).items()}
     for load, paper in published.AREA_FRACTION.items():
-        yield _line("kappa", f"A/A0 at {load:g} µN", paper, by_load[load], "area_fraction")
-    yield _line("kappa", "κ at 20 µN, h' = 0.1", published.KAPPA, by_load[20.0], "kappa")
-    for row, points in rows(studies["table"]):
-        yield _line("kappa", f"κ, Table 1 {row.name}", published.KAPPA_ROWS, points, "kappa")
+        yield f"A/A0 at {load:g} µN", paper, by_load[load], "area_fraction"
+    yield "κ at 20 µN, h' = 0.1", published.KAPPA, by_load[20.0], "kappa"
+    for row, points in studies["table"].by_row().items():
+        yield f"κ, Table 1 {row.name}", published.KAPPA_ROWS, points, "kappa"
 
 
-def _table1_lines(studies: Studies) -> Iterable[Line]:
-    for row, points in rows(studies["table"]):
-        yield _line("table1", f"N_p, {row.name}", row.patches, points, "patches")
-        yield _line("table1", f"C/A (1/nm), {row.name}", row.perimeter_to_area, points, "perimeter_to_area")
+def _table1(studies: Studies) -> _Numbers:
+    for row, points in studies["table"].by_row().items():
+        yield f"N_p, {row.name}", row.patches, points, "patches"
+        yield f"C/A (1/nm), {row.name}", row.perimeter_to_area, points, "perimeter_to_area"
 
 
-def _fig3_lines(studies: Studies) -> Iterable[Line]:
-    for volume, points in by_volume(studies["slopes"]).items():
-        for slope, paper in published.BETA[volume].items():
-            group = [p for p in points if math.isclose(p.changes[SLOPE], slope)]
-            line = _line("fig3", f"β, h' = {slope:g}, ΔV = {volume:g} Å³", f"{paper:.2f}", group, "beta")
-            yield line._replace(calibrated=True)
+def _fig3(studies: Studies) -> _Numbers:
+    for volume, points in studies["slopes"].by_volume().items():
+        for slope, group in points.by(SLOPE).items():
+            yield f"β, h' = {slope:g}, ΔV = {volume:g} Å³", f"{published.BETA[volume][slope]:.2f}", group, "beta"
 
 
-def _fig6_lines(studies: Studies) -> Iterable[Line]:
-    yield _line("fig6", "β, h' = 0.4, half hydroxylated, front", published.FIG_6_BETA, front(studies, 0.5), "beta")
+def _fig6(studies: Studies) -> _Numbers:
+    yield "β, h' = 0.4, half hydroxylated, front", published.FIG_6_BETA, front(studies, 0.5), "beta"
 
 
-def _tips_lines(studies: Studies) -> Iterable[Line]:
-    for (radius, load), group in grouped(studies["tips"], "surface.radius", LOAD).items():
+def _tips(studies: Studies) -> _Numbers:
+    for (radius, load), group in studies["tips"].by(RADIUS, LOAD).items():
         if load in published.TIP_BETA:
-            name = f"β of a tip at {load:g} nN, radius {radius:g} nm"
-            yield _line("tips", name, published.TIP_BETA[load], group, "beta")
+            yield f"β of a tip at {load:g} nN, radius {radius:g} nm", published.TIP_BETA[load], group, "beta"
 
 
-_LINES: dict[str, Callable[[Studies], Iterable[Line]]] = {
-    "kappa": _kappa_lines,
-    "table1": _table1_lines,
-    "fig3": _fig3_lines,
-    "fig6": _fig6_lines,
-    "tips": _tips_lines,
+_NUMBERS: dict[str, Callable[[Studies], _Numbers]] = {
+    "kappa": _kappa,
+    "table1": _table1,
+    "fig3": _fig3,
+    "fig6": _fig6,
+    "tips": _tips,
 }

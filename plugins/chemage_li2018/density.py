@@ -14,8 +14,9 @@ import numpy as np
 
 import chemage
 from chemage_li2018 import density_fit as fit
-from chemage_li2018.density_fit import FAMILIES, FREE_END, OURS, PAPER, Emulator, Prior, Reported
-from chemage_li2018.density_rates import FITTED, SURFACES, TIMES, TIP, UNUSED, Rates
+from chemage_li2018.density_fit import FAMILIES, FREE_END, OURS, PAPER, DensityPrior, Emulator, Reported
+from chemage_li2018.density_rates import FITTED, SURFACES, TIMES, TIP, UNUSED, DensityCurves
+from chemage_li2018.shapes import first_reaching
 from chemage_silica import MDSilica
 
 #: the density of versions before 0.2.0, and one that was fitted to the rates alone, which misses the onsets; they are
@@ -47,8 +48,7 @@ class Density:
 
     name: str
     barriers: chemage.plugin.Barriers
-    #: Δμ, mean over surfaces, (conditions, m), and what the paper would report of it, one density
-    curves: np.ndarray
+    #: what the paper would report of it, one density
     reported: Reported
     #: χ² of the six rates with an error of the method of 1 %, by window, and of the times with our own window
     rates: np.ndarray
@@ -72,13 +72,13 @@ class Tips:
 
 
 @dataclass(frozen=True)
-class Study:
+class DensityStudy:
     """What the study found."""
 
     size: Size
     #: covariance of ln β between surfaces, (6, 6)
     surface: np.ndarray
-    prior: Prior
+    prior: DensityPrior
     #: (N, windows, methods)
     weight: np.ndarray
     triangle: Density
@@ -91,7 +91,7 @@ class Study:
     tips: Tips
 
 
-def compute(rates: Rates, size: Size) -> Study:
+def compute(rates: DensityCurves, size: Size) -> DensityStudy:
     """Weigh the draws of every family, and age the members on every surface."""
     search = size.surfaces[: size.search]
     references = rates.curves("error model", [TRIANGLE, RATES_ALONE], size.surfaces)
@@ -100,7 +100,7 @@ def compute(rates: Rates, size: Size) -> Study:
     # what the surfaces of the search lack to the mean over all of them, which hardly depends on the density
     shift = (every.mean(axis=1) - every[:, : size.search].mean(axis=1)).mean(axis=0)
     emulators = [_emulated(rates, size, family) for family in FAMILIES]
-    prior = Prior.of(emulators, shift)
+    prior = DensityPrior.of(emulators, shift)
     # our own mean has the error of its surfaces as well
     surface = surface * (1 + 1 / len(size.surfaces))
     weight = prior.posterior(PAPER, surface)
@@ -109,7 +109,7 @@ def compute(rates: Rates, size: Size) -> Study:
     aged = rates.curves("members", barriers, size.surfaces)
     names = [prior.families[int(prior.family[at])].name for at in chosen]
     tip = rates.curves("tip", [FREE_END.barriers(row) for row in _design(size, FREE_END)], [0], [TIP])[:, 0]
-    return Study(
+    return DensityStudy(
         size,
         surface,
         prior,
@@ -125,18 +125,18 @@ def compute(rates: Rates, size: Size) -> Study:
     )
 
 
-def _design(size: Size, family: fit.Family) -> np.ndarray:
+def _design(size: Size, family: fit.DensityFamily) -> np.ndarray:
     return family.design(size.design[len(family.bounds) - 1])
 
 
-def _emulated(rates: Rates, size: Size, family: fit.Family) -> Emulator:
+def _emulated(rates: DensityCurves, size: Size, family: fit.DensityFamily) -> Emulator:
     parameters = _design(size, family)
     barriers = [family.barriers(values) for values in parameters]
     curves = rates.curves(family.name, barriers, size.surfaces[: size.search], (*FITTED, *UNUSED))
     return Emulator(family, parameters, curves.mean(axis=1))
 
 
-def _members(prior: Prior, weight: np.ndarray) -> np.ndarray:
+def _members(prior: DensityPrior, weight: np.ndarray) -> np.ndarray:
     """The draw of least misfit, and those that span what is open."""
     of_draws = weight.sum(axis=(1, 2))
     best = int(np.argmax(of_draws))
@@ -149,11 +149,16 @@ def _density(name: str, barriers: chemage.plugin.Barriers, curves: np.ndarray, s
     reported = Reported.of(curves.mean(axis=0)[None])._replace(beta=Reported.of(curves).beta.mean(axis=0)[None])
     errors = fit.covariance(surface, fit.PUBLISHED, fit.METHODS[0])
     times = float(fit.misfit_of_times(reported, PAPER)[0, OURS])
-    return Density(name, barriers, curves.mean(axis=0), reported, fit.chi_squared(reported, PAPER, errors)[0], times)
+    return Density(name, barriers, reported, fit.chi_squared(reported, PAPER, errors)[0], times)
 
 
 def _held(
-    rates: Rates, size: Size, search: tuple[int, ...], prior: Prior, surface: np.ndarray, shift: np.ndarray
+    rates: DensityCurves,
+    size: Size,
+    search: tuple[int, ...],
+    prior: DensityPrior,
+    surface: np.ndarray,
+    shift: np.ndarray,
 ) -> np.ndarray:
     """Calibrate to rates of known densities, and compare β under conditions without a rate with the computed one."""
     rng = np.random.default_rng(27)
@@ -183,9 +188,9 @@ def _held(
 TIP_ONSET, TIP_LINEAR, TIP_EXPONENT = 0.1, (5e-3, 90e-3), 0.2
 
 
-def _tips(rates: Rates, rough: Emulator, tip: Emulator, surface: np.ndarray, shift: np.ndarray) -> Tips:
+def _tips(rates: DensityCurves, rough: Emulator, tip: Emulator, surface: np.ndarray, shift: np.ndarray) -> Tips:
     """Fit a density whose lower end is free to the rough contacts, to a tip, and to both."""
-    prior = Prior.of([rough], shift)
+    prior = DensityPrior.of([rough], shift)
     with_method = prior.chi_squared(PAPER, surface, 0.04)
     of_rough = (with_method + fit.misfit_of_times(prior.reported, PAPER)).min(axis=1)
     start, exponent = _growth(tip(np.array(prior.parameters))[:, 0])
@@ -203,7 +208,7 @@ def _growth(curves: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     first, last = TIP_LINEAR
     inside = (first <= TIMES) & (last >= TIMES)
     exponent = np.polyfit(np.log(TIMES[inside]), np.log(np.maximum(curves[:, inside], 1e-6)).T, 1)[0]
-    return fit.first_reaching(np.gradient(curves, np.log10(TIMES), axis=-1), half), exponent
+    return np.log(first_reaching(TIMES, np.gradient(curves, np.log10(TIMES), axis=-1), half)), exponent
 
 
 def _misfit_of_tip(start: np.ndarray, exponent: np.ndarray) -> np.ndarray:

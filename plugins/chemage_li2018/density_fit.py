@@ -25,6 +25,7 @@ from scipy.interpolate import RBFInterpolator
 from scipy.stats import qmc
 
 import chemage
+from chemage_li2018 import shapes
 from chemage_li2018.density_rates import TIMES
 from chemage_li2018.published import BETA, SLOPES
 
@@ -37,7 +38,7 @@ Nodes = tuple[Sequence[float], Sequence[float]]
 
 
 @dataclass(frozen=True)
-class Family:
+class DensityFamily:
     """A family of densities that are piecewise linear (the beta distribution: on a fine grid)."""
 
     name: str
@@ -52,6 +53,10 @@ class Family:
         """Make the barriers of the density with these parameters."""
         energies, weights = self.nodes(*(float(value) for value in parameters))
         return chemage.barriers("tabulated", energies=list(energies), weights=list(weights))
+
+    def named(self, parameters: Sequence[float] | np.ndarray) -> str:
+        """Parameters with their names, in words."""
+        return ", ".join(f"{name} {value:.3g}" for name, value in zip(self.parameters, parameters, strict=True))
 
     def design(self, count: int, seed: int = 5) -> np.ndarray:
         """Spread parameters evenly over the box (Sobol'), (count, k)."""
@@ -109,7 +114,7 @@ _SHAPES: dict[str, tuple[dict[str, tuple[float, float]], Callable[..., Nodes]]] 
     ),
 }
 *FAMILIES, FREE_END = (
-    Family(name, tuple(ranges), tuple(ranges.values()), nodes) for name, (ranges, nodes) in _SHAPES.items()
+    DensityFamily(name, tuple(ranges), tuple(ranges.values()), nodes) for name, (ranges, nodes) in _SHAPES.items()
 )
 
 #: hold times over which the paper may have fitted β, s
@@ -137,18 +142,18 @@ class Reported(NamedTuple):
     #: hold time at which Δμ of h' = 0.05 passes that of h' = 0.2, with ΔV, s: (1,) or (n, 1)
     crossing: np.ndarray
 
+    def times(self, at: int = 0, window: int = OURS) -> list[str]:
+        """Onsets with ΔV and without, and the crossing, of one density, in s."""
+        return [f"{value:.2g}" for value in np.exp([*self.onsets[at, window], *self.crossing[at]])]
+
     @classmethod
     def of(cls, curves: np.ndarray) -> Reported:
         """Read curves Δμ (n, conditions, m), of which the first six are :data:`FITTED`."""
         beta = np.stack([slope(curves, window) for window in WINDOWS], axis=1)
-        rough, smooth = curves[:, 2], curves[:, 0]
-        # a time before the first or after the last hold time is that one
-        above = np.where((rough > smooth).any(axis=1), TIMES.size - 1 - np.argmax((rough > smooth)[:, ::-1], axis=1), 0)
-        gap = rough - smooth
-        crossing = _between(gap, np.minimum(above + 1, TIMES.size - 1), 0.0)
+        crossing = np.log(shapes.last_positive(TIMES, curves[:, 2] - curves[:, 0]))
         half = 0.5 * beta[:, :, [1, 4]]
         steep = np.gradient(curves[:, None, [1, 4]], _X, axis=-1)
-        onsets = first_reaching(np.broadcast_to(steep, (*half.shape, TIMES.size)), half)
+        onsets = np.log(shapes.first_reaching(TIMES, np.broadcast_to(steep, (*half.shape, TIMES.size)), half))
         return cls(np.log(np.maximum(beta, 1e-12)), onsets, crossing[:, None])
 
 
@@ -157,20 +162,6 @@ def slope(curves: np.ndarray, window: tuple[float, float]) -> np.ndarray:
     inside = (window[0] * (1 - 1e-9) <= TIMES) & (window[1] * (1 + 1e-9) >= TIMES)
     x = _X[inside] - _X[inside].mean()
     return curves[..., inside] @ x / (x @ x)
-
-
-def first_reaching(values: np.ndarray, level: np.ndarray) -> np.ndarray:
-    """ln of the hold time (s) at which ``values`` (..., m) first reach ``level`` (...), (...)."""
-    return _between(values, np.argmax(values >= level[..., None], axis=-1), level)
-
-
-def _between(values: np.ndarray, at: np.ndarray, level: np.ndarray | float) -> np.ndarray:
-    """ln of the hold time between at − 1 and at where ``values`` (..., m) have ``level``."""
-    before = np.maximum(at - 1, 0)
-    first, last = (np.take_along_axis(values, place[..., None], -1)[..., 0] for place in (before, at))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.nan_to_num(np.clip((level - first) / (last - first), 0, 1))
-    return np.log(10) * (_X[before] + share * (_X[at] - _X[before]))
 
 
 PUBLISHED = np.array([BETA[volume][slope] for volume in (6.4, 0.0) for slope in SLOPES])
@@ -196,7 +187,7 @@ def misfit_of_times(reported: Reported, paper: Reported) -> np.ndarray:
 class Emulator:
     """Curves of a family between computed densities."""
 
-    family: Family
+    family: DensityFamily
     #: (n, k), and Δμ, mean over surfaces, (n, conditions, m)
     parameters: np.ndarray
     curves: np.ndarray
@@ -227,10 +218,10 @@ class Emulator:
 
 
 @dataclass(frozen=True)
-class Prior:
+class DensityPrior:
     """Draws of all families, equally many of each; N altogether."""
 
-    families: Sequence[Family]
+    families: Sequence[DensityFamily]
     #: position of the family, (N,), its parameters, and what the paper would report of it
     family: np.ndarray
     parameters: list[np.ndarray]
@@ -241,7 +232,7 @@ class Prior:
     errors: np.ndarray
 
     @classmethod
-    def of(cls, emulators: Sequence[Emulator], shift: np.ndarray, count: int = 1 << 12) -> Prior:
+    def of(cls, emulators: Sequence[Emulator], shift: np.ndarray, count: int = 1 << 12) -> DensityPrior:
         """Draw from families; ``shift`` (windows, 6) is what ln β lacks to the mean over all surfaces."""
         families = [emulator.family for emulator in emulators]
         parameters = [family.design(count, seed=11) for family in families]
@@ -264,18 +255,12 @@ class Prior:
 
     def chi_squared(self, paper: Reported, surface: np.ndarray, method: float) -> np.ndarray:
         """χ² of six rates over each window, (N, windows)."""
-        return self._joined(
-            lambda part, error: chi_squared(part, paper, covariance(surface, np.exp(paper.beta), method) + error)
-        )
+        errors = covariance(surface, np.exp(paper.beta), method) + self.errors
+        return chi_squared(self.reported, paper, errors[self.family])
 
     def log_likelihood(self, paper: Reported, surface: np.ndarray) -> np.ndarray:
         """ln of the likelihood of every draw, (N, windows, methods); see :func:`log_likelihood`."""
-        return self._joined(lambda part, error: log_likelihood(part, paper, surface + error))
-
-    def _joined(self, of: Callable[[Reported, np.ndarray], np.ndarray]) -> np.ndarray:
-        each = [self.family == number for number in range(len(self.families))]
-        parts = (Reported(*(column[chosen] for column in self.reported)) for chosen in each)
-        return np.concatenate([of(part, error) for part, error in zip(parts, self.errors, strict=True)])
+        return log_likelihood(self.reported, paper, (surface + self.errors)[self.family])
 
     def posterior(self, paper: Reported, surface: np.ndarray) -> np.ndarray:
         """Weights that sum to 1, (N, windows, methods)."""
@@ -285,17 +270,20 @@ class Prior:
 
 
 def chi_squared(reported: Reported, paper: Reported, errors: np.ndarray) -> np.ndarray:
-    """χ² of the six rates of n densities over each window, with the covariance of the errors, (n, windows)."""
+    """χ² of the six rates of n densities over each window, (n, windows); ``errors`` are one covariance, or n."""
     rest = paper.beta - reported.beta[:, :, :6]
-    return np.einsum("nwi,ij,nwj->nw", rest, np.linalg.inv(errors), rest)
+    return (rest @ np.linalg.inv(errors) * rest).sum(axis=-1)
 
 
 def log_likelihood(reported: Reported, paper: Reported, surface: np.ndarray) -> np.ndarray:
-    """ln of the likelihood of n densities by their rates and times, but for a constant: (n, windows, methods)."""
+    """ln of the likelihood of n densities by their rates and times, but for a constant: (n, windows, methods).
+
+    ``surface`` is (6, 6), or (n, 6, 6).
+    """
     misfits = []
     for method in METHODS:
         errors = covariance(surface, np.exp(paper.beta), method)
-        misfits.append(chi_squared(reported, paper, errors) + np.linalg.slogdet(errors)[1])
+        misfits.append(chi_squared(reported, paper, errors) + np.linalg.slogdet(errors)[1][..., None])
     return -0.5 * (np.stack(misfits, axis=-1) + misfit_of_times(reported, paper)[..., None])
 
 

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from chemage.plugin import figures, progress
+from chemage.plugin import figures, progress, write_file
 from chemage_li2018 import density_fit as fit
-from chemage_li2018.density import QUICK, Density, Size, Study, compute
+from chemage_li2018.density import QUICK, Density, DensityStudy, Size, compute
 from chemage_li2018.density_fit import OURS, PUBLISHED, WINDOWS
-from chemage_li2018.density_rates import FITTED, UNUSED, Condition, Rates
-from chemage_li2018.pages import filled, free_folder, table, write_pages
+from chemage_li2018.density_rates import FITTED, UNUSED, DensityCurves
+from chemage_li2018.pages import free_folder, render
 from chemage_li2018.published import SLOPES
 
 if TYPE_CHECKING:
@@ -31,82 +29,32 @@ def _window(window: tuple[float, float]) -> str:
     return " to ".join(f"{time:g}" for time in window) + " s"
 
 
-def _condition(condition: Condition) -> str:
-    changed = {"ΔV": f"{1000 * condition.volume:.2g} Å³", "T": f"{condition.temperature:g} K"}
-    usual = {"ΔV": "6.4 Å³", "T": "300 K"}
-    return ", ".join(
-        [f"h' = {condition.slope:g}", *(f"{k} = {value}" for k, value in changed.items() if value != usual[k])]
-    )
-
-
-def _times(reported: fit.Reported, at: int, window: int = OURS) -> list[str]:
-    seconds = [*np.exp(reported.onsets[at, window]), *np.exp(reported.crossing[at])]
-    return [f"{value:.2g}" for value in seconds]
-
-
-def _named(family: fit.Family, parameters: np.ndarray) -> str:
-    return ", ".join(f"{name} {value:.3g}" for name, value in zip(family.parameters, parameters, strict=True))
-
-
-def _rates_table(study: Study) -> str:
-    best, members = study.members[0], np.array([density.beta for density in study.members])
-    low, high = np.exp(fit.interval(study.prior.reported.beta[:, OURS, :6], study.weight.sum(axis=(1, 2))))
-    rows = [
-        [
-            _condition(condition),
-            f"{published:.2f}",
-            *(f"{row[at]:.3f} ({row[at] / published - 1:+.1%})" for row in (best.beta, study.rates_alone.beta)),
-            f"{study.triangle.beta[at]:.3f} ({study.triangle.beta[at] / published - 1:+.1%})",
-            f"{low[at]:.3f} to {high[at]:.3f}",
-            f"{members[:, at].min():.3f} to {members[:, at].max():.3f}",
-        ]
-        for at, (condition, published) in enumerate(zip(FITTED, PUBLISHED, strict=True))
-    ]
-    columns = ["condition", "published β", "least misfit", "rates alone", "triangle, peak 1.1 eV", "95 %", "members"]
-    return table(columns, rows)
-
-
-def _windows_table(study: Study) -> str:
-    three = [study.members[0], study.rates_alone, study.triangle]
-    rows = [
-        [_window(window), f"{study.weight[:, at].sum():.3f}", *(f"{density.rates[at]:.1f}" for density in three)]
-        for at, window in enumerate(WINDOWS)
-    ]
-    return table(["window", "posterior weight", "χ²: least misfit", "rates alone", "triangle, peak 1.1 eV"], rows)
-
-
-def _families_table(study: Study) -> str:
+def _families(study: DensityStudy) -> list[list[str]]:
+    """Rows of the table of families."""
     prior, of_draws = study.prior, study.weight.sum(axis=(1, 2))
-    chi, times = (
-        prior.chi_squared(fit.PAPER, study.surface, fit.METHODS[0]),
-        fit.misfit_of_times(prior.reported, fit.PAPER),
-    )
+    chi = prior.chi_squared(fit.PAPER, study.surface, fit.METHODS[0])
+    times = fit.misfit_of_times(prior.reported, fit.PAPER)
     rows = []
     for number, family in enumerate(prior.families):
         draws = np.flatnonzero(prior.family == number)
         at = int(draws[np.argmax(of_draws[draws])])
         window = int(np.argmax(study.weight[at].sum(axis=1)))
-        least = [" ".join(f"{value:.0f}" for value in chi[draws].min(axis=0))]
         rows.append(
             [
                 family.name,
-                _named(family, prior.parameters[at]),
+                family.named(prior.parameters[at]),
                 f"{of_draws[draws].sum():.3f}",
                 f"{100 * np.sqrt(np.diag(prior.errors[number])).max():.1f}",
                 f"{chi[at, window]:.1f} ({_window(WINDOWS[window])})",
                 f"{times[at, window]:.1f}",
-                *_times(prior.reported, at, window),
-                *least,
+                *prior.reported.times(at, window),
+                " ".join(f"{value:.0f}" for value in chi[draws].min(axis=0)),
             ]
         )
-    columns = ["family", "parameters of least misfit", "posterior weight", "error of interpolation (%)"]
-    columns += ["χ² of the rates", "of the times"]
-    return table(
-        [*columns, "onset with ΔV (s)", "without (s)", "crossing (s)", "least χ² of the rates by window"], rows
-    )
+    return rows
 
 
-def frontier(study: Study) -> tuple[np.ndarray, np.ndarray]:
+def frontier(study: DensityStudy) -> tuple[np.ndarray, np.ndarray]:
     """Misfit of the times, increasing, and the least χ² of the rates (error of the method 1 %) up to it."""
     chi = study.prior.chi_squared(fit.PAPER, study.surface, fit.METHODS[0]).ravel()
     times = fit.misfit_of_times(study.prior.reported, fit.PAPER).ravel()
@@ -114,54 +62,13 @@ def frontier(study: Study) -> tuple[np.ndarray, np.ndarray]:
     return times[order], np.minimum.accumulate(chi[order])
 
 
-def _admitted(study: Study) -> tuple[float, float]:
+def _admitted(study: DensityStudy) -> tuple[float, float]:
     """Twice ln of the likelihood below the largest: of the rates alone, and where 95 % of the weight ends."""
     likelihood = study.prior.log_likelihood(fit.PAPER, study.surface).max(axis=(1, 2))
     rates_alone = fit.log_likelihood(study.rates_alone.reported, fit.PAPER, study.surface).max()
     order = np.argsort(-likelihood)
     last = order[np.searchsorted(np.cumsum(study.weight.sum(axis=(1, 2))[order]), 0.95)]
     return float(2 * (likelihood.max() - rates_alone)), float(2 * (likelihood.max() - likelihood[last]))
-
-
-def _frontier_table(study: Study) -> str:
-    times, chi = frontier(study)
-    rows = [
-        [f"{level:g}", f"{chi[at]:.1f}"] for level in _LEVELS if (at := int(np.searchsorted(times, level)) - 1) >= 0
-    ]
-    return table(["misfit of the times, at most", "least χ² of the six rates"], rows)
-
-
-def _members_table(study: Study) -> str:
-    rows = [
-        [
-            str(number),
-            density.name,
-            f"{density.rates.min():.1f}",
-            " ".join(f"{value:.3f}" for value in density.beta),
-            *_times(density.reported, 0),
-        ]
-        for number, density in enumerate(study.members)
-    ]
-    columns = ["member", "family", "least χ² of the rates", "β: 6.4 Å³, then ΔV = 0", "onset with ΔV (s)"]
-    return table([*columns, "without (s)", "crossing (s)"], rows)
-
-
-def _held_table(study: Study) -> str:
-    rows = [
-        [_condition(condition), f"{study.held[:, at].sum()} of {len(study.held)}"]
-        for at, condition in enumerate(UNUSED)
-    ]
-    return table(["condition", "cases in which the range of the members holds β"], rows)
-
-
-def _tips_table(study: Study) -> str:
-    tips, names = study.tips, ("the rough contacts", "the tip", "both")
-    rows = [
-        [name, _named(fit.FREE_END, values), *(f"{value:.1f}" for value in misfit), f"{start:.2g}", f"{power:.2f}"]
-        for name, values, misfit, (start, power) in zip(names, tips.parameters, tips.misfit, tips.growth, strict=True)
-    ]
-    columns = ["fitted to", "density of least misfit", "misfit of the rough contacts", "of the tip"]
-    return table([*columns, "start of the logarithmic regime of the tip (s)", "exponent from 5 to 90 ms"], rows)
 
 
 def write_study(out: Path, *, quick: bool = False, force: bool = False) -> list[Path]:
@@ -174,63 +81,54 @@ def write_study(out: Path, *, quick: bool = False, force: bool = False) -> list[
     StoreError
         A file exists and ``force`` is false, or ``out`` cannot be written.
     """
-    draw = {"densities": densities_figure, "trade": trade_figure}
-    names = ["barrier_density.md", "md_silica_barriers.csv", *(f"figures/density-{name}.png" for name in draw)]
-    free_folder(out, names, force=force)
+    draw = {"density-densities": densities_figure, "density-trade": trade_figure}
+    texts = ["barrier_density.md", "md_silica_barriers.csv"]
+    free_folder(out, [*texts, *(f"figures/{name}.png" for name in draw)], force=force)
     size = QUICK if quick else Size()
     with progress.progress_bars() as report:
-        study = compute(Rates(out / "rates", report, size.pixels), size)
-    members = [density.barriers for density in study.members]
-    texts = {names[0]: lambda: page(study, "figures"), names[1]: lambda: densities_csv(members)}
-    return write_pages(
-        out, texts, {f"density-{name}.png": partial(density, study) for name, density in draw.items()}, force=force
-    )
+        study = compute(DensityCurves(out / "rates", report, size.pixels), size)
+    write_file(out / texts[0], page(study), force=force)
+    write_file(out / texts[1], densities_csv([density.barriers for density in study.members]), force=force)
+    drawn = {name: make(study) for name, make in draw.items()}
+    return [*(out / name for name in texts), *figures.save_figures(drawn, out / "figures", force=force)]
 
 
-def page(study: Study, figures: str) -> str:
-    """Write the study as Markdown; ``figures`` is the folder of its figures, relative to the page."""
-    import jinja2
-
-    text = resources.files("chemage_li2018").joinpath("density.md.j2").read_text(encoding="utf-8")
+def page(study: DensityStudy) -> str:
+    """Write the study as Markdown."""
     beta = np.array([density.beta for density in study.members])
-    best, alone = study.members[0], study.tips.misfit
-    template = jinja2.Environment(undefined=jinja2.StrictUndefined).from_string(text)
-    return filled(
-        template.render(
-            figures=figures,
-            study=study,
-            windows="; ".join(_window(window) for window in WINDOWS),
-            methods=", ".join(f"{value:.0%}" for value in fit.METHODS),
-            of_methods=", ".join(f"{value:.2f}" for value in study.weight.sum(axis=(0, 1))),
-            about=fit.ABOUT,
-            share=fit.SHARE,
-            end=fit.END,
-            largest=float(np.abs(best.beta / PUBLISHED - 1).max()),
-            band=beta.max(axis=0) / beta.min(axis=0) - 1,
-            times=[_times(density.reported, 0) for density in (best, study.rates_alone)],
-            admitted=dict(zip(("rates_alone", "limit"), _admitted(study), strict=True)),
-            best=best,
-            surface=np.sqrt(np.diag(study.surface))[:3],
-            interpolation=float(np.sqrt(np.mean((study.interpolated - np.log([d.beta for d in study.members])) ** 2))),
-            held=float(study.held.mean()),
-            conflict=float(alone[2].sum() - alone[0, 0] - alone[1, 1]),
-            tables={name: make(study) for name, make in _TABLES.items()},
-        )
+    alone = study.tips.misfit
+    low, high = np.exp(fit.interval(study.prior.reported.beta[:, OURS, :6], study.weight.sum(axis=(1, 2))))
+    times, chi = frontier(study)
+    last = np.searchsorted(times, _LEVELS) - 1
+    return render(
+        "density",
+        study=study,
+        fit=fit,
+        tuple=tuple,
+        three=[study.members[0], study.rates_alone, study.triangle],
+        free_end=fit.FREE_END,
+        conditions=FITTED,
+        unused=UNUSED,
+        published=PUBLISHED,
+        windows=[_window(window) for window in WINDOWS],
+        methods=[f"{value:.0%}" for value in fit.METHODS],
+        of_windows=study.weight.sum(axis=(0, 2)),
+        of_methods=[f"{value:.2f}" for value in study.weight.sum(axis=(0, 1))],
+        beta=beta,
+        low=low,
+        high=high,
+        largest=float(np.abs(beta[0] / PUBLISHED - 1).max()),
+        band=beta.max(axis=0) / beta.min(axis=0) - 1,
+        admitted=_admitted(study),
+        families=_families(study),
+        frontier=[(level, chi[at]) for level, at in zip(_LEVELS, last, strict=True) if at >= 0],
+        surface=np.sqrt(np.diag(study.surface))[:3],
+        interpolation=float(np.sqrt(np.mean((study.interpolated - np.log(beta)) ** 2))),
+        conflict=float(alone[2].sum() - alone[0, 0] - alone[1, 1]),
     )
 
 
-_TABLES = {
-    "rates": _rates_table,
-    "windows": _windows_table,
-    "families": _families_table,
-    "frontier": _frontier_table,
-    "members": _members_table,
-    "held": _held_table,
-    "tips": _tips_table,
-}
-
-
-def _drawn(study: Study) -> list[tuple[Density, dict[str, Any]]]:
+def _drawn(study: DensityStudy) -> list[tuple[Density, dict[str, Any]]]:
     grey = {"color": figures.GREY, "lw": 0.7, "alpha": 0.7}
     every: list[tuple[Density, dict[str, Any]]] = [(density, grey) for density in study.members[1:]]
     every.append((study.triangle, {"color": figures.BLUE, "lw": 1.3, "ls": "--", "label": "triangle, peak 1.1 eV"}))
@@ -239,7 +137,7 @@ def _drawn(study: Study) -> list[tuple[Density, dict[str, Any]]]:
     return every
 
 
-def densities_figure(study: Study) -> Figure:
+def densities_figure(study: DensityStudy) -> Figure:
     """Draw the members, the density of least misfit, and earlier ones; and the share of barriers below an energy."""
     figure, (left, right) = figures.panels(9.6, 3.8, 2, dpi=110)
     energies = np.linspace(0.78, 1.42, 1281)
@@ -257,7 +155,7 @@ def densities_figure(study: Study) -> Figure:
     return figure
 
 
-def trade_figure(study: Study) -> Figure:
+def trade_figure(study: DensityStudy) -> Figure:
     """Draw the least χ² of the rates against the misfit of the times; and the deviations of the six rates."""
     figure, (left, right) = figures.panels(9.6, 3.8, 2, dpi=110)
     times, chi = frontier(study)

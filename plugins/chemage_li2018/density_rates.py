@@ -19,6 +19,7 @@ import numpy as np
 import chemage
 from chemage import ContactSolution, ReactionLattice, Scene
 from chemage.plugin import EV_PER_GPA_NM3, StoreError, container, override, random, scene_data, threads
+from chemage_li2018.sweeps import coarse
 
 #: seeds of the surfaces; the first is that of the scene silica-rough
 SURFACES = tuple(range(7, 23))
@@ -30,7 +31,7 @@ TIP_DRAWS = 40
 Report = Callable[[str, int, int], None]
 
 
-class Condition(NamedTuple):
+class AgeingCondition(NamedTuple):
     """What a density ages: a rough contact at 20 µN, or the tip of the scene silica-afm-tip (``slope`` 0)."""
 
     slope: float
@@ -38,18 +39,23 @@ class Condition(NamedTuple):
     volume: float = 0.0064
     temperature: float = 300.0
 
+    def __str__(self) -> str:
+        changed = [f"ΔV = {1000 * self.volume:.2g} Å³"] if self.volume != 0.0064 else []
+        changed += [f"T = {self.temperature:g} K"] if self.temperature != 300.0 else []
+        return ", ".join([f"h' = {self.slope:g}", *changed])
+
 
 #: those of the six published rates, with ΔV first
-FITTED = tuple(Condition(slope, volume) for volume in (0.0064, 0.0) for slope in (0.05, 0.1, 0.2))
+FITTED = tuple(AgeingCondition(slope, volume) for volume in (0.0064, 0.0) for slope in (0.05, 0.1, 0.2))
 #: those that no published rate covers
 UNUSED = (
-    Condition(0.07),
-    Condition(0.14),
-    Condition(0.1, volume=0.0032),
-    Condition(0.1, temperature=275.0),
-    Condition(0.1, temperature=325.0),
+    AgeingCondition(0.07),
+    AgeingCondition(0.14),
+    AgeingCondition(0.1, volume=0.0032),
+    AgeingCondition(0.1, temperature=275.0),
+    AgeingCondition(0.1, temperature=325.0),
 )
-TIP = Condition(0.0)
+TIP = AgeingCondition(0.0)
 
 
 @dataclass(frozen=True)
@@ -64,7 +70,7 @@ class _Draw:
 
 
 @dataclass
-class Rates:
+class DensityCurves:
     """Δμ of densities on the reference contacts, computed where ``folder`` does not have it yet."""
 
     folder: Path
@@ -80,7 +86,7 @@ class Rates:
         stage: str,
         densities: Sequence[chemage.plugin.Barriers],
         seeds: Iterable[int],
-        conditions: Sequence[Condition] = FITTED,
+        conditions: Sequence[AgeingCondition] = FITTED,
     ) -> np.ndarray:
         """Δμ of every density on every surface under every condition: (densities, seeds, conditions, m).
 
@@ -103,7 +109,7 @@ class Rates:
         return np.stack(curves, axis=1)
 
     def _of_surface(
-        self, densities: Sequence[chemage.plugin.Barriers], seed: int, conditions: Sequence[Condition]
+        self, densities: Sequence[chemage.plugin.Barriers], seed: int, conditions: Sequence[AgeingCondition]
     ) -> np.ndarray:
         values = np.zeros((len(densities), len(conditions), TIMES.size))
         for slope in dict.fromkeys(condition.slope for condition in conditions):
@@ -121,9 +127,8 @@ class Rates:
     def _scene(self, seed: int, slope: float) -> Scene:
         data, _ = scene_data("silica-rough" if slope else "silica-afm-tip")
         changes: dict[str, Any] = {"surface.seed": seed, "surface.rms_slope": slope} if slope else {}
-        if slope and self.pixels != 2500:  # each pixel is a site of a coarser surface
-            changes |= {"surface.pixels": self.pixels, "surface.pixel_size": 2500 * 0.4518 / self.pixels}
-            changes |= {"chemistry.site_density": "pixel"}
+        if slope and self.pixels != 2500:
+            changes |= coarse(self.pixels)
         return chemage.parse_scene(override(data, changes))
 
     def _draws(self, scene: Scene, seed: int, slope: float) -> list[_Draw]:
@@ -151,7 +156,9 @@ class Rates:
             return solution
 
 
-def _aged(scene: Scene, density: chemage.plugin.Barriers, draws: Sequence[_Draw], condition: Condition) -> np.ndarray:
+def _aged(
+    scene: Scene, density: chemage.plugin.Barriers, draws: Sequence[_Draw], condition: AgeingCondition
+) -> np.ndarray:
     """Δμ under one condition, mean over draws of the disorder, (m,)."""
     assert scene.chemistry is not None
     assert scene.engine is not None

@@ -1,18 +1,18 @@
-"""The figures of the paper."""
+"""The figures of the paper, its supplement and our own."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from chemage.plugin import figures
+from chemage.plugin import figures as plots
+from chemage.plugin import theory
 from chemage_li2018 import published
-from chemage_li2018.claims import morphology
-from chemage_li2018.comparisons import Studies, by_volume, circle, front, rows
+from chemage_li2018.claims import barrier_moments, morphology
 from chemage_li2018.estimates import variants
-from chemage_li2018.sweeps import LOAD, SEED, SLOPE, Mean, Point, by, curve, mean, spread
+from chemage_li2018.sweeps import KELVIN, LOAD, RADIUS, SEED, SLOPE, STRENGTH, PointSet, Studies, front, mean
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,279 +20,361 @@ if TYPE_CHECKING:
 
 #: size of the text of legends
 SMALL = 7
+_COLOURS = dict(zip(published.SLOPES, plots.PALETTE, strict=False))
+_TIMES = dict(zip((1.0, 1e3, 1e5), plots.PALETTE, strict=False))
+_BETWEEN_SURFACES = "bars and bands: standard deviation between surfaces"
+
+#: name -> what draws the figure into panels, and their columns, rows, width and height (inches)
+_DRAW: dict[str, tuple[Callable[[Sequence[Axes], Studies], None], tuple[int, int, float, float]]] = {}
+_Draw = Callable[["Sequence[Axes]", Studies], None]
 
 
-def figure(columns: int, rows: int = 1, width: float = 4.6, height: float = 3.9) -> tuple[Figure, list[Axes]]:
-    """Make a figure of panels of ``width`` by ``height`` inches, row by row."""
-    return figures.panels(width * columns, height * rows, columns, rows, dpi=110)
+def _figure(columns: int, rows: int = 1, width: float = 4.6, height: float = 3.9) -> Callable[[_Draw], _Draw]:
+    """Register the figure of the name of a function."""
+
+    def registered(draw: _Draw) -> _Draw:
+        _DRAW[draw.__name__] = draw, (columns, rows, width * columns, height * rows)
+        return draw
+
+    return registered
 
 
-def say_scatter(axes: Axes) -> None:
-    """Say on the figure, once, what its bars and bands are."""
-    axes.figure.supxlabel("bars and bands: standard deviation between surfaces", fontsize=SMALL)
+def drawn(name: str, studies: Studies) -> Figure:
+    """Draw a figure, in which empty panels are left out and labels make legends."""
+    draw, (columns, rows, width, height) = _DRAW[name]
+    figure, axes = plots.panels(width, height, columns, rows, dpi=110)
+    draw(axes, studies)
+    for panel in axes:
+        if panel.get_legend_handles_labels()[0] and panel.get_legend() is None:
+            panel.legend(frameon=False, fontsize=SMALL, title_fontsize=SMALL)
+    return figure
 
 
-def band(
-    axes: Axes, points: list[Point], quantity: Callable[[Point], np.ndarray], label: str = "", **style: Any
+def _spread(values: np.ndarray) -> np.ndarray:
+    """Standard deviation between surfaces, (n, ...) -> (...); 0 for a single one."""
+    return values.std(axis=0, ddof=1) if len(values) > 1 else np.zeros(values.shape[1:])
+
+
+def _bars(axes: Axes, x: Iterable[float], values: Iterable[np.ndarray], **style: Any) -> None:
+    """Draw means over surfaces, of values (n,) each, with the standard deviation between them."""
+    axes.figure.supxlabel(_BETWEEN_SURFACES, fontsize=SMALL)
+    every = list(values)
+    style = {"ms": 3, "lw": 1, "fmt": "o-", "capsize": 2, "elinewidth": 0.8, "color": plots.PALETTE[0], **style}
+    axes.errorbar(list(x), [one.mean() for one in every], yerr=[_spread(one) for one in every], **style)
+
+
+def _band(axes: Axes, x: np.ndarray, values: np.ndarray, *, steps: bool = False, **style: Any) -> None:
+    """Draw the mean of curves (n, m) and their standard deviation as a band; ``steps``: of a density between edges."""
+    middle, half = values.mean(axis=0), _spread(values)
+    if steps:
+        axes.stairs(middle, x, **style)
+        x = 0.5 * (x[1:] + x[:-1])
+    else:
+        axes.plot(x, middle, **style)
+    if half.any():
+        step: Any = {"step": "mid"} if steps else {}
+        low = np.maximum(middle - half, 0) if steps else middle - half
+        axes.fill_between(x, low, middle + half, color=style["color"], alpha=0.2, lw=0, **step)
+        axes.figure.supxlabel(_BETWEEN_SURFACES, fontsize=SMALL)
+
+
+def _barriers(axes: Axes, points: PointSet, **style: Any) -> None:
+    _band(axes, points[0].observables["barrier_edges"], points.observed("barriers_start"), steps=True, **style)
+    axes.set(xlabel="E$_{form}$(t = 0) (eV)", ylabel="density per site (1/eV)", ylim=(0, None))
+
+
+def _pressures(axes: Axes, points: PointSet, **style: Any) -> None:
+    _band(axes, points[0].observables["pressure_edges"], points.observed("pressures"), steps=True, **style)
+    axes.set(xlabel="pressure (GPa)", ylabel="density per site (1/GPa)", ylim=(0, None))
+
+
+def _at_times(
+    axes: Axes, x: Iterable[float], groups: Iterable[PointSet], xlabel: str, *, coefficient: bool = False
 ) -> None:
-    """Draw the mean of a curve against hold time, and the standard deviation between surfaces as a band."""
-    times, middle, half = points[0].hold_times, curve(points, quantity), spread(points, quantity)
-    axes.plot(times, middle, label=label or None, **style)
-    if half.any():
-        axes.fill_between(times, middle - half, middle + half, color=style.get("color"), alpha=0.2, lw=0)
-        say_scatter(axes)
+    """Draw ΔF or Δμ of groups of surfaces at three hold times."""
+    every = list(groups)
+    for time, colour in _TIMES.items():
+        values = [one.coefficient_at(time) if coefficient else one.at(time) / 1000 for one in every]
+        _bars(axes, x, values, color=colour, label=f"{time:g} s")
+    axes.set(xlabel=xlabel, ylabel="Δμ" if coefficient else "ΔF (µN)", ylim=(0, None))
 
 
-def bars(axes: Axes, x: Iterable[float], means: Iterable[Mean], **style: Any) -> None:
-    """Draw means with the standard deviation between surfaces."""
-    values = list(means)
-    say_scatter(axes)
-    axes.errorbar(
-        list(x),
-        [value.value for value in values],
-        yerr=[0.0 if np.isnan(value.scatter) else value.scatter for value in values],
-        capsize=2,
-        elinewidth=0.8,
-        **{"ms": 3, "lw": 1, **style},
-    )
+def _over_loads(studies: Studies) -> dict[float, PointSet]:
+    """The points by load in µN."""
+    return {load / 1000: group for load, group in studies["loads"].by(LOAD).items()}
 
 
-def density(axes: Axes, points: list[Point], name: str, edges: str, **style: Any) -> None:
-    """Draw the mean of a measured density over surfaces, with its standard deviation as a band."""
-    bounds = points[0].observables[edges]
-    middle, half = (part(points, lambda p: p.observables[name]) for part in (curve, spread))
-    axes.stairs(middle, bounds, **style)
-    if half.any():
-        centre = 0.5 * (bounds[1:] + bounds[:-1])
-        low, high = np.maximum(middle - half, 0), middle + half
-        axes.fill_between(centre, low, high, step="mid", color=style.get("color"), alpha=0.2, lw=0)
-        say_scatter(axes)
+def _areas(groups: Iterable[PointSet]) -> list[float]:
+    return [group.of("area_fraction").mean() for group in groups]
 
 
-def legend(axes: Axes, **style: Any) -> None:
-    """Draw a legend without a frame."""
-    axes.legend(**{"frameon": False, "fontsize": SMALL, "title_fontsize": SMALL, **style})
-
-
-def letter(axes: Iterable[Axes], letters: str) -> None:
-    """Write the letters of panels above their left upper corners."""
-    for panel, name in zip(axes, letters, strict=True):
-        panel.set_title(f"({name})", loc="left", fontsize=10)
-
-
-_SLOPE_COLOURS = dict(zip(published.SLOPES, figures.PALETTE, strict=False))
-_TIMES = (1.0, 1e3, 1e5)
-
-
-def fig1(studies: Studies) -> Figure:
+@_figure(3, width=4.8)
+def fig1(axes: Sequence[Axes], studies: Studies) -> None:
     """Draw the heights of the first surface, the contact on it, and a part of the contact."""
     point = studies["reference"][0]
-    surface, contact = point.surface(), point.contact()
-    side = contact.shape[0] * contact.pixel_size
-    drawing, axes = figure(3, width=4.8)
-    whole = (0.0, side, 0.0, side)
-    figures.draw_map(axes[0], figures.pooled(surface.heights, np.mean, 600), whole, "height (nm)", cmap="cividis")
-    shown = figures.pooled(contact.contact.astype(np.float64), np.max, 600)
-    figures.draw_map(axes[1], np.ma.masked_equal(shown, 0.0), whole, "contact", cmap="binary", vmin=0, vmax=1)
-    if (bar := axes[1].images[0].colorbar) is not None:
-        bar.remove()
-    start, size, pressure = _densest(contact.pressure)
-    low = [place * contact.pixel_size for place in start]
-    part = (low[0], low[0] + size * contact.pixel_size, low[1], low[1] + size * contact.pixel_size)
-    figures.draw_map(axes[2], np.ma.masked_equal(pressure, 0.0), part, "pressure (GPa)", cmap="viridis")
-    axes[1].plot(*_outline(part), color=figures.PALETTE[1], lw=1)
+    contact, scene = point.computed.contact(), point.computed.scene()
+    scene.surface.make(scene.surface_seed).plot(axes[0])
+    _contact(axes[1], contact)
+    corner, width = _densest(contact.contact), max(8, contact.shape[0] // 8)
+    part = contact.pressure[corner[0] : corner[0] + width, corner[1] : corner[1] + width]
+    x, y, size = (contact.pixel_size * pixels for pixels in (*corner, width))
+    plots.draw_map(axes[2], np.ma.masked_equal(part, 0.0), (x, x + size, y, y + size), "pressure (GPa)", cmap="viridis")
+    axes[1].indicate_inset((x, y, size, size), edgecolor=plots.PALETTE[1], alpha=1)
+    axes[2].set_title("pressure in the square", fontsize=9)
     axes[0].set_title(f"surface, seed {point.changes[SEED]}", fontsize=9)
     axes[1].set_title(f"contact at 20 µN, A/A$_0$ = {contact.area_fraction:.4f}", fontsize=9)
-    axes[2].set_title("pressure in the square", fontsize=9)
-    return drawing
 
 
-def _densest(pressure: np.ndarray) -> tuple[tuple[int, int], int, np.ndarray]:
-    """The square of an eighth of the width with the most contact: its corner, its size and its pressures."""
+def _densest(contact: np.ndarray) -> np.ndarray:
+    """The first pixel of the square of an eighth of the width with the most contact."""
     from scipy import ndimage
 
-    size = max(8, pressure.shape[0] // 8)
-    share = ndimage.uniform_filter((pressure > 0).astype(np.float32), size, mode="constant")
+    width = max(8, contact.shape[0] // 8)
+    share = ndimage.uniform_filter(contact.astype(np.float32), width, mode="constant")
     middle = np.unravel_index(int(np.argmax(share)), share.shape)
-    i, j = (min(max(int(place) - size // 2, 0), pressure.shape[0] - size) for place in middle)
-    return (i, j), size, pressure[i : i + size, j : j + size]
+    return np.clip(np.array(middle) - width // 2, 0, np.array(contact.shape) - width)
 
 
-def _outline(part: tuple[float, float, float, float]) -> tuple[list[float], list[float]]:
-    x0, x1, y0, y1 = part
-    return [x0, x1, x1, x0, x0], [y0, y0, y1, y1, y0]
+def _contact(axes: Axes, contact: Any) -> None:
+    """Draw a contact in black."""
+    side = contact.shape[0] * contact.pixel_size
+    shown = plots.pooled(contact.contact, np.max, 500)
+    axes.imshow(shown.T, origin="lower", extent=(0, side, 0, side), cmap="binary", interpolation="nearest")
+    axes.set(xticks=(0, 500, 1000), yticks=(0, 500, 1000))
 
 
-def fig2(studies: Studies) -> Figure:
+@_figure(4, 2, 3.9, 3.4)
+def fig2(axes: Sequence[Axes], studies: Studies) -> None:
     """Draw barriers and pressures at three loads, and ΔF and Δμ against time, load and contact area."""
-    drawing, axes = figure(4, rows=2, width=3.9, height=3.4)
-    groups = {load / 1000: group for load, group in by(studies["loads"], LOAD).items()}
-    chosen = {load: groups[load] for load in (20.0, 100.0, 500.0)}
-    _intrinsic(axes[0], next(iter(chosen.values()))[0])
-    for (load, group), colour in zip(chosen.items(), figures.PALETTE, strict=False):
-        density(axes[0], group, "barriers_start", "barrier_edges", color=colour, label=f"E$_{{form}}$(0), {load:g} µN")
-        density(axes[3], group, "pressures", "pressure_edges", color=colour, label=f"{load:g} µN")
-    axes[0].set(xlabel="barrier (eV)", ylabel="density per site (1/eV)", xlim=(0.5, 1.45), ylim=(0, 6))
-    axes[3].set(xlabel="pressure (GPa)", ylabel="density per site (1/GPa)", xlim=(0, 8), ylim=(0, None))
-    for (load, group), colour in zip(groups.items(), figures.PALETTE, strict=False):
-        band(axes[1], group, lambda p: np.maximum(p.friction_drop, 1e-9) / 1000, f"{load:g} µN", color=colour, lw=1)
-        band(axes[2], group, lambda p: p.coefficient, color=colour, lw=1)
+    groups = _over_loads(studies)
+    for load, colour in zip((20.0, 100.0, 500.0), plots.PALETTE, strict=False):
+        _barriers(axes[0], groups[load], color=colour, label=f"E$_{{form}}$(0), {load:g} µN")
+        _pressures(axes[3], groups[load], color=colour, label=f"{load:g} µN")
+    _intrinsic(axes[0], groups[20.0])
+    axes[3].set(xlim=(0, 8))
+    for (load, group), colour in zip(groups.items(), plots.PALETTE, strict=False):
+        _band(axes[1], group.times, np.maximum(group.drop, 1e-9) / 1000, label=f"{load:g} µN", color=colour, lw=1)
+        _band(axes[2], group.times, group.coefficient, color=colour, lw=1)
     axes[1].set(xscale="log", yscale="log", xlabel="hold time (s)", ylabel="ΔF (µN)", ylim=(1e-2, None))
     axes[2].set(xscale="log", xlabel="hold time (s)", ylabel="Δμ", ylim=(0, None))
-    loads = list(groups)
-    areas = [mean(p.summary["area_fraction"] for p in group).value for group in groups.values()]
-    for time, colour in zip(_TIMES, figures.PALETTE, strict=False):
-        drop = [mean(p.at(time) / 1000 for p in group) for group in groups.values()]
-        coefficient = [mean(p.at(time) / p.changes[LOAD] for p in group) for group in groups.values()]
-        for place, x, y in ((4, loads, drop), (5, loads, coefficient), (6, areas, drop), (7, areas, coefficient)):
-            bars(axes[place], x, y, fmt="o-", color=colour, label=f"{time:g} s")
-    for place, x, y in ((4, "load (µN)", "ΔF (µN)"), (5, "load (µN)", "Δμ"), (6, "A/A$_0$", "ΔF (µN)")):
-        axes[place].set(xlabel=x, ylabel=y, ylim=(0, None))
-    axes[7].set(xlabel="A/A$_0$", ylabel="Δμ", ylim=(0, None))
-    for place in (0, 1, 3, 4):
-        legend(axes[place], fontsize=6)
-    for axis, name in zip(axes, ("a", "b", "b", "c", "d", "d", "d", "d"), strict=True):
+    for place, (x, label) in enumerate(((list(groups), "load (µN)"), (_areas(groups.values()), "A/A$_0$"))):
+        _at_times(axes[4 + 2 * place], x, groups.values(), label)
+        _at_times(axes[5 + 2 * place], x, groups.values(), label, coefficient=True)
+    for axis, name in zip(axes, "abbcdddd", strict=True):
         axis.set_title(f"({name})", loc="left", fontsize=10)
-    return drawing
 
 
-def _intrinsic(axes: Axes, point: Point) -> None:
+def _intrinsic(axes: Axes, points: PointSet) -> None:
     """Draw the densities of the intrinsic barriers to forming and to breaking."""
-    assert point.source is not None
-    chemistry = point.source.scene().chemistry
+    chemistry = points[0].computed.scene().chemistry
     assert chemistry is not None
     energy = np.linspace(0.5, 1.5, 1001)
     forming = chemistry.forming.density(energy)
     if forming is not None:
-        axes.plot(energy, forming, color=figures.GREY, lw=1.2, ls="--", label="intrinsic, forming")
+        axes.plot(energy, forming, color=plots.GREY, lw=1.2, ls="--", label="intrinsic, forming")
     breaking = chemistry.breaking.density(energy) if chemistry.breaking is not None else None
     if breaking is not None:
-        axes.fill_between(
-            energy, breaking / 5, color=figures.PALETTE[3], alpha=0.4, lw=0, label="breaking (density / 5)"
-        )
+        style: dict[str, Any] = {"color": plots.PALETTE[3], "alpha": 0.4, "lw": 0}
+        axes.fill_between(energy, breaking / 5, label="breaking (density / 5)", **style)
+    axes.set(xlabel="barrier (eV)", xlim=(0.5, 1.45), ylim=(0, 6))
 
 
-def fig3(studies: Studies) -> Figure:
+@_figure(3, 2, 4.6, 3.7)
+def fig3(axes: Sequence[Axes], studies: Studies) -> None:
     """Draw Δμ against hold time and against A/A0 for the rows of Table 1 at three slopes, with and without ΔV."""
-    from matplotlib.ticker import MultipleLocator
-
-    drawing, axes = figure(3, rows=2, width=4.6, height=3.7)
-    for line, (volume, points) in enumerate(by_volume(studies["rows"]).items()):
+    volumes = studies["rows"].by_volume()
+    for line, (volume, points) in enumerate(volumes.items()):
         over_time, *over_area = axes[3 * line : 3 * line + 3]
         title = "ΔV = 6.4 Å$^3$" if volume else "ΔV = 0"
-        for row, of_row in rows(points):
-            for slope, group in by(of_row, SLOPE).items():
-                colour = _SLOPE_COLOURS[slope]
-                band(over_time, group, lambda p: p.coefficient, color=colour, lw=0.7)
-                over_time.plot(
-                    group[0].hold_times[::4], _mean(group)[::4], row.marker, ms=3.5, mfc="none", mew=0.7, color=colour
-                )
+        for row, of_row in points.by_row().items():
+            for slope, group in of_row.by(SLOPE).items():
+                style: dict[str, Any] = {"color": _COLOURS[slope], "marker": row.marker, "mfc": "none", "lw": 0.7}
+                _band(over_time, group.times, group.coefficient, ms=3.5, markevery=4, **style)
+                area = group.of("area_fraction")
                 for axis, time in zip(over_area, (1.0, 1e3), strict=True):
-                    area = mean(p.summary["area_fraction"] for p in group)
-                    drop = mean(p.at(time) / p.changes[LOAD] for p in group)
-                    style = {"color": colour, "marker": row.marker, "ms": 5, "mfc": "none", "mew": 0.9, "lw": 0.7}
-                    width = 0.0 if np.isnan(area.scatter) else area.scatter
-                    height = 0.0 if np.isnan(drop.scatter) else drop.scatter
-                    axis.errorbar(area.value, drop.value, xerr=width, yerr=height, ls="none", **style)
+                    _bars(axis, [area.mean()], [group.coefficient_at(time)], xerr=_spread(area), fmt="", ms=5, **style)
         over_time.set(xscale="log", xlabel="hold time (s)", ylabel="Δμ", title=title, ylim=(0, None))
         for axis, time in zip(over_area, (1.0, 1e3), strict=True):
             axis.set(xlabel="A/A$_0$", ylabel="Δμ", title=f"{title}, {time:g} s", xlim=(0, None), ylim=(0, None))
-            axis.xaxis.set_major_locator(MultipleLocator(0.005))
-    _reversal(axes[0], circle(by_volume(studies["rows"])[6.4]))
-    for slope, colour in _SLOPE_COLOURS.items():
-        axes[0].plot([], [], color=colour, label=f"h' = {slope:g}")
-    legend(axes[0])
-    for row in published.TABLE_1:
-        axes[2].plot([], [], row.marker, color=figures.GREY, ms=5, mfc="none", label=row.name)
-    legend(axes[2], loc="lower right")
-    return drawing
-
-
-def _reversal(axes: Axes, points: list[Point]) -> None:
-    """Draw the hold times at which the order of the slopes reverses, larger."""
-    inset = axes.inset_axes((0.09, 0.36, 0.38, 0.34))
-    for slope, group in by(points, SLOPE).items():
-        band(inset, group, lambda p: p.coefficient, color=_SLOPE_COLOURS[slope], lw=1)
-    inside = (points[0].hold_times >= 0.3) & (points[0].hold_times <= 30)
-    top = max(float(p.coefficient[inside].max()) for p in points)
-    inset.set(xscale="log", xlim=(0.3, 30), ylim=(0, top))
+            axis.locator_params(axis="x", nbins=5)
+    # the hold times at which the order of the slopes reverses, larger
+    inset = axes[0].inset_axes((0.09, 0.36, 0.38, 0.34))
+    for slope, group in volumes[6.4].circle().by(SLOPE).items():
+        inside = (group.times >= 0.3) & (group.times <= 30)
+        _band(inset, group.times[inside], group.coefficient[:, inside], color=_COLOURS[slope], lw=1)
+        axes[0].plot([], [], color=_COLOURS[slope], label=f"h' = {slope:g}")
+    inset.set(xscale="log", ylim=(0, None))
     inset.set_title("circle", fontsize=SMALL)
     inset.tick_params(labelsize=6)
+    for row in published.TABLE_1:
+        axes[2].plot([], [], row.marker, color=plots.GREY, ms=5, mfc="none", label=row.name)
 
 
-def _mean(points: list[Point]) -> np.ndarray:
-    return np.mean([p.coefficient for p in points], axis=0)
-
-
-def fig4(studies: Studies) -> Figure:
+@_figure(2)
+def fig4(axes: Sequence[Axes], studies: Studies) -> None:
     """Draw the distributions of local pressure and of E_form(t = 0) at three slopes."""
-    drawing, (pressures, barriers) = figure(2)
-    for slope, group in by(by_volume(studies["slopes"])[6.4], SLOPE).items():
-        style = {"color": _SLOPE_COLOURS[slope], "label": f"h' = {slope:g}"}
-        density(pressures, group, "pressures", "pressure_edges", **style)
-        density(barriers, group, "barriers_start", "barrier_edges", **style)
-    pressures.set(xlabel="pressure (GPa)", ylabel="density per site (1/GPa)", xlim=(0, 10), ylim=(0, None))
-    barriers.set(xlabel="E$_{form}$(t = 0) (eV)", ylabel="density per site (1/eV)", xlim=(0.3, 1.5), ylim=(0, None))
-    letter((pressures, barriers), "ab")
-    legend(pressures)
-    return drawing
+    for slope, group in studies["slopes"].by_volume()[6.4].by(SLOPE).items():
+        _pressures(axes[0], group, color=_COLOURS[slope], label=f"h' = {slope:g}")
+        _barriers(axes[1], group, color=_COLOURS[slope])
+    axes[0].set(xlim=(0, 10))
+    axes[1].set(xlim=(0.3, 1.5))
+    for axis, name in zip(axes, "ab", strict=True):
+        axis.set_title(f"({name})", loc="left", fontsize=10)
 
 
-def fig5(studies: Studies) -> Figure:
+@_figure(3, 1, 4.0, 3.6)
+def fig5(axes: Sequence[Axes], studies: Studies) -> None:
     """Draw Δμ·A0/A at 1e3 s against C/A for the rows of Table 1 at three slopes, without ΔV."""
-    drawing, axes = figure(3, width=4.0, height=3.6)
-    groups = by(by_volume(studies["rows"])[0.0], SLOPE)
+    groups = studies["rows"].by_volume()[0.0].by(SLOPE)
     for axis, (slope, group) in zip(axes, groups.items(), strict=True):
-        for (row, of_row), colour in zip(rows(group), figures.PALETTE, strict=False):
-            x, y = morphology(of_row)
-            axis.plot(x, y, row.marker, ms=4, mfc="none", mew=0.8, color=colour, label=row.name)
+        for (row, of_row), colour in zip(group.by_row().items(), plots.PALETTE, strict=False):
+            axis.plot(*morphology(of_row), row.marker, ms=4, mfc="none", mew=0.8, color=colour, label=row.name)
         x, y = morphology(group)
-        line = np.polynomial.Polynomial.fit(x, y, 1)
         ends = np.array([x.min(), x.max()])
-        axis.plot(ends, line(ends), color=figures.GREY, lw=0.8, zorder=0)
+        axis.plot(ends, np.polynomial.Polynomial.fit(x, y, 1)(ends), color=plots.GREY, lw=0.8, zorder=0)
         axis.set_title(f"h' = {slope:g}, correlation {np.corrcoef(x, y)[0, 1]:.3f}", fontsize=9)
         axis.set(xlabel="C/A (1/nm)", ylabel="Δμ A$_0$/A at 1e3 s (axis not from 0)")
-    legend(axes[0])
-    return drawing
 
 
-def fig6(studies: Studies) -> Figure:
+@_figure(2, 1, 5.2, 4.2)
+def fig6(axes: Sequence[Axes], studies: Studies) -> None:
     """Draw Δμ against hold time at half hydroxylation, and β by what it depends on, with κ of that contact."""
-    drawing, (left, right) = figure(2, width=5.2, height=4.2)
+    left, right = axes
     half = front(studies, 0.5)
-    times = half[0].hold_times
-    middle = _mean(half)
-    scatter = (
-        np.std([p.coefficient for p in half], axis=0, ddof=1) if len(half) > 1 else half[0].friction_drop_half_width
-    )
-    error = scatter if len(half) > 1 else scatter / half[0].summary["load"]
-    left.errorbar(times, middle, yerr=error, fmt="o-", ms=3, lw=1, capsize=2, color=figures.PALETTE[0])
+    _bars(left, half.times, half.coefficient.T, lw=1)
     left.set(xscale="log", xlabel="hold time (s)", ylabel="Δμ")
-    left.set_title(
-        "bars: " + ("standard deviation between surfaces" if len(half) > 1 else "95 % over replicas"), fontsize=9
-    )
     readings = variants(studies)
-    for place, (reading, colour) in enumerate(zip(readings, figures.PALETTE, strict=False)):
-        _level(right, -place, reading.beta, colour)
-    right.axvline(float(published.FIG_6_BETA), color=figures.GREY, lw=1, ls="--")
-    right.set_yticks(
-        [-place for place in range(len(readings))], [_broken(reading.name) for reading in readings], fontsize=7
-    )
-    kappa = mean(p.summary["kappa"] for p in half)
+    for place, (reading, colour) in enumerate(zip(readings.values(), plots.PALETTE, strict=False)):
+        right.errorbar(reading.value, -place, xerr=np.nan_to_num(reading.scatter), fmt="o", color=colour, capsize=3)
+    right.axvline(float(published.FIG_6_BETA), color=plots.GREY, lw=1, ls="--")
+    names = [name.replace(" (", "\n(").replace(", ", ",\n", 1) for name in readings]
+    right.set_yticks([-place for place in range(len(readings))], names, fontsize=7)
     right.set(xlabel="β", xlim=(0, None))
-    right.set_title(f"dashed: paper, {published.FIG_6_BETA}; κ = {kappa} at h' = 0.4", fontsize=9)
-    return drawing
+    right.set_title(f"dashed: paper, {published.FIG_6_BETA}; κ = {mean(half.of('kappa'))} at h' = 0.4", fontsize=9)
 
 
-def _level(axes: Axes, place: float, value: Mean, colour: str) -> None:
-    width = None if np.isnan(value.scatter) else value.scatter
-    if width is not None:
-        say_scatter(axes)
-    axes.errorbar(value.value, place, xerr=width, fmt="o", color=colour, capsize=3)
+@_figure(4, 2, 3.0, 3.2)
+def maps(axes: Sequence[Axes], studies: Studies) -> None:
+    """Draw the contact of each row of Table 1 on its first surface."""
+    for axis, (row, group) in zip(axes, studies["table"].by_row().items(), strict=False):
+        _contact(axis, group[0].computed.contact())
+        axis.set_title(f"{row.name}: H {row.hurst:g}, ζ {row.zeta:g}, η {row.eta:g}", fontsize=8)
+    seed = studies["table"][0].changes[SEED]
+    axes[-1].axis("off")
+    axes[-1].text(0.0, 0.5, f"x and y in nm\nh' = 0.05, 20 µN\nsurface seed {seed}\nblack: contact", fontsize=8)
 
 
-def _broken(text: str) -> str:
-    """A label on two lines, cut at the middle space."""
-    words = text.split(" ")
-    cut = min(range(1, len(words)), key=lambda i: abs(len(" ".join(words[:i])) - len(text) / 2))
-    return " ".join(words[:cut]) + "\n" + " ".join(words[cut:])
+@_figure(1)
+def areas(axes: Sequence[Axes], studies: Studies) -> None:
+    """Draw the contact area against load."""
+    (plot,) = axes
+    groups = _over_loads(studies)
+    _bars(plot, groups, [group.of("area_fraction") for group in groups.values()])
+    paper = {load: float(value) for load, value in published.AREA_FRACTION.items()}
+    plot.plot(list(paper), list(paper.values()), "s", ms=8, mfc="none", color=plots.PALETTE[1], label="paper")
+    slope = groups[20.0].of("area_fraction").mean() / 20.0
+    plot.plot([0, 500], [0, 500 * slope], color=plots.GREY, lw=0.8, ls="--", label="proportional to load, from 20 µN")
+    plot.set(xlabel="load (µN)", ylabel="A/A$_0$", xlim=(0, None), ylim=(0, None))
+
+
+@_figure(2)
+def barriers(axes: Sequence[Axes], studies: Studies) -> None:
+    """Draw the distribution of E_form(t = 0) at every load, and its mean against load."""
+    groups = _over_loads(studies)
+    for (load, group), colour in zip(groups.items(), plots.PALETTE, strict=False):
+        _barriers(axes[0], group, color=colour, label=f"{load:g} µN", lw=0.9)
+    axes[0].set(xlim=(0.5, 1.45))
+    edges = studies["loads"][0].observables["barrier_edges"]
+    _bars(axes[1], groups, [barrier_moments(edges, group.observed("barriers_start"))[0] for group in groups.values()])
+    axes[1].set(xlabel="load (µN)", ylabel="mean E$_{form}$(t = 0) (eV)", xscale="log")
+
+
+@_figure(1)
+def interaction(axes: Sequence[Axes], studies: Studies) -> None:
+    """Draw ΔF against the strength of the interaction."""
+    groups = studies["interaction"].by(STRENGTH)
+    _at_times(axes[0], groups, groups.values(), "I$_b$ (eV)")
+
+
+@_figure(2)
+def table1(axes: Sequence[Axes], studies: Studies) -> None:
+    """Draw our patches and contour lengths of the rows of Table 1 against those of the paper."""
+    panels = (("patches", "patches", "log", (8, 1500)), ("perimeter_to_area", "C/A (1/nm)", "linear", (0, 1.1)))
+    for panel, (name, label, scale, ends) in zip(axes, panels, strict=True):
+        for (row, group), colour in zip(studies["table"].by_row().items(), plots.PALETTE, strict=False):
+            style: dict[str, Any] = {"fmt": row.marker, "color": colour, "ms": 6, "mfc": "none", "label": row.name}
+            _bars(panel, [float(getattr(row, name))], [group.of(name)], **style)
+        panel.plot(ends, ends, color=plots.GREY, lw=0.8, zorder=0)
+        panel.set(xlabel=f"{label}, paper", ylabel=f"{label}, ours", xscale=scale, yscale=scale, xlim=ends, ylim=ends)
+
+
+@_figure(3, width=4.3)
+def kappa(axes: Sequence[Axes], studies: Studies) -> None:
+    """Draw contact area and κ against load with two theories, and κ of the rows of Table 1 and of Fig. 6."""
+    left, middle, right = axes
+    groups = studies["loads"].by(LOAD)
+    x = np.array([_reduced(group) for group in groups.values()])
+    for name, label, marker in (("area", "pixels in contact", "o"), ("corrected_area", "corrected for pixels", "s")):
+        share = [group.of(name) / group.of("nominal_area") for group in groups.values()]
+        style: dict[str, Any] = {"fmt": marker, "ms": 4, "mfc": "none" if name == "corrected_area" else None}
+        _bars(left, x, share, label=label, **style)
+        _bars(middle, x, [one / place for one, place in zip(share, x, strict=True)], **style)
+    fine = np.linspace(0, x.max() * 1.05, 200)
+    theories = (
+        ("Persson", theory.persson_area_fraction, np.sqrt(8 / np.pi)),
+        ("Bush, Gibson & Thomas", theory.bgt_area_fraction, np.sqrt(2 * np.pi)),
+    )
+    for (name, area, limit), colour in zip(theories, plots.PALETTE[1:], strict=False):
+        left.plot(fine, area(fine), color=colour, label=name)
+        middle.axhline(limit, color=colour, lw=0.8)
+    left.set(xlabel="p̄ / (E* h'$_{rms}$)", ylabel="A/A$_0$")
+    reference = _reduced(groups[20e3])
+    middle.plot(reference, float(published.KAPPA), "D", color=plots.GREY, ms=5, label="paper, 20 µN")
+    middle.set(xlabel="p̄ / (E* h'$_{rms}$)", ylabel="κ", ylim=(1.4, 3.0))
+    span = published.PublishedNumber.of(published.KAPPA_ROWS)
+    right.axhspan(span.low, span.high, color=plots.GREY, alpha=0.3, lw=0, label=f"paper, {span.text}")
+    named = {row.name: group for row, group in studies["table"].by_row().items()}
+    named["Fig. 6"] = front(studies, 0.5)
+    _bars(right, range(len(named)), [group.of("kappa") for group in named.values()], fmt="o", ms=4)
+    right.set_xticks(range(len(named)), list(named), rotation=40, ha="right", fontsize=7)
+    right.set(ylabel="κ at 20 µN", ylim=(1.4, 3.0))
+
+
+def _reduced(points: PointSet) -> float:
+    """The nominal pressure over modulus and rms slope."""
+    summary = points[0].summary
+    return summary["nominal_pressure"] / (summary["modulus"] * summary["rms_slope"])
+
+
+@_figure(2, width=4.4)
+def temperature(axes: Sequence[Axes], studies: Studies) -> None:
+    """Draw β and ΔF against temperature, of a piece of the rough contact and of a tip."""
+    for name, colour in zip(("rough", "tip"), plots.PALETTE, strict=False):
+        groups = studies[f"warm {name}"].by(KELVIN)
+        _bars(axes[0], groups, [group.beta() for group in groups.values()], color=colour, label=name)
+        for time, dashes in ((1e2, "--"), (1e4, "-")):
+            drop = [group.at(time) for group in groups.values()]
+            largest = max(values.mean() for values in drop)
+            style = {"fmt": f"o{dashes}", "color": colour, "label": f"{name}, {time:g} s"}
+            _bars(axes[1], groups, [values / largest for values in drop], **style)
+    for panel, label in zip(axes, ("β over 10 to 1e4 s", "ΔF / its largest mean"), strict=True):
+        panel.axvline(300, color=plots.GREY, lw=0.8, ls=":")
+        panel.set(xlabel="temperature (K)", ylabel=label, ylim=(0, None))
+
+
+@_figure(2)
+def tips(axes: Sequence[Axes], studies: Studies) -> None:
+    """Draw ΔF and β of tips against load, with the published β of atomic force microscopy."""
+    left, right = axes
+    for (radius, group), colour in zip(studies["tips"].by(RADIUS).items(), plots.PALETTE, strict=False):
+        load, style = group.swept(LOAD), {"fmt": "o-", "ms": 3, "lw": 1, "color": colour, "capsize": 2}
+        left.errorbar(load, group.at(1e3), yerr=group.half_width_at(1e3), label=f"R = {radius:g} nm", **style)
+        right.errorbar(load, group.of("beta"), yerr=group.of("beta_half_width"), **style)
+    paper = {load: float(text) for load, text in published.TIP_BETA.items()}
+    right.plot(list(paper), list(paper.values()), "s", ms=7, mfc="none", color=plots.GREY, label="paper (AFM)")
+    left.set(xlabel="load (nN)", ylabel="ΔF at 1e3 s (nN)", xlim=(0, None), ylim=(0, None))
+    left.set_title("bars: 95 % intervals over replicas", fontsize=9)
+    right.set(xlabel="load (nN)", ylabel="β", xscale="log", yscale="log")
+
+
+NAMES = tuple(_DRAW)

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import tomllib
 from decimal import Decimal
-from typing import NamedTuple
+from importlib import resources
+from typing import Any, NamedTuple
 
+#: the contents of reproduction.toml
+DATA: dict[str, Any] = tomllib.loads(
+    resources.files("chemage_li2018").joinpath("reproduction.toml").read_text(encoding="utf-8")
+)
 PAPER = "Li, Pastewka & Szlufarska, Phys. Rev. E 98, 023001 (2018)"
 
 
-class Published(NamedTuple):
+class PublishedNumber(NamedTuple):
     """A published number as it is printed, and the interval that its digits leave open."""
 
     text: str
@@ -16,7 +22,7 @@ class Published(NamedTuple):
     high: float
 
     @classmethod
-    def of(cls, text: str) -> Published:
+    def of(cls, text: str) -> PublishedNumber:
         """Read ``"0.44"`` (half a unit of the last digit on both sides) or a range ``"2 to 2.3"``."""
         first, _, last = text.partition(" to ")
         if last:
@@ -32,17 +38,12 @@ class Published(NamedTuple):
         """The number; None for a range."""
         return None if " to " in self.text else float(self.text)
 
-    @property
-    def centre(self) -> float:
-        """The number, or the middle of the range."""
-        return 0.5 * (self.low + self.high)
-
     def distance(self, value: float) -> float:
         """Distance of ``value`` from the interval, 0 inside, in its unit."""
         return max(self.low - value, value - self.high, 0.0)
 
 
-class Row(NamedTuple):
+class PaperSurface(NamedTuple):
     """A row of the paper's Table 1 (h'_rms = 0.05, 20 µN, λ_L = 1129 nm); ``marker`` is the symbol of its points."""
 
     name: str
@@ -53,16 +54,13 @@ class Row(NamedTuple):
     patches: str
     perimeter_to_area: str
 
+    @property
+    def options(self) -> dict[str, float]:
+        """Its roughness: dotted path -> value."""
+        return {f"surface.{name}": getattr(self, name) for name in ("hurst", "zeta", "eta")}
 
-TABLE_1 = (
-    Row("circle", "o", 0.8, 150, 3, "160", "0.44"),
-    Row("square", "s", 0.5, 150, 3, "499", "0.73"),
-    Row("diamond", "D", 0.3, 150, 3, "1013", "0.96"),
-    Row("triangle up", "^", 0.8, 75, 3, "75", "0.27"),
-    Row("triangle down", "v", 0.8, 15, 3, "14", "0.11"),
-    Row("asterisk", "*", 0.8, 150, 10, "435", "0.64"),
-    Row("cross", "x", 0.8, 150, 1, "113", "0.42"),
-)
+
+TABLE_1 = tuple(PaperSurface(**row) for row in DATA["table_1"])
 SLOPES = (0.05, 0.1, 0.2)
 
 #: β at 20 µN against h'_rms, by activation volume in Å³. The paper's caption of Fig. 3 gives the second set to panel

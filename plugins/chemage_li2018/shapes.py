@@ -22,7 +22,7 @@ EQUAL = 2.0
 DEGENERATE = 0.01
 
 
-class Law(NamedTuple):
+class ScalingLaw(NamedTuple):
     """A law of growth fitted to a mean curve."""
 
     name: str
@@ -33,10 +33,10 @@ class Law(NamedTuple):
     criterion: float
 
 
-class Comparison(NamedTuple):
+class LawComparison(NamedTuple):
     """Laws of growth with time, the one with the least criterion first."""
 
-    laws: tuple[Law, ...]
+    laws: tuple[ScalingLaw, ...]
     #: local slope per decade in the first and the last decade, and standard errors
     first: tuple[float, float]
     last: tuple[float, float]
@@ -57,26 +57,7 @@ class Comparison(NamedTuple):
         return self.criterion(name) <= EQUAL
 
 
-def _logarithm(times: np.ndarray, parameters: np.ndarray) -> np.ndarray:
-    return parameters[0] * np.log10(times)
-
-
-def _power(times: np.ndarray, parameters: np.ndarray) -> np.ndarray:
-    return parameters[0] * (times / times[0]) ** parameters[1]
-
-
-def _stretched(times: np.ndarray, parameters: np.ndarray) -> np.ndarray:
-    return -parameters[0] * np.exp(-((times / 10.0 ** parameters[1]) ** parameters[2]))
-
-
-_LAWS: dict[str, tuple[Callable[[np.ndarray, np.ndarray], np.ndarray], tuple[tuple[float, ...], ...]]] = {
-    "logarithm": (_logarithm, ((1.0,),)),
-    "power": (_power, ((3.0, 0.1), (1.0, 0.4))),
-    "stretched exponential": (_stretched, ((1.0, 3.0, 0.2), (1.0, 5.0, 0.5), (3.0, 6.0, 0.1))),
-}
-
-
-def growth(times: np.ndarray, curves: np.ndarray, window: tuple[float, float]) -> Comparison:
+def growth(times: np.ndarray, curves: np.ndarray, window: tuple[float, float]) -> LawComparison:
     """Compare the laws by which curves grow with hold time.
 
     Parameters
@@ -98,11 +79,26 @@ def growth(times: np.ndarray, curves: np.ndarray, window: tuple[float, float]) -
     # the scatter of single increments is known badly from few curves: pooled over the window, as a smooth function of t
     spread = increments.std(axis=0, ddof=1) / abs(scale) / math.sqrt(len(y))
     error = np.exp(np.polynomial.Polynomial.fit(np.log(x[1:]), np.log(np.maximum(spread, 1e-12)), 1)(np.log(x[1:])))
-    laws = {name: _fitted(name, x, middle, error) for name in _LAWS}
+    total, ratio = middle.sum(), x / x[0]
+    laws = {
+        law.name: law
+        for law in _fitted(
+            {
+                "logarithm": (lambda p: np.diff(p[0] * np.log10(x)), [[total]]),
+                "power": (lambda p: np.diff(p[0] * ratio ** p[1]), [[3 * total, 0.1], [total, 0.4]]),
+                "stretched exponential": (
+                    lambda p: np.diff(-p[0] * np.exp(-((x / 10.0 ** p[1]) ** p[2]))),
+                    [[total, 3.0, 0.2], [total, 5.0, 0.5], [3 * total, 6.0, 0.1]],
+                ),
+            },
+            middle,
+            error,
+        )
+    }
     if abs(laws["power"].parameters[1]) * math.log(x[-1] / x[0]) < DEGENERATE:
         laws["power"] = _law("power", (), laws["logarithm"].chi_squared, middle.size, 2)
     decades = np.log10(x)
-    return Comparison(
+    return LawComparison(
         tuple(sorted(laws.values(), key=lambda law: law.criterion)),
         _slope(y, decades <= decades[0] + 1.001, decades),
         _slope(y, decades >= decades[-1] - 1.001, decades),
@@ -114,27 +110,31 @@ def _slope(y: np.ndarray, inside: np.ndarray, decades: np.ndarray) -> tuple[floa
     return float(slopes.mean()), float(slopes.std(ddof=1) / math.sqrt(len(y)))
 
 
-def _fitted(name: str, times: np.ndarray, increments: np.ndarray, error: np.ndarray) -> Law:
-    law, starts = _LAWS[name]
-
-    def rest(parameters: np.ndarray) -> np.ndarray:
-        with np.errstate(over="ignore", under="ignore"):
-            return np.nan_to_num(
-                (np.diff(law(times, parameters)) - increments) / error, nan=1e6, posinf=1e6, neginf=-1e6
-            )
-
-    total = increments.sum()
-    fits = [least_squares(rest, [start[0] * total, *start[1:]], x_scale="jac", max_nfev=2000) for start in starts]
-    best = min(fits, key=lambda fit: fit.cost)
-    return _law(name, best.x, 2.0 * float(best.cost), increments.size, best.x.size)
+#: name -> values of a law by its parameters, and first guesses
+_Laws = dict[str, tuple[Callable[[np.ndarray], np.ndarray], list[list[float]]]]
 
 
-def _law(name: str, parameters: Sequence[float] | np.ndarray, chi: float, count: int, numbers: int) -> Law:
+def _fitted(laws: _Laws, y: np.ndarray, error: np.ndarray) -> tuple[ScalingLaw, ...]:
+    """Fit laws to values with standard errors, the one with the least criterion first."""
+    fitted = []
+    for name, (law, starts) in laws.items():
+
+        def rest(parameters: np.ndarray, law: Callable[[np.ndarray], np.ndarray] = law) -> np.ndarray:
+            with np.errstate(over="ignore", under="ignore"):
+                return np.nan_to_num((law(parameters) - y) / error, nan=1e6, posinf=1e6, neginf=-1e6)
+
+        fits = [least_squares(rest, start, x_scale="jac", max_nfev=2000) for start in starts]
+        best = min(fits, key=lambda fit: fit.cost)
+        fitted.append(_law(name, best.x, 2.0 * float(best.cost), y.size, best.x.size))
+    return tuple(sorted(fitted, key=lambda law: law.criterion))
+
+
+def _law(name: str, parameters: Sequence[float] | np.ndarray, chi: float, count: int, numbers: int) -> ScalingLaw:
     correction = 2.0 * numbers * (numbers + 1) / max(count - numbers - 1, 1)
-    return Law(name, tuple(float(value) for value in parameters), chi, chi + 2.0 * numbers + correction)
+    return ScalingLaw(name, tuple(float(value) for value in parameters), chi, chi + 2.0 * numbers + correction)
 
 
-def of_load(load: np.ndarray, y: np.ndarray, error: np.ndarray, area: float = 2 / 3) -> tuple[Law, ...]:
+def of_load(load: np.ndarray, y: np.ndarray, error: np.ndarray, area: float = 2 / 3) -> tuple[ScalingLaw, ...]:
     """Compare a line with an offset with powers of the load, the law with the least criterion first.
 
     Parameters
@@ -145,17 +145,12 @@ def of_load(load: np.ndarray, y: np.ndarray, error: np.ndarray, area: float = 2 
         Exponent of the contact area of a tip: Hertz.
     """
     start = float(y[-1] / load[-1])
-    laws: dict[str, tuple[Callable[[np.ndarray], np.ndarray], list[float]]] = {
-        "line": (lambda p: p[0] + p[1] * load, [0.0, start]),
-        "power": (lambda p: p[0] * load ** p[1], [start, 1.0]),
-        "area": (lambda p: p[0] * load**area, [start]),
+    laws: _Laws = {
+        "line": (lambda p: p[0] + p[1] * load, [[0.0, start]]),
+        "power": (lambda p: p[0] * load ** p[1], [[start, 1.0]]),
+        "area": (lambda p: p[0] * load**area, [[start]]),
     }
-    fits = {
-        name: least_squares(lambda p, law=law: (law(p) - y) / error, first, x_scale="jac")
-        for name, (law, first) in laws.items()
-    }
-    fitted = (_law(name, fit.x, 2.0 * float(fit.cost), load.size, fit.x.size) for name, fit in fits.items())
-    return tuple(sorted(fitted, key=lambda law: law.criterion))
+    return _fitted(laws, y, error)
 
 
 class Exponent(NamedTuple):
@@ -180,3 +175,24 @@ def exponent(x: np.ndarray, y: np.ndarray) -> Exponent:
         return Exponent(float(slopes[0]), math.nan)
     half = float(stats.t.ppf(0.975, len(slopes) - 1)) * slopes.std(ddof=1) / math.sqrt(len(slopes))
     return Exponent(float(slopes.mean()), float(half))
+
+
+def first_reaching(times: np.ndarray, values: np.ndarray, level: np.ndarray) -> np.ndarray:
+    """Hold time at which ``values`` (..., m) first reach ``level`` (...), or the first one."""
+    return _between(times, values, np.argmax(values >= level[..., None], axis=-1), level)
+
+
+def last_positive(times: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Hold time after which ``values`` (..., m) are not positive again; the first or the last one if there is none."""
+    positive = values > 0
+    after = np.where(positive.any(axis=-1), times.size - np.argmax(positive[..., ::-1], axis=-1), 1)
+    return _between(times, values, np.minimum(after, times.size - 1), np.zeros(values.shape[:-1]))
+
+
+def _between(times: np.ndarray, values: np.ndarray, at: np.ndarray, level: np.ndarray) -> np.ndarray:
+    """The time between those at − 1 and at where ``values`` (..., m), linear in its logarithm, have ``level``."""
+    before, decades = np.maximum(at - 1, 0), np.log10(times)
+    first, last = (np.take_along_axis(values, place[..., None], -1)[..., 0] for place in (before, at))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.nan_to_num(np.clip((level - first) / (last - first), 0, 1))
+    return 10 ** (decades[before] + share * (decades[at] - decades[before]))

@@ -15,7 +15,7 @@ from chemage_li2018 import density_fit as fit
 from chemage_li2018 import density_page
 from chemage_li2018.density import QUICK, RATES_ALONE, TRIANGLE
 from chemage_li2018.density_fit import FAMILIES, FREE_END, LOWER, UPPER, Reported
-from chemage_li2018.density_rates import FITTED, TIMES, TIP, Rates
+from chemage_li2018.density_rates import FITTED, TIMES, TIP, DensityCurves
 from chemage_silica import MDSilica
 
 DECADES = np.log10(TIMES)
@@ -78,7 +78,7 @@ def test_a_density_without_barriers_at_an_end_of_the_published_range_is_unlikely
 
 def emulator() -> fit.Emulator:
     """A family of two parameters whose curves are known in closed form."""
-    family = fit.Family("known", ("rate", "start"), ((0.5, 1.5), (0.5, 1.5)), lambda *_: ((0.8, 1.4), (1, 1)))
+    family = fit.DensityFamily("known", ("rate", "start"), ((0.5, 1.5), (0.5, 1.5)), lambda *_: ((0.8, 1.4), (1, 1)))
     parameters = family.design(32)
     curves = np.concatenate([known(*row) for row in parameters])
     return fit.Emulator(family, parameters, curves)
@@ -97,7 +97,7 @@ def test_curves_between_computed_densities():
 
 def test_the_members_span_what_is_open_and_hold_the_truth():
     """Rates that a known density makes over a window that the fit does not know."""
-    prior = fit.Prior.of([emulator()], np.zeros((5, 6)), 1 << 11)
+    prior = fit.DensityPrior.of([emulator()], np.zeros((5, 6)), 1 << 11)
     truth, window = Reported.of(known(1.1, 0.8)), 3
     paper = Reported(truth.beta[0, window], truth.onsets[0, window], truth.crossing[0])
     weight = prior.posterior(paper, SURFACE)
@@ -116,11 +116,11 @@ def test_the_members_span_what_is_open_and_hold_the_truth():
 
 
 def test_densities_age_the_same_sites_and_nothing_is_computed_twice(tmp_path):
-    first = Rates(tmp_path, lambda *_: None, QUICK.pixels)
+    first = DensityCurves(tmp_path, lambda *_: None, QUICK.pixels)
     curves = first.curves("a", [TRIANGLE, RATES_ALONE], QUICK.surfaces[:1])
     assert curves.shape == (2, 1, len(FITTED), TIMES.size)
     assert (np.diff(curves, axis=-1).mean(axis=-1) > 0).all()
-    again = Rates(tmp_path, lambda *_: None, QUICK.pixels)
+    again = DensityCurves(tmp_path, lambda *_: None, QUICK.pixels)
     again._of_surface = None  # pyright: ignore[reportAttributeAccessIssue]
     np.testing.assert_array_equal(again.curves("a", [TRIANGLE, RATES_ALONE], QUICK.surfaces[:1]), curves)
 
@@ -129,7 +129,7 @@ def test_a_tip_ages_as_its_scene(tmp_path):
     """The scene silica-afm-tip, with its own density, over as many draws."""
     scene = ca.load_scene("silica-afm-tip", {"hold.stop": 1.0, "hold.per_decade": 1, "hold.replicas": 40})
     drop = ca.run(scene).aging.mean_friction_coefficient_drop[-1]
-    found = Rates(tmp_path, lambda *_: None).curves("tip", [scene.chemistry.forming], [0], [TIP])[0, 0, 0]
+    found = DensityCurves(tmp_path, lambda *_: None).curves("tip", [scene.chemistry.forming], [0], [TIP])[0, 0, 0]
     assert found[np.argmin(np.abs(TIMES - 1))] == pytest.approx(drop, rel=0.1)
 
 

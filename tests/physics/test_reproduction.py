@@ -14,18 +14,21 @@ from chemage_li2018 import (
     command,
     comparisons,
     estimates,
-    figures_supplement,
+    figures,
     patches,
     published,
     reproduction_page,
     sweeps,
 )
 from chemage_li2018.comparisons import Claim, Line, lines
-from chemage_li2018.published import Published
-from chemage_li2018.sweeps import SLOPE, Mean, Point, mean, studies_of
+from chemage_li2018.published import PublishedNumber
+from chemage_li2018.sweeps import SLOPE, Mean, PointSet, StudyPoint, studies_of
+from chemage_silica import MDSilica
 
 PIXELS = 320
 SEED = sweeps.SURFACE_SEEDS[0]
+LOADS = [point[sweeps.LOAD] for point in sweeps.members("loads")]
+STRENGTHS = [point[sweeps.STRENGTH] for point in sweeps.members("interaction")]
 
 
 @pytest.fixture(scope="module")
@@ -43,8 +46,8 @@ def coarse(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, chemage.
     return made, folder
 
 
-def points(coarse: tuple[dict[str, chemage.SweepResult], Path], *targets: str) -> dict[str, list[Point]]:
-    read = [Point.of(point) for point in coarse[0]["rough"]]
+def points(coarse: tuple[dict[str, chemage.SweepResult], Path], *targets: str) -> sweeps.Studies:
+    read = [StudyPoint.of(point) for point in coarse[0]["rough"]]
     return studies_of(read, targets)
 
 
@@ -53,8 +56,8 @@ def test_every_target_of_the_paper_is_there():
     assert {*(f"fig{number}" for number in range(1, 7)), "table1", "kappa"} <= set(sweeps.TARGETS)
     assert {"maps", "areas", "barriers", "estimates"} <= set(sweeps.TARGETS)
     assert {"interaction", "temperature", "tips"} <= set(sweeps.TARGETS)
-    assert set(figures_supplement.DRAW) == set(reproduction_page.CAPTIONS)
-    assert set(sweeps.TARGETS) - set(figures_supplement.DRAW) <= {"estimates", "calibration"}
+    assert set(figures.NAMES) == set(reproduction_page.CAPTIONS)
+    assert set(sweeps.TARGETS) - set(figures.NAMES) <= {"estimates", "calibration"}
 
 
 @pytest.mark.long
@@ -62,9 +65,10 @@ def test_every_target_is_drawn_and_written(coarse: tuple[dict[str, chemage.Sweep
     results, folder = coarse
     assert not any(result.failed for result in results.values())
     names = [name for name in sweeps.TARGETS if name not in ("temperature", "tips")]
-    found = command.write({"rough": results["rough"]}, names, folder, seeds=(SEED,), pixels=PIXELS)
+    made = [StudyPoint.of(point) for point in results["rough"]]
+    found = command.write(made, names, folder, seeds=(SEED,), pixels=PIXELS)
     text = (folder / "reproduction.md").read_text(encoding="utf-8")
-    for name in figures_supplement.DRAW.keys() & set(names):
+    for name in set(figures.NAMES) & set(names):
         assert (folder / reproduction_page.FIGURES / f"{name}.png").stat().st_size > 10_000
         assert f"{reproduction_page.FIGURES}/{name}.png" in text
     assert {line.target for line in found.lines} == {"kappa", "table1", "fig3", "fig6"}
@@ -74,7 +78,7 @@ def test_every_target_is_drawn_and_written(coarse: tuple[dict[str, chemage.Sweep
     }
     assert all(claim.statement in text for claim in found.claims)
     assert all(one.statement in text for one in [*found.estimates])
-    assert all(one.name in text for one in found.variants)
+    assert all(name in text for name in found.variants)
 
 
 @pytest.mark.long
@@ -99,9 +103,8 @@ def test_fig5_is_straight_at_every_slope_without_activation_volume(
     assert len(found) == 3
     for claim in found:
         assert "ΔV = 0" in claim.statement
-    group = studies_of([Point.of(p) for p in coarse[0]["rough"]], ["fig5"])["rows"]
-    chosen = [p for p in group if p.changes["chemistry.activation_volume"] == 0 and p.changes[SLOPE] == 0.05]
-    x, y = claims.morphology(chosen)
+    group = studies_of([StudyPoint.of(p) for p in coarse[0]["rough"]], ["fig5"])["rows"]
+    x, y = claims.morphology(group.by_volume()[0.0].by(SLOPE)[0.05])
     assert np.corrcoef(x, y)[0, 1] > 0.9
 
 
@@ -119,6 +122,11 @@ def size(scene) -> int:
     return math.prod(len(values) for values in [*groups, *axes.values()])
 
 
+def test_every_member_of_the_density_is_computed():
+    for study in ("members", "warm members"):
+        assert {point["forming.member"] for point in sweeps.members(study)} == set(range(MDSilica.MEMBERS))
+
+
 def test_one_target_needs_only_its_own_points():
     data = sweeps.scenes(["fig6"], (101, 102), PIXELS)
     assert list(data) == ["rough"]
@@ -129,7 +137,7 @@ def test_one_target_needs_only_its_own_points():
 def test_equal_points_of_two_targets_are_computed_once_with_the_most_replicas():
     """Fig. 1 needs one replica of the reference, and Fig. 2 ten."""
     both = sweeps.scenes(["fig1", "fig2"], (101,), PIXELS)["rough"]["sweep"]["zip"][0]
-    assert len(both["contact.load"]) == len(sweeps.LOADS)
+    assert len(both["contact.load"]) == len(LOADS)
     assert both["hold.replicas"][both["contact.load"].index(20000.0)] == 10
 
 
@@ -150,15 +158,15 @@ def test_a_mean_has_the_digits_of_its_own_error():
 
 
 def line(paper: str, value: float, scatter: float = math.nan, *, calibrated: bool = False) -> Line:
-    return Line("fig3", "β", Published.of(paper), Mean(value, scatter, 4), calibrated)
+    return Line("fig3", "β", PublishedNumber.of(paper), Mean(value, scatter, 4), calibrated)
 
 
 def test_a_published_number_stands_for_its_rounding():
-    assert Published.of("0.01")[1:] == pytest.approx((0.005, 0.015))
-    assert Published.of("0.20")[1:] == pytest.approx((0.195, 0.205))
-    assert Published.of("160")[1:] == pytest.approx((159.5, 160.5))
-    assert Published.of("2 to 2.3")[1:] == (2.0, 2.3)
-    assert Published.of("2 to 2.3").value is None
+    assert PublishedNumber.of("0.01")[1:] == pytest.approx((0.005, 0.015))
+    assert PublishedNumber.of("0.20")[1:] == pytest.approx((0.195, 0.205))
+    assert PublishedNumber.of("160")[1:] == pytest.approx((159.5, 160.5))
+    assert PublishedNumber.of("2 to 2.3")[1:] == (2.0, 2.3)
+    assert PublishedNumber.of("2 to 2.3").value is None
 
 
 def test_words():
@@ -202,7 +210,7 @@ NO_VERSIONS: dict[str, str] = {"chemage": "0", "numpy": "0", "numba": "0", "proc
 
 def test_what_disagrees_is_listed():
     text = reproduction_page.page(
-        reproduction_page.Reproduction([line("1.0", 2.0)], [Claim("fig2", "s", "f", holds=False)]),
+        reproduction_page.Reproduction([line("1.0", 2.0)], [Claim("s", "f", holds=False)]),
         ["fig2"],
         seeds=(101, 102),
         pixels=2500,
@@ -216,29 +224,29 @@ def test_what_disagrees_is_listed():
 # -- arithmetic -------------------------------------------------------------------------------------------------------
 
 
-def synthetic(strength: float, drop: float) -> Point:
+def synthetic(strength: float, drop: float) -> StudyPoint:
     times = np.logspace(-3, 5, 33)
     changes = {**sweeps.members("interaction")[0], "interaction.strength": strength, "surface.seed": 7}
-    return Point(changes, {"load": 2e4}, times, np.full(33, drop), np.zeros(33))
+    return StudyPoint(changes, {"load": 2e4}, times, np.full(33, drop), np.zeros(33))
 
 
 def test_a_claim_that_is_false_is_reported_as_false():
     """Friction that keeps falling beyond 0.5 eV is no saturation."""
-    falling = [synthetic(strength, 100 - 60 * strength) for strength in sweeps.STRENGTHS]
-    (claim,) = claims.claims({"interaction": falling}, ["interaction"])
+    falling = [synthetic(strength, 100 - 60 * strength) for strength in STRENGTHS]
+    (claim,) = claims.claims({"interaction": PointSet(falling)}, ["interaction"])
     assert not claim.holds
     assert claim.word == "disagrees"
-    level = [synthetic(strength, 100 - 60 * min(strength, 0.5)) for strength in sweeps.STRENGTHS]
-    (claim,) = claims.claims({"interaction": level}, ["interaction"])
+    level = [synthetic(strength, 100 - 60 * min(strength, 0.5)) for strength in STRENGTHS]
+    (claim,) = claims.claims({"interaction": PointSet(level)}, ["interaction"])
     assert claim.holds
     assert claim.word == "predicted"
 
 
-def loaded(at_most: float) -> list[Point]:
+def loaded(at_most: float) -> list[StudyPoint]:
     """ΔF of 1 % of the load at 1e3 s, of no more than ``at_most`` nN."""
     times = np.logspace(-3, 5, 33)
     return [
-        Point(
+        StudyPoint(
             {sweeps.LOAD: load, "surface.seed": 7},
             {"load": load, "area_fraction": load / 2.5e6},
             times,
@@ -246,41 +254,41 @@ def loaded(at_most: float) -> list[Point]:
             np.zeros(33),
             {"pressures": np.ones(4)},
         )
-        for load in sweeps.LOADS
+        for load in LOADS
     ]
 
 
 def test_claims_about_small_loads_do_not_depend_on_large_ones():
     """80 % of what is proportional to the load at 500 µN agrees with both claims, and no bend with none."""
     for at_most, holds, last in ((4e5, True, "0.8"), (1e6, False, "1")):
-        made = {claim.statement: claim for claim in claims.claims({"loads": loaded(at_most)}, ["fig2"])}
+        made = {claim.statement: claim for claim in claims.claims({"loads": PointSet(loaded(at_most))}, ["fig2"])}
         drop = made["ΔF is linear in the load at small loads, and sublinear at large loads"]
         assert drop.holds == made["Δμ is constant at small loads and falls at large loads"].holds == holds
         assert drop.ours == f"ΔF/F_N at 50 µN is 1 of that at 20 µN, at 500 µN {last} (1e3 s)"
 
 
-def straight(beta: float, start: float) -> Point:
+def straight(beta: float, start: float) -> StudyPoint:
     """Δμ = β log10(t / start) from ``start`` on, under a load of 2 nN."""
     times = np.logspace(-3, 5, 33)
-    return Point(
+    return StudyPoint(
         {}, {"beta": beta, "load": 2.0}, times, 2 * beta * np.maximum(0, np.log10(times / start)), np.zeros(33)
     )
 
 
 def test_onset_of_an_exact_line():
     """ΔF = max(0, log10 t/3 s) has half its slope at 3 s, to within the spacing of the hold times."""
-    assert claims.onset([straight(1.0, 3.0)]) == pytest.approx(3.0, rel=0.4)
+    assert claims.onsets(PointSet([straight(1.0, 3.0)]))[0] == pytest.approx(3.0, rel=0.4)
 
 
 def test_slope_over_a_window():
-    assert straight(0.3, 1.0).beta((1e2, 1e5)) == pytest.approx(0.3)
+    assert PointSet([straight(0.3, 1.0)]).beta((1e2, 1e5))[0] == pytest.approx(0.3)
 
 
 def test_crossing_of_two_exact_lines():
     """2 log10 t and 1 + log10 t meet at 10 s; lines that do not cross have none."""
-    lower, upper = straight(2.0, 1.0), straight(1.0, 0.1)
-    assert claims.crossing([lower], [upper]) == pytest.approx(10.0, rel=0.01)
-    assert math.isnan(claims.crossing([upper], [straight(2.0, 0.1)]))
+    lower, upper = PointSet([straight(2.0, 1.0)]), PointSet([straight(1.0, 0.1)])
+    assert claims.crossings(lower, upper) == pytest.approx([10.0], rel=0.01)
+    assert np.isnan(claims.crossings(upper, PointSet([straight(2.0, 0.1)]))).all()
 
 
 def test_summit_of_a_parabola():
@@ -293,7 +301,7 @@ def test_adhesive_force_that_explains_the_tips():
     """(23 + F) / (393 + F) is the ratio of the bonds per decade, 345/589.5, to the power 3/2: F is about 278 nN."""
     share = (15 * 23 / (1.5 * 393)) ** 1.5
     force = (share * 393 - 23) / (1 - share)
-    assert f"about {force:.0f} nN" in reproduction_page._reason("tips")
+    assert f"about {force:.0f} nN" in reproduction_page.reason("tips")
 
 
 def test_the_literal_activation_volume():
@@ -302,30 +310,32 @@ def test_the_literal_activation_volume():
 
 
 def test_bands_over_the_members_are_relative_to_the_default():
-    def point(member: int, beta: float, slope: float, volume: float) -> Point:
+    def point(member: int, beta: float, slope: float, volume: float) -> StudyPoint:
         one = straight(beta, 1.0)
         changes = {"forming.member": member, SLOPE: slope, "chemistry.activation_volume": volume}
-        return Point(changes, one.summary, one.hold_times, one.friction_drop, one.friction_drop_half_width)
+        return StudyPoint(changes, one.summary, one.hold_times, one.friction_drop, one.friction_drop_half_width)
 
-    def row(member: int, beta: float) -> list[Point]:
+    def row(member: int, beta: float) -> list[StudyPoint]:
         lattice = [(h, v) for v in sweeps.VOLUMES for h in published.SLOPES] + [(0.4, sweeps.WITH_PRESSURE)]
         return [point(member, beta, slope, volume) for slope, volume in lattice]
 
     members = [*row(0, 1.0), *row(1, 0.9), *row(2, 1.2)]
-    found = estimates.bands({"members": members, "slopes": row(0, 0.45)[:6], "front": [front_point()]})
+    found = estimates.bands(
+        {"members": PointSet(members), "slopes": PointSet(row(0, 0.45)[:6]), "front": PointSet([front_point()])}
+    )
     assert len(found) == 7
     for band in found:
         assert (band.low, band.high) == pytest.approx((-0.1, 0.2))
         assert band.members == 3
-    assert found[1].residual == pytest.approx(0.0)
-    assert [band.word for band in found] == ["calibrated"] * 6 + ["disagrees"]
+    assert found[1].line.difference == pytest.approx(0.0)
+    assert [band.line.word for band in found] == ["calibrated"] * 6 + ["disagrees"]
 
 
 @pytest.mark.parametrize("steady", [True, False])
 def test_every_density_must_have_the_trends_of_the_paper(steady: bool):
     """Lines that cross at 10 s (with ΔV) and parallel lines (without); one density may have parallel ones in both."""
 
-    def point(member: int, lines: tuple[Point, Point], volume: float) -> list[Point]:
+    def point(member: int, lines: tuple[StudyPoint, StudyPoint], volume: float) -> list[StudyPoint]:
         return [
             replace(line, changes={"forming.member": member, SLOPE: slope, "chemistry.activation_volume": volume})
             for slope, line in zip((0.05, 0.2), lines, strict=True)
@@ -334,7 +344,7 @@ def test_every_density_must_have_the_trends_of_the_paper(steady: bool):
     crossing, parallel = (straight(2.0, 1.0), straight(1.0, 0.1)), (straight(2.0, 0.1), straight(1.0, 0.1))
     group = [*point(0, crossing, 0.0064), *point(0, parallel, 0.0)]
     group += [*point(1, crossing if steady else parallel, 0.0064), *point(1, parallel, 0.0)]
-    (found,) = claims.claims({"members": group}, ["calibration"])
+    (found,) = claims.claims({"members": PointSet(group)}, ["calibration"])
     assert found.holds is steady
     assert f"{1 + steady} of 2 densities" in found.ours
 
@@ -342,9 +352,9 @@ def test_every_density_must_have_the_trends_of_the_paper(steady: bool):
 def test_times_over_the_members():
     """2 log10 t and 1 + log10 t meet at 10 s; onsets are those of lines that begin at 0.3 and 3 s."""
 
-    def point(line: Point, slope: float, volume: float) -> Point:
+    def point(line: StudyPoint, slope: float, volume: float) -> StudyPoint:
         changes = {"forming.member": 1, SLOPE: slope, "chemistry.activation_volume": volume}
-        return Point(changes, line.summary, line.hold_times, line.friction_drop, line.friction_drop_half_width)
+        return StudyPoint(changes, line.summary, line.hold_times, line.friction_drop, line.friction_drop_half_width)
 
     group = [
         point(straight(2.0, 1.0), 0.05, sweeps.WITH_PRESSURE),
@@ -352,21 +362,21 @@ def test_times_over_the_members():
         point(straight(1.0, 0.1), 0.2, sweeps.WITH_PRESSURE),
         point(straight(1.0, 3.0), 0.1, 0.0),
     ]
-    found = estimates.times({"members": group})
+    found = estimates.times({"members": PointSet(group)})
     assert found["reversal"] == pytest.approx((10.0, 10.0), rel=0.01)
     assert found["onset with ΔV"] == pytest.approx((0.3, 0.3), rel=0.4)
     assert found["onset without"] == pytest.approx((3.0, 3.0), rel=0.4)
 
 
-def front_point() -> Point:
+def front_point() -> StudyPoint:
     one = straight(0.45, 1.0)
     changes = {"chemistry.activation_volume": 0.0064, "chemistry.hydroxylation": 0.5, "chemistry.front_factor": 0.15}
-    return Point(changes, one.summary, one.hold_times, one.friction_drop, one.friction_drop_half_width)
+    return StudyPoint(changes, one.summary, one.hold_times, one.friction_drop, one.friction_drop_half_width)
 
 
 @pytest.mark.long
 def test_estimates_are_labelled(coarse: tuple[dict[str, chemage.SweepResult], Path]):
-    found = estimates.estimates(points(coarse, "estimates"))
+    found = list(estimates.estimates(points(coarse, "estimates")))
     assert [one.word in ("predicted", "disagrees", estimates.NONE) for one in found] == [True] * 6
     assert any("extrapolation" in one.how for one in found)
 
@@ -374,9 +384,8 @@ def test_estimates_are_labelled(coarse: tuple[dict[str, chemage.SweepResult], Pa
 def test_plasticity_doubles_beta_of_the_roughest_surface():
     """The text of the paper: area relative to h' = 0.2 is 2 × 0.2/1.0 = 0.4, in which 2 is the gain by plasticity."""
     half = front_point()
-    studies = {"front": [half, replace(half, changes={**half.changes, "chemistry.hydroxylation": 1.0})]}
-    _, plastic = estimates._rough_limit(studies)
-    elastic = half.beta() * 0.4  # of slope 0.4, extrapolated to 1 with β ∝ 1/h'
+    _, plastic = estimates.rough_limit(PointSet([half]), PointSet([half]))
+    elastic = PointSet([half]).beta()[0] * 0.4  # of slope 0.4, extrapolated to 1 with β ∝ 1/h'
     assert float(plastic.ours.split()[0]) == pytest.approx(2 * elastic, rel=1e-3)
 
 
@@ -401,30 +410,22 @@ def test_ways_to_count_patches():
     }
 
 
-def test_changed_spectra_keep_the_slope_and_the_phases():
-    row = published.TABLE_1[0]
-    scene = chemage.parse_scene({**patches._base(PIXELS), "fit": {}})
-    surface = chemage.make_surface(scene.surface, 5)
-    for change in patches.SPECTRA.values():
-        other = change(surface, row, 0.05)
-        assert other.rms_slope == pytest.approx(0.05, rel=1e-6)
-        assert other.heights.shape == surface.heights.shape
-    waves = np.fft.fft2(patches._no_plateau(surface, row, 0.05).heights)
-    assert np.abs(waves[0, 1]) < 1e-6 * np.abs(waves).max()
-    waves = np.fft.fft2(patches._equal_amplitudes(surface, row, 0.05).heights)
-    assert np.abs(waves[0, 1]) == pytest.approx(np.abs(waves[2, 0]), rel=1e-6)
-
-
 def test_page_of_patches_says_whether_chance_is_enough():
     paper = np.array([[float(row.patches)] for row in published.TABLE_1])
     rng = np.random.default_rng(1)
-    counts = {name: paper * rng.normal(1.0, 0.2, (7, 8)) for name in patches.COUNTS}
-    change = patches.Change("load 10 % higher", mean([1.1, 1.2]), mean([1.0, 1.0]))
-    text = patches.page(patches.PatchStudy(tuple(range(101, 109)), counts, [change]), 2500)
+    counts = paper * rng.normal(1.0, 0.2, (len(patches.COUNTS), 7, 8))
+    text = patches.page(counts, tuple(range(101, 109)), 2500)
     assert "Chance is enough" in text
-    low = {name: 0.5 * values for name, values in counts.items()}
-    text = patches.page(patches.PatchStudy(tuple(range(101, 109)), low, []), 2500)
+    text = patches.page(0.5 * counts, tuple(range(101, 109)), 2500)
     assert "is open" in text
+
+
+@pytest.mark.long
+def test_patches_of_the_rows_are_counted_as_computed(coarse: tuple[dict[str, chemage.SweepResult], Path]):
+    table = points(coarse, "table1")["table"]
+    counts = patches.counted(table)
+    assert counts.shape == (len(patches.COUNTS), 7, 1)
+    np.testing.assert_array_equal(counts[0].ravel(), table.of("patches"))
 
 
 # -- input ------------------------------------------------------------------------------------------------------------
@@ -496,7 +497,7 @@ def test_the_page_is_of_several_surfaces_that_tuned_nothing():
 
 def test_every_figure_of_the_page_exists():
     text = (DOCS / "reproduction.md").read_text(encoding="utf-8")
-    for name in figures_supplement.DRAW:
+    for name in figures.NAMES:
         assert f"(figures/reproduction/{name}.png)" in text
         assert (DOCS / "figures" / "reproduction" / f"{name}.png").is_file()
 
@@ -518,4 +519,4 @@ def test_what_the_density_was_fitted_to_is_not_called_predicted():
     for statement in ("the order of the slopes reverses", "the logarithmic regime starts", "the form of the barrier"):
         (line,) = (line for line in text.splitlines() if statement in line)
         assert line.endswith("| calibrated |")
-    assert Claim("fig3", "s", "f", holds=False, calibrated=True).word == comparisons.DISAGREES
+    assert Claim("s", "f", holds=False, calibrated=True).word == comparisons.DISAGREES

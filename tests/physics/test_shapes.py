@@ -9,7 +9,7 @@ from chemage_li2018 import sweeps
 from chemage_li2018.claims import claims
 from chemage_li2018.comparisons import Claim
 from chemage_li2018.shapes import exponent, growth
-from chemage_li2018.sweeps import Point
+from chemage_li2018.sweeps import PointSet, StudyPoint
 
 TIMES = np.logspace(0, 5, 21)
 WINDOW = (1.0, 1e5)
@@ -83,20 +83,20 @@ def test_the_area_of_a_surface_is_no_error_of_the_shape():
 # -- the claims themselves ---------------------------------------------------------------------------------------------
 
 
-def loads(shape: np.ndarray, power: float = 1.0, surfaces: int = 4) -> list[Point]:
+def loads(shape: np.ndarray, power: float = 1.0, surfaces: int = 4) -> PointSet:
     """Points of Fig. 2 that follow ``shape`` in time and a power of the load, with the noise of counts."""
-    points = []
-    for load in sweeps.LOADS:
+    points = PointSet()
+    for load in [point[sweeps.LOAD] for point in sweeps.members("loads")]:
         change = {**sweeps.members("reference")[0], "contact.load": load}
         for seed, curve in enumerate(noisy(shape, 20_000, surfaces, seed=int(load))):
             drop = curve * load**power
             summary = {"load": load, "area_fraction": load / 2e6, "kappa": 2.0}
             pressures = {"pressures": np.ones(4)}
-            points.append(Point({**change, "surface.seed": seed}, summary, TIMES, drop, 0.0 * drop, pressures))
+            points.append(StudyPoint({**change, "surface.seed": seed}, summary, TIMES, drop, 0.0 * drop, pressures))
     return points
 
 
-def claim(points: dict[str, list[Point]], target: str, words: str) -> Claim:
+def claim(points: dict[str, PointSet], target: str, words: str) -> Claim:
     return next(one for one in claims(points, [target]) if words in one.statement)
 
 
@@ -126,10 +126,10 @@ def test_only_a_line_satisfies_the_claims_of_one(power, holds):
     ids=["F^(2/3)", "line with an offset"],
 )
 def test_the_area_of_a_sphere_is_no_line_with_an_offset(law, holds):
-    group = []
-    for load in sweeps.TIP_LOADS:
+    group = PointSet()
+    for load in [23.0, 50.0, 100.0, 200.0, 393.0]:
         drop = np.full(TIMES.size, law(load) * np.random.default_rng(int(load)).normal(1, 0.005))
         changes = {"surface.radius": 30.0, "contact.load": load}
-        group.append(Point(changes, {"load": load}, TIMES, drop, 0.01 * drop))
+        group.append(StudyPoint(changes, {"load": load}, TIMES, drop, 0.01 * drop))
     found = claim({"tips": group}, "tips", "linear in the load")
     assert found.holds is holds
