@@ -377,7 +377,7 @@ class Aging(Observing, Record):
     def quantities(self, window: tuple[float, float] = FIT_WINDOW) -> list[Quantity]:
         """The limits of the elastic model, what was recorded, and the fit over ``window`` (s); where there is none,
         why."""
-        numbers = elastic_quantities(self)
+        numbers = [Quantity("sites", "1", "sites", value=float(self.sites.mean())), *elastic_quantities(self)]
         numbers += [output.quantity() for output in self.measured.values() if output.is_number]
         fit, reason = fit_or_reason(self, window)
         if fit is None:

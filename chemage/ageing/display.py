@@ -64,7 +64,7 @@ class AgingDisplay(OfRecord[Aging]):
         law = aging.rupture or ("mean force per bond" if aging.rupture_force is None else "a plugin's")
         facts = [
             ("temperature", f"{aging.temperature:g} K"),
-            ("sites", f"{aging.sites.mean():.0f}, {aging.site_grid}"),
+            ("grid of sites", aging.site_grid),
             ("mean over", f"{aging.replicas} replica{'s' if aging.replicas > 1 else ''} on one surface"),
             ("engine", f"{aging.engine}{f' by ageing {aging.method!r}' if aging.method else ''}"),
             ("rupture law", law),

@@ -197,7 +197,7 @@ def test_measurements_are_fitted_and_shown(files, tmp_path):
     text = Page(report(files[:1], measured=[table])).text
     assert "Measurements" in text
     assert "Δμ = β log10(1 + t/t_c), 6 points" in text
-    assert "2.00000 ± " in text
+    assert "2.0000000 ± " in text
 
 
 @pytest.mark.long

@@ -15,6 +15,7 @@ from chemage.foundation.names import __version__
 from chemage.foundation.quantities import HOLD_TIME, Curve, ErrorPart, Quantity, Rank
 from chemage.foundation.result import FILE, Ageing, Medium, OfRecord, Panel, Picture, Rows, Table, displays
 from chemage.foundation.text import jsonable, percent
+from chemage.foundation.units import convert
 from chemage.scene.display import chemistry_of_scene
 from chemage.studies.ensembles.ensemble import SOURCES, Ensemble
 
@@ -76,10 +77,15 @@ class EnsembleDisplay(OfRecord[Ensemble]):
 
     def quantities(self) -> list[Quantity]:
         asked = {goal.partition("@")[0].strip() for goal in self.record.goals}
-        names = ("area_fraction", "beta", "b")
+        names, at_times = ("area_fraction", "beta", "b"), []
+        for goal in self.record.goals:
+            name, _, time = map(str.strip, goal.partition("@"))
+            if time:
+                at_times.append(self.record.estimate(name, convert(time, "s")))
         # those of b are those of β
         found = [one.but(errors=_in_words(one.errors) if one.name != "b" else {}) for one in self.record.numbers()]
-        return [one if one.name in names or one.name in asked else one.but(rank=Rank.REST) for one in found]
+        shown = [one if one.name in names or one.name in asked else one.but(rank=Rank.REST) for one in found]
+        return [*shown, *at_times]
 
     def curves(self) -> list[Curve]:
         return self.record.curves()

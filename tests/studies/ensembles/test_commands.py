@@ -130,8 +130,8 @@ def test_a_goal_at_a_hold_time_is_shown_at_that_time(command, scene):
     goal = "friction_coefficient_drop@1e2 s=9%"
     done = command("run", scene, "--accuracy", "beta=9%", "--accuracy", goal, "--no-figures")
     assert done.status == 0, done.err
-    assert "friction coefficient drop at 100 s" in done.out
-    assert "(9 % asked)" in done.out
+    assert "friction coefficient drop Δμ at 100 s" in done.out
+    assert "± 9 %" in done.out
     assert "ended because" in done.out
 
 

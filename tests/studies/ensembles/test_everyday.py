@@ -236,7 +236,6 @@ def test_a_page_of_several_says_whose_errors_are_which(files):
     assert "Errors of mean, bare are 95 % intervals (Student&#39;s t) that include the scatter" in page
     assert "Errors of one, tip are 95 % intervals over replicas on one surface" in page
     assert "Bands are intervals of means over surfaces, bars of means over replicas on one surface." in page
-    assert "95 % interval, replicas on one surface" in page
 
 
 def test_measurements_are_not_fitted_to_a_mean_again(files, tmp_path):
