@@ -352,7 +352,7 @@ class OfRecord(Result, Generic[R]):
             del fields["outputs"]
             fields["observables"] = {name: output.summary() for name, output in self.record.measured.items()}
         numbers = {name: value for one in self.quantities() for name, value in one.numbers().items()}
-        return {"object": self.name, **jsonable({**fields, **numbers})}
+        return {"object": self.name, **jsonable({**numbers, **fields})}
 
     def notes(self) -> list[str]:
         return list(dict.fromkeys(getattr(self.record, "notes", ())))

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from made_inference import made_forecast, made_inference
-from seen import Comparison, Entry, Point, TradeMap
+from seen import Comparison, Entry, TradeMap, TradePoint
 
 import chemage as ca
 from chemage.inference.result import InferenceResult
@@ -97,8 +97,8 @@ def made_trade() -> TradeMap:
 
     observables = ["beta", "corrected_area", "friction_drop@1000 s"]
 
-    def point(seconds: float, error: float, **choices: str) -> Point:
-        return Point(
+    def point(seconds: float, error: float, **choices: str) -> TradePoint:
+        return TradePoint(
             choices=choices,
             changes={},
             own=not choices,
