@@ -31,7 +31,7 @@ from chemage.contacts.solution import Contact
 from chemage.foundation.checks import check_times
 from chemage.foundation.codec import Derived, dataset, frame
 from chemage.foundation.errors import InputError
-from chemage.foundation.outputs import Measured, Observing, measured
+from chemage.foundation.outputs import MeasuredOutput, Observing, measured
 from chemage.foundation.quantities import HOLD_TIME, Curve, ErrorPart, Quantity, Rank, by_name
 from chemage.foundation.records import (
     Counts,
@@ -201,7 +201,7 @@ class Aging(Observing, Record):
         return (("replica", *found[0]), *found[1:]) if field == "observables" and found is not None else found
 
     @property
-    def measured(self) -> dict[str, Measured]:
+    def measured(self) -> dict[str, MeasuredOutput]:
         """What observables measured and components recorded, with dimensions and units, by name."""
         return measured(self.observables, self.outputs)
 

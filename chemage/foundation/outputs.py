@@ -163,7 +163,7 @@ class Observing:
         return output.dims, output.unit, output.description
 
     @property
-    def measured(self) -> dict[str, Measured]:
+    def measured(self) -> dict[str, MeasuredOutput]:
         """What was recorded on the way to this, with dimensions and units, by name."""
         return measured({name: values[None] for name, values in self.observables.items()}, self.outputs)
 
@@ -257,7 +257,7 @@ class Checker:
 
 
 @dataclass(frozen=True)
-class Measured:
+class MeasuredOutput:
     """One output, of all replicas."""
 
     name: str
@@ -331,9 +331,11 @@ class Measured:
         return shown
 
 
-def measured(observables: Mapping[str, np.ndarray], outputs: Mapping[str, Mapping[str, Any]]) -> dict[str, Measured]:
+def measured(
+    observables: Mapping[str, np.ndarray], outputs: Mapping[str, Mapping[str, Any]]
+) -> dict[str, MeasuredOutput]:
     """What was measured by name: ``observables`` are the values, ``outputs`` the declarations as plain values."""
     return {
-        name: Measured(name, values, Output(**outputs[name]) if name in outputs else None)
+        name: MeasuredOutput(name, values, Output(**outputs[name]) if name in outputs else None)
         for name, values in observables.items()
     }

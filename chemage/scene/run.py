@@ -31,7 +31,7 @@ from chemage.contacts.solution import ContactSolution, ContactStatistics
 from chemage.foundation.codec import EXTRA
 from chemage.foundation.errors import ChemageError, InputError, PlanWarning, StoreError, optional_module
 from chemage.foundation.files import make_folder
-from chemage.foundation.outputs import Measured
+from chemage.foundation.outputs import MeasuredOutput
 from chemage.foundation.progress import progress_bars
 from chemage.foundation.records import Record, approximations_in_words, content_hash, merged_approximations
 from chemage.foundation.result import draw_parts, notebook_html
@@ -100,7 +100,7 @@ class Run:
         return {**self.contact.plugins, **(self.aging.plugins if self.aging is not None else {})}
 
     @property
-    def measured(self) -> dict[str, Measured]:
+    def measured(self) -> dict[str, MeasuredOutput]:
         """What observables measured, and what components and hooks recorded at any stage, by name."""
         return {**self.contact.measured, **(self.aging.measured if self.aging is not None else {})}
 

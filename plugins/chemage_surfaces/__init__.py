@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from chemage_surfaces._maps import surface_of as surface_of
     from chemage_surfaces.generated import SelfAffine as SelfAffine
     from chemage_surfaces.images import FromFile as FromFile
-    from chemage_surfaces.images import MeasuredImage as MeasuredImage
+    from chemage_surfaces.images import Measured as Measured
     from chemage_surfaces.instruments import Gwy as Gwy
     from chemage_surfaces.instruments import NetCdf as NetCdf
     from chemage_surfaces.instruments import X3p as X3p
@@ -38,7 +38,7 @@ KINDS = {
         "cone": "chemage_surfaces.tips:Cone",
         "tip": "chemage_surfaces.tips:Tip",
         "from-file": "chemage_surfaces.images:FromFile",
-        "measured": "chemage_surfaces.images:MeasuredImage",
+        "measured": "chemage_surfaces.images:Measured",
         "roughened": "chemage_surfaces.roughened:Roughened",
     },
     "reader": {

@@ -96,7 +96,7 @@ def roughness(
     surface, Hurst exponent and roll-off with their errors, fitted to all of them together, and the section [surface] of
     a scene that makes random surfaces like them. Where there is no fit or no section, it says why.
     """
-    from chemage_surfaces.images import MeasuredImage
+    from chemage_surfaces.images import Measured
     from chemage_surfaces.measures import measure
     from chemage_surfaces.roughness_fit import fit_roughness, section
 
@@ -104,7 +104,7 @@ def roughness(
     options |= {"detrend": detrend or ("mean" if periodic else "plane"), "resample": resample, "periodic": periodic}
     options |= {"lines": lines, "scars": scars, "missing": missing, "spikes": spikes}
     options = {name: value for name, value in options.items() if value is not None}
-    makers = [MeasuredImage(path=str(path), **options) for path in paths]
+    makers = [Measured(path=str(path), **options) for path in paths]
     images = [maker.image() for maker in makers]
     measures = [measure(image.heights, image.sides) for image in images]
     for path, image, found in zip(paths, images, measures, strict=True):

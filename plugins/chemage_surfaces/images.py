@@ -121,7 +121,7 @@ _DEGREES = {"mean": 0, "plane": 1, "quadratic": 2}
 _Coordinate = Annotated[float, Unit("nm", ge=0)]
 
 
-class MeasuredImage(ImageMaker):
+class Measured(ImageMaker):
     """A measured image and the steps that make a surface of it, in the order of the options: units, crop, lines, scars,
     spikes, missing heights, trend, pixels, window.
 
@@ -232,7 +232,7 @@ class Image:
 
 
 @lru_cache(maxsize=2)
-def _made(maker: MeasuredImage, reader: Reader, stamp: FileStamp) -> tuple[Surface | None, str]:
+def _made(maker: Measured, reader: Reader, stamp: FileStamp) -> tuple[Surface | None, str]:
     """The surface, or None and the reason. Those that were made last are kept: for the estimate of a scene, and for
     every contact of a sweep."""
     image = _prepared(maker, reader, stamp)
@@ -252,7 +252,7 @@ def _made(maker: MeasuredImage, reader: Reader, stamp: FileStamp) -> tuple[Surfa
     ), ""
 
 
-def _prepared(maker: MeasuredImage, reader: Reader, stamp: FileStamp) -> Image:
+def _prepared(maker: Measured, reader: Reader, stamp: FileStamp) -> Image:
     image = reader.height_map(maker.path)
     if maker.pixel_size is not None:
         same_pixels(image, maker.pixel_size)
@@ -308,7 +308,7 @@ def _prepared(maker: MeasuredImage, reader: Reader, stamp: FileStamp) -> Image:
     return Image(heights, sides, periodic, steps, faults)
 
 
-def _aligned(maker: MeasuredImage, heights: Floats, periodic: bool, source: str, steps: list[dict[str, Any]]) -> Floats:
+def _aligned(maker: Measured, heights: Floats, periodic: bool, source: str, steps: list[dict[str, Any]]) -> Floats:
     """With scan lines aligned and without scars, as far as they were asked for."""
     if maker.lines != "none":
         if periodic:
@@ -327,7 +327,7 @@ def _aligned(maker: MeasuredImage, heights: Floats, periodic: bool, source: str,
 
 
 def _complete(
-    maker: MeasuredImage, heights: Floats, source: str, periodic: bool, steps: list[dict[str, Any]], faults: list[str]
+    maker: Measured, heights: Floats, source: str, periodic: bool, steps: list[dict[str, Any]], faults: list[str]
 ) -> Floats:
     """Without spikes and gaps; those that are to be refused stay, with a fault."""
     scars = sum(step["pixels"] for step in steps if step["step"] == "scars")
@@ -387,7 +387,7 @@ def _say_repaired(source: str, count: int, of: int, option: str, what: str) -> N
 
 
 def _square(
-    maker: MeasuredImage,
+    maker: Measured,
     heights: Floats,
     sides: tuple[float, float],
     source: str,

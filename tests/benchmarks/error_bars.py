@@ -27,7 +27,7 @@ from scipy import stats
 import chemage as ca
 from chemage import ensemble
 from chemage.ageing.models import Interval
-from chemage.foundation.outputs import Measured
+from chemage.foundation.outputs import MeasuredOutput
 from chemage.plugin import KB, Output, statistics
 from chemage.studies.arrhenius import activation_energies
 from chemage.studies.ensembles.quantities import Spread, half_width, regressed, spread_of
@@ -342,7 +342,7 @@ def observables(rng: np.random.Generator, trials: int) -> Iterable[Held]:
                 ("counts of 0.3 on average", rng.poisson(0.3, count).astype(float), 0.3),
                 ("exponential values", rng.exponential(1.0, count), 1.0),
             ):
-                shown = Measured("x", values, Output((), "", "")).summary()
+                shown = MeasuredOutput("x", values, Output((), "", "")).summary()
                 if math.isnan(shown["half_width"]):
                     continue
                 held = bool(abs(shown["mean"] - truth) <= shown["half_width"])
