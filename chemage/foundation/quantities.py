@@ -19,6 +19,8 @@ from chemage.foundation.text import percent, plus_minus, with_error, with_interv
 
 #: the unit of a pure number
 ONE = "1"
+#: a value that is farther from the middle of its interval, over its width, is printed with both ends
+UNEVEN = 0.01
 #: what stands for a number that is not known
 NONE = "-"
 _SUPERSCRIPTS = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -164,7 +166,8 @@ class Quantity(Declared):
 
     def bare(self) -> str:
         """The value with its interval, without unit."""
-        if self.stated == "ends" and math.isfinite(self.low):
+        beside_middle = abs(self.low + self.high - 2 * self.value) > UNEVEN * (self.high - self.low)
+        if math.isfinite(self.low) and (self.stated == "ends" or beside_middle):
             return with_interval(self.value, self.low, self.high)
         if self.stated:
             return plus_minus(self.value, self.half_width)

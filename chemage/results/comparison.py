@@ -194,9 +194,12 @@ class Comparison:
         """The rows of the printed table: (quantity, text of each result)."""
         labels = _joined(result.facts for result in self.results)
         rows = [(label, [result.facts.get(label, NONE) for result in self.results]) for label in labels]
-        for label, several in self._numbers():
+        for moment, several in self._numbers():
+            label, texts = in_a_row(several)
+            if moment:
+                label, texts = moment, [NONE if one is None else one.text() for one in several]
             if any(one is not None and one.rank < Rank.REST and (one.known or one.reason) for one in several):
-                rows.append((label, [NONE if one is None else one.text() for one in several]))
+                rows.append((label, texts))
             causes = _joined(one.errors for one in several if one is not None)
             for cause in causes:
                 parts = [{} if one is None else {name: size for name, size, _ in one.parts()} for one in several]
@@ -211,15 +214,14 @@ class Comparison:
         return rows
 
     def _numbers(self) -> Iterator[tuple[str, list[Quantity | None]]]:
-        """What each number is, and that of each result: of curves at every time, then of quantities."""
+        """The numbers of all results: of curves at every time, with what each is, then quantities with ""."""
         for name in self._curve_names():
             for time in (*self.times, None):
                 several = [result.at(name, time) for result in self.results]
                 (title, *_) = [result.curves[name].title for result in self.results if name in result.curves]
                 yield f"{title} at {'the last hold time' if time is None else f'{time:g} s'}", several
         for name in _joined(result.quantities for result in self.results):
-            several = [result.quantities.get(name) for result in self.results]
-            yield next(one.title for one in several if one is not None), several
+            yield "", [result.quantities.get(name) for result in self.results]
 
     def _curve_names(self) -> list[str]:
         """The curves against hold time of any result."""
@@ -229,11 +231,12 @@ class Comparison:
 
     def numbers(self) -> list[dict[str, Any]]:
         """The results as plain JSON values, one object each, all with the same names."""
-        every = _joined(result.numbers() for result in self.results)
+        found = [result.numbers() for result in self.results]
+        every = dict.fromkeys(_joined(found))
         any_approximate = any(result.approximation for result in self.results)
         objects = []
-        for result in self.results:
-            one = {name: result.numbers().get(name) for name in every}
+        for result, numbers in zip(self.results, found, strict=True):
+            one = every | numbers
             if any_approximate:
                 one["approximate"] = result.approximation
             objects.append(jsonable(one | self._at(result)))
@@ -420,6 +423,19 @@ def _joined(lists: Iterable[Iterable[str]]) -> list[str]:
                 order.insert(place, name)
             place = order.index(name) + 1
     return order
+
+
+def in_a_row(several: Sequence[Quantity | None]) -> tuple[str, list[str]]:
+    """What one number of several results is, and its texts; each says at which hold time, where they differ."""
+    known = [one for one in several if one is not None]
+    labels = {one.row()[0] for one in known}
+    texts = [NONE if one is None else one.text() for one in several]
+    if len(labels) == 1:
+        return labels.pop(), texts
+    return known[0].title, [
+        f"{text} {one.of}" if one is not None and one.of.startswith("at ") else text
+        for text, one in zip(texts, several, strict=True)
+    ]
 
 
 def _differences(flats: Sequence[Mapping[str, Any]]) -> list[Difference]:

@@ -26,7 +26,7 @@ from chemage.foundation.looks import drawn_as
 from chemage.foundation.names import __version__
 from chemage.foundation.quantities import NONE, by_name
 from chemage.foundation.result import Panel, Picture, Result, Table, drawn_picture
-from chemage.results.comparison import Comparison, Difference, Entry, compare_files
+from chemage.results.comparison import Comparison, Difference, Entry, compare_files, in_a_row
 from chemage.results.drawing import brought_figures, curve_figures, figure_name
 from chemage.results.verdicts import COLUMNS, Verdict
 
@@ -205,12 +205,10 @@ def _difference_row(entry: Difference) -> tuple[str, ...]:
 def _main_table(comparison: Comparison) -> Table:
     """The main numbers of every result."""
     every = [by_name(entry.first) for entry in comparison.results]
-    titles = {name: one.row()[0] for numbers in every for name, one in numbers.items()}
-    rows = [
-        (entry.name, *(numbers[name].text() if name in numbers else NONE for name in titles))
-        for entry, numbers in zip(comparison.results, every, strict=True)
-    ]
-    return Table("Main numbers", ["", *titles.values()], rows)
+    names = dict.fromkeys(name for numbers in every for name in numbers)
+    columns = [in_a_row([numbers.get(name) for numbers in every]) for name in names]
+    rows = [(entry.name, *(texts[number] for _, texts in columns)) for number, entry in enumerate(comparison.results)]
+    return Table("Main numbers", ["", *(label for label, _ in columns)], rows)
 
 
 def _parts(entry: Entry, result: Result, key: str) -> Iterator[PagePart]:

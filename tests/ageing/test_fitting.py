@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -181,6 +182,16 @@ def test_a_single_replica_has_no_error_and_says_so():
 def test_the_scatter_of_simulated_hold_times_is_no_error(kind):
     with pytest.raises(InputError, match="share their bonds"):
         fit_aging(aging(correlated(np.random.default_rng(1), 3)), bootstrap=kind)
+
+
+def test_an_interval_is_printed_by_its_ends_where_the_value_is_not_in_the_middle():
+    fit = fit_aging(aging(correlated(np.random.default_rng(1), 3)), bootstrap="replicas")
+    low, high = fit.beta_interval.low, fit.beta_interval.high
+    assert abs(low + high - 2 * fit.beta) > 0.05 * (high - low)
+    found = [float(number) for number in re.search(r"\[(\S+), (\S+)\]", fit.beta_text()).groups()]
+    assert found == pytest.approx([low, high], abs=0.5), "rounded to a whole number"
+    beta = fit.quantities()[0]
+    assert beta.but(low=fit.beta - 0.1, high=fit.beta + 0.1, half_width=0.1).bare().endswith("± 0.10")
 
 
 @pytest.mark.parametrize("bootstrap", [None, "replicas"])

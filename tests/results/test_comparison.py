@@ -6,11 +6,12 @@ import csv
 import io
 import json
 import math
+import re
 
 import faults
 import numpy as np
 import pytest
-from seen import Comparison, Entry, comparison_figures
+from seen import Comparison, Entry, comparison_figures, report
 
 import chemage as ca
 from chemage import InputError, Measurements, Run, compare_files, parse_scene
@@ -408,3 +409,27 @@ def test_results_with_nothing_to_draw_draw_nothing(results):
     figures = comparison_figures(of(results, "unloaded"))
     assert "friction-coefficient-drop" not in figures
     assert "bonds-per-area" not in figures
+
+
+def test_numbers_at_other_hold_times_say_at_which(tmp_path):
+    """The last of a run, and those that a reader looks for first, are not at one time in all results."""
+    tip = {
+        "surface": {"kind": "sphere", "radius": "30 nm", "pixels": 32, "pixel_size": "0.4518 nm"},
+        "contact": {"kind": "hertz", "modulus": "35.3 GPa", "load": "20 nN"},
+        "forming": {"kind": "uniform", "lower": "0.8 eV", "upper": "1.4 eV"},
+        "chemistry": {"activation_volume": "6.4 angstrom**3", "site_density": "pixel"},
+        "engine": {"kind": "rejection-free"},
+    }
+    for name, stop in (("early", "20 s"), ("late", "1e4 s")):
+        hold = {"temperature": "300 K", "start": "0.1 s", "stop": stop, "replicas": 3}
+        ca.write(tmp_path / f"{name}.h5", ca.run(ca.parse_scene({**tip, "hold": hold}), warn=False))
+    files = [tmp_path / "early.h5", tmp_path / "late.h5"]
+    early, late = dict(compare_files(files).table())["mean shear stress"]
+    assert early.endswith(" GPa at 20 s")
+    assert late.endswith(" GPa at 10000 s")
+    ca.write(tmp_path / "again.h5", ca.read(files[0]))
+    same = dict(compare_files([files[0], tmp_path / "again.h5"]).table())
+    assert same["mean shear stress at 20 s"] == [early.removesuffix(" at 20 s")] * 2
+    main = report(files).partition("Main numbers")[2].partition("</table>")[0]
+    assert re.search(r">[^<]+ at 1 s<", main)
+    assert re.search(r">[^<]+ at 1000 s<", main)

@@ -81,7 +81,8 @@ class EnsembleDisplay(OfRecord[Ensemble]):
         for goal in self.record.goals:
             name, _, time = map(str.strip, goal.partition("@"))
             if time:
-                at_times.append(self.record.estimate(name, convert(time, "s")))
+                one = self.record.estimate(name, convert(time, "s"))
+                at_times.append(one.but(name=goal, label=f"{one.title} {one.of}", symbol="", of=""))
         # those of b are those of β
         found = [one.but(errors=_in_words(one.errors) if one.name != "b" else {}) for one in self.record.numbers()]
         shown = [one if one.name in names or one.name in asked else one.but(rank=Rank.REST) for one in found]

@@ -133,6 +133,10 @@ def test_a_goal_at_a_hold_time_is_shown_at_that_time(command, scene):
     assert "friction coefficient drop Δμ at 100 s" in done.out
     assert "± 9 %" in done.out
     assert "ended because" in done.out
+    beside = json.loads(command("compare", "rough.h5", "--json").out)["results"][0]
+    assert beside[goal.removesuffix("=9%")] == pytest.approx(
+        ca.read("rough.h5").estimate("friction_coefficient_drop", 100.0).value
+    )
 
 
 @pytest.mark.long
