@@ -132,6 +132,8 @@ def _strict_warnings() -> Iterator[None]:
 
     with warnings.catch_warnings():
         warnings.simplefilter("always")
+        # what loky says of the worker of the checks, which keeps what numba compiled, or by the clock
+        warnings.filterwarnings("ignore", "A worker (stopped|was restarted) while some jobs were given", UserWarning)
         warnings.showwarning = show
         yield
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random as python_random
+import threading
 import warnings
 from typing import Any, ClassVar
 
@@ -289,3 +290,17 @@ def test_a_library_that_warns_when_it_is_imported_is_no_failure(tmp_path, monkey
         return 0.8 + 0.6 * uniform
 
     testing.check_barriers(mutant(Flat, "old", quantile=old)(), all=True)
+
+
+def test_a_worker_of_the_checks_that_is_restarted_is_no_failure_of_the_component():
+    """In the thread of loky, where numba has kept much memory in the worker."""
+    from kit_examples import Flat
+
+    def restarted(self, uniform):
+        text = "A worker was restarted while some jobs were given to the executor because it was using more memory"
+        thread = threading.Thread(target=warnings.warn, args=(text, UserWarning))
+        thread.start()
+        thread.join()
+        return 0.8 + 0.6 * uniform
+
+    testing.check_barriers(mutant(Flat, "restarted", quantile=restarted)(), all=True)
