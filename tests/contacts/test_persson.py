@@ -190,7 +190,7 @@ def test_a_square_millimetre_runs_without_a_map(command, tmp_path, monkeypatch):
     assert isinstance(again.contact, ca.plugin.ContactStatistics)
     assert again.summary()["beta"] == done["beta"] > 0
     shown = " ".join(command("show", "large.h5").out.split())
-    assert "not known: the contact has no map" in shown
+    assert "no map, no patches, no rim" in shown
     compared = command("compare", "large.h5")
     assert compared.status == 0
     ca.write_report(["large.h5"], "page.html")
