@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 import re
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -51,7 +51,7 @@ def open_client(detail: str, workers: int | None, threads: int, patience: float 
         raise ExecutorError(
             f"executor dask needs Dask, which is not installed ({error}): pip install 'chemage[dask]'"
         ) from None
-    options = _address(detail) if detail else _local(workers)
+    options = _address(detail) if detail else {}
     # Dask sets "pre-spawn" variables, which libraries read at import, in this process as well; numba would then refuse
     # to compile here, so that its variables are set in the workers only
     early = thread_budget.environment(threads)
@@ -61,8 +61,10 @@ def open_client(detail: str, workers: int | None, threads: int, patience: float 
         "distributed.nanny.pre-spawn-environ": early,
         "distributed.nanny.environ": late,
     }
-    with dask_config.set(settings), _quiet():
+    with dask_config.set(settings), _quiet(), ExitStack() as stack:
         try:
+            if not detail:
+                options = {"address": stack.enter_context(distributed.LocalCluster(**_local(workers)))}
             client = distributed.Client(**options, timeout=ANSWER_TIME, set_as_default=False)
         except (OSError, TimeoutError, ValueError, RuntimeError) as error:
             raise _unavailable(detail, error) from None
@@ -72,7 +74,7 @@ def open_client(detail: str, workers: int | None, threads: int, patience: float 
             yield client
         finally:
             with suppress(Exception):
-                client.close(timeout=10)
+                client.close(timeout=5)
 
 
 def _wait(client: Any, patience: float) -> None:

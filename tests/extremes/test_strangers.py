@@ -460,7 +460,7 @@ def start(tiny, tmp_path, monkeypatch):
         options.append(given)
         raise RuntimeError("not started")
 
-    monkeypatch.setattr("distributed.Client", refuse)
+    monkeypatch.setattr("distributed.LocalCluster", refuse)
 
     def start(detail):
         options.clear()
