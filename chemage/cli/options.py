@@ -158,7 +158,7 @@ ExecutorOpt = Annotated[
     typer.Option(
         metavar="NAME",
         autocompletion=completion.one_of("serial", "processes", "dask"),
-        help="many runs: where they are computed: serial, processes, dask, dask:ADDRESS, dask:CLASS or dask:FILE.toml; "
+        help="many runs: where they are computed: serial, processes, dask, dask:ADDRESS or dask:SCHEDULER.json; "
         "default: serial, or processes if --workers is above 1",
     ),
 ]
@@ -190,8 +190,8 @@ PatienceOpt = Annotated[
     str | None,
     typer.Option(
         metavar="TIME",
-        help="longest time to wait while no worker of Dask runs, e.g. '10 min'; default: 2 min for a cluster on this "
-        "machine, no limit elsewhere, where jobs may be queued; and for samples of other shares, by default 1 h",
+        help="longest time to wait for the first worker of Dask, e.g. '10 min', by default without limit, because jobs "
+        "may be queued; and for samples of other shares, by default 1 h",
     ),
 ]
 

@@ -30,7 +30,7 @@ from concurrent.futures import (
     wait,
 )
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
@@ -38,7 +38,7 @@ from typing import Any
 from chemage.foundation import threads as thread_budget
 from chemage.foundation.errors import ExecutorError, InputError, WorkerLost, nearest
 from chemage.foundation.memory import capacity
-from chemage.studies.clusters import open_cluster, seconds
+from chemage.studies.clusters import open_client, seconds
 from chemage.studies.folder import RESUME, Folder
 from chemage.studies.tasks import RETRIES, Answer, Known, Outcome, Place, Task, compute, failure
 
@@ -100,55 +100,19 @@ class Processes(Executor):
         Number of processes.
     threads
         Threads per process.
-
-    Raises
-    ------
-    WorkerLost
-        By the future of a task: a process died while the task was running.
-    ExecutorError
-        By the future of a task: no process could be started.
     """
 
     def __init__(self, workers: int, threads: int = 1) -> None:
         self.workers, self._threads = workers, threads
-        self._lock = threading.Lock()
-        self._inner: Any = None
-        self._began = False
+        self._inner = self._started()
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Queue a task, in new processes if one has died."""
-        outer: Future[Any] = Future()
-        with self._lock:
-            for _ in range(2):
-                self._inner = self._inner or self._started()
-                try:
-                    inner = self._inner.submit(fn, *args, **kwargs)
-                    break
-                except BrokenProcessPool:
-                    self._inner = None
-            else:
-                outer.set_exception(ExecutorError("worker processes cannot be started"))
-                return outer
-        pool = self._inner
-        outer.set_running_or_notify_cancel()
-
-        def ended(inner: Future[Any]) -> None:
-            error = None if inner.cancelled() else inner.exception()
-            if isinstance(error, BrokenProcessPool):
-                with self._lock:
-                    if self._inner is pool:
-                        self._inner = None
-                outer.set_exception(self._death(error))
-            elif inner.cancelled() or type(error).__name__ == "ShutdownExecutorError":
-                outer.set_exception(WorkerLost("the worker process was stopped"))
-            elif error is not None:
-                outer.set_exception(error)
-            else:
-                self._began = True
-                outer.set_result(inner.result())
-
-        inner.add_done_callback(ended)
-        return outer
+        try:
+            return self._inner.submit(fn, *args, **kwargs)
+        except BrokenProcessPool:
+            self._inner = self._started()
+            return self._inner.submit(fn, *args, **kwargs)
 
     def _started(self) -> Any:
         from loky import ProcessPoolExecutor
@@ -160,31 +124,13 @@ class Processes(Executor):
             env=thread_budget.environment(self._threads),
         )
 
-    def _death(self, error: BaseException) -> Exception:
-        text = str(error)
-        codes = re.findall(r"([A-Z]+)\((-?\d+)\)", text)
-        how = next((_in_words(name, int(code)) for name, code in codes if int(code)), "")
-        if not how and not self._began:
-            return ExecutorError("a worker process could not start; its own message is above")
-        return WorkerLost(f"the worker process died at this task: it {how or 'ended'}")
-
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End the processes after the tasks in the queue; with ``cancel_futures`` at once."""
-        with self._lock:
-            inner, self._inner = self._inner, None
-        if inner is not None:
-            inner.shutdown(wait=wait, kill_workers=cancel_futures)
+        self._inner.shutdown(wait=wait, kill_workers=cancel_futures)
 
     def abort(self) -> None:
         """Kill the processes and cancel the tasks in the queue."""
         self.shutdown(cancel_futures=True)
-
-
-def _in_words(name: str, code: int) -> str:
-    if name != "EXIT":
-        why = " (the system kills the largest process when memory runs out)" if code == -signal.SIGKILL else ""
-        return f"was ended by {name}{why}"
-    return f"ended with exit status {code}"
 
 
 def _begin(parent: int, path: Sequence[str]) -> None:
@@ -219,15 +165,15 @@ def open_pool(
     ----------
     executor
         ``"serial"``; ``"threads"`` (of this process); ``"processes"``; ``"dask"`` (a new cluster on this machine),
-        ``"dask:tcp://host:8786"`` (a running cluster), ``"dask:package.module.Class"`` or ``"dask:cluster.toml"`` (a
-        cluster to start, see docs/sweeps.md); or any ``concurrent.futures.Executor`` whose workers can import chemage.
+        ``"dask:tcp://host:8786"`` or ``"dask:scheduler.json"`` (a running cluster); or any
+        ``concurrent.futures.Executor`` whose workers can import chemage, such as ``client.get_executor()`` of Dask.
     workers
         Number of concurrent tasks; default: chosen automatically from the number of processors.
     threads
         Threads per task; default: all processors with ``serial``, one with any other executor.
     patience
-        Longest time to wait while a Dask cluster has no worker: s, or text with a unit such as ``"10 min"``; default:
-        120 s for a cluster started on this machine, no limit for any other, whose jobs may be queued.
+        Longest time to wait for the first worker of a Dask cluster: s, or text with a unit such as ``"10 min"``;
+        default: no limit, because its jobs may be queued.
 
     Raises
     ------
@@ -250,7 +196,7 @@ def open_pool(
             "executor",
             executor,
             f"no such executor{nearest(name, NAMES)}",
-            "choose serial, threads, processes, dask, dask:ADDRESS, dask:CLASS or dask:FILE.toml",
+            "choose serial, threads, processes, dask, dask:ADDRESS or dask:SCHEDULER.json",
         )
     if name == "serial":
         if workers not in (None, 1):
@@ -272,8 +218,15 @@ def open_pool(
     else:
         if not detail:
             workers, threads = shares(workers, threads)
-        with open_cluster(detail, workers, threads or 1, limit) as cluster:
-            yield Pool(cluster, name, threads or 1, cluster.width, here=False)
+        with open_client(detail, workers, threads or 1, limit) as client:
+            yield Pool(client.get_executor(pure=False), name, threads or 1, lambda: _width(client), here=False)
+
+
+def _width(client: Any) -> int:
+    """Present number of threads of all workers of Dask, at least 1."""
+    with suppress(OSError, RuntimeError, AttributeError):  # the scheduler is busy; or gone, and then its tasks fail
+        return max(1, sum(client.nthreads().values()))
+    return 1
 
 
 def _check_count(name: str, value: int | None) -> None:
@@ -477,22 +430,41 @@ class Runner:
     def _settle(self, piece: Piece, future: Future[Answer], told: Told) -> None:
         try:
             answer = future.result()
-        except WorkerLost as error:
+        except Exception as error:
+            lost = self._death(error)
             piece.deaths += piece.alone
             if piece.deaths <= (RETRIES if piece.alone else 0):
                 self._suspects.append(piece)  # perhaps it only ran beside the piece that killed the worker
                 return
-            answer = self._lost(piece, error)
-        except (BrokenExecutor, CancelledError) as error:
-            raise ExecutorError(f"the executor gave up ({type(error).__name__}: {error}); {RESUME}") from error
-        except ExecutorError as error:
-            raise ExecutorError(f"{error}; {RESUME}") from error
+            answer = self._lost(piece, lost)
         else:
             self._clock.add(piece.weight, answer.seconds)
         for task in piece.tasks:
             told(task, answer.outcomes[task.key])
         if piece.solves:
             self._after_contact(piece, answer, told)
+
+    def _death(self, error: Exception) -> WorkerLost:
+        """The death of a worker, as the executor reports it; any other error is raised."""
+        if isinstance(error, WorkerLost):
+            return error
+        if type(error).__name__ == "KilledWorker":  # of Dask
+            return WorkerLost(str(error))
+        if isinstance(error, BrokenProcessPool) and isinstance(self._pool.executor, Processes):
+            codes = re.findall(r"[A-Z]+\(-?[1-9]\d*\)", str(error))
+            if codes or self._clock.count:
+                status = ", ".join(codes) or "exit status 0"
+                return WorkerLost(
+                    f"the worker process died at this task: {status} (SIGKILL: most often, memory ran out)"
+                )
+            raise ExecutorError(f"a worker process could not start; its own message is above; {RESUME}") from error
+        if isinstance(error, CancelledError):
+            raise ExecutorError(f"the executor dropped a task: its scheduler is gone, or it was shut down; {RESUME}")
+        if isinstance(error, BrokenExecutor):
+            raise ExecutorError(f"the executor gave up ({type(error).__name__}: {error}); {RESUME}") from error
+        if isinstance(error, ExecutorError):
+            raise ExecutorError(f"{error}; {RESUME}") from error
+        raise error
 
     def _after_contact(self, piece: Piece, answer: Answer, told: Told) -> None:
         """Let those begin that waited for a contact; if it cannot be solved, they fail as well."""

@@ -393,7 +393,6 @@ def places(folder: Path) -> Iterator[tuple[str, list[str], Path, str]]:
         ("scene", ["run", "odd.toml"], "odd.toml"),
         ("map shown", ["show", "odd.json"], "odd.json"),
         ("option map", ["check", "mean.toml", "--map", "odd.json"], "odd.json"),
-        ("cluster", ["run", "sweep.toml", "--executor", "dask:odd.toml"], "odd.toml"),
         ("measured", ["infer", "odd.csv", "--scene", "run.toml"], "odd.csv"),
         ("planned", ["infer", "measured.csv", "--scene", "run.toml", "--next", "odd.csv"], "odd.csv"),
         ("scene of infer", ["infer", "measured.csv", "--scene", "odd.toml"], "odd.toml"),
