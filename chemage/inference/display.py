@@ -1,5 +1,4 @@
-"""How an inference is shown: the density with its bands, scores of families, forecasts, and planned measurements.
-"""
+"""How an inference is shown: the density with its bands, scores of families, forecasts, and planned measurements."""
 
 from __future__ import annotations
 
