@@ -1,9 +1,4 @@
-"""How an inference is shown: the density with its bands, scores of families, forecasts, and planned measurements.
-
-An inference in words: the rows that the command line and the page show.
-
-The plots of an inference: density, data, predictive bands, forecasts, unknowns.
-"""
+"""How an inference is shown: the density with its bands, scores of families, forecasts, and planned measurements."""
 
 from __future__ import annotations
 
@@ -17,7 +12,7 @@ import numpy as np
 
 from chemage.foundation.figures import BLACK, BLUE, GREEN, GREY, ORANGE, PALETTE, from_zero, legend, plain
 from chemage.foundation.names import __version__
-from chemage.foundation.quantities import NONE
+from chemage.foundation.quantities import NONE, headed
 from chemage.foundation.result import Ageing, Medium, OfRecord, Panel, Picture, Result, Rows, Table, displays
 from chemage.foundation.statistics import NORMAL_LIMIT
 from chemage.foundation.text import plus_minus, power_text
@@ -419,7 +414,7 @@ class InferenceDisplay(Result):
     def plugins(self) -> Mapping[str, str]:
         return self.inference.plugins
 
-    def rows(self, every: bool = False) -> Rows:
+    def facts(self) -> Rows:
         return rows(self.inference)
 
     def numbers(self) -> dict[str, Any]:
@@ -504,10 +499,8 @@ class InferenceDisplay(Result):
         return Table("", columns, rows, "Measurements")
 
     def columns(self) -> dict[str, Any]:
-        one, bands = self.inference, {}
-        for level in (0.68, WIDE):
-            low, high = one.band(level)
-            bands |= {f"low {100 * level:.0f} % (1/eV)": low, f"high {100 * level:.0f} % (1/eV)": high}
+        one = self.inference
+        bands = _band_columns(one, "1/eV")
         return {"energy (eV)": one.energies, "density (1/eV)": one.density, **bands, "visible": one.visible}
 
     def provenance(self) -> Rows:
@@ -571,18 +564,24 @@ def inference_display(inference: Inference) -> InferenceDisplay:
 class ForecastDisplay(OfRecord[Forecast]):
     """A forecast as users see it."""
 
-    def rows(self, every: bool = False) -> Rows:
+    def facts(self) -> Rows:
         one = self.record
         name, median, likely, sure = forecast_row("ΔF", one)
         conditions = ("temperature, load", f"{one.temperature:g} K, {one.load:g} nN")
         return [conditions, (name, f"{median}; 68 %: {likely} nN, 90 %: {sure} nN")]
 
     def columns(self) -> dict[str, Any]:
-        one, ends = self.record, {}
-        for level in (0.68, WIDE):
-            low, high = one.band(level)
-            ends |= {f"low {100 * level:.0f} % (nN)": low, f"high {100 * level:.0f} % (nN)": high}
-        return {"hold_time (s)": one.hold_times, "median (nN)": one.median, **ends}
+        one = self.record
+        return {"hold_time (s)": one.hold_times, "median (nN)": one.median, **_band_columns(one, "nN")}
+
+
+def _band_columns(one: Inference | Forecast, unit: str) -> dict[str, Any]:
+    """The ends of the bands, for CSV."""
+    ends = {}
+    for level in (0.68, WIDE):
+        for end, values in zip(("low", "high"), one.band(level), strict=True):
+            ends[headed(f"{end} {100 * level:.0f} %", unit)] = values
+    return ends
 
 
 def _without_none(scene: Mapping[str, Any]) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from chemage.foundation.records import Doubles, Flags, Indices, Named, Plain, Re
 from chemage.foundation.text import jsonable
 from chemage.foundation.units import QuantityLike
 from chemage.inference.curves import MeasuredCurve
-from chemage.inference.forecast import WIDE, Forecast, Forecaster, band
+from chemage.inference.forecast import LEVELS, WIDE, Forecast, Forecaster, band
 from chemage.inference.noise import SUSPECT
 from chemage.inference.open import datatree, statistics
 from chemage.inference.problem import LOAD
@@ -319,8 +319,6 @@ class Inference(Record):
 
     def summary(self) -> dict[str, Any]:
         """One JSON-able object with the density, its bands, the scalars, scores and diagnostics."""
-        low68, high68 = self.band(0.68)
-        low95, high95 = self.band(0.95)
 
         def ends(values: np.ndarray, level: float) -> list[float]:
             return [float(end[0]) for end in band(values[:, None], level)]
@@ -328,9 +326,7 @@ class Inference(Record):
         return {
             "energies": self.energies.tolist(),
             "density": self.density.tolist(),
-            "band_68": [low68.tolist(), high68.tolist()],
-            "band_90": [end.tolist() for end in self.band(WIDE)],
-            "band_95": [low95.tolist(), high95.tolist()],
+            **{f"band_{100 * level:.0f}": [end.tolist() for end in self.band(level)] for level in LEVELS},
             "visible": self.visible.tolist(),
             "visible_range": list(self.visible_range),
             "resolution": self.resolution,
