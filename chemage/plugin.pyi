@@ -19,6 +19,7 @@ from chemage.contacts.theory import ContactTheory as ContactTheory
 from chemage.foundation.errors import ConvergenceError as ConvergenceError
 from chemage.foundation.quantities import Curve as Curve
 from chemage.foundation.errors import DamagedError as DamagedError
+from chemage.plugins.hooks import Doubt as Doubt
 from chemage.friction.pulling import Drive as Drive
 from chemage.foundation.units import EV_PER_GPA_NM3 as EV_PER_GPA_NM3
 from chemage.foundation.units import Energy as Energy
@@ -62,6 +63,8 @@ from chemage.friction.role import RuptureForce as RuptureForce
 from chemage.surfaces.role import Scatter as Scatter
 from chemage.foundation.errors import SceneError as SceneError
 from chemage.foundation.checks import Seed as Seed
+from chemage.plugins.hooks import Stage as Stage
+from chemage.plugins.hooks import StageInputs as StageInputs
 from chemage.foundation.errors import StoreError as StoreError
 from chemage.surfaces.role import SurfaceMaker as SurfaceMaker
 from chemage.foundation.result import Table as Table

@@ -7,11 +7,12 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from chemage.plugins.hooks import Doubt, Parts, Stage, Stated, hookspec
+from chemage.plugins.hooks import Doubt, Parts, Stage, StageInputs, Stated, hookspec
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from chemage.ageing.aging import Aging
     from chemage.ageing.observables import PlottedResult
     from chemage.contacts.solution import ContactSolution
     from chemage.kinetics.history import BondHistory
@@ -39,7 +40,30 @@ def chemage_published() -> Sequence[tuple[Mapping[str, object], float, str]]:  #
     (dotted path -> value, internal units); drawn beside the fitted line of such a result."""
 
 
+def arguments_of(parts: Mapping[str, Any]) -> dict[str, Any]:
+    """What the parts of a scene say of the arguments of :func:`chemage.age` but the contact and the chemistry."""
+    from chemage.friction.role import Rupture
+
+    hold = parts["hold"]
+    return dict(
+        **{name: getattr(hold, name) for name in ("hold_times", "temperature", "replicas", "seed", "common")},
+        engine=parts["engine"],
+        method=parts.get("ageing"),
+        rupture=parts.get(Rupture.role),
+        observe=parts.get("observe", ()),
+    )
+
+
 class _Ageing(Stage):
+    def asked(self, parts: Parts) -> bool:
+        return {"chemistry", "engine", "hold"} <= parts.keys()
+
+    def run(self, inputs: StageInputs) -> Aging:
+        from chemage.ageing.age import age
+
+        how = {name: getattr(inputs, name) for name in ("threads", "progress", "checkpoints")}
+        return age(inputs.made["contact"], inputs.parts["chemistry"], **arguments_of(inputs.parts), **how)
+
     def problems(self, parts: Parts) -> Iterable[tuple[str, str]]:
         from chemage.ageing.methods import EVERY_SITE, check_contact, check_method
         from chemage.foundation.errors import InputError
@@ -200,7 +224,15 @@ NO_SITE, NO_BOND = 1.0, 1.0
 #: below this temperature one in °C may be meant
 COLD, ZERO_CELSIUS = 150.0, 273.15
 STAGES = (
-    _Ageing("ageing", role="ageing", needs="forming", only_with="hold", inputs=("engine",), key="aging"),
+    _Ageing(
+        "ageing",
+        role="ageing",
+        needs="forming",
+        only_with="hold",
+        inputs=("engine",),
+        takes=("contact",),
+        makes="aging",
+    ),
     _Observe(
         "observe",
         role="observable",

@@ -6,11 +6,11 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
-from chemage.plugins.hooks import Beside, Doubt, Parts, Stage, Stated, hookimpl, hookspec, options_in
+from chemage.plugins.hooks import Beside, Doubt, Parts, Stage, StageInputs, Stated, hookimpl, hookspec, options_in
 
 if TYPE_CHECKING:
     from chemage.contacts.role import ContactSolver
-    from chemage.contacts.solution import ContactSolution
+    from chemage.contacts.solution import Contact, ContactSolution
     from chemage.surfaces.surface import Surface
 
 ROLES = {"contact": "chemage.contacts.role:ContactSolver"}
@@ -54,6 +54,19 @@ _LOAD = {
 
 
 class _Contact(Stage):
+    def taken(self, parts: Parts) -> tuple[str, ...]:
+        return self.takes if parts[self.section].gives_map else ()
+
+    def run(self, inputs: StageInputs) -> Contact:
+        from chemage.contacts.role import solve_contact
+        from chemage.contacts.theory import ContactTheory
+
+        parts, surface = inputs.parts, inputs.made.get("surface")
+        solver, load = parts[self.section], parts["contact.load"]
+        if isinstance(solver, ContactTheory):
+            return solver.statistics(surface or parts["surface"], load, parts["surface.seed"])
+        return solve_contact(solver, inputs.made["surface"], load)
+
     def read_beside(self, name: str, value: Any, parts: Parts) -> Any:
         """The load in nN; a nominal pressure is multiplied by the nominal area that the surface will have."""
         from chemage.contacts.options import nominal_pressure, normal_force
@@ -83,6 +96,11 @@ class _Contact(Stage):
             if not (math.isnan(mine) or math.isclose(mine, its, rel_tol=1e-6, abs_tol=1e-300)):
                 return f"{name} is {mine:g}, but that of the surface is {its:g}"
         return answer.load_fault(solver.declared_error or 0.0)
+
+    def fault_of(self, made: Any, inputs: StageInputs) -> str:
+        solver, load = inputs.parts[self.section], inputs.parts["contact.load"]
+        surface = inputs.made.get("surface")
+        return self.fault(made, {"solver": solver, "surface": surface, "load": load}) if surface is not None else ""
 
     def estimate(self, parts: Parts, stated: Stated) -> Mapping[str, float]:
         surface, load = stated["surface"], parts["contact.load"]
@@ -155,8 +173,8 @@ STAGES = (
         "contact",
         role="contact",
         required=True,
-        inputs=("surface",),
-        key="contact",
+        takes=("surface",),
+        makes="contact",
         always_in_key=True,
         of_material=True,
         beside={"load": Beside("load", _LOAD, "nN", required=True)},

@@ -71,7 +71,7 @@ NAMES = {
     "lattices.lattice": "ReactionLattice",
     "lattices.role": "Barriers Interaction",
     "lattices.site_grid": "ContactSites contact_sites",
-    "plugins.hooks": "API_VERSION hookimpl lazy_attributes",
+    "plugins.hooks": "API_VERSION Doubt Stage StageInputs hookimpl lazy_attributes",
     "plugins.options": "Choice PluginOptions plugin_options prefer_plugins",
     "plugins.registry": "fromdict register unregister",
     "results.arrhenius": "arrhenius",

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 from chemage.ageing.replicas import replica_seeds
-from chemage.contacts.role import solve_contact
 from chemage.contacts.solution import ContactSolution, ContactStatistics
 from chemage.foundation import random
 from chemage.foundation.errors import InputError
@@ -40,8 +39,8 @@ from chemage.inference.problem import LOAD, Unknowns
 from chemage.kinetics.role import run_kinetics
 from chemage.lattices.chemistry import Chemistry, build_lattice, contact_statistics
 from chemage.lattices.lattice import ReactionLattice
+from chemage.scene.run import contact_of, surface_of
 from chemage.scene.scene import Scene
-from chemage.surfaces.role import make_surface
 from chemage.surfaces.surface import Surface
 
 #: sites of the contact that stand for all in the mean field
@@ -198,17 +197,13 @@ class Contacts:
 
     @cached_property
     def _surface(self) -> Surface:
-        return make_surface(self.scene.surface, self.scene.surface_seed)
+        return surface_of(self.scene)
 
     def at(self, load: float) -> ContactSolution | ContactStatistics:
         """The contact under ``load`` nN."""
         if load not in self._by_load:
-            scene = self.scene
-            with scene.in_use():
-                if (theory := scene.theory) is not None:
-                    self._by_load[load] = theory.statistics(scene.surface, load, scene.surface_seed)
-                else:
-                    self._by_load[load] = solve_contact(scene.solver, self._surface, load)
+            surface = self._surface if self.scene.contact.gives_map else None
+            self._by_load[load] = contact_of(self.scene.model_copy(update={"load": load}), surface)
         return self._by_load[load]
 
 

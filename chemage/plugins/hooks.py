@@ -6,10 +6,11 @@ A plugin is a module (or package) named by an entry point in the group ``chemage
 ever added; a changed meaning is a new hook.
 
 The module ``hooks`` of a room specifies the hooks of its stages and declares these in ``STAGES``: the section of a
-scene, and everything that the framework asks of it. Scenes, their schema, keys, plans and provenance loop over all of
-them. A stage is given the *parts* of a scene: by section its component or its options (``surface``, ``forming``,
-``hold``), and what stands beside the options of a component (``surface.seed``, ``contact.load``); and what is *stated*
-before anything is computed: by section the numbers that its :meth:`Stage.estimate` stated.
+scene, and everything that the framework asks of it. So does the module of a plugin, whose stages change what others
+make. Scenes, their schema, keys, plans, runs and provenance loop over all of them. A stage is given the *parts* of a
+scene: by section its component or its options (``surface``, ``forming``, ``hold``), and what stands beside the options
+of a component (``surface.seed``, ``contact.load``); and what is *stated* before anything is computed: by section the
+numbers that its :meth:`Stage.estimate` stated.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
+from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
 import pluggy
@@ -63,6 +65,8 @@ def chemage_cli() -> Sequence[tuple[str, Any]]:  # pyright: ignore[reportReturnT
 Parts: TypeAlias = Mapping[str, Any]
 Stated: TypeAlias = Mapping[str, Mapping[str, float]]
 
+#: what a scene says before and after the sections of its stages
+TOP, BOTTOM = ("name", "title", "material"), ("plugins", "sweep")
 #: the keys of a scene, each of which contains the one before it
 KEYS = ("surface", "contact", "aging", "result")
 
@@ -87,8 +91,28 @@ class Beside:
 
 
 @dataclass(frozen=True)
+class StageInputs:
+    """What a stage has when it runs."""
+
+    #: what the scene says, see :mod:`chemage.plugins.hooks`
+    parts: Parts
+    #: what the stages before it made: "surface", "contact", "aging"
+    made: Mapping[str, Any]
+    #: how many threads it may use; None: all
+    threads: int | None = None
+    #: the folder in which what would take long to make again is kept during a run
+    checkpoints: Path | None = None
+    #: called with (steps done, steps in all)
+    progress: Callable[[int, int], None] = field(default=lambda done, total: None)
+
+
+@dataclass(frozen=True)
 class Stage:
-    """The declaration of one stage, or of what a scene says beside its stages."""
+    """The declaration of one stage, or of what a scene says beside its stages.
+
+    A stage that computes names what it ``takes`` and what it ``makes``, and has a method :meth:`run`. One that takes
+    what it makes changes it: it runs after the stage that made it, and before those that only take it.
+    """
 
     section: str
     #: role of its component; "" where :meth:`model` gives the class of its options
@@ -113,7 +137,10 @@ class Stage:
     only_with: str = ""
     #: stages it rests on, by section
     inputs: tuple[str, ...] = ()
-    #: the key (:data:`KEYS`) that its options are part of, "" for none
+    #: what it is given when it runs, and what it makes: "surface", "contact", "aging"; "" where it computes nothing
+    takes: tuple[str, ...] = ()
+    makes: str = ""
+    #: the key (:data:`KEYS`) that its options are part of; default: of what it makes, "" for none
     key: str = ""
     #: whether the key says so where it is absent; False: such keys are those of scenes from before there was this stage
     always_in_key: bool = False
@@ -121,6 +148,27 @@ class Stage:
     of_material: bool = False
     #: the hooks whose implementations take part in it
     hooks: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "key", self.key or self.makes)
+
+    @property
+    def changes(self) -> bool:
+        """Whether it makes anew what another stage made."""
+        return self.makes in self.takes
+
+    def asked(self, parts: Parts) -> bool:
+        """Whether a scene with these parts lets it run."""
+        return self.section in parts
+
+    def taken(self, parts: Parts) -> tuple[str, ...]:
+        """What it ``takes`` in a scene with these parts."""
+        return self.takes
+
+    def run(self, inputs: StageInputs) -> Any:
+        """What it makes, of the class of what it changes; what it measures it records
+        (:func:`chemage.plugin.record`)."""
+        raise NotImplementedError(f"the stage {self.section!r} makes {self.makes!r} and has no method run")
 
     def model(self) -> Any:
         """The class of its options, where it has no role; None for a table that :meth:`make` reads."""
@@ -161,6 +209,10 @@ class Stage:
         nothing does. Asked of what its component gives, and of all that a plugin answers or changes."""
         return ""
 
+    def fault_of(self, made: Any, inputs: StageInputs) -> str:
+        """The :meth:`fault` of what a plugin's stage changed of what this one made."""
+        return ""
+
     def key_entries(self, sections: Mapping[str, Any]) -> list[Any]:
         """What its sections, as plain data, add to its key."""
         if self.always_in_key:
@@ -173,7 +225,7 @@ class Stage:
 
     def recorded(self, aging: Mapping[str, Any], contact: Mapping[str, Any]) -> Mapping[str, Any]:
         """Path -> plain options with kind, as the provenance of an ageing curve and of its contact has them."""
-        return {self.section: aging.get(self.section)}
+        return {self.section: (contact if self.makes == "contact" else aging).get(self.section)}
 
     def estimate(self, parts: Parts, stated: Stated) -> Mapping[str, float]:
         """What is stated of it before anything is computed; ``cpu_seconds`` among it, on the machine of reference."""
@@ -206,12 +258,26 @@ def options_in(provenance: Any) -> dict[str, Any]:
 def in_order(stages: Iterable[Stage]) -> list[Stage]:
     """Stages after those that they rest on, and otherwise as they were declared."""
     declared = {stage.section: stage for stage in stages}
+    makers = {stage.makes: stage.section for stage in declared.values() if stage.makes and not stage.changes}
+    changers: dict[str, list[str]] = {}
+    for stage in declared.values():
+        if stage.changes:
+            changers.setdefault(stage.makes, []).append(stage.section)
     ordered: dict[str, Stage] = {}
 
-    def add(stage: Stage) -> None:
-        for name in stage.inputs:
+    def before(stage: Stage) -> Iterator[str]:
+        yield from stage.inputs
+        for name in stage.takes:
+            yield makers[name]
+            others = changers.get(name, [])
+            yield from others[: others.index(stage.section)] if stage.makes == name else others
+
+    def add(stage: Stage, above: tuple[str, ...] = ()) -> None:
+        if stage.section in above:
+            raise ValueError(f"each of these stages needs the next: {', '.join((*above, stage.section))}")
+        for name in before(stage):
             if name not in ordered:
-                add(declared[name])
+                add(declared[name], (*above, stage.section))
         ordered.setdefault(stage.section, stage)
 
     for stage in declared.values():

@@ -16,6 +16,7 @@ from typing import Any
 import pluggy
 
 from chemage.foundation.errors import InputError, PluginError
+from chemage.plugins.hooks import BOTTOM, TOP, Stage
 
 
 class PluginWarning(UserWarning):
@@ -134,6 +135,35 @@ def add_specifications(manager: pluggy.PluginManager, room: Any) -> None:
     """Add the hooks that a room specifies, if it does."""
     if any(getattr(function, "chemage_spec", None) for function in vars(room).values()):
         manager.add_hookspecs(room)
+
+
+def checked_stages(plugin: Any, there: Sequence[Stage], roles: Mapping[str, str]) -> tuple[Any, Mapping[str, str]]:
+    """The stages and roles that the module of a plugin declares (``STAGES``, ``ROLES``), beside those ``there``.
+
+    Raises
+    ------
+    PluginError
+        A name is taken, or a stage is not complete.
+    """
+    stages, own = getattr(plugin, "STAGES", ()), getattr(plugin, "ROLES", {})
+    if taken := roles.keys() & own.keys():
+        raise PluginError(f"ROLES: there is a role {min(taken)!r} already; choose another name")
+    sections = {*TOP, *BOTTOM, *(name for stage in there for name in (*stage.parts, stage.section))}
+    made = {stage.makes for stage in there if stage.makes}
+    for stage in stages:
+        if not isinstance(stage, Stage):
+            raise PluginError(f"STAGES: {stage!r} is no chemage.plugin.Stage")
+        where = f"STAGES: [{stage.section}]:"
+        if stage.section in sections or not stage.section.isidentifier():
+            raise PluginError(f"{where} this name is taken, or none; choose another")
+        sections.add(stage.section)
+        if stage.role and stage.role not in {**roles, **own}:
+            raise PluginError(f"{where} there is no role {stage.role!r}; declare it in ROLES")
+        if unknown := [name for name in (*stage.takes, stage.makes) if name and name not in made]:
+            raise PluginError(f"{where} nothing makes {unknown[0]!r}; there are {', '.join(sorted(made))}")
+        if stage.makes and not stage.changes:
+            raise PluginError(f"{where} a plugin's stage changes what it makes; add takes = ({stage.makes!r},)")
+    return stages, own
 
 
 def is_stage(hook: Any) -> bool:
@@ -264,3 +294,13 @@ def check_signatures(cls: type, role: type, where: str) -> None:
                     f"{where}: {cls.__name__}.{name}{inspect.signature(method)} cannot be called as "
                     f"{name}({call}): {error}"
                 ) from None
+
+
+def called(hook: Any, plugin: Any) -> Any:
+    """What one plugin answers to a hook without arguments."""
+    return next(impl.function() for impl in hook.get_hookimpls() if impl.plugin is plugin)
+
+
+def wraps_others(implementation: Any) -> bool:
+    """Whether it wraps the hooks of others."""
+    return implementation.wrapper or implementation.hookwrapper

@@ -32,10 +32,12 @@ from chemage.plugins.loading import (
     PluginRecord,
     PluginWarning,
     add_specifications,
+    called,
     check_hook_names,
     checked_class,
     checked_kinds,
     checked_options,
+    checked_stages,
     checked_targets,
     clash,
     full_name,
@@ -49,6 +51,7 @@ from chemage.plugins.loading import (
     trace_after,
     trace_before,
     versions,
+    wraps_others,
 )
 
 if TYPE_CHECKING:
@@ -57,8 +60,7 @@ if TYPE_CHECKING:
 __all__ = ["PluginRecord", "PluginWarning", "Registry", "scene_text", "source_version"]
 
 GROUP = "chemage"
-#: modules in which the rooms of chemage declare roles (``ROLES``), stages (``STAGES``), hooks, and their own answers
-#: (``ANSWERS``)
+#: modules in which the rooms of chemage declare roles (``ROLES``), stages (``STAGES``), hooks, answers (``ANSWERS``)
 ROOMS = (
     "chemage.plugins.hooks",
     "chemage.surfaces.hooks",
@@ -87,6 +89,7 @@ class Registry:
         self.records: list[PluginRecord] = []
         self.roles: dict[str, str] = {}  # role -> "module:Class" of its abstract class
         self.rooms: list[Any] = []  # modules that declare roles, stages and hooks
+        self.owners: dict[str, PluginRecord] = {}  # section -> the plugin whose stage it is
         self._stages: list[Stage] | None = None
         self._classes: dict[tuple[str, str], type] = {}
         self._monitor(self.manager)
@@ -191,23 +194,28 @@ class Registry:
         name = full_name(record)
         if self.manager.has_plugin(name) or self.manager.is_registered(plugin):
             raise PluginError(f"{record.module} is registered twice")
-        check_hook_names(plugin, self._hook_names())
+        stages, roles = checked_stages(plugin, self.stages(), self.roles)
+        if not stages:
+            check_hook_names(plugin, self._hook_names())
         self._preferring.clear()
         try:
             self._attach(self.manager, plugin, record)
             for hook in self.manager.get_hookcallers(plugin) or ():
                 if hook.name == "chemage_register":
-                    record.kinds = checked_kinds(_called(hook, plugin), self.roles)
+                    record.kinds = checked_kinds(called(hook, plugin), {**self.roles, **roles})
                 elif hook.name == "chemage_scenes":
-                    record.scenes = checked_targets("chemage_scenes", _called(hook, plugin))
+                    record.scenes = checked_targets("chemage_scenes", called(hook, plugin))
                 elif hook.name == "chemage_materials":
-                    record.materials = checked_targets("chemage_materials", _called(hook, plugin))
+                    record.materials = checked_targets("chemage_materials", called(hook, plugin))
         except (Exception, SystemExit):
             # older pluggy keeps the hooks that come before the one at fault
             if self.manager.is_registered(plugin):
                 self.manager.unregister(plugin)
             record.kinds, record.scenes, record.materials, record.options = {}, {}, {}, ""
             raise
+        if stages or roles:
+            self.add_room(plugin)
+            self.owners |= {stage.section: record for stage in stages}
 
     def _attach(self, manager: Hooks, plugin: Any, record: PluginRecord) -> None:
         """Add the hooks of a plugin to ``manager``, so that their part in an answer is noted."""
@@ -514,7 +522,7 @@ class Registry:
         for name in self.stage_hooks():
             implementations = getattr(self._in_order(context.preference()).hook, name).get_hookimpls()
             for wraps, verb, wins in ((False, "answer", "is asked first"), (True, "wrap", "has the last word")):
-                order = [each.plugin_name for each in reversed(implementations) if _wraps(each) == wraps]
+                order = [each.plugin_name for each in reversed(implementations) if wraps_others(each) == wraps]
                 sharing = [record for full in order for record in self.records if full_name(record) == full]
                 if len(sharing) > 1:
                     listed = " and ".join(f"{each.name!r} ({each.source})" for each in sharing)
@@ -541,14 +549,6 @@ def prefer_another(name: str) -> str:
 
 def _is_own(point: metadata.EntryPoint) -> bool:
     return point.dist is not None and point.dist.name == "chemage"
-
-
-def _called(hook: Any, plugin: Any) -> Any:
-    return next(impl.function() for impl in hook.get_hookimpls() if impl.plugin is plugin)
-
-
-def _wraps(implementation: Any) -> bool:
-    return implementation.wrapper or implementation.hookwrapper
 
 
 _current: Registry | None = None

@@ -12,11 +12,12 @@ from typing import Any
 
 import pluggy
 
-from chemage.foundation.errors import ChemageError
+from chemage.foundation.errors import ChemageError, InputError, PluginError
+from chemage.foundation.outputs import kept, recording
 from chemage.foundation.records import approximation_made_by, merged_approximations
-from chemage.plugins.context import Plugins
-from chemage.plugins.hooks import hookimpl
-from chemage.plugins.loading import add_specifications
+from chemage.plugins.context import Plugins, taking_part
+from chemage.plugins.hooks import Stage, StageInputs, hookimpl
+from chemage.plugins.loading import add_specifications, full_name
 from chemage.plugins.registry import Registry, current, source_version
 
 
@@ -60,6 +61,37 @@ def approximation_of(role: str, kind: str) -> list[dict[str, Any]]:
         return approximation_made_by(current().component(role, kind))
     except ChemageError:
         return []
+
+
+def run_stage(stage: Stage, inputs: StageInputs) -> Any:
+    """What a stage makes; where a plugin declares it, with its options, its plugin and what it recorded noted in it.
+
+    Raises
+    ------
+    InputError
+        It changes what the scene does not compute.
+    PluginError
+        It makes something else than it changes, or what contradicts itself.
+    """
+    plugins = current()
+    record = plugins.owners.get(stage.section)
+    if record is None:
+        return stage.run(inputs)
+    options, before = inputs.parts[stage.section], inputs.made.get(stage.makes)
+    who = f"the stage {stage.section!r} of {full_name(record)}"
+    if before is None:
+        raise InputError(f"[{stage.section}] changes what this scene does not compute, {stage.makes!r}; leave it out")
+    with recording() as block, taking_part() as took_part:
+        made = stage.run(inputs)
+    if type(made) is not type(before):
+        raise PluginError(f"{who} made {type(made).__name__}; expected {type(before).__name__}")
+    maker = next(each for each in plugins.stages() if each.makes == stage.makes and not each.changes)
+    if fault := maker.fault_of(made, inputs):
+        raise PluginError(f"{who}: {fault}")
+    took_part = {record.name: plugins.source_in_use(record), **took_part, **providers(options)}
+    made = made.noting(took_part, approximations(options), kept(made, block))
+    said = stage.todict({stage.section: options}, lambda component: component.todict())
+    return made.model_copy(update={"provenance": {**made.provenance, **said}})
 
 
 def changed(recorded: Plugins, *, options: bool = True) -> dict[str, tuple[str, str]]:

@@ -134,6 +134,7 @@ class RunDisplay(Result):
     def facts(self) -> Rows:
         scene = self.run.scene
         facts = [(section, f"{scene[section]['kind']}, {words}") for section, words in self._stages()]
+        facts += [(section, options_text(scene[section])) for section in registry.current().owners if section in scene]
         facts += self.aging.facts() if self.aging is not None else []
         facts += [(f"plugin {name}", source) for name, source in self.plugins.items()]
         return facts
@@ -201,6 +202,11 @@ class RunDisplay(Result):
             return Ageing(load=self.run.contact.load)
         chemistry = chemistry_of_scene(self.scene, self.aging.record.temperature)
         return replace(self.aging.ageing(), chemistry=chemistry)
+
+
+def options_text(options: Mapping[str, Any]) -> str:
+    """The options of a section in one line, its kind first."""
+    return ", ".join(str(value) if name == "kind" else f"{name} {value}" for name, value in options.items())
 
 
 def chemistry_of_scene(scene: Mapping[str, Any], temperature: float) -> dict[str, Any]:

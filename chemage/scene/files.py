@@ -28,19 +28,16 @@ from chemage.foundation.errors import (
 from chemage.foundation.files import DEEPEST, MOST_NAMES, check_data, described
 from chemage.foundation.units import in_words, is_file_path
 from chemage.plugins import registry
-from chemage.plugins.hooks import Stage
+from chemage.plugins.hooks import BOTTOM, TOP, Stage
 from chemage.plugins.options import PluginOptions, options_for
 from chemage.scene.materials import MaterialValue, filled
 from chemage.scene.scene import Scene
-
-#: what a scene says beside the sections of its stages
-_TOP, _BOTTOM = ("name", "title", "material"), ("plugins", "sweep")
 
 
 def section_names() -> list[str]:
     """Every section and top-level entry that a scene may have."""
     sections = [name for stage in registry.current().stages() for name in (*stage.parts, stage.section)]
-    return [*_TOP, *sections, *_BOTTOM]
+    return [*TOP, *sections, *BOTTOM]
 
 
 def required_sections() -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from functools import partial
@@ -25,8 +25,9 @@ from chemage.ageing.aging import (
     fit_or_reason,
 )
 from chemage.ageing.fitting import DROPS, FIT, FIT_WINDOW, Fit
+from chemage.ageing.hooks import arguments_of
 from chemage.ageing.replicas import keep, resumed
-from chemage.contacts.role import elasticity_notes, solve_contact
+from chemage.contacts.role import elasticity_notes
 from chemage.contacts.solution import ContactSolution, ContactStatistics
 from chemage.foundation.codec import EXTRA
 from chemage.foundation.errors import ChemageError, InputError, PlanWarning, StoreError, optional_module
@@ -37,11 +38,13 @@ from chemage.foundation.records import Record, approximations_in_words, content_
 from chemage.foundation.result import draw_parts, notebook_html
 from chemage.foundation.text import jsonable
 from chemage.plugins import registry
+from chemage.plugins.hooks import Stage, StageInputs
+from chemage.plugins.sources import run_stage
 from chemage.scene.files import load_scene, parse_scene
 from chemage.scene.plan import LongRunWarning, cost
 from chemage.scene.provenance import scatter_of, versions
 from chemage.scene.scene import Scene
-from chemage.surfaces.role import Scatter, make_surface
+from chemage.surfaces.role import Scatter
 from chemage.surfaces.surface import Surface
 
 if TYPE_CHECKING:
@@ -331,25 +334,59 @@ def _run(
 ) -> Run:
     report = progress or (lambda stage, done, total: None)
     timings: dict[str, float] = {}
-    if contact is None and (theory := scene.theory) is not None:
-        with _timed("contact", scene, timings, report):
-            contact = theory.statistics(surface or scene.surface, scene.load, scene.surface_seed)
-    if contact is None:
-        if surface is None:
-            with _timed("surface", scene, timings, report):
-                surface = make_surface(scene.surface, scene.surface_seed)
-        with _timed("contact", scene, timings, report):
-            contact = _solved(scene, surface, checkpoints)
-    aging = None
-    if scene.ages:
-        with _timed("ageing", scene, timings, report):
-            aging = aged(scene, contact, threads=threads, progress=partial(report, "ageing"), checkpoints=checkpoints)
+    wanted: tuple[str, ...] = ("contact", "aging")
+    given: dict[str, Any] = {"surface": surface, "contact": contact}
+    made = compute_stages(scene, wanted, report, timings, threads, checkpoints, **given)
+    solved, aging = made["contact"], made.get("aging")
     if members and aging is not None and scene.chemistry is not None and scene.chemistry.forming.members(1):
         with _timed(BARRIERS, scene, timings, report):
-            aging = _with_members(scene, contact, aging, threads, partial(report, BARRIERS))
-    took_part = versions(scene, (contact, aging))
-    keys = run_keys(scene, contact, aging)
-    return Run(scene.todict(), contact, surface, aging, timings, took_part, keys, tuple(scene.cite()))
+            aging = _with_members(scene, solved, aging, threads, partial(report, BARRIERS))
+    took_part = versions(scene, (solved, aging))
+    keys = run_keys(scene, solved, aging)
+    return Run(scene.todict(), solved, made.get("surface"), aging, timings, took_part, keys, tuple(scene.cite()))
+
+
+def compute_stages(
+    scene: Scene,
+    wanted: Collection[str],
+    report: Progress = lambda stage, done, total: None,
+    timings: dict[str, float] | None = None,
+    threads: int | None = None,
+    checkpoints: Path | None = None,
+    **given: Any,
+) -> dict[str, Any]:
+    """What the stages of a scene make that are needed for ``wanted`` ("surface", "contact", "aging"), by its name; what
+    is ``given`` is not made again, nor changed."""
+    made = {name: record for name, record in given.items() if record is not None}
+    parts = scene.solved_parts
+    for stage in _needed(parts, set(wanted), made):
+        progress = partial(report, stage.section)
+        inputs = StageInputs(parts, made, threads, checkpoints, progress)
+        with _timed(stage.section, scene, {} if timings is None else timings, report):
+            kept = checkpoints is not None and stage.makes == "contact" and "surface" in made and not stage.changes
+            made[stage.makes] = _kept(stage, scene, inputs) if kept else run_stage(stage, inputs)
+    return made
+
+
+def _needed(parts: Mapping[str, Any], wanted: set[str], made: Collection[str]) -> list[Stage]:
+    """The stages that a scene asks for and that are needed, in the order in which they run."""
+    needed: list[Stage] = []
+    for stage in reversed(registry.current().stages()):
+        if stage.makes in wanted and stage.makes not in made and stage.asked(parts):
+            needed.insert(0, stage)
+            wanted.update(stage.taken(parts))
+    return needed
+
+
+def surface_of(scene: Scene) -> Surface:
+    """The surface of a scene."""
+    return compute_stages(scene, {"surface"})["surface"]
+
+
+def contact_of(scene: Scene, surface: Surface | None = None) -> Any:
+    """The contact of a scene, on its ``surface`` where that is there already."""
+    with scene.in_use():
+        return compute_stages(scene, {"contact"}, surface=surface)["contact"]
 
 
 def aged(scene: Scene, contact: ContactSolution | ContactStatistics, **changes: Any) -> Aging | None:
@@ -359,19 +396,7 @@ def aged(scene: Scene, contact: ContactSolution | ContactStatistics, **changes: 
         return None
     assert scene.chemistry is not None
     with scene.in_use():
-        return age(contact, scene.chemistry, **(_ageing_arguments(scene) | changes))
-
-
-def _ageing_arguments(scene: Scene) -> dict[str, Any]:
-    hold = scene.hold
-    assert hold is not None
-    return dict(
-        **{name: getattr(hold, name) for name in ("hold_times", "temperature", "replicas", "seed", "common")},
-        engine=scene.engine,
-        method=scene.ageing,
-        rupture=scene.rupture,
-        observe=scene.observe,
-    )
+        return age(contact, scene.chemistry, **(arguments_of(scene.parts) | changes))
 
 
 def _with_members(
@@ -383,7 +408,7 @@ def _with_members(
 ) -> Aging:
     """The ageing with the error of its barriers."""
     assert scene.chemistry is not None
-    how = _ageing_arguments(scene) | {"threads": threads, "progress": progress}
+    how = arguments_of(scene.parts) | {"threads": threads, "progress": progress}
     with scene.in_use():
         return with_members(aging, contact, scene.chemistry, **how)
 
@@ -410,18 +435,17 @@ def _timed(stage: str, scene: Scene, timings: dict[str, float], report: Progress
     report(stage, 1, 1)
 
 
-def _solved(scene: Scene, surface: Surface, checkpoints: Path | None) -> ContactSolution:
-    if checkpoints is None:
-        return solve_contact(scene.solver, surface, scene.load)
-    make_folder(checkpoints)
-    path, key = checkpoints / "contact.h5", scene.keys()["contact"]
-    other = f"{checkpoints} holds checkpoints of another scene; choose another folder"
-    hooks = ("chemage_solve_contact",)
+def _kept(stage: Stage, scene: Scene, inputs: StageInputs) -> ContactSolution:
+    """The contact from the checkpoints, or a new one, which is kept there."""
+    folder, surface = inputs.checkpoints, inputs.made["surface"]
+    assert folder is not None
+    make_folder(folder)
+    path, key = folder / "contact.h5", scene.keys()["contact"]
+    other = f"{folder} holds checkpoints of another scene; choose another folder"
+    how = {"run": key, "before": surface.plugins, "hooks": stage.hooks}
     call = {"solver": scene.solver, "surface": surface, "load": scene.load, "start": None}
-    solution = resumed(
-        path, "contact", ContactSolution, key, other, run=key, before=surface.plugins, hooks=hooks, **call
-    )
+    solution = resumed(path, "contact", ContactSolution, key, other, **how, **call)
     if solution is None:
-        solution = solve_contact(scene.solver, surface, scene.load)
-        keep(path, "contact", solution, key, run=key, before=surface.plugins, hooks=hooks)
+        solution = stage.run(inputs)
+        keep(path, "contact", solution, key, **how)
     return solution

@@ -212,8 +212,8 @@ class Scene(Section):
     """over how many surfaces the answer is a mean; None: the one surface of this scene"""
     accuracy: Mapping[str, float] = {}
     """quantity -> relative half width of its 95 % interval; the answer is a mean over as many surfaces as that needs"""
-    others: Mapping[str, SerializeAsAny[Component]] = {}
-    """components of stages that have no field here, by section"""
+    others: Mapping[str, Any] = {}
+    """components or options of stages that have no field here, by section"""
     plugins: Mapping[str, SerializeAsAny[PluginOptions]] = {}
     """options of plugins, by the name of the plugin"""
     material: str = ""

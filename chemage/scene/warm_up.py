@@ -83,8 +83,8 @@ def compiled_ahead(
 
 
 def _wait(helper: compiling.Process | None, report: Report, compiled: int) -> None:
-    """Wait for a process that has begun to compile what is needed now."""
-    if helper is None or helper.poll() is not None:
+    """Wait for a process that has begun to compile what is needed now; also said of one that was faster than this."""
+    if helper is None:
         return
     report(compiling.STAGE, compiled, 0, compiling.NOTE)
     with suppress(TimeoutExpired):

@@ -1,7 +1,7 @@
 """Connects to a Dask cluster: a running one, or a new one on this machine.
 
-A Dask scheduler queues tasks, waits for the jobs of its workers and tries a task again when a worker dies. Clusters of
-many machines are started by `dask-jobqueue <https://jobqueue.dask.org>`_ or by hand, see docs/clusters.md.
+A Dask scheduler queues tasks and waits for the jobs of its workers. Clusters of many machines are started by
+`dask-jobqueue <https://jobqueue.dask.org>`_ or by hand, see docs/clusters.md.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from typing import Any
 from chemage.foundation import threads as thread_budget
 from chemage.foundation.errors import ExecutorError, InputError, StoreError
 from chemage.foundation.units import convert
-from chemage.studies.tasks import RETRIES
 
 #: time to wait for a Dask scheduler, s
 ANSWER_TIME = 4.0
@@ -57,7 +56,8 @@ def open_client(detail: str, workers: int | None, threads: int, patience: float 
     early = thread_budget.environment(threads)
     late = {name: early.pop(name) for name in ("CHEMAGE_THREADS", "NUMBA_NUM_THREADS")}
     settings = {
-        "distributed.scheduler.allowed-failures": RETRIES,
+        # the runner of a study tries again what a worker died of, beside nothing else
+        "distributed.scheduler.allowed-failures": 0,
         "distributed.nanny.pre-spawn-environ": early,
         "distributed.nanny.environ": late,
     }
@@ -75,6 +75,11 @@ def open_client(detail: str, workers: int | None, threads: int, patience: float 
         finally:
             with suppress(Exception):
                 client.close(timeout=5)
+
+
+def is_lost(client: Any) -> bool:
+    """Whether a client has given up its scheduler; what waits in it then may not be told."""
+    return client.status in ("closing", "closed")
 
 
 def _wait(client: Any, patience: float) -> None:

@@ -32,13 +32,14 @@ from concurrent.futures import (
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
 from chemage.foundation import threads as thread_budget
 from chemage.foundation.errors import ExecutorError, InputError, WorkerLost, nearest
 from chemage.foundation.memory import capacity
-from chemage.studies.clusters import open_client, seconds
+from chemage.studies.clusters import is_lost, open_client, seconds
 from chemage.studies.folder import RESUME, Folder
 from chemage.studies.tasks import RETRIES, Answer, Known, Outcome, Place, Task, compute, failure
 
@@ -63,6 +64,8 @@ class Pool:
     remote: bool = True
     #: whether tasks run on this machine, and share its memory
     here: bool = True
+    #: whether no task will end any more
+    lost: Callable[[], bool] = field(default=lambda: False)
 
     def submit(self, fn: Callable[..., Any], *args: Any) -> Future[Any]:
         """Submit a task."""
@@ -219,7 +222,9 @@ def open_pool(
         if not detail:
             workers, threads = shares(workers, threads)
         with open_client(detail, workers, threads or 1, limit) as client:
-            yield Pool(client.get_executor(pure=False), name, threads or 1, lambda: _width(client), here=False)
+            pool = client.get_executor(pure=False)
+            width, lost = partial(_width, client), partial(is_lost, client)
+            yield Pool(pool, name, threads or 1, width, here=False, lost=lost)
 
 
 def _width(client: Any) -> int:
@@ -337,6 +342,8 @@ class Runner:
                 finished, _ = wait(self._running, timeout=0.5, return_when=FIRST_COMPLETED)
                 for future in finished:
                     self._settle(self._running.pop(future), future, told)
+                if not finished and self._pool.lost():
+                    raise ExecutorError(f"the executor dropped its tasks: its scheduler is gone; {RESUME}")
                 now = time.perf_counter()
                 if self._watch is not None and now > reported + PERIOD:
                     reported = now

@@ -23,7 +23,6 @@ from pathlib import Path
 from typing import Any, ClassVar, Generic, Self, TypeVar
 
 from chemage.ageing.aging import with_limits_of
-from chemage.contacts.role import solve_contact
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation import threads as thread_budget
 from chemage.foundation.codec import to_json
@@ -32,10 +31,9 @@ from chemage.foundation.names import __version__
 from chemage.plugins import registry
 from chemage.plugins.loading import PluginRecord
 from chemage.plugins.sources import components_in, stage_hooks
-from chemage.scene.run import Run, run, run_keys
+from chemage.scene.run import Run, contact_of, run, run_keys, surface_of
 from chemage.scene.scene import Scene
 from chemage.studies.folder import CannotWrite, Folder, process_name
-from chemage.surfaces.role import make_surface
 from chemage.surfaces.surface import Surface
 
 #: (name, "module:Class") of a component, (name, "module") of a plugin with hooks
@@ -382,10 +380,8 @@ class Worker:
         # the name contains the study: in another one other plugins may change the surface of the same options
         scene = task.scene
         with scene.in_use():
-            surface = _surfaces.get(
-                f"{self.owner} {task.surface}", lambda: make_surface(scene.surface, scene.surface_seed)
-            )
-            return solve_contact(scene.solver, surface, scene.load)
+            surface = _surfaces.get(f"{self.owner} {task.surface}", lambda: surface_of(scene))
+            return contact_of(scene, surface)
 
     def _failed(self, task: Task, error: BaseException) -> Outcome:
         if self._whole is not None:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
-from chemage.plugins.hooks import Beside, Doubt, Parts, Stage, Stated, hookimpl, hookspec, options_in
+from chemage.plugins.hooks import Beside, Doubt, Parts, Stage, StageInputs, Stated, hookimpl, hookspec, options_in
 
 if TYPE_CHECKING:
     from chemage.foundation.checks import Seed
@@ -37,6 +37,11 @@ SLOPES = (1e-6, 3.0)
 
 
 class _Surface(Stage):
+    def run(self, inputs: StageInputs) -> Surface:
+        from chemage.surfaces.role import make_surface
+
+        return make_surface(inputs.parts[self.section], inputs.parts["surface.seed"])
+
     def recorded(self, aging: Mapping[str, Any], contact: Mapping[str, Any]) -> Mapping[str, Any]:
         return {self.section: options_in(contact.get(self.section))}
 
@@ -78,7 +83,7 @@ STAGES = (
         "surface",
         role="surface",
         required=True,
-        key="surface",
+        makes="surface",
         always_in_key=True,
         beside={
             "seed": Beside(

@@ -432,8 +432,7 @@ def test_a_killed_worker_costs_its_point_a_retry_and_nothing_else(tiny, tmp_path
     more = 1
     assert 1 <= len(tiny.computed("kinetics 300")) <= 1 + more, "what is well runs once, whoever dies beside it"
     assert 2 <= len(tiny.computed("kinetics 301")) <= 2 + more, "one death, one more try"
-    if executor == "processes":
-        assert len(tiny.computed("kinetics 302")) in (2, 3), "beside others, and twice alone"
+    assert len(tiny.computed("kinetics 302")) in (2, 3), "beside others, and twice alone"
     assert len(tiny.computed("contact")) == 1
 
 

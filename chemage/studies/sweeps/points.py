@@ -24,7 +24,7 @@ from chemage.foundation.errors import ChemageError
 from chemage.foundation.text import jsonable
 from chemage.plugins.context import Plugins
 from chemage.plugins.sources import changed, implementing, providers, would_change
-from chemage.scene.run import aged
+from chemage.scene.run import aged, surface_of
 from chemage.scene.scene import Scene
 from chemage.studies.ensembles.ensemble import Ensemble
 from chemage.studies.ensembles.planning import plan
@@ -32,7 +32,6 @@ from chemage.studies.ensembles.running import Sampler
 from chemage.studies.folder import Folder, SweepWarning
 from chemage.studies.sweeps.grid import Survey, order_of
 from chemage.studies.tasks import Outcome, Place, Task, failure
-from chemage.surfaces.role import make_surface
 from chemage.surfaces.surface import Surface
 
 _CONTACT_HOOKS = ("chemage_make_surface", "chemage_solve_contact")
@@ -118,7 +117,7 @@ class _Check:
             return False
         with scene.in_use():
             if self._surface is None or self._surface[0] != key:
-                self._surface = key, make_surface(scene.surface, scene.surface_seed)
+                self._surface = key, surface_of(scene)
             surface = self._surface[1]
             took_part = [name for name in self.new_in_contact if name in surface.plugins]
             if not took_part and would_change(

@@ -25,7 +25,6 @@ import numpy as np
 
 from chemage.ageing.aging import Aging
 from chemage.ageing.methods import check_method, expected_cost
-from chemage.contacts.role import solve_contact
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.errors import ChemageError
 from chemage.foundation.records import content_hash
@@ -34,12 +33,11 @@ from chemage.plugins import registry
 from chemage.scene.files import override, parse_scene
 from chemage.scene.plan import cost
 from chemage.scene.provenance import nested, versions
-from chemage.scene.run import aged
+from chemage.scene.run import aged, contact_of
 from chemage.scene.scene import Scene, coarser
 from chemage.scene.warm_up import form, warm_up
 from chemage.studies.ensembles.quantities import GIVEN
 from chemage.studies.tasks import Outcome, Recent, Task, Worker
-from chemage.surfaces.role import make_surface
 
 #: names of what is chosen, besides the options of components
 GRID, SOLVER, ENGINE, AGEING = "grid of the contact", "contact", "engine", "ageing"
@@ -371,7 +369,7 @@ _compiled: set[str] = set()
 
 def _solution(owner: str, scene: Scene) -> _Solved:
     def solve() -> ContactSolution:
-        return solve_contact(scene.solver, make_surface(scene.surface, scene.surface_seed), scene.load)
+        return contact_of(scene)
 
     def measured() -> _Solved:
         warm_up(scene, "contact")
