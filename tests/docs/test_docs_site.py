@@ -9,8 +9,6 @@ import re
 import runpy
 from pathlib import Path
 
-import pytest
-
 import chemage as ca
 
 ROOT = Path(__file__).parents[2]

@@ -1,4 +1,4 @@
-"""The part of docs/plugins.md on hooks, done as it says: the plugin is built from its code blocks, installed, tested and used."""
+"""The plugin of docs/plugins.md that changes a stage: built from its code blocks, installed, tested and used."""
 
 from __future__ import annotations
 
