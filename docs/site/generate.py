@@ -208,7 +208,7 @@ def components() -> tuple[list[str], Callable[[str], str]]:
 
 def _component(role: str, kind: str) -> str:
     (shown,) = [row for row in _called("plugins", "show", kind, "--json") if row["role"] == role]
-    parts = [f"### `{kind}`", plain(shown["about"])]
+    parts = [f"#### `{kind}`", plain(shown["about"])]
     if shown["options"]:
         keys = ("name", "unit", "default", "meaning")
         rows = (
@@ -287,7 +287,7 @@ def checks() -> tuple[list[str], Callable[[str], str]]:
             also = f" Needs {' and '.join(f'`{need}=`' for need in needs)}." if needs else ""
             rows.append((f"`{check.name}`", plain(check.requirement) + also))
         title = "Every component" if name == "component" else f"Role `{name}`"
-        return f"## {title}\n\n{table(('check', 'requirement'), rows)}\n"
+        return f"### {title}\n\n{table(('check', 'requirement'), rows)}\n"
 
     return ["component", *chemage.plugin.registry.current().roles], role
 
