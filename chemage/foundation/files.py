@@ -1,7 +1,7 @@
 """The one door to files: nothing else in chemage or its plugins opens one by its name.
 
 They may come from strangers: a pipe would block for ever, a device never end, and a short file can hold data whose
-depth ends the interpreter; see docs/security.md. They are written whole or not at all: under a temporary name beside
+depth ends the interpreter; see docs/file-format.md. They are written whole or not at all: under a temporary name beside
 the target, renamed at the end.
 """
 

@@ -132,4 +132,4 @@ for name, fit in fits.items():
 # %% [markdown]
 # The interval of the computed β contains the scatter of the replicas and nothing else. Before a difference from the
 # measurements is interpreted, vary what was assumed: the cut-off, H within its error, the seed of the added waves,
-# the share of hydroxylated sites. [From a measured image](../measured.md) and [Comparing](../comparing.md) say more.
+# the share of hydroxylated sites. See [measured images](../measured.md) and [Comparing](../sweeps.md#comparing).

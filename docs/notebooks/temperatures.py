@@ -105,4 +105,4 @@ for one in found.energies[:-1]:
 # - The cut-off time, where the fitted line of β meets zero, is no good level: at each temperature that line is fitted
 #   to other barriers. Its points lie far from their line, as the rms of ln t shows.
 # - With bonds that break, or with neighbours that interact, E_a is still what an experiment finds, but it is no
-#   longer a barrier of the distribution. See [Activation energies](../arrhenius.md).
+#   longer a barrier of the distribution. See [Activation energies](../sweeps.md#activation-energies).

@@ -40,7 +40,7 @@ def runs() -> None:
 
 def temperatures() -> None:
     """The figure of activation energies, of the scene of its page."""
-    page = (DOCS / "arrhenius.md").read_text(encoding="utf-8")
+    page = (DOCS / "sweeps.md").read_text(encoding="utf-8").partition("## Activation energies")[2]
     Path("warm-tip.toml").write_text(
         re.findall(r"^```toml\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)[0], encoding="utf-8"
     )
@@ -78,7 +78,7 @@ def image() -> None:
 
     page = (DOCS / "measured.md").read_text(encoding="utf-8")
     exec(re.findall(r"^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)[0], {})
-    (surface,) = re.findall(r"^```toml\n(\[surface\].*?)^```$", page, re.MULTILINE | re.DOTALL)
+    surface = re.findall(r"^```toml\n(\[surface\].*?)^```$", page, re.MULTILINE | re.DOTALL)[0]
     subprocess.run([*CHEMAGE, "init", "image", "--like", "silica-patch"], check=True)
     scene = tomllib.loads(Path("image.toml").read_text(encoding="utf-8")) | tomllib.loads(surface)
     Path("image.toml").write_text(tomli_w.dumps(scene), encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Fill the reference pages when the site is built: a hook of MkDocs, named in mkdocs.yml.
+"""Fill the reference page when the site is built: a hook of MkDocs, named in mkdocs.yml.
 
 Four kinds of fenced block are replaced:
 
@@ -41,7 +41,7 @@ from notebooks import markdown
 PACKAGES = {"paper": "plugins/chemage_li2018/docs"}
 ROOT = Path(__file__).parents[2]
 
-BLOCK = re.compile(r"^```(names|components|commands|checks)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+BLOCK = re.compile(r"^```(names|components|commands|checks)$", re.MULTILINE)
 #: a letter with a subscript, and a power, as the pages write them in plain text
 SYMBOL = re.compile(r"(?<!\w)([^\W\d_]'?)_((?:rms|intrinsic|form|break|in|[NLrsBbcnpi])(?:,i)?)(?!\w)")
 POWER = re.compile(r"\^\(([^()]*)\)")
@@ -67,17 +67,19 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
     for folder, package in PACKAGES.items():
         markdown = markdown.replace(f"](../{package}/", f"]({folder}/")
     markdown = markdown.replace("](../../../docs/", "](../")
-    blocks = list(BLOCK.finditer(markdown))
-    if not blocks:
-        return markdown
-    language = blocks[0][1]
+    for language in dict.fromkeys(BLOCK.findall(markdown)):
+        markdown = _filled(markdown, language)
+    return markdown
+
+
+def _filled(page: str, language: str) -> str:
+    """The page with its blocks of one language replaced, and at its end what none of them names."""
     known, entry = SOURCES[language]()
-    wanted = [block[2].split() for block in blocks]
-    named = {word for words in wanted for word in words}
+    block = re.compile(rf"^```{language}\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+    named = {word for words in block.findall(page) for word in words.split()}
     if unknown := sorted(named - set(known)):
         raise ValueError(f"no such {language}: {', '.join(unknown)}; there are: {', '.join(known)}")
-    texts = iter("\n".join(entry(word) for word in words) for words in wanted)
-    page = BLOCK.sub(lambda _: next(texts), markdown)
+    page = block.sub(lambda found: "\n".join(entry(word) for word in found[1].split()), page)
     if further := [word for word in known if word not in named]:
         page += "\n".join([f"\n## Further {language}\n", *(entry(word) for word in further)])
     return page
@@ -206,7 +208,7 @@ def components() -> tuple[list[str], Callable[[str], str]]:
 
 def _component(role: str, kind: str) -> str:
     (shown,) = [row for row in _called("plugins", "show", kind, "--json") if row["role"] == role]
-    parts = [f"### `{kind}`", plain(shown["about"])]
+    parts = [f"#### `{kind}`", plain(shown["about"])]
     if shown["options"]:
         keys = ("name", "unit", "default", "meaning")
         rows = (
@@ -285,7 +287,7 @@ def checks() -> tuple[list[str], Callable[[str], str]]:
             also = f" Needs {' and '.join(f'`{need}=`' for need in needs)}." if needs else ""
             rows.append((f"`{check.name}`", plain(check.requirement) + also))
         title = "Every component" if name == "component" else f"Role `{name}`"
-        return f"## {title}\n\n{table(('check', 'requirement'), rows)}\n"
+        return f"### {title}\n\n{table(('check', 'requirement'), rows)}\n"
 
     return ["component", *chemage.plugin.registry.current().roles], role
 

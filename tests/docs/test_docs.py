@@ -66,7 +66,7 @@ PYTHON = [page for page in PAGES if page != TUTORIAL and any(b.language == "pyth
 
 
 #: pages whose code computes for seconds
-LONG = ("kinetics.md", "gallery.md", "comparing.md", "inference.md", "contact.md", "pulling.md")
+LONG = ("kinetics.md", "gallery.md", "sweeps.md", "inference.md", "contact.md", "pulling.md")
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ import pytest
 import chemage as ca
 
 ROOT = Path(__file__).parents[2]
-PAGE = (ROOT / "docs" / "microscope.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "measured.md").read_text(encoding="utf-8").partition("## A tip on an image")[2]
 
 
 @pytest.mark.long

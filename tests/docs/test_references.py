@@ -26,8 +26,7 @@ TEXTS = [
 ]
 #: references that need not exist: file -> references
 ABSENT = {
-    "docs/plugins.md": {"tests/test_weibull.py"},  # of the reader's plugin
-    "docs/tutorial_hooks.md": {"tests/test_hardness.py"},
+    "docs/plugins.md": {"tests/test_weibull.py", "tests/test_hardness.py"},  # of the reader's plugins
     "tests/foundation/test_random.py": {"tests/kat_vectors"},  # of Random123
 }
 

@@ -1,4 +1,4 @@
-"""The pages `docs/tutorial.md` and `docs/ensembles.md`: their commands run, and print what they show, on any processor.
+"""The pages `docs/tutorial.md` and `docs/accuracy.md`: their commands run, and print what they show, on any processor.
 
 Surface and contact agree to the last digit that is printed. The kinetics of one seed is another realisation where one
 bit of the pressure differs ("Equal bytes" of docs/file-format.md), so that numbers with a 95 % half width h agree
@@ -101,7 +101,7 @@ def steps(page: str) -> list[tuple[str, str]]:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("name", "count"), [("tutorial", 5), ("ensembles", 1)])
+@pytest.mark.parametrize(("name", "count"), [("tutorial", 5), ("accuracy", 1)])
 def test_the_page_shows_what_its_commands_print(name, count, command, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "120")

@@ -9,7 +9,7 @@ from scipy import stats
 
 from chemage.plugin import statistics
 
-#: what docs/how_accurate.md says holds the truth less often
+#: what docs/accuracy.md says holds the truth less often
 NARROW = ("skewed", "exponential", "bootstrap")
 #: of cases that take longer
 TRIALS = {"replicas": 100, "arrhenius": 100}

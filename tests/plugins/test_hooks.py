@@ -1,4 +1,4 @@
-"""Every hook is documented, and does what its page says: the examples of docs/hooks.md are the plugins under test."""
+"""Every hook is documented, and does what its page says: the examples of docs/plugins.md are the plugins under test."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ import chemage as ca
 from chemage import InputError
 from chemage.plugin import Engine, PluginError, registry
 
-PAGE = (Path(__file__).parents[2] / "docs" / "hooks.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[2] / "docs" / "plugins.md").read_text(encoding="utf-8")
 #: hook -> its specification
 HOOKS = {
     name: function
@@ -31,8 +31,8 @@ HOOKS = {
 
 
 def section(hook: str) -> str:
-    found = re.search(rf"^## {hook}$(.*?)(?=^## |\Z)", PAGE, re.MULTILINE | re.DOTALL)
-    assert found is not None, f"docs/hooks.md has no section {hook}"
+    found = re.search(rf"^### {hook}$(.*?)(?=^##|\Z)", PAGE, re.MULTILINE | re.DOTALL)
+    assert found is not None, f"docs/plugins.md has no section {hook}"
     return found[1]
 
 
@@ -58,7 +58,7 @@ def installed():
 
 
 def test_the_page_has_the_hooks_and_no_others():
-    assert sorted(re.findall(r"^## (\S+)$", PAGE, re.MULTILINE)) == sorted(HOOKS)
+    assert sorted(re.findall(r"^### (chemage_\w+)$", PAGE, re.MULTILINE)) == sorted(HOOKS)
 
 
 @pytest.mark.parametrize("hook", HOOKS)

@@ -11,7 +11,7 @@ from tutorial import Tutorial, run_python
 
 from chemage.plugin import registry
 
-PAGE = Tutorial("plugins.md")
+PAGE = Tutorial("plugins.md", end="## A plugin that changes a stage")
 
 
 @pytest.fixture(scope="module")

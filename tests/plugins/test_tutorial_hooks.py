@@ -1,4 +1,4 @@
-"""docs/tutorial_hooks.md, done as it says: the plugin is built from its code blocks, installed, tested and used."""
+"""The plugin of docs/plugins.md that changes a stage: built from its code blocks, installed, tested and used."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import json
 import pytest
 from tutorial import Tutorial, run_python
 
-PAGE = Tutorial("tutorial_hooks.md")
+PAGE = Tutorial("plugins.md", "## A plugin that changes a stage", "## Hooks")
 
 
 @pytest.fixture(scope="module")

@@ -13,10 +13,11 @@ DOCS = Path(__file__).parents[2] / "docs"
 
 
 class Tutorial:
-    """A page of ``docs``; each block of a file begins with the file's path in a comment."""
+    """A part of a page of ``docs``; each block of a file begins with the file's path in a comment."""
 
-    def __init__(self, page: str) -> None:
-        self.text = (DOCS / page).read_text(encoding="utf-8")
+    def __init__(self, page: str, begin: str = "", end: str = "\0") -> None:
+        _, _, rest = f"\n{(DOCS / page).read_text(encoding='utf-8')}".partition(f"\n{begin}")
+        self.text = rest.partition(f"\n{end}")[0]
         #: (language, code) of every block
         self.blocks = re.findall(r"^```(\w*)\n(.*?)^```", self.text, re.MULTILINE | re.DOTALL)
         self.files = {found[1]: code for _, code in self.blocks if (found := re.match(r"# (\S+\.\w+)\n", code))}
