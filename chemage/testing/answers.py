@@ -20,7 +20,7 @@ from chemage.foundation.components import Component
 from chemage.foundation.outputs import recording
 from chemage.foundation.records import Record
 from chemage.plugins import registry
-from chemage.testing.checks import LIMIT, check_of, other_values, require
+from chemage.testing.checks import LIMIT, check_of, is_number, other_values, require
 
 #: what is asked: (in words, a function of the component)
 Questions = Iterator[tuple[str, Callable[[Any], Any]]]
@@ -162,9 +162,8 @@ def _is_rare(component: Component, name: str) -> bool:
     nothing converges; one that goes with another option that is off; or any option of a method of ageing, of which the
     questions are about independent sites."""
     value, others = getattr(component, name), type(component).model_fields.keys() - {name}
-    number = isinstance(value, int | float) and not isinstance(value, bool)
     off = any(getattr(component, other) is None or getattr(component, other) is False for other in others)
-    return (not number or off or isinstance(component, AgeingMethod)) and name in _mentioned(type(component))
+    return (not is_number(value) or off or isinstance(component, AgeingMethod)) and name in _mentioned(type(component))
 
 
 def _mentioned(cls: type) -> set[str]:

@@ -271,6 +271,11 @@ def whole(role: type[Component], **known: str) -> Callable[..., None]:
     return check
 
 
+def is_number(value: Any) -> bool:
+    """Whether it is a number, and no switch."""
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
 def require(condition: Any, message: str) -> None:
     """Raise AssertionError with ``message`` unless ``condition`` holds, also under ``python -O``."""
     if not condition:
@@ -349,7 +354,7 @@ def other_values(component: Any, name: str) -> Iterator[tuple[str, Any]]:
     tried: list[Any] = [choice for part in parts for choice in part.get("enum", [])]
     tried += [True, False] if "boolean" in types else []
     tried += [1, 2, 3] if "integer" in types else []
-    if "number" in types and isinstance(value, int | float) and not isinstance(value, bool):
+    if "number" in types and is_number(value):
         tried += [0.5 * value, 2 * value, 0.9 * value] if value else [0.1, 1.0]
     for other in tried:
         try:
@@ -369,7 +374,7 @@ def option_variants(component: Any) -> Iterator[tuple[str, Any]]:
         others = list(other_values(component, name))
         if name in type(component).speed_only:
             others = others[:1]
-        elif isinstance(getattr(component, name), int | float) and not isinstance(getattr(component, name), bool):
+        elif is_number(getattr(component, name)):
             continue
         yield from others
         if others:
@@ -402,7 +407,7 @@ def rescaled(component: Any, *, stress: float = 1.0, length: float = 1.0) -> Any
     changes: dict[str, float] = {}
     for name, (_, unit, _) in options_of(component).items():
         value = getattr(component, name)
-        if not unit or isinstance(value, bool) or not isinstance(value, int | float):
+        if not unit or not is_number(value):
             continue
         mass, metre, others = dimensions(unit)
         # a stress is M/(L T²): a time stays as it is, and with it what contains one

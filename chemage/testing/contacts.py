@@ -377,7 +377,7 @@ def _known_contacts_are_found(component: ContactSolver) -> None:
     half-space have the pressure of the closed form, to within that error."""
     if component.declared_error is None:
         return
-    error, solved = _declared(component), 0
+    error, solved = component.declared_error, 0
     modulus = getattr(component, "modulus", None)
     for case in every_known_contact():
         try:
@@ -404,7 +404,7 @@ def _contact_obeys_the_half_space(component: ContactSolver) -> None:
     contact and positive outside, to within that error; a solution that is given up early is found."""
     if component.declared_error is None:
         return
-    error = 3 * _declared(component) + 1e-4
+    error = 3 * component.declared_error + 1e-4
     for shape, seed in (((32, 32), 5), ((24, 40), 6)):
         rough = rough_surface(shape, seed)
         surface = Surface(heights=0.05 * rough.heights, pixel_size=rough.pixel_size, provenance={"rough": seed})
@@ -419,17 +419,8 @@ def _contact_obeys_the_half_space(component: ContactSolver) -> None:
                 max(gap, overlap) <= error,
                 f"a rough surface of {shape} pixels, {solution.area_fraction:.3f} of it in contact: from the pressure "
                 f"follow a gap of {gap:.2g} rms heights in the contact and an overlap of {overlap:.2g} outside; "
-                f"expected at most {error:.2g} (declared_error = {_declared(component):g})",
+                f"expected at most {error:.2g} (declared_error = {component.declared_error:g})",
             )
-
-
-def _declared(component: ContactSolver) -> float:
-    error = component.declared_error
-    require(
-        isinstance(error, int | float) and not isinstance(error, bool) and 0 < error <= 1,
-        f"declared_error = {error!r}; give the largest relative error (L2 norm) of the pressure, above 0 and at most 1",
-    )
-    return float(error)  # pyright: ignore[reportArgumentType]
 
 
 @check_of(ContactSolver, unless=(ContactTheory,))

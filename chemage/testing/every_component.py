@@ -24,14 +24,22 @@ from chemage.foundation.errors import InputError
 from chemage.foundation.figures import CORE
 from chemage.foundation.outputs import recording
 from chemage.friction.role import Rupture
-from chemage.kinetics.role import Engine
 from chemage.lattices.chemistry import Chemistry
 from chemage.plugins import registry
 from chemage.scene.materials import material_problems
 from chemage.scene.provenance import bibtex_problem
 from chemage.surfaces.role import SurfaceMaker
 from chemage.surfaces.surface import Surface
-from chemage.testing.checks import CheckFailed, check_of, options_of, other_values, refuses, require, require_plain
+from chemage.testing.checks import (
+    CheckFailed,
+    check_of,
+    is_number,
+    options_of,
+    other_values,
+    refuses,
+    require,
+    require_plain,
+)
 from chemage.testing.replicas import Even, FinishedReplica, bonded_of, finished, numbers, with_states
 
 
@@ -124,19 +132,22 @@ def _accepted(component: Component, name: str, value: Any) -> Any:
 
 @check_of(Component)
 def _approximations_are_declared(component: Component) -> None:
-    """``exact`` is True or False, an exact component declares no error (a contact solver may, see its role), and
+    """``exact`` is True or False, an exact component declares no error (a contact solver may), and
     ``error_of`` says in words what the declared error is the error of."""
     require(isinstance(component.exact, bool), f"exact = {component.exact!r}; give True or False")
     require(
         isinstance(component.error_of, str) and component.error_of.strip(),
         f"error_of = {component.error_of!r}; say what the declared error is the error of, such as 'the pressure'",
     )
-    if isinstance(component, Engine | ContactSolver) or component.declared_error is None:
-        return  # these roles have checks of their own
     error = component.declared_error
-    require(not component.exact, f"declared_error = {error!r}, but exact is True; set exact = False")
+    if error is None:
+        return
     require(
-        isinstance(error, int | float) and not isinstance(error, bool) and 0 < error <= 1,
+        isinstance(component, ContactSolver) or not component.exact,
+        f"declared_error = {error!r}, but exact is True; set exact = False",
+    )
+    require(
+        is_number(error) and 0 < error <= 1,
         f"declared_error = {error!r}; give the largest relative error of {component.error_of}, above 0 and at most 1",
     )
 

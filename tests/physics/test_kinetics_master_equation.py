@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from flickering import chance_of, held, random_hold
 from scipy import stats
 from scipy.linalg import expm
 
@@ -21,7 +22,7 @@ import chemage
 from chemage import ReactionLattice
 from chemage.plugin import KB, registry
 from chemage.testing.checks import option_variants
-from chemage.testing.small_systems import Group, barrier, chance_of, coupled, evolved, held, random_hold
+from chemage.testing.small_systems import Group, barrier, coupled, evolved
 
 CHANCE = 1e-5
 NU = 1e13

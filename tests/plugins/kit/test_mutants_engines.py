@@ -200,7 +200,7 @@ OTHERS: dict[str, tuple[Any, str]] = {
         "trade_names_options",
     ),
     "approximate without an error": (lambda: mutant(Plain, "undeclared", exact=False)(), "error_is_declared"),
-    "exact with an error": (lambda: mutant(Plain, "declared", declared_error=0.1)(), "error_is_declared"),
+    "exact with an error": (lambda: mutant(Plain, "declared", declared_error=0.1)(), "approximations_are_declared"),
     "an error larger than declared": (
         lambda: mutant(Rounded, "proud", declared_error=0.01)(),
         "rates_follow_the_temperature",
