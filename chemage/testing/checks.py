@@ -282,6 +282,15 @@ def require(condition: Any, message: str) -> None:
         raise AssertionError(message)
 
 
+@contextmanager
+def naming(what: str) -> Iterator[None]:
+    """Say where the component raised what it raises in this block."""
+    try:
+        yield
+    except Exception as error:
+        raise AssertionError(f"{what}: {type(error).__name__}: {error}") from error
+
+
 def refuses(what: str, call: Callable[[], Any], error: type[Exception] = InputError) -> str:
     """Require that ``call`` raises ``error`` with a message, and return the message."""
     try:

@@ -23,7 +23,7 @@ from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
 from chemage.foundation.figures import CORE
 from chemage.foundation.outputs import recording
-from chemage.friction.role import Rupture
+from chemage.friction.role import Bonded, Rupture
 from chemage.lattices.chemistry import Chemistry
 from chemage.plugins import registry
 from chemage.scene.materials import material_problems
@@ -40,7 +40,7 @@ from chemage.testing.checks import (
     require,
     require_plain,
 )
-from chemage.testing.replicas import Even, FinishedReplica, bonded_of, finished, numbers, with_states
+from chemage.testing.replicas import Even, contact_of, finished, numbers, with_states
 
 
 @check_of(Component)
@@ -333,7 +333,7 @@ def _drawn(component: Any, figure: str, results: Sequence[Any], what: str = "", 
     return bytes(canvas.buffer_rgba())
 
 
-def _measured(component: Observable, replicas: Sequence[FinishedReplica]) -> Aging:
+def _measured(component: Observable, replicas: Sequence[Bonded]) -> Aging:
     """The result of these replicas, as ``chemage.age`` makes it."""
     measured = [numbers(component, replica, "a replica") for replica in replicas]
     return _aging(
@@ -356,11 +356,11 @@ def _results(component: Component) -> dict[str, Sequence[PlottedResult]]:
     x = np.linspace(0, 2 * np.pi, 12, endpoint=False)
     surface = Surface(heights=np.cos(x)[:, None] + np.cos(2 * x)[None, :], pixel_size=0.5)
     pressure = np.maximum(surface.heights - 0.5, 0.0)
-    contact = ContactSolution(pressure=pressure, load=float(pressure.sum() / 4), pixel_size=0.5, modulus=35.0)
+    contact = contact_of(pressure)
     chemistry, maps = Chemistry(forming=Even(), activation_volume=0.04), Maps(contact, surface)
     with recording() as block:
         if isinstance(component, Rupture) and component.outputs:
-            component.force(bonded_of(component, with_states(finished(40, 17, times=(0.1, 1.0, 10.0)))))
+            component.force(with_states(finished(40, 17, times=(0.1, 1.0, 10.0))))
     recorded = {name: np.stack([made.declared.values] * 2) for name, made in block.items()}
 
     def result(label: str, most: int, color: str, **changes: Any) -> PlottedResult:
