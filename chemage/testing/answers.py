@@ -49,16 +49,17 @@ def answer(component: Component, ask: Callable[[Any], Any]) -> bytes:
             given = ask(component)
         except Exception as error:
             given = type(error).__name__
-    return _bytes([given, {name: one.declared.values for name, one in block.items()}])
+    return as_bytes([given, {name: one.declared.values for name, one in block.items()}])
 
 
-def _bytes(value: Any) -> bytes:
+def as_bytes(value: Any) -> bytes:
+    """Arrays, records and what holds them, so that equal bytes mean equal values."""
     if isinstance(value, np.ndarray | np.generic) and value.dtype.kind != "O":
         return f"{value.dtype}{value.shape}".encode() + value.tobytes()
     if isinstance(value, Mapping):
         value = [[name, value[name]] for name in sorted(value, key=str)]
     if isinstance(value, list | tuple):
-        return f"[{len(value)}".encode() + b"".join(map(_bytes, value))
+        return f"[{len(value)}".encode() + b"".join(map(as_bytes, value))
     return (value.digest() if isinstance(value, Record) else repr(value)).encode() + b";"
 
 

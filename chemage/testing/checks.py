@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from inspect import CO_VARKEYWORDS
+from inspect import Parameter, signature
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -73,7 +73,10 @@ class Check(NamedTuple):
     @property
     def missing(self) -> tuple[str, ...]:
         """Inputs without which there is nothing to check, and which were not given."""
-        return tuple(name for name in getattr(self.function, "needs", ()) if self.inputs.get(name) is None)
+        needed = [
+            one.name for one in _taken(self.function) if one.default is one.empty and one.kind is not one.VAR_KEYWORD
+        ]
+        return tuple(name for name in needed if self.inputs.get(name) is None)
 
     def __call__(self, component: Component) -> None:
         if self.missing or isinstance(component, getattr(self.function, "unless", ())):
@@ -145,27 +148,28 @@ LAST: list[Callable[..., None]] = []
 
 
 def check_of(
-    role: type[Component],
-    needs: tuple[str, ...] = (),
-    unless: tuple[type, ...] = (),
-    known: bool = False,
-    last: bool = False,
+    role: type[Component], unless: tuple[type, ...] = (), known: bool = False, last: bool = False
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Declare a function as a check of the class of a role, or of every component with :class:`Component`.
 
-    ``needs`` are inputs without which there is nothing to check; components of the classes ``unless`` are not checked.
-    A check that compares with closed forms or known numbers, within seconds, is ``known``: ``chemage selftest`` runs
-    it. One of every component is ``last`` where those of the role say more of what is wrong.
+    Its arguments besides the component are inputs of :func:`checks_for`; without those that have no default there is
+    nothing to check. Components of the classes ``unless`` are not checked. A check that compares with closed forms or
+    known numbers, within seconds, is ``known``: ``chemage selftest`` runs it. One of every component is ``last`` where
+    those of the role say more of what is wrong.
     """
 
     def mark(function: Callable[..., None]) -> Callable[..., None]:
         function.known = known  # pyright: ignore[reportFunctionMemberAccess]
-        function.needs = needs  # pyright: ignore[reportFunctionMemberAccess]
         function.unless = unless  # pyright: ignore[reportFunctionMemberAccess]
         (LAST if last else CHECKS.setdefault(role.role, [])).append(function)
         return function
 
     return mark
+
+
+def _taken(function: Callable[..., None]) -> list[Parameter]:
+    """The inputs that a check takes besides the component; it needs those without a default."""
+    return list(signature(function, follow_wrapped=False).parameters.values())[1:]
 
 
 def checks_for(component: Component | type[Component], **inputs: Any) -> list[Check]:
@@ -185,11 +189,10 @@ def checks_for(component: Component | type[Component], **inputs: Any) -> list[Ch
         raise InputError.of("component", component, "has no role", f"the roles are {', '.join(roles)}")
     checks = []
     for function in (*CHECKS.get("", ()), *CHECKS.get(role, ()), *LAST):
-        code = function.__code__
-        wanted = inputs if code.co_flags & CO_VARKEYWORDS else code.co_varnames[1 : code.co_argcount]
-        checks.append(Check(function.__name__.lstrip("_"), function, {k: v for k, v in inputs.items() if k in wanted}))
-    named = {name for function in CHECKS.get(role, ()) for name in function.__code__.co_varnames}
-    unused = set(inputs) - named
+        taken = _taken(function)
+        names = inputs if any(one.kind is one.VAR_KEYWORD for one in taken) else [one.name for one in taken]
+        checks.append(Check(function.__name__.lstrip("_"), function, {k: v for k, v in inputs.items() if k in names}))
+    unused = set(inputs) - {one.name for function in CHECKS.get(role, ()) for one in _taken(function)}
     if unused:
         raise InputError(f"{role} checks take no {', '.join(sorted(unused))}")
     return checks

@@ -198,7 +198,7 @@ OBSERVABLES: dict[str, tuple[Any, str]] = {
     "draws one result only": (lambda: drawing("one", _one_only), "figures_are_drawn"),
     "needs the chemistry to draw": (lambda: drawing("chemistry", _with_chemistry), "figures_are_drawn"),
     "draws nothing": (lambda: drawing("nothing", lambda self, figure, axes, results: None), "figures_are_drawn"),
-    "a figure without a caption": (lambda: drawing("caption", Map.draw, figures={"bonds": " "}), "figures_are_drawn"),
+    "a figure without a caption": (lambda: drawing("caption", Map.draw, figures={"bonds": " "}), "figures_are_named"),
     "quick and different": (lambda: Coarse(), "options_count"),
 }
 
