@@ -8,8 +8,9 @@ import inspect
 import pickle
 import sys
 from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, partial
 from itertools import islice
 from typing import Any
 
@@ -19,6 +20,8 @@ from chemage.ageing.methods import AgeingMethod
 from chemage.foundation.components import Component
 from chemage.foundation.outputs import recording
 from chemage.foundation.records import Record
+from chemage.friction.role import Bonded
+from chemage.kinetics.role import Engine
 from chemage.plugins import registry
 from chemage.testing.checks import LIMIT, check_of, is_number, other_values, require
 
@@ -54,13 +57,37 @@ def answer(component: Component, ask: Callable[[Any], Any]) -> bytes:
 
 def as_bytes(value: Any) -> bytes:
     """Arrays, records and what holds them, so that equal bytes mean equal values."""
+    if isinstance(value, Bonded):
+        value = vars(value)
+    if isinstance(value, Record):
+        value = value.todict()
     if isinstance(value, np.ndarray | np.generic) and value.dtype.kind != "O":
         return f"{value.dtype}{value.shape}".encode() + value.tobytes()
     if isinstance(value, Mapping):
         value = [[name, value[name]] for name in sorted(value, key=str)]
     if isinstance(value, list | tuple):
         return f"[{len(value)}".encode() + b"".join(map(as_bytes, value))
-    return (value.digest() if isinstance(value, Record) else repr(value)).encode() + b";"
+    return repr(value).encode() + b";"
+
+
+def calls_are_independent(component: Component, **inputs: Any) -> None:
+    """The same is answered to the same, asked again in the opposite order or at the same time, and what was given stays
+    as it was. Of an engine that uses several threads itself nothing is asked at the same time."""
+    asked = [ask for _, ask in islice(ASKED[component.role](component, **inputs), 6)]
+    ask = partial(answer, component)
+    before, first = _given(asked), list(map(ask, asked))
+    require(list(map(ask, asked[::-1])) == first[::-1], "a second call gave another result")
+    if not isinstance(component, Engine) or component.concurrency() == 1:
+        with ThreadPoolExecutor(3) as pool:
+            concurrent = list(pool.map(ask, asked * 3))
+        require(concurrent == first * 3, "concurrent calls gave other results")
+    require(_given(asked) == before, "what was given has changed")
+
+
+def _given(asked: list[Callable[[Any], Any]]) -> bytes:
+    """What the questions are about: the arrays in it, of records too."""
+    given = [[*inspect.getclosurevars(ask).nonlocals.values(), *(ask.__defaults__ or ())] for ask in asked]
+    return as_bytes(given)
 
 
 def answers(component: Component, inputs: Mapping[str, Any], backwards: bool = False) -> dict[str, bytes]:

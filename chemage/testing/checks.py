@@ -9,7 +9,6 @@ import sys
 import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from inspect import Parameter, signature
 from typing import Any, NamedTuple
@@ -339,23 +338,6 @@ def seeds_are_harmless(draw: Callable[[Any], Any], what: str, *, chance: bool = 
 def _global_state() -> tuple[bytes, int]:
     state: Any = np.random.get_state()  # noqa: NPY002
     return state[1].tobytes(), state[2]
-
-
-def calls_are_independent(ask: Callable[[Any], Any], subjects: Sequence[Any], *kept: Any) -> None:
-    """Require that ``ask(subject)`` does not depend on earlier or concurrent calls, and that the arrays in the records
-    ``kept`` stay as they were."""
-    before = _arrays(kept)
-    first = [ask(subject) for subject in subjects]
-    require([ask(subject) for subject in subjects] == first, "a second call gave another result")
-    with ThreadPoolExecutor(3) as pool:
-        require(list(pool.map(ask, [*subjects] * 3)) == first * 3, "concurrent calls gave other results")
-    require(_arrays(kept) == before, "what was given has changed")
-
-
-def _arrays(records: Iterable[Any]) -> list[bytes]:
-    return [
-        value.tobytes() for record in records for value in record.todict().values() if isinstance(value, np.ndarray)
-    ]
 
 
 def other_values(component: Any, name: str) -> Iterator[tuple[str, Any]]:

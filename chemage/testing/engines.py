@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import pickle
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ from chemage.kinetics.history import BondHistory
 from chemage.kinetics.role import Engine
 from chemage.lattices.lattice import ReactionLattice
 from chemage.plugins import registry
-from chemage.testing.answers import Questions, asks
+from chemage.testing.answers import Questions, asks, calls_are_independent
 from chemage.testing.checks import (
     check_of,
     option_variants,
@@ -92,15 +91,15 @@ def _engines_asked(component: Engine) -> Questions:
     for number in range(31, 40):
         lattice = _disordered(component.interacting, number)
         changes: dict[str, dict[str, Any]] = {
+            "of which every third is bonded at first": {"start": np.arange(number) % 3 == 0},
+            "with their forming barriers in another order": {"forming": lattice.forming[::-1]},
             "at another temperature": {"temperature": 317.0},
             "with another seed": {"seed": 32},
             "at other hold times": {"hold_times": (0.017, 1.3, 41.0)},
             "with another attempt frequency": {"attempt_frequency": 7e12},
             "in pixels of another size": {"pixel_size": 2.1},
-            "with their forming barriers in another order": {"forming": lattice.forming[::-1]},
             "with their breaking barriers in another order": {"breaking": np.asarray(lattice.breaking)[::-1]},
             "whose bonds last": {"breaking": None},
-            "of which every third is bonded at first": {"start": np.arange(number) % 3 == 0},
         }
         what = list(changes)[number - 31]
         yield f"{number} sites", ask(lattice)
@@ -166,19 +165,7 @@ def _run_follows_its_seed(component: Engine) -> None:
     seeds_are_harmless(lambda seed: _trace(_run(component, lattice, [0.1, 1, 10], seed)), "run", chance=component.exact)
 
 
-@check_of(Engine)
-def _runs_do_not_share_state(component: Engine) -> None:
-    """A run does not depend on what ran before it, on another lattice, temperature or seed, and leaves its input as it
-    was."""
-    lattice, start = _disordered(component.interacting), np.arange(40) % 3 == 0
-    times, kept = np.array([0.5, 20.0]), start.copy()
-    before = _trace(_run(component, lattice, times, 3, start))
-    for other, kelvin in ((_disordered(component.interacting, seed=8), 300), (lattice, 320), (_disordered(False), 300)):
-        component.run(other, [5.0, 30.0], temperature=kelvin, seed=4)
-    require(np.array_equal(start, kept), "the array of bonds given as start was changed")
-    after = _trace(_run(component, lattice, times, 3, start))
-    require(after == before, "the same run, repeated after runs of other lattices and temperatures, gave other bonds")
-    require(times.tolist() == [0.5, 20.0], "the hold times were changed")
+check_of(Engine)(calls_are_independent)
 
 
 @check_of(Engine)
@@ -427,25 +414,17 @@ def _restart_is_exact(component: Engine) -> None:
 
 @check_of(Engine)
 def _threads_change_nothing(component: Engine) -> None:
-    """Results are the same on one thread and on all, alone and concurrently with other runs."""
+    """Results are the same on one thread and on all."""
     import numba
 
     lattice = _disordered(component.interacting, 100)
-
-    def run(seed: int) -> tuple[bytes, ...]:
-        return _trace(_run(component, lattice, [0.1, 10.0], seed))
-
-    alone = [run(seed) for seed in range(6)]
-    threads = numba.get_num_threads()
+    alone, threads = _trace(_run(component, lattice, [0.1, 10.0])), numba.get_num_threads()
     try:
         numba.set_num_threads(1)
-        require([run(seed) for seed in range(6)] == alone, "one thread and several gave different results")
+        same = _trace(_run(component, lattice, [0.1, 10.0])) == alone
     finally:
         numba.set_num_threads(threads)
-    if component.concurrency() == 1:
-        with ThreadPoolExecutor(3) as pool:
-            concurrent = list(pool.map(run, range(6)))
-        require(concurrent == alone, "concurrent and successive runs gave different results")
+    require(same, "one thread and several gave different results")
 
 
 @check_of(Engine)

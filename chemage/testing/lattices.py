@@ -12,9 +12,8 @@ from chemage.foundation.components import call_with
 from chemage.foundation.errors import InputError
 from chemage.lattices.lattice import ReactionLattice
 from chemage.lattices.role import Barriers, Interaction
-from chemage.testing.answers import Questions, asks
+from chemage.testing.answers import Questions, asks, calls_are_independent
 from chemage.testing.checks import (
-    calls_are_independent,
     check_of,
     options_of,
     require,
@@ -64,8 +63,7 @@ def _barriers_are_in_ev(component: Barriers) -> None:
 
 @check_of(Barriers)
 def _barrier_is_the_pixels_own(component: Barriers) -> None:
-    """The barrier of a pixel depends only on its own number, neither on other pixels nor on earlier or concurrent
-    calls; the numbers stay as they were."""
+    """The barrier of a pixel depends only on its own number, not on other pixels; the numbers stay as they were."""
     uniform, others = np.random.default_rng(1).random(1000), np.full(1000, 0.3)
     kept = uniform.copy()
     energy = component.quantile(uniform)
@@ -74,7 +72,6 @@ def _barrier_is_the_pixels_own(component: Barriers) -> None:
     component.quantile(others)
     require(energy.tobytes() == first, "a later call changed the barriers that an earlier one returned")
     uniform.setflags(write=False)
-    calls_are_independent(lambda numbers: component.quantile(numbers).tobytes(), [uniform, others])
     for part in (slice(None, None, -1), slice(10, 11), slice(3, 700, 7)):
         alone = component.quantile(np.ascontiguousarray(uniform[part]))
         same = np.allclose(alone, energy[part], rtol=1e-13, atol=0)
@@ -83,6 +80,9 @@ def _barrier_is_the_pixels_own(component: Barriers) -> None:
     same = grid.shape == (20, 50) and np.allclose(grid.ravel(), energy, rtol=1e-13)
     require(same, "the barriers do not have the shape of the numbers")
     require(component.quantile(np.empty(0)).shape == (0,), "no pixels: expected an empty array")
+
+
+check_of(Barriers)(calls_are_independent)
 
 
 @check_of(Barriers, known=True)
@@ -168,7 +168,10 @@ def _graph(
 
 
 def _every_site(grid: _Grid) -> np.ndarray:
-    return np.arange(grid[0] * grid[1], dtype=np.int64)
+    """As a component receives them, which must not change them."""
+    sites = np.arange(grid[0] * grid[1], dtype=np.int64)
+    sites.setflags(write=False)
+    return sites
 
 
 def _patches_of_sites(grid: _Grid) -> Iterator[np.ndarray]:
@@ -235,22 +238,7 @@ def _pairs(
     return dict(zip(zip(*(end.tolist() for end in ends), strict=True), coupling[there].tolist(), strict=True))
 
 
-@check_of(Interaction)
-def _calls_do_not_interfere(component: Interaction) -> None:
-    """Graph and energies depend on the arguments alone, not on earlier or concurrent calls; the arguments stay as they
-    were, and may be read-only."""
-    grids = ((12, 10), (10, 12), (7, 5))
-    every = [_every_site(grid) for grid in grids]
-
-    def found(number: int) -> list[bytes]:
-        return [part.tobytes() for part in _graph(component, grids[number], True, every[number], 4)]
-
-    answers = [found(number) for number in range(3)]
-    for sites in every:
-        require(np.array_equal(sites, np.arange(sites.size)), "the array of sites was changed")
-        sites.setflags(write=False)
-    require([found(number) for number in range(3)] == answers, "read-only arrays of sites gave another result")
-    calls_are_independent(found, range(3))
+check_of(Interaction)(calls_are_independent)
 
 
 @check_of(Interaction)

@@ -10,11 +10,10 @@ import numpy as np
 from chemage.foundation.units import EV_PER_GPA_NM3, KB
 from chemage.friction.pulling import BALANCE, Drive, Partners, PullHistory, Pulling
 from chemage.lattices.lattice import ReactionLattice
-from chemage.testing.answers import Questions, asks
+from chemage.testing.answers import Questions, asks, calls_are_independent
 from chemage.testing.checks import (
     CHANCE,
     binomial_chance,
-    calls_are_independent,
     check_of,
     refuses,
     require,
@@ -181,11 +180,12 @@ def _at_rest_nothing_moves(engine: Pulling) -> None:
 
 @check_of(Pulling)
 def _seeds_decide_the_noise(engine: Pulling) -> None:
-    """The same seed gives the same pull, another one another; calls do not disturb each other."""
+    """The same seed gives the same pull, another one another."""
     lattice, times = _lattice(40, 0.5), np.array([1e-4])
     seeds_are_harmless(lambda seed: _bytes(_run(engine, lattice, _drive(), times, seed)), "a pull", chance=True)
-    lattices = [_lattice(n, 0.5) for n in (20, 21, 40)]
-    calls_are_independent(lambda one: _bytes(_run(engine, one, _drive(), times)), lattices, *lattices)
+
+
+check_of(Pulling)(calls_are_independent)
 
 
 @check_of(Pulling)

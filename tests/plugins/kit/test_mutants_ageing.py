@@ -124,7 +124,7 @@ WRONG: dict[str, tuple[Any, str]] = {
     ),
     "depends on earlier calls": (
         lambda: changed(Means, "calls", lambda f, r: {"bonds": f.bonds * (1 - 1e-12 * next(calls))}),
-        "answers_are_repeatable",
+        "calls_are_independent",
     ),
     "replicas in reverse order": (lambda: changed(Drawn, "reverse", _by_count), "fewer_replicas_are_the_first_ones"),
     "quick and different": (lambda: Quick(), "options_count"),
