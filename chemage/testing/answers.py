@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from functools import cache, partial
 from itertools import islice
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
@@ -168,21 +169,14 @@ def _answers_do_not_depend_on_what_was_asked_before(component: Component, **inpu
 def _reading(cls: type) -> Iterator[set[str]]:
     """The attributes of components of ``cls`` that are read in this block, but not by their serialisation."""
     read: set[str] = set()
-    own: Any = vars(cls).get("__getattribute__")
-    inherited: Any = cls.__getattribute__
+    inherited = cls.__getattribute__
 
     def spy(self: Any, name: str) -> Any:
         read.add(name)
         return inherited(self, name)
 
-    type.__setattr__(cls, "__getattribute__", spy)
-    try:
+    with patch.object(cls, "__getattribute__", spy):
         yield read
-    finally:
-        if own is None:
-            type.__delattr__(cls, "__getattribute__")
-        else:
-            type.__setattr__(cls, "__getattribute__", own)
 
 
 def _is_rare(component: Component, name: str) -> bool:

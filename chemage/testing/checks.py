@@ -426,12 +426,12 @@ def binomial_chance(count: int, of: int, probability: float) -> float:
     return 2 * float(min(binom.cdf(count, of, probability), binom.sf(count - 1, of, probability)))
 
 
-def require_estimates(what: str, estimates: Any, bounds: Mapping[str, float]) -> None:
-    """Require that ``estimates`` maps names in ``bounds`` to finite numbers between 0 and the bound."""
+def require_estimates(what: str, estimates: Any, *names: str) -> None:
+    """Require that ``estimates`` maps some ``names`` to finite numbers that are not negative."""
     require(isinstance(estimates, Mapping), f"{what} returned {estimates!r}; expected a dict")
     for name, value in estimates.items():
-        require(name in bounds, f"{what} returned {name!r}; known are {', '.join(bounds)}")
-        require(0 <= value <= bounds[name] and math.isfinite(value), f"{what}: {name} = {value!r}")
+        require(name in names, f"{what} returned {name!r}; known are {', '.join(names)}")
+        require(0 <= value < math.inf, f"{what}: {name} = {value!r}")
 
 
 def options_of(component: Component) -> dict[str, tuple[set[str], str | None, str]]:

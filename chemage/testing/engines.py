@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import pickle
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,7 @@ from chemage.testing.checks import (
     trade_variants,
     whole,
 )
+from chemage.testing.replicas import history_of
 from chemage.testing.small_systems import (
     FLICKERING,
     LARGE,
@@ -42,10 +44,6 @@ from chemage.testing.small_systems import (
     trials,
 )
 
-#: what an estimate of a replica may state
-_ESTIMATES = ("cpu_seconds", "cpu_seconds_least", "cpu_seconds_most", "bytes")
-
-
 check_engine = whole(Engine)
 
 
@@ -54,22 +52,17 @@ def _disordered(interacting: bool, *rings: int, seed: int = 7) -> ReactionLattic
     ``interacting``. An engine can distribute several rings over threads: their sites are mixed."""
     rng = np.random.default_rng(seed)
     rings = rings or (40,)
-    n, sizes = sum(rings), np.repeat(rings, rings)
-    first = np.repeat(np.cumsum([0, *rings[:-1]]), rings)
-    after, before = (first + (np.arange(n) - first + step) % sizes for step in (1, -1))
-    order = rng.permutation(n) if len(rings) > 1 else np.arange(n)
-    fields: dict[str, Any] = {}
+    n = sum(rings)
+    fields: dict[str, Any] = {"sites": np.arange(n)}
+    for name, fastest in (("forming", 2), ("breaking", 1)):
+        fields[name] = barrier(10 ** rng.uniform(-3, fastest, n))
     if interacting:
-        pair = rng.uniform(-0.05, 0.1, n)
+        order, pair = rng.permutation(n), rng.uniform(-0.05, 0.1, n)
+        blocks = np.split(np.arange(n), np.cumsum(rings)[:-1])
+        before, after = (np.concatenate([np.roll(block, step) for block in blocks]) for step in (1, -1))
         fields["neighbours"] = np.argsort(order)[np.stack([after, before], axis=1)][order]
         fields["coupling"] = np.stack([pair, pair[before]], axis=1)[order]
-    return ReactionLattice(
-        pixels=(n, 1),
-        sites=np.arange(n),
-        forming=np.array([barrier(10**x) for x in rng.uniform(-3, 2, n)]),
-        breaking=np.array([barrier(10**x) for x in rng.uniform(-3, 1, n)]),
-        **fields,
-    )
+    return ReactionLattice(pixels=(n, 1), **fields)
 
 
 def _run(component: Engine, lattice: ReactionLattice, times: Any, seed: Any = 0, start: Any = None) -> BondHistory:
@@ -142,10 +135,10 @@ def _history_adds_up(component: Engine) -> None:
 @check_of(Engine)
 def _engine_cost_is_estimated(component: Engine) -> None:
     """``expected()`` returns finite costs, also for no sites and for ten million, no events and 1e12 a site."""
-    for sites in (0.0, 1.0, 1e7):
-        for events in (None, 0.0, 1e12):
-            expected = call_with(component.expected, sites, component.interacting, events=events)
-            require_estimates(f"expected({sites})", expected, dict.fromkeys(_ESTIMATES, math.inf))
+    for sites, events in product((0.0, 1.0, 1e7), (None, 0.0, 1e12)):
+        expected = call_with(component.expected, sites, component.interacting, events=events)
+        names = ("cpu_seconds", "cpu_seconds_least", "cpu_seconds_most", "bytes")
+        require_estimates(f"expected({sites})", expected, *names)
 
 
 @check_of(Engine)
@@ -380,10 +373,7 @@ def _going_on_keeps_the_rates(component: Engine) -> None:
                 gained += int(rest.bonds[-1] - first.bonds[-1])
             where = f"{unbonded} sites unbonded at 1 s, going on to {end:.4g} s at {kelvin:g} K (same seed)"
             compare_mean(component, where, [gained], unbonded, 1 - math.exp(-0.3))
-    none, three = np.array([0]), np.array([3])
-    fields = {"hold_times": np.array([1e7]), "bonds": none, "formed": three, "broken": three}
-    state, kelvin = np.zeros(400, dtype=bool), TEMPERATURE
-    by_hand = BondHistory(**fields, state=state, time=1e7, temperature=kelvin, engine="another")
+    by_hand = history_of(group.lattice(400), [1e7], np.zeros((1, 400), dtype=bool), TEMPERATURE, "another")
     bonds = _run(component, group.lattice(400), [1e7 + 1], 1, by_hand).bonds.tolist()
     compare_mean(component, "1 s after a history of 1e7 s of another engine", bonds, 400, 1 - math.exp(-1))
 

@@ -52,6 +52,24 @@ def contact_of(pressure: np.ndarray, periodic: bool = True) -> ContactSolution:
     return ContactSolution(pressure=pressure, load=load, pixel_size=0.5, modulus=35.3, rms_slope=0.1, periodic=periodic)
 
 
+def history_of(
+    lattice: ReactionLattice, times: Any, states: np.ndarray, temperature: float, engine: str
+) -> BondHistory:
+    """The history of sites with these ``states`` at each time, (m, n), of which no bond has broken."""
+    bonds = states.sum(axis=1, dtype=np.int64)
+    return BondHistory(
+        hold_times=np.array(times),
+        bonds=bonds,
+        formed=bonds,
+        broken=np.zeros_like(bonds),
+        state=states[-1],
+        time=float(times[-1]),
+        temperature=temperature,
+        engine=engine,
+        lattice_hash=lattice.digest(),
+    )
+
+
 def finished(
     n: int,
     bonded: int,
@@ -64,9 +82,8 @@ def finished(
     """A finished replica: ``n`` sites scattered over the grid, ``bonded`` of them with a bond at the end."""
     rng = np.random.default_rng(n + 100 * grid[0])
     pixels = grid[0] * grid[1]
-    touching = np.sort(rng.permutation(pixels)[: min(n + 3 * (n > 1), pixels)])
-    if 1 < touching.size < pixels:
-        touching[-1] = pixels - 1
+    # the last pixel is one of them
+    touching = np.sort(np.append(pixels - 1, rng.permutation(pixels - 1))[: n + 3 * (n > 1)])
     pressure = np.zeros(pixels)
     pressure[touching] = rng.uniform(0.3, 3.0, touching.size)
     fields: dict[str, Any] = {"forming": rng.uniform(0.8, 1.4, n)}
@@ -77,18 +94,8 @@ def finished(
         near = np.stack([np.where(k + 1 < n, k + 1, -1), k - 1], axis=1).astype(np.int32)
         fields |= {"neighbours": near, "coupling": np.where(near >= 0, 0.05, 0.0)}
     lattice = ReactionLattice(pixels=grid, sites=touching[touching.size - n :], pixel_size=0.5, **fields)
-    counts = np.linspace(0 if len(times) > 1 else bonded, bonded, len(times)).astype(np.int64)
-    history = BondHistory(
-        hold_times=np.array(times),
-        bonds=counts,
-        formed=counts,
-        broken=np.zeros(len(times), np.int64),
-        state=_states(n, np.array([bonded]))[0],
-        time=times[-1],
-        temperature=300.0,
-        engine="by-hand",
-        lattice_hash=lattice.digest(),
-    )
+    counts = np.linspace(bonded, 0, len(times)).astype(np.int64)[::-1]
+    history = history_of(lattice, times, _states(n, counts), 300.0, "by-hand")
     chemistry = Chemistry(forming=Even(), breaking=Even() if breaking else None)
     return Bonded(contact_of(pressure.reshape(grid)), chemistry, lattice, history)
 
@@ -336,19 +343,7 @@ class Single(Engine):
     ) -> BondHistory:
         rate = lattice.attempt_frequency * np.exp(-np.maximum(lattice.forming, 0.0) / (KB * temperature))
         formed = -np.log(random.uniforms(seed, 900, lattice.random_index)) / rate
-        states = formed <= hold_times[:, None]
-        bonds = states.sum(axis=1, dtype=np.int64)
-        return BondHistory(
-            hold_times=hold_times,
-            bonds=bonds,
-            formed=bonds,
-            broken=np.zeros_like(bonds),
-            state=states[-1],
-            time=float(hold_times[-1]),
-            temperature=temperature,
-            engine=self.kind,
-            lattice_hash=lattice.digest(),
-        )
+        return history_of(lattice, hold_times, formed <= hold_times[:, None], temperature, self.kind)
 
 
 def _contacts() -> Iterator[tuple[str, ContactSolution]]:

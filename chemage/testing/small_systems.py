@@ -28,21 +28,9 @@ def barrier(rate: Any, temperature: float = TEMPERATURE, nu: float = NU) -> Any:
     return KB * temperature * np.log(nu / np.asarray(rate))
 
 
-def evolved(generator: np.ndarray, rates: np.ndarray, time: float) -> tuple[np.ndarray, np.ndarray]:
-    """The master equation solved for rates over any number of decades.
-
-    Parameters
-    ----------
-    generator
-        (n, n), 1/s: the rate from state j to state i; columns sum to 0.
-    rates
-        (n, k), 1/s: how often each of k kinds of events happens in each state.
-    time
-        s.
-
-    Returns
-    -------
-    (n, n) probability of state i at the end from state j, and (n, k) mean number of events from each state.
+def evolved(generator: np.ndarray, time: float) -> np.ndarray:
+    """The master equation solved for rates over any number of decades: (n, n), the probability of state i after
+    ``time`` (s) from state j, where ``generator`` is the rate (1/s) from j to i, whose columns sum to 0.
 
     Scaling and squaring, in which nothing is ever subtracted: the series of uniformization for a time in which hardly
     anything happens (Jensen 1953), then squares of a matrix of probabilities whose columns are normalised each time. A
@@ -52,27 +40,21 @@ def evolved(generator: np.ndarray, rates: np.ndarray, time: float) -> tuple[np.n
     fastest = float(-generator.diagonal().min(initial=0.0))
     identity = np.eye(generator.shape[0])
     if fastest * time == 0.0:
-        return identity, rates * time
+        return identity
     doublings = max(math.ceil(math.log2(fastest) + math.log2(time)), 0)
-    span = math.ldexp(time, -doublings)
-    steps = fastest * span
+    steps = fastest * math.ldexp(time, -doublings)
     jumps = np.where(identity == 1.0, np.maximum(1.0 + generator / fastest, 0.0), generator / fastest)
-    power = chances = so_far = identity  # the k-th power of the jumps, and the sum of those before
-    waits = np.zeros_like(identity)
+    power = chances = identity  # the k-th power of the jumps
     weight = 1.0
     for k in range(1, 22):
         weight *= steps / k
-        waits = waits + weight * so_far
         power = jumps @ power
         chances = chances + weight * power
-        so_far = so_far + power
     chances = chances / chances.sum(axis=0)
-    events = span * ((waits / waits.sum(axis=0)).T @ rates)
     for _ in range(doublings):
-        events = events + chances.T @ events
         chances = chances @ chances
         chances /= chances.sum(axis=0)
-    return chances, events
+    return chances
 
 
 @dataclass(frozen=True)
@@ -102,14 +84,11 @@ class Group:
                 generator[state, state] -= rate
         return generator
 
-    def solution(
+    def probabilities(
         self, time: float, temperature: float = TEMPERATURE, nu: float = NU, start: int = 0
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Probability of every state after ``time`` s, (2**m,), and the mean number of events of each site, (m,)."""
-        generator = self.generator(temperature, nu)
-        states, site = np.arange(generator.shape[0]), np.arange(len(self.forming))
-        chances, events = evolved(generator, generator[states[:, None] ^ 1 << site, states[:, None]], time)
-        return chances[:, start], events[start]
+    ) -> np.ndarray:
+        """Probability of every state after ``time`` s, (2**m,)."""
+        return evolved(self.generator(temperature, nu), time)[:, start]
 
     @lru_cache(maxsize=256)  # noqa: B019
     def lattice(self, copies: int = COPIES, nu: float = NU, slots: int = 0, seed: int = 1) -> ReactionLattice:
@@ -193,7 +172,7 @@ def follows(
         begin = np.ones(lattice.sites.size, dtype=bool) if start else None
         history = component.run(lattice, [0.5 * time, time], temperature=temperature, seed=seed, start=begin)
         counts += states(history.state, m)
-    probabilities, _ = group.solution(time, temperature, nu, counts.size - 1 if start else 0)
+    probabilities = group.probabilities(time, temperature, nu, counts.size - 1 if start else 0)
     compare(component, f"{where}, after {time:.3g} s", counts, probabilities)
 
 

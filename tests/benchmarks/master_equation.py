@@ -28,7 +28,7 @@ from chemage.testing.small_systems import Group
 from chemage_kinetics import engines
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "stubs"))
-from flickering import GroupHold, chance_of, held, random_hold
+from flickering import GroupHold, chance_of, held, random_hold, solution
 
 #: sites of the lattices, in turn; nine take half a second to solve, and a few attempts until one site is in doubt
 SHAPES = ((1, 2), (1, 2), (2, 2), (1, 2), (2, 3), (1, 2), (1, 2), (2, 2), (1, 3), (2, 3)) * 2
@@ -51,7 +51,7 @@ def uncoupled(hold: GroupHold) -> GroupHold:
     """The same sites without interaction."""
     group = Group(hold.group.forming, hold.group.breaking)
     first = 2 ** len(group.forming) - 1 if hold.start else 0
-    probabilities, events = group.solution(hold.time, hold.temperature, start=first)
+    probabilities, events = solution(group, hold.time, hold.temperature, first)
     return replace(hold, group=group, probabilities=probabilities, events=events)
 
 
