@@ -342,8 +342,7 @@ def _global_state() -> tuple[bytes, int]:
 
 def other_values(component: Any, name: str) -> Iterator[tuple[str, Any]]:
     """Yield the component with option ``name`` at other values that it accepts, and what was changed."""
-    schema = type(component).model_json_schema().get("properties", {}).get(name, {})
-    parts = [schema, *schema.get("anyOf", [])]
+    parts = options_of(component).get(name, [])
     types, value = {part.get("type") for part in parts}, getattr(component, name)
     tried: list[Any] = [choice for part in parts for choice in part.get("enum", [])]
     tried += [True, False] if "boolean" in types else []
@@ -399,13 +398,11 @@ def trade_variants(component: Any) -> Iterator[tuple[str, list[tuple[str, Any]]]
 def rescaled(component: Any, *, stress: float = 1.0, length: float = 1.0) -> Any:
     """The component in other units of stress and length: each option that is a quantity of these, times its power."""
     changes: dict[str, float] = {}
-    for name, (_, unit, _) in options_of(component).items():
+    for name, unit in units_of(component).items():
         value = getattr(component, name)
-        if not unit or not is_number(value):
-            continue
         mass, metre, others = dimensions(unit)
         # a stress is M/(L T²): a time stays as it is, and with it what contains one
-        if not others and (mass or metre):
+        if is_number(value) and not others and (mass or metre):
             changes[name] = value * stress**mass * length ** (metre + mass)
     return component.replace(**changes) if changes else component
 
@@ -434,12 +431,12 @@ def require_estimates(what: str, estimates: Any, *names: str) -> None:
         require(0 <= value < math.inf, f"{what}: {name} = {value!r}")
 
 
-def options_of(component: Component) -> dict[str, tuple[set[str], str | None, str]]:
-    """List the options of a component: name -> (JSON types, unit, description)."""
-    options = {}
-    for name, schema in type(component).model_json_schema().get("properties", {}).items():
-        parts = [schema, *schema.get("anyOf", [])]
-        types = {str(part["type"]) for part in parts if "type" in part}
-        unit = next((part["unit"] for part in parts if "unit" in part), None)
-        options[name] = types, unit, schema.get("description", "")
-    return options
+def options_of(component: Component) -> dict[str, list[dict[str, Any]]]:
+    """The JSON schemas of each option: its own, then those of the alternatives of its value."""
+    properties = type(component).model_json_schema().get("properties", {})
+    return {name: [schema, *schema.get("anyOf", [])] for name, schema in properties.items()}
+
+
+def units_of(component: Component) -> dict[str, str]:
+    """The units of the options that have one."""
+    return {name: part["unit"] for name, parts in options_of(component).items() for part in parts if part.get("unit")}

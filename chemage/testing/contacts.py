@@ -8,6 +8,7 @@ import math
 from collections.abc import Callable, Sequence
 from functools import partial, wraps
 from itertools import product
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -20,13 +21,13 @@ from chemage.surfaces.surface import Roughness, Surface
 from chemage.testing.answers import Questions, asks
 from chemage.testing.checks import (
     check_of,
-    options_of,
     refuses,
     require,
     require_estimates,
     require_plain,
     rescaled,
     trade_variants,
+    units_of,
     whole,
 )
 from chemage.testing.known_contacts import every_known_contact, flat, paraboloid
@@ -136,18 +137,19 @@ def _on_surfaces(function: Callable[[Any, Surface, ContactSolution], None]) -> C
 
 @asks(ContactSolver)
 def _contacts_asked(component: ContactSolver, surfaces: Sequence[Surface] = (), **_: Any) -> Questions:
-    def ask(surface: Surface, load: float) -> Any:
-        names = ("pressure", "gap", "displacement", "modulus", "notes")
-        return lambda solver: [getattr(solver.solve(surface, load), name) for name in names]
+    of_map = attrgetter("pressure", "gap", "displacement", "modulus", "notes")
+    of_theory = attrgetter("pressure", "area", "missing")
 
-    def theory(slope: float, load: float) -> Any:
-        roughness = Roughness(rms_slope=slope, rms_height=1.0, nominal_area=1e6)
-        names = ("pressure", "area", "missing")
-        return lambda solver: [getattr(solver.statistics(roughness, load), name) for name in names]
+    def ask(surface: Surface, load: float) -> Any:
+        return lambda solver: of_map(solver.solve(surface, load))
 
     if isinstance(component, ContactTheory):
         for slope, load in ((0.11, 1.3e5), (0.12, 1.3e5), (0.11, 1.7e5)):
-            yield f"a slope of {slope} under {load:g} nN", theory(slope, load)
+            given = Roughness(rms_slope=slope, rms_height=1.0, nominal_area=1e6), load
+            yield (
+                f"a slope of {slope} under {load:g} nN",
+                lambda theory, given=given: of_theory(theory.statistics(*given)),
+            )
         return
     for number, (surface, load) in enumerate(_solvable(component, surfaces)):
         radius = surface.provenance.get("radius")
@@ -209,7 +211,7 @@ def _solution_describes_itself(component: ContactSolver, surface: Surface, solut
         mine, its = getattr(solution, name), getattr(surface, name)
         same = mine == its or (name.startswith("rms") and math.isclose(mine, its, rel_tol=1e-6))
         require(same, f"{name} is {mine}, the surface has {its}")
-    if "GPa" in str(options_of(component).get("modulus", ((), None, ""))[1]):
+    if "GPa" in units_of(component).get("modulus", ""):
         mine, its = solution.modulus, getattr(component, "modulus", None)
         require(its is None or math.isclose(mine, its), f"modulus is {mine} GPa, the solver has {its} GPa")
     for name in component.implemented_properties:

@@ -32,6 +32,7 @@ from chemage.testing.answers import as_bytes
 from chemage.testing.checks import (
     CheckFailed,
     check_of,
+    dimensions,
     is_number,
     naming,
     options_of,
@@ -39,6 +40,7 @@ from chemage.testing.checks import (
     refuses,
     require,
     require_plain,
+    units_of,
 )
 from chemage.testing.replicas import contact_of, finished, numbers, with_states
 
@@ -77,12 +79,12 @@ def _citations_are_strings(component: Component) -> None:
 @check_of(Component)
 def _options_are_described(component: Component) -> None:
     """Every option has a description, and a unit that can be read."""
-    for name, (_, unit, description) in options_of(component).items():
-        require(description.strip(), f"option {name!r} has no description; write a docstring below it")
-        if unit:
-            from chemage.foundation.units import unit_registry as units
-
-            units().parse_units(unit)
+    for name, (schema, *_) in options_of(component).items():
+        described = schema.get("description", "").strip()
+        require(described, f"option {name!r} has no description; write a docstring below it")
+    for name, unit in units_of(component).items():
+        with naming(f"option {name!r}: the unit {unit!r} cannot be read"):
+            dimensions(unit)
 
 
 @check_of(Component)
@@ -194,20 +196,22 @@ def _options_go_round(component: Component) -> None:
 def _wrong_options_are_refused(component: Component) -> None:
     """Unknown options, numbers that are not finite and quantities of another dimension are errors naming the option."""
     cls: Any = type(component)
-    message = refuses("an unknown option", lambda: cls(no_such_option=1))
-    require("no_such_option" in message, f"the error for an unknown option does not name it: {message}")
-    for name, (types, unit, _) in options_of(component).items():
-        if "number" not in types:
+
+    def refused(name: str, value: Any, make: Callable[..., Any]) -> None:
+        message = refuses(f"{name} = {value!r}", lambda: make(**{name: value}))
+        require(name in message, f"the error for {name} = {value!r} does not name it: {message}")
+
+    refused("no_such_option", 1, cls)
+    units = units_of(component)
+    for name, parts in options_of(component).items():
+        if not any(part.get("type") == "number" for part in parts):
             continue
-        for value in (math.nan, math.inf, -math.inf):
-            message = refuses(f"{name} = {value}", lambda name=name, value=value: component.replace(**{name: value}))
-            require(name in message, f"the error for {name} = {value} does not name the option: {message}")
-        if unit:
-            refuses(f"{name} in mol", lambda name=name: component.replace(**{name: "1 mol"}))
-            value = getattr(component, name)
-            if value is not None:
-                text = f"{value!r} {unit}"
-                require(component.replace(**{name: text}) == component, f"{name} = {text!r} is not {value!r}")
+        for wrong in (math.nan, math.inf, -math.inf, *(["1 mol"] if name in units else [])):
+            refused(name, wrong, component.replace)
+        value = getattr(component, name)
+        if name in units and value is not None:
+            text = f"{value!r} {units[name]}"
+            require(component.replace(**{name: text}) == component, f"{name} = {text!r} is not {value!r}")
 
 
 def check_material(name: str) -> None:

@@ -15,11 +15,11 @@ from chemage.lattices.role import Barriers, Interaction
 from chemage.testing.answers import Questions, asks, calls_are_independent
 from chemage.testing.checks import (
     check_of,
-    options_of,
     require,
     rescaled,
     seeds_are_harmless,
     trade_variants,
+    units_of,
     whole,
 )
 
@@ -54,7 +54,7 @@ def _barriers_are_in_ev(component: Barriers) -> None:
         f"half of the barriers are below {middle:.4g} eV; expected {_SMALL} to {_LARGE} eV: are they in k_BT, kJ/mol "
         "or J? (1 eV is 38.7 k_BT at 300 K, 96.5 kJ/mol, 1.6e-19 J)",
     )
-    for name, (_, unit, _) in options_of(component).items():
+    for name, unit in units_of(component).items():
         bound = getattr(component, name)
         if name in ("lower", "upper") and isinstance(bound, float) and unit == "eV":
             end, beyond = (low, bound - low) if name == "lower" else (high, high - bound)

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import islice, product
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -386,10 +387,12 @@ def _expected(contact: ContactSolution, chemistry: Chemistry, kelvin: float, tim
 
 @asks(AgeingMethod)
 def _methods_asked(component: AgeingMethod) -> Questions:
+    answered = attrgetter("bonds", "sites", "errors")
+
     def ask(rows: int, pressure: float = 1.7, **changes: Any) -> Any:
         contact = contact_of(np.full((rows, 13), pressure))
         request = _request(contact, **{"temperature": 303.0, "replicas": 2, **changes})
-        return lambda method: [getattr(method.age(request), name) for name in ("bonds", "sites", "errors")]
+        return lambda method: answered(method.age(request))
 
     changes: dict[str, dict[str, Any]] = {
         "at another temperature": {"temperature": 317.0},

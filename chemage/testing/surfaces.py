@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from operator import attrgetter
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -19,7 +20,6 @@ from chemage.testing.answers import Questions, as_bytes, asks
 from chemage.testing.checks import (
     check_of,
     is_number,
-    options_of,
     refuses,
     require,
     require_estimates,
@@ -27,6 +27,7 @@ from chemage.testing.checks import (
     rescaled,
     seeds_are_harmless,
     trade_variants,
+    units_of,
     whole,
 )
 
@@ -101,7 +102,7 @@ def _grids(component: SurfaceMaker) -> list[SurfaceMaker]:
 def _lengths_scale_together(component: SurfaceMaker) -> None:
     """With all lengths among its options doubled, the same surface is twice as large: pixels and nanometres, or two
     units of length, are not mixed up."""
-    lengths = {name: getattr(component, name) for name, (_, unit, _) in options_of(component).items() if unit == "nm"}
+    lengths = {name: getattr(component, name) for name, unit in units_of(component).items() if unit == "nm"}
     if lengths.get("pixel_size") is None:
         return
     try:
@@ -273,7 +274,7 @@ def _require_same_surface(how: str, component: SurfaceMaker, other: Any, most: f
 def _surfaces_asked(component: SurfaceMaker) -> Questions:
     for seed in (31, 32):
         yield f"the surface of seed {seed}", lambda maker, seed=seed: _of_image(maker.make(seed))
-    yield "the roughness", lambda maker: [getattr(maker.roughness(31), name) for name in ("rms_slope", "rms_height")]
+    yield "the roughness", lambda maker: attrgetter("rms_slope", "rms_height")(maker.roughness(31))
 
 
 @check_of(SurfaceMaker)
