@@ -169,7 +169,7 @@ def _answers_do_not_depend_on_what_was_asked_before(component: Component, **inpu
 def _reading(cls: type) -> Iterator[set[str]]:
     """The attributes of components of ``cls`` that are read in this block, but not by their serialisation."""
     read: set[str] = set()
-    inherited = cls.__getattribute__
+    inherited: Any = cls.__getattribute__
 
     def spy(self: Any, name: str) -> Any:
         read.add(name)

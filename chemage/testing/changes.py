@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from chemage.testing.replicas import Asked, changed, finished, force_of, numbers
 check_observable, check_rupture = whole(Observable), whole(Rupture)
 
 #: rounding of sums in another order
-SAME = {"rtol": 1e-9, "atol": 1e-12}
+SAME: dict[str, Any] = {"rtol": 1e-9, "atol": 1e-12}
 
 
 #: energies of a lattice, as far as it has them
@@ -45,6 +46,7 @@ def rescaled_replica(
 def shifted(replica: Bonded, step: tuple[int, int]) -> Bonded:
     """The same replica on a periodic surface that begins elsewhere, so that its sites are in another order."""
     contact, lattice, history = replica.contact, replica.lattice, replica.history
+    states: Any = history.states
     place = np.roll(np.arange(contact.pressure.size).reshape(contact.shape), (-step[0], -step[1]), (0, 1)).ravel()
     moved = place[lattice.sites]
     order = np.argsort(moved)
@@ -55,7 +57,7 @@ def shifted(replica: Bonded, step: tuple[int, int]) -> Bonded:
         replica,
         contact={"pressure": np.roll(contact.pressure, step, (0, 1))},
         lattice={"sites": moved[order], **fields},
-        history={"state": history.state[order], "states": history.states[:, order]},
+        history={"state": history.state[order], "states": states[:, order]},
     )
 
 

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from chemage.foundation.components import call_with
-from chemage.foundation.errors import InputError
 from chemage.lattices.lattice import ReactionLattice
 from chemage.lattices.role import Barriers, Interaction
 from chemage.testing.answers import Questions, asks, calls_are_independent
 from chemage.testing.checks import (
     check_of,
+    naming,
     require,
     rescaled,
     seeds_are_harmless,
@@ -221,11 +221,9 @@ def _graph_is_sound(component: Interaction) -> None:
             require(neighbours.dtype == np.int32, f"{where}: neighbours are {neighbours.dtype}, not int32")
             require(coupling.shape == neighbours.shape, f"{where}: coupling {coupling.shape}")
             require((coupling[neighbours < 0] == 0).all(), f"{where}: energy without a neighbour")
-            graph = {"neighbours": neighbours, "coupling": coupling}
-            try:
-                ReactionLattice(pixels=grid, sites=sites, forming=np.ones(sites.size), **graph)
-            except InputError as error:
-                raise AssertionError(f"{where}: {error}") from error
+            fields: dict[str, Any] = {"neighbours": neighbours, "coupling": coupling}
+            with naming(where):
+                ReactionLattice(pixels=grid, sites=sites, forming=np.ones(sites.size), **fields)
 
 
 def _pairs(

@@ -97,7 +97,8 @@ def finished(
     lattice = ReactionLattice(pixels=grid, sites=touching[touching.size - n :], pixel_size=0.5, **fields)
     counts = np.linspace(bonded, 0, len(times)).astype(np.int64)[::-1]
     history = history_of(lattice, times, _states(n, counts), 300.0, "by-hand")
-    chemistry = Chemistry(forming=Even(), breaking=Even() if breaking else None)
+    of_bonds: Any = Even() if breaking else None
+    chemistry = Chemistry(forming=Even(), breaking=of_bonds)
     return Bonded(contact_of(pressure.reshape(grid)), chemistry, lattice, history)
 
 

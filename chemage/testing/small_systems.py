@@ -125,8 +125,8 @@ class Group:
 
 def reacting(forming: Sequence[float], breaking: Sequence[float] | None = None, pair: Any = None) -> Group:
     """Sites with these rates (1/s) at 300 K."""
-    barriers = (None if rates is None else tuple(barrier(rates).tolist()) for rates in (forming, breaking))
-    return Group(*barriers, pair)
+    over = None if breaking is None else tuple(barrier(breaking).tolist())
+    return Group(tuple(barrier(forming).tolist()), over, pair)
 
 
 def single(forming: float, breaking: float | None = None) -> Group:
