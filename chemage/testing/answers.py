@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from dataclasses import fields, is_dataclass
 from functools import cache, partial
 from itertools import islice
 from typing import Any
@@ -21,7 +22,6 @@ from chemage.ageing.methods import AgeingMethod
 from chemage.foundation.components import Component
 from chemage.foundation.outputs import recording
 from chemage.foundation.records import Record
-from chemage.friction.role import Bonded
 from chemage.kinetics.role import Engine
 from chemage.plugins import registry
 from chemage.testing.checks import LIMIT, check_of, is_number, other_values, require
@@ -58,8 +58,8 @@ def answer(component: Component, ask: Callable[[Any], Any]) -> bytes:
 
 def as_bytes(value: Any) -> bytes:
     """Arrays, records and what holds them, so that equal bytes mean equal values."""
-    if isinstance(value, Bonded):
-        value = vars(value)
+    if is_dataclass(value):
+        value = {field.name: getattr(value, field.name) for field in fields(value)}
     if isinstance(value, Record):
         value = value.todict()
     if isinstance(value, np.ndarray | np.generic) and value.dtype.kind != "O":

@@ -78,7 +78,7 @@ def _trace(history: BondHistory) -> tuple[bytes, ...]:
 def _engines_asked(component: Engine) -> Questions:
     def ask(lattice: ReactionLattice, **changes: Any) -> Any:
         fields = {name: changes.pop(name) for name in [*changes] if name in ReactionLattice.model_fields}
-        how = {"hold_times": (0.013, 1.7, 43.0), "temperature": TEMPERATURE, "seed": 31, **changes}
+        how = {"hold_times": np.array([0.013, 1.7, 43.0]), "temperature": TEMPERATURE, "seed": 31, **changes}
         return lambda engine: _trace(engine.run(lattice.model_copy(update=fields), **how))
 
     for number in range(31, 40):

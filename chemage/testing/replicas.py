@@ -121,30 +121,27 @@ def changed(replica: Bonded, **changes: Mapping[str, Any]) -> Bonded:
     return replace(replica, contact=contact, lattice=lattice, history=replica.history.model_copy(update=update))
 
 
-Case = tuple[str, Bonded]
 #: what can be asked for its answer to a replica
 Asked = Observable | Rupture
 
 
-def usual() -> list[Case]:
+def usual() -> list[tuple[str, Bonded]]:
     """Replicas with and without bonds and sites, each with what it is; the second is the plain one."""
     counts = ((40, 0), (40, 17), (40, 40), (1, 1), (0, 0))
     return [(f"{bonded} of {n} sites bonded", finished(n, bonded)) for n, bonded in counts]
 
 
-def unusual() -> list[Case]:
-    """Replicas on lattices that lack a part, on grids that are not square, and at other hold times."""
-    cases: dict[str, dict[str, Any]] = {
-        "a lattice without breaking": {"breaking": False},
-        "a lattice without interaction": {"interacting": False},
-        "a lattice without breaking and interaction": {"breaking": False, "interacting": False},
-        "a grid of 13x5 pixels": {"grid": (13, 5)},
-        "a grid of 5x13 pixels": {"grid": (5, 13)},
-        "a hold time of 10 s": {"times": (10.0,)},
-        "a hold time of 0 s": {"times": (0.0,)},
-        "hold times of 1, 1, 10 s": {"times": (1.0, 1.0, 10.0)},
-    }
-    return [(what, finished(40, 17, **fields)) for what, fields in cases.items()]
+#: what is left out or changed of a replica that is usual
+UNUSUAL: dict[str, dict[str, Any]] = {
+    "a lattice without breaking": {"breaking": False},
+    "a lattice without interaction": {"interacting": False},
+    "a lattice without breaking and interaction": {"breaking": False, "interacting": False},
+    "a grid of 13x5 pixels": {"grid": (13, 5)},
+    "a grid of 5x13 pixels": {"grid": (5, 13)},
+    "a hold time of 10 s": {"times": (10.0,)},
+    "a hold time of 0 s": {"times": (0.0,)},
+    "hold times of 1, 1, 10 s": {"times": (1.0, 1.0, 10.0)},
+}
 
 
 def _given(component: Asked, replica: Bonded) -> Bonded:
@@ -271,7 +268,8 @@ def _forces_are_in_nn(component: Rupture) -> None:
 def _parts_may_be_absent(component: Asked) -> None:
     """Lattices without breaking barriers or without interaction, contacts that are not square, and any hold times are
     treated too, or a rupture law refuses them, in ``check`` as well."""
-    for what, replica in unusual():
+    for what, fields in UNUSUAL.items():
+        replica = finished(40, 17, **fields)
         try:
             if isinstance(component, Rupture):
                 component.check(replica.chemistry, replica.temperature)

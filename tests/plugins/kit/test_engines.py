@@ -128,6 +128,12 @@ def test_bonds_that_depend_on_the_threads():
     assert "one thread and several" in failing(mutant(_threaded), "threads_change_nothing")
 
 
+def _overwriting(self, lattice, hold_times, **options):
+    history = type(self).__mro__[1].run(self, lattice, hold_times, **options)
+    hold_times += 1e-9
+    return history
+
+
 ENGINE_MUTANTS: dict[str, tuple[str, str, dict[str, Any]]] = {
     "counts too many": ("history_adds_up", "the final state", {"change": with_fields(bonds=lambda h: h.bonds + 1)}),
     "forgets events": ("history_adds_up", "formed less broken", {"change": with_fields(formed=lambda h: h.formed + 1)}),
@@ -145,6 +151,7 @@ ENGINE_MUTANTS: dict[str, tuple[str, str, dict[str, Any]]] = {
     "ignores the start": ("start_is_taken", "started with", {"before": _unstarted}),
     "goes on from the state alone": ("restart_is_exact", "continued from", {"before": _forgetful}),
     "not for threads": ("calls_are_independent", "concurrent calls gave", {"change": _crowded}),
+    "changes the hold times": ("calls_are_independent", "what was given has changed", {"run": _overwriting}),
     "half the coupling": ("coupled_sites_are_refused_or_right", "master equation", {"before": _half_coupled}),
     "refuses nothing": (
         "coupled_sites_are_refused_or_right",
