@@ -8,10 +8,13 @@ import inspect
 import pickle
 import sys
 from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from functools import cache
+from dataclasses import fields, is_dataclass
+from functools import cache, partial
 from itertools import islice
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
@@ -19,8 +22,9 @@ from chemage.ageing.methods import AgeingMethod
 from chemage.foundation.components import Component
 from chemage.foundation.outputs import recording
 from chemage.foundation.records import Record
+from chemage.kinetics.role import Engine
 from chemage.plugins import registry
-from chemage.testing.checks import LIMIT, check_of, other_values, require
+from chemage.testing.checks import LIMIT, check_of, is_number, other_values, require
 
 #: what is asked: (in words, a function of the component)
 Questions = Iterator[tuple[str, Callable[[Any], Any]]]
@@ -49,17 +53,42 @@ def answer(component: Component, ask: Callable[[Any], Any]) -> bytes:
             given = ask(component)
         except Exception as error:
             given = type(error).__name__
-    return _bytes([given, {name: one.declared.values for name, one in block.items()}])
+    return as_bytes([given, {name: one.declared.values for name, one in block.items()}])
 
 
-def _bytes(value: Any) -> bytes:
+def as_bytes(value: Any) -> bytes:
+    """Arrays, records and what holds them, so that equal bytes mean equal values."""
+    if is_dataclass(value):
+        value = {field.name: getattr(value, field.name) for field in fields(value)}
+    if isinstance(value, Record):
+        value = value.todict()
     if isinstance(value, np.ndarray | np.generic) and value.dtype.kind != "O":
         return f"{value.dtype}{value.shape}".encode() + value.tobytes()
     if isinstance(value, Mapping):
         value = [[name, value[name]] for name in sorted(value, key=str)]
     if isinstance(value, list | tuple):
-        return f"[{len(value)}".encode() + b"".join(map(_bytes, value))
-    return (value.digest() if isinstance(value, Record) else repr(value)).encode() + b";"
+        return f"[{len(value)}".encode() + b"".join(map(as_bytes, value))
+    return repr(value).encode() + b";"
+
+
+def calls_are_independent(component: Component, **inputs: Any) -> None:
+    """The same is answered to the same, asked again in the opposite order or at the same time, and what was given stays
+    as it was. Of an engine that uses several threads itself nothing is asked at the same time."""
+    asked = [ask for _, ask in islice(ASKED[component.role](component, **inputs), 6)]
+    ask = partial(answer, component)
+    before, first = _given(asked), list(map(ask, asked))
+    require(list(map(ask, asked[::-1])) == first[::-1], "a second call gave another result")
+    if not isinstance(component, Engine) or component.concurrency() == 1:
+        with ThreadPoolExecutor(3) as pool:
+            concurrent = list(pool.map(ask, asked * 3))
+        require(concurrent == first * 3, "concurrent calls gave other results")
+    require(_given(asked) == before, "what was given has changed")
+
+
+def _given(asked: list[Callable[[Any], Any]]) -> bytes:
+    """What the questions are about: the arrays in it, of records too."""
+    given = [[*inspect.getclosurevars(ask).nonlocals.values(), *(ask.__defaults__ or ())] for ask in asked]
+    return as_bytes(given)
 
 
 def answers(component: Component, inputs: Mapping[str, Any], backwards: bool = False) -> dict[str, bytes]:
@@ -140,21 +169,14 @@ def _answers_do_not_depend_on_what_was_asked_before(component: Component, **inpu
 def _reading(cls: type) -> Iterator[set[str]]:
     """The attributes of components of ``cls`` that are read in this block, but not by their serialisation."""
     read: set[str] = set()
-    own: Any = vars(cls).get("__getattribute__")
     inherited: Any = cls.__getattribute__
 
     def spy(self: Any, name: str) -> Any:
         read.add(name)
         return inherited(self, name)
 
-    type.__setattr__(cls, "__getattribute__", spy)
-    try:
+    with patch.object(cls, "__getattribute__", spy):
         yield read
-    finally:
-        if own is None:
-            type.__delattr__(cls, "__getattribute__")
-        else:
-            type.__setattr__(cls, "__getattribute__", own)
 
 
 def _is_rare(component: Component, name: str) -> bool:
@@ -162,9 +184,8 @@ def _is_rare(component: Component, name: str) -> bool:
     nothing converges; one that goes with another option that is off; or any option of a method of ageing, of which the
     questions are about independent sites."""
     value, others = getattr(component, name), type(component).model_fields.keys() - {name}
-    number = isinstance(value, int | float) and not isinstance(value, bool)
     off = any(getattr(component, other) is None or getattr(component, other) is False for other in others)
-    return (not number or off or isinstance(component, AgeingMethod)) and name in _mentioned(type(component))
+    return (not is_number(value) or off or isinstance(component, AgeingMethod)) and name in _mentioned(type(component))
 
 
 def _mentioned(cls: type) -> set[str]:

@@ -3,105 +3,93 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from chemage.ageing.observables import Observable
-from chemage.contacts.solution import ContactSolution
 from chemage.foundation.errors import InputError
 from chemage.foundation.outputs import HOLD_TIME
 from chemage.friction.role import Bonded, Rupture
 from chemage.testing.answers import Questions, asks
 from chemage.testing.checks import check_of, dimensions, require, rescaled, whole
-from chemage.testing.replicas import TIMES, FinishedReplica, bonded_of, finished, force_of, numbers, with_states
+from chemage.testing.replicas import Asked, changed, finished, force_of, numbers, with_states
 
 check_observable, check_rupture = whole(Observable), whole(Rupture)
 
 #: rounding of sums in another order
-SAME = {"rtol": 1e-9, "atol": 1e-12}
+SAME: dict[str, Any] = {"rtol": 1e-9, "atol": 1e-12}
 
 
-def changed(
-    replica: FinishedReplica,
-    *,
-    temperature: float = 300.0,
-    pixel: float = 0.5,
-    pressure: float = 1.0,
-    energy: float = 1.0,
-) -> FinishedReplica:
-    """The replica at another temperature (K), with pixels of another size (nm), and with pressures and barriers times
-    a factor."""
-    contact, lattice, history = replica
+#: energies of a lattice, as far as it has them
+ENERGIES = ("forming", "breaking", "coupling")
+
+
+def rescaled_replica(
+    replica: Bonded, *, temperature: float = 300.0, pixel: float = 0.5, pressure: float = 1.0, energy: float = 1.0
+) -> Bonded:
+    """The replica at another temperature (K), with pixels of another size (nm), and with pressures and energies times a
+    factor."""
+    contact, lattice = replica.contact, replica.lattice
     stress = contact.pressure * pressure
-    fields: dict[str, Any] = {"pixel_size": pixel, "pressure": stress, "load": float(stress.sum()) * pixel**2}
-    contact = contact.model_copy(update=fields | {"modulus": contact.modulus * pressure})
-    barriers = {
-        name: energy * values
-        for name in ("forming", "breaking", "coupling")
-        if (values := getattr(lattice, name)) is not None
-    }
-    lattice = lattice.model_copy(update={"pixel_size": pixel, **barriers})
-    update = {"temperature": temperature, "lattice_hash": lattice.digest()}
-    return FinishedReplica(contact, lattice, history.model_copy(update=update))
-
-
-def shifted(replica: FinishedReplica, step: tuple[int, int]) -> FinishedReplica:
-    """The same replica on a periodic surface that begins elsewhere, so that its sites are in another order."""
-    contact, lattice, history = replica
-    nx, ny = contact.shape
-    x, y = np.divmod(lattice.sites, ny)
-    moved = (x + step[0]) % nx * ny + (y + step[1]) % ny
-    order = np.argsort(moved)
-    place = np.append(np.argsort(order), -1).astype(np.int32)
-    names = ("forming", "breaking", "coupling")
-    fields = {name: values[order] for name in names if (values := getattr(lattice, name)) is not None}
-    if lattice.neighbours is not None:
-        fields["neighbours"] = place[lattice.neighbours[order]]
-    pressure = np.ascontiguousarray(np.roll(contact.pressure, step, (0, 1)))
-    lattice = lattice.model_copy(update={"sites": moved[order], **fields})
-    states = None if history.states is None else history.states[:, order]
-    update = {"state": history.state[order], "states": states, "lattice_hash": lattice.digest()}
-    return FinishedReplica(
-        ContactSolution.fromdict({**contact.todict(), "pressure": pressure}), lattice, history.model_copy(update=update)
+    energies = {name: energy * values for name in ENERGIES if (values := getattr(lattice, name)) is not None}
+    of_contact = {"pressure": stress, "load": float(stress.sum()) * pixel**2, "modulus": contact.modulus * pressure}
+    return changed(
+        replica,
+        contact={"pixel_size": pixel, **of_contact},
+        lattice={"pixel_size": pixel, **energies},
+        history={"temperature": temperature},
     )
 
 
-def _as_bonded(component: Rupture, replica: FinishedReplica, chemistry: Any) -> Bonded:
-    """As the law receives it, with the barriers that the replica has."""
-    return Bonded(replica.contact, chemistry, replica.lattice, replica.history)
+def shifted(replica: Bonded, step: tuple[int, int]) -> Bonded:
+    """The same replica on a periodic surface that begins elsewhere, so that its sites are in another order."""
+    contact, lattice, history = replica.contact, replica.lattice, replica.history
+    states: Any = history.states
+    place = np.roll(np.arange(contact.pressure.size).reshape(contact.shape), (-step[0], -step[1]), (0, 1)).ravel()
+    moved = place[lattice.sites]
+    order = np.argsort(moved)
+    fields = {name: values[order] for name in ENERGIES if (values := getattr(lattice, name)) is not None}
+    if lattice.neighbours is not None:
+        fields["neighbours"] = np.append(np.argsort(order), -1).astype(np.int32)[lattice.neighbours[order]]
+    return changed(
+        replica,
+        contact={"pressure": np.roll(contact.pressure, step, (0, 1))},
+        lattice={"sites": moved[order], **fields},
+        history={"state": history.state[order], "states": states[:, order]},
+    )
 
 
 # -- questions --------------------------------------------------------------------------------------------------------
 
 
-def _replicas() -> Iterator[tuple[str, FinishedReplica]]:
-    changes: dict[str, Callable[[FinishedReplica], FinishedReplica]] = {
-        "at another temperature": lambda replica: changed(replica, temperature=317.0),
-        "in pixels of another size": lambda replica: changed(replica, pixel=0.7),
-        "under another pressure": lambda replica: changed(replica, pressure=1.3),
-        "with higher barriers": lambda replica: changed(replica, energy=1.1),
+def _replicas() -> Iterator[tuple[str, Bonded]]:
+    changes: dict[str, Callable[[Bonded], Bonded]] = {
+        "at another temperature": lambda replica: rescaled_replica(replica, temperature=317.0),
+        "in pixels of another size": lambda replica: rescaled_replica(replica, pixel=0.7),
+        "under another pressure": lambda replica: rescaled_replica(replica, pressure=1.3),
+        "with higher barriers": lambda replica: rescaled_replica(replica, energy=1.1),
         "elsewhere on the surface": lambda replica: shifted(replica, (3, 2)),
     }
     for number, (what, change) in enumerate(changes.items(), 31):
-        plain = with_states(finished(number, 19, times=TIMES))
+        plain = with_states(finished(number, 19))
         yield f"{number} sites", plain
         yield f"{number} sites {what}", change(plain)
-    yield "37 sites whose bonds last", with_states(finished(37, 19, times=TIMES, breaking=False))
-    yield "37 sites that do not interact", with_states(finished(37, 19, times=TIMES, interacting=False))
+    yield "37 sites whose bonds last", with_states(finished(37, 19, breaking=False))
+    yield "37 sites that do not interact", with_states(finished(37, 19, interacting=False))
 
 
 @asks(Rupture)
 def _laws_asked(component: Rupture) -> Questions:
     for what, replica in _replicas():
-        bonded = bonded_of(component, replica)
-        yield what, lambda law, bonded=bonded: law.force(bonded)
+        yield what, lambda law, replica=replica: law.force(replica)
 
 
 @asks(Observable)
 def _observables_asked(component: Observable) -> Questions:
-    for what, replica in _replicas():
-        yield what, lambda observable, replica=replica: observable.measure(*replica)
+    for what, one in _replicas():
+        yield what, lambda observable, one=one: observable.measure(one.contact, one.lattice, one.history)
 
 
 # -- places and orders ------------------------------------------------------------------------------------------------
@@ -109,37 +97,24 @@ def _observables_asked(component: Observable) -> Questions:
 
 @check_of(Rupture)
 @check_of(Observable)
-def _order_of_the_sites_does_not_matter(component: Observable | Rupture) -> None:
+def _order_of_the_sites_does_not_matter(component: Asked) -> None:
     """Where a periodic surface begins, and with it the order of the sites, changes neither a force nor a number."""
     if isinstance(component, Rupture) and component.sampled:  # its random numbers belong to the places
         return
-    replica = with_states(finished(40, 17, grid=(9, 7), times=TIMES))
-    whole = bonded_of(component, replica) if isinstance(component, Rupture) else None
-    if whole is not None:
-        replica = FinishedReplica(whole.contact, whole.lattice, replica.history)
+    replica = with_states(finished(40, 17, grid=(9, 7)))
+    one = numbers(component, replica)
     for step in ((3, 2), (5, 6)):
-        cases = [replica, shifted(replica, step)]
-        if whole is not None:
-            assert isinstance(component, Rupture)
-            one, two = ({"": force_of(component, _as_bonded(component, case, whole.chemistry), "")} for case in cases)
-        else:
-            assert isinstance(component, Observable)
-            one, two = (numbers(component, case, "40 sites") for case in cases)
-        for name in one:
-            if isinstance(component, Observable) and not _is_number(component, name, one[name]):
-                continue
+        two = numbers(component, shifted(replica, step))
+        for name, values in one.items():
+            output = component.outputs.get(name)
+            # whether it has no place on the surface, as far as that is known
+            number = values.ndim == 0 if output is None else set(output.dims) <= {HOLD_TIME}
             require(
-                np.allclose(one[name], two[name], equal_nan=True, **SAME),
-                f"{name or 'the force'} is {one[name]}, and {two[name]} where the surface begins {step} pixels further "
-                "on: sites are in ascending order of their pixels, lattice.sites names the pixel of each, and any of "
-                "them may be bonded",
+                np.allclose(values, two[name], equal_nan=True, **SAME)
+                or not (number or isinstance(component, Rupture)),
+                f"{name} is {values}, and {two[name]} where the surface begins {step} pixels further on: sites are in "
+                "ascending order of their pixels, lattice.sites names the pixel of each, and any of them may be bonded",
             )
-
-
-def _is_number(component: Observable, name: str, values: np.ndarray) -> bool:
-    """Whether it has no place on the surface, as far as that is known."""
-    output = component.outputs.get(name)
-    return values.ndim == 0 if output is None else set(output.dims) <= {HOLD_TIME}
 
 
 # -- units ------------------------------------------------------------------------------------------------------------
@@ -149,21 +124,20 @@ def _is_number(component: Observable, name: str, values: np.ndarray) -> bool:
 def _lengths_have_their_unit(component: Observable) -> None:
     """On a contact twice as large, with all lengths among the options doubled, an output in nm is twice as large, one
     in 1/nm**2 a quarter."""
-    small, large = (finished(40, 17, times=TIMES), changed(finished(40, 17, times=TIMES), pixel=1.0))
+    small = finished(40, 17)
     try:
         doubled = rescaled(component, stress=1 / 8, length=2)
     except InputError:
         return
-    one, two = numbers(component, small, "pixels of 0.5 nm"), numbers(doubled, large, "pixels of 1 nm")
+    one, two = numbers(component, small), numbers(doubled, rescaled_replica(small, pixel=1.0), "pixels of 1 nm")
     for name, output in component.outputs.items():
         mass, length, others = dimensions(output.unit)
         if mass or others or not length or one[name].shape != two[name].shape:
             continue
         require(
             np.allclose(two[name], one[name] * 2**length, equal_nan=True, **SAME),
-            f"output {name!r} in {output.unit} is {_shown(one[name])} with pixels of 0.5 nm and {_shown(two[name])} "
-            f"with pixels of 1 nm; expected {2**length:g} times as much. Is a size of pixels assumed, or the unit "
-            "another?",
+            f"output {name!r} in {output.unit} is {one[name]} with pixels of 0.5 nm and {two[name]} with pixels of "
+            f"1 nm; expected {2**length:g} times as much. Is a size of pixels assumed, or the unit another?",
         )
 
 
@@ -178,21 +152,12 @@ def _forces_have_their_unit(component: Rupture) -> None:
         strong = rescaled(component, stress=3)
     except InputError:
         return
-    replica = finished(40, 17, times=TIMES)
-    before = bonded_of(component, replica)
-    after = bonded_of(component, changed(replica, temperature=900.0, pressure=3.0))
-    lattice = after.lattice.model_copy(
-        update={name: 3 * getattr(before.lattice, name) for name in ("forming", "breaking", "coupling")}
-    )
-    chemistry = after.chemistry.replace(bond_force=3 * after.chemistry.bond_force)
-    one = force_of(component, before, "40 sites")
-    two = force_of(strong, Bonded(after.contact, chemistry, lattice, after.history), "40 sites")
+    before = finished(40, 17)
+    after = rescaled_replica(before, temperature=900.0, pressure=3.0, energy=3.0)
+    chemistry = before.chemistry.replace(bond_force=3 * before.chemistry.bond_force)
+    one, two = force_of(component, before), force_of(strong, replace(after, chemistry=chemistry))
     require(
-        np.allclose(two, 3 * one, rtol=SAME["rtol"], atol=SAME["atol"]) or np.array_equal(one, two),
+        np.allclose(two, 3 * one, **SAME) or np.array_equal(one, two),
         f"with energies, k_BT and forces three times as large the force is {two} nN instead of {3 * one}; is a "
         "temperature or an energy assumed? The temperature is bonded.temperature",
     )
-
-
-def _shown(values: np.ndarray) -> str:
-    return f"{float(values):.4g}" if values.ndim == 0 else f"up to {float(np.nanmax(values, initial=0)):.4g}"

@@ -9,10 +9,9 @@ import sys
 import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from inspect import CO_VARKEYWORDS
-from typing import Any, NamedTuple
+from inspect import Parameter, signature
+from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 
@@ -73,7 +72,10 @@ class Check(NamedTuple):
     @property
     def missing(self) -> tuple[str, ...]:
         """Inputs without which there is nothing to check, and which were not given."""
-        return tuple(name for name in getattr(self.function, "needs", ()) if self.inputs.get(name) is None)
+        needed = [
+            one.name for one in _taken(self.function) if one.default is one.empty and one.kind is not one.VAR_KEYWORD
+        ]
+        return tuple(name for name in needed if self.inputs.get(name) is None)
 
     def __call__(self, component: Component) -> None:
         if self.missing or isinstance(component, getattr(self.function, "unless", ())):
@@ -145,27 +147,28 @@ LAST: list[Callable[..., None]] = []
 
 
 def check_of(
-    role: type[Component],
-    needs: tuple[str, ...] = (),
-    unless: tuple[type, ...] = (),
-    known: bool = False,
-    last: bool = False,
+    role: type[Component], unless: tuple[type, ...] = (), known: bool = False, last: bool = False
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Declare a function as a check of the class of a role, or of every component with :class:`Component`.
 
-    ``needs`` are inputs without which there is nothing to check; components of the classes ``unless`` are not checked.
-    A check that compares with closed forms or known numbers, within seconds, is ``known``: ``chemage selftest`` runs
-    it. One of every component is ``last`` where those of the role say more of what is wrong.
+    Its arguments besides the component are inputs of :func:`checks_for`; without those that have no default there is
+    nothing to check. Components of the classes ``unless`` are not checked. A check that compares with closed forms or
+    known numbers, within seconds, is ``known``: ``chemage selftest`` runs it. One of every component is ``last`` where
+    those of the role say more of what is wrong.
     """
 
     def mark(function: Callable[..., None]) -> Callable[..., None]:
         function.known = known  # pyright: ignore[reportFunctionMemberAccess]
-        function.needs = needs  # pyright: ignore[reportFunctionMemberAccess]
         function.unless = unless  # pyright: ignore[reportFunctionMemberAccess]
         (LAST if last else CHECKS.setdefault(role.role, [])).append(function)
         return function
 
     return mark
+
+
+def _taken(function: Callable[..., None]) -> list[Parameter]:
+    """The inputs that a check takes besides the component; it needs those without a default."""
+    return list(signature(function, follow_wrapped=False).parameters.values())[1:]
 
 
 def checks_for(component: Component | type[Component], **inputs: Any) -> list[Check]:
@@ -185,11 +188,10 @@ def checks_for(component: Component | type[Component], **inputs: Any) -> list[Ch
         raise InputError.of("component", component, "has no role", f"the roles are {', '.join(roles)}")
     checks = []
     for function in (*CHECKS.get("", ()), *CHECKS.get(role, ()), *LAST):
-        code = function.__code__
-        wanted = inputs if code.co_flags & CO_VARKEYWORDS else code.co_varnames[1 : code.co_argcount]
-        checks.append(Check(function.__name__.lstrip("_"), function, {k: v for k, v in inputs.items() if k in wanted}))
-    named = {name for function in CHECKS.get(role, ()) for name in function.__code__.co_varnames}
-    unused = set(inputs) - named
+        taken = _taken(function)
+        names = inputs if any(one.kind is one.VAR_KEYWORD for one in taken) else [one.name for one in taken]
+        checks.append(Check(function.__name__.lstrip("_"), function, {k: v for k, v in inputs.items() if k in names}))
+    unused = set(inputs) - {one.name for function in CHECKS.get(role, ()) for one in _taken(function)}
     if unused:
         raise InputError(f"{role} checks take no {', '.join(sorted(unused))}")
     return checks
@@ -271,10 +273,24 @@ def whole(role: type[Component], **known: str) -> Callable[..., None]:
     return check
 
 
+def is_number(value: Any) -> TypeGuard[float]:
+    """Whether it is a number, and no switch."""
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
 def require(condition: Any, message: str) -> None:
     """Raise AssertionError with ``message`` unless ``condition`` holds, also under ``python -O``."""
     if not condition:
         raise AssertionError(message)
+
+
+@contextmanager
+def naming(what: str) -> Iterator[None]:
+    """Say where the component raised what it raises in this block."""
+    try:
+        yield
+    except Exception as error:
+        raise AssertionError(f"{what}: {type(error).__name__}: {error}") from error
 
 
 def refuses(what: str, call: Callable[[], Any], error: type[Exception] = InputError) -> str:
@@ -324,32 +340,14 @@ def _global_state() -> tuple[bytes, int]:
     return state[1].tobytes(), state[2]
 
 
-def calls_are_independent(ask: Callable[[Any], Any], subjects: Sequence[Any], *kept: Any) -> None:
-    """Require that ``ask(subject)`` does not depend on earlier or concurrent calls, and that the arrays in the records
-    ``kept`` stay as they were."""
-    before = _arrays(kept)
-    first = [ask(subject) for subject in subjects]
-    require([ask(subject) for subject in subjects] == first, "a second call gave another result")
-    with ThreadPoolExecutor(3) as pool:
-        require(list(pool.map(ask, [*subjects] * 3)) == first * 3, "concurrent calls gave other results")
-    require(_arrays(kept) == before, "what was given has changed")
-
-
-def _arrays(records: Iterable[Any]) -> list[bytes]:
-    return [
-        value.tobytes() for record in records for value in record.todict().values() if isinstance(value, np.ndarray)
-    ]
-
-
 def other_values(component: Any, name: str) -> Iterator[tuple[str, Any]]:
     """Yield the component with option ``name`` at other values that it accepts, and what was changed."""
-    schema = type(component).model_json_schema().get("properties", {}).get(name, {})
-    parts = [schema, *schema.get("anyOf", [])]
+    parts = options_of(component).get(name, [])
     types, value = {part.get("type") for part in parts}, getattr(component, name)
     tried: list[Any] = [choice for part in parts for choice in part.get("enum", [])]
     tried += [True, False] if "boolean" in types else []
     tried += [1, 2, 3] if "integer" in types else []
-    if "number" in types and isinstance(value, int | float) and not isinstance(value, bool):
+    if "number" in types and is_number(value):
         tried += [0.5 * value, 2 * value, 0.9 * value] if value else [0.1, 1.0]
     for other in tried:
         try:
@@ -369,7 +367,7 @@ def option_variants(component: Any) -> Iterator[tuple[str, Any]]:
         others = list(other_values(component, name))
         if name in type(component).speed_only:
             others = others[:1]
-        elif isinstance(getattr(component, name), int | float) and not isinstance(getattr(component, name), bool):
+        elif is_number(getattr(component, name)):
             continue
         yield from others
         if others:
@@ -400,13 +398,11 @@ def trade_variants(component: Any) -> Iterator[tuple[str, list[tuple[str, Any]]]
 def rescaled(component: Any, *, stress: float = 1.0, length: float = 1.0) -> Any:
     """The component in other units of stress and length: each option that is a quantity of these, times its power."""
     changes: dict[str, float] = {}
-    for name, (_, unit, _) in options_of(component).items():
+    for name, unit in units_of(component).items():
         value = getattr(component, name)
-        if not unit or isinstance(value, bool) or not isinstance(value, int | float):
-            continue
         mass, metre, others = dimensions(unit)
         # a stress is M/(L T²): a time stays as it is, and with it what contains one
-        if not others and (mass or metre):
+        if is_number(value) and not others and (mass or metre):
             changes[name] = value * stress**mass * length ** (metre + mass)
     return component.replace(**changes) if changes else component
 
@@ -427,20 +423,20 @@ def binomial_chance(count: int, of: int, probability: float) -> float:
     return 2 * float(min(binom.cdf(count, of, probability), binom.sf(count - 1, of, probability)))
 
 
-def require_estimates(what: str, estimates: Any, bounds: Mapping[str, float]) -> None:
-    """Require that ``estimates`` maps names in ``bounds`` to finite numbers between 0 and the bound."""
+def require_estimates(what: str, estimates: Any, *names: str) -> None:
+    """Require that ``estimates`` maps some ``names`` to finite numbers that are not negative."""
     require(isinstance(estimates, Mapping), f"{what} returned {estimates!r}; expected a dict")
     for name, value in estimates.items():
-        require(name in bounds, f"{what} returned {name!r}; known are {', '.join(bounds)}")
-        require(0 <= value <= bounds[name] and math.isfinite(value), f"{what}: {name} = {value!r}")
+        require(name in names, f"{what} returned {name!r}; known are {', '.join(names)}")
+        require(0 <= value < math.inf, f"{what}: {name} = {value!r}")
 
 
-def options_of(component: Component) -> dict[str, tuple[set[str], str | None, str]]:
-    """List the options of a component: name -> (JSON types, unit, description)."""
-    options = {}
-    for name, schema in type(component).model_json_schema().get("properties", {}).items():
-        parts = [schema, *schema.get("anyOf", [])]
-        types = {str(part["type"]) for part in parts if "type" in part}
-        unit = next((part["unit"] for part in parts if "unit" in part), None)
-        options[name] = types, unit, schema.get("description", "")
-    return options
+def options_of(component: Component) -> dict[str, list[dict[str, Any]]]:
+    """The JSON schemas of each option: its own, then those of the alternatives of its value."""
+    properties = type(component).model_json_schema().get("properties", {})
+    return {name: [schema, *schema.get("anyOf", [])] for name, schema in properties.items()}
+
+
+def units_of(component: Component) -> dict[str, str]:
+    """The units of the options that have one."""
+    return {name: part["unit"] for name, parts in options_of(component).items() for part in parts if part.get("unit")}

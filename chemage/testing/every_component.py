@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import operator
 import pickle
 import re
 import sys
@@ -23,30 +22,37 @@ from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
 from chemage.foundation.figures import CORE
 from chemage.foundation.outputs import recording
-from chemage.friction.role import Rupture
-from chemage.kinetics.role import Engine
-from chemage.lattices.chemistry import Chemistry
+from chemage.friction.role import Bonded, Rupture
 from chemage.plugins import registry
 from chemage.scene.materials import material_problems
 from chemage.scene.provenance import bibtex_problem
 from chemage.surfaces.role import SurfaceMaker
 from chemage.surfaces.surface import Surface
-from chemage.testing.checks import CheckFailed, check_of, options_of, other_values, refuses, require, require_plain
-from chemage.testing.replicas import Even, FinishedReplica, bonded_of, finished, numbers, with_states
+from chemage.testing.answers import as_bytes
+from chemage.testing.checks import (
+    CheckFailed,
+    check_of,
+    dimensions,
+    is_number,
+    naming,
+    options_of,
+    other_values,
+    refuses,
+    require,
+    require_plain,
+    units_of,
+)
+from chemage.testing.replicas import contact_of, finished, numbers, with_states
 
 
 @check_of(Component)
 def _has_kind_and_role(component: Component) -> None:
     """The class has a kind in lower case, a docstring, and is of the class of its role."""
     cls = type(component)
-    require(
-        isinstance(cls.kind, str) and cls.kind, f"{cls.__name__}.kind is empty; give the name that users select it by"
-    )
-    require(cls.kind == cls.kind.strip().lower() and " " not in cls.kind, f"kind {cls.kind!r}: use lower-case-words")
-    require(
-        isinstance(component, registry.current().role(cls.role)),
-        f"{cls.__name__}: has role {cls.role!r}, but is not of its class",
-    )
+    kind, role = cls.kind, registry.current().role(cls.role)
+    require(isinstance(kind, str) and kind, f"{cls.__name__}.kind is empty; give the name that users select it by")
+    require(kind == kind.strip().lower() and " " not in kind, f"kind {kind!r}: use lower-case-words")
+    require(isinstance(component, role), f"{cls.__name__}: has role {cls.role!r}, but is not of its class")
     require((cls.__doc__ or "").strip(), f"{cls.__name__} has no docstring")
 
 
@@ -54,17 +60,13 @@ def _has_kind_and_role(component: Component) -> None:
 def _citations_are_strings(component: Component) -> None:
     """``cite`` is a tuple of strings, and ``bibtex``, if there is one, has an entry or "" for each of them."""
     cite = type(component).cite
-    require(
-        isinstance(cite, tuple),
-        f"cite is a {type(cite).__name__}; expected a tuple of str, with a comma after a single one",
-    )
-    require(all(isinstance(one, str) and one.strip() for one in cite), f"cite = {cite!r}: not all are non-empty str")
     owner = next(one for one in type(component).__mro__ if "cite" in vars(one))
     entries = vars(owner).get("bibtex", ())
-    require(
-        isinstance(entries, tuple) and all(isinstance(one, str) for one in entries),
-        f"bibtex = {entries!r}: expected a tuple of str",
-    )
+    for name, texts in (("cite", cite), ("bibtex", entries)):
+        given = type(texts).__name__
+        require(isinstance(texts, tuple), f"{name} is a {given}; expected a tuple of str, with a comma after one")
+        require(all(isinstance(one, str) for one in texts), f"{name} = {texts!r}: not all are non-empty str")
+    require(all(one.strip() for one in cite), f"cite = {cite!r}: not all are non-empty str")
     require(
         len(entries) in (0, len(cite)),
         f"bibtex has {len(entries)} entries for {len(cite)} of cite; write one for each, '' where there is none",
@@ -77,12 +79,12 @@ def _citations_are_strings(component: Component) -> None:
 @check_of(Component)
 def _options_are_described(component: Component) -> None:
     """Every option has a description, and a unit that can be read."""
-    for name, (_, unit, description) in options_of(component).items():
-        require(description.strip(), f"option {name!r} has no description; write a docstring below it")
-        if unit:
-            from chemage.foundation.units import unit_registry as units
-
-            units().parse_units(unit)
+    for name, (schema, *_) in options_of(component).items():
+        described = schema.get("description", "").strip()
+        require(described, f"option {name!r} has no description; write a docstring below it")
+    for name, unit in units_of(component).items():
+        with naming(f"option {name!r}: the unit {unit!r} cannot be read"):
+            dimensions(unit)
 
 
 @check_of(Component)
@@ -97,14 +99,12 @@ def _speed_only_names_options(component: Component) -> None:
 @check_of(Component)
 def _trade_names_options(component: Component) -> None:
     """``trade`` maps names of options to at least two values each, all of which the option accepts."""
-    trade = type(component).trade
-    require(isinstance(trade, Mapping), f"trade = {trade!r}: give a mapping from options to values")
-    for name, values in trade.items():
-        require(name in type(component).model_fields, f"trade names {name!r}, which is not an option")
-        require(
-            name not in type(component).speed_only,
-            f"trade and speed_only both name {name!r}: either it changes the answer or it does not",
-        )
+    cls = type(component)
+    require(isinstance(cls.trade, Mapping), f"trade = {cls.trade!r}: give a mapping from options to values")
+    for name, values in cls.trade.items():
+        require(name in cls.model_fields, f"trade names {name!r}, which is not an option")
+        both = name in cls.speed_only
+        require(not both, f"trade and speed_only both name {name!r}: either it changes the answer or it does not")
         require(isinstance(values, tuple) and len(values) > 1, f"trade of {name!r} is {values!r}; give several values")
         distinct = len({repr(_accepted(component, name, value)) for value in values})
         require(distinct == len(values), f"trade of {name!r} lists one value twice: {values!r}")
@@ -124,19 +124,22 @@ def _accepted(component: Component, name: str, value: Any) -> Any:
 
 @check_of(Component)
 def _approximations_are_declared(component: Component) -> None:
-    """``exact`` is True or False, an exact component declares no error (a contact solver may, see its role), and
+    """``exact`` is True or False, an exact component declares no error (a contact solver may), and
     ``error_of`` says in words what the declared error is the error of."""
     require(isinstance(component.exact, bool), f"exact = {component.exact!r}; give True or False")
     require(
         isinstance(component.error_of, str) and component.error_of.strip(),
         f"error_of = {component.error_of!r}; say what the declared error is the error of, such as 'the pressure'",
     )
-    if isinstance(component, Engine | ContactSolver) or component.declared_error is None:
-        return  # these roles have checks of their own
     error = component.declared_error
-    require(not component.exact, f"declared_error = {error!r}, but exact is True; set exact = False")
+    if error is None:
+        return
     require(
-        isinstance(error, int | float) and not isinstance(error, bool) and 0 < error <= 1,
+        isinstance(component, ContactSolver) or not component.exact,
+        f"declared_error = {error!r}, but exact is True; set exact = False",
+    )
+    require(
+        is_number(error) and 0 < error <= 1,
         f"declared_error = {error!r}; give the largest relative error of {component.error_of}, above 0 and at most 1",
     )
 
@@ -147,15 +150,13 @@ def _digest_tells_options_apart(component: Component) -> None:
     another's."""
     for name in type(component).model_fields:
         for what, variant in other_values(component, name):
+            same = variant.digest() == component.digest()
             if name in type(component).speed_only:
-                require(
-                    variant.digest() == component.digest(), f"{what}: the digest differs, but speed_only names {name!r}"
-                )
+                require(same, f"{what}: the digest differs, but speed_only names {name!r}")
             else:
-                require(
-                    variant.digest() != component.digest() and variant != component,
-                    f"{what}: the digest is that of {getattr(component, name)!r}; a sweep would take one for the other",
-                )
+                equal = same or variant == component
+                value = getattr(component, name)
+                require(not equal, f"{what}: the digest is that of {value!r}; a sweep would take one for the other")
 
 
 @check_of(Component)
@@ -183,11 +184,9 @@ def _options_go_round(component: Component) -> None:
         "replace()": component.replace,
     }
     for way, make in ways.items():
-        try:
+        with naming(way):
             again = make()
             same_hash, same_digest = hash(again) == hash(component), again.digest() == component.digest()
-        except Exception as error:
-            raise AssertionError(f"{way}: {type(error).__name__}: {error}") from error
         require(again == component, f"{way} returned {again!r}, not {component!r}")
         require(same_hash, f"{way}: the hash differs; options must be hashable and compare by value")
         require(same_digest, f"{way}: the digest differs")
@@ -197,20 +196,22 @@ def _options_go_round(component: Component) -> None:
 def _wrong_options_are_refused(component: Component) -> None:
     """Unknown options, numbers that are not finite and quantities of another dimension are errors naming the option."""
     cls: Any = type(component)
-    message = refuses("an unknown option", lambda: cls(no_such_option=1))
-    require("no_such_option" in message, f"the error for an unknown option does not name it: {message}")
-    for name, (types, unit, _) in options_of(component).items():
-        if "number" not in types:
+
+    def refused(name: str, value: Any, make: Callable[..., Any]) -> None:
+        message = refuses(f"{name} = {value!r}", lambda: make(**{name: value}))
+        require(name in message, f"the error for {name} = {value!r} does not name it: {message}")
+
+    refused("no_such_option", 1, cls)
+    units = units_of(component)
+    for name, parts in options_of(component).items():
+        if not any(part.get("type") == "number" for part in parts):
             continue
-        for value in (math.nan, math.inf, -math.inf):
-            message = refuses(f"{name} = {value}", lambda name=name, value=value: component.replace(**{name: value}))
-            require(name in message, f"the error for {name} = {value} does not name the option: {message}")
-        if unit:
-            refuses(f"{name} in mol", lambda name=name: component.replace(**{name: "1 mol"}))
-            value = getattr(component, name)
-            if value is not None:
-                text = f"{value!r} {unit}"
-                require(component.replace(**{name: text}) == component, f"{name} = {text!r} is not {value!r}")
+        for wrong in (math.nan, math.inf, -math.inf, *(["1 mol"] if name in units else [])):
+            refused(name, wrong, component.replace)
+        value = getattr(component, name)
+        if name in units and value is not None:
+            text = f"{value!r} {units[name]}"
+            require(component.replace(**{name: text}) == component, f"{name} = {text!r} is not {value!r}")
 
 
 def check_material(name: str) -> None:
@@ -237,33 +238,28 @@ def _figures_are_named(component: Component) -> None:
             f"figures names {name!r}; a figure is saved as a file of this name: use letters, digits, - and _",
         )
         require(name not in CORE, f"figures names {name!r}, which is a figure of chemage; choose another name")
-        if component.role != "observable":  # those have a check of their own
-            require(isinstance(caption, str) and caption.strip(), f"figure {name!r} has no caption")
+        require(isinstance(caption, str) and caption.strip(), f"figure {name!r} has no caption")
 
 
-@check_of(Component)
+@check_of(Component, unless=(Observable,))
 def _components_draw_their_figures(component: Component) -> None:
     """A component that is no observable draws each of its figures, of one result and of several, also where a part of
     the result is not known."""
     others = [variant for option in type(component).model_fields for _, variant in other_values(component, option)]
-    for name in () if component.role == "observable" else type(component).figures:
+    for name in type(component).figures:
         results = _results(component)
-        shown = {
-            what: _drawn(component, name, drawn, f" of {what}", filled="without" not in what)
-            for what, drawn in results.items()
-        }
+        shown = {what: _drawn(component, name, drawn, "without" not in what) for what, drawn in results.items()}
         one, two = results["two results"]
         for other in (replace(two, component=variant) for variant in others[:4]):
-            alone = [_drawn(component, name, [result], " of one result") for result in (two, other)]
+            alone = [_drawn(component, name, [result]) for result in (two, other)]
             require(
-                alone[0] == alone[1]
-                or _drawn(component, name, [one, other], " of two results") != shown["two results"],
+                alone[0] == alone[1] or _drawn(component, name, [one, other]) != shown["two results"],
                 f"figure {name!r} of two results is the same whatever the second one is; draw all results",
             )
         for what, drawn in results.items():
             for other in others[:1]:
                 require(
-                    _drawn(other, name, drawn, f" of {what}", filled=False) == shown[what],
+                    _drawn(other, name, drawn, filled=False) == shown[what],
                     f"figure {name!r} shows the options of the component that draws; draw those of each result, "
                     "one.component",
                 )
@@ -271,64 +267,55 @@ def _components_draw_their_figures(component: Component) -> None:
 
 @check_of(Observable)
 def _figures_are_drawn(component: Observable) -> None:
-    """Each of ``figures`` has a caption and is drawn from all replicas, of one result and of several, also where the
-    chemistry is not known."""
-    figures = type(component).figures
-    require(isinstance(figures, Mapping), f"figures = {figures!r}; give a mapping from names to captions")
-    if not figures:
-        return
-    few, many, some = finished(40, 3), finished(40, 40), finished(40, 17)
-    first, second = _measured(component, [some, few, few]), _measured(component, [some, many, many])
-    chemistry = Chemistry(forming=Even(), activation_volume=0.04)
-    same = all(np.array_equal(first.observables[name], second.observables[name]) for name in first.observables)
-    for figure, caption in figures.items():
-        require(isinstance(figure, str) and figure, f"figures names {figure!r}; give names as str")
-        require(isinstance(caption, str) and caption.strip(), f"figure {figure!r} has no caption")
-        shown = _drawn(component, figure, [Observed("one", first, chemistry, "#0072b2")])
-        _drawn(component, figure, [Observed("one", first, None, "#0072b2")])
-        _drawn(component, figure, [Observed("one", first, chemistry, "C0"), Observed("two", second, None, "C1")])
-        other = _drawn(component, figure, [Observed("one", second, chemistry, "#0072b2")])
+    """Each of ``figures`` is drawn from all replicas, of one result and of several, also where the chemistry is not
+    known."""
+    few, many, some = (finished(40, bonded) for bonded in (3, 40, 17))
+    chemistry = some.chemistry
+    for figure in type(component).figures:
+        first, second = _measured(component, [some, few, few]), _measured(component, [some, many, many])
+        shown, other, _, _ = (
+            _drawn(component, figure, results)
+            for results in (
+                [Observed("one", first, chemistry, "C0")],
+                [Observed("one", second, chemistry, "C0")],
+                [Observed("one", first, None, "C0")],
+                [Observed("one", first, chemistry, "C0"), Observed("two", second, None, "C1")],
+            )
+        )
         require(
-            same or shown != other,
+            shown != other or as_bytes(first.observables) == as_bytes(second.observables),
             f"figure {figure!r} is the same whatever the second and the third replica have; draw all replicas",
         )
 
 
-def _drawn(component: Any, figure: str, results: Sequence[Any], what: str = "", filled: bool = True) -> bytes:
+def _drawn(component: Any, figure: str, results: Sequence[Any], filled: bool = True) -> bytes:
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    canvas, given, settings = FigureCanvasAgg(Figure()), list(results), dict(matplotlib.rcParams)
-    pyplot = sys.modules.get("matplotlib.pyplot")
-    open_before = pyplot.get_fignums() if pyplot else []
+    def figures() -> list[int]:
+        pyplot = sys.modules.get("matplotlib.pyplot")
+        return pyplot.get_fignums() if pyplot else []
+
+    canvas, given, settings, before = FigureCanvasAgg(Figure()), list(results), dict(matplotlib.rcParams), figures()
     axes = canvas.figure.subplots()
     component.draw(figure, axes, given)
-    pyplot = sys.modules.get("matplotlib.pyplot")
-    require(
-        not pyplot or pyplot.get_fignums() == open_before,
-        f"draw({figure!r}) opens a figure of pyplot; draw into the axes that are given",
-    )
-    require(
-        dict(matplotlib.rcParams) == settings, f"draw({figure!r}) changes the settings of matplotlib (rcParams) for all"
-    )
-    require(
-        len(given) == len(results) and all(map(operator.is_, given, results)),
-        f"draw({figure!r}) changes the list of results",
-    )
-    what = what or f" of {len(results)} result(s)"
-    require(axes.has_data() or not filled, f"draw({figure!r}){what} left the axes empty; draw the results")
+    what = f"draw({figure!r}) of {len(results)} result(s)"
+    require(figures() == before, f"{what} opens a figure of pyplot; draw into the axes that are given")
+    require(dict(matplotlib.rcParams) == settings, f"{what} changes the settings of matplotlib (rcParams) for all")
+    require(list(map(id, given)) == list(map(id, results)), f"{what} changes the list of results")
+    require(axes.has_data() or not filled, f"{what} left the axes empty; draw the results")
     canvas.draw()
     return bytes(canvas.buffer_rgba())
 
 
-def _measured(component: Observable, replicas: Sequence[FinishedReplica]) -> Aging:
+def _measured(component: Observable, replicas: Sequence[Bonded]) -> Aging:
     """The result of these replicas, as ``chemage.age`` makes it."""
-    measured = [numbers(component, replica, "a replica") for replica in replicas]
+    measured = [numbers(component, replica) for replica in replicas]
     return _aging(
         replicas[0].contact,
-        bonds=np.stack([replica.history.bonds for replica in replicas]),
-        hold_times=replicas[0].history.hold_times,
+        bonds=np.stack([replica.bonds for replica in replicas]),
+        hold_times=replicas[0].hold_times,
         observables={name: np.stack([values[name] for values in measured]) for name in measured[0]},
         provenance={"observe": [component.todict()]},
     )
@@ -343,26 +330,25 @@ def _aging(contact: ContactSolution, bonds: np.ndarray, **fields: Any) -> Aging:
 def _results(component: Component) -> dict[str, Sequence[PlottedResult]]:
     """Results to draw, by what they are."""
     x = np.linspace(0, 2 * np.pi, 12, endpoint=False)
-    surface = Surface(heights=np.cos(x)[:, None] + np.cos(2 * x)[None, :], pixel_size=0.5)
-    pressure = np.maximum(surface.heights - 0.5, 0.0)
-    contact = ContactSolution(pressure=pressure, load=float(pressure.sum() / 4), pixel_size=0.5, modulus=35.0)
-    chemistry, maps = Chemistry(forming=Even(), activation_volume=0.04), Maps(contact, surface)
+    surface = Surface(heights=np.cos(x)[:, None] + np.cos(2 * x), pixel_size=0.5)
+    maps = Maps(contact_of(np.maximum(surface.heights - 0.5, 0.0)), surface)
+    replica = finished(40, 17, times=(0.1, 1.0, 10.0))
     with recording() as block:
         if isinstance(component, Rupture) and component.outputs:
-            component.force(bonded_of(component, with_states(finished(40, 17, times=(0.1, 1.0, 10.0)))))
+            component.force(with_states(replica))
     recorded = {name: np.stack([made.declared.values] * 2) for name, made in block.items()}
 
-    def result(label: str, most: int, color: str, **changes: Any) -> PlottedResult:
+    def result(label: str, most: int, color: str) -> PlottedResult:
         bonds = np.array([[0, most // 2, most], [1, most // 3, most - 1]])
-        aging = _aging(contact, bonds, hold_times=np.array([0.1, 1.0, 10.0]), observables=recorded)
-        fields = {"aging": aging, "chemistry": chemistry, "load_maps": lambda: maps, **changes}
-        return PlottedResult(label=label, color=color, component=component, **fields)
+        aging = _aging(replica.contact, bonds, hold_times=replica.hold_times, observables=recorded)
+        return PlottedResult(label, aging, replica.chemistry, color, component, load_maps=lambda: maps)
 
+    one, two = result("one", 20, "C0"), result("two", 12, "C1")
     results: dict[str, Sequence[PlottedResult]] = {
-        "one result": [result("one", 20, "C0")],
-        "two results": [result("one", 20, "C0"), result("two", 12, "C1")],
-        "a result without maps and chemistry": [result("one", 20, "C0", chemistry=None, load_maps=Maps)],
+        "one result": [one],
+        "two results": [one, two],
+        "a result without maps and chemistry": [replace(one, chemistry=None, load_maps=Maps)],
     }
     if isinstance(component, SurfaceMaker | ContactSolver):
-        results["a result without ageing"] = [result("one", 20, "C0", aging=None, chemistry=None)]
+        results["a result without ageing"] = [replace(one, aging=None, chemistry=None)]
     return results

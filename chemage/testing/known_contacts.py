@@ -35,27 +35,22 @@ def sinusoid(axis: int, mean: float, pixels: int = 64, width: int = 6) -> Known:
     """One wave along ``axis`` at ``mean`` times the pressure p* of full contact. Westergaard, J. Appl. Mech. 6, A49
     (1939); Johnson, Contact Mechanics (1985), section 13.2."""
     full = 0.005  # p*/E* = π amplitude/λ
-    wave = pixels * PIXEL
     angle = 2 * np.pi * (np.arange(pixels) + 0.5) / pixels
-    heights = full * wave / math.pi * np.cos(angle)
+    heights = full * pixels * PIXEL / math.pi * np.cos(angle)
     if mean >= 1:
         profile = full * (mean + np.cos(angle))
         name, error = "a sinusoid in full contact", 0.01
     else:
-        edge = math.asin(math.sqrt(mean))  # πa/λ
-        fine = np.linspace(-0.5, 0.5, 33)[:-1] + 1 / 64
-        half = np.abs(np.mod(0.5 * (angle[:, None] + fine * 2 * np.pi / pixels) + np.pi / 2, np.pi) - np.pi / 2)
-        inside = np.sqrt(np.maximum(math.sin(edge) ** 2 - np.sin(half) ** 2, 0.0))
-        profile = (2 * full * np.cos(half) * inside).mean(axis=1)
+        half = 0.5 * (angle[:, None] + (np.arange(32) - 15.5) / 32 * 2 * np.pi / pixels)
+        inside = np.sqrt(np.maximum(mean - np.sin(half) ** 2, 0.0))  # sin²(πa/λ) = mean
+        profile = (2 * full * np.abs(np.cos(half)) * inside).mean(axis=1)
         profile *= mean * full / profile.mean()
         name, error = f"a sinusoid at {mean:g} of the load of full contact (Westergaard)", 0.03
-
-    def across(values: np.ndarray) -> np.ndarray:
-        repeated = np.repeat(values[:, None], width, axis=1)
-        return repeated if axis == 0 else repeated.T
-
-    surface = Surface(heights=across(heights), pixel_size=PIXEL, periodic=True, provenance={"known": "sinusoid"})
-    return Known(f"{name}, along {'xy'[axis]}", surface, mean * full * surface.nominal_area, across(profile), error)
+    heights, pressure = (
+        np.moveaxis(np.repeat(values[:, None], width, axis=1), 0, axis) for values in (heights, profile)
+    )
+    surface = Surface(heights=heights, pixel_size=PIXEL, periodic=True, provenance={"known": "sinusoid"})
+    return Known(f"{name}, along {'xy'[axis]}", surface, mean * full * surface.nominal_area, pressure, error)
 
 
 def paraboloid(pixels: int = 48, radius: float = 30.0, pixel_size: float = PIXEL) -> Surface:
@@ -70,11 +65,9 @@ def hertz(pixels: int = 28) -> Known:
     edge = 10.3 * PIXEL
     radius = 100 * edge
     surface = paraboloid(pixels, radius)
-    peak = 2 * edge / (math.pi * radius)
-    fine = np.linspace(-0.5, 0.5, 17)[:-1] + 1 / 32
-    x = ((np.arange(pixels) - (pixels - 1) / 2)[:, None] + fine).ravel() * PIXEL
+    x = (np.arange(16 * pixels) - (16 * pixels - 1) / 2) * PIXEL / 16
     inside = np.sqrt(np.maximum(1 - (x[:, None] ** 2 + x**2) / edge**2, 0.0))
-    pressure = peak * inside.reshape(pixels, 16, pixels, 16).mean(axis=(1, 3))
+    pressure = inside.reshape(pixels, 16, pixels, 16).mean(axis=(1, 3))
     load = 4 * edge**3 / (3 * radius)
     pressure *= load / (pressure.sum() * PIXEL**2)
     return Known("a paraboloid with free boundaries (Hertz)", surface, load, pressure, 0.03)

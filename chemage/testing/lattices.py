@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import product
 from typing import Any
 
 import numpy as np
 
 from chemage.foundation.components import call_with
-from chemage.foundation.errors import InputError
 from chemage.lattices.lattice import ReactionLattice
 from chemage.lattices.role import Barriers, Interaction
-from chemage.testing.answers import Questions, asks
+from chemage.testing.answers import Questions, asks, calls_are_independent
 from chemage.testing.checks import (
-    calls_are_independent,
     check_of,
-    options_of,
+    naming,
     require,
     rescaled,
     seeds_are_harmless,
     trade_variants,
+    units_of,
     whole,
 )
 
@@ -48,45 +48,41 @@ def _quantile_is_monotone(component: Barriers) -> None:
 @check_of(Barriers)
 def _barriers_are_in_ev(component: Barriers) -> None:
     """Barriers are energies in eV of a chemical bond, and lie between options named ``lower`` and ``upper``."""
-    middle = float(component.quantile(np.array([0.5]))[0])
+    low, middle, high = component.quantile(np.array([_LOWEST, 0.5, _HIGHEST])).tolist()
     require(
         middle == 0 or _SMALL <= abs(middle) <= _LARGE,
         f"half of the barriers are below {middle:.4g} eV; expected {_SMALL} to {_LARGE} eV: are they in k_BT, kJ/mol "
         "or J? (1 eV is 38.7 k_BT at 300 K, 96.5 kJ/mol, 1.6e-19 J)",
     )
-    options = options_of(component)
-    ends = component.quantile(np.array([_LOWEST, _HIGHEST]))
-    for name, sign, end in (("lower", 1, ends[0]), ("upper", -1, ends[1])):
-        bound = getattr(component, name, None)
-        if isinstance(bound, float) and options.get(name, ((), None, ""))[1] == "eV":
-            slack = 1e-9 * max(abs(bound), 1.0)
-            require(sign * (end - bound) >= -slack, f"{name} = {bound} eV, but barriers reach {end} eV")
+    for name, unit in units_of(component).items():
+        bound = getattr(component, name)
+        if name in ("lower", "upper") and isinstance(bound, float) and unit == "eV":
+            end, beyond = (low, bound - low) if name == "lower" else (high, high - bound)
+            require(beyond <= 1e-9 * max(abs(bound), 1.0), f"{name} = {bound} eV, but barriers reach {end} eV")
 
 
 @check_of(Barriers)
 def _barrier_is_the_pixels_own(component: Barriers) -> None:
-    """The barrier of a pixel depends only on its own number, neither on other pixels nor on earlier or concurrent
-    calls; the numbers stay as they were."""
-    uniform = np.random.default_rng(1).random(1000)
+    """The barrier of a pixel depends only on its own number, not on other pixels; the numbers stay as they were."""
+    uniform, others = np.random.default_rng(1).random(1000), np.full(1000, 0.3)
     kept = uniform.copy()
     energy = component.quantile(uniform)
     require(np.array_equal(uniform, kept), "quantile() changed the array of uniform numbers")
     first = energy.tobytes()
-    component.quantile(np.full(1000, 0.3))
+    component.quantile(others)
     require(energy.tobytes() == first, "a later call changed the barriers that an earlier one returned")
     uniform.setflags(write=False)
-    calls_are_independent(lambda numbers: component.quantile(numbers).tobytes(), [uniform, np.full(1000, 0.3)])
     for part in (slice(None, None, -1), slice(10, 11), slice(3, 700, 7)):
         alone = component.quantile(np.ascontiguousarray(uniform[part]))
-        require(
-            np.allclose(alone, energy[part], rtol=1e-13, atol=0), "a barrier depends on the other numbers in the call"
-        )
+        same = np.allclose(alone, energy[part], rtol=1e-13, atol=0)
+        require(same, "a barrier depends on the other numbers in the call")
     grid = component.quantile(uniform.reshape(20, 50))
-    require(
-        grid.shape == (20, 50) and np.allclose(grid.ravel(), energy, rtol=1e-13),
-        "the barriers do not have the shape of the numbers",
-    )
+    same = grid.shape == (20, 50) and np.allclose(grid.ravel(), energy, rtol=1e-13)
+    require(same, "the barriers do not have the shape of the numbers")
     require(component.quantile(np.empty(0)).shape == (0,), "no pixels: expected an empty array")
+
+
+check_of(Barriers)(calls_are_independent)
 
 
 @check_of(Barriers, known=True)
@@ -95,29 +91,26 @@ def _density_agrees_with_quantile(component: Barriers) -> None:
     levels = np.linspace(1e-3, 1 - 1e-3, 1999)
     energies = component.quantile(levels)
     low, high = energies[:-1], energies[1:]
-    masses = np.unique(high[high == low])
-    if masses.size:
-        require(np.isposinf(component.density(masses)).all(), f"a point mass (at {masses[:3]} eV) has density inf")
+    masses = high[high == low]
+    known = not masses.size or np.isposinf(component.density(masses)).all()
+    require(known, f"a point mass (at {masses[:3]} eV) has density inf")
     # intervals at a point mass hold an unknown part of it
     usable = ~np.isin(low, masses) & ~np.isin(high, masses)
-    low, high = low[usable], high[usable]
+    low, width = low[usable], (high - low)[usable]
     # midpoints: a density may jump at a quantile
-    count = 16
-    middle = low[:, None] + (np.arange(count) + 0.5) * (high - low)[:, None] / count
+    middle = low[:, None] + (np.arange(16) + 0.5) / 16 * width[:, None]
     density = component.density(middle)
     require(density.shape == middle.shape, f"density of shape {density.shape} for energies of {middle.shape}")
-    require(
-        (density >= 0).all() and np.isfinite(density).all(), "the density is negative or infinite between quantiles"
-    )
-    total = density.mean(axis=1) * (high - low)
+    possible = (density >= 0).all() and np.isfinite(density).all()
+    require(possible, "the density is negative or infinite between quantiles")
+    total = density.mean(axis=1) * width
     for part in np.array_split(np.arange(low.size), 12):
         integral, wanted = float(total[part].sum()), part.size * float(levels[1] - levels[0])
-        if part.size:
-            require(
-                abs(integral - wanted) < 1e-3,
-                f"the density integrates to {integral:.5f} between {low[part[0]]:.5f} and {high[part[-1]]:.5f} eV; the "
-                f"quantile function puts {wanted:.5f} there",
-            )
+        require(
+            abs(integral - wanted) < 1e-3,
+            f"the density integrates to {integral:.5f} from {low[part[:1]]} eV over {width[part].sum():.5f} eV; the "
+            f"quantile function puts {wanted:.5f} there",
+        )
     far = component.density(np.array([energies[0] - 1e3, energies[-1] + 1e3]))
     require(np.allclose(far, 0, atol=1e-6), f"density {far} a thousand eV away")
 
@@ -126,25 +119,19 @@ def _density_agrees_with_quantile(component: Barriers) -> None:
 def _members_are_other_distributions(component: Barriers) -> None:
     """``members(count)`` returns at most ``count`` distributions that differ from this one, always the same ones, and
     that have no members themselves: a run ages each of them."""
-    members = list(component.members(3))
+    members, again = list(component.members(3)), component.members(3)
     require(len(members) <= 3, f"members(3) returned {len(members)} distributions")
     require(len(component.members(0)) == 0, "members(0) returned a distribution")
-    if not members:
-        return
-    for member in members:
+    uniform = np.linspace(0.005, 0.995, 199)
+    own = component.quantile(uniform)
+    for member, second in zip(members, again, strict=True):
         require(isinstance(member, Barriers), f"members() returned {member!r}, which is no distribution of barriers")
         require(not len(member.members(3)), f"{member!r} is a member and has members itself")
-    uniform = np.linspace(0.005, 0.995, 199)
-    own, *others = (member.quantile(uniform) for member in [component, *members])
-    require(
-        all(np.isfinite(member).all() and not np.array_equal(member, own) for member in others),
-        "a member has the same barriers as the distribution itself, or barriers that are not finite",
-    )
-    again = [member.quantile(uniform) for member in component.members(3)]
-    require(
-        [member.tobytes() for member in again] == [member.tobytes() for member in others],
-        "members() returned other distributions at the second call, so that a run would not repeat",
-    )
+        energy = member.quantile(uniform)
+        require(np.isfinite(energy).all(), f"{member!r} is a member and has barriers that are not finite")
+        require(not np.array_equal(energy, own), f"{member!r} is a member with the barriers of the distribution itself")
+        same = np.array_equal(second.quantile(uniform), energy)
+        require(same, "members() returned other distributions at the second call, so that a run would not repeat")
 
 
 @check_of(Barriers)
@@ -161,29 +148,37 @@ def _trade_keeps_the_barriers(component: Barriers) -> None:
 check_interaction = whole(Interaction)
 
 
-def _neighbours(component: Interaction, grid: tuple[int, int], periodic: bool, sites: np.ndarray) -> np.ndarray:
-    return call_with(component.neighbours, grid, periodic, sites, pixel_size=_PIXEL, positions=None)
-
-
-def _coupling(
-    component: Interaction, grid: tuple[int, int], periodic: bool, sites: np.ndarray, neighbours: np.ndarray, seed: Any
-) -> np.ndarray:
-    where = {"pixel_size": _PIXEL, "positions": None, "pixels": grid, "periodic": periodic}
-    return call_with(component.coupling, sites, neighbours, seed, **where)
-
-
 #: edge of a pixel, nm
 _PIXEL = 0.4518
+_Grid = tuple[int, int]
 _GRIDS = ((1, 1), (1, 2), (2, 2), (1, 7), (2, 5), (3, 3), (7, 5), (13, 11))
 
 
-def _patches_of_sites(grid: tuple[int, int]) -> Iterator[np.ndarray]:
-    size = grid[0] * grid[1]
-    yield np.arange(size, dtype=np.int64)
-    some = np.flatnonzero(np.random.default_rng(size).random(size) < 0.6).astype(np.int64)
-    if some.size < size:
-        yield some
-    yield np.empty(0, np.int64)
+def _graph(
+    component: Interaction, grid: _Grid, periodic: bool, sites: np.ndarray, seed: Any = 0, size: float = _PIXEL
+) -> tuple[np.ndarray, np.ndarray]:
+    """Neighbours of each site, and the energies; neither may need the sites to be writable."""
+    where = {"pixel_size": size, "positions": None}
+    neighbours = call_with(component.neighbours, grid, periodic, sites, **where)
+    rows = neighbours.ndim == 2 and len(neighbours) == sites.size
+    require(rows, f"{grid[0]}x{grid[1]} grid, {sites.size} sites: neighbours of shape {neighbours.shape}")
+    given = np.array(neighbours)
+    given.setflags(write=False)
+    return neighbours, call_with(component.coupling, sites, given, seed, pixels=grid, periodic=periodic, **where)
+
+
+def _every_site(grid: _Grid) -> np.ndarray:
+    """As a component receives them, which must not change them."""
+    sites = np.arange(grid[0] * grid[1], dtype=np.int64)
+    sites.setflags(write=False)
+    return sites
+
+
+def _patches_of_sites(grid: _Grid) -> Iterator[np.ndarray]:
+    every = _every_site(grid)
+    yield every
+    yield every[np.random.default_rng(every.size).random(every.size) < 0.6]
+    yield every[:0]
 
 
 @asks(Barriers)
@@ -198,16 +193,11 @@ def _barriers_asked(component: Barriers) -> Questions:
 
 @asks(Interaction)
 def _interactions_asked(component: Interaction) -> Questions:
-    def ask(grid: tuple[int, int], periodic: bool, sites: np.ndarray, seed: int, size: float) -> Any:
-        def asked(interaction: Interaction) -> Any:
-            found = call_with(interaction.neighbours, grid, periodic, sites, pixel_size=size, positions=None)
-            where = {"pixel_size": size, "positions": None, "pixels": grid, "periodic": periodic}
-            return found, call_with(interaction.coupling, sites, found, seed, **where)
+    def ask(*given: Any) -> Any:
+        return lambda interaction: _graph(interaction, *given)
 
-        return asked
-
-    for number, what in enumerate(("turned", "not periodic", "another seed", "larger pixels", "other sites"), 14):
-        every, grid = np.arange(9 * number, dtype=np.int64), (number, 9)
+    for number in range(14, 19):
+        every, grid = _every_site((number, 9)), (number, 9)
         plain = (grid, True, every[::2], 3, _PIXEL)
         changed = {
             "turned": (grid[::-1], *plain[1:]),
@@ -216,6 +206,7 @@ def _interactions_asked(component: Interaction) -> Questions:
             "larger pixels": (*plain[:4], 1.3 * _PIXEL),
             "other sites": (grid, True, every[1::2], *plain[3:]),
         }
+        what = list(changed)[number - 14]
         yield f"half of a grid of {number}x9 pixels", ask(*plain)
         yield f"half of a grid of {number}x9 pixels, {what}", ask(*changed[what])
 
@@ -223,65 +214,29 @@ def _interactions_asked(component: Interaction) -> Questions:
 @check_of(Interaction, known=True)
 def _graph_is_sound(component: Interaction) -> None:
     """The graph is symmetric, with one energy per pair, no self-loops and no double edges, on all small grids."""
-    for grid in _GRIDS:
-        for periodic in (True, False):
-            for sites in _patches_of_sites(grid):
-                where = f"{grid[0]}x{grid[1]} grid, periodic={periodic}, {sites.size} sites"
-                neighbours = _neighbours(component, grid, periodic, sites)
-                require(neighbours.dtype == np.int32, f"{where}: neighbours are {neighbours.dtype}, not int32")
-                require(neighbours.ndim == 2 and neighbours.shape[0] == sites.size, f"{where}: {neighbours.shape}")
-                coupling = _coupling(component, grid, periodic, sites, neighbours, 0)
-                require(coupling.shape == neighbours.shape, f"{where}: coupling {coupling.shape}")
-                require((coupling[neighbours < 0] == 0).all(), f"{where}: energy without a neighbour")
-                try:
-                    ReactionLattice(
-                        pixels=grid,
-                        sites=sites,
-                        forming=np.ones(sites.size),
-                        neighbours=neighbours,
-                        coupling=coupling,
-                    )
-                except InputError as error:
-                    raise AssertionError(f"{where}: {error}") from error
+    for grid, periodic in product(_GRIDS, (True, False)):
+        for sites in _patches_of_sites(grid):
+            where = f"{grid[0]}x{grid[1]} grid, periodic={periodic}, {sites.size} sites"
+            neighbours, coupling = _graph(component, grid, periodic, sites)
+            require(neighbours.dtype == np.int32, f"{where}: neighbours are {neighbours.dtype}, not int32")
+            require(coupling.shape == neighbours.shape, f"{where}: coupling {coupling.shape}")
+            require((coupling[neighbours < 0] == 0).all(), f"{where}: energy without a neighbour")
+            fields: dict[str, Any] = {"neighbours": neighbours, "coupling": coupling}
+            with naming(where):
+                ReactionLattice(pixels=grid, sites=sites, forming=np.ones(sites.size), **fields)
 
 
-def _edges(component: Interaction, grid: tuple[int, int], periodic: bool, sites: np.ndarray) -> set[tuple[int, int]]:
-    """Pairs of neighbours as pixels, each from both ends."""
-    neighbours = _neighbours(component, grid, periodic, sites)
-    i, s = np.nonzero(neighbours >= 0)
-    return set(zip(sites[i].tolist(), sites[neighbours[i, s]].tolist(), strict=True))
+def _pairs(
+    component: Interaction, grid: _Grid, periodic: bool, sites: np.ndarray, seed: Any = 0
+) -> dict[tuple[int, int], float]:
+    """The energies of pairs of neighbours as pixels, each from both ends."""
+    neighbours, coupling = _graph(component, grid, periodic, sites, seed)
+    there = neighbours >= 0
+    ends = np.broadcast_to(sites[:, None], there.shape)[there], sites[neighbours[there]]
+    return dict(zip(zip(*(end.tolist() for end in ends), strict=True), coupling[there].tolist(), strict=True))
 
 
-def _pairs(component: Interaction, grid: tuple[int, int], sites: np.ndarray, seed: Any) -> dict[tuple[int, int], float]:
-    neighbours = _neighbours(component, grid, True, sites)
-    coupling = _coupling(component, grid, True, sites, neighbours, seed)
-    i, s = np.nonzero(neighbours >= 0)
-    return {
-        (int(sites[a]), int(sites[b])): float(energy)
-        for a, b, energy in zip(i, neighbours[i, s], coupling[i, s], strict=True)
-    }
-
-
-@check_of(Interaction)
-def _calls_do_not_interfere(component: Interaction) -> None:
-    """Graph and energies depend on the arguments alone, not on earlier or concurrent calls; the arguments stay as they
-    were, and may be read-only."""
-    grids = ((12, 10), (10, 12), (7, 5))
-    every = [np.arange(nx * ny, dtype=np.int64) for nx, ny in grids]
-
-    def found(number: int) -> tuple[bytes, bytes]:
-        sites = every[number]
-        neighbours = _neighbours(component, grids[number], True, sites)
-        given = np.array(neighbours)
-        given.setflags(write=False)
-        return neighbours.tobytes(), _coupling(component, grids[number], True, sites, given, 4).tobytes()
-
-    answers = [found(number) for number in range(3)]
-    require(all(np.array_equal(sites, np.arange(sites.size)) for sites in every), "the array of sites was changed")
-    for sites in every:
-        sites.setflags(write=False)
-    require([found(number) for number in range(3)] == answers, "read-only arrays of sites gave another result")
-    calls_are_independent(found, range(3))
+check_of(Interaction)(calls_are_independent)
 
 
 @check_of(Interaction)
@@ -289,24 +244,20 @@ def _graph_is_the_same_everywhere(component: Interaction) -> None:
     """On a full periodic grid that is not square, all sites have the same neighbours around them, across the edges too:
     rows and columns are not mixed up, and nothing is missing at the edges."""
     for nx, ny in ((24, 18), (18, 24)):
-        graph = _edges(component, (nx, ny), True, np.arange(nx * ny, dtype=np.int64))
+        graph = _pairs(component, (nx, ny), True, _every_site((nx, ny)))
         require(graph, f"no site has a neighbour on a full {nx}x{ny} grid")
+        place = np.arange(nx * ny).reshape(nx, ny)
         # rows or columns may be staggered, so the graph must repeat after two
         for step in ((2, 0), (0, 2)):
-            missing = sorted({(_moved(a, step, nx, ny), _moved(b, step, nx, ny)) for a, b in graph} - graph)
-            if missing:
-                a, b = missing[0]
-                raise AssertionError(
-                    f"full periodic grid of {nx}x{ny} pixels: the graph is not the same everywhere. Pixels "
-                    f"{divmod(a, ny)} and {divmod(b, ny)} are no neighbours, but those {step} before them are "
-                    f"({len(missing)} such pairs); a pixel (x, y) has the index x·ny + y, and the grid repeats in both "
-                    "directions"
-                )
-
-
-def _moved(pixel: int, step: tuple[int, int], nx: int, ny: int) -> int:
-    x, y = divmod(pixel, ny)
-    return (x + step[0]) % nx * ny + (y + step[1]) % ny
+            moved = np.roll(place, (-step[0], -step[1]), (0, 1)).ravel().tolist()
+            missing = sorted({(moved[a], moved[b]) for a, b in graph} - graph.keys())
+            pairs = [[divmod(pixel, ny) for pixel in pair] for pair in missing]
+            require(
+                not pairs,
+                f"full periodic grid of {nx}x{ny} pixels: the graph is not the same everywhere. Pixels {pairs[:1]} are "
+                f"no neighbours, but those {step} before them are ({len(pairs)} such pairs); a pixel (x, y) has the "
+                "index x·ny + y, and the grid repeats in both directions",
+            )
 
 
 @check_of(Interaction)
@@ -314,22 +265,19 @@ def _patch_keeps_its_graph(component: Interaction) -> None:
     """A patch has the same graph at the edges of a grid that is not periodic as inside a larger grid: nothing wraps
     where nothing is periodic."""
     small, large, corner = (8, 6), (60, 52), (26, 22)
-    inside = np.arange(small[0] * small[1], dtype=np.int64)
+    inside = _every_site(small)
     for sites in (inside, inside[np.random.default_rng(3).random(inside.size) < 0.7]):
         x, y = np.divmod(sites, small[1])
         embedded = (x + corner[0]) * large[1] + y + corner[1]
         back = dict(zip(embedded.tolist(), sites.tolist(), strict=True))
-        mine = _edges(component, small, False, sites)
+        mine = _pairs(component, small, False, sites).keys()
         for periodic in (False, True):
-            its = {(back[a], back[b]) for a, b in _edges(component, large, periodic, embedded)}
-            if mine == its:
-                continue
-            a, b = min(mine ^ its)
-            have, lack = ("8x6", "larger") if (a, b) in mine else ("larger", "8x6")
-            raise AssertionError(
-                f"pixels {divmod(a, small[1])} and {divmod(b, small[1])} of a patch are neighbours on the {have} grid "
-                f"and not on the {lack} one (8x6, not periodic; larger: 60x52, periodic={periodic}, the patch in its "
-                "middle)"
+            its = {(back[a], back[b]) for a, b in _pairs(component, large, periodic, embedded)}
+            differing = [[divmod(pixel, small[1]) for pixel in pair] for pair in sorted(mine ^ its)]
+            require(
+                not differing,
+                f"pixels {differing[:1]} of a patch are neighbours on one of two grids alone: of 8x6 pixels, not "
+                f"periodic, and of 60x52 with periodic={periodic} and the patch in its middle",
             )
 
 
@@ -337,8 +285,8 @@ def _patch_keeps_its_graph(component: Interaction) -> None:
 def _pair_keeps_its_energy(component: Interaction) -> None:
     """The energy of a pair of pixels does not depend on the other sites of the contact."""
     grid = (13, 11)
-    everywhere, here = list(_patches_of_sites(grid))[:2]
-    all_pairs, some = _pairs(component, grid, everywhere, 3), _pairs(component, grid, here, 3)
+    everywhere, here, _ = _patches_of_sites(grid)
+    all_pairs, some = (_pairs(component, grid, True, sites, 3) for sites in (everywhere, here))
     require(all_pairs and some, "no site has a neighbour on a full 13x11 grid")
     chosen = set(here.tolist())
     expected = {pair: energy for pair, energy in all_pairs.items() if chosen.issuperset(pair)}
@@ -348,8 +296,7 @@ def _pair_keeps_its_energy(component: Interaction) -> None:
 @check_of(Interaction)
 def _energies_are_in_ev(component: Interaction) -> None:
     """Energies are in eV: the largest is between 1e-6 and 10 eV, unless all are zero."""
-    energies = np.abs(list(_pairs(component, (13, 11), np.arange(143, dtype=np.int64), 1).values()))
-    largest = float(energies.max())
+    largest = float(np.abs(_graph(component, (13, 11), True, _every_site((13, 11)), 1)[1]).max())
     require(
         largest == 0 or 1e-6 <= largest <= 10,
         f"the largest energy of a pair is {largest:.3g} eV; expected 1e-6 to 10 eV: is it in k_BT, kJ/mol or J?",
@@ -359,27 +306,20 @@ def _energies_are_in_ev(component: Interaction) -> None:
 @check_of(Interaction)
 def _coupling_follows_its_seed(component: Interaction) -> None:
     """The same seed gives the same energies, other seeds give others or none does."""
-    grid, sites = (13, 11), np.arange(143, dtype=np.int64)
-    seeds_are_harmless(lambda seed: tuple(_pairs(component, grid, sites, seed).items()), "coupling")
+    grid = (13, 11)
+    seeds_are_harmless(lambda seed: _pairs(component, grid, True, _every_site(grid), seed), "coupling")
 
 
 @check_of(Interaction)
 def _lengths_are_in_nm(component: Interaction) -> None:
     """On pixels twice as large, with all lengths among the options doubled, graph and energies are the same."""
-    sites = np.arange(143, dtype=np.int64)
     # an energy is stress times volume
     larger = rescaled(component, stress=1 / 8, length=2)
     for grid in ((13, 11), (11, 13)):
-        for one, two in zip(*(_both(*case, grid, sites) for case in ((component, 1.0), (larger, 2.0))), strict=True):
+        own = _graph(component, grid, True, _every_site(grid), 3)
+        for one, two in zip(own, _graph(larger, grid, True, _every_site(grid), 3, 2 * _PIXEL), strict=True):
             require(
                 one.shape == two.shape and np.allclose(one, two, rtol=1e-9, atol=1e-12),
                 "with pixels and all lengths among the options doubled, neighbours or energies differ; is a length in "
                 "pixels, or a size of pixels assumed?",
             )
-
-
-def _both(component: Interaction, scale: float, grid: tuple[int, int], sites: np.ndarray) -> tuple[np.ndarray, ...]:
-    size = scale * _PIXEL
-    found = call_with(component.neighbours, grid, True, sites, pixel_size=size, positions=None)
-    where = {"pixel_size": size, "positions": None, "pixels": grid, "periodic": True}
-    return found, call_with(component.coupling, sites, found, 3, **where)

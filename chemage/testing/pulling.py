@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
+from itertools import product
 from typing import Any
 
 import numpy as np
 
-from chemage.foundation.errors import InputError
 from chemage.foundation.units import EV_PER_GPA_NM3, KB
 from chemage.friction.pulling import BALANCE, Drive, Partners, PullHistory, Pulling
 from chemage.lattices.lattice import ReactionLattice
-from chemage.testing.answers import Questions, asks
+from chemage.testing.answers import Questions, asks, calls_are_independent
 from chemage.testing.checks import (
     CHANCE,
     binomial_chance,
-    calls_are_independent,
     check_of,
     refuses,
     require,
@@ -68,15 +67,13 @@ def _run(
 
 @asks(Pulling)
 def _pulls_asked(component: Pulling) -> Questions:
-    for number, speed in enumerate((1e2, 1e4, 1e6)):
+    def ask(number: int, speed: float, seed: int) -> Any:
         lattice, times = _lattice(30 + number, 0.5, interacting=True), np.linspace(0, 1.0 / speed, 5)
+        return lambda engine: _bytes(_run(engine, lattice, _drive(speed=speed), times, seed))
+
+    for number, speed in enumerate((1e2, 1e4, 1e6)):
         for seed in (1, 2):
-            yield (
-                f"{speed:g} nm/s, seed {seed}",
-                lambda engine, lattice=lattice, times=times, speed=speed, seed=seed: _bytes(
-                    engine.run(lattice, _drive(speed=speed), times, temperature=TEMPERATURE, seed=seed)
-                ),
-            )
+            yield f"{speed:g} nm/s, seed {seed}", ask(number, speed, seed)
 
 
 def _bytes(pulled: PullHistory) -> bytes:
@@ -88,38 +85,34 @@ def _bonds_break_as_their_barrier_falls(engine: Pulling) -> None:
     """Of bonds that are stretched at a constant speed, as many are left as the integral of their rate says, for each
     shape of the energy and also where the drive is a stiff spring."""
     n = 2000
-    for shape in ("cusp", "cubic", "constant"):
-        for spring in (None, 1e9):
-            drive = _drive(shape=shape, spring=spring)
-            stretch = np.linspace(0, 0.4, 40_001)
-            hazard = _hazard(drive, 0.8, stretch)
-            at = np.searchsorted(hazard, [0.1, 0.7, 2.0])
-            pulled = _run(engine, _lattice(n), drive, stretch[at] / drive.speed, start=np.ones(n, bool))
-            for bonds, where in zip(pulled.bonds, at, strict=True):
-                chance = binomial_chance(int(bonds), n, float(np.exp(-hazard[where])))
-                require(
-                    chance > CHANCE,
-                    f"{shape}, spring {spring}: {bonds} of {n} bonds are left at a stretch of {stretch[where]:.4g} nm; "
-                    f"expected {n * np.exp(-hazard[where]):.1f}",
-                )
+    stretch = np.linspace(0, 0.4, 40_001)
+    for shape, spring in product(("cusp", "cubic", "constant"), (None, 1e9)):
+        drive = _drive(shape=shape, spring=spring)
+        hazard = _hazard(drive, 0.8, stretch)
+        at = np.searchsorted(hazard, [0.1, 0.7, 2.0])
+        pulled = _run(engine, _lattice(n), drive, stretch[at] / drive.speed, start=np.ones(n, bool))
+        for bonds, where in zip(pulled.bonds, at, strict=True):
+            left = float(np.exp(-hazard[where]))
+            require(
+                binomial_chance(int(bonds), n, left) > CHANCE,
+                f"{shape}, spring {spring}: {bonds} of {n} bonds are left at a stretch of {stretch[where]:.4g} nm; "
+                f"expected {n * left:.1f}",
+            )
 
 
 @check_of(Pulling, known=True)
 def _steady_sliding_is_the_closed_form(engine: Pulling) -> None:
     """Independent sites in steady sliding carry Ḟ∫tS dt/(1/k_on + ∫S dt) each (Schallamach 1963)."""
     n, forming, breaking = 300, 0.5, 0.8
-    lattice = _lattice(n, forming, breaking)
+    lattice, stretch = _lattice(n, forming, breaking), np.linspace(0, 0.4, 100_001)
     for speed in (1e2, 1e4, 1e5):
         drive = _drive(speed=speed)
-        stretch = np.linspace(0, 0.4, 100_001)
-        survival = np.exp(-_hazard(drive, breaking, stretch))
-        cycle = speed / (NU * np.exp(-forming / KT)) + float(survival.sum()) * stretch[1]
-        expected = drive.bond_stiffness * float((stretch * survival).sum()) * stretch[1] / cycle
+        survival = np.exp(-_hazard(drive, breaking, stretch)) * stretch[1]
+        cycle = speed / (NU * np.exp(-forming / KT)) + float(survival.sum())
+        expected = drive.bond_stiffness * float(stretch @ survival) / cycle
         times = np.array([8.0, 30.0]) * cycle / speed
-        forces = []
-        for seed in range(10):
-            pulled = _run(engine, lattice, drive, times, seed)
-            forces.append(float(np.diff(pulled.work)[0] / (np.diff(times)[0] * speed * n)))
+        works = [np.diff(_run(engine, lattice, drive, times, seed).work)[0] for seed in range(10)]
+        forces = np.array(works) / (np.diff(times) * speed * n)
         error = np.std(forces, ddof=1) / len(forces) ** 0.5
         require(
             abs(np.mean(forces) - expected) < FAR * error,
@@ -133,24 +126,21 @@ def _spring_bonds_and_friction_balance(engine: Pulling) -> None:
     rests while the spring pulls less than they hold."""
     n = 200
     for spring, friction in ((None, 5.0), (1e3, 0.0), (1e3, 50.0), (20.0, 5.0)):
-        drive = _drive(spring=spring, friction=friction)
+        drive, where = _drive(spring=spring, friction=friction), f"spring {spring}"
         times = np.linspace(0, 2.0 / drive.speed, 41)
         pulled = _run(engine, _lattice(n, 0.5), drive, times, start=np.ones(n, bool))
         worst = float(np.abs(pulled.imbalance).max())
-        require(worst < BALANCE, f"spring {spring}: energy is lost or made, {worst:.2g} of the work")
+        require(worst < BALANCE, f"{where}: energy is lost or made, {worst:.2g} of the work")
         held = drive.bond_stiffness * float(pulled.stretch.sum()) + friction
-        moved = drive.speed * times - pulled.displacement - (0.0 if spring is None else pulled.force / spring)
-        require(np.allclose(moved, 0, atol=1e-9), f"spring {spring}: drive, slider and spring do not fit together")
-        if pulled.displacement[-1] > 0:
-            require(
-                np.isclose(pulled.force[-1], held, rtol=1e-9),
-                f"spring {spring}: the force is {pulled.force[-1]:.6g} nN, but bonds and friction hold {held:.6g} nN",
-            )
-        if spring is not None:
-            rests = spring * drive.speed * times < friction
-            require(
-                not pulled.displacement[rests].any(), f"the slider moves although it has a friction of {friction} nN"
-            )
+        stiffness, force = spring or np.inf, pulled.force[-1]
+        moved = drive.speed * times - pulled.displacement - pulled.force / stiffness
+        require(np.allclose(moved, 0, atol=1e-9), f"{where}: drive, slider and spring do not fit together")
+        require(
+            pulled.displacement[-1] <= 0 or np.isclose(force, held, rtol=1e-9),
+            f"{where}: the force is {force:.6g} nN, but bonds and friction hold {held:.6g} nN",
+        )
+        rests = drive.speed * times < friction / stiffness
+        require(not pulled.displacement[rests].any(), f"the slider moves although it has a friction of {friction} nN")
 
 
 @check_of(Pulling)
@@ -162,10 +152,8 @@ def _going_on_is_exact(engine: Pulling) -> None:
     for changes in ({}, {"partner": "new"}, {"spring": 100.0, "friction": 3.0}):
         drive = _drive(**changes)
         more = {"partners": partners} if drive.partner == "new" else {}
-        whole_run = _run(engine, lattice, drive, times, **more)
-        first = _run(engine, lattice, drive, times[:4], **more)
+        whole_run, first, once = (_run(engine, lattice, drive, part, **more) for part in (times, times[:4], times[-1:]))
         second = _run(engine, lattice, drive, times[4:], start=first, **more)
-        once = _run(engine, lattice, drive, times[-1:], **more)
         for name in ("force", "displacement", "work", "bonds", "formed", "broken"):
             parts = np.concatenate([getattr(first, name), getattr(second, name)])
             require(np.array_equal(parts, getattr(whole_run, name)), f"{name} differs where a pull goes on ({changes})")
@@ -192,26 +180,19 @@ def _at_rest_nothing_moves(engine: Pulling) -> None:
 
 @check_of(Pulling)
 def _seeds_decide_the_noise(engine: Pulling) -> None:
-    """The same seed gives the same pull, another one another; calls do not disturb each other."""
+    """The same seed gives the same pull, another one another."""
     lattice, times = _lattice(40, 0.5), np.array([1e-4])
     seeds_are_harmless(lambda seed: _bytes(_run(engine, lattice, _drive(), times, seed)), "a pull", chance=True)
-    lattices = [_lattice(n, 0.5) for n in (20, 21, 40)]
-    calls_are_independent(lambda one: _bytes(_run(engine, one, _drive(), times)), lattices, *lattices)
+
+
+check_of(Pulling)(calls_are_independent)
 
 
 @check_of(Pulling)
 def _what_cannot_be_pulled_is_refused(engine: Pulling) -> None:
     """Bonds that last, times before the start and new partners that are not given are refused."""
-    lasting = _lattice(5).model_copy(update={"breaking": None})
-    refuses("bonds that last", lambda: engine.run(lasting, _drive(), [1.0], temperature=TEMPERATURE), InputError)
-    first = _run(engine, _lattice(5), _drive(), [1e-5])
-    refuses(
-        "an earlier time",
-        lambda: engine.run(_lattice(5), _drive(), [1e-6], temperature=TEMPERATURE, start=first),
-        InputError,
-    )
-    refuses(
-        "no partners",
-        lambda: engine.run(_lattice(5), _drive(partner="new"), [1.0], temperature=TEMPERATURE),
-        InputError,
-    )
+    lattice = _lattice(5)
+    lasting, first = lattice.model_copy(update={"breaking": None}), _run(engine, lattice, _drive(), [1e-5])
+    refuses("bonds that last", lambda: _run(engine, lasting, _drive(), [1.0]))
+    refuses("an earlier time", lambda: _run(engine, lattice, _drive(), [1e-6], start=first))
+    refuses("no partners", lambda: _run(engine, lattice, _drive(partner="new"), [1.0]))

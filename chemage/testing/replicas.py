@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
-import unicodedata
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import islice, product
+from operator import attrgetter
+from typing import Any
 
 import numpy as np
 
@@ -17,8 +18,8 @@ from chemage.ageing.observables import Observable
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation import random
 from chemage.foundation.checks import Seed
-from chemage.foundation.errors import InputError, PluginError
-from chemage.foundation.outputs import Checker, declaration_problems
+from chemage.foundation.errors import InputError
+from chemage.foundation.outputs import Checker, declaration_problems, file_problem
 from chemage.foundation.units import EV_PER_GPA_NM3, KB, unit_registry
 from chemage.friction.role import Bonded, Rupture
 from chemage.kinetics.history import BondHistory
@@ -27,8 +28,8 @@ from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.independent import TwoState
 from chemage.lattices.lattice import ReactionLattice
 from chemage.lattices.role import Barriers
-from chemage.testing.answers import Questions, asks
-from chemage.testing.checks import calls_are_independent, check_of, refuses, require, whole
+from chemage.testing.answers import Questions, asks, calls_are_independent
+from chemage.testing.checks import check_of, naming, refuses, require, whole
 
 
 class Even(Barriers):
@@ -43,12 +44,31 @@ class Even(Barriers):
         return np.where((energy >= 0.8) & (energy <= 1.4), 1 / 0.6, 0.0)
 
 
-class FinishedReplica(NamedTuple):
-    """What is there when the kinetics of a replica have been run."""
+TIMES = (0.0, 0.1, 10.0, 10.0, 1e4)
 
-    contact: ContactSolution
-    lattice: ReactionLattice
-    history: BondHistory
+
+def contact_of(pressure: np.ndarray, periodic: bool = True) -> ContactSolution:
+    """A contact with this pressure, in pixels of 0.5 nm."""
+    load = float(pressure.sum()) * 0.25
+    return ContactSolution(pressure=pressure, load=load, pixel_size=0.5, modulus=35.3, rms_slope=0.1, periodic=periodic)
+
+
+def history_of(
+    lattice: ReactionLattice, times: Any, states: np.ndarray, temperature: float, engine: str
+) -> BondHistory:
+    """The history of sites with these ``states`` at each time, (m, n), of which no bond has broken."""
+    bonds = states.sum(axis=1, dtype=np.int64)
+    return BondHistory(
+        hold_times=np.array(times),
+        bonds=bonds,
+        formed=bonds,
+        broken=np.zeros_like(bonds),
+        state=states[-1],
+        time=float(times[-1]),
+        temperature=temperature,
+        engine=engine,
+        lattice_hash=lattice.digest(),
+    )
 
 
 def finished(
@@ -56,105 +76,99 @@ def finished(
     bonded: int,
     *,
     grid: tuple[int, int] = (8, 8),
-    times: Sequence[float] = (0.0, 10.0),
+    times: Sequence[float] = TIMES,
     breaking: bool = True,
     interacting: bool = True,
-) -> FinishedReplica:
+) -> Bonded:
     """A finished replica: ``n`` sites scattered over the grid, ``bonded`` of them with a bond at the end."""
     rng = np.random.default_rng(n + 100 * grid[0])
     pixels = grid[0] * grid[1]
-    touching = np.sort(rng.permutation(pixels)[: min(n + 3 * (n > 1), pixels)])
-    if 1 < touching.size < pixels:
-        touching[-1] = pixels - 1
+    # the last pixel is one of them
+    touching = np.sort(np.append(pixels - 1, rng.permutation(pixels - 1))[: n + 3 * (n > 1)])
     pressure = np.zeros(pixels)
     pressure[touching] = rng.uniform(0.3, 3.0, touching.size)
-    contact = ContactSolution(
-        pressure=pressure.reshape(grid), load=float(pressure.sum()) * 0.25, pixel_size=0.5, modulus=35.3, rms_slope=0.1
-    )
-    sites = touching[touching.size - n :]
-    fields: dict[str, Any] = {"breaking": np.full(n, 1.1)} if breaking else {}
+    fields: dict[str, Any] = {"forming": rng.uniform(0.8, 1.4, n)}
+    if breaking:
+        fields["breaking"] = rng.uniform(0.9, 1.3, n)
     if interacting:
         k = np.arange(n)
-        near = np.stack([np.where(k + 1 < n, k + 1, -1), k - 1], axis=1) if n else np.empty((0, 2), int)
-        fields |= {"neighbours": near.astype(np.int32), "coupling": np.where(near >= 0, 0.05, 0.0)}
-    forming = rng.uniform(0.8, 1.4, n)
-    lattice = ReactionLattice(pixels=grid, sites=sites, forming=forming, pixel_size=0.5, **fields)
-    counts = np.linspace(0 if len(times) > 1 else bonded, bonded, len(times)).astype(np.int64)
-    history = BondHistory(
-        hold_times=np.array(times),
-        bonds=counts,
-        formed=counts,
-        broken=np.zeros(len(times), np.int64),
-        state=_rank(n) < bonded,
-        time=times[-1],
-        temperature=300.0,
-        engine="by-hand",
-        lattice_hash=lattice.digest(),
-    )
-    return FinishedReplica(contact, lattice, history)
+        near = np.stack([np.where(k + 1 < n, k + 1, -1), k - 1], axis=1).astype(np.int32)
+        fields |= {"neighbours": near, "coupling": np.where(near >= 0, 0.05, 0.0)}
+    lattice = ReactionLattice(pixels=grid, sites=touching[touching.size - n :], pixel_size=0.5, **fields)
+    counts = np.linspace(bonded, 0, len(times)).astype(np.int64)[::-1]
+    history = history_of(lattice, times, _states(n, counts), 300.0, "by-hand")
+    of_bonds: Any = Even() if breaking else None
+    chemistry = Chemistry(forming=Even(), breaking=of_bonds)
+    return Bonded(contact_of(pressure.reshape(grid)), chemistry, lattice, history)
 
 
-def _rank(n: int) -> np.ndarray:
-    """In which order ``n`` sites form their bonds."""
-    return np.random.default_rng(n).permutation(n)
+def _states(n: int, bonds: np.ndarray) -> np.ndarray:
+    """Which of ``n`` sites have so many bonds, (m, n): a bond that has formed stays."""
+    return np.random.default_rng(n).permutation(n) < bonds[:, None]
 
 
-def with_states(replica: FinishedReplica) -> FinishedReplica:
-    """The replica with the state of every site at every hold time: a bond that has formed stays."""
-    if replica.history.states is not None:
-        return replica
-    states = _rank(replica.lattice.sites.size) < replica.history.bonds[:, None]
-    return replica._replace(history=replica.history.model_copy(update={"states": states}))
+def with_states(replica: Bonded) -> Bonded:
+    """The replica with the state of every site at every hold time."""
+    states = _states(replica.lattice.sites.size, replica.history.bonds)
+    return changed(replica, history={"states": states})
 
 
-Case = tuple[str, FinishedReplica]
+def changed(replica: Bonded, **changes: Mapping[str, Any]) -> Bonded:
+    """The replica with other fields of its parts: ``contact``, ``lattice`` or ``history``."""
+    contact = replica.contact.model_copy(update=changes.get("contact"))
+    lattice = replica.lattice.model_copy(update=changes.get("lattice"))
+    update = {"lattice_hash": lattice.digest(), **changes.get("history", {})}
+    return replace(replica, contact=contact, lattice=lattice, history=replica.history.model_copy(update=update))
 
 
-def usual(times: Sequence[float] = (0.0, 10.0)) -> list[Case]:
+#: what can be asked for its answer to a replica
+Asked = Observable | Rupture
+
+
+def usual() -> list[tuple[str, Bonded]]:
     """Replicas with and without bonds and sites, each with what it is; the second is the plain one."""
     counts = ((40, 0), (40, 17), (40, 40), (1, 1), (0, 0))
-    return [(f"{bonded} of {n} sites bonded", finished(n, bonded, times=times)) for n, bonded in counts]
+    return [(f"{bonded} of {n} sites bonded", finished(n, bonded)) for n, bonded in counts]
 
 
-def unusual(times: Sequence[float] = (0.0, 10.0)) -> list[Case]:
-    """Replicas on lattices that lack a part, on grids that are not square, and at other hold times."""
-    cases: list[Case] = []
-    for breaking, interacting in ((False, True), (True, False), (False, False)):
-        lack = [word for word, there in (("breaking", breaking), ("interaction", interacting)) if not there]
-        replica = finished(40, 17, breaking=breaking, interacting=interacting, times=times)
-        cases.append((f"a lattice without {' and '.join(lack)}", replica))
-    for grid in ((13, 5), (5, 13)):
-        cases.append((f"a grid of {grid[0]}x{grid[1]} pixels", finished(40, 17, grid=grid, times=times)))
-    for others in ((10.0,), (0.0,), (1.0, 1.0, 10.0)):
-        cases.append((f"hold times of {', '.join(f'{t:g}' for t in others)} s", finished(40, 17, times=others)))
-    return cases
+#: what is left out or changed of a replica that is usual
+UNUSUAL: dict[str, dict[str, Any]] = {
+    "a lattice without breaking": {"breaking": False},
+    "a lattice without interaction": {"interacting": False},
+    "a lattice without breaking and interaction": {"breaking": False, "interacting": False},
+    "a grid of 13x5 pixels": {"grid": (13, 5)},
+    "a grid of 5x13 pixels": {"grid": (5, 13)},
+    "a hold time of 10 s": {"times": (10.0,)},
+    "a hold time of 0 s": {"times": (0.0,)},
+    "hold times of 1, 1, 10 s": {"times": (1.0, 1.0, 10.0)},
+}
 
 
-def _answer(what: str, method: str, call: Callable[[], Any]) -> Any:
-    try:
-        return call()
-    except Exception as error:
-        raise AssertionError(f"{what}: {method}() raised {type(error).__name__}: {error}") from error
+def _given(component: Asked, replica: Bonded) -> Bonded:
+    return with_states(replica) if component.states and replica.history.states is None else replica
 
 
-# -- observables ------------------------------------------------------------------------------------------------------
-
-
-def numbers(component: Observable, replica: FinishedReplica, what: str) -> dict[str, np.ndarray]:
-    """What the observable measures, which must be named numbers."""
-    seen = with_states(replica) if component.states else replica
-    answer = _answer(what, "measure", lambda: component.measure(*seen))
-    right = isinstance(answer, Mapping) and answer
-    require(right, f"{what}: measure() returned {answer!r}; expected names with numbers")
+def numbers(component: Asked, replica: Bonded, what: str = "17 of 40 sites bonded") -> dict[str, np.ndarray]:
+    """What the observable measures, which must be named numbers; or the force of the law, in nN at each hold time."""
+    seen = _given(component, replica)
+    with naming(what):
+        if isinstance(component, Rupture):
+            answer: Any = {"force": component.force(seen)}
+        else:
+            answer = component.measure(seen.contact, seen.lattice, seen.history)
+    require(isinstance(answer, Mapping) and answer, f"{what}: measure() returned {answer!r}; expected names")
     require(all(isinstance(name, str) for name in answer), f"names {list(answer)} are not all str")
     values = {name: np.asarray(value) for name, value in answer.items()}
     kinds = {name: value.dtype.kind for name, value in values.items()}
     require(set(kinds.values()) <= set("fiub"), f"{what}: not numbers: {kinds}")
+    if isinstance(component, Rupture):
+        force, times = values["force"], replica.hold_times.shape
+        require(force.shape == times, f"{what}: forces of the shape {force.shape}; expected {times}, of the hold times")
+        require(np.isfinite(force).all() and (force >= 0).all(), f"{what}: negative or not finite: {force} nN")
     return values
 
 
-def _bytes(component: Observable, replica: FinishedReplica) -> dict[str, bytes]:
-    return {name: value.tobytes() for name, value in numbers(component, replica, "a replica").items()}
+# -- observables ------------------------------------------------------------------------------------------------------
 
 
 @check_of(Observable)
@@ -175,11 +189,8 @@ def _observes_numbers(component: Observable) -> None:
 def _names_are_safe(component: Observable) -> None:
     """Names can be those of a variable in a file and of a column in a table: no slash, no control character, no blank
     at either end."""
-    for name in numbers(component, finished(40, 17), "17 of 40 sites bonded"):
-        bad = [character for character in name if character in "/\\" or unicodedata.category(character)[0] == "C"]
-        require(not bad, f"the name {name!r} contains {bad[:1]!r}, which a file or a table cannot hold; rename it")
-        fits = name and name == name.strip() and name not in (".", "..") and len(name) <= 100
-        require(fits, f"the name {name!r} cannot be that of a variable in a file; rename it")
+    for problem in map(file_problem, numbers(component, finished(40, 17))):
+        require(not problem, f"{problem}; rename it")
 
 
 @check_of(Observable, known=True)
@@ -189,96 +200,63 @@ def _measures_what_it_declares(component: Observable) -> None:
     problems = declaration_problems(component.outputs)
     require(not problems, "; ".join(problems))
     for name, output in component.outputs.items():
-        try:
+        with naming(f"output {name!r}: the unit {output.unit!r} cannot be read"):
             unit_registry().parse_units(output.unit)
-        except Exception as error:
-            raise AssertionError(f"output {name!r}: the unit {output.unit!r} cannot be read: {error}") from error
         require(output.description.strip(), f"output {name!r} has no description")
     for times in ((0.0, 10.0), (0.0, 0.5, 2.0, 10.0, 10.0), (10.0,)) if component.outputs else ():
         checker = Checker("it", len(times))
         values = numbers(component, finished(40, 17, times=times), f"{len(times)} hold times")
-        try:
+        with naming(f"{len(times)} hold times"):
             checker.names(values, component.outputs)
             for name, value in values.items():
                 checker.values(name, value, component.outputs[name])
-        except PluginError as error:
-            raise AssertionError(f"{len(times)} hold times: {error}") from error
 
 
 @check_of(Observable)
 def _grids_need_not_be_square(component: Observable) -> None:
     """Contacts whose grid is not square are measured, with the same names; maps are (nx, ny)."""
-    names = set(numbers(component, finished(40, 17), "an 8x8 grid"))
+    names = numbers(component, finished(40, 17)).keys()
     for grid in ((13, 5), (5, 13)):
-        values = numbers(component, finished(40, 17, grid=grid), f"a grid of {grid[0]}x{grid[1]} pixels")
-        require(set(values) == names, f"a grid of {grid} pixels has other names: {sorted(set(values) ^ names)}")
+        what = f"a grid of {grid} pixels (nx, ny)"
+        values = numbers(component, finished(40, 17, grid=grid), what)
+        require(values.keys() == names, f"{what} has other names: {sorted(values.keys() ^ names)}")
         swapped = [name for name, value in values.items() if value.shape[-2:] == grid[::-1]]
-        require(not swapped, f"a grid of {grid} pixels (nx, ny): {', '.join(swapped)} has the shape {grid[::-1]}")
+        require(not swapped, f"{what}: {', '.join(swapped)} has the shape {grid[::-1]}")
 
 
-@check_of(Observable)
-def _measure_disturbs_nothing(component: Observable) -> None:
-    """A replica is measured the same way every time, whatever was measured before or at the same time, and stays as it
-    was."""
-    replicas = [finished(40, 17), finished(40, 40), finished(30, 5)]
-    kept = [record for replica in replicas for record in replica]
-    calls_are_independent(lambda replica: _bytes(component, replica), replicas, *kept)
+check_of(Observable)(calls_are_independent)
 
 
 # -- laws of rupture --------------------------------------------------------------------------------------------------
 
 #: force per bond, nN, from entropic bonds of a few pN to beyond any covalent bond
 LEAST, MOST = 1e-4, 100.0
-TIMES = (0.0, 0.1, 10.0, 10.0, 1e4)
 
 
-def bonded_of(component: Rupture, replica: FinishedReplica) -> Bonded:
-    """A replica with breaking barriers that differ from site to site, as the law receives it."""
-    contact, lattice, history = with_states(replica) if component.states else replica
-    breaking: Any = None
-    if lattice.breaking is not None:
-        breaking = Even()
-        order = np.random.default_rng(lattice.sites.size + 1).permutation(lattice.sites.size)
-        lattice = lattice.model_copy(update={"breaking": np.linspace(0.9, 1.3, lattice.sites.size)[order]})
-        history = history.model_copy(update={"lattice_hash": lattice.digest()})
-    return Bonded(contact, Chemistry(forming=Even(), breaking=breaking), lattice, history)
-
-
-def _some(component: Rupture, n: int = 40, bonded: int = 17) -> Bonded:
-    return bonded_of(component, finished(n, bonded, times=TIMES))
-
-
-def force_of(component: Rupture, bonded: Bonded, what: str) -> np.ndarray:
+def force_of(component: Rupture, bonded: Bonded, what: str = "17 of 40 sites bonded") -> np.ndarray:
     """What the law gives, which must be a force in nN for each hold time."""
-    force = _answer(what, "force", lambda: np.asarray(component.force(bonded)))
-    times = bonded.hold_times.size
-    require(force.dtype.kind in "fiu", f"{what}: force() returned values of type {force.dtype}; expected forces in nN")
-    require(force.shape == (times,), f"{what}: force() returned the shape {force.shape} for {times} hold times")
-    require(np.isfinite(force).all(), f"{what}: not all forces are finite: {force}")
-    require((force >= 0).all(), f"{what}: a force is negative: {force}")
-    return force
+    return numbers(component, bonded, what)["force"]
 
 
 @check_of(Rupture, known=True)
 def _forces_are_forces(component: Rupture) -> None:
     """There is one force for each hold time, finite and not negative, with or without bonds and sites."""
-    for what, replica in usual(TIMES):
-        force_of(component, bonded_of(component, replica), what)
+    for what, replica in usual():
+        force_of(component, replica, what)
 
 
 @check_of(Rupture, known=True)
 def _no_bonds_no_force(component: Rupture) -> None:
     """The force is 0 wherever there is no bond."""
-    for what, replica in usual(TIMES):
-        bonded = bonded_of(component, replica)
-        force = force_of(component, bonded, what)[bonded.bonds == 0]
+    for what, replica in usual():
+        force = force_of(component, replica, what)[replica.bonds == 0]
         require((force == 0).all(), f"{what}: a force of {force.max(initial=0.0):.4g} nN where there is no bond")
 
 
 @check_of(Rupture)
 def _forces_are_in_nn(component: Rupture) -> None:
     """Forces are in nN: the mean force per bond is between 1e-4 and 100 nN, unless all are zero."""
-    force = float(force_of(component, _some(component, 40, 40), "all sites bonded")[-1]) / 40
+    force = float(force_of(component, finished(40, 40))[-1]) / 40
     require(
         force == 0 or LEAST <= force <= MOST,
         f"the mean force per bond is {force:.3g} nN; expected {LEAST:g} to {MOST:g} nN: is it in N, pN or eV/nm?",
@@ -287,54 +265,40 @@ def _forces_are_in_nn(component: Rupture) -> None:
 
 @check_of(Rupture)
 @check_of(Observable)
-def _parts_may_be_absent(component: Observable | Rupture) -> None:
+def _parts_may_be_absent(component: Asked) -> None:
     """Lattices without breaking barriers or without interaction, contacts that are not square, and any hold times are
     treated too, or a rupture law refuses them, in ``check`` as well."""
-    for what, replica in unusual(TIMES):
-        if isinstance(component, Rupture):
-            bonded = bonded_of(component, replica)
-            try:
-                component.check(bonded.chemistry, bonded.temperature)
-            except InputError:  # it says beforehand that it cannot treat this
-                refuses(what, lambda bonded=bonded: component.force(bonded))
-            else:
-                force_of(component, bonded, what)
+    for what, fields in UNUSUAL.items():
+        replica = finished(40, 17, **fields)
+        try:
+            if isinstance(component, Rupture):
+                component.check(replica.chemistry, replica.temperature)
+        except InputError:  # it says beforehand that it cannot treat this
+            seen = _given(component, replica)
+            refuses(what, lambda seen=seen: component.force(seen))  # pyright: ignore[reportAttributeAccessIssue]
         else:
             numbers(component, replica, what)
 
 
-@check_of(Rupture)
-def _force_disturbs_nothing(component: Rupture) -> None:
-    """A replica has the same force every time, whatever was asked before or at the same time, and stays as it was."""
-    replicas = [_some(component), _some(component, 40, 40), _some(component, 30, 5)]
-    kept = [record for bonded in replicas for record in (bonded.contact, bonded.lattice, bonded.history)]
-    calls_are_independent(lambda bonded: force_of(component, bonded, "a replica").tobytes(), replicas, *kept)
+check_of(Rupture)(calls_are_independent)
 
 
 @check_of(Rupture)
 def _later_times_do_not_matter(component: Rupture) -> None:
     """The force after a hold time does not depend on what happens later: sliding after 10 s does not know of 1e4 s."""
-    bonded = _some(component, 40, 30)
-    whole = force_of(component, bonded, "30 of 40 sites bonded")
+    bonded = finished(40, 30)
+    whole = force_of(component, bonded)
     for number in range(1, bonded.hold_times.size):
-        force = force_of(component, _until(bonded, number), f"the first {number} hold times")
+        # had it been stopped there
+        names = ("hold_times", "bonds", "formed", "broken")
+        until = {name: getattr(bonded.history, name)[:number] for name in names}
+        end = {"state": _states(40, until["bonds"])[-1], "time": float(until["hold_times"][-1])}
+        force = force_of(component, changed(bonded, history=until | end), f"the first {number} hold times")
         require(
             np.allclose(force, whole[:number], rtol=1e-9, atol=0.0),
             f"the first {number} hold times alone: {force} nN, but {whole[:number]} nN where later ones follow; "
             "history.state are the bonds at the last hold time, set states = True for those at each",
         )
-
-
-def _until(bonded: Bonded, number: int) -> Bonded:
-    """The replica, had it been stopped after its first ``number`` hold times."""
-    history = bonded.history
-    changes: dict[str, Any] = {
-        name: getattr(history, name)[:number] for name in ("hold_times", "bonds", "formed", "broken")
-    }
-    states = _rank(bonded.lattice.sites.size) < history.bonds[:number, None]
-    changes |= {"state": states[-1], "time": float(history.hold_times[number - 1])}
-    changes["states"] = None if history.states is None else states
-    return Bonded(bonded.contact, bonded.chemistry, bonded.lattice, history.model_copy(update=changes))
 
 
 @check_of(Rupture)
@@ -343,14 +307,9 @@ def _unbonded_sites_do_not_matter(component: Rupture) -> None:
     on (``sampled``)."""
     if not component.states or component.sampled:
         return
-    bonded = _some(component)
-    lattice, open_sites = bonded.lattice, ~bonded.history.state
-    raised = {
-        name: np.where(open_sites, getattr(lattice, name) + 0.1, getattr(lattice, name))
-        for name in ("forming", "breaking")
-    }
-    other = Bonded(bonded.contact, bonded.chemistry, lattice.model_copy(update=raised), bonded.history)
-    here, there = (force_of(component, case, "17 of 40 sites bonded") for case in (bonded, other))
+    bonded = finished(40, 17)
+    raised = {name: getattr(bonded.lattice, name) + 0.1 * ~bonded.history.state for name in ("forming", "breaking")}
+    here, there = (force_of(component, case) for case in (bonded, changed(bonded, lattice=raised)))
     require(
         np.allclose(here, there, rtol=1e-9, atol=0.0),
         f"barriers of unbonded sites were raised by 0.1 eV: {there} nN instead of {here} nN; states are (hold times, "
@@ -384,33 +343,17 @@ class Single(Engine):
     ) -> BondHistory:
         rate = lattice.attempt_frequency * np.exp(-np.maximum(lattice.forming, 0.0) / (KB * temperature))
         formed = -np.log(random.uniforms(seed, 900, lattice.random_index)) / rate
-        bonds = np.array([np.count_nonzero(formed <= time) for time in hold_times], dtype=np.int64)
-        return BondHistory(
-            hold_times=hold_times,
-            bonds=bonds,
-            formed=bonds,
-            broken=np.zeros_like(bonds),
-            state=formed <= hold_times[-1],
-            time=float(hold_times[-1]),
-            temperature=temperature,
-            engine=self.kind,
-            lattice_hash=lattice.digest(),
-        )
-
-
-def _contact(pressure: np.ndarray, periodic: bool = True) -> ContactSolution:
-    load = float(pressure.sum()) * 0.25
-    return ContactSolution(pressure=pressure, load=load, pixel_size=0.5, modulus=35.3, rms_slope=0.1, periodic=periodic)
+        return history_of(lattice, hold_times, formed <= hold_times[:, None], temperature, self.kind)
 
 
 def _contacts() -> Iterator[tuple[str, ContactSolution]]:
-    yield "a uniform contact of 48 x 40 pixels", _contact(np.full((48, 40), 2.0))
+    yield "a uniform contact of 48 x 40 pixels", contact_of(np.full((48, 40), 2.0))
     rows, columns = np.indices((64, 40))
     rough = 3.0 * np.sin(rows / 5.0) * np.cos(columns / 4.0) - 0.8
-    yield "a contact of several patches", _contact(np.maximum(rough, 0.0))
-    yield "a contact that does not repeat", _contact(np.maximum(rough[:40], 0.0), periodic=False)
-    yield "a contact of one pixel", _contact(np.pad([[1.5]], 7))
-    yield "no contact", _contact(np.zeros((16, 16)))
+    yield "a contact of several patches", contact_of(np.maximum(rough, 0.0))
+    yield "a contact that does not repeat", contact_of(np.maximum(rough[:40], 0.0), periodic=False)
+    yield "a contact of one pixel", contact_of(np.pad([[1.5]], 7))
+    yield "no contact", contact_of(np.zeros((16, 16)))
 
 
 def _chemistry(**options: Any) -> Chemistry:
@@ -443,10 +386,12 @@ def _expected(contact: ContactSolution, chemistry: Chemistry, kelvin: float, tim
 
 @asks(AgeingMethod)
 def _methods_asked(component: AgeingMethod) -> Questions:
-    def ask(rows: int, **changes: Any) -> Any:
-        contact = _contact(np.full((rows, 13), changes.pop("pressure", 1.7)))
+    answered = attrgetter("bonds", "sites", "errors")
+
+    def ask(rows: int, pressure: float = 1.7, **changes: Any) -> Any:
+        contact = contact_of(np.full((rows, 13), pressure))
         request = _request(contact, **{"temperature": 303.0, "replicas": 2, **changes})
-        return lambda method: [getattr(method.age(request), name) for name in ("bonds", "sites", "errors")]
+        return lambda method: answered(method.age(request))
 
     changes: dict[str, dict[str, Any]] = {
         "at another temperature": {"temperature": 317.0},
@@ -468,61 +413,50 @@ def _gives_aged_bonds(component: AgeingMethod) -> None:
     for what, contact in _contacts():
         aged = component.age(_request(contact))
         require(isinstance(aged, AgedBonds), f"{what}: age() returned {type(aged).__name__}; give an AgedBonds")
-        rows = REPLICAS if component.replicates else 1
-        shape = np.shape(aged.bonds)
-        expected = (rows, METHOD_TIMES.size)
+        shape, expected = np.shape(aged.bonds), (REPLICAS if component.replicates else 1, METHOD_TIMES.size)
         require(shape == expected, f"{what}: bonds have the shape {shape}; expected {expected}")
-        try:
+        with naming(what):
             _aged(component, _request(contact))
-        except Exception as error:
-            raise AssertionError(f"{what}: {error}") from error
 
 
 @check_of(AgeingMethod, known=True)
 def _bonds_are_those_of_the_whole_contact(component: AgeingMethod) -> None:
     """Bonds and sites are those of the whole contact: sites that do not interact have the mean of the closed form,
     within the errors that the method states."""
-    conditions = ((1.0, 1e13, 0.01, TEMPERATURE, METHOD_TIMES), (0.7, 3e11, 0.02, 360.0, METHOD_TIMES[1:] / 7))
-    for hydroxylation, nu, volume, kelvin, times in conditions:
-        chemistry = _chemistry(hydroxylation=hydroxylation, attempt_frequency=nu, activation_volume=volume)
-        for what, contact in _contacts():
-            contact = contact.model_copy(update={"pixel_size": 0.5 if kelvin == TEMPERATURE else 0.8})
-            contact = contact.model_copy(update={"load": contact.carried})
-            request = _request(contact, chemistry=chemistry, temperature=kelvin, hold_times=times)
-            aging = _aged(component, request)
-            sites, exact = hydroxylation * contact.sites.size, _expected(contact, chemistry, kelvin, times)
-            spread = FAR * math.sqrt(max(sites * (1 - hydroxylation), 0.25))
-            size = float(aging.sites.mean())
-            require(abs(size - sites) <= spread + 0.5, f"{what}: {size:g} sites, expected {sites:g}")
-            bonds = aging.bonds.mean(axis=0)
-            # replicas differ by their disorder as well: at most as Poisson numbers
-            noise = np.sqrt(exact / len(aging.bonds)) if component.replicates else np.zeros(times.size)
-            for name, error in aging.errors.items():
-                worst = float(np.nan_to_num(error[exact > 1]).max(initial=0.0))
-                require(worst < 1, f"{what}: the error {name!r} is up to {worst:.3g}; errors are relative, 0.05 is 5 %")
-            stated = sum((np.nan_to_num(error) ** 2 for error in aging.errors.values()), np.zeros(times.size))
-            allowed = FAR * (noise + np.sqrt(stated) * exact) + (component.declared_error or 0.0) * exact
-            allowed += 1e-3 * exact + (0.5 if component.replicates else 1e-9)
-            at = int(np.argmax(np.abs(bonds - exact) - allowed))
-            require(
-                bool(abs(bonds[at] - exact[at]) <= allowed[at]),
-                f"{what}, hydroxylation {hydroxylation:g}, ν = {nu:g} Hz, {kelvin:g} K: {bonds[at]:.4g} bonds at "
-                f"{times[at]:g} s, the closed form has {exact[at]:.4g}; bonds are those of the whole contact",
-            )
+    conditions = ((1.0, 1e13, 0.01, 300.0, 0.5, METHOD_TIMES), (0.7, 3e11, 0.02, 360.0, 0.8, METHOD_TIMES[1:] / 7))
+    for (share, nu, volume, kelvin, pixel, times), (what, contact) in product(conditions, _contacts()):
+        chemistry = _chemistry(hydroxylation=share, attempt_frequency=nu, activation_volume=volume)
+        load = contact.load * (pixel / contact.pixel_size) ** 2
+        contact = contact.model_copy(update={"pixel_size": pixel, "load": load})
+        aging = _aged(component, _request(contact, chemistry=chemistry, temperature=kelvin, hold_times=times))
+        sites, exact = share * contact.sites.size, _expected(contact, chemistry, kelvin, times)
+        spread, size = FAR * math.sqrt(max(sites * (1 - share), 0.25)), float(aging.sites.mean())
+        require(abs(size - sites) <= spread + 0.5, f"{what}: {size:g} sites, expected {sites:g}")
+        bonds, stated = aging.bonds.mean(axis=0), np.zeros(times.size)
+        for name, error in aging.errors.items():
+            worst = float(np.nan_to_num(error[exact > 1]).max(initial=0.0))
+            require(worst < 1, f"{what}: the error {name!r} is up to {worst:.3g}; errors are relative, 0.05 is 5 %")
+            stated += np.nan_to_num(error) ** 2
+        allowed = FAR * np.sqrt(stated) * exact + (1e-3 + (component.declared_error or 0.0)) * exact + 1e-9
+        if component.replicates:  # replicas differ by their disorder as well: at most as Poisson numbers
+            allowed += FAR * np.sqrt(exact / len(aging.bonds)) + 0.5
+        at = int(np.argmax(np.abs(bonds - exact) - allowed))
+        require(
+            abs(bonds[at] - exact[at]) <= allowed[at],
+            f"{what}, hydroxylation {share:g}, ν = {nu:g} Hz, {kelvin:g} K: {bonds[at]:.4g} bonds at "
+            f"{times[at]:g} s, the closed form has {exact[at]:.4g}; bonds are those of the whole contact",
+        )
+
+
+check_of(AgeingMethod)(calls_are_independent)
 
 
 @check_of(AgeingMethod)
 def _answers_are_repeatable(component: AgeingMethod) -> None:
-    """An answer depends on the request alone: not on what was asked before or at the same time, nor on the number of
-    threads; and the contact stays as it was."""
-    requests = [_request(contact) for _, contact in list(_contacts())[:3]]
-
-    def bonds(request: AgeingRequest) -> bytes:
-        return np.asarray(component.age(request).bonds, dtype=np.float64).tobytes()
-
-    calls_are_independent(bonds, requests, *(request.contact for request in requests))
-    threaded = [bonds(dataclasses.replace(request, threads=3)) for request in requests]
-    require(threaded == [bonds(request) for request in requests], "the bonds depend on the number of threads")
+    """An answer does not depend on the number of threads."""
+    for _, contact in islice(_contacts(), 3):
+        one, three = (component.age(_request(contact, threads=threads)) for threads in (1, 3))
+        require(np.array_equal(one.bonds, three.bonds), "the bonds depend on the number of threads")
 
 
 @check_of(AgeingMethod)

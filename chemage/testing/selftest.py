@@ -9,6 +9,7 @@ from __future__ import annotations
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,7 +24,7 @@ from chemage.plugins import registry
 from chemage.plugins.sources import components_in
 from chemage.scene.files import is_sweep, load_scene
 from chemage.surfaces.surface import Surface
-from chemage.testing.checks import Check, CheckFailed, checks_for, refuses, require
+from chemage.testing.checks import CheckFailed, checks_for, refuses, require
 from chemage.testing.contacts import rough_surface
 from chemage.testing.replicas import finished
 
@@ -51,15 +52,11 @@ def selftest() -> Iterator[PartOutcome]:
             ready, inputs = _with_file(component, Path(folder))
             known = [check for check in checks_for(ready, **inputs) if getattr(check.function, "known", False)]
             part = f"{component.role} {component.kind}"
-            if tests := [_test(check, ready) for check in known if not check.missing]:
+            if tests := [partial(check, ready) for check in known if not check.missing]:
                 yield _outcome(part, tests)
             elif known:
                 unmade[part] = f"it needs {' and '.join(known[0].missing)}"
     yield from (PartOutcome(part, 0, [], 0.0, why) for part, why in unmade.items())
-
-
-def _test(check: Check, component: Component) -> Callable[[], None]:
-    return lambda: check(component)
 
 
 def _outcome(part: str, tests: list[Callable[[], None]]) -> PartOutcome:
@@ -140,7 +137,9 @@ def random_numbers_are_the_published_ones() -> None:
 def files_give_back_what_was_written() -> None:
     """Records come back equal from both kinds of files, and a file of which one bit differs is refused."""
     replica = finished(12, 5)
-    parts: dict[str, Record] = {type(part).__name__: part for part in replica[:3]}
+    parts: dict[str, Record] = {
+        type(part).__name__: part for part in (replica.contact, replica.lattice, replica.history)
+    }
     kinds = {name: type(part) for name, part in parts.items()}
     with tempfile.TemporaryDirectory() as folder:
         for compact in (False, True):

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -22,26 +23,14 @@ COPIES = 12
 LARGE = 150
 
 
-def barrier(rate: float, temperature: float = TEMPERATURE, nu: float = NU) -> float:
-    """The barrier (eV) over which a site reacts at ``rate`` (1/s)."""
-    return KB * temperature * math.log(nu / rate)
+def barrier(rate: Any, temperature: float = TEMPERATURE, nu: float = NU) -> Any:
+    """The barriers (eV) over which sites react at ``rate`` (1/s)."""
+    return KB * temperature * np.log(nu / np.asarray(rate))
 
 
-def evolved(generator: np.ndarray, rates: np.ndarray, time: float) -> tuple[np.ndarray, np.ndarray]:
-    """The master equation solved for rates over any number of decades.
-
-    Parameters
-    ----------
-    generator
-        (n, n), 1/s: the rate from state j to state i; columns sum to 0.
-    rates
-        (n, k), 1/s: how often each of k kinds of events happens in each state.
-    time
-        s.
-
-    Returns
-    -------
-    (n, n) probability of state i at the end from state j, and (n, k) mean number of events from each state.
+def evolved(generator: np.ndarray, time: float) -> np.ndarray:
+    """The master equation solved for rates over any number of decades: (n, n), the probability of state i after
+    ``time`` (s) from state j, where ``generator`` is the rate (1/s) from j to i, whose columns sum to 0.
 
     Scaling and squaring, in which nothing is ever subtracted: the series of uniformization for a time in which hardly
     anything happens (Jensen 1953), then squares of a matrix of probabilities whose columns are normalised each time. A
@@ -51,27 +40,21 @@ def evolved(generator: np.ndarray, rates: np.ndarray, time: float) -> tuple[np.n
     fastest = float(-generator.diagonal().min(initial=0.0))
     identity = np.eye(generator.shape[0])
     if fastest * time == 0.0:
-        return identity, rates * time
+        return identity
     doublings = max(math.ceil(math.log2(fastest) + math.log2(time)), 0)
-    span = math.ldexp(time, -doublings)
-    steps = fastest * span
+    steps = fastest * math.ldexp(time, -doublings)
     jumps = np.where(identity == 1.0, np.maximum(1.0 + generator / fastest, 0.0), generator / fastest)
-    power = chances = so_far = identity  # the k-th power of the jumps, and the sum of those before
-    waits = np.zeros_like(identity)
+    power = chances = identity  # the k-th power of the jumps
     weight = 1.0
     for k in range(1, 22):
         weight *= steps / k
-        waits = waits + weight * so_far
         power = jumps @ power
         chances = chances + weight * power
-        so_far = so_far + power
     chances = chances / chances.sum(axis=0)
-    events = span * ((waits / waits.sum(axis=0)).T @ rates)
     for _ in range(doublings):
-        events = events + chances.T @ events
         chances = chances @ chances
         chances /= chances.sum(axis=0)
-    return chances, events
+    return chances
 
 
 @dataclass(frozen=True)
@@ -101,86 +84,65 @@ class Group:
                 generator[state, state] -= rate
         return generator
 
-    def solution(
-        self, time: float, temperature: float = TEMPERATURE, nu: float = NU, start: int = 0
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Probability of every state after ``time`` s, (2**m,), and the mean number of events of each site, (m,)."""
-        generator = self.generator(temperature, nu)
-        states, site = np.arange(generator.shape[0]), np.arange(len(self.forming))
-        chances, events = evolved(generator, generator[states[:, None] ^ 1 << site, states[:, None]], time)
-        return chances[:, start], events[start]
-
     def probabilities(
         self, time: float, temperature: float = TEMPERATURE, nu: float = NU, start: int = 0
     ) -> np.ndarray:
         """Probability of every state after ``time`` s, (2**m,)."""
-        return self.solution(time, temperature, nu, start)[0]
+        return evolved(self.generator(temperature, nu), time)[:, start]
 
-    def lattice(self, copies: int = COPIES, *, nu: float = NU, slots: int = 0, seed: int = 1) -> ReactionLattice:
+    @lru_cache(maxsize=256)  # noqa: B019
+    def lattice(self, copies: int = COPIES, nu: float = NU, slots: int = 0, seed: int = 1) -> ReactionLattice:
         """``copies`` of the group next to each other, none coupled to another.
 
         The sites are every third pixel, so that a site's position in the list is not its pixel. With ``slots`` more
         slots per site than it has neighbours, the empty ones are anywhere in its row.
         """
-        return _lattice(self, copies, nu, slots, seed)
+        m = len(self.forming)
+        n = m * copies
+        fields: dict[str, Any] = {}
+        if self.breaking is not None:
+            fields["breaking"] = np.tile(self.breaking, copies)
+        if self.pair is not None:
+            neighbours = np.full((n, m - 1 + slots), -1, dtype=np.int32)
+            coupling = np.zeros(neighbours.shape, np.float32)  # as interactions give them
+            rng = np.random.default_rng(seed)
+            for site in range(n):
+                first, i = site - site % m, site % m
+                others = [j for j in range(m) if j != i and self.pair[i][j] != 0.0]
+                places = np.arange(m - 1) if not slots else rng.permutation(neighbours.shape[1])
+                for place, j in zip(places, others, strict=False):
+                    neighbours[site, place] = first + j
+                    coupling[site, place] = self.pair[i][j]
+            fields |= {"neighbours": neighbours, "coupling": coupling}
+        return ReactionLattice(
+            pixels=(max(n, 1), 3),
+            sites=3 * np.arange(n) + 1,
+            forming=np.tile(self.forming, copies),
+            attempt_frequency=nu,
+            **fields,
+        )
 
 
-@lru_cache(maxsize=256)
-def _lattice(group: Group, copies: int, nu: float, slots: int, seed: int) -> ReactionLattice:
-    m = len(group.forming)
-    n = m * copies
-    fields: dict[str, Any] = {}
-    if group.breaking is not None:
-        fields["breaking"] = np.tile(group.breaking, copies)
-    if group.pair is not None:
-        neighbours = np.full((n, m - 1 + slots), -1, dtype=np.int32)
-        coupling = np.zeros(neighbours.shape, np.float32)  # as interactions give them
-        rng = np.random.default_rng(seed)
-        for site in range(n):
-            first, i = site - site % m, site % m
-            others = [j for j in range(m) if j != i and group.pair[i][j] != 0.0]
-            places = np.arange(m - 1) if not slots else rng.permutation(neighbours.shape[1])
-            for place, j in zip(places, others, strict=False):
-                neighbours[site, place] = first + j
-                coupling[site, place] = group.pair[i][j]
-        fields |= {"neighbours": neighbours, "coupling": coupling}
-    return ReactionLattice(
-        pixels=(max(n, 1), 3),
-        sites=3 * np.arange(n) + 1,
-        forming=np.tile(group.forming, copies),
-        attempt_frequency=nu,
-        **fields,
-    )
+def reacting(forming: Sequence[float], breaking: Sequence[float] | None = None, pair: Any = None) -> Group:
+    """Sites with these rates (1/s) at 300 K."""
+    over = None if breaking is None else tuple(barrier(breaking).tolist())
+    return Group(tuple(barrier(forming).tolist()), over, pair)
 
 
 def single(forming: float, breaking: float | None = None) -> Group:
     """One site with these rates (1/s) at 300 K."""
-    return Group((barrier(forming),), None if breaking is None else (barrier(breaking),))
+    return reacting([forming], None if breaking is None else [breaking])
 
 
-def coupled(scale: float = 1.0) -> Group:
+def coupled() -> Group:
     """Four sites, each coupled to the other three, with rates of about one per second."""
-    pair = np.zeros((4, 4))
-    pair[np.triu_indices(4, 1)] = scale * np.array([0.05, -0.03, 0.02, 0.07, -0.02, 0.04])
-    pair += pair.T
-    return Group(
-        tuple(barrier(k) for k in (3.0, 1.0, 0.6, 2.0)),
-        tuple(barrier(k) for k in (0.5, 1.5, 0.2, 0.9)),
-        tuple(map(tuple, pair.tolist())),
-    )
+    pair = ((0.0, 0.05, -0.03, 0.02), (0.05, 0.0, 0.07, -0.02), (-0.03, 0.07, 0.0, 0.04), (0.02, -0.02, 0.04, 0.0))
+    return reacting((3.0, 1.0, 0.6, 2.0), (0.5, 1.5, 0.2, 0.9), pair)
 
 
-@dataclass(frozen=True)
-class Trials:
-    """How many lattices of how many groups are run."""
-
-    copies: int
-    runs: int
-
-    @classmethod
-    def of(cls, component: Engine, runs: int = 200) -> Trials:
-        """Many small lattices; for an approximate engine few larger ones, as it may round the number of bonds."""
-        return cls(COPIES, runs) if component.exact else cls(LARGE, 8)
+def trials(component: Engine, copies: int = COPIES, runs: int = 200) -> tuple[int, int]:
+    """How many groups on how many lattices: of an approximate engine few large ones, as it may round the bonds."""
+    return (copies, runs) if component.exact else (LARGE, 8)
 
 
 def states(history_state: np.ndarray, m: int) -> np.ndarray:
@@ -188,27 +150,30 @@ def states(history_state: np.ndarray, m: int) -> np.ndarray:
     return np.bincount(history_state.reshape(-1, m) @ (1 << np.arange(m)), minlength=2**m)
 
 
-def sampled(
+def follows(
     component: Engine,
+    where: str,
     group: Group,
     time: float,
     *,
+    copies: int = COPIES,
     runs: int = 200,
     temperature: float = TEMPERATURE,
     nu: float = NU,
     slots: int = 0,
     start: bool = False,
-) -> np.ndarray:
-    """States of the groups after ``time`` s over many seeds, (2**m,); from all bonds where ``start`` is true."""
-    sample = Trials.of(component, runs)
+) -> None:
+    """Require that groups follow their master equation to ``time`` s, over many seeds; from all bonds if ``start``."""
     m = len(group.forming)
     counts = np.zeros(2**m, dtype=np.int64)
-    for seed in range(sample.runs):
-        lattice = group.lattice(sample.copies, nu=nu, slots=slots, seed=seed % 5)
+    copies, runs = trials(component, copies, runs)
+    for seed in range(runs):
+        lattice = group.lattice(copies, nu, slots, seed % 5)
         begin = np.ones(lattice.sites.size, dtype=bool) if start else None
         history = component.run(lattice, [0.5 * time, time], temperature=temperature, seed=seed, start=begin)
         counts += states(history.state, m)
-    return counts
+    probabilities = group.probabilities(time, temperature, nu, counts.size - 1 if start else 0)
+    compare(component, f"{where}, after {time:.3g} s", counts, probabilities)
 
 
 def compare(component: Engine, where: str, counts: np.ndarray, probabilities: np.ndarray) -> None:
@@ -217,28 +182,27 @@ def compare(component: Engine, where: str, counts: np.ndarray, probabilities: np
     An exact engine: every site, every pair of sites and every state, each by its binomial distribution. An approximate
     one: the mean number of bonds, to within its declared error.
     """
-    total, size = int(counts.sum()), counts.size
-    m = size.bit_length() - 1
-    every = np.arange(size)
-    bonds = np.array([int(state).bit_count() for state in every])
-    mean, expected = float(counts @ bonds) / total, float(probabilities @ bonds)
+    total, every = int(counts.sum()), np.arange(counts.size)
+    m = counts.size.bit_length() - 1
+    bonded = every[:, None] >> np.arange(m) & 1 == 1
     if not component.exact:
-        _within_declared(
-            component, where, mean, expected, math.sqrt(float(probabilities @ (bonds - expected) ** 2 / total))
+        bonds = bonded.sum(axis=1)
+        mean, expected = float(counts @ bonds) / total, float(probabilities @ bonds)
+        noise = math.sqrt(float(probabilities @ (bonds - expected) ** 2) / total)
+        error = component.declared_error or 0.0
+        require(
+            # and half a bond per lattice, for rounding
+            abs(mean - expected) <= error * expected + 6.5 * noise + 0.5 / LARGE,
+            f"{where}, {mean:.4g} bonds per group; the master equation gives {expected:.4g}; declared_error={error}",
         )
         return
-    questions = [(f"site {i} is bonded" if m > 1 else "the site is bonded", every >> i & 1 == 1) for i in range(m)]
-    questions += [
-        (f"sites {i} and {j} are both bonded", (every >> i & 1) + (every >> j & 1) == 2)
-        for i in range(m)
-        for j in range(i)
-    ]
-    if m > 2:
-        questions += [
-            (f"just the sites {[i for i in range(m) if state >> i & 1]} are bonded", every == state) for state in every
-        ]
-    for what, yes in questions:
-        count, p = int(counts[yes].sum()), min(max(float(probabilities[yes].sum()), 0.0), 1.0)
+    questions = {}
+    for chosen in (*combinations(range(m), 1), *combinations(range(m), 2)):
+        questions[f"each of the sites {chosen} is bonded"] = bonded[:, chosen].all(axis=1)
+    for state in every if m > 2 else ():
+        questions[f"just the sites {np.flatnonzero(bonded[state])} are bonded"] = every == state
+    for what, yes in questions.items():
+        count, p = int(counts[yes].sum()), min(float(probabilities[yes].sum()), 1.0)
         require(
             binomial_chance(count, total, p) > CHANCE,
             f"{where}, {what} in {count} of {total} cases; the master equation gives {total * p:.4g} "
@@ -252,115 +216,37 @@ def compare_mean(component: Engine, where: str, bonds: Sequence[int], of: int, p
     compare(component, where, np.array([total - count, count]), np.array([1 - probability, probability]))
 
 
-def _within_declared(component: Engine, where: str, mean: float, expected: float, noise: float) -> None:
-    error = component.declared_error or 0.0
-    require(
-        # and half a bond per lattice, for rounding
-        abs(mean - expected) <= error * expected + 6.5 * noise + 0.5 / LARGE,
-        f"{where}, {mean:.4g} bonds per group; the master equation gives {expected:.4g}, which is "
-        f"{abs(mean / expected - 1) if expected else math.inf:.1%} away; declared_error = {error:g}",
-    )
-
-
-@dataclass(frozen=True)
-class GroupHold:
-    """A group, and a hold at whose end one of its sites is bonded in 5 to 95 % of all cases."""
-
-    group: Group
-    time: float
-    """s"""
-    temperature: float
-    """K"""
-    start: bool
-    """whether all sites are bonded at the beginning"""
-    probabilities: np.ndarray
-    """(2**m,) of every state at the end"""
-    events: np.ndarray
-    """(m,) mean number of events of each site"""
-
-
-@lru_cache(maxsize=256)
-def random_hold(
-    seed: int, rows: int = 1, columns: int = 2, *, events: float = 60.0, flips: float = 60.0, decades: float = 60.0
-) -> GroupHold:
-    """A grid of sites, each coupled to the up to eight around it, with rates that differ by up to 10**``decades``.
-
-    One site flickers, with up to ``flips`` events in the mean, in one of its states up to half the ``decades`` faster
-    than in the other; all others together have at most ``events``. The site in doubt is next to it, and its rate
-    depends on that state by about as much, so that it may react out of either. A single site is in doubt itself.
-    """
-    rng = np.random.default_rng((seed, rows, columns))
-    m, half = rows * columns, 0.5 * decades
-    at = np.stack(np.divmod(np.arange(m), columns), axis=1)
-    near = np.abs(at[:, None] - at).max(axis=2) == 1
-    while True:
-        kelvin, time = 10.0 ** rng.uniform(1.7, 3.2), 10.0 ** rng.uniform(-10.0, 20.0)
-        # powers of ten of rate times hold time, (2, m): forming, breaking
-        powers = rng.uniform(-half, half, (2, m))
-        slower = powers.argmin(axis=0)
-        powers[slower, np.arange(m)] = np.minimum(powers.min(axis=0), rng.uniform(-half, 1.0, m))
-        flickering = doubtful = int(rng.integers(m))
-        slow = rng.uniform(0.3, math.log10(flips))
-        powers[:, flickering] = rng.permutation([slow, slow + rng.uniform(0.0, half) * rng.integers(2)])
-        pair = np.triu(rng.normal(0.0, 10.0 ** rng.uniform(-1.0, 0.7), (m, m)) * near)
-        pair += pair.T
-        if m > 1:
-            doubtful = int(rng.choice(np.flatnonzero(near[flickering])))
-            ratio = 10.0 ** (powers[0, flickering] - powers[1, flickering])
-            contrast = math.log(ratio) * rng.uniform(0.3, 1.3) + rng.normal()
-            pair[flickering, doubtful] = pair[doubtful, flickering] = contrast
-            average = (ratio * math.exp(-contrast) + 1.0) / (ratio + 1.0)
-            powers[:, doubtful] = rng.normal(0.0, 0.3) - math.log10(average), rng.uniform(-half, 0.5)
-        barriers = [[barrier(10.0**x / time, kelvin) for x in row] for row in powers]
-        interaction = tuple(map(tuple, (KB * kelvin * pair).tolist())) if m > 1 else None
-        group = Group(tuple(barriers[0]), tuple(barriers[1]), interaction)
-        start = bool(rng.integers(2))
-        probabilities, means = group.solution(time, kelvin, start=2**m - 1 if start else 0)
-        bonded = float(probabilities[np.arange(2**m) >> doubtful & 1 == 1].sum())
-        most = float(means.max(initial=0.0))
-        if 0.05 < bonded < 0.95 and most <= 2.0 * flips and means.sum() - most <= events:
-            return GroupHold(group, time, kelvin, start, probabilities, means)
-
-
-def held(
-    component: Engine, hold: GroupHold, copies: int, runs: int, *, through: Sequence[float] = (), restart: bool = False
-) -> np.ndarray:
-    """States of ``copies`` groups at the end of the hold over ``runs`` seeds, (2**m,).
-
-    ``through`` are fractions of the hold time at which the bonds are counted as well, or with ``restart`` at which the
-    run ends and is resumed.
-    """
-    m = len(hold.group.forming)
-    counts = np.zeros(2**m, dtype=np.int64)
-    lattice = hold.group.lattice(copies)
-    times = hold.time * np.array([*through, 1.0])
-    for seed in range(runs):
-        history: Any = np.ones(lattice.sites.size, dtype=bool) if hold.start else None
-        for part in np.split(times, times.size) if restart else [times]:
-            history = component.run(lattice, part, temperature=hold.temperature, seed=seed, start=history)
-        counts += states(history.state, m)
-    return counts
-
-
-def chance_of(counts: np.ndarray, probabilities: np.ndarray, rng: np.random.Generator) -> float:
-    """The p-value of ``counts`` of states with these ``probabilities``; uniform on (0, 1) if they are right.
-
-    A multinomial distribution is a chain of binomial ones, each state among the states not counted yet. Their
-    cumulative probabilities, evenly ``rng`` within that of the count itself, are independent and uniform to the last
-    bit; their normal scores are summed as by χ². States expected fewer than five times are counted together.
-    """
-    from scipy.stats import binom, chi2, norm
-
-    total = int(counts.sum())
-    order = np.argsort(-probabilities)
-    often = order[probabilities[order] * total >= 5.0]
-    left, rest, scores = total, 1.0, []
-    for state in often[:-1] if often.size == counts.size else often:
-        count, p = int(counts[state]), min(float(probabilities[state]) / rest, 1.0)
-        below, at = binom.cdf(count - 1, left, p), binom.pmf(count, left, p)
-        if at == 0.0 and p in (0.0, 1.0):
-            return 0.0
-        if at < 1.0:
-            scores.append(norm.isf(min(max(below + rng.uniform() * at, 1e-300), 1.0 - 1e-16)))
-        left, rest = left - count, max(rest - float(probabilities[state]), 1e-300)
-    return float(chi2.sf(np.square(scores).sum(), len(scores))) if scores else float(rng.uniform())
+#: grids of coupled sites with rates over 60 decades, one of which is bonded in 5 to 95 % of all cases at the end and
+#: depends on another that flickers: (group, hold time in s, K)
+FLICKERING: dict[str, tuple[Group, float, float]] = {
+    "1 by 1 sites": (Group((3.5173,), (3.5173,)), 1.5157e6, 995.07),
+    "1 by 2 sites": (
+        Group((0.470982, 0.035126), (1.122745, 0.750901), ((0.0, 0.310722), (0.310722, 0.0))),
+        6.094e17,
+        127.368,
+    ),
+    "1 by 2 hot sites": (
+        Group((2.61932, 1.84424), (9.74901, 4.39493), ((0.0, 1.94665), (1.94665, 0.0))),
+        2.69362e11,
+        934.28,
+    ),
+    "1 by 2 weakly coupled sites": (
+        Group((1.094946, 1.15692), (1.094946, 2.700944), ((0.0, -0.012724), (-0.012724, 0.0))),
+        5.6,
+        416.637,
+    ),
+    "2 by 2 sites": (
+        Group(
+            (0.227071, 0.209807, 0.249215, 0.627239),
+            (0.760801, 0.370714, 0.456586, 0.579448),
+            (
+                (0.0, 0.168768, 0.000848, -0.002678),
+                (0.168768, 0.0, 0.00174, -0.006599),
+                (0.000848, 0.00174, 0.0, -0.00372),
+                (-0.002678, -0.006599, -0.00372, 0.0),
+            ),
+        ),
+        3.902166e9,
+        85.925,
+    ),
+}

@@ -7,13 +7,13 @@ import math
 import numba as nb
 import numpy as np
 import pytest
+from flickering import random_hold
 from scipy import stats
 from scipy.linalg import expm
 
 import chemage
 from chemage import ReactionLattice
 from chemage.plugin import KB
-from chemage.testing.small_systems import random_hold
 from chemage_kinetics._common import gamma, sojourn
 
 CHANCE = 1e-5

@@ -22,7 +22,7 @@ def _shifted():
         ({"quantile": lambda self, u: np.tan(np.pi * (u - 0.5)) / (u > 1e-9)}, "quantile_is_monotone", ""),
         ({"quantile": lambda self, u: u.astype(np.float32)}, "quantile_is_monotone", "float32"),
         ({"quantile": lambda self, u: np.sort(u)}, "barrier_is_the_pixels_own", "the other numbers in the call"),
-        ({"quantile": lambda self, u: u + next(calls)}, "barrier_is_the_pixels_own", "second call"),
+        ({"quantile": lambda self, u: u + next(calls)}, "calls_are_independent", "second call"),
         ({"quantile": lambda self, u: (0.8 + 0.6 * u).ravel()}, "barrier_is_the_pixels_own", "shape"),
         ({"density": lambda self, e: Flat.density(self, e) * 1.02}, "density_agrees_with_quantile", "integrates to"),
         ({"density": lambda self, e: np.full(e.shape, 1 / 0.6)}, "density_agrees_with_quantile", "thousand eV"),

@@ -6,6 +6,7 @@ import math
 import threading
 from typing import Any
 
+import numba
 import numpy as np
 import pytest
 from kit_examples import broken, changed, failing, with_fields
@@ -118,6 +119,21 @@ def test_options_that_change_rates():
     assert "superbasins = True: 1 by 2 sites" in failing(broken(base, _run=_run)(), "options_keep_the_rates")
 
 
+def _threaded(history, *given):
+    return changed(history, formed=history.formed + numba.get_num_threads())
+
+
+@pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS == 1, reason="there is one thread only")
+def test_bonds_that_depend_on_the_threads():
+    assert "one thread and several" in failing(mutant(_threaded), "threads_change_nothing")
+
+
+def _overwriting(self, lattice, hold_times, **options):
+    history = type(self).__mro__[1].run(self, lattice, hold_times, **options)
+    hold_times += 1e-9
+    return history
+
+
 ENGINE_MUTANTS: dict[str, tuple[str, str, dict[str, Any]]] = {
     "counts too many": ("history_adds_up", "the final state", {"change": with_fields(bonds=lambda h: h.bonds + 1)}),
     "forgets events": ("history_adds_up", "formed less broken", {"change": with_fields(formed=lambda h: h.formed + 1)}),
@@ -134,7 +150,8 @@ ENGINE_MUTANTS: dict[str, tuple[str, str, dict[str, Any]]] = {
     "drops a twin": ("hold_times_may_coincide", "where once gave", {"change": _single}),
     "ignores the start": ("start_is_taken", "started with", {"before": _unstarted}),
     "goes on from the state alone": ("restart_is_exact", "continued from", {"before": _forgetful}),
-    "not for threads": ("threads_change_nothing", "concurrent and successive", {"change": _crowded}),
+    "not for threads": ("calls_are_independent", "concurrent calls gave", {"change": _crowded}),
+    "changes the hold times": ("calls_are_independent", "what was given has changed", {"run": _overwriting}),
     "half the coupling": ("coupled_sites_are_refused_or_right", "master equation", {"before": _half_coupled}),
     "refuses nothing": (
         "coupled_sites_are_refused_or_right",

@@ -83,6 +83,14 @@ def _by_count(found, request):
     return {"bonds": found.bonds[::-1], "sites": found.sites[::-1], "events": found.events[::-1]}
 
 
+def _overwriting(found, request):
+    pressure = request.contact.pressure
+    pressure.setflags(write=True)
+    pressure.flat[0] += 1e-12
+    pressure.setflags(write=False)
+    return {}
+
+
 WRONG: dict[str, tuple[Any, str]] = {
     "one row for all replicas": (
         lambda: changed(Drawn, "row", lambda f, r: {"bonds": f.bonds[:1], "sites": f.sites[:1], "events": None}),
@@ -124,8 +132,9 @@ WRONG: dict[str, tuple[Any, str]] = {
     ),
     "depends on earlier calls": (
         lambda: changed(Means, "calls", lambda f, r: {"bonds": f.bonds * (1 - 1e-12 * next(calls))}),
-        "answers_are_repeatable",
+        "calls_are_independent",
     ),
+    "changes the contact": (lambda: changed(Means, "overwriting", _overwriting), "calls_are_independent"),
     "replicas in reverse order": (lambda: changed(Drawn, "reverse", _by_count), "fewer_replicas_are_the_first_ones"),
     "quick and different": (lambda: Quick(), "options_count"),
 }

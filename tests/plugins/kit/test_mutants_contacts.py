@@ -243,7 +243,7 @@ MUTANTS: dict[str, tuple[Any, str]] = {
     "small pressures dropped": (lambda: solver("cut", pressed(_cut)), "known_contacts_are_found"),
     "an error that is not declared": (
         lambda: mutant(FFT, "vague", declared_error=0.0)(modulus=35.3),
-        "known_contacts_are_found",
+        "approximations_are_declared",
     ),
     "pixels of 1 nm": (lambda: solver("unit", restored, _unit_pixels), "contact_scales"),
     "approach with the wrong sign": (

@@ -42,7 +42,7 @@ FAULTS = {
     Fault.OLD_TEMPERATURE: "going_on_keeps_the_rates",
     Fault.RECOUNT: "going_on_counts_from_the_history",
     Fault.NO_START: "start_is_taken",
-    Fault.OVERWRITE: "runs_do_not_share_state",
+    Fault.OVERWRITE: "calls_are_independent",
     Fault.SINGLE_TIME: "going_on_keeps_the_rates",
     Fault.BOUND: "coupled_sites_are_refused_or_right",
 }
@@ -175,7 +175,7 @@ OTHERS: dict[str, tuple[Any, str]] = {
         lambda: passed_on("events", lambda h, *g: changed(h, formed=2 * h.formed, broken=h.broken + h.formed)),
         "one_site_is_the_closed_form",
     ),
-    "state shared between runs": (lambda: passed_on("shared", before=_remembered), "runs_do_not_share_state"),
+    "state shared between runs": (lambda: passed_on("shared", before=_remembered), "calls_are_independent"),
     "one seed for all": (lambda: passed_on("seedless", before=_seedless), "run_follows_its_seed"),
     "spawns from the seed": (lambda: passed_on("spawning", before=_spawning), "run_follows_its_seed"),
     "a wrong conversion of energies": (
@@ -200,7 +200,7 @@ OTHERS: dict[str, tuple[Any, str]] = {
         "trade_names_options",
     ),
     "approximate without an error": (lambda: mutant(Plain, "undeclared", exact=False)(), "error_is_declared"),
-    "exact with an error": (lambda: mutant(Plain, "declared", declared_error=0.1)(), "error_is_declared"),
+    "exact with an error": (lambda: mutant(Plain, "declared", declared_error=0.1)(), "approximations_are_declared"),
     "an error larger than declared": (
         lambda: mutant(Rounded, "proud", declared_error=0.01)(),
         "rates_follow_the_temperature",

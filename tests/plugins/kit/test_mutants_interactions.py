@@ -95,8 +95,8 @@ OTHERS: dict[str, tuple[Any, str]] = {
     "energies in kJ/mol": (lambda: energies("kj", lambda e, *g: 96.5 * e), "energies_are_in_ev"),
     "energies in J": (lambda: energies("joule", lambda e, *g: 1.6e-19 * e), "energies_are_in_ev"),
     "energies by place in the list": (lambda: energies("place", _by_place), "pair_keeps_its_energy"),
-    "energies by call": (lambda: energies("call", _by_call), "calls_do_not_interfere"),
-    "numpy's global state": (lambda: energies("global", _global), "calls_do_not_interfere"),
+    "energies by call": (lambda: energies("call", _by_call), "calls_are_independent"),
+    "numpy's global state": (lambda: energies("global", _global), "calls_are_independent"),
     "one number for all replicas": (lambda: energies("children", _same_for_children), "coupling_follows_its_seed"),
     "energies from one end only": (
         lambda: energies("directed", lambda e, s, n, seed: np.where(n > np.arange(s.size)[:, None], 2 * e, e)),
@@ -109,7 +109,7 @@ OTHERS: dict[str, tuple[Any, str]] = {
         "graph_is_sound",
     ),
     "a graph kept by the number of sites": (lambda: graph("kept", _remembered), "graph_is_the_same_everywhere"),
-    "writes into its argument": (lambda: energies("writes", _overwriting), "calls_do_not_interfere"),
+    "writes into its argument": (lambda: energies("writes", _overwriting), "graph_is_sound"),
     "quick and different": (lambda: Quick, "options_count"),
 }
 

@@ -192,13 +192,13 @@ OBSERVABLES: dict[str, tuple[Any, str]] = {
     ),
     "no description": (lambda: declaring("text", bonds_at=Output("hold_times")), "measures_what_it_declares"),
     "states it did not ask for": (lambda: mutant(Early, "unasked", states=False)(), "observes_numbers"),
-    "a total over replicas": (lambda: measuring("running", _running), "measure_disturbs_nothing"),
-    "writes into the lattice": (lambda: measuring("writes", _written), "measure_disturbs_nothing"),
+    "a total over replicas": (lambda: measuring("running", _running), "calls_are_independent"),
+    "writes into the lattice": (lambda: measuring("writes", _written), "calls_are_independent"),
     "draws the first replica": (lambda: drawing("first", _first_only), "figures_are_drawn"),
     "draws one result only": (lambda: drawing("one", _one_only), "figures_are_drawn"),
     "needs the chemistry to draw": (lambda: drawing("chemistry", _with_chemistry), "figures_are_drawn"),
     "draws nothing": (lambda: drawing("nothing", lambda self, figure, axes, results: None), "figures_are_drawn"),
-    "a figure without a caption": (lambda: drawing("caption", Map.draw, figures={"bonds": " "}), "figures_are_drawn"),
+    "a figure without a caption": (lambda: drawing("caption", Map.draw, figures={"bonds": " "}), "figures_are_named"),
     "quick and different": (lambda: Coarse(), "options_count"),
 }
 

@@ -116,12 +116,12 @@ RUPTURES: dict[str, tuple[Any, str]] = {
         lambda: law("order", lambda s, b: b.states @ (_barriers(b)[::-1] * NM)),
         "unbonded_sites_do_not_matter",
     ),
-    "a total over replicas": (lambda: law("running", _running), "force_disturbs_nothing"),
+    "a total over replicas": (lambda: law("running", _running), "calls_are_independent"),
     "a force by call": (
         lambda: law("call", lambda s, b: right(s, b) * (1 + 1e-12 * next(calls))),
-        "force_disturbs_nothing",
+        "calls_are_independent",
     ),
-    "writes into the history": (lambda: mutant(Ageless, "writes", force=_written)(), "force_disturbs_nothing"),
+    "writes into the history": (lambda: mutant(Ageless, "writes", force=_written)(), "calls_are_independent"),
     "quick and different": (lambda: Coarse(), "options_count"),
 }
 

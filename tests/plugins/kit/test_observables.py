@@ -24,7 +24,7 @@ def test_observables(measure, said):
 
 def test_observables_that_count_their_calls():
     component = broken(Count, measure=lambda self, contact, lattice, history: {"calls": next(calls)})()
-    assert "a second call" in failing(component, "measure_disturbs_nothing")
+    assert "a second call" in failing(component, "calls_are_independent")
 
 
 def test_observables_divide_by_no_sites():
