@@ -11,12 +11,13 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from chemage import ContactSolution, InputError, Surface
-from chemage.plugin import ContactModulus, ContactSolver, ConvergenceError, Length, Pressure, Unit, convert, threads
+from chemage.plugin import ConvergenceError, Length, Pressure, Unit, convert, threads
 from chemage_contact import _iteration as iteration
 from chemage_contact import _kernels as kernels
 from chemage_contact._grid import bounded, rescale, sums
 from chemage_contact._kernels import Heights
 from chemage_contact._operators import FreeHalfSpace, PeriodicHalfSpace, PeriodicLayer, Substrate, Team
+from chemage_contact._solvers import GRID, NO_LOAD, HalfSpaceSolver
 
 #: Thickness of a layer, in pixels and in lengths of the surface. A thinner one is a bed of springs, which rounding
 #: errors prevent from converging; a thicker one is a half-space.
@@ -67,7 +68,7 @@ _VOLLEBREGT = """@article{vollebregt2014,
 }"""
 
 
-class FFTBEM(ContactSolver):
+class FFTBEM(HalfSpaceSolver):
     """Frictionless, non-adhesive hard-wall contact of a rigid surface with a flat elastic body, at a given load.
 
     Finds the pressure with p ≥ 0, gap ≥ 0, p·gap = 0 on every pixel. Converged means that both errors are below
@@ -93,9 +94,6 @@ class FFTBEM(ContactSolver):
     )
     bibtex: ClassVar[tuple[str, ...]] = (_POLONSKY, _BUGNICOURT, _VOLLEBREGT)
 
-    modulus: ContactModulus
-    """contact modulus E* = E/(1−ν²) of the elastic body (or of both, combined), GPa; or their young
-    and poisson"""
     hardness: Pressure | None = None
     """largest pressure, GPa: the material flows where it is reached, and the load spreads; default: elastic"""
     tolerance: float = Field(default=1e-5, gt=0, lt=1, allow_inf_nan=False)
@@ -197,7 +195,7 @@ class FFTBEM(ContactSolver):
         """See :meth:`chemage.plugin.ContactSolver.check`."""
         if self.thickness is not None and self.boundary == "auto" and surface.get("periodic") == 0:
             raise InputError(_LAYER)
-        if not {"nx", "ny", "pixel_size"} <= surface.keys():
+        if not surface.keys() >= GRID:
             return ()
         size = surface["pixel_size"]
         self._check_range(surface["nx"] * surface["ny"] * size**2, size, load)
@@ -233,7 +231,7 @@ class FFTBEM(ContactSolver):
 
     def warm_up(self, surface: Mapping[str, float], load: float) -> None:
         """See :meth:`chemage.plugin.ContactSolver.warm_up`."""
-        if load == 0 or not {"nx", "ny", "pixel_size"} <= surface.keys():
+        if load == 0 or not surface.keys() >= GRID:
             return
         shape, pixel = (int(surface["nx"]), int(surface["ny"])), (surface["pixel_size"], surface["pixel_size"])
         periodic = self.is_nominally_flat(surface.get("periodic") != 0)
@@ -265,10 +263,6 @@ class FFTBEM(ContactSolver):
             raise InputError.of("load", load, "leaves the range of numbers when spread over the surface")
         if self.precision == "single" and not (load / pixel_size**2 > 1e-35 and pressure < 1e35):
             raise InputError.of("load", load, "the pressure leaves the range of float32", "use precision = 'mixed'")
-
-    def is_nominally_flat(self, periodic: bool) -> bool:
-        """See :meth:`chemage.plugin.ContactSolver.is_nominally_flat`; ``boundary`` may make it periodic, or free."""
-        return periodic if self.boundary == "auto" else self.boundary == "periodic"
 
     def reference(self) -> FFTBEM:
         """Double precision at a tolerance of 1e-12, or the nearest to it that rounding errors allow."""
@@ -365,37 +359,18 @@ class FFTBEM(ContactSolver):
             any_size=self.gap,
         )
 
-    def _solution(self, surface: Surface, **fields: Any) -> ContactSolution:
-        return ContactSolution(
-            pixel_size=surface.pixel_size,
-            modulus=self.modulus,
-            periodic=self.is_nominally_flat(surface.periodic),
-            rms_slope=surface.rms_slope,
-            rms_height=surface.rms_height,
-            provenance=self.provenance(surface),
-            **fields,
-        )
-
     def _untouched(self, surface: Surface, approach: float) -> ContactSolution:
         """The solution without contact: a load of zero, or an approach of zero or less."""
         pressure = np.zeros(surface.shape, dtype=iteration.PRECISIONS[self.precision][0])
-        pressure.setflags(write=False)
-        gap = None
-        if self.gap:
-            gap = float(surface.heights.max()) - approach - surface.heights
-        flow = None
-        if self.hardness is not None:
-            flow = np.zeros_like(pressure)
-            flow.setflags(write=False)
-        return self._solution(
+        return self.solution(
             surface,
             pressure=pressure,
-            gap=gap,
-            plastic_displacement=flow,
+            gap=float(surface.heights.max()) - approach - surface.heights if self.gap else None,
+            plastic_displacement=None if self.hardness is None else np.zeros_like(pressure),
             load=0.0,
             displacement=approach,
             convergence=_report(self, None, force_error=0.0, complementarity=0.0, scale=0.0),
-            notes=("no load: the bodies just touch and no pixel carries pressure",) if approach == 0 else (),
+            notes=NO_LOAD if approach == 0 else (),
         )
 
     def _solved(
@@ -439,13 +414,11 @@ class FFTBEM(ContactSolver):
         force_error = abs(force / load - 1.0) if load > 0 else 0.0
         if not force_error < 1e-3:
             raise InputError.of("load", load, f"the pressure leaves the range of {values.dtype} numbers")
-        values.setflags(write=False)
         gap = None
         if self.gap:
             gap = np.maximum(result.gap, 0.0)
             gap *= unit
-            gap.setflags(write=False)
-        return self._solution(
+        return self.solution(
             surface,
             pressure=values,
             gap=gap,
@@ -522,7 +495,6 @@ def _flow(result: iteration.DimensionlessSolution, hardness: float, unit: float)
     flow = np.where(values >= bounded(hardness, values.dtype.type), np.maximum(-result.gap, 0), 0)
     result.gap += flow
     flow *= unit
-    flow.setflags(write=False)
     return flow
 
 
