@@ -61,8 +61,8 @@ class SphereSolver(HalfSpaceSolver, ABC):
         radius = made.get("radius")
         if isinstance(radius, bool) or not isinstance(radius, int | float) or not (0 < radius < math.inf):
             raise InputError(
-                f"contact {self.kind!r} needs a sphere, but this surface has no radius (provenance['radius'] = {radius!r}); "
-                f"use surface kind 'sphere' or contact {self.general!r}"
+                f"contact {self.kind!r} needs a sphere, but this surface has no radius (provenance['radius'] = "
+                f"{radius!r}); use surface kind 'sphere' or contact {self.general!r}"
             )
         return float(radius)
 
