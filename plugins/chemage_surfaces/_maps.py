@@ -24,6 +24,7 @@ from chemage.plugin import (
     Seed,
     SurfaceMaker,
     Unit,
+    checked_seed,
     file_hash,
     file_stamp,
     memory,
@@ -90,6 +91,13 @@ def provenance(maker: SurfaceMaker, seed: Seed | None = None) -> dict[str, Any]:
     elif seed is not None:
         record["seed"] = int(seed)
     return record
+
+
+def stream(seed: Seed, *key: int) -> np.random.SeedSequence:
+    """The random numbers of ``seed``, or those of it that ``key`` tells apart."""
+    if not isinstance(seed, np.random.SeedSequence):
+        seed = np.random.SeedSequence(checked_seed(seed))
+    return np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, *key))
 
 
 def _named_unit(value: Any) -> Any:

@@ -19,14 +19,13 @@ from chemage.plugin import (
     Seed,
     SurfaceMaker,
     Unit,
-    checked_seed,
     figures,
     memory,
     roughness,
     threads,
 )
-from chemage_surfaces._maps import Floats, provenance
-from chemage_surfaces.generated import JACOBS, continuation
+from chemage_surfaces._maps import Floats, provenance, stream
+from chemage_surfaces.generated import JACOBS, continuation, heights_of
 from chemage_surfaces.spectra import Binned, PowerLaw, binned, fit_power_law, wavenumbers
 from chemage_surfaces.trusted import TO_PIXELS, trusted
 
@@ -145,7 +144,7 @@ class Roughened(SurfaceMaker):
             density=float(plan.law(plan.join)),
             join=plan.join,
             cutoff=2 * math.pi / self.shortest,
-            seed=_own_stream(seed),
+            seed=stream(seed, _STREAM),
         )
         heights = None
         if measured.periodic:
@@ -153,12 +152,11 @@ class Roughened(SurfaceMaker):
         else:
             series = _series(measured, plan)
             lost = _lost(measured, plan)
-            random = np.random.Generator(np.random.Philox(_own_stream(seed).spawn(1)[0]))
+            random = np.random.Generator(np.random.Philox(stream(seed, _STREAM, 0)))
             series[: len(lost)] = np.where(lost > 0, lost * random.standard_normal(lost.shape), series[: len(lost)])
             heights = _cosines(series, measured.pixel_size, plan.shape, self.pixel_size)
-        columns = sfft.ifft(half, axis=0, overwrite_x=True, workers=threads.available())
-        added = np.asarray(sfft.irfft(columns, n=plan.shape[1], axis=1, overwrite_x=True, workers=threads.available()))
-        heights = np.ascontiguousarray(added if heights is None else heights + added)
+        added = heights_of(half, plan.shape[1])
+        heights = added if heights is None else heights + added
         heights.setflags(write=False)
         return Surface(
             heights=heights,
@@ -279,12 +277,6 @@ class _Plan(NamedTuple):
         ratio = 2 * math.pi / shortest / self.join
         integral = math.log(ratio) if power < 1e-9 else (ratio**power - 1) / power
         return math.sqrt(float(self.law(self.join)) * self.join**4 * integral / (2 * math.pi))
-
-
-def _own_stream(seed: Seed) -> np.random.SeedSequence:
-    if not isinstance(seed, np.random.SeedSequence):
-        seed = np.random.SeedSequence(checked_seed(seed))
-    return np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, _STREAM))
 
 
 def _fine_shape(measured: Surface, pixel_size: float) -> tuple[int, int]:

@@ -19,7 +19,7 @@ from scipy.integrate import trapezoid
 from scipy.special import digamma, polygamma
 
 from chemage import InputError, Surface
-from chemage.plugin import threads
+from chemage.plugin import roughness, threads
 from chemage_surfaces._maps import Floats
 from chemage_surfaces.steps import hann, trend
 
@@ -104,13 +104,11 @@ def binned(surface: Surface) -> Binned:
     spectrum: Any = sfft.rfft2(heights, workers=threads.available())
     power = (spectrum.real**2 + spectrum.imag**2) * (surface.pixel_size**2 / heights.size)
     q = wavenumbers((nx, ny), surface.pixel_size)
-    weight = np.full(power.shape, 1.0)
-    weight[:, 0] = 0.5  # conjugate pairs are both in this column
+    # conjugate pairs are both in the first column
+    weight = np.broadcast_to(0.5 * roughness.multiplicity(ny), power.shape)
     nyquist = math.pi / surface.pixel_size
     # a window spreads the mean and the trend over the first two waves
     lowest = (1.0 if surface.periodic else 2.5) * 2 * math.pi / (max(nx, ny) * surface.pixel_size)
-    if ny % 2 == 0:
-        weight[:, -1] = 0.5
     inside = (q >= lowest * (1 - 1e-9)) & (q < nyquist * (1 - 1e-9))
     if not surface.periodic:
         inside[np.abs(np.fft.fftfreq(nx, 1 / nx)) <= CROSS + 0.5] = False

@@ -17,6 +17,11 @@ from chemage_surfaces._maps import HeightUnit, opposite, surface_of
 UNMARKED = ("hgt", "nms")
 #: texts, which the library finds in any table of numbers
 TEXTS = ("asc", "xyz")
+#: endings of files of the library, less those of line scans and of the readers of chemage, but for the binary .dat
+_ENDINGS = (
+    "sdf ibw spm 001 002 003 004 005 al3d apx bcr bcrf cur dat datx ezd frt hfm hgt jpk lext mat mdt mi mnt nid "
+    "nms npz oir opd opdx os3d plu plux poir stp sur tif tiff tmd tom top vk3 vk4 vk6 vk7 zmg zon"
+)
 INSTALL = "pip install 'chemage[topographies]'"
 _ROETTGER = """@article{roettger2022,
   author = {R{\\"o}ttger, M. C. and others},
@@ -41,29 +46,7 @@ class Topography(Reader):
     general: ClassVar[bool] = True
     cite: ClassVar[tuple[str, ...]] = ("M. C. Röttger et al., Surf. Topogr.: Metrol. Prop. 10, 035032 (2022)",)
     bibtex: ClassVar[tuple[str, ...]] = (_ROETTGER,)
-    #: those of the library, less those of line scans and of the readers of chemage, but for the binary .dat
-    suffixes: ClassVar[tuple[str, ...]] = (
-        *(".sdf", ".ibw", ".spm", ".001", ".002", ".003", ".004", ".005", ".al3d", ".apx", ".bcr"),
-        *(".bcrf", ".cur", ".dat", ".datx", ".ezd", ".frt", ".hfm", ".hgt", ".jpk", ".lext", ".mat", ".mdt"),
-        *(
-            ".mi",
-            ".mnt",
-            ".nid",
-            ".nms",
-            ".npz",
-            ".oir",
-            ".opd",
-            ".opdx",
-            ".os3d",
-            ".plu",
-            ".plux",
-            ".poir",
-            ".stp",
-            ".sur",
-            ".tif",
-        ),
-        *(".tiff", ".tmd", ".tom", ".top", ".vk3", ".vk4", ".vk6", ".vk7", ".zmg", ".zon"),
-    )
+    suffixes: ClassVar[tuple[str, ...]] = tuple(f".{name}" for name in _ENDINGS.split())
 
     channel: str | None = None
     """name of the channel of heights; None: the default channel of the format"""
