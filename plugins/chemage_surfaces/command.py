@@ -111,11 +111,9 @@ def roughness(
         typer.echo("\n".join([*([f"{path}:"] * (len(paths) > 1)), *_done(image), found.text(), ""]))
     fit, retraces, why = None, [], next((image.faults[0] for image in images if image.faults), "")
     if not why:
-        from chemage import InputError, Surface
+        from chemage import InputError
 
-        surfaces = [
-            Surface(heights=image.heights, pixel_size=image.sides[0], periodic=image.periodic) for image in images
-        ]
+        surfaces = [image.surface() for image in images]
         retraces = [maker.retrace() if retrace and resolution is None else None for maker in makers]
         try:
             fit = fit_roughness(surfaces, resolution=resolution, tip_radius=tip_radius, retraces=retraces)
