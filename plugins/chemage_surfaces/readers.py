@@ -29,7 +29,7 @@ def as_map(
     heights: Any,
     source: str,
     *,
-    pixel_size: float | None,
+    pixel_size: float | None = None,
     stated: object = None,
     periodic: bool = False,
     unit: str | None = None,
@@ -75,6 +75,24 @@ def stated_length(value: Any, source: str) -> float:
         return convert(value, "nm")
     except UnitError as error:
         raise StoreError(f"{source} states the size of its pixels: {error}") from None
+
+
+class Instrument(Reader):
+    """A reader of images whose files state their units."""
+
+    def read(self, path: str | PathLike[str]) -> Surface:
+        """The surface, if the image is complete, its pixels are square and its units are known.
+
+        Raises
+        ------
+        StoreError
+            The file is missing, truncated or not in this format.
+        InputError
+            Heights are missing, units are not stated, pixels are not square, or there is no such channel of heights.
+        PluginError
+            A library that the format needs is not installed.
+        """
+        return surface_of(self.height_map(path))
 
 
 class Unitless(Reader):

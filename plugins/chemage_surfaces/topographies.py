@@ -9,9 +9,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from chemage import ChemageError, InputError, Surface, errors
-from chemage.plugin import HeightMap, Length, PluginError, Reader, StoreError, regular_file
-from chemage_surfaces._maps import HeightUnit, opposite, surface_of
+from chemage import ChemageError, InputError, errors
+from chemage.plugin import HeightMap, Length, PluginError, StoreError, regular_file
+from chemage_surfaces._maps import HeightUnit, opposite
+from chemage_surfaces.readers import Instrument
 
 #: formats without a mark, which the library finds in any file of a certain size
 UNMARKED = ("hgt", "nms")
@@ -34,7 +35,7 @@ _ROETTGER = """@article{roettger2022,
 }"""  # noqa: E501
 
 
-class Topography(Reader):
+class Topography(Instrument):
     """An image of an atomic force microscope, a white-light interferometer, a confocal microscope or another
     instrument, in one of the formats of SurfaceTopography, such as SDF, IBW, SPM, OPD, SUR and VK4.
 
@@ -67,20 +68,6 @@ class Topography(Reader):
             return None
         except Exception:  # each format has errors of its own
             return False
-
-    def read(self, path: str | PathLike[str]) -> Surface:
-        """Read the surface, if the image is complete, its pixels are square and its units are known.
-
-        Raises
-        ------
-        StoreError
-            The file is missing, truncated, or in no format of the library.
-        InputError
-            Heights are missing, units are not stated, pixels are not square, or there is no such channel of heights.
-        PluginError
-            The library is not installed.
-        """
-        return surface_of(self.height_map(path))
 
     def retrace(self, path: str | PathLike[str]) -> Topography | None:
         """The reader of the same channel in the other direction of the scan lines; None where the file has none."""
