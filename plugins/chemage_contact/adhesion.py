@@ -14,7 +14,7 @@ from pydantic import Field
 from chemage import ContactSolution, InputError, Surface
 from chemage.plugin import Length, Unit, convert
 from chemage_contact._solvers import GRID, SphereSolver, require_room
-from chemage_contact.closed_forms import _corner_force, _distances, _edges
+from chemage_contact.closed_forms import _corner_force, _distances, _edges, _pixels
 
 #: work of adhesion: 1 J/m² is 1 nN/nm
 Adhesion = Annotated[float, Unit("J/m**2", gt=0)]
@@ -483,12 +483,6 @@ def _gathered(pressure: np.ndarray, touching: np.ndarray) -> np.ndarray:
     share = np.where(moves, pressure / np.maximum(count, 1.0), 0.0)
     gained = ndimage.convolve(share, around, mode="constant")
     return np.where(moves, 0.0, pressure) + np.where(touching, gained, 0.0)
-
-
-def _pixels(corner: Any, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Integrals over each pixel from those over rectangles at the apex."""
-    signed = (np.sign(x)[:, None] * np.sign(y)) * corner(np.abs(x)[:, None], np.abs(y)[None, :])
-    return np.diff(np.diff(signed, axis=0), axis=1)
 
 
 def _corner_punch(x: np.ndarray, y: np.ndarray) -> np.ndarray:

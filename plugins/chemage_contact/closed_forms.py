@@ -121,8 +121,7 @@ class Hertz(SphereSolver):
         if sphere is not None:
             pressure = _yielding_pixels(surface, sphere, load)
         elif load > 0:
-            nx, ny = surface.shape
-            pressure = _pixel_forces(_edges(nx, size), _edges(ny, size), edge, load) / size**2
+            pressure = _pixel_forces(surface, edge, load) / size**2
         total = float(pressure.sum()) * size**2
         gap, flow = None, None if self.hardness is None else np.zeros(surface.shape)
         if self.gap:
@@ -192,12 +191,18 @@ def _corner_force(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return np.where(inside, full, beyond)
 
 
-def _pixel_forces(x: np.ndarray, y: np.ndarray, edge: float, load: float) -> np.ndarray:
-    """Force in nN on each pixel between the given pixel edges (nm from the apex); (x.size − 1, y.size − 1)."""
+def _pixels(corner: Any, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Integrals over each pixel from those over rectangles at the apex."""
+    signed = (np.sign(x)[:, None] * np.sign(y)) * corner(np.abs(x)[:, None], np.abs(y)[None, :])
+    return np.diff(np.diff(signed, axis=0), axis=1)
+
+
+def _pixel_forces(surface: Surface, edge: float, load: float) -> np.ndarray:
+    """Force in nN on each pixel of a contact of radius ``edge``."""
+    x, y = (_edges(n, surface.pixel_size) / edge for n in surface.shape)
     # p0·edge² = 3F/2π
-    signed = (np.sign(x)[:, None] * np.sign(y)) * _corner_force(np.abs(x)[:, None] / edge, np.abs(y)[None, :] / edge)
-    force = np.diff(np.diff(signed, axis=0), axis=1) * (1.5 * load / math.pi)
-    centre = np.hypot(0.5 * (x[1:] + x[:-1])[:, None], 0.5 * (y[1:] + y[:-1]))
+    force = _pixels(_corner_force, x, y) * (1.5 * load / math.pi)
+    centre = _distances(surface)
     inside = centre < edge
     if not inside.any():  # the contact is smaller than a pixel
         inside = centre <= centre.min()

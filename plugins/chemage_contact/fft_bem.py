@@ -14,6 +14,7 @@ from chemage import ContactSolution, InputError, Surface
 from chemage.plugin import ConvergenceError, Length, Pressure, Unit, convert, threads
 from chemage_contact import _iteration as iteration
 from chemage_contact import _kernels as kernels
+from chemage_contact._descent import GridSolution
 from chemage_contact._grid import bounded, rescale, sums
 from chemage_contact._kernels import Heights
 from chemage_contact._operators import FreeHalfSpace, PeriodicHalfSpace, PeriodicLayer, Substrate, Team
@@ -438,7 +439,7 @@ class FFTBEM(HalfSpaceSolver):
             notes=tuple(notes),
         )
 
-    def _full(self, surface: Surface, result: iteration.DimensionlessSolution, flow: np.ndarray | None) -> list[str]:
+    def _full(self, surface: Surface, result: GridSolution, flow: np.ndarray | None) -> list[str]:
         """Notes of a contact in which every pixel touches."""
         more = "uniform pressure" if self.is_nominally_flat(surface.periodic) else "the pressure of a flat punch"
         more = f"adds {more}" if flow is None or not flow.any() else "makes more of it yield"
@@ -470,7 +471,7 @@ class FFTBEM(HalfSpaceSolver):
         where = "contact at the edge of the grid, beyond which nothing carries load"
         return [f"{where}: {100 * share:.2g} % of the load is on the outermost pixels, as at the edge of a punch"]
 
-    def _failure(self, result: iteration.DimensionlessSolution) -> str:
+    def _failure(self, result: GridSolution) -> str:
         larger = "accept a larger tolerance"
         if result.iterations >= self.max_iterations:
             why, remedy = "the iteration limit was reached", f"raise max_iterations, or {larger}"
@@ -489,7 +490,7 @@ class FFTBEM(HalfSpaceSolver):
         )
 
 
-def _flow(result: iteration.DimensionlessSolution, hardness: float, unit: float) -> np.ndarray:
+def _flow(result: GridSolution, hardness: float, unit: float) -> np.ndarray:
     """The overlap where the pressure is the hardness, in nm; it is taken from the gap, which is then closed."""
     values = result.pressure
     flow = np.where(values >= bounded(hardness, values.dtype.type), np.maximum(-result.gap, 0), 0)
@@ -498,7 +499,7 @@ def _flow(result: iteration.DimensionlessSolution, hardness: float, unit: float)
     return flow
 
 
-def _report(solver: FFTBEM, result: iteration.DimensionlessSolution | None, **errors: float) -> dict[str, Any]:
+def _report(solver: FFTBEM, result: GridSolution | None, **errors: float) -> dict[str, Any]:
     """The errors of the solution and how it was found: plain values."""
     numbers: dict[str, Any] = {
         "tolerance": solver.tolerance,
