@@ -622,22 +622,6 @@ def _pair_rows(x, above, below, first, count, sums, to):
 
 
 @kernel(**_OPTIONS)
-def _column_sums(x, row, start, stop, sums):
-    """The lines of ``sums`` for columns start … stop of a row, with a halo of ``REACH`` on both sides; periodic."""
-    nx, ny = x.shape
-    n = stop - start
-    left = REACH if start > 0 else 0
-    right = REACH if stop < ny else 0
-    for a in range(REACH + 1):
-        above, below, line = _U((row - a) % nx), _U((row + a) % nx), a * LINE
-        _pair_rows(x, above, below, _U(start - left), _U(left + n + right), sums, _U(line + REACH - left))
-        if left == 0:
-            _pair_rows(x, above, below, _U(ny - REACH), _U(REACH), sums, _U(line))
-        if right == 0:
-            _pair_rows(x, above, below, _U(0), _U(REACH), sums, _U(line + REACH + n))
-
-
-@kernel(**_OPTIONS)
 def _stencil_columns(sums, weights, count):
     """The stencil along columns. Lines 0 … 4 of ``sums``, each ``LINE`` long, are the sums of two rows 0 … 4 away
     before, and the sums over the rows of the stencil for columns 0 … 4 away afterwards. Weights more than ``REACH`` +
@@ -693,7 +677,7 @@ def local(lo, hi, blocks, x, stencil, coarse, out, part):
     2·REACH + 1 rows of x, which stay in cache; writes out once. Sums along columns are made first and then added along
     rows, which needs a third of the loads of one pass over all pixels of the stencil.
     """
-    ny = x.shape[1]
+    nx, ny = x.shape
     per_row = blocks.per_row
     sums = np.zeros((REACH + 1) * LINE, x.dtype)
     fine = np.zeros((per_row, 2, blocks.width), x.dtype)
@@ -713,7 +697,15 @@ def local(lo, hi, blocks, x, stencil, coarse, out, part):
                 for f in range(2):
                     source = _U((base + f) % coarse.shape[0])
                     _interpolate(coarse, source, _U(start // RATIO), _U(n // RATIO), fine, _U(s), _U(f))
-            _column_sums(x, row, start, stop, sums)
+            left = REACH if start > 0 else 0
+            right = REACH if stop < ny else 0
+            for a in range(REACH + 1):
+                above, below, line = _U((row - a) % nx), _U((row + a) % nx), a * LINE
+                _pair_rows(x, above, below, _U(start - left), _U(left + n + right), sums, _U(line + REACH - left))
+                if left == 0:
+                    _pair_rows(x, above, below, _U(ny - REACH), _U(REACH), sums, _U(line))
+                if right == 0:
+                    _pair_rows(x, above, below, _U(0), _U(REACH), sums, _U(line + REACH + n))
             _stencil_columns(sums, stencil, _U(n + 2 * REACH))
             part[b, 0] = _stencil_rows(sums, fine, _U(s), weight, x, out, _U(row), _U(start), _U(n))
 
@@ -760,7 +752,7 @@ def restrict_between(lo, hi, blocks, x, rows, columns, coarse):
 @kernel(**_OPTIONS)
 def local_between(lo, hi, blocks, x, stencil, coarse, rows, columns, out, part):
     """As ``local``, where ``rows`` and ``columns`` interpolate ``coarse``; the last block has REACH columns or more."""
-    ny = x.shape[1]
+    nx, ny = x.shape
     per_row = blocks.per_row
     sums = np.zeros((REACH + 1) * LINE, x.dtype)
     fine = np.zeros((per_row, 2, blocks.width), x.dtype)
@@ -784,7 +776,15 @@ def local_between(lo, hi, blocks, x, stencil, coarse, rows, columns, out, part):
                         value = source[columns.lower[start + j]]
                         step = source[columns.upper[start + j]] - value
                         fine[s, f, j] = value + columns.weight[start + j] * step
-            _column_sums(x, row, start, stop, sums)
+            left = REACH if start > 0 else 0
+            right = REACH if stop < ny else 0
+            for a in range(REACH + 1):
+                above, below, line = _U((row - a) % nx), _U((row + a) % nx), a * LINE
+                _pair_rows(x, above, below, _U(start - left), _U(left + n + right), sums, _U(line + REACH - left))
+                if left == 0:
+                    _pair_rows(x, above, below, _U(ny - REACH), _U(REACH), sums, _U(line))
+                if right == 0:
+                    _pair_rows(x, above, below, _U(0), _U(REACH), sums, _U(line + REACH + n))
             _stencil_columns(sums, stencil, _U(n + 2 * REACH))
             weight = rows.weight[row] if base % 2 == 0 else x.dtype.type(1) - rows.weight[row]
             part[b, 0] = _stencil_rows(sums, fine, _U(s), weight, x, out, _U(row), _U(start), _U(n))
