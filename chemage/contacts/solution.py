@@ -254,7 +254,7 @@ class ContactSolution(Contact):
         if self.pressure.ndim != 2 or self.pressure.size == 0:
             raise ValueError(f"pressure: shape {self.pressure.shape}; give a two-dimensional, non-empty array (nx, ny)")
         require_finite("pressure", self.pressure, "the solver that made it is at fault")
-        for name in ("gap", "plastic_displacement"):
+        for name in ("gap", "plastic_displacement", "touching"):
             if (values := getattr(self, name)) is None:
                 continue
             if values.shape != self.pressure.shape:
@@ -266,8 +266,6 @@ class ContactSolution(Contact):
             raise ValueError(f"pressure: up to {self.pressure.max():g} GPa, out of range; give pressures in GPa")
         lowest = float(self.pressure.min())
         if self.touching is not None:
-            if self.touching.shape != self.pressure.shape:
-                raise ValueError(f"touching: shape {self.touching.shape}, but pressure has {self.pressure.shape}")
             if lowest < -LARGEST:
                 raise ValueError(f"pressure: down to {lowest:g} GPa, out of range; give pressures in GPa")
         elif lowest < 0:

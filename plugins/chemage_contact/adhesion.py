@@ -457,7 +457,7 @@ def _lowest(function: Any) -> float:
     low, high = angles[max(at - 1, 0)], angles[min(at + 1, angles.size - 1)]
     if at == angles.size - 1:
         return float(angles[at])
-    found = minimize_scalar(function, bounds=(low, high), method="bounded", options={"xatol": 1e-12 * high})
+    found: Any = minimize_scalar(function, bounds=(low, high), method="bounded", options={"xatol": 1e-12 * high})
     return float(found.x)
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
+from pydantic import TypeAdapter, ValidationError
 
 from chemage import InputError, Surface, errors
 from chemage.plugin import HeightMap, Length, Reader, StoreError, UnitError, container, convert, open_file
@@ -21,6 +22,7 @@ from chemage_surfaces._maps import surface_of
 if TYPE_CHECKING:
     import h5py
 
+_BOOLEAN = TypeAdapter(bool)
 #: groups of HDF5 in each other
 DEEPEST = 32
 
@@ -285,11 +287,7 @@ def _single(value: Any, attribute: str, source: str) -> Any:
 
 def _flag(value: Any, source: str) -> bool:
     """Whether the attribute ``periodic`` says yes."""
-    words = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
-    if value is None:
-        return False
-    if isinstance(value, str) and value.strip().lower() in words:
-        return words[value.strip().lower()]
-    if isinstance(value, str) or value not in (0, 1):
-        raise StoreError(f"{source} has periodic = {errors.shown(value)}; expected true or false")
-    return bool(value)
+    try:
+        return value is not None and _BOOLEAN.validate_python(value.strip() if isinstance(value, str) else value)
+    except ValidationError:
+        raise StoreError(f"{source} has periodic = {errors.shown(value)}; expected true or false") from None
