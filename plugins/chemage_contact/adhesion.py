@@ -104,6 +104,10 @@ class AdhesiveSphere(SphereSolver, ABC):
     def _forces(self, radius: float, state: AdhesiveState, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Force (nN) on each pixel between the edges ``x`` and ``y``, nm from the apex."""
 
+    def _pushes(self, radius: float, edge: float, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """The part of these forces of the pressure of Hertz on a contact of radius ``edge``."""
+        return 2 * self.modulus * edge**3 / (math.pi * radius) * _pixels(_corner_force, x / edge, y / edge)
+
     def _carries(self, radius: float) -> str:
         return ""
 
@@ -286,10 +290,9 @@ class JKR(AdhesiveSphere):
         return self._state(radius, max(root, lowest) ** 2 * scale)
 
     def _forces(self, radius: float, state: AdhesiveState, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        edge, modulus = state.edge, self.modulus
-        hertz = 2 * modulus * edge**3 / (math.pi * radius)
-        punch = math.sqrt(2 * self.work_of_adhesion * modulus / (math.pi * edge)) * edge**2
-        return hertz * _pixels(_corner_force, x / edge, y / edge) - punch * _pixels(_corner_punch, x / edge, y / edge)
+        edge = state.edge
+        punch = math.sqrt(2 * self.work_of_adhesion * self.modulus / (math.pi * edge)) * edge**2
+        return self._pushes(radius, edge, x, y) - punch * _pixels(_corner_punch, x / edge, y / edge)
 
 
 class DMT(AdhesiveSphere):
@@ -327,9 +330,7 @@ class DMT(AdhesiveSphere):
         )
 
     def _forces(self, radius: float, state: AdhesiveState, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        edge = state.edge
-        forces = 2 * self.modulus * edge**3 / (math.pi * radius) * _pixels(_corner_force, x / edge, y / edge)
-        return np.maximum(forces, 0.0)
+        return np.maximum(self._pushes(radius, state.edge, x, y), 0.0)
 
     def _carries(self, radius: float) -> str:
         return (
@@ -399,7 +400,7 @@ class Maugis(AdhesiveSphere):
 
     def _forces(self, radius: float, state: AdhesiveState, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         edge, outer = state.edge, state.outer
-        forces = 2 * self.modulus * edge**3 / (math.pi * radius) * _pixels(_corner_force, x / edge, y / edge)
+        forces = self._pushes(radius, edge, x, y)
         # the attraction as a sum of flat punches of radius t from a to c: (2σ/π) ∫ t dt/√(c² − t²) 1/√(t² − r²)
         nodes, weights = np.polynomial.legendre.leggauss(_NODES)
         span = math.sqrt(max((outer - edge) * (outer + edge), 0.0))

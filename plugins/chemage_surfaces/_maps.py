@@ -51,10 +51,14 @@ def _count(side: Any) -> int:
     return operator.index(side)
 
 
+def _each(value: Any) -> tuple[Any, ...]:
+    """Along x and y, from one value or two."""
+    return tuple(value) if isinstance(value, list | tuple | np.ndarray) else (value, value)
+
+
 def _grid(value: Any) -> tuple[int, int]:
     try:
-        sides = tuple(value) if isinstance(value, list | tuple | np.ndarray) else (value, value)
-        counts = [_count(side) for side in sides]
+        counts = [_count(side) for side in _each(value)]
     except TypeError:
         raise ValueError("give a whole number of pixels, or two: [nx, ny]") from None
     if len(counts) != 2:
@@ -106,7 +110,7 @@ def _named_unit(value: Any) -> Any:
 
 
 def _sides(value: Any) -> tuple[Any, Any]:
-    sides = tuple(value) if isinstance(value, list | tuple | np.ndarray) else (value, value)
+    sides = _each(value)
     if len(sides) != 2:
         raise ValueError(f"{len(sides)} lengths; give one, or two: [along x, along y]")
     return sides[0], sides[1]

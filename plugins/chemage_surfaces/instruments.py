@@ -180,14 +180,10 @@ class Gwy(Instrument):
 
     kind = "gwy"
     suffixes: ClassVar[tuple[str, ...]] = (".gwy",)
+    marks: ClassVar[tuple[bytes, ...]] = (b"GWYP",)
 
     channel: str | None = None
     """title of the channel; None: the first with heights"""
-
-    @classmethod
-    def claims(cls, head: bytes, path: str | PathLike[str]) -> bool:
-        """It begins with the mark of Gwyddion."""
-        return head.startswith(b"GWYP")
 
     def height_map(self, path: str | PathLike[str]) -> HeightMap:
         """The image as it is, of the channel that is asked for, or the first one whose values are lengths."""
@@ -206,7 +202,7 @@ class Gwy(Instrument):
         self, data: bytes, path: str | PathLike[str]
     ) -> tuple[str, dict[str, tuple[str, dict[str, Any]]], dict[str, Any]]:
         """The number of the channel to read, the titles and fields of heights, and the whole content."""
-        if not data.startswith(b"GWYP"):
+        if not data.startswith(self.marks):
             raise StoreError(f"{path} is no file of Gwyddion")
         _, content = _Stream(data).object()
         channels = {
@@ -279,14 +275,10 @@ class NetCdf(Instrument):
 
     kind = "netcdf"
     suffixes: ClassVar[tuple[str, ...]] = (".cdf",)
+    marks: ClassVar[tuple[bytes, ...]] = (b"CDF\x01", b"CDF\x02")
 
     variable: str | None = None
     """name of the variable; None: the only one with two dimensions"""
-
-    @classmethod
-    def claims(cls, head: bytes, path: str | PathLike[str]) -> bool:
-        """It begins with the mark of NetCDF-3."""
-        return head[:4] in (b"CDF\x01", b"CDF\x02")
 
     def height_map(self, path: str | PathLike[str]) -> HeightMap:
         """The variable as it is."""

@@ -122,16 +122,12 @@ class Npy(Unitless):
 
     kind = "npy"
     suffixes: ClassVar[tuple[str, ...]] = (".npy",)
-
-    @classmethod
-    def claims(cls, head: bytes, path: str | PathLike[str]) -> bool:
-        """It begins with the mark of numpy."""
-        return head.startswith(b"\x93NUMPY")
+    marks: ClassVar[tuple[bytes, ...]] = (b"\x93NUMPY",)
 
     def height_map(self, path: str | PathLike[str]) -> HeightMap:
         """The array as it is; its unit is not stated."""
         with open_file(path) as file:
-            if file.read(6) != b"\x93NUMPY":
+            if file.read(6) not in self.marks:
                 raise StoreError(f"{path} is not a numpy (.npy) file")
             length = file.seek(0, SEEK_END)
             file.seek(0)

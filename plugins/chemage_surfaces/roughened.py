@@ -295,16 +295,16 @@ def _fine_shape(measured: Surface, pixel_size: float) -> tuple[int, int]:
     return counts[0], counts[1]
 
 
-def _kept(shape: tuple[int, int], pixel_size: float, join: float) -> NDArray[np.bool_]:
-    """Which waves of the half spectrum of an image stay."""
-    return wavenumbers(shape, pixel_size) < join * (1 - 1e-9)
+def _waves(measured: Surface, plan: _Plan) -> tuple[NDArray[np.complex128], NDArray[np.bool_]]:
+    """The half spectrum of a periodic image, and which of its waves stay."""
+    half = np.asarray(sfft.rfft2(measured.heights.astype(np.float64), workers=threads.available()))
+    return half, wavenumbers(measured.shape, measured.pixel_size) < plan.join * (1 - 1e-9)
 
 
 def _with_image(half: NDArray[np.complex128], measured: Surface, plan: _Plan) -> NDArray[np.complex128]:
     """The half spectrum of the continuation and the waves of a periodic image that stay."""
     (nx, ny), (mx, my) = measured.shape, plan.shape
-    image = np.asarray(sfft.rfft2(measured.heights.astype(np.float64), workers=threads.available()))
-    kept = _kept((nx, ny), measured.pixel_size, plan.join)
+    image, kept = _waves(measured, plan)
     width = max(half.shape[1], image.shape[1])
     result = np.zeros((mx, width), dtype=np.complex128)
     result[:, : half.shape[1]] = half
@@ -360,8 +360,8 @@ def _cosines(series: Floats, side: float, shape: tuple[int, int], pixel_size: fl
 def _kept_slope(measured: Surface, plan: _Plan) -> float:
     """rms slope of the waves of the image that stay, with what was lost between its lines."""
     if measured.periodic:
-        half = np.asarray(sfft.rfft2(measured.heights.astype(np.float64), workers=threads.available()))
-        half[~_kept(measured.shape, measured.pixel_size, plan.join)] = 0.0
+        half, kept = _waves(measured, plan)
+        half[~kept] = 0.0
         low = np.asarray(sfft.irfft2(half, s=measured.shape, workers=threads.available()))
         return roughness.rms_slope(low, measured.pixel_size, True)
     series, lost = _series(measured, plan), _lost(measured, plan)
