@@ -3,9 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+if TYPE_CHECKING:
+    from chemage import Surface
+    from chemage_surfaces.images import Image
+    from chemage_surfaces.roughness_fit import RoughnessFit
+
+
+#: text that may be left out
+Text = str | None
 
 
 def _how(metavar: str, what: str) -> Any:
@@ -16,39 +25,35 @@ def roughness(
     paths: Annotated[
         list[Path], typer.Argument(metavar="FILE...", help="images of one surface, at any magnifications")
     ],
-    reader: Annotated[str | None, _how("KIND", "kind of the reader; default: by the content of the file")] = None,
-    height_unit: Annotated[
-        str | None, _how("UNIT", "unit of the heights, such as nm; default: as the file states")
-    ] = None,
+    reader: Annotated[Text, _how("KIND", "kind of the reader; default: by the content of the file")] = None,
+    height_unit: Annotated[Text, _how("UNIT", "unit of the heights, such as nm; default: as the file states")] = None,
     pixel_size: Annotated[
-        str | None, _how("LENGTH", "edge of a pixel, nm or with a unit; default: as the file states")
+        Text, _how("LENGTH", "edge of a pixel, nm or with a unit; default: as the file states")
     ] = None,
     lines: Annotated[str, _how("HOW", "align scan lines: none, differences, constant, linear or quadratic")] = "none",
     scars: Annotated[str, _how("ACTION", "what to do with scars: keep or interpolate")] = "keep",
     detrend: Annotated[
-        str | None,
+        Text,
         _how("TREND", "trend to subtract: none, mean, plane or quadratic; default: plane, or mean if periodic"),
     ] = None,
     missing: Annotated[str, _how("ACTION", "what to do with missing heights: few, refuse or interpolate")] = "few",
     spikes: Annotated[str, _how("ACTION", "what to do with spikes: few, refuse, keep or interpolate")] = "few",
-    resample: Annotated[str | None, _how("LENGTH", "edge of square pixels to make; default: as they are")] = None,
+    resample: Annotated[Text, _how("LENGTH", "edge of square pixels to make; default: as they are")] = None,
     periodic: Annotated[
         bool | None, typer.Option(help="whether the image is one period of the surface; default: as the file states")
     ] = None,
     resolution: Annotated[
-        str | None, _how("LENGTH", "shortest wavelength of the fit; default: as far as the image is trusted")
+        Text, _how("LENGTH", "shortest wavelength of the fit; default: as far as the image is trusted")
     ] = None,
     tip_radius: Annotated[
-        str | None, _how("LENGTH", "radius of the tip; default: as valleys sharper than peaks show it")
+        Text, _how("LENGTH", "radius of the tip; default: as valleys sharper than peaks show it")
     ] = None,
     retrace: Annotated[
         bool, typer.Option(help="take the difference between trace and retrace, where the file has both, as noise")
     ] = True,
-    spacing: Annotated[
-        str | None, _how("LENGTH", "pixel size in the printed section; default: that of the image")
-    ] = None,
+    spacing: Annotated[Text, _how("LENGTH", "pixel size in the printed section; default: that of the image")] = None,
     cutoff: Annotated[
-        str | None, _how("LENGTH", "shortest wavelength in the printed section; default: that of the fit")
+        Text, _how("LENGTH", "shortest wavelength in the printed section; default: that of the fit")
     ] = None,
     figures: Annotated[Path | None, _how("FOLDER", "also draw FOLDER/roughness.png: spectrum and differences")] = None,
     force: Annotated[bool, typer.Option("--force", help="overwrite the figure")] = False,
@@ -61,10 +66,9 @@ def roughness(
     """
     detrend = detrend or ("mean" if periodic else "plane")
     given = locals()
-    from chemage import InputError
     from chemage_surfaces.images import Measured
     from chemage_surfaces.measures import measure
-    from chemage_surfaces.roughness_fit import fit_roughness, section
+    from chemage_surfaces.roughness_fit import section
 
     # options of the surface have its names
     options = {name: given[name] for name in Measured.model_fields if given.get(name) is not None}
@@ -74,27 +78,17 @@ def roughness(
     for path, image, found in zip(paths, images, measures, strict=True):
         if len(paths) > 1:
             typer.echo(f"{path}:")
-        for step in image.steps:
-            if step["step"] in ("lines", "scars", "spikes", "missing"):
-                typer.echo(f"{step['step']:<19} " + ", ".join(f"{k} {v}" for k, v in step.items() if k != "step"))
+        _print_steps(image)
         typer.echo(f"{found.text()}\n")
-    fit, retraces, why = None, [], next((image.faults[0] for image in images if image.faults), "")
-    if not why:
-        surfaces = [image.surface() for image in images]
-        retraces = [maker.retrace() if retrace and resolution is None else None for maker in makers]
-        try:
-            fit = fit_roughness(surfaces, resolution=resolution, tip_radius=tip_radius, retraces=retraces)
-        except InputError as error:
-            if resolution is not None or tip_radius is not None:
-                raise
-            why = str(error)
+    fault = next((image.faults[0] for image in images if image.faults), "")
+    retraces = [maker.retrace() if retrace and resolution is None and not fault else None for maker in makers]
+    fit, why = (None, fault) if fault else _fitted(images, resolution, tip_radius, retraces)
     if figures is not None:
         from chemage.plugin import figures as drawing
         from chemage_surfaces.roughness_figure import roughness_figure
 
-        drawing.save_figures(
-            {"roughness": roughness_figure([path.name for path in paths], images, measures, fit)}, figures, force=force
-        )
+        drawn = roughness_figure([path.name for path in paths], images, measures, fit)
+        drawing.save_figures({"roughness": drawn}, figures, force=force)
     if fit is None:
         typer.echo(f"no fit: {why}")
         return
@@ -105,3 +99,26 @@ def roughness(
         typer.echo(f"no section [surface]: {fit.fault}")
     else:
         typer.echo(section(fit.maker(pixel_size=spacing, cutoff=cutoff)))
+
+
+def _fitted(
+    images: list[Image], resolution: str | None, tip_radius: str | None, retraces: list[Surface | None]
+) -> tuple[RoughnessFit | None, str]:
+    """The fit to all images, or why there is none."""
+    from chemage import InputError
+    from chemage_surfaces.roughness_fit import fit_roughness
+
+    surfaces = [image.surface() for image in images]
+    try:
+        return fit_roughness(surfaces, resolution=resolution, tip_radius=tip_radius, retraces=retraces), ""
+    except InputError as error:
+        if resolution is not None or tip_radius is not None:
+            raise
+        return None, str(error)
+
+
+def _print_steps(image: Image) -> None:
+    """Print the steps that changed heights."""
+    for step in image.steps:
+        if step["step"] in ("lines", "scars", "spikes", "missing"):
+            typer.echo(f"{step['step']:<19} " + ", ".join(f"{k} {v}" for k, v in step.items() if k != "step"))
