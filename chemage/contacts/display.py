@@ -93,27 +93,23 @@ class ContactDisplay(OfContact[ContactSolution]):
         if not contact.patches:
             return {}
         where = f"{contact.patches:g} patches on {100 * contact.area_fraction:.3g} % of the area"
-        whole = Panel(
-            partial(draw_pressure, zoom=True, contact=contact)
-            if contact.patches > 1
-            else partial(_draw_only_patch, contact=contact),
+        alt = f"Map of the contact pressure: {where}, mean {contact.mean_contact_pressure:.3g} GPa."
+        panel = partial(Panel, size=(4.9, 3.9), is_map=True)
+        if contact.patches == 1:
+            caption = "Contact pressure; what is not in contact is blank."
+            only = panel(partial(_draw_only_patch, contact=contact), caption, alt, name="whole")
+            return {"pressure": Picture((only,), (6.0, 4.6))}
+        whole = panel(
+            partial(draw_pressure, zoom=True, contact=contact),
             "Contact pressure, the largest in each block of pixels; what is not in contact is blank. Blue: the part "
-            "that is drawn around the largest patch."
-            if contact.patches > 1
-            else "Contact pressure; what is not in contact is blank.",
-            f"Map of the contact pressure: {where}, mean {contact.mean_contact_pressure:.3g} GPa.",
-            (4.9, 3.9),
-            is_map=True,
+            "that is drawn around the largest patch.",
+            alt,
             name="whole",
         )
-        if contact.patches == 1:
-            return {"pressure": Picture((whole,), (6.0, 4.6))}
-        largest = Panel(
+        largest = panel(
             partial(_draw_largest_patch, contact=contact),
             "Pressure around the largest contact patch, outlined in green.",
             f"Map of the contact pressure around the largest of {contact.patches:g} patches.",
-            (4.9, 3.9),
-            is_map=True,
             name="largest-patch",
         )
         return {"pressure": Picture((whole, largest), (10.5, 4.8))}

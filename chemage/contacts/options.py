@@ -183,12 +183,20 @@ def modulus_of(constants: Mapping[Any, Any]) -> float:
     InputError
         Entries are missing, unknown, of unlike number or out of range.
     """
-    if any(name in constants for name in CRYSTAL):
-        return _crystal_modulus(constants)
-    if unknown := [name for name in constants if name not in CONSTANTS]:
-        raise InputError(f"{shown(unknown[0])}: no such elastic constant{nearest(str(unknown[0]), CONSTANTS)}; {_FORM}")
-    if missing := [name for name in CONSTANTS if name not in constants]:
-        raise InputError(f"{missing[0]} is missing; {_FORM}")
+    crystal = CRYSTAL if any(name in constants for name in CRYSTAL) else ()
+    bodies = CONSTANTS if not crystal or any(name in constants for name in CONSTANTS) else ()
+    known, form = (*crystal, *CONSTANTS), _FORM_CRYSTAL if crystal else _FORM
+    if unknown := [name for name in constants if name not in known]:
+        raise InputError(f"{shown(unknown[0])}: no such elastic constant{nearest(str(unknown[0]), known)}; {form}")
+    if missing := [name for name in (*crystal, *bodies) if name not in constants]:
+        raise InputError(f"{missing[0]} is missing; {form}")
+    if crystal:
+        own = indentation_modulus(*(constants[name] for name in CRYSTAL))
+        if not bodies:
+            return own
+        return in_range(
+            1 / (1 / own + _compliance("young", constants["young"], "poisson", constants["poisson"])), "GPa"
+        )
     young, poisson = (
         list(value) if isinstance(value, list | tuple) else [value]
         for value in (constants["young"], constants["poisson"])
@@ -196,18 +204,6 @@ def modulus_of(constants: Mapping[Any, Any]) -> float:
     if not len(young) == len(poisson) <= 2 or not young:
         raise InputError(f"young has {len(young)} entries and poisson {len(poisson)}; {_FORM}")
     return contact_modulus(young[0], poisson[0], *young[1:], *poisson[1:])
-
-
-def _crystal_modulus(constants: Mapping[Any, Any]) -> float:
-    if unknown := [name for name in constants if name not in (*CRYSTAL, *CONSTANTS)]:
-        raise InputError(f"{shown(unknown[0])}: not among these elastic constants; {_FORM_CRYSTAL}")
-    counter = [name for name in CONSTANTS if name in constants]
-    if missing := [name for name in (*CRYSTAL, *(CONSTANTS if counter else ())) if name not in constants]:
-        raise InputError(f"{missing[0]} is missing; {_FORM_CRYSTAL}")
-    own = indentation_modulus(*(constants[name] for name in CRYSTAL))
-    if not counter:
-        return own
-    return in_range(1 / (1 / own + _compliance("young", constants["young"], "poisson", constants["poisson"])), "GPa")
 
 
 class _ModulusUnit(Unit):

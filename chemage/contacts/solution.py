@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 from chemage.contacts import patches
 from chemage.contacts.patches import Above
 from chemage.foundation.checks import MOST_BINS, checked_count
-from chemage.foundation.codec import dataset, frame, map_frame
+from chemage.foundation.codec import dataset, frame
 from chemage.foundation.errors import InputError
 from chemage.foundation.outputs import Observing
 from chemage.foundation.quantities import Quantity, Rank, by_name
@@ -31,7 +31,7 @@ from chemage.foundation.records import (
 )
 from chemage.foundation.result import draw_result, notebook_html
 from chemage.foundation.units import LARGEST, QuantityLike, convert
-from chemage.surfaces.surface import Surface
+from chemage.surfaces.surface import PixelMap, Surface
 
 if TYPE_CHECKING:
     import pandas
@@ -191,7 +191,7 @@ class Contact(Observing, Record):
         return repr(self)
 
 
-class ContactSolution(Contact):
+class ContactSolution(PixelMap, Contact):
     """The pressure between a surface and an elastic half-space under a load."""
 
     arrays = {
@@ -254,7 +254,7 @@ class ContactSolution(Contact):
         if self.pressure.ndim != 2 or self.pressure.size == 0:
             raise ValueError(f"pressure: shape {self.pressure.shape}; give a two-dimensional, non-empty array (nx, ny)")
         require_finite("pressure", self.pressure, "the solver that made it is at fault")
-        for name in ("gap", "plastic_displacement"):
+        for name in ("gap", "plastic_displacement", "touching"):
             if (values := getattr(self, name)) is None:
                 continue
             if values.shape != self.pressure.shape:
@@ -266,8 +266,6 @@ class ContactSolution(Contact):
             raise ValueError(f"pressure: up to {self.pressure.max():g} GPa, out of range; give pressures in GPa")
         lowest = float(self.pressure.min())
         if self.touching is not None:
-            if self.touching.shape != self.pressure.shape:
-                raise ValueError(f"touching: shape {self.touching.shape}, but pressure has {self.pressure.shape}")
             if lowest < -LARGEST:
                 raise ValueError(f"pressure: down to {lowest:g} GPa, out of range; give pressures in GPa")
         elif lowest < 0:
@@ -279,12 +277,6 @@ class ContactSolution(Contact):
             raise ValueError(f"load: {self.load} nN is negative; without adhesion nothing can be pulled")
         return self
 
-    @property
-    def shape(self) -> tuple[int, int]:
-        """(nx, ny) pixels."""
-        nx, ny = self.pressure.shape
-        return nx, ny
-
     @cached_property
     def contact(self) -> np.ndarray:
         """(nx, ny) bool: pixels in contact."""
@@ -294,11 +286,6 @@ class ContactSolution(Contact):
     def sites(self) -> np.ndarray:
         """(n,) int64: flat indices of the pixels in contact, ascending."""
         return frozen(np.flatnonzero(self.contact), np.int64)
-
-    @property
-    def nominal_area(self) -> float:
-        """A0, nm²."""
-        return self.pressure.size * self.pixel_size**2
 
     @property
     def carried(self) -> float:
@@ -420,14 +407,6 @@ class ContactSolution(Contact):
     def max_pressure(self) -> float:
         """Largest pressure, GPa."""
         return float(self.pressure.max())
-
-    def coordinates(self) -> dict[str, np.ndarray]:
-        """Centres of the pixels along ``x`` and ``y``, nm."""
-        return {name: (np.arange(n) + 0.5) * self.pixel_size for name, n in zip("xy", self.shape, strict=True)}
-
-    def to_pandas(self) -> pandas.DataFrame:
-        """The pressure, one row for each x and one column for each y, both in nm. Needs pandas."""
-        return map_frame(self.pressure, self.coordinates(), "pressure", "GPa")
 
     def __repr__(self) -> str:
         return f"<ContactSolution {self.load:g} nN, area fraction {self.area_fraction:.4g}, {self.patches} patches>"

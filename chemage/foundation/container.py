@@ -305,7 +305,7 @@ def decoding(path: str | os.PathLike[str], part: str = "") -> Iterator[None]:
         raise DamagedError(f"{path}: {part} is damaged: {error}") from error
     except Exception as error:
         named = f"{path}: {part}" if part else path
-        raise DamagedError(f"{named} is damaged: {' '.join(str(error).split())}") from error
+        raise DamagedError(f"{named} is damaged: {shortened(' '.join(str(error).split()), 200)}") from error
 
 
 # -- layouts ----------------------------------------------------------------------------------------------------------

@@ -68,13 +68,18 @@ class Reader(Component, ABC):
     error_of = "the heights"
     #: file name endings that this reader accepts, with the dot
     suffixes: ClassVar[tuple[str, ...]] = ()
+    #: bytes with one of which every file of this format begins; empty: there are none
+    marks: ClassVar[tuple[bytes, ...]] = ()
     #: whether it reads many formats through a library, and is asked after all others
     general: ClassVar[bool] = False
 
     @classmethod
     def claims(cls, head: bytes, path: str | PathLike[str]) -> bool | None:
-        """Whether a file that begins with ``head`` (at most 64 kB) is in this format; None: its content cannot tell."""
-        return None
+        """Whether a file that begins with ``head`` (at most 64 kB) is in this format; None: its content cannot tell.
+
+        Here by its ``marks``.
+        """
+        return head.startswith(cls.marks) if cls.marks else None
 
     @abstractmethod
     def read(self, path: str | PathLike[str]) -> Any:

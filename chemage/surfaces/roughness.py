@@ -13,7 +13,7 @@ import numpy as np
 from chemage.foundation.threads import available
 
 
-def _multiplicity(ny: int) -> np.ndarray:
+def multiplicity(ny: int) -> np.ndarray:
     """How often each column of a half spectrum occurs in the full one: 2; 1 for zero and the Nyquist of an even ny."""
     weight = np.full(ny // 2 + 1, 2.0)
     weight[0] = 1.0
@@ -50,7 +50,7 @@ def _power(heights: np.ndarray) -> np.ndarray:
     spectrum: Any = fft.rfft2(heights, workers=available())
     power = np.square(spectrum.real)
     power += np.square(spectrum.imag)
-    power *= _multiplicity(heights.shape[1]) / float(heights.size) ** 2
+    power *= multiplicity(heights.shape[1]) / float(heights.size) ** 2
     return power
 
 
@@ -94,6 +94,14 @@ def _squared_slope(rows: np.ndarray) -> float:
     return float(np.mean(np.square(line + fft.dct(waves, type=1, axis=1, overwrite_x=True, workers=available()))))
 
 
+def taper(heights: np.ndarray) -> None:
+    """Multiply heights, which are about their mean, with a Hann window of unit mean square, in place."""
+    for axis, count in enumerate(heights.shape):
+        window = np.sin(np.pi * (np.arange(count) + 0.5) / count) ** 2
+        window /= math.sqrt(float(np.mean(window**2)))
+        heights *= window[:, None] if axis == 0 else window[None, :]
+
+
 def psd(heights: np.ndarray, pixel_size: float, periodic: bool = True, bins: int = 60) -> tuple[np.ndarray, np.ndarray]:
     """Radially averaged power spectral density of (nx, ny) heights: wavenumbers q (1/nm) and C(q) (nm⁴).
 
@@ -108,10 +116,7 @@ def psd(heights: np.ndarray, pixel_size: float, periodic: bool = True, bins: int
     scaled, scale = _centred(heights)
     if not periodic:
         # sampled at pixel centres, so that the window has no zeros and stands for a single pixel too
-        for axis, count in enumerate((nx, ny)):
-            window = np.sin(np.pi * (np.arange(count) + 0.5) / count) ** 2
-            window /= math.sqrt(float(np.mean(window**2)))
-            scaled *= window[:, None] if axis == 0 else window[None, :]
+        taper(scaled)
     power = _power(scaled).ravel()
     qx, qy = _wavenumbers((nx, ny))
     q = np.hypot(qx[:, None], qy[None, :]).ravel()
@@ -119,7 +124,7 @@ def psd(heights: np.ndarray, pixel_size: float, periodic: bool = True, bins: int
     # a little wider than the spectrum, so that rounding drops no wave vector
     edges = np.geomspace(lowest * (1 - 1e-9), max(highest, lowest) * (1 + 1e-9), bins + 1)
     which = np.searchsorted(edges, q, side="right")
-    weight = np.broadcast_to(_multiplicity(ny), (nx, ny // 2 + 1)).ravel()
+    weight = np.broadcast_to(multiplicity(ny), (nx, ny // 2 + 1)).ravel()
     count, waves, total = (np.bincount(which, values, bins + 2)[1 : bins + 1] for values in (weight, weight * q, power))
     filled = count > 0
     mean = total[filled] / count[filled] * heights.size

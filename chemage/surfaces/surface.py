@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from pydantic import model_validator
@@ -26,7 +26,39 @@ if TYPE_CHECKING:
 LARGEST_HEIGHT, LARGEST_RATIO = 1e300, 1e305
 
 
-class Surface(Observing, Record):
+class PixelMap:
+    """A record whose first array is a map on square pixels."""
+
+    if TYPE_CHECKING:
+        arrays: ClassVar[dict[str, tuple[tuple[str, ...], str, str]]]
+        pixel_size: float
+
+    @property
+    def _first(self) -> np.ndarray:
+        return getattr(self, next(iter(self.arrays)))
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(nx, ny) pixels."""
+        nx, ny = self._first.shape
+        return nx, ny
+
+    @property
+    def nominal_area(self) -> float:
+        """A0, nm²."""
+        return self._first.size * self.pixel_size**2
+
+    def coordinates(self) -> dict[str, np.ndarray]:
+        """Centres of the pixels along ``x`` and ``y``, nm."""
+        return {name: (np.arange(n) + 0.5) * self.pixel_size for name, n in zip("xy", self.shape, strict=True)}
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """The map, one row for each x and one column for each y, both in nm. Needs pandas."""
+        name = next(iter(self.arrays))
+        return map_frame(self._first, self.coordinates(), name, self.arrays[name][1])
+
+
+class Surface(PixelMap, Observing, Record):
     """A rough (or spherical) body, given by its heights on a pixel grid."""
 
     arrays = {"heights": (("x", "y"), "nm", "height, higher = nearer to the counter-body")}
@@ -60,17 +92,6 @@ class Surface(Observing, Record):
             )
         return self
 
-    @property
-    def shape(self) -> tuple[int, int]:
-        """(nx, ny) pixels."""
-        nx, ny = self.heights.shape
-        return nx, ny
-
-    @property
-    def nominal_area(self) -> float:
-        """A0, nm²."""
-        return self.heights.size * self.pixel_size**2
-
     @cached_property
     def rms_height(self) -> float:
         """Root mean square height about the mean, nm."""
@@ -95,10 +116,6 @@ class Surface(Observing, Record):
             raise InputError(f"heights: the power spectral density of {self!r} is out of the range of numbers; rescale")
         return waves, density
 
-    def coordinates(self) -> dict[str, np.ndarray]:
-        """Centres of the pixels along ``x`` and ``y``, nm."""
-        return {name: (np.arange(n) + 0.5) * self.pixel_size for name, n in zip("xy", self.shape, strict=True)}
-
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the map of the heights into ``ax``, or into a new figure of pyplot; return the axes."""
         return draw_result(self, ax)
@@ -106,10 +123,6 @@ class Surface(Observing, Record):
     def to_xarray(self) -> xarray.Dataset:
         """The arrays with the names, dimensions and units of the file, x and y in nm. Needs xarray."""
         return dataset(self)
-
-    def to_pandas(self) -> pandas.DataFrame:
-        """The heights, one row for each x and one column for each y, both in nm. Needs pandas."""
-        return map_frame(self.heights, self.coordinates(), "heights", "nm")
 
     def _repr_html_(self) -> str:
         return notebook_html(self)

@@ -79,8 +79,7 @@ class Adhesive:
         self.body, self.h, self.law, self.goal, self.team = body, heights, law, goal, team
         self.shape, self.padded = body.shape, body.padded
         self.periodic = body.periodic
-        unit = math.sqrt(body.pixel[0] * body.pixel[1])
-        symbol = body.symbol() / unit
+        symbol = body.symbol() / body.unit
         if self.periodic:
             self.stiffness = np.divide(1.0, symbol, out=np.zeros_like(symbol), where=symbol > 0)
         else:

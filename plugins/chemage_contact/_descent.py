@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -74,7 +74,11 @@ KEEP_FROM = 15
 
 @dataclass
 class GridSolution:
-    """The end of the iteration on one grid. ``gap`` is without ``gap_offset``; ``offset`` is the offset of G p - h."""
+    """The end of the iteration on one grid, in dimensionless units; of the finest one with what led there, and errors
+    relative to ``scale``.
+
+    ``gap`` is without ``gap_offset``, until the finest grid is solved; ``offset`` is the offset of G p - h.
+    """
 
     pressure: Array
     gap: Array
@@ -90,6 +94,14 @@ class GridSolution:
     """whether rounding errors ended the iteration"""
     pressure_error: tuple[float, float] = (0.0, 0.0)
     """estimated: L2 norm relative to that of the pressure, largest error relative to the largest pressure"""
+    transforms: int = 0
+    history: list[tuple[float, float]] = field(default_factory=list)
+    levels: list[tuple[tuple[int, int], int]] = field(default_factory=list)
+
+    @property
+    def error(self) -> float:
+        """The larger of the two errors that convergence is judged by."""
+        return max(self.rms_gap, self.penetration)
 
 
 @dataclass

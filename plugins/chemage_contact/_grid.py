@@ -159,7 +159,7 @@ class Convolution:
         self, substrate: Substrate, symbol: Array, dtype: Any, library: str, team: Team, *, floating: bool
     ) -> None:
         self.shape, self.dtype, self.team = substrate.shape, np.dtype(dtype), team
-        self.unit = math.sqrt(substrate.pixel[0] * substrate.pixel[1])
+        self.unit = substrate.unit
         periodic = substrate.padded == substrate.shape
         self._transforms = Transforms(substrate.shape, substrate.padded, library, team.threads)
         self._unpadded = self._transforms
@@ -303,8 +303,7 @@ def _axis(fine: int, coarse: int, dtype: Any) -> kernels.Interpolation:
 
 def _pixel_symbol(body: Substrate, fine: Substrate, inverse: bool) -> Floats:
     """The symbol or its inverse in units of the pixels of ``fine``."""
-    unit = math.sqrt(fine.pixel[0] * fine.pixel[1])
-    return body.inverse() * unit if inverse else body.symbol() / unit
+    return body.inverse() * fine.unit if inverse else body.symbol() / fine.unit
 
 
 @lru_cache(maxsize=64)

@@ -31,7 +31,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -52,34 +52,6 @@ COARSE_TOLERANCE = 1e-2
 COARSE_ITERATIONS = 30
 
 
-@dataclass
-class DimensionlessSolution:
-    """A solution in dimensionless units: ``pressure`` and ``gap``, both (nx, ny); errors relative to ``scale``."""
-
-    pressure: Array
-    gap: Array
-    offset: float
-    scale: float
-    """rms heights"""
-    rms_gap: float
-    penetration: float
-    converged: bool
-    iterations: int
-    transforms: int
-    history: list[tuple[float, float]]
-    levels: list[tuple[tuple[int, int], int]]
-    pressure_error: tuple[float, float]
-    """estimated: L2 norm relative to that of the pressure, largest error relative to the largest pressure"""
-    rounding: bool = False
-    """whether rounding errors prevent a smaller error"""
-    notes: list[str] = field(default_factory=list)
-
-    @property
-    def error(self) -> float:
-        """The larger of the two errors that convergence is judged by."""
-        return max(self.rms_gap, self.penetration)
-
-
 def solve(
     substrate: Substrate,
     heights: Heights,
@@ -91,7 +63,7 @@ def solve(
     start: Array | None = None,
     settings: Settings,
     team: Team,
-) -> DimensionlessSolution:
+) -> GridSolution:
     """Solve on ``substrate`` for ``heights``.
 
     ``stiffness`` is (unit of pressure)·pixel/(E*·unit of height). With ``offset`` None ``mean`` is the mean pressure;
@@ -115,21 +87,14 @@ def solve(
         levels.append((shape, end.iterations))
         if finest:
             end.gap += end.gap_offset
-            return DimensionlessSolution(
-                pressure=p,
-                gap=end.gap,
+            return replace(
+                end,
                 offset=end.offset - stiffness * mean * grid.uniform,
-                scale=end.scale,
                 rms_gap=end.rms_gap / end.scale,
                 penetration=end.penetration / end.scale,
-                converged=end.converged,
-                iterations=end.iterations,
                 transforms=grid.transforms,
                 history=[(rms / end.scale, deepest / end.scale) for rms, deepest in grid.history],
                 levels=levels,
-                pressure_error=end.pressure_error,
-                rounding=end.rounding,
-                notes=end.notes,
             )
     raise AssertionError("there is always a finest grid")
 

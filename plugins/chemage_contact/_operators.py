@@ -10,12 +10,13 @@ Beside them the threads that share the blocks and rows of a kernel; results do n
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from types import TracebackType
-from typing import Any, Protocol, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,46 +97,45 @@ class Active:
 Floats = NDArray[np.float64]
 
 
-class Substrate(Protocol):
-    """The interface of an elastic body to the solver."""
+@dataclass(frozen=True)
+class Substrate(ABC):
+    """An elastic body on a grid; one that is periodic has no padding."""
 
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Pixels (nx, ny)."""
-        ...
-
-    @property
-    def pixel(self) -> tuple[float, float]:
-        """Edge lengths of a pixel in nm."""
-        ...
+    shape: tuple[int, int]
+    """pixels (nx, ny)"""
+    pixel: tuple[float, float]
+    """edge lengths of a pixel in nm"""
+    #: whether opposite edges of the grid are neighbours
+    periodic: ClassVar[bool] = True
 
     @property
     def padded(self) -> tuple[int, int]:
         """Grid of the convolution: ``shape`` if periodic, at least twice that for an isolated contact."""
-        ...
+        return self.shape
 
-    @property
-    def periodic(self) -> bool:
-        """Whether opposite edges of the grid are neighbours."""
-        ...
-
+    @abstractmethod
     def symbol(self) -> Floats:
         """(px, py//2+1) values ≥ 0, or (px//2+1, py//2+1) if even in the first wave number."""
-        ...
 
     def inverse(self) -> Floats:
         """(nx, ny//2+1) or (nx//2+1, ny//2+1) values > 0: approximately 1/symbol on the unpadded grid, for
-        preconditioning."""
-        ...
+        preconditioning. Here that of a half-space."""
+        return 0.5 * _regularised(wave_numbers(self.shape, self.pixel))
 
     def regrid(self, shape: tuple[int, int]) -> Self:
         """The same body on another grid of the same extent."""
-        ...
+        pixel = (self.pixel[0] * self.shape[0] / shape[0], self.pixel[1] * self.shape[1] / shape[1])
+        return replace(self, shape=shape, pixel=pixel)
+
+    @property
+    def unit(self) -> float:
+        """The root of the area of a pixel, nm."""
+        return self.pixel[0] if self.pixel[0] == self.pixel[1] else math.sqrt(self.pixel[0] * self.pixel[1])
 
     def window(self, shape: tuple[int, int]) -> Self:
         """The same body with the same pixels on another extent; all lengths in units of the root of the area of a
         pixel. Equal windows have equal symbols and equal hashes."""
-        ...
+        return replace(self, shape=shape, pixel=(self.pixel[0] / self.unit, self.pixel[1] / self.unit))
 
 
 def fast_length(n: int) -> int:
@@ -159,16 +159,8 @@ def _regularised(q: Floats) -> Floats:
 
 
 @dataclass(frozen=True)
-class PeriodicHalfSpace:
+class PeriodicHalfSpace(Substrate):
     """Elastic half-space under a periodic pressure: symbol 2/|q|, zero at q = 0 (the mean plane is the reference)."""
-
-    shape: tuple[int, int]
-    pixel: tuple[float, float]
-    periodic = True
-
-    @property
-    def padded(self) -> tuple[int, int]:
-        return self.shape
 
     def symbol(self) -> Floats:
         q = _regularised(wave_numbers(self.shape, self.pixel))
@@ -176,18 +168,9 @@ class PeriodicHalfSpace:
         values[0, 0] = 0.0
         return values
 
-    def inverse(self) -> Floats:
-        return 0.5 * _regularised(wave_numbers(self.shape, self.pixel))
-
-    def regrid(self, shape: tuple[int, int]) -> Self:
-        return replace(self, shape=shape, pixel=_rescaled(self.shape, self.pixel, shape))
-
-    def window(self, shape: tuple[int, int]) -> Self:
-        return replace(self, shape=shape, pixel=_without_unit(self.pixel)[0])
-
 
 @dataclass(frozen=True)
-class PeriodicLayer:
+class PeriodicLayer(Substrate):
     """Elastic layer of ``thickness`` nm bonded to a rigid base or to an elastic half-space, periodic pressure on its
     face.
 
@@ -198,8 +181,6 @@ class PeriodicLayer:
     t(1-2ν)/(1-ν)²; else the mean plane is the reference.
     """
 
-    shape: tuple[int, int]
-    pixel: tuple[float, float]
     thickness: float
     poisson: float = 0.25
     """ν, of the layer"""
@@ -207,11 +188,6 @@ class PeriodicLayer:
     """k"""
     poisson_below: float = 0.25
     """ν₀, of the half-space"""
-    periodic = True
-
-    @property
-    def padded(self) -> tuple[int, int]:
-        return self.shape
 
     def symbol(self) -> Floats:
         # Numerator and denominator times e^(2qt) and the denominators of m and n, over cosh 2qt: nothing overflows, and
@@ -237,16 +213,12 @@ class PeriodicLayer:
             values[0, 0] = min(longest, default=1.0)
         return 1.0 / values
 
-    def regrid(self, shape: tuple[int, int]) -> Self:
-        return replace(self, shape=shape, pixel=_rescaled(self.shape, self.pixel, shape))
-
     def window(self, shape: tuple[int, int]) -> Self:
-        pixel, unit = _without_unit(self.pixel)
-        return replace(self, shape=shape, pixel=pixel, thickness=self.thickness / unit)
+        return replace(super().window(shape), thickness=self.thickness / self.unit)
 
 
 @dataclass(frozen=True)
-class FreeHalfSpace:
+class FreeHalfSpace(Substrate):
     """Elastic half-space loaded nowhere else: displacements relative to infinity.
 
     Convolution with the exact displacement of a uniformly loaded rectangle (A. E. H. Love, Phil. Trans. R. Soc. A
@@ -254,9 +226,7 @@ class FreeHalfSpace:
     Hockney, Methods Comput. Phys. 9, 135 (1970)).
     """
 
-    shape: tuple[int, int]
-    pixel: tuple[float, float]
-    periodic = False
+    periodic: ClassVar[bool] = False
 
     @property
     def padded(self) -> tuple[int, int]:
@@ -272,15 +242,6 @@ class FreeHalfSpace:
         full = _cosine(half, px, 0)
         # The truncated kernel is positive definite on the unpadded pixels; negative values are rounding errors.
         return np.maximum(full, 0.0)
-
-    def inverse(self) -> Floats:
-        return 0.5 * _regularised(wave_numbers(self.shape, self.pixel))
-
-    def regrid(self, shape: tuple[int, int]) -> Self:
-        return replace(self, shape=shape, pixel=_rescaled(self.shape, self.pixel, shape))
-
-    def window(self, shape: tuple[int, int]) -> Self:
-        return replace(self, shape=shape, pixel=_without_unit(self.pixel)[0])
 
 
 def _sinh_less_x(x: Floats, sech: Floats) -> Floats:
@@ -301,16 +262,6 @@ def _cosh_less_parabola(x: Floats, sech: Floats) -> Floats:
     series = 1.0 + y / 30.0 * (1.0 + y / 56.0 * (1.0 + y / 90.0 * (1.0 + y / 132.0 * (1.0 + y / 182.0))))
     values[small] = y * y / 24.0 * series * sech[small]
     return values
-
-
-def _rescaled(shape: tuple[int, int], pixel: tuple[float, float], new: tuple[int, int]) -> tuple[float, float]:
-    return pixel[0] * shape[0] / new[0], pixel[1] * shape[1] / new[1]
-
-
-def _without_unit(pixel: tuple[float, float]) -> tuple[tuple[float, float], float]:
-    """Edge lengths in units of the root of their product, and that unit. A square pixel is 1 by 1 exactly."""
-    unit = pixel[0] if pixel[0] == pixel[1] else math.sqrt(pixel[0] * pixel[1])
-    return (pixel[0] / unit, pixel[1] / unit), unit
 
 
 def _cosine(half: Floats, n: int, axis: int) -> Floats:

@@ -12,8 +12,9 @@ import numpy as np
 from pydantic import Field
 
 from chemage import ContactSolution, InputError, Surface
-from chemage.plugin import ContactModulus, ContactSolver, Length, Unit, convert
-from chemage_contact.closed_forms import _corner_force, _distances, _edges, _radius
+from chemage.plugin import Length, Unit, convert
+from chemage_contact._solvers import GRID, SphereSolver, require_room
+from chemage_contact.closed_forms import _corner_force, _distances, _edges, _pixels
 
 #: work of adhesion: 1 J/m² is 1 nN/nm
 Adhesion = Annotated[float, Unit("J/m**2", gt=0)]
@@ -67,7 +68,7 @@ class AdhesiveState:
     displacement: float
 
 
-class AdhesiveSphere(ContactSolver, ABC):
+class AdhesiveSphere(SphereSolver, ABC):
     """A sphere of radius R on an elastic half-space, with adhesion.
 
     A pixel is in contact if its centre is, and carries the exact mean of the pressure over its square. Where nothing
@@ -81,10 +82,8 @@ class AdhesiveSphere(ContactSolver, ABC):
     implemented_properties: ClassVar[tuple[str, ...]] = ("pressure", "displacement")
     #: Tabor's parameters between which the law holds
     tabor: ClassVar[tuple[float, float]] = (0.0, math.inf)
+    general: ClassVar[str] = "adhesive-bem"
 
-    modulus: ContactModulus
-    """contact modulus E* = E/(1−ν²) of the elastic body (or of both, combined), GPa; or their young
-    and poisson"""
     work_of_adhesion: Adhesion = Field(examples=["50 mJ/m^2"])
     """work of adhesion w of the two surfaces, J/m² (the same number in nN/nm)"""
 
@@ -105,25 +104,30 @@ class AdhesiveSphere(ContactSolver, ABC):
     def _forces(self, radius: float, state: AdhesiveState, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Force (nN) on each pixel between the edges ``x`` and ``y``, nm from the apex."""
 
+    def _pushes(self, radius: float, edge: float, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """The part of these forces of the pressure of Hertz on a contact of radius ``edge``."""
+        return 2 * self.modulus * edge**3 / (math.pi * radius) * _pixels(_corner_force, x / edge, y / edge)
+
     def _carries(self, radius: float) -> str:
         return ""
 
-    def _beyond(self, radius: float) -> str:
-        """That a sphere of ``radius`` nm is outside the range of the law, in words; "" where it is not."""
+    def _beyond(self, radius: float) -> tuple[str, ...]:
+        """That a sphere of ``radius`` nm is outside the range of the law, in words; nothing where it is not."""
         tabor = math.cbrt(radius * self.work_of_adhesion**2 / self.modulus**2) / _ATOMIC
         low, high = self.tabor
         if low <= tabor <= high:
-            return ""
+            return ()
         limit = f"above {low:g}" if tabor < low else f"below {high:g}"
-        return (
+        beyond = (
             f"contact {self.kind!r} holds where Tabor's parameter (Rw²/(E*²z₀³))^(1/3) is {limit}, and here it is "
             f"{tabor:.2g} for an attraction of range z₀ = {_ATOMIC:g} nm: use contact 'maugis' with the range of the "
             "attraction"
         )
+        return (beyond,)
 
     def expected(self, surface: Mapping[str, float], load: float) -> dict[str, float]:
         """Area fraction where the radius is known."""
-        if not {"nx", "ny", "pixel_size", "radius"} <= surface.keys():
+        if not surface.keys() >= {*GRID, "radius"}:
             return {}
         pixels = surface["nx"] * surface["ny"]
         cost = {"cpu_seconds": 0.02 + 5e-6 * pixels, "bytes": 120.0 * pixels}
@@ -132,24 +136,13 @@ class AdhesiveSphere(ContactSolver, ABC):
         edge = self.at_load(surface["radius"], load).edge
         return {"area_fraction": min(math.pi * edge**2 / pixels / surface["pixel_size"] ** 2, 1.0), **cost}
 
-    def is_nominally_flat(self, periodic: bool) -> bool:
-        """A sphere is not."""
-        return False
-
     def check(self, surface: Mapping[str, float], load: float) -> tuple[str, ...]:
         """See :meth:`chemage.plugin.ContactSolver.check`."""
-        if not {"nx", "ny", "pixel_size"} <= surface.keys():
-            return ()
-        if "radius" not in surface:
-            raise InputError(
-                f"contact {self.kind!r} needs a sphere, but this surface has no radius; use surface kind 'sphere' or "
-                "contact 'adhesive-bem'"
-            )
-        self._at(surface["radius"], load, (int(surface["nx"]), int(surface["ny"])), surface["pixel_size"])
-        return (beyond,) if (beyond := self._beyond(surface["radius"])) else ()
+        super().check(surface, load)
+        return self._beyond(surface["radius"]) if surface.keys() >= GRID else ()
 
-    def _at(self, radius: float, load: float, shape: tuple[int, int], size: float) -> AdhesiveState:
-        """The contact under ``load``, if it is one and on the grid."""
+    def pressed(self, shape: tuple[int, int], size: float, radius: float, load: float) -> AdhesiveState:
+        """See :meth:`SphereSolver.pressed`."""
         pull = self.pull_off(radius)
         # the last bits are those of the conversion of units
         if load < -pull * (1 + 1e-12):
@@ -161,37 +154,29 @@ class AdhesiveSphere(ContactSolver, ABC):
                 f"give a load of at least {-pull:.6g} nN",
             )
         state = self.at_load(radius, max(load, -pull))
-        room = 0.5 * min(shape) * size
-        if state.outer > room:
-            raise InputError.of(
-                "load",
-                load,
-                f"contact and attraction have a radius of {state.outer:.4g} nm, but the surface reaches only "
-                f"{room:.4g} nm from the apex",
-                "use more pixels or a smaller load",
-            )
+        require_room(state.outer, shape, size, load, "contact and attraction have")
         if not state.edge > 1e-60 * size:
             raise InputError.of("load", load, "leaves the range of numbers: no contact is left", "give nN and nm")
         return state
 
     def _solve(self, surface: Surface, load: float, start: ContactSolution | None) -> ContactSolution:
-        radius = _radius(surface, self.kind)
-        return self._solution(surface, radius, self._at(radius, load, surface.shape, surface.pixel_size), load)
+        radius = self.radius(surface.provenance)
+        return self._solution(surface, radius, self.pressed(surface.shape, surface.pixel_size, radius, load), load)
 
     def solve_displacement(
         self, surface: Surface, displacement: float | str, *, touching: bool = True
     ) -> ContactSolution | None:
         """The contact at an approach (nm, or a string with its unit) since first touch, see :meth:`at_approach`."""
-        radius = _radius(surface, self.kind)
+        radius = self.radius(surface.provenance)
         state = self.at_approach(radius, convert(displacement, "nm"), touching=touching)
         if state is None:
             return None
-        self._at(radius, state.load if state.load > 0 else 0.0, surface.shape, surface.pixel_size)
+        self.pressed(surface.shape, surface.pixel_size, radius, max(state.load, 0.0))
         return self._solution(surface, radius, state, state.load)
 
     def loop(self, surface: Surface, displacements: Sequence[float]) -> Loop:
         """Load and contact radius along a programme of approaches (nm), in the order given, from surfaces apart."""
-        radius, states, touching = _radius(surface, self.kind), [], False
+        radius, states, touching = self.radius(surface.provenance), [], False
         for displacement in displacements:
             state = self.at_approach(radius, displacement, touching=touching)
             touching = state is not None
@@ -216,23 +201,16 @@ class AdhesiveSphere(ContactSolver, ABC):
         carries = self._carries(radius)
         scale = float(np.abs(pressure).sum()) * size**2
         force_error = 0.0 if carries or not scale else abs(float(pressure.sum()) * size**2 - load) / scale
-        for array in (pressure, touching):
-            array.setflags(write=False)
-        return ContactSolution(
+        return self.solution(
+            surface,
             pressure=pressure,
             touching=touching,
             load=load,
-            pixel_size=size,
-            modulus=self.modulus,
-            periodic=False,
             contact_pixels="centres",
-            rms_slope=surface.rms_slope,
-            rms_height=surface.rms_height,
             displacement=state.displacement,
             carries=carries,
             convergence={"force_error": force_error, "pull_off": self.pull_off(radius)},
-            notes=(beyond,) if (beyond := self._beyond(radius)) else (),
-            provenance=self.provenance(surface),
+            notes=self._beyond(radius),
         )
 
 
@@ -312,10 +290,9 @@ class JKR(AdhesiveSphere):
         return self._state(radius, max(root, lowest) ** 2 * scale)
 
     def _forces(self, radius: float, state: AdhesiveState, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        edge, modulus = state.edge, self.modulus
-        hertz = 2 * modulus * edge**3 / (math.pi * radius)
-        punch = math.sqrt(2 * self.work_of_adhesion * modulus / (math.pi * edge)) * edge**2
-        return hertz * _pixels(_corner_force, x / edge, y / edge) - punch * _pixels(_corner_punch, x / edge, y / edge)
+        edge = state.edge
+        punch = math.sqrt(2 * self.work_of_adhesion * self.modulus / (math.pi * edge)) * edge**2
+        return self._pushes(radius, edge, x, y) - punch * _pixels(_corner_punch, x / edge, y / edge)
 
 
 class DMT(AdhesiveSphere):
@@ -353,9 +330,7 @@ class DMT(AdhesiveSphere):
         )
 
     def _forces(self, radius: float, state: AdhesiveState, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        edge = state.edge
-        forces = 2 * self.modulus * edge**3 / (math.pi * radius) * _pixels(_corner_force, x / edge, y / edge)
-        return np.maximum(forces, 0.0)
+        return np.maximum(self._pushes(radius, state.edge, x, y), 0.0)
 
     def _carries(self, radius: float) -> str:
         return (
@@ -425,7 +400,7 @@ class Maugis(AdhesiveSphere):
 
     def _forces(self, radius: float, state: AdhesiveState, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         edge, outer = state.edge, state.outer
-        forces = 2 * self.modulus * edge**3 / (math.pi * radius) * _pixels(_corner_force, x / edge, y / edge)
+        forces = self._pushes(radius, edge, x, y)
         # the attraction as a sum of flat punches of radius t from a to c: (2σ/π) ∫ t dt/√(c² − t²) 1/√(t² − r²)
         nodes, weights = np.polynomial.legendre.leggauss(_NODES)
         span = math.sqrt(max((outer - edge) * (outer + edge), 0.0))
@@ -483,7 +458,7 @@ def _lowest(function: Any) -> float:
     low, high = angles[max(at - 1, 0)], angles[min(at + 1, angles.size - 1)]
     if at == angles.size - 1:
         return float(angles[at])
-    found = minimize_scalar(function, bounds=(low, high), method="bounded", options={"xatol": 1e-12 * high})
+    found: Any = minimize_scalar(function, bounds=(low, high), method="bounded", options={"xatol": 1e-12 * high})
     return float(found.x)
 
 
@@ -509,12 +484,6 @@ def _gathered(pressure: np.ndarray, touching: np.ndarray) -> np.ndarray:
     share = np.where(moves, pressure / np.maximum(count, 1.0), 0.0)
     gained = ndimage.convolve(share, around, mode="constant")
     return np.where(moves, 0.0, pressure) + np.where(touching, gained, 0.0)
-
-
-def _pixels(corner: Any, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Integrals over each pixel from those over rectangles at the apex."""
-    signed = (np.sign(x)[:, None] * np.sign(y)) * corner(np.abs(x)[:, None], np.abs(y)[None, :])
-    return np.diff(np.diff(signed, axis=0), axis=1)
 
 
 def _corner_punch(x: np.ndarray, y: np.ndarray) -> np.ndarray:

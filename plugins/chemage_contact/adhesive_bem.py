@@ -11,10 +11,11 @@ import numpy as np
 from pydantic import Field
 
 from chemage import ContactSolution, InputError, Surface
-from chemage.plugin import ContactModulus, ContactSolver, ConvergenceError, Length, Unit, convert, threads
+from chemage.plugin import ConvergenceError, Length, Unit, convert, threads
 from chemage_contact._attraction import Adhesive, Found, Prescribed, minimise
 from chemage_contact._cohesion import CohesiveLaw
 from chemage_contact._operators import FreeHalfSpace, PeriodicHalfSpace, Substrate, Team
+from chemage_contact._solvers import GRID, HalfSpaceSolver
 from chemage_contact.adhesion import Loop
 from chemage_contact.fft_bem import _BUGNICOURT, FFTBEM
 
@@ -46,7 +47,7 @@ class _Before:
     rise: float
 
 
-class AdhesiveBEM(ContactSolver):
+class AdhesiveBEM(HalfSpaceSolver):
     """Frictionless contact of a rigid surface with a flat elastic body that attracts it, at a given load.
 
     The surfaces do not overlap, and attract each other with the energy φ(g) per area at a gap g: ``exponential``,
@@ -74,9 +75,6 @@ class AdhesiveBEM(ContactSolver):
     )
     bibtex: ClassVar[tuple[str, ...]] = (_BUGNICOURT, _REY)
 
-    modulus: ContactModulus
-    """contact modulus E* = E/(1−ν²) of the elastic body (or of both, combined), GPa; or their young
-    and poisson"""
     work_of_adhesion: Annotated[float, Unit("J/m**2", ge=0)] = Field(examples=["50 mJ/m^2"])
     """work of adhesion w of the two surfaces, J/m² (the same number in nN/nm)"""
     range: Length = Field(examples=["0.3 nm"])
@@ -100,10 +98,6 @@ class AdhesiveBEM(ContactSolver):
     """whether the solution contains the gap (memory and file size double)"""
     threads: int | None = Field(default=None, ge=1)
     """threads of one solve; default: all processors available to this process"""
-
-    def is_nominally_flat(self, periodic: bool) -> bool:
-        """See :meth:`chemage.plugin.ContactSolver.is_nominally_flat`; ``boundary`` may make it periodic, or free."""
-        return periodic if self.boundary == "auto" else self.boundary == "periodic"
 
     def reference(self) -> AdhesiveBEM:
         """At a tolerance of 1e-8."""
@@ -131,7 +125,7 @@ class AdhesiveBEM(ContactSolver):
             doubts.append(text)
         if "radius" in surface:
             self._bearable(surface["radius"], load)
-        if {"nx", "ny", "pixel_size"} <= surface.keys() and load > 0:
+        if surface.keys() >= GRID and load > 0:
             doubts += self._plain().check({k: v for k, v in surface.items() if k != "radius"}, load)
         return tuple(doubts)
 
@@ -265,18 +259,12 @@ class AdhesiveBEM(ContactSolver):
             notes.append(message)
         if not self.is_nominally_flat(surface.periodic):
             notes += _at_edge(found.gap, law)
-        for array in (pressure, gap, touching):
-            array.setflags(write=False)
-        return ContactSolution(
+        return self.solution(
+            surface,
             pressure=pressure,
             touching=touching,
             gap=gap if self.gap else None,
             load=force if load is None else load,
-            pixel_size=size,
-            modulus=self.modulus,
-            periodic=self.is_nominally_flat(surface.periodic),
-            rms_slope=surface.rms_slope,
-            rms_height=surface.rms_height,
             displacement=found.approach * size,
             converged=found.converged,
             residual=found.error,
@@ -289,7 +277,6 @@ class AdhesiveBEM(ContactSolver):
                 "history": found.history,
             },
             notes=tuple(notes),
-            provenance=self.provenance(surface),
         )
 
     def _failure(self, found: Found) -> str:

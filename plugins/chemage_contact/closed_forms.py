@@ -11,7 +11,8 @@ import numpy as np
 from pydantic import Field
 
 from chemage import ContactSolution, InputError, Surface
-from chemage.plugin import ContactModulus, ContactSolver, ContactStatistics, ContactTheory, Pressure, Roughness, theory
+from chemage.plugin import ContactModulus, ContactStatistics, ContactTheory, Pressure, Roughness, theory
+from chemage_contact._solvers import GRID, NO_LOAD, SphereSolver, require_room
 from chemage_contact._yielding_sphere import YieldingSphere, yielding_sphere
 
 _HERTZ = """@article{hertz1881,
@@ -33,7 +34,7 @@ _JOHNSON = """@book{johnson1985,
 }"""
 
 
-class Hertz(ContactSolver):
+class Hertz(SphereSolver):
     """Sphere of radius R on an elastic half-space: a = (3FR/4E*)^(1/3), p(r) = p0 sqrt(1 − r²/a²), p0 = 3F/(2πa²).
 
     A pixel is in contact if its centre is, so that the contact area is πa² without bias, and carries the exact mean
@@ -53,10 +54,8 @@ class Hertz(ContactSolver):
         "K. L. Johnson, Contact Mechanics, Cambridge University Press (1985), ch. 4",
     )
     bibtex: ClassVar[tuple[str, ...]] = (_HERTZ, _JOHNSON)
+    general: ClassVar[str] = "fft-bem"
 
-    modulus: ContactModulus
-    """contact modulus E* = E/(1−ν²) of the elastic body (or of both, combined), GPa; or their young
-    and poisson"""
     hardness: Pressure | None = None
     """largest pressure, GPa: the material flows where it is reached, and the contact grows; default: elastic"""
     gap: bool = False
@@ -73,7 +72,7 @@ class Hertz(ContactSolver):
 
     def expected(self, surface: Mapping[str, float], load: float) -> dict[str, float]:
         """Area fraction πa²/A0 where the radius is known, and memory of the gap."""
-        if not {"nx", "ny", "pixel_size", "radius"} <= surface.keys():
+        if not surface.keys() >= {*GRID, "radius"}:
             return {}
         maps = self.gap + (self.hardness is not None)
         gap = {"gap_bytes": 8.0 * maps * surface["nx"] * surface["ny"]} if maps else {}
@@ -86,23 +85,7 @@ class Hertz(ContactSolver):
         most = {} if self.hardness is None else {"max_pressure": self.hardness}
         return {"area_fraction": min(math.pi * edge**2 / nominal, 1.0), **cost, **gap, **most}
 
-    def is_nominally_flat(self, periodic: bool) -> bool:
-        """A sphere is not."""
-        return False
-
-    def check(self, surface: Mapping[str, float], load: float) -> None:
-        """See :meth:`chemage.plugin.ContactSolver.check`."""
-        if not {"nx", "ny", "pixel_size"} <= surface.keys():
-            return
-        if "radius" not in surface:
-            raise InputError(
-                "contact 'hertz' needs a sphere, but this surface has no radius; "
-                "use surface kind 'sphere' or contact 'fft-bem'"
-            )
-        shape = (int(surface["nx"]), int(surface["ny"]))
-        self._contact(shape, surface["pixel_size"], surface["radius"], load)
-
-    def _contact(
+    def pressed(
         self, shape: tuple[int, int], size: float, radius: float, load: float
     ) -> tuple[float, YieldingSphere | None]:
         """Radius of the contact, nm, and where the sphere yields, its contact."""
@@ -120,75 +103,43 @@ class Hertz(ContactSolver):
             )
         sphere = yielding_sphere(load, radius, self.modulus, self.hardness)
         if sphere is not None:
-            _require_room(sphere.edge, room, load)
+            require_room(sphere.edge, shape, size, load)
         return (edge if sphere is None else sphere.edge), sphere
 
     def _elastic_edge(self, shape: tuple[int, int], size: float, radius: float, load: float) -> float:
         """Radius of the elastic contact, nm."""
         edge = math.cbrt(0.75 * load * radius / self.modulus)
-        _require_room(edge, 0.5 * min(shape) * size, load)
+        require_room(edge, shape, size, load)
         if load > 0 and not (edge > 1e-60 * size and 1e-290 < load / size**2 < 1e100):
             raise InputError.of("load", load, f"leaves the range of numbers on pixels of {size:g} nm", "give nN and nm")
         return edge
 
     def _solve(self, surface: Surface, load: float, start: ContactSolution | None) -> ContactSolution:
-        radius = _radius(surface)
-        size = surface.pixel_size
-        edge, sphere = self._contact(surface.shape, size, radius, load)
+        radius, size = self.radius(surface.provenance), surface.pixel_size
+        edge, sphere = self.pressed(surface.shape, size, radius, load)
         pressure = np.zeros(surface.shape)
         if sphere is not None:
             pressure = _yielding_pixels(surface, sphere, load)
         elif load > 0:
-            nx, ny = surface.shape
-            pressure = _pixel_forces(_edges(nx, size), _edges(ny, size), edge, load) / size**2
+            pressure = _pixel_forces(surface, edge, load) / size**2
         total = float(pressure.sum()) * size**2
         gap, flow = None, None if self.hardness is None else np.zeros(surface.shape)
         if self.gap:
             gap = _gap(surface, edge, radius) if sphere is None else np.maximum(sphere.gap(_distances(surface)), 0.0)
             gap[pressure > 0] = 0.0
-            gap.setflags(write=False)
         if sphere is not None:
             flow = np.where(pressure > 0, np.maximum(-sphere.gap(_distances(surface)), 0.0), 0.0)
-        if flow is not None:
-            flow.setflags(write=False)
-        pressure.setflags(write=False)
-        return ContactSolution(
+        return self.solution(
+            surface,
             pressure=pressure,
             gap=gap,
             plastic_displacement=flow,
             load=load,
-            pixel_size=size,
-            modulus=self.modulus,
-            periodic=False,
             contact_pixels="centres",
-            rms_slope=surface.rms_slope,
-            rms_height=surface.rms_height,
             displacement=edge * edge / radius if sphere is None else sphere.approach,
             convergence={"force_error": abs(total / load - 1.0) if load > 0 else 0.0},
-            notes=() if load > 0 else ("no load: the bodies just touch and no pixel carries pressure",),
-            provenance=self.provenance(surface),
+            notes=() if load > 0 else NO_LOAD,
         )
-
-
-def _require_room(edge: float, room: float, load: float) -> None:
-    """Refuse a contact of radius ``edge`` (nm) on a surface that reaches only ``room`` nm from the apex."""
-    if edge > room:
-        raise InputError.of(
-            "load",
-            load,
-            f"the contact has a radius of {edge:.4g} nm, but the surface reaches only {room:.4g} nm from the apex",
-            "use more pixels or a smaller load",
-        )
-
-
-def _radius(surface: Surface, kind: str = "hertz") -> float:
-    radius = surface.provenance.get("radius")
-    if isinstance(radius, bool) or not isinstance(radius, int | float) or not (0 < radius < math.inf):
-        raise InputError(
-            f"contact {kind!r} needs a sphere, but this surface has no radius (provenance['radius'] = {radius!r}); "
-            "use surface kind 'sphere' or contact 'fft-bem'"
-        )
-    return float(radius)
 
 
 def _edges(n: int, size: float) -> np.ndarray:
@@ -240,12 +191,18 @@ def _corner_force(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return np.where(inside, full, beyond)
 
 
-def _pixel_forces(x: np.ndarray, y: np.ndarray, edge: float, load: float) -> np.ndarray:
-    """Force in nN on each pixel between the given pixel edges (nm from the apex); (x.size − 1, y.size − 1)."""
+def _pixels(corner: Any, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Integrals over each pixel from those over rectangles at the apex."""
+    signed = (np.sign(x)[:, None] * np.sign(y)) * corner(np.abs(x)[:, None], np.abs(y)[None, :])
+    return np.diff(np.diff(signed, axis=0), axis=1)
+
+
+def _pixel_forces(surface: Surface, edge: float, load: float) -> np.ndarray:
+    """Force in nN on each pixel of a contact of radius ``edge``."""
+    x, y = (_edges(n, surface.pixel_size) / edge for n in surface.shape)
     # p0·edge² = 3F/2π
-    signed = (np.sign(x)[:, None] * np.sign(y)) * _corner_force(np.abs(x)[:, None] / edge, np.abs(y)[None, :] / edge)
-    force = np.diff(np.diff(signed, axis=0), axis=1) * (1.5 * load / math.pi)
-    centre = np.hypot(0.5 * (x[1:] + x[:-1])[:, None], 0.5 * (y[1:] + y[:-1]))
+    force = _pixels(_corner_force, x, y) * (1.5 * load / math.pi)
+    centre = _distances(surface)
     inside = centre < edge
     if not inside.any():  # the contact is smaller than a pixel
         inside = centre <= centre.min()
@@ -363,7 +320,7 @@ class Persson(ContactTheory):
     def expected(self, surface: Mapping[str, float], load: float) -> dict[str, float]:
         """Area fraction where the rms slope is known; time and memory, which are those of nothing."""
         estimate = {"cpu_seconds": 0.01, "bytes": 1e6, "gap_bytes": 0.0}
-        if not {"nx", "ny", "pixel_size", "rms_slope"} <= surface.keys():
+        if not surface.keys() >= {*GRID, "rms_slope"}:
             return estimate
         area = surface["nx"] * surface["ny"] * surface["pixel_size"] ** 2
         mean, sigma = load / area, self._deviation(load / area, 0.5 * self.modulus * surface["rms_slope"])

@@ -11,12 +11,14 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from chemage import ContactSolution, InputError, Surface
-from chemage.plugin import ContactModulus, ContactSolver, ConvergenceError, Length, Pressure, Unit, convert, threads
+from chemage.plugin import ConvergenceError, Length, Pressure, Unit, convert, threads
 from chemage_contact import _iteration as iteration
 from chemage_contact import _kernels as kernels
+from chemage_contact._descent import GridSolution
 from chemage_contact._grid import bounded, rescale, sums
 from chemage_contact._kernels import Heights
 from chemage_contact._operators import FreeHalfSpace, PeriodicHalfSpace, PeriodicLayer, Substrate, Team
+from chemage_contact._solvers import GRID, NO_LOAD, HalfSpaceSolver
 
 #: Thickness of a layer, in pixels and in lengths of the surface. A thinner one is a bed of springs, which rounding
 #: errors prevent from converging; a thicker one is a half-space.
@@ -67,7 +69,7 @@ _VOLLEBREGT = """@article{vollebregt2014,
 }"""
 
 
-class FFTBEM(ContactSolver):
+class FFTBEM(HalfSpaceSolver):
     """Frictionless, non-adhesive hard-wall contact of a rigid surface with a flat elastic body, at a given load.
 
     Finds the pressure with p ≥ 0, gap ≥ 0, p·gap = 0 on every pixel. Converged means that both errors are below
@@ -93,9 +95,6 @@ class FFTBEM(ContactSolver):
     )
     bibtex: ClassVar[tuple[str, ...]] = (_POLONSKY, _BUGNICOURT, _VOLLEBREGT)
 
-    modulus: ContactModulus
-    """contact modulus E* = E/(1−ν²) of the elastic body (or of both, combined), GPa; or their young
-    and poisson"""
     hardness: Pressure | None = None
     """largest pressure, GPa: the material flows where it is reached, and the load spreads; default: elastic"""
     tolerance: float = Field(default=1e-5, gt=0, lt=1, allow_inf_nan=False)
@@ -197,7 +196,7 @@ class FFTBEM(ContactSolver):
         """See :meth:`chemage.plugin.ContactSolver.check`."""
         if self.thickness is not None and self.boundary == "auto" and surface.get("periodic") == 0:
             raise InputError(_LAYER)
-        if not {"nx", "ny", "pixel_size"} <= surface.keys():
+        if not surface.keys() >= GRID:
             return ()
         size = surface["pixel_size"]
         self._check_range(surface["nx"] * surface["ny"] * size**2, size, load)
@@ -233,7 +232,7 @@ class FFTBEM(ContactSolver):
 
     def warm_up(self, surface: Mapping[str, float], load: float) -> None:
         """See :meth:`chemage.plugin.ContactSolver.warm_up`."""
-        if load == 0 or not {"nx", "ny", "pixel_size"} <= surface.keys():
+        if load == 0 or not surface.keys() >= GRID:
             return
         shape, pixel = (int(surface["nx"]), int(surface["ny"])), (surface["pixel_size"], surface["pixel_size"])
         periodic = self.is_nominally_flat(surface.get("periodic") != 0)
@@ -265,10 +264,6 @@ class FFTBEM(ContactSolver):
             raise InputError.of("load", load, "leaves the range of numbers when spread over the surface")
         if self.precision == "single" and not (load / pixel_size**2 > 1e-35 and pressure < 1e35):
             raise InputError.of("load", load, "the pressure leaves the range of float32", "use precision = 'mixed'")
-
-    def is_nominally_flat(self, periodic: bool) -> bool:
-        """See :meth:`chemage.plugin.ContactSolver.is_nominally_flat`; ``boundary`` may make it periodic, or free."""
-        return periodic if self.boundary == "auto" else self.boundary == "periodic"
 
     def reference(self) -> FFTBEM:
         """Double precision at a tolerance of 1e-12, or the nearest to it that rounding errors allow."""
@@ -365,37 +360,18 @@ class FFTBEM(ContactSolver):
             any_size=self.gap,
         )
 
-    def _solution(self, surface: Surface, **fields: Any) -> ContactSolution:
-        return ContactSolution(
-            pixel_size=surface.pixel_size,
-            modulus=self.modulus,
-            periodic=self.is_nominally_flat(surface.periodic),
-            rms_slope=surface.rms_slope,
-            rms_height=surface.rms_height,
-            provenance=self.provenance(surface),
-            **fields,
-        )
-
     def _untouched(self, surface: Surface, approach: float) -> ContactSolution:
         """The solution without contact: a load of zero, or an approach of zero or less."""
         pressure = np.zeros(surface.shape, dtype=iteration.PRECISIONS[self.precision][0])
-        pressure.setflags(write=False)
-        gap = None
-        if self.gap:
-            gap = float(surface.heights.max()) - approach - surface.heights
-        flow = None
-        if self.hardness is not None:
-            flow = np.zeros_like(pressure)
-            flow.setflags(write=False)
-        return self._solution(
+        return self.solution(
             surface,
             pressure=pressure,
-            gap=gap,
-            plastic_displacement=flow,
+            gap=float(surface.heights.max()) - approach - surface.heights if self.gap else None,
+            plastic_displacement=None if self.hardness is None else np.zeros_like(pressure),
             load=0.0,
             displacement=approach,
             convergence=_report(self, None, force_error=0.0, complementarity=0.0, scale=0.0),
-            notes=("no load: the bodies just touch and no pixel carries pressure",) if approach == 0 else (),
+            notes=NO_LOAD if approach == 0 else (),
         )
 
     def _solved(
@@ -439,13 +415,11 @@ class FFTBEM(ContactSolver):
         force_error = abs(force / load - 1.0) if load > 0 else 0.0
         if not force_error < 1e-3:
             raise InputError.of("load", load, f"the pressure leaves the range of {values.dtype} numbers")
-        values.setflags(write=False)
         gap = None
         if self.gap:
             gap = np.maximum(result.gap, 0.0)
             gap *= unit
-            gap.setflags(write=False)
-        return self._solution(
+        return self.solution(
             surface,
             pressure=values,
             gap=gap,
@@ -465,7 +439,7 @@ class FFTBEM(ContactSolver):
             notes=tuple(notes),
         )
 
-    def _full(self, surface: Surface, result: iteration.DimensionlessSolution, flow: np.ndarray | None) -> list[str]:
+    def _full(self, surface: Surface, result: GridSolution, flow: np.ndarray | None) -> list[str]:
         """Notes of a contact in which every pixel touches."""
         more = "uniform pressure" if self.is_nominally_flat(surface.periodic) else "the pressure of a flat punch"
         more = f"adds {more}" if flow is None or not flow.any() else "makes more of it yield"
@@ -497,7 +471,7 @@ class FFTBEM(ContactSolver):
         where = "contact at the edge of the grid, beyond which nothing carries load"
         return [f"{where}: {100 * share:.2g} % of the load is on the outermost pixels, as at the edge of a punch"]
 
-    def _failure(self, result: iteration.DimensionlessSolution) -> str:
+    def _failure(self, result: GridSolution) -> str:
         larger = "accept a larger tolerance"
         if result.iterations >= self.max_iterations:
             why, remedy = "the iteration limit was reached", f"raise max_iterations, or {larger}"
@@ -516,17 +490,16 @@ class FFTBEM(ContactSolver):
         )
 
 
-def _flow(result: iteration.DimensionlessSolution, hardness: float, unit: float) -> np.ndarray:
+def _flow(result: GridSolution, hardness: float, unit: float) -> np.ndarray:
     """The overlap where the pressure is the hardness, in nm; it is taken from the gap, which is then closed."""
     values = result.pressure
     flow = np.where(values >= bounded(hardness, values.dtype.type), np.maximum(-result.gap, 0), 0)
     result.gap += flow
     flow *= unit
-    flow.setflags(write=False)
     return flow
 
 
-def _report(solver: FFTBEM, result: iteration.DimensionlessSolution | None, **errors: float) -> dict[str, Any]:
+def _report(solver: FFTBEM, result: GridSolution | None, **errors: float) -> dict[str, Any]:
     """The errors of the solution and how it was found: plain values."""
     numbers: dict[str, Any] = {
         "tolerance": solver.tolerance,

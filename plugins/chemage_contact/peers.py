@@ -17,9 +17,10 @@ import numpy as np
 from pydantic import Field
 
 from chemage import ContactSolution, InputError, Surface, errors
-from chemage.plugin import ContactModulus, ContactSolver, ConvergenceError, Unit, threads
+from chemage.plugin import ConvergenceError, Unit, threads
 from chemage_contact._grid import Convolution
 from chemage_contact._operators import Floats, FreeHalfSpace, PeriodicHalfSpace, Team
+from chemage_contact._solvers import GRID, NO_LOAD, HalfSpaceSolver
 
 #: multiple of the tolerance that errors of the gap may have where a library does not say whether it converged
 MARGIN = 100.0
@@ -54,16 +55,13 @@ class PeerSolution(NamedTuple):
     converged: bool | None
 
 
-class Peer(ContactSolver):
+class Peer(HalfSpaceSolver):
     """A library that solves the hard-wall contact on an elastic half-space, and the measure of its errors."""
 
     library: ClassVar[str]
     """name of the distribution, and in lower case of the extra of chemage that installs it"""
     module: ClassVar[str]
 
-    modulus: ContactModulus
-    """contact modulus E* = E/(1−ν²) of the elastic body (or of both, combined), GPa; or their young
-    and poisson"""
     tolerance: float = Field(default=1e-6, gt=0, lt=1, allow_inf_nan=False)
     """relative error at which the library stops, by its own measure; ``convergence`` has the errors of the gap as
     ``fft-bem`` measures them"""
@@ -88,7 +86,7 @@ class Peer(ContactSolver):
     def check(self, surface: Mapping[str, float], load: float) -> None:
         """See :meth:`chemage.plugin.ContactSolver.check`; the library must be installed."""
         self._imported()
-        if {"nx", "ny", "pixel_size"} <= surface.keys():
+        if surface.keys() >= GRID:
             self._check_limit(load / (surface["nx"] * surface["ny"] * surface["pixel_size"] ** 2))
 
     def _imported(self) -> Any:
@@ -133,19 +131,14 @@ class Peer(ContactSolver):
         force = float(pressure.sum()) * size**2
         if load > 0 and not abs(force / load - 1.0) < 1e-3:
             raise ConvergenceError(f"{self.kind}: the pressure adds up to {force:.6g} nN, the load is {load:.6g} nN")
-        pressure.setflags(write=False)
-        return ContactSolution(
+        return self.solution(
+            surface,
             pressure=pressure,
             load=load,
-            pixel_size=size,
-            modulus=self.modulus,
-            periodic=periodic,
-            rms_slope=surface.rms_slope,
-            rms_height=surface.rms_height,
             residual=max(measures["rms_gap"], measures["penetration"]),
             iterations=answer.iterations,
             convergence=measures | {"force_error": abs(force / load - 1.0) if load > 0 else 0.0},
-            notes=() if load > 0 else ("no load: the bodies just touch and no pixel carries pressure",),
+            notes=() if load > 0 else NO_LOAD,
             provenance=self.provenance(surface) | {"library": f"{self.library} {_version(library)}"},
         )
 
@@ -269,10 +262,6 @@ class ContactMechanics(Peer):
 
     boundary: Literal["auto", "periodic", "free"] = "auto"
     """periodic or free (an isolated contact on an infinite half-space); auto: periodic if the surface is"""
-
-    def is_nominally_flat(self, periodic: bool) -> bool:
-        """See :meth:`chemage.plugin.ContactSolver.is_nominally_flat`; ``boundary`` may make it periodic, or free."""
-        return periodic if self.boundary == "auto" else self.boundary == "periodic"
 
     def _answer(self, library: Any, heights: Floats, stiffness: float, ceiling: float, periodic: bool) -> PeerSolution:
         with warnings.catch_warnings(action="ignore"):

@@ -24,6 +24,7 @@ from chemage.plugin import (
     Seed,
     SurfaceMaker,
     Unit,
+    checked_seed,
     file_hash,
     file_stamp,
     memory,
@@ -50,10 +51,14 @@ def _count(side: Any) -> int:
     return operator.index(side)
 
 
+def _each(value: Any) -> tuple[Any, ...]:
+    """Along x and y, from one value or two."""
+    return tuple(value) if isinstance(value, list | tuple | np.ndarray) else (value, value)
+
+
 def _grid(value: Any) -> tuple[int, int]:
     try:
-        sides = tuple(value) if isinstance(value, list | tuple | np.ndarray) else (value, value)
-        counts = [_count(side) for side in sides]
+        counts = [_count(side) for side in _each(value)]
     except TypeError:
         raise ValueError("give a whole number of pixels, or two: [nx, ny]") from None
     if len(counts) != 2:
@@ -92,13 +97,20 @@ def provenance(maker: SurfaceMaker, seed: Seed | None = None) -> dict[str, Any]:
     return record
 
 
+def stream(seed: Seed, *key: int) -> np.random.SeedSequence:
+    """The random numbers of ``seed``, or those of it that ``key`` tells apart."""
+    if not isinstance(seed, np.random.SeedSequence):
+        seed = np.random.SeedSequence(checked_seed(seed))
+    return np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, *key))
+
+
 def _named_unit(value: Any) -> Any:
     """Read the name of a unit, such as "um", as one of that unit."""
     return f"1 {value}" if isinstance(value, str) and value[:1].isalpha() else value
 
 
 def _sides(value: Any) -> tuple[Any, Any]:
-    sides = tuple(value) if isinstance(value, list | tuple | np.ndarray) else (value, value)
+    sides = _each(value)
     if len(sides) != 2:
         raise ValueError(f"{len(sides)} lengths; give one, or two: [along x, along y]")
     return sides[0], sides[1]

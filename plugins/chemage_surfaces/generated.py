@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from pydantic import model_validator
 
 from chemage import Surface
-from chemage.plugin import Length, Roughness, Scatter, Seed, SurfaceMaker, Unit, checked_seed, memory, threads
-from chemage_surfaces._maps import Floats, Pixels, provenance
+from chemage.plugin import Length, Roughness, Scatter, Seed, SurfaceMaker, Unit, memory, roughness, threads
+from chemage_surfaces._maps import Floats, Pixels, provenance, stream
 
 #: what was measured of the scatter between surfaces: A/A0, ζ/η, and the scatter itself
 MEASURED_AREA, LEAST_RATIO, MEASURED_SCATTER = (0.0025, 0.2), 2.0, (0.006, 0.25)
@@ -195,23 +195,38 @@ class SelfAffine(SurfaceMaker):
         InputError
             The seed is not a whole number ≥ 0 (or a ``numpy.random.SeedSequence``).
         """
-
         memory.require(3 * 8.0 * self.pixels[0] * self.pixels[1], f"pixels = {self.pixels}", "use fewer")
-        if not isinstance(seed, np.random.SeedSequence):
-            seed = checked_seed(seed)
-        heights = self_affine(
-            self.pixels,
-            self.pixel_size,
-            hurst=self.hurst,
-            zeta=self.zeta,
-            eta=self.eta,
-            rms_slope=self.rms_slope,
-            rms_height=self.rms_height,
-            seed=seed,
-            workers=threads.available(),
-        )
+        nx, ny = self.pixels
+        longest = max(nx, ny)
+
+        def amplitude(q: Floats) -> Floats:
+            return np.sqrt(spectral_density(q, hurst=self.hurst, q_roll=self.eta, q_long=1.0, q_short=self.zeta))
+
+        half = _half_spectrum(nx, ny, self.zeta, seed, amplitude)
+        power = half.real**2 + half.imag**2
+        power *= roughness.multiplicity(ny)[: half.shape[1]]
+        if self.rms_slope is not None:
+            # wavenumbers in units of 2π/λ_L: the terms are of order one, so that extreme spectra neither overflow nor
+            # vanish
+            qx = np.rint(np.fft.fftfreq(nx) * nx) * (longest / nx)
+            qy = np.arange(half.shape[1]) * (longest / ny)
+            norm = math.sqrt(float(np.sum(power * (qx[:, None] ** 2 + qy**2)))) * (2.0 * math.pi / longest)
+            target = self.rms_slope * self.pixel_size
+        else:
+            norm, target = math.sqrt(float(np.sum(power))), self.rms_height or 0.0
+        half *= target / norm * nx * ny
+        heights = heights_of(half, ny)
         heights.setflags(write=False)
         return Surface(heights=heights, pixel_size=self.pixel_size, periodic=True, provenance=provenance(self, seed))
+
+
+def heights_of(half: NDArray[np.complex128], ny: int) -> Floats:
+    """Heights (nx, ny) from the columns of a half spectrum, which is destroyed; threads do not change a bit."""
+    from scipy import fft as sfft
+
+    columns = sfft.ifft(half, axis=0, overwrite_x=True, workers=threads.available())
+    heights = sfft.irfft(columns, n=ny, axis=1, overwrite_x=True, workers=threads.available())
+    return np.ascontiguousarray(heights)
 
 
 def _moment(maker: SelfAffine, power: float) -> float:
@@ -240,100 +255,6 @@ def spectral_density(q: Floats, *, hurst: float, q_roll: float, q_long: float, q
     return density
 
 
-def self_affine(
-    shape: tuple[int, int],
-    pixel_size: float,
-    *,
-    hurst: float,
-    zeta: float,
-    eta: float,
-    rms_slope: float | None = None,
-    rms_height: float | None = None,
-    seed: int | np.random.SeedSequence,
-    workers: int = 1,
-) -> Floats:
-    """Heights (nx, ny) in nm of a periodic, isotropic, Gaussian self-affine surface with zero mean.
-
-    λ_L is the longer side, q_L = 2π/λ_L, q_s = zeta·q_L, q_r = eta·q_L.
-
-    Parameters
-    ----------
-    shape, pixel_size
-        Pixels (nx, ny) and the edge of a pixel, nm.
-    hurst, zeta, eta
-        Hurst exponent, short cut-off q_s/q_L and roll-off q_r/q_L.
-    rms_slope, rms_height
-        Spectral rms slope, or rms height (nm), of this realisation; exactly one of them.
-    seed, workers
-        Seed of the surface; threads of the Fourier transform, which do not change a bit of the result.
-
-    Raises
-    ------
-    ValueError
-        The cut-offs contradict each other, the grid cannot resolve them (``zeta`` above half the pixels of the longer
-        side), or no wave vector of the grid lies between them.
-    """
-    nx, ny = shape
-    longest = max(nx, ny)
-    if (rms_slope is None) == (rms_height is None):
-        raise ValueError("give either rms_slope or rms_height, not both")
-    if min(nx, ny) < 1:
-        raise ValueError(f"a grid of {nx} x {ny} pixels has no pixels")
-    if not 1.0 <= eta <= zeta:
-        raise ValueError(f"need 1 <= eta <= zeta, not eta = {eta:g} and zeta = {zeta:g}")
-    if zeta > longest / 2:
-        raise ValueError(
-            f"zeta = {zeta:g} is above the Nyquist limit of {longest} pixels, {longest / 2:g}: "
-            "use more pixels or a smaller zeta"
-        )
-    half = _half_spectrum(
-        nx,
-        ny,
-        zeta,
-        seed,
-        lambda q: np.sqrt(spectral_density(q, hurst=hurst, q_roll=eta, q_long=1.0, q_short=zeta)),
-    )
-    # wavenumbers in units of 2π/λ_L, in columns up to the short cut-off
-    qx = _frequencies(nx) * (longest / nx)
-    qy = np.arange(half.shape[1]) * (longest / ny)
-    weight = _multiplicity(ny)[: half.shape[1]]
-    power = half.real**2 + half.imag**2
-    power *= weight
-    if rms_slope is not None:
-        # the terms are scaled to order one, so that extreme spectra neither overflow nor vanish
-        norm = math.sqrt(float(np.sum(power * (qx[:, None] ** 2 + qy**2)))) * (2.0 * math.pi / longest)
-        target = rms_slope * pixel_size
-    else:
-        norm = math.sqrt(float(np.sum(power)))
-        target = float(rms_height)  # type: ignore[arg-type]
-    if norm == 0.0:
-        raise ValueError(
-            f"no wave vector of a {nx} x {ny} grid lies between the cut-offs (zeta = {zeta:g}, eta = {eta:g})"
-        )
-    half *= target / norm * nx * ny
-    from scipy import fft as sfft
-
-    columns = sfft.ifft(half, axis=0, overwrite_x=True, workers=workers)
-    heights = sfft.irfft(columns, n=ny, axis=1, overwrite_x=True, workers=workers)
-    return np.ascontiguousarray(heights)
-
-
-def _frequencies(n: int) -> Floats:
-    """Integer wavenumbers of a transform of length n, in FFT order, as floats."""
-    index = np.arange(n, dtype=np.float64)
-    index[(n + 1) // 2 :] -= n
-    return index
-
-
-def _multiplicity(ny: int) -> Floats:
-    """Multiplicity of each column of a half spectrum in the full one: 1 for zero and the Nyquist frequency, else 2."""
-    weight = np.full(ny // 2 + 1, 2.0)
-    weight[0] = 1.0
-    if ny % 2 == 0:
-        weight[-1] = 1.0
-    return weight
-
-
 def continuation(
     shape: tuple[int, int],
     pixel_size: float,
@@ -342,7 +263,7 @@ def continuation(
     density: float,
     join: float,
     cutoff: float,
-    seed: int | np.random.SeedSequence,
+    seed: Seed,
 ) -> NDArray[np.complex128]:
     """Half spectrum of random heights with C(q) = density·(q/join)**(-2-2·hurst) for join <= q <= cutoff, else 0.
 
@@ -366,7 +287,7 @@ def _half_spectrum(
     nx: int,
     ny: int,
     zeta: float,
-    seed: int | np.random.SeedSequence,
+    seed: Seed,
     amplitude: Callable[[Floats], Floats],
 ) -> NDArray[np.complex128]:
     """Complex white noise of mean square 2 times ``amplitude`` of q/q_L, with Hermitian symmetry, up to ``zeta``: rows
@@ -374,8 +295,7 @@ def _half_spectrum(
     longest = max(nx, ny)
     top_x = min(math.floor(zeta * nx / longest * (1.0 + 1e-12)), nx // 2)
     top_y = min(math.floor(zeta * ny / longest * (1.0 + 1e-12)), ny // 2)
-    sequence = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
-    rng = np.random.Generator(np.random.Philox(sequence))
+    rng = np.random.Generator(np.random.Philox(stream(seed)))
     # noise[i, j] has kx = i - top_x, ky = j
     noise = np.zeros((2 * top_x + 1, top_y + 1), dtype=np.complex128)
     for s in range(1, max(top_x, top_y) + 1):

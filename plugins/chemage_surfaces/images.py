@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Annotated, Any, Literal, Self
 
@@ -204,19 +204,14 @@ class Measured(ImageMaker):
         image = self.replace(reader=other, spikes="interpolate").image()
         if image.faults:
             return None
-        return Surface(
-            heights=image.heights,
-            pixel_size=image.sides[0],
-            periodic=image.periodic,
-            provenance={"channel": image.steps[0].get("channel", "")},
-        )
+        return image.surface(channel=image.steps[0].get("channel", ""))
 
     def _opened(self) -> tuple[Reader, FileStamp]:
         reader: Any = self.reader or reader_for(self.path)
         return reader, file_stamp(self.path)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Image:
     """An image on its way to a surface."""
 
@@ -225,10 +220,20 @@ class Image:
     #: edges of a pixel along x and y, nm
     sides: tuple[float, float]
     periodic: bool
+    #: what to call it in messages
+    source: str
     #: what was done, as plain JSON values
     steps: list[dict[str, Any]]
     #: why it is no surface yet, each with the option that helps
-    faults: list[str]
+    faults: list[str] = field(default_factory=list)
+
+    def surface(self, **provenance: Any) -> Surface:
+        """The surface, where there is no fault."""
+        return Surface(heights=self.heights, pixel_size=self.sides[0], periodic=self.periodic, provenance=provenance)
+
+    def did(self, step: str, **numbers: Any) -> None:
+        """Record a step."""
+        self.steps.append({"step": step, **numbers})
 
 
 @lru_cache(maxsize=2)
@@ -239,178 +244,163 @@ def _made(maker: Measured, reader: Reader, stamp: FileStamp) -> tuple[Surface | 
     if image.faults:
         return None, image.faults[0]
     image.heights.setflags(write=False)
-    return Surface(
-        heights=image.heights,
-        pixel_size=image.sides[0],
-        periodic=image.periodic,
-        provenance={
-            **provenance(maker),
-            "reader": reader.kind,
-            "file_blake2b": file_hash(maker.path, stamp),
-            "steps": image.steps,
-        },
-    ), ""
+    made = {"reader": reader.kind, "file_blake2b": file_hash(maker.path, stamp), "steps": image.steps}
+    return image.surface(**provenance(maker), **made), ""
 
 
 def _prepared(maker: Measured, reader: Reader, stamp: FileStamp) -> Image:
-    image = reader.height_map(maker.path)
+    read = reader.height_map(maker.path)
     if maker.pixel_size is not None:
-        same_pixels(image, maker.pixel_size)
-    unit, sides = stated(image, maker.height_unit or image.height_unit, maker.pixel_size or image.pixel_size)
-    memory.require(12 * 8.0 * image.heights.size, image.source, "crop the file in the program that wrote it")
-    periodic = image.periodic if maker.periodic is None else maker.periodic
-    steps: list[dict[str, Any]] = [
-        {"step": "read", "reader": reader.kind, "height_unit_nm": unit, "pixel_size_nm": list(sides), **image.notes}
-    ]
-    heights = in_nm(image.heights.astype(np.float64), unit)
-    heights[~np.isfinite(heights)] = np.nan
+        same_pixels(read, maker.pixel_size)
+    unit, sides = stated(read, maker.height_unit or read.height_unit, maker.pixel_size or read.pixel_size)
+    memory.require(12 * 8.0 * read.heights.size, read.source, "crop the file in the program that wrote it")
+    periodic = read.periodic if maker.periodic is None else maker.periodic
+    image = Image(in_nm(read.heights.astype(np.float64), unit), sides, periodic, read.source, [])
+    image.did("read", reader=reader.kind, height_unit_nm=unit, pixel_size_nm=list(sides), **read.notes)
+    image.heights[~np.isfinite(image.heights)] = np.nan
     what = image.source
     if maker.crop is not None:
-        try:
-            heights, taken = cropped(heights, sides, maker.crop)
-        except ValueError as error:
-            raise InputError(f"crop = {list(maker.crop)}: {error}") from None
-        periodic = periodic and heights.shape == image.heights.shape
         what = f"crop = {list(maker.crop)}"
-        steps.append({"step": "crop", "first_pixel": taken[:2], "pixels": taken[2:]})
-    nx, ny = heights.shape
+        try:
+            image.heights, taken = cropped(image.heights, sides, maker.crop)
+        except ValueError as error:
+            raise InputError(f"{what}: {error}") from None
+        image.periodic = periodic and image.heights.shape == read.heights.shape
+        image.did("crop", first_pixel=taken[:2], pixels=taken[2:])
+    nx, ny = image.heights.shape
     if min(nx, ny) < FEWEST:
-        faults = [f"{what}: {nx} x {ny} pixels are no image; give an image of at least {FEWEST} x {FEWEST} pixels"]
-        return Image(heights, sides, periodic, steps, faults)
-    faults: list[str] = []
-    heights = _aligned(maker, heights, periodic, image.source, steps)
-    heights = _complete(maker, heights, image.source, periodic, steps, faults)
+        image.faults.append(
+            f"{what}: {nx} x {ny} pixels are no image; give an image of at least {FEWEST} x {FEWEST} pixels"
+        )
+        return image
+    _align(maker, image)
+    _complete(maker, image)
     if maker.detrend != "none":
-        if periodic and maker.detrend != "mean":
+        if image.periodic and maker.detrend != "mean":
             raise InputError(
                 f"detrend = {maker.detrend!r}: {image.source} is periodic, and without this trend its edges would not "
                 'fit; give "mean" or "none", or periodic = false'
             )
-        subtracted = trend(heights, _DEGREES[maker.detrend])
-        heights = heights - subtracted
-        steps.append({"step": "detrend", "trend": maker.detrend, "range_nm": float(np.ptp(subtracted))})
-    heights, sides = _square(maker, heights, sides, image.source, periodic, steps, faults)
-    if maker.window != "none" and periodic:
+        subtracted = trend(image.heights, _DEGREES[maker.detrend])
+        image.heights = image.heights - subtracted
+        image.did("detrend", trend=maker.detrend, range_nm=float(np.ptp(subtracted)))
+    _square(maker, image)
+    if maker.window != "none" and image.periodic:
         raise InputError(f"window = {maker.window!r}: {image.source} is periodic already; leave it out")
-    if maker.window != "none" and not faults:
-        heights = hann(heights) if maker.window == "hann" else mirrored(heights)
-        periodic = True
-        steps.append({"step": "window", "window": maker.window})
-    if not faults:
-        surface = Surface(heights=heights, pixel_size=sides[0], periodic=periodic)
-        slope = surface.rms_slope
-        if slope and not SLOPES[0] <= slope <= SLOPES[1]:
-            faults.append(
-                f"{image.source}: an rms slope of {slope:.3g} (heights of {surface.rms_height:.3g} nm rms on pixels of "
-                f"{sides[0]:.3g} nm) is not that of a surface; one of the units is wrong: give height_unit and "
-                "pixel_size"
-            )
-    return Image(heights, sides, periodic, steps, faults)
+    if image.faults:
+        return image
+    if maker.window != "none":
+        image.heights = hann(image.heights) if maker.window == "hann" else mirrored(image.heights)
+        image.periodic = True
+        image.did("window", window=maker.window)
+    surface = image.surface()
+    slope = surface.rms_slope
+    if slope and not SLOPES[0] <= slope <= SLOPES[1]:
+        image.faults.append(
+            f"{image.source}: an rms slope of {slope:.3g} (heights of {surface.rms_height:.3g} nm rms on pixels of "
+            f"{image.sides[0]:.3g} nm) is not that of a surface; one of the units is wrong: give height_unit and "
+            "pixel_size"
+        )
+    return image
 
 
-def _aligned(maker: Measured, heights: Floats, periodic: bool, source: str, steps: list[dict[str, Any]]) -> Floats:
-    """With scan lines aligned and without scars, as far as they were asked for."""
+def _align(maker: Measured, image: Image) -> None:
+    """Align scan lines and remove scars, as far as this was asked for."""
     if maker.lines != "none":
-        if periodic:
+        if image.periodic:
             raise InputError(
-                f"lines = {maker.lines!r}: {source} is periodic, and aligned lines would not fit at its edges; leave "
-                "it out, or give periodic = false"
+                f"lines = {maker.lines!r}: {image.source} is periodic, and aligned lines would not fit at its edges; "
+                "leave it out, or give periodic = false"
             )
-        offsets = line_offsets(heights, {"constant": 0, "linear": 1, "quadratic": 2}.get(maker.lines))
-        heights = heights - offsets
-        steps.append({"step": "lines", "lines": maker.lines, "rms_nm": float(offsets.std())})
+        offsets = line_offsets(image.heights, {"constant": 0, "linear": 1, "quadratic": 2}.get(maker.lines))
+        image.heights = image.heights - offsets
+        image.did("lines", lines=maker.lines, rms_nm=float(offsets.std()))
     if maker.scars == "interpolate":
-        scars = find_scars(heights)
-        heights = np.where(scars, np.nan, heights)
-        steps.append({"step": "scars", "pixels": int(scars.sum())})
-    return heights
+        scars = find_scars(image.heights)
+        image.heights = np.where(scars, np.nan, image.heights)
+        image.did("scars", pixels=int(scars.sum()))
 
 
-def _complete(
-    maker: Measured, heights: Floats, source: str, periodic: bool, steps: list[dict[str, Any]], faults: list[str]
-) -> Floats:
-    """Without spikes and gaps; those that are to be refused stay, with a fault."""
-    scars = sum(step["pixels"] for step in steps if step["step"] == "scars")
-    gaps = ~np.isfinite(heights)
+def _complete(maker: Measured, image: Image) -> None:
+    """Interpolate spikes and gaps; those that are to be refused stay, with a fault."""
+    count = image.heights.size
+    scars = sum(step["pixels"] for step in image.steps if step["step"] == "scars")
+    gaps = ~np.isfinite(image.heights)
     # scars were asked for
     missing = int(gaps.sum()) - scars
-    left = missing > 0 and _refused(maker.missing, missing, FEW_MISSING * heights.size)
-    if missing + scars > MOST_MISSING * heights.size:
+    left = missing > 0 and _refused(maker.missing, missing, FEW_MISSING * count)
+    if missing + scars > MOST_MISSING * count:
         left = True
-        faults.append(
-            f"{source}: {missing + scars} of {heights.size} heights are missing, which is too many to interpolate; "
+        image.faults.append(
+            f"{image.source}: {missing + scars} of {count} heights are missing, which is too many to interpolate; "
             "crop the image to a part that was measured"
         )
     elif left:
-        first = np.argwhere(gaps)[0]
-        faults.append(
-            f"{source}: {missing} of {heights.size} heights are missing, the first at pixel ({first[0]}, {first[1]}); "
+        image.faults.append(
+            f"{image.source}: {missing} of {count} heights are missing, the first at pixel {_first(gaps)}; "
             'give missing = "interpolate", or crop the image'
         )
     elif missing > 0 and maker.missing == "few":
-        _say_repaired(source, missing, heights.size, "missing", "heights are missing")
+        _say_repaired(image, missing, "missing", "heights are missing")
     if maker.spikes != "keep" and not gaps.all():
-        spikes = find_spikes(heights, maker.spike_threshold, periodic)
-        count = int(spikes.sum())
-        if _refused(maker.spikes, count, FEW_SPIKES * heights.size):
-            first = np.argwhere(spikes)[0]
-            faults.append(
-                f"{source}: {count} of {heights.size} pixels are spikes, the first at pixel ({first[0]}, {first[1]}), "
+        spikes = find_spikes(image.heights, maker.spike_threshold, image.periodic)
+        found = int(spikes.sum())
+        if _refused(maker.spikes, found, FEW_SPIKES * count):
+            image.faults.append(
+                f"{image.source}: {found} of {count} pixels are spikes, the first at pixel {_first(spikes)}, "
                 f"more than {maker.spike_threshold:g} robust standard deviations from the median around it; give "
                 'spikes = "interpolate" to replace them, or spikes = "keep" if they are part of the surface'
             )
-        elif count:
+        elif found:
             if maker.spikes == "few":
-                _say_repaired(source, count, heights.size, "spikes", "pixels are spikes")
-            heights = np.where(spikes, np.nan, heights)
-            steps.append({"step": "spikes", "replaced": count})
+                _say_repaired(image, found, "spikes", "pixels are spikes")
+            image.heights = np.where(spikes, np.nan, image.heights)
+            image.did("spikes", replaced=found)
     if left:
-        return heights
+        return
     if missing > 0:
-        steps.append({"step": "missing", "interpolated": missing})
+        image.did("missing", interpolated=missing)
     try:
-        return filled(heights, periodic)
+        image.heights = filled(image.heights, image.periodic)
     except ValueError as error:
-        raise InputError(f"{source}: {error}") from None
+        raise InputError(f"{image.source}: {error}") from None
 
 
 def _refused(action: str, count: int, few: float) -> bool:
     return count > {"refuse": 0, "few": few}.get(action, math.inf)
 
 
-def _say_repaired(source: str, count: int, of: int, option: str, what: str) -> None:
+def _first(where: np.ndarray) -> tuple[int, ...]:
+    return tuple(np.argwhere(where)[0].tolist())
+
+
+def _say_repaired(image: Image, count: int, option: str, what: str) -> None:
     warnings.warn(
-        f'{source}: {count} of {of} {what}, and interpolated; {option} = "interpolate" says that this is meant',
+        f"{image.source}: {count} of {image.heights.size} {what}, and interpolated; "
+        f'{option} = "interpolate" says that this is meant',
         UserWarning,
         stacklevel=2,
     )
 
 
-def _square(
-    maker: Measured,
-    heights: Floats,
-    sides: tuple[float, float],
-    source: str,
-    periodic: bool,
-    steps: list[dict[str, Any]],
-    faults: list[str],
-) -> tuple[Floats, tuple[float, float]]:
-    """On square pixels, or as it is, with a fault; and the edges of a pixel."""
-    dx, dy = sides
-    if maker.resample is None:
+def _square(maker: Measured, image: Image) -> None:
+    """Make pixels square, or leave them with a fault."""
+    dx, dy = image.sides
+    side = maker.resample
+    if side is None:
         if abs(dx - dy) > SQUARE * dx:
-            faults.append(
-                f"{source}: pixels of {dx:.6g} x {dy:.6g} nm are not square; give resample = "
+            image.faults.append(
+                f"{image.source}: pixels of {dx:.6g} x {dy:.6g} nm are not square; give resample = "
                 f'"{min(dx, dy):.6g} nm", or pixel_size if these lengths are wrong'
             )
-        return heights, sides
-    if faults:
-        return heights, sides
-    pixels = heights.shape[0] * dx * heights.shape[1] * dy / maker.resample**2
-    memory.require(8 * 8.0 * pixels, f"resample = {maker.resample:g} nm", "give larger pixels")
+        return
+    if image.faults:
+        return
+    pixels = image.heights.shape[0] * dx * image.heights.shape[1] * dy / side**2
+    memory.require(8 * 8.0 * pixels, f"resample = {side:g} nm", "give larger pixels")
     try:
-        new = resampled(heights, sides, maker.resample, periodic)
+        image.heights = resampled(image.heights, image.sides, side, image.periodic)
     except ValueError as error:
-        raise InputError(f"resample = {maker.resample:g} nm: {error}") from None
-    steps.append({"step": "resample", "pixel_size_nm": maker.resample, "pixels": list(new.shape)})
-    return new, (maker.resample, maker.resample)
+        raise InputError(f"resample = {side:g} nm: {error}") from None
+    image.sides = (side, side)
+    image.did("resample", pixel_size_nm=side, pixels=list(image.heights.shape))

@@ -6,7 +6,6 @@ import io
 import math
 import struct
 import zipfile
-import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -16,10 +15,10 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from chemage import ChemageError, InputError, errors
-from chemage.plugin import HeightMap, Length, Reader, StoreError, UnitError, container, convert, open_file, tables
-from chemage_surfaces._maps import HeightUnit, opposite, surface_of
-from chemage_surfaces.readers import as_map, coordinate_side, unpacked
+from chemage import InputError
+from chemage.plugin import HeightMap, Length, StoreError, UnitError, container, convert, open_file, tables
+from chemage_surfaces._maps import HeightUnit, opposite
+from chemage_surfaces.readers import Instrument, as_map, coordinate_side, unpacked
 
 #: containers in containers of a file of Gwyddion, and parts in parts of XML
 DEEPEST = 20
@@ -31,36 +30,19 @@ SPARSE = 4
 EVEN = 1e-3
 
 
-class Instrument(Reader):
-    """A format that states its units."""
-
-    def read(self, path: str | PathLike[str]) -> Any:
-        """The surface, if the image is complete, its pixels are square and its units are known.
-
-        Raises
-        ------
-        StoreError
-            The file is missing, truncated or not in this format.
-        InputError
-            Heights are missing, units are not stated, pixels are not square, or there is no such channel of heights.
-        """
-        return surface_of(self.height_map(path))
-
-
-def _bytes(path: str | PathLike[str]) -> bytes:
+@contextmanager
+def _content(path: str | PathLike[str]) -> Iterator[bytes]:
+    """The bytes of a file; that they are damaged is said with its name."""
     with open_file(path) as file:
-        return file.read()
-
-
-def _damaged(path: object, reason: object) -> StoreError:
-    return StoreError(f"{path} is truncated or damaged ({errors.shortened(' '.join(str(reason).split()), 200)})")
+        data = file.read()
+    with container.decoding(path):
+        yield data
 
 
 # -- X3P ---------------------------------------------------------------------------------------------------------------
 
 _TYPES = {"I": "<i2", "L": "<i4", "F": "<f4", "D": "<f8"}
 _METRE = 1e9
-_OF_ARCHIVES = (zipfile.BadZipFile, zlib.error, EOFError, ElementTree.ParseError)
 
 
 class X3p(Instrument):
@@ -82,14 +64,8 @@ class X3p(Instrument):
 
     def height_map(self, path: str | PathLike[str]) -> HeightMap:
         """The image as it is; points marked invalid, or not finite, are missing."""
-        try:
-            data = _bytes(path)
-            with zipfile.ZipFile(io.BytesIO(data)) as archive:
-                return self._image(archive, len(data), str(path))
-        except ChemageError:
-            raise
-        except (*_OF_ARCHIVES, KeyError, ValueError, OSError, RuntimeError, OverflowError) as error:
-            raise _damaged(path, error) from None
+        with _content(path) as data, zipfile.ZipFile(io.BytesIO(data)) as archive:
+            return self._image(archive, len(data), str(path))
 
     def _image(self, archive: zipfile.ZipFile, size: int, source: str) -> HeightMap:
         if archive.getinfo("main.xml").file_size > LARGEST_XML:
@@ -123,9 +99,7 @@ class X3p(Instrument):
         heights = heights * float(fields.get("Record1/Axes/CZ/Increment") or 1)
         heights = heights + float(fields.get("Record1/Axes/CZ/Offset") or 0)
         sides = tuple(f"{float(fields[f'Record1/Axes/C{axis}/Increment']) * _METRE!r} nm" for axis in "XY")
-        return as_map(
-            heights.reshape(ny, nx).T, source, pixel_size=None, stated=sides, unit="m", notes={"format": "x3p"}
-        )
+        return as_map(heights.reshape(ny, nx).T, source, stated=sides, unit="m", notes={"format": "x3p"})
 
 
 def _nodes(
@@ -201,48 +175,34 @@ class _Stream:
         return np.frombuffer(self.take(count * dtype.itemsize), dtype)
 
 
-@contextmanager
-def _whole(path: str | PathLike[str]) -> Iterator[None]:
-    """Errors of a damaged file name it."""
-    try:
-        yield
-    except ChemageError:
-        raise
-    except (ValueError, KeyError, TypeError, AttributeError, OverflowError, struct.error) as error:
-        raise _damaged(path, error) from None
-
-
 class Gwy(Instrument):
     """An image in a file of Gwyddion (its user guide, section "Gwyddion Native Format"); masked points are missing."""
 
     kind = "gwy"
     suffixes: ClassVar[tuple[str, ...]] = (".gwy",)
+    marks: ClassVar[tuple[bytes, ...]] = (b"GWYP",)
 
     channel: str | None = None
     """title of the channel; None: the first with heights"""
 
-    @classmethod
-    def claims(cls, head: bytes, path: str | PathLike[str]) -> bool:
-        """It begins with the mark of Gwyddion."""
-        return head.startswith(b"GWYP")
-
     def height_map(self, path: str | PathLike[str]) -> HeightMap:
         """The image as it is, of the channel that is asked for, or the first one whose values are lengths."""
-        with _whole(path):
-            number, maps, content = self._maps(path)
+        with _content(path) as data:
+            number, maps, content = self._maps(data, path)
             return self._map(*maps[number], content.get(f"{number}/mask"), str(path))
 
     def retrace(self, path: str | PathLike[str]) -> Gwy | None:
         """The reader of the same channel in the other direction of the scan lines; None where the file has none."""
-        with _whole(path):
-            number, maps, _ = self._maps(path)
+        with _content(path) as data:
+            number, maps, _ = self._maps(data, path)
             others = [title for title, _ in maps.values() if opposite(maps[number][0], title)]
         return self.replace(channel=others[0]) if others else None
 
-    def _maps(self, path: str | PathLike[str]) -> tuple[str, dict[str, tuple[str, dict[str, Any]]], dict[str, Any]]:
+    def _maps(
+        self, data: bytes, path: str | PathLike[str]
+    ) -> tuple[str, dict[str, tuple[str, dict[str, Any]]], dict[str, Any]]:
         """The number of the channel to read, the titles and fields of heights, and the whole content."""
-        data = _bytes(path)
-        if not data.startswith(b"GWYP"):
+        if not data.startswith(self.marks):
             raise StoreError(f"{path} is no file of Gwyddion")
         _, content = _Stream(data).object()
         channels = {
@@ -273,7 +233,7 @@ class Gwy(Instrument):
             else tuple(f"{side / n!r} {lateral}" for side, n in zip(sides, (nx, ny), strict=True))
         )
         notes = {"format": "gwy", "channel": title}
-        return as_map(heights, source, pixel_size=None, stated=stated, unit=_unit(field, "si_unit_z"), notes=notes)
+        return as_map(heights, source, stated=stated, unit=_unit(field, "si_unit_z"), notes=notes)
 
 
 def _unit(field: Mapping[str, Any], name: str) -> str | None:
@@ -315,30 +275,24 @@ class NetCdf(Instrument):
 
     kind = "netcdf"
     suffixes: ClassVar[tuple[str, ...]] = (".cdf",)
+    marks: ClassVar[tuple[bytes, ...]] = (b"CDF\x01", b"CDF\x02")
 
     variable: str | None = None
     """name of the variable; None: the only one with two dimensions"""
-
-    @classmethod
-    def claims(cls, head: bytes, path: str | PathLike[str]) -> bool:
-        """It begins with the mark of NetCDF-3."""
-        return head[:4] in (b"CDF\x01", b"CDF\x02")
 
     def height_map(self, path: str | PathLike[str]) -> HeightMap:
         """The variable as it is."""
         from scipy.io import netcdf_file
 
-        source = str(path)
-        try:
-            with netcdf_file(_Metered(_bytes(path)), "r", mmap=False) as file:
-                variables: dict[str, Any] = {
-                    name: (one.dimensions, np.array(one[()] if not one.dimensions else one[:]), dict(one._attributes))
-                    for name, one in file.variables.items()
-                }
-        except Exception as error:  # scipy's depends on which byte is wrong
-            raise _damaged(path, error) from None
+        source, variables = str(path), {}
+        with _content(path) as data, netcdf_file(_Metered(data), "r", mmap=False) as file:
+            for name, one in file.variables.items():
+                values = np.array(one[:] if one.dimensions else one[()])
+                attributes = {key: _plain(value) for key, value in one._attributes.items()}
+                attributes.setdefault("units", attributes.get("unit"))
+                variables[name] = (one.dimensions, values, attributes)
         maps = [name for name, (dimensions, _, _) in variables.items() if len(dimensions) == 2]
-        heights_in = [name for name in maps if _is_length(_unit_of(variables[name][2]))]
+        heights_in = [name for name in maps if _is_length(variables[name][2]["units"])]
         chosen = self.variable or next((names[0] for names in (maps, heights_in) if len(names) == 1), None)
         if chosen not in maps:
             raise InputError(
@@ -346,34 +300,21 @@ class NetCdf(Instrument):
                 "give one"
             )
         dimensions, values, attributes = variables[chosen]
-        own = {key: _plain(value) for key, value in attributes.items()}
-        heights = unpacked(values, own, f"{source}:{chosen}")
+        heights = unpacked(values, attributes, f"{source}:{chosen}")
         if "mask" in maps and chosen != "mask" and variables["mask"][1].shape == heights.shape:
             heights = np.where(variables["mask"][1] != 0, np.nan, heights)
         periodic, sides = True, []
         for dimension, count in zip(dimensions, heights.shape, strict=True):
             _, coordinate, about = variables.get(dimension, ((), np.empty(0), {}))
-            unit, about = _unit_of(about), {key: _plain(value) for key, value in about.items()}
+            unit = about.get("units")
             if "length" in about and unit:
                 sides.append(f"{float(about['length']) / count!r} {unit}")
             elif (side := coordinate_side(coordinate, unit)) is not None:
                 sides.append(side)
             periodic = periodic and bool(about.get("periodic"))
         stated = tuple(sides) if len(sides) == 2 else None
-        unit = _unit_of(attributes)
-        return as_map(
-            heights,
-            source,
-            pixel_size=None,
-            stated=stated,
-            periodic=periodic,
-            unit=unit,
-            notes={"format": "netcdf", "channel": chosen},
-        )
-
-
-def _unit_of(attributes: Mapping[str, Any]) -> str | None:
-    return _plain(attributes.get("units", attributes.get("unit")))
+        notes = {"format": "netcdf", "channel": chosen}
+        return as_map(heights, source, stated=stated, periodic=periodic, unit=attributes["units"], notes=notes)
 
 
 def _plain(value: Any) -> Any:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import compress, zip_longest
 
 import numpy as np
 
@@ -99,18 +100,14 @@ class Measures:
             "distance (nm)       rms difference (nm)    profile slope          profile curvature (1/nm)",
             "along x and y       x          y           x          y           x          y",
         ]
-        longest = max(self.x, self.y, key=lambda axis: len(axis.distance)).distance
-        for i in np.nonzero(np.log2(longest / longest[:1]) % 1 == 0)[0]:
-            cells: list[list[float]] = []
-            for values in ("distance", "difference", "slope", "curvature"):
-                cells.append(
-                    [getattr(axis, values)[i] if i < len(axis.distance) else math.nan for axis in (self.x, self.y)]
-                )
-            first, *others = cells
-            lines.append(
-                f"{_number(first[0])} {_number(first[1])}".ljust(20)
-                + " ".join(f"{_number(a):10} {_number(b):11}" for a, b in others).rstrip()
-            )
+        names = ("distance", "difference", "slope", "curvature")
+        columns = [getattr(axis, name) for name in names for axis in (self.x, self.y)]
+        longest = max(self.x.distance, self.y.distance, key=len)
+        # distances that are a power of two times the first one
+        wanted = np.log2(longest / longest[:1]) % 1 == 0
+        for row in compress(zip_longest(*columns, fillvalue=math.nan), wanted):
+            x, y, *others = map(_number, row)
+            lines.append(("{:20}" + 3 * "{:10} {:11} ").format(f"{x} {y}", *others).rstrip())
         return "\n".join(lines)
 
 

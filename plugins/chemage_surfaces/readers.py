@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
+from pydantic import TypeAdapter, ValidationError
 
 from chemage import InputError, Surface, errors
 from chemage.plugin import HeightMap, Length, Reader, StoreError, UnitError, container, convert, open_file
@@ -21,6 +22,7 @@ from chemage_surfaces._maps import surface_of
 if TYPE_CHECKING:
     import h5py
 
+_BOOLEAN = TypeAdapter(bool)
 #: groups of HDF5 in each other
 DEEPEST = 32
 
@@ -29,7 +31,7 @@ def as_map(
     heights: Any,
     source: str,
     *,
-    pixel_size: float | None,
+    pixel_size: float | None = None,
     stated: object = None,
     periodic: bool = False,
     unit: str | None = None,
@@ -77,6 +79,24 @@ def stated_length(value: Any, source: str) -> float:
         raise StoreError(f"{source} states the size of its pixels: {error}") from None
 
 
+class Instrument(Reader):
+    """A reader of images whose files state their units."""
+
+    def read(self, path: str | PathLike[str]) -> Surface:
+        """The surface, if the image is complete, its pixels are square and its units are known.
+
+        Raises
+        ------
+        StoreError
+            The file is missing, truncated or not in this format.
+        InputError
+            Heights are missing, units are not stated, pixels are not square, or there is no such channel of heights.
+        PluginError
+            A library that the format needs is not installed.
+        """
+        return surface_of(self.height_map(path))
+
+
 class Unitless(Reader):
     """A reader of arrays in a unit that the file need not state."""
 
@@ -102,16 +122,12 @@ class Npy(Unitless):
 
     kind = "npy"
     suffixes: ClassVar[tuple[str, ...]] = (".npy",)
-
-    @classmethod
-    def claims(cls, head: bytes, path: str | PathLike[str]) -> bool:
-        """It begins with the mark of numpy."""
-        return head.startswith(b"\x93NUMPY")
+    marks: ClassVar[tuple[bytes, ...]] = (b"\x93NUMPY",)
 
     def height_map(self, path: str | PathLike[str]) -> HeightMap:
         """The array as it is; its unit is not stated."""
         with open_file(path) as file:
-            if file.read(6) != b"\x93NUMPY":
+            if file.read(6) not in self.marks:
                 raise StoreError(f"{path} is not a numpy (.npy) file")
             length = file.seek(0, SEEK_END)
             file.seek(0)
@@ -267,11 +283,7 @@ def _single(value: Any, attribute: str, source: str) -> Any:
 
 def _flag(value: Any, source: str) -> bool:
     """Whether the attribute ``periodic`` says yes."""
-    words = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
-    if value is None:
-        return False
-    if isinstance(value, str) and value.strip().lower() in words:
-        return words[value.strip().lower()]
-    if isinstance(value, str) or value not in (0, 1):
-        raise StoreError(f"{source} has periodic = {errors.shown(value)}; expected true or false")
-    return bool(value)
+    try:
+        return value is not None and _BOOLEAN.validate_python(value.strip() if isinstance(value, str) else value)
+    except ValidationError:
+        raise StoreError(f"{source} has periodic = {errors.shown(value)}; expected true or false") from None

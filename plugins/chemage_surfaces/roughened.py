@@ -19,14 +19,13 @@ from chemage.plugin import (
     Seed,
     SurfaceMaker,
     Unit,
-    checked_seed,
     figures,
     memory,
     roughness,
     threads,
 )
-from chemage_surfaces._maps import Floats, provenance
-from chemage_surfaces.generated import JACOBS, continuation
+from chemage_surfaces._maps import Floats, provenance, stream
+from chemage_surfaces.generated import JACOBS, continuation, heights_of
 from chemage_surfaces.spectra import Binned, PowerLaw, binned, fit_power_law, wavenumbers
 from chemage_surfaces.trusted import TO_PIXELS, trusted
 
@@ -145,7 +144,7 @@ class Roughened(SurfaceMaker):
             density=float(plan.law(plan.join)),
             join=plan.join,
             cutoff=2 * math.pi / self.shortest,
-            seed=_own_stream(seed),
+            seed=stream(seed, _STREAM),
         )
         heights = None
         if measured.periodic:
@@ -153,12 +152,11 @@ class Roughened(SurfaceMaker):
         else:
             series = _series(measured, plan)
             lost = _lost(measured, plan)
-            random = np.random.Generator(np.random.Philox(_own_stream(seed).spawn(1)[0]))
+            random = np.random.Generator(np.random.Philox(stream(seed, _STREAM, 0)))
             series[: len(lost)] = np.where(lost > 0, lost * random.standard_normal(lost.shape), series[: len(lost)])
             heights = _cosines(series, measured.pixel_size, plan.shape, self.pixel_size)
-        columns = sfft.ifft(half, axis=0, overwrite_x=True, workers=threads.available())
-        added = np.asarray(sfft.irfft(columns, n=plan.shape[1], axis=1, overwrite_x=True, workers=threads.available()))
-        heights = np.ascontiguousarray(added if heights is None else heights + added)
+        added = heights_of(half, plan.shape[1])
+        heights = added if heights is None else heights + added
         heights.setflags(write=False)
         return Surface(
             heights=heights,
@@ -281,12 +279,6 @@ class _Plan(NamedTuple):
         return math.sqrt(float(self.law(self.join)) * self.join**4 * integral / (2 * math.pi))
 
 
-def _own_stream(seed: Seed) -> np.random.SeedSequence:
-    if not isinstance(seed, np.random.SeedSequence):
-        seed = np.random.SeedSequence(checked_seed(seed))
-    return np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, _STREAM))
-
-
 def _fine_shape(measured: Surface, pixel_size: float) -> tuple[int, int]:
     """Pixels of the fine grid: all that fit into the image; into the period they must fit exactly."""
     counts = []
@@ -303,16 +295,16 @@ def _fine_shape(measured: Surface, pixel_size: float) -> tuple[int, int]:
     return counts[0], counts[1]
 
 
-def _kept(shape: tuple[int, int], pixel_size: float, join: float) -> NDArray[np.bool_]:
-    """Which waves of the half spectrum of an image stay."""
-    return wavenumbers(shape, pixel_size) < join * (1 - 1e-9)
+def _waves(measured: Surface, plan: _Plan) -> tuple[NDArray[np.complex128], NDArray[np.bool_]]:
+    """The half spectrum of a periodic image, and which of its waves stay."""
+    half = np.asarray(sfft.rfft2(measured.heights.astype(np.float64), workers=threads.available()))
+    return half, wavenumbers(measured.shape, measured.pixel_size) < plan.join * (1 - 1e-9)
 
 
 def _with_image(half: NDArray[np.complex128], measured: Surface, plan: _Plan) -> NDArray[np.complex128]:
     """The half spectrum of the continuation and the waves of a periodic image that stay."""
     (nx, ny), (mx, my) = measured.shape, plan.shape
-    image = np.asarray(sfft.rfft2(measured.heights.astype(np.float64), workers=threads.available()))
-    kept = _kept((nx, ny), measured.pixel_size, plan.join)
+    image, kept = _waves(measured, plan)
     width = max(half.shape[1], image.shape[1])
     result = np.zeros((mx, width), dtype=np.complex128)
     result[:, : half.shape[1]] = half
@@ -368,8 +360,8 @@ def _cosines(series: Floats, side: float, shape: tuple[int, int], pixel_size: fl
 def _kept_slope(measured: Surface, plan: _Plan) -> float:
     """rms slope of the waves of the image that stay, with what was lost between its lines."""
     if measured.periodic:
-        half = np.asarray(sfft.rfft2(measured.heights.astype(np.float64), workers=threads.available()))
-        half[~_kept(measured.shape, measured.pixel_size, plan.join)] = 0.0
+        half, kept = _waves(measured, plan)
+        half[~kept] = 0.0
         low = np.asarray(sfft.irfft2(half, s=measured.shape, workers=threads.available()))
         return roughness.rms_slope(low, measured.pixel_size, True)
     series, lost = _series(measured, plan), _lost(measured, plan)

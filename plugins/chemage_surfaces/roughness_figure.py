@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from chemage import InputError, Surface
+from chemage import InputError
 from chemage.plugin import figures
 from chemage_surfaces.images import Image
 from chemage_surfaces.measures import Measures
@@ -29,7 +29,7 @@ def roughness_figure(
         label = figures.plain(name)
         if not image.faults:
             try:
-                data = binned(Surface(heights=image.heights, pixel_size=image.sides[0], periodic=image.periodic))
+                data = binned(image.surface())
                 left.loglog(data.q, data.density, "o", ms=3, mfc="none", color=color, label=label)
             except InputError:  # too few pixels
                 pass

@@ -132,24 +132,21 @@ class RoughnessFit:
         if self.roll_off is not None and self.roll_off_interval is not None:
             low, high = self.roll_off_interval
             roll = f"{self.roll_off:.4g} nm ({low:.4g} to {high:.4g})"
-        return "\n".join(
-            [
-                f"rms height          {self.rms_height:.4g} nm, of the image",
-                f"rms slope           {self.rms_slope:.4g}, of the image: of its gradient, with all waves",
-                f"Hurst exponent      {self.hurst:.3f} ± {self.hurst_error:.3f}",
-                f"roll-off            {roll}",
-                f"shortest wavelength {self.resolution:.4g} nm" + (f" ({self.limit})" if self.limit else ""),
-                *([f"noise               {self.noise:.4g} nm rms, subtracted"] if self.noise else []),
-                *(
-                    [f"tip radius          {self.tip_radius:.3g} nm, its effect is corrected"]
-                    if self.tip_radius
-                    else []
-                ),
-                f"χ² per degree of freedom {self.misfit:.2g}",
-            ]
-            + [f"warning: this is no good fit (above {DOUBTFUL:g}); the errors are enlarged by it"]
-            * (self.misfit > DOUBTFUL)
-        )
+        rows = {
+            "rms height": f"{self.rms_height:.4g} nm, of the image",
+            "rms slope": f"{self.rms_slope:.4g}, of the image: of its gradient, with all waves",
+            "Hurst exponent": f"{self.hurst:.3f} ± {self.hurst_error:.3f}",
+            "roll-off": roll,
+            "shortest wavelength": f"{self.resolution:.4g} nm" + (f" ({self.limit})" if self.limit else ""),
+        }
+        if self.noise:
+            rows["noise"] = f"{self.noise:.4g} nm rms, subtracted"
+        if self.tip_radius:
+            rows["tip radius"] = f"{self.tip_radius:.3g} nm, its effect is corrected"
+        rows["χ² per degree of freedom"] = f"{self.misfit:.2g}"
+        if self.misfit > DOUBTFUL:
+            rows["warning:"] = f"this is no good fit (above {DOUBTFUL:g}); the errors are enlarged by it"
+        return "\n".join(f"{name:<19} {text}" for name, text in rows.items())
 
 
 def section(maker: SelfAffine) -> str:

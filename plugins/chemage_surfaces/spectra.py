@@ -19,7 +19,7 @@ from scipy.integrate import trapezoid
 from scipy.special import digamma, polygamma
 
 from chemage import InputError, Surface
-from chemage.plugin import threads
+from chemage.plugin import roughness, threads
 from chemage_surfaces._maps import Floats
 from chemage_surfaces.steps import hann, trend
 
@@ -104,13 +104,11 @@ def binned(surface: Surface) -> Binned:
     spectrum: Any = sfft.rfft2(heights, workers=threads.available())
     power = (spectrum.real**2 + spectrum.imag**2) * (surface.pixel_size**2 / heights.size)
     q = wavenumbers((nx, ny), surface.pixel_size)
-    weight = np.full(power.shape, 1.0)
-    weight[:, 0] = 0.5  # conjugate pairs are both in this column
+    # conjugate pairs are both in the first column
+    weight = np.broadcast_to(0.5 * roughness.multiplicity(ny), power.shape)
     nyquist = math.pi / surface.pixel_size
     # a window spreads the mean and the trend over the first two waves
     lowest = (1.0 if surface.periodic else 2.5) * 2 * math.pi / (max(nx, ny) * surface.pixel_size)
-    if ny % 2 == 0:
-        weight[:, -1] = 0.5
     inside = (q >= lowest * (1 - 1e-9)) & (q < nyquist * (1 - 1e-9))
     if not surface.periodic:
         inside[np.abs(np.fft.fftfreq(nx, 1 / nx)) <= CROSS + 0.5] = False
@@ -135,12 +133,12 @@ def wavenumbers(shape: tuple[int, int], pixel_size: float) -> Floats:
     return np.hypot(qx[:, None], qy[None, :])
 
 
-def logs(data: Binned) -> tuple[Floats, Floats]:
-    """Logarithms of the densities without their bias, and their variances."""
+def logs(data: Binned) -> tuple[Floats, Floats, float]:
+    """Logarithms of the densities without their bias, their variances, and the wavenumber in the middle of them."""
     variance: Any = polygamma(1, data.modes)
     bias: Any = digamma(data.modes)
     values: Any = np.log(data.density) - bias + np.log(data.modes)
-    return values, variance
+    return values, variance, math.exp(float(np.average(np.log(data.q), weights=1 / variance)))
 
 
 def _weighted(design: Floats, values: Floats, variance: Floats) -> tuple[Floats, Floats, float]:
@@ -178,8 +176,7 @@ def fit_power_law(data: Binned, hurst: float | None = None, roll: float = 0.0) -
         raise ValueError(f"only {len(data.q)} bins of wavenumbers; fit a wider range")
     if not (data.density > 0).all():
         raise ValueError("the spectrum is zero in this range")
-    values, variance = logs(data)
-    at = math.exp(float(np.average(np.log(data.q), weights=1 / variance)))
+    values, variance, at = logs(data)
     x = np.log(np.maximum(data.q, roll) / at)
     if hurst is None:
         design = np.stack([np.ones_like(x), -2 * x], axis=1)
@@ -205,10 +202,15 @@ def together(parts: Sequence[Binned]) -> Binned:
     return Binned(*columns[:, np.argsort(columns[0], kind="stable")])
 
 
+def rolls(data: Binned, count: int) -> Floats:
+    """Wavenumbers at which a roll-off is tried."""
+    return np.exp(np.linspace(math.log(data.q[0]), math.log(data.q[-FEWEST]), count))
+
+
 def rolled(data: Binned) -> tuple[float | None, tuple[float, float] | None, PowerLaw]:
     """The roll-off of the best fit (1/nm) with its interval, both None without one; and the power law beyond."""
     without = fit_power_law(data)
-    candidates = np.exp(np.linspace(math.log(data.q[0]), math.log(data.q[-FEWEST]), 12 * len(data.q)))
+    candidates = rolls(data, 12 * len(data.q))
     laws = [fit_power_law(data, roll=float(roll)) for roll in candidates]
     loss = np.array([law.misfit for law in laws]) * max(len(data.q) - 2, 1)
     best = int(np.argmin(loss))

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from chemage.plugin import roughness
 from chemage_surfaces._maps import Floats
 
 #: more unknown heights than this are found by iteration instead of by elimination
@@ -265,10 +266,7 @@ def _averaged(rows: Floats, old: float, side: float, count: int, periodic: bool)
 def hann(heights: Floats) -> Floats:
     """Heights about their mean times a Hann window of unit mean square, 0 at the edges."""
     result = heights - heights.mean()
-    for axis, count in enumerate(heights.shape):
-        window = np.sin(np.pi * (np.arange(count) + 0.5) / count) ** 2
-        window /= math.sqrt(float(np.mean(window**2)))
-        result *= window[:, None] if axis == 0 else window[None, :]
+    roughness.taper(result)
     return result
 
 

@@ -16,8 +16,8 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from chemage import InputError, Surface
-from chemage.plugin import Choice, Length, Scatter, Seed, SurfaceMaker, Unit, checked_seed, memory
-from chemage_surfaces._maps import SQUARE, Floats, Pixels, provenance
+from chemage.plugin import Choice, Length, Scatter, Seed, SurfaceMaker, Unit, memory
+from chemage_surfaces._maps import SQUARE, Floats, Pixels, provenance, stream
 
 _JOHNSON = """@book{johnson1985,
   author = {Johnson, K. L.},
@@ -244,18 +244,17 @@ class Tip(SurfaceMaker):
         InputError
             The pixels of the parts differ, a part is smaller than the body, or the tip leaves the counterface.
         """
-        if not isinstance(seed, np.random.SeedSequence):
-            seed = np.random.SeedSequence(checked_seed(seed))
+        seed = stream(seed)
         body = self.body.make(seed)
         heights = body.heights.astype(np.float64) * (1.0 if self.apex == "up" else -1.0)
         record: dict[str, Any] = {"body": body.provenance}
         if self.own_roughness is not None:
-            own = seed if self.roughness_seed is None else np.random.SeedSequence(self.roughness_seed)
-            rough = self.own_roughness.make(_stream(own, 0))
-            heights += self._part("own_roughness", rough, body, None, _stream(own, 1), record)
+            own = seed if self.roughness_seed is None else self.roughness_seed
+            rough = self.own_roughness.make(stream(own, _STREAM, 0))
+            heights += self._part("own_roughness", rough, body, None, stream(own, _STREAM, 1), record)
         if self.counterface is not None:
             surface = self.counterface.make(self.counterface_seed)
-            heights += self._part("counterface", surface, body, self.place, _stream(seed, 2), record)
+            heights += self._part("counterface", surface, body, self.place, stream(seed, _STREAM, 2), record)
         heights.setflags(write=False)
         smooth = self.own_roughness is None and self.counterface is None
         radius = {"radius": body.provenance["radius"]} if smooth and "radius" in body.provenance else {}
@@ -319,7 +318,3 @@ class Tip(SurfaceMaker):
 
 def _grid(surface: Surface) -> dict[str, float]:
     return {"nx": surface.shape[0], "ny": surface.shape[1], "pixel_size": surface.pixel_size}
-
-
-def _stream(seed: np.random.SeedSequence, number: int) -> np.random.SeedSequence:
-    return np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, _STREAM, number))

@@ -9,14 +9,20 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from chemage import ChemageError, InputError, Surface, errors
-from chemage.plugin import HeightMap, Length, PluginError, Reader, StoreError, regular_file
-from chemage_surfaces._maps import HeightUnit, opposite, surface_of
+from chemage import ChemageError, InputError, errors
+from chemage.plugin import HeightMap, Length, PluginError, StoreError, regular_file
+from chemage_surfaces._maps import HeightUnit, opposite
+from chemage_surfaces.readers import Instrument
 
 #: formats without a mark, which the library finds in any file of a certain size
 UNMARKED = ("hgt", "nms")
 #: texts, which the library finds in any table of numbers
 TEXTS = ("asc", "xyz")
+#: endings of files of the library, less those of line scans and of the readers of chemage, but for the binary .dat
+_ENDINGS = (
+    "sdf ibw spm 001 002 003 004 005 al3d apx bcr bcrf cur dat datx ezd frt hfm hgt jpk lext mat mdt mi mnt nid "
+    "nms npz oir opd opdx os3d plu plux poir stp sur tif tiff tmd tom top vk3 vk4 vk6 vk7 zmg zon"
+)
 INSTALL = "pip install 'chemage[topographies]'"
 _ROETTGER = """@article{roettger2022,
   author = {R{\\"o}ttger, M. C. and others},
@@ -29,7 +35,7 @@ _ROETTGER = """@article{roettger2022,
 }"""  # noqa: E501
 
 
-class Topography(Reader):
+class Topography(Instrument):
     """An image of an atomic force microscope, a white-light interferometer, a confocal microscope or another
     instrument, in one of the formats of SurfaceTopography, such as SDF, IBW, SPM, OPD, SUR and VK4.
 
@@ -41,29 +47,7 @@ class Topography(Reader):
     general: ClassVar[bool] = True
     cite: ClassVar[tuple[str, ...]] = ("M. C. Röttger et al., Surf. Topogr.: Metrol. Prop. 10, 035032 (2022)",)
     bibtex: ClassVar[tuple[str, ...]] = (_ROETTGER,)
-    #: those of the library, less those of line scans and of the readers of chemage, but for the binary .dat
-    suffixes: ClassVar[tuple[str, ...]] = (
-        *(".sdf", ".ibw", ".spm", ".001", ".002", ".003", ".004", ".005", ".al3d", ".apx", ".bcr"),
-        *(".bcrf", ".cur", ".dat", ".datx", ".ezd", ".frt", ".hfm", ".hgt", ".jpk", ".lext", ".mat", ".mdt"),
-        *(
-            ".mi",
-            ".mnt",
-            ".nid",
-            ".nms",
-            ".npz",
-            ".oir",
-            ".opd",
-            ".opdx",
-            ".os3d",
-            ".plu",
-            ".plux",
-            ".poir",
-            ".stp",
-            ".sur",
-            ".tif",
-        ),
-        *(".tiff", ".tmd", ".tom", ".top", ".vk3", ".vk4", ".vk6", ".vk7", ".zmg", ".zon"),
-    )
+    suffixes: ClassVar[tuple[str, ...]] = tuple(f".{name}" for name in _ENDINGS.split())
 
     channel: str | None = None
     """name of the channel of heights; None: the default channel of the format"""
@@ -84,20 +68,6 @@ class Topography(Reader):
             return None
         except Exception:  # each format has errors of its own
             return False
-
-    def read(self, path: str | PathLike[str]) -> Surface:
-        """Read the surface, if the image is complete, its pixels are square and its units are known.
-
-        Raises
-        ------
-        StoreError
-            The file is missing, truncated, or in no format of the library.
-        InputError
-            Heights are missing, units are not stated, pixels are not square, or there is no such channel of heights.
-        PluginError
-            The library is not installed.
-        """
-        return surface_of(self.height_map(path))
 
     def retrace(self, path: str | PathLike[str]) -> Topography | None:
         """The reader of the same channel in the other direction of the scan lines; None where the file has none."""

@@ -24,6 +24,7 @@ from chemage_surfaces.spectra import (
     fit_power_law,
     logs,
     rolled,
+    rolls,
 )
 from chemage_surfaces.steps import hann, trend
 
@@ -45,8 +46,7 @@ TO_PIXELS = "two pixels"
 
 def _noise(data: Binned) -> float:
     """The density of white noise, nm⁴, fitted together with roll-off and power law; 0 where none is seen."""
-    values, variance = logs(data)
-    at = math.exp(float(np.average(np.log(data.q), weights=1 / variance)))
+    values, variance, at = logs(data)
     deviation = np.sqrt(variance)
 
     def fitted(roll: float) -> Any:
@@ -59,8 +59,7 @@ def _noise(data: Binned) -> float:
         bounds = ([-np.inf, -1.0, values[-1] - 12], [np.inf, 3.0, values[-1] + 1])
         return least_squares(residuals, start, loss="huber", f_scale=ROBUST, bounds=bounds)
 
-    rolls = [0.0, *np.exp(np.linspace(math.log(data.q[0]), math.log(data.q[-FEWEST]), ROLLS))]
-    best = min((fitted(roll) for roll in rolls), key=lambda one: one.cost)
+    best = min((fitted(roll) for roll in (0.0, *rolls(data, ROLLS))), key=lambda one: one.cost)
     _, _, without = rolled(data)
     degrees = max(len(data.q) - 3, 1)
     gain = without.misfit * max(len(data.q) - 2, 1) - 2 * best.cost

@@ -1,0 +1,91 @@
+"""What the contact solvers of this package have in common: the contact modulus, the solution, and checks of spheres."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+from chemage import ContactSolution, InputError, Surface
+from chemage.plugin import ContactModulus, ContactSolver
+
+#: notes of a contact without load
+NO_LOAD = ("no load: the bodies just touch and no pixel carries pressure",)
+#: what :meth:`chemage.plugin.SurfaceMaker.expected` says of a grid
+GRID = {"nx", "ny", "pixel_size"}
+
+
+class HalfSpaceSolver(ContactSolver, ABC):
+    """A solver for an elastic body of one contact modulus."""
+
+    modulus: ContactModulus
+    """contact modulus E* = E/(1−ν²) of the elastic body (or of both, combined), GPa; or their young
+    and poisson"""
+
+    def is_nominally_flat(self, periodic: bool) -> bool:
+        """See :meth:`chemage.plugin.ContactSolver.is_nominally_flat`; ``boundary`` may make it periodic, or free."""
+        boundary = getattr(self, "boundary", "auto")
+        return periodic if boundary == "auto" else boundary == "periodic"
+
+    def solution(self, surface: Surface, **fields: Any) -> ContactSolution:
+        """The contact of ``surface`` with these fields, whose arrays are frozen."""
+        for value in fields.values():
+            if isinstance(value, np.ndarray):
+                value.setflags(write=False)
+        known = {
+            "pixel_size": surface.pixel_size,
+            "modulus": self.modulus,
+            "periodic": self.is_nominally_flat(surface.periodic),
+            "rms_slope": surface.rms_slope,
+            "rms_height": surface.rms_height,
+            "provenance": self.provenance(surface),
+        }
+        return ContactSolution(**known | fields)
+
+
+class SphereSolver(HalfSpaceSolver, ABC):
+    """A closed form of a sphere, whose apex is the middle of the grid."""
+
+    #: the contact of this package that takes any surface
+    general: ClassVar[str]
+
+    def is_nominally_flat(self, periodic: bool) -> bool:
+        """A sphere is not."""
+        return False
+
+    def radius(self, made: Mapping[str, Any]) -> float:
+        """The radius (nm) in the provenance of a surface, or in what its maker expects."""
+        radius = made.get("radius")
+        if isinstance(radius, bool) or not isinstance(radius, int | float) or not (0 < radius < math.inf):
+            raise InputError(
+                f"contact {self.kind!r} needs a sphere, but this surface has no radius (provenance['radius'] = "
+                f"{radius!r}); use surface kind 'sphere' or contact {self.general!r}"
+            )
+        return float(radius)
+
+    def check(self, surface: Mapping[str, float], load: float) -> tuple[str, ...]:
+        """See :meth:`chemage.plugin.ContactSolver.check`."""
+        if surface.keys() >= GRID:
+            shape = (int(surface["nx"]), int(surface["ny"]))
+            self.pressed(shape, surface["pixel_size"], self.radius(surface), load)
+        return ()
+
+    @abstractmethod
+    def pressed(self, shape: tuple[int, int], size: float, radius: float, load: float) -> Any:
+        """The contact of a sphere of ``radius`` under ``load``, if it is one and within a grid of pixels of ``size``
+        (nm)."""
+
+
+def require_room(edge: float, shape: tuple[int, int], size: float, load: float, what: str = "the contact has") -> None:
+    """Refuse a contact of radius ``edge`` (nm) on a surface that reaches less far from the apex."""
+    room = 0.5 * min(shape) * size
+    if edge > room:
+        raise InputError.of(
+            "load",
+            load,
+            f"{what} a radius of {edge:.4g} nm, but the surface reaches only {room:.4g} nm from the apex",
+            "use more pixels or a smaller load",
+        )
