@@ -17,6 +17,7 @@ from chemage_kinetics._common import (
     Holds,
     Int,
     Key,
+    begin_sequence,
     borrowed,
     count_flip,
     count_sojourn,
@@ -104,8 +105,8 @@ def _follow_site(sites: IndependentSites, holds: Holds, rng: np.ndarray, i: Int)
         span = until(high, low, times[hold])
         if span * slower > FLICKER:
             # Many events before the hold time: the state there, and their number, are drawn together.
-            rng[3] = np.uint64(sites.pixels[i])
-            rng[4] = SOJOURN_BLOCKS + np.uint64(sites.draws[i] * SOJOURN_DRAWS)
+            block = SOJOURN_BLOCKS + np.uint64(sites.draws[i] * SOJOURN_DRAWS)
+            begin_sequence(rng, sites.key, STREAM, sites.pixels[i], block)
             sites.draws[i] += 1
             here = rate(breaks if bonded else forms, sites.nu, sites.per_unit)
             there = rate(forms if bonded else breaks, sites.nu, sites.per_unit)
@@ -126,9 +127,6 @@ def follow(sites: IndependentSites, holds: Holds, rng: np.ndarray, first: Int, l
     sites = borrowed(sites)
     holds = borrowed(holds)
     rng = borrowed(rng)
-    rng[0] = sites.key.k0
-    rng[1] = sites.key.k1
-    rng[2] = np.uint64(STREAM)
     final = holds.times[holds.times.size - 1]
     for i in range(first, last):
         if not past(sites.times[i, 0], sites.times[i, 1], final):

@@ -27,6 +27,7 @@ from chemage_kinetics._common import (
     Int,
     Key,
     KineticModel,
+    begin_sequence,
     borrowed,
     change_state,
     choose_around,
@@ -232,11 +233,8 @@ def _stay(
     times = run.queue.times
     neighbours = sites.model.neighbours
     rng = run.rng
-    rng[0] = sites.key.k0
-    rng[1] = sites.key.k1
-    rng[2] = np.uint64(STREAM)
-    rng[3] = np.uint64(sites.pixels[i])
-    rng[4] = SOJOURN_BLOCKS + np.uint64(sites.draws[i] * SOJOURN_DRAWS)
+    block = SOJOURN_BLOCKS + np.uint64(sites.draws[i] * SOJOURN_DRAWS)
+    begin_sequence(rng, sites.key, STREAM, sites.pixels[i], block)
     sites.draws[i] += 1
     spent, exited, other, out_here, out_there = sojourn(
         rng, chain.here, chain.there, chain.around_here, chain.around_there, span
