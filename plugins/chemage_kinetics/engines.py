@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from pydantic import Field, model_validator
 
-from chemage import InputError, ReactionLattice
-from chemage.plugin import BondHistory, Engine, check_times, checked_states, temperature_value, threads
+from chemage import ReactionLattice
+from chemage.plugin import BondHistory, Engine, threads
 from chemage_kinetics import _bkl, _independent, _next_reaction, _rejection_free
 from chemage_kinetics._bkl import BklRun
 from chemage_kinetics._common import DONE, DRAWN, EVENT, LAST, Holds, patches_of
-from chemage_kinetics._driver import SLICE, Job, bonded, expected_cost, model_of, run_pieces
+from chemage_kinetics._driver import SLICE, Job, bonded, expected_cost, run_pieces
 from chemage_kinetics._event_queue import new_order, new_queue
 from chemage_kinetics._rate_classes import members, new_classes
 from chemage_kinetics._rejection_free import ROOM, RejectionFreeRun, empty_rates, fill, relist
@@ -298,30 +298,16 @@ class Independent(KernelEngine, ThreadedEngine):
 
         ``start`` as for :meth:`run`: None (nothing bonded at time 0), a bool array (n,), or a history.
         """
-        times = check_times(hold_times)
-        kelvin = temperature_value(temperature)
-        if not isinstance(lattice, ReactionLattice):
-            raise InputError.of("lattice", lattice, "is no ReactionLattice", "make one with chemistry.on(contact)")
-        if lattice.interacting:
-            raise InputError(
-                "engine 'independent' has no closed form for a lattice that couples neighbours; "
-                "average several runs of 'rejection-free' instead"
-            )
-        begin = 0.0
-        state = np.zeros(lattice.sites.size, np.bool_)
-        if start is not None:
-            begin = start.time if isinstance(start, BondHistory) else 0.0
-            state = checked_states("start", start.state if isinstance(start, BondHistory) else start, state.size)
-        if times[0] < begin:
-            raise InputError.of("hold_times", float(times[0]), f"the start is at {begin} s", "give later hold times")
+        times, kelvin, start = self._checked(lattice, hold_times, temperature, start)
+        job = Job(self.kind, lattice, times, kelvin, 0, start)
         mean, variance = np.empty(times.size), np.empty(times.size)
-        model = model_of(lattice, kelvin)
-        sites = lattice.forming, model.breaking, model.nu, model.per_unit, state
-        _independent.moments(*sites, times - begin, mean, variance)
+        model = job.model
+        sites = lattice.forming, model.breaking, model.nu, model.per_unit, job.state
+        _independent.moments(*sites, times - job.time, mean, variance)
         return mean, variance
 
 
-class Auto(ThreadedEngine, FlickerEngine):
+class Auto(FlickerEngine, ThreadedEngine):
     """The engine that suits the lattice; :meth:`choose` returns it, with the reason.
 
     ``independent`` where no site interacts with another. ``next-reaction`` for many sites in patches none of which
