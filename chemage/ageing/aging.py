@@ -58,8 +58,6 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.axes import Axes
 
-#: name of the error
-BARRIERS = "barriers"
 #: standard deviations from what is possible at which an estimate is taken for a fault
 FAR = 8.0
 #: the name of the error that is due to the distribution of barriers

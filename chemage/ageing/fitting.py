@@ -341,10 +341,13 @@ def fit_aging(
     _check_options(model, samples, confidence)
     source = data.fit_data(quantity)
     _check_bootstrap(bootstrap, source)
-    limits = _limits(window, FIT_WINDOW if source.simulated and model == "line" else None)
+    limits = FIT_WINDOW if source.simulated and model == "line" else None
+    if window is not None:
+        limits = convert(window[0], "s"), convert(window[1], "s")
     use = _inside(data.hold_times, limits, model, least=SIMULATED if source.simulated else 3)
     t, curves = data.hold_times[use], source.curves[:, use]
-    weight = _weights(source, use)
+    weight = np.ones(t.size) if source.error is None else 1 / source.error[use] ** 2
+    weight /= weight.mean()
     estimate = _estimate(model, t, curves, weight, scatter=not source.simulated)
     slopes = cutoffs = UNKNOWN
     if bootstrap is not None:
@@ -429,18 +432,6 @@ def short_doubt(doubt: str) -> str:
 def span_text(span: tuple[float, float]) -> str:
     """``10–10⁴ s``: from the first to the last hold time of a fit."""
     return f"{power_text(span[0])}–{power_text(span[1])} s"
-
-
-def _limits(
-    window: tuple[QuantityLike, QuantityLike] | None, default: tuple[float, float] | None
-) -> tuple[float, float] | None:
-    return default if window is None else (convert(window[0], "s"), convert(window[1], "s"))
-
-
-def _weights(given: FitData, use: np.ndarray) -> np.ndarray:
-    """Weights of the hold times that are fitted, 1 on average."""
-    weight = np.ones(np.count_nonzero(use)) if given.error is None else 1 / given.error[use] ** 2
-    return weight / weight.mean()
 
 
 def _check_options(model: Model, samples: int, confidence: float) -> None:

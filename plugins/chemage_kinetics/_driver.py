@@ -379,12 +379,7 @@ def run_pieces(
             first = follow(first, last, tally)
         return tally
 
-    threads = min(threads or processors.available(), len(pieces))
-    if threads < 2:
-        for piece in pieces:
-            job.tally += followed(piece)
-        return
-    with ThreadPoolExecutor(threads) as pool:
+    with ThreadPoolExecutor(max(min(threads or processors.available(), len(pieces)), 1)) as pool:
         try:
             for tally in pool.map(followed, pieces):
                 job.tally += tally
