@@ -112,11 +112,7 @@ class ReactionLattice(Observing, Record):
                 raise ValueError(f"sites: pixel {twice} is listed twice; list each once, or give positions as well")
             if np.any(after < before):
                 raise ValueError("sites: not in ascending order; sort them (and what goes with them)")
-        for name, what in (
-            ("forming", "barriers in eV"),
-            ("breaking", "barriers in eV"),
-            ("pressure", "pressures in GPa"),
-        ):
+        for name in ("forming", "breaking", "pressure"):
             values = getattr(self, name)
             if values is None:
                 continue
