@@ -338,9 +338,15 @@ def fit_aging(
         Too few different hold times in the window (two for a simulated result, three for measurements), a coefficient
         of friction without load, or options that do not go together.
     """
-    _check_options(model, samples, confidence)
+    if model not in get_args(Model):
+        raise InputError.of("model", model, f"choose {' or '.join(get_args(Model))}")
+    if samples < 100:
+        raise InputError.of("samples", samples, "is too few for an interval", "give 100 or more")
+    if not 0 < confidence < 1:
+        raise InputError.of("confidence", confidence, "must lie between 0 and 1", "give 0.95, say")
     source = data.fit_data(quantity)
-    _check_bootstrap(bootstrap, source)
+    if bootstrap is not None:
+        _check_bootstrap(bootstrap, source)
     limits = FIT_WINDOW if source.simulated and model == "line" else None
     if window is not None:
         limits = convert(window[0], "s"), convert(window[1], "s")
@@ -434,18 +440,7 @@ def span_text(span: tuple[float, float]) -> str:
     return f"{power_text(span[0])}–{power_text(span[1])} s"
 
 
-def _check_options(model: Model, samples: int, confidence: float) -> None:
-    if model not in get_args(Model):
-        raise InputError.of("model", model, f"choose {' or '.join(get_args(Model))}")
-    if samples < 100:
-        raise InputError.of("samples", samples, "is too few for an interval", "give 100 or more")
-    if not 0 < confidence < 1:
-        raise InputError.of("confidence", confidence, "must lie between 0 and 1", "give 0.95, say")
-
-
-def _check_bootstrap(bootstrap: Bootstrap | None, given: FitData) -> None:
-    if bootstrap is None:
-        return
+def _check_bootstrap(bootstrap: Bootstrap, given: FitData) -> None:
     if bootstrap not in get_args(Bootstrap):
         raise InputError.of("bootstrap", bootstrap, f"choose {', '.join(get_args(Bootstrap))}, or leave it out")
     if bootstrap == "replicas" and len(given.curves) < 2:
