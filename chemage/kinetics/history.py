@@ -169,7 +169,9 @@ class BondHistory(Followed):
         }
         states = [history.states for history in (self, later) if history.states is not None]
         both["states"] = np.concatenate(states) if len(states) == 2 else None
-        return BondHistory(**{**later.todict(), **both, **joined(self.observables, later)}).noting({}, self.approximate)
+        both["notes"] = tuple(dict.fromkeys((*self.notes, *later.notes)))
+        whole = BondHistory(**{**later.todict(), **both, **joined(self.observables, later)})
+        return whole.noting(self.plugins, self.approximate)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw bonds against hold time into ``ax``, or into a new figure of pyplot; return the axes."""

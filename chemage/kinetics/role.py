@@ -12,13 +12,12 @@ from chemage.contacts.solution import ContactSolution
 from chemage.foundation.checks import Seed, check_times, checked_seed, expect, temperature_value
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
-from chemage.foundation.outputs import joined, kept, recording
+from chemage.foundation.outputs import kept, recording
 from chemage.foundation.units import QuantityLike
 from chemage.kinetics.history import BondHistory, checked_start, counters_of
 from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.lattice import ReactionLattice
 from chemage.plugins import registry
-from chemage.plugins.context import Plugins
 from chemage.plugins.options import Choice
 from chemage.plugins.sources import approximation_of, approximations, providers
 
@@ -213,26 +212,13 @@ def run_kinetics(
         return _answered(engine, hold_times=times, start=start, **arguments)
     if not engine.restart:
         raise InputError(cannot_give_states(engine))
-    counts: dict[str, list[np.ndarray]] = {name: [] for name in ("hold_times", "bonds", "formed", "broken")}
-    seen: list[np.ndarray] = []
-    notes: dict[str, None] = {}
-    plugins: Plugins = {}
-    approximate: list[dict[str, Any]] = []
-    recorded: dict[str, Any] = {}
+    seen, whole = [], None
     for number in range(times.size):
-        # only the last piece is kept whole: what an engine needs to resume may be large
         start = _answered(engine, hold_times=times[number : number + 1], start=start, **arguments)
-        recorded = joined(recorded.get("observables", {}), start)
-        for name, parts in counts.items():
-            parts.append(getattr(start, name))
         seen.append(start.state)
-        notes |= dict.fromkeys(start.notes)
-        plugins |= start.plugins
-        approximate += start.approximate
-    assert start is not None
-    whole: dict[str, Any] = {name: np.concatenate(parts) for name, parts in counts.items()}
-    whole |= {"states": np.stack(seen), "notes": tuple(notes), **recorded}
-    return start.model_copy(update=whole).noting(plugins, approximate)
+        whole = start if whole is None else whole.then(start)
+    assert whole is not None
+    return whole.model_copy(update={"states": np.stack(seen)})
 
 
 def cannot_give_states(engine: Engine) -> str:
