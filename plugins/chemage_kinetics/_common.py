@@ -287,6 +287,20 @@ def until(high: Float, low: Float, time: Float) -> Float:
     return max((time - high) - low, 0.0)
 
 
+@hot
+def next_event(
+    key: Key, stream: Int, index: Int, draw: Int, barrier: Int, nu: Float, per_unit: Float, high: Float, low: Float
+) -> tuple[Float, Float]:
+    """The instant, as a pair, at which a site crosses a fixed-point barrier, from high + low on; inf where the rate is
+    zero. From the random number ``draw`` of the site with this ``index``."""
+    wait = -math.log(random.uniform(key.k0, key.k1, stream, index, draw)) / nu
+    if barrier > 0:
+        wait *= math.exp(barrier * per_unit)
+    if wait > 1.0e300:
+        return np.inf, 0.0
+    return later(high, low, wait)
+
+
 # -- counts --------------------------------------------------------------------------------------------------------
 
 

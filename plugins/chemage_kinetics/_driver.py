@@ -100,12 +100,18 @@ class Pending:
             )
         return array
 
-    def _whole(self, name: str, shape: tuple[int, ...], least: int, most: int) -> np.ndarray:
+    def _whole(
+        self,
+        name: str,
+        shape: tuple[int, ...] | None,
+        least: int,
+        most: int,
+        dtype: type[np.generic] = np.int64,
+    ) -> np.ndarray:
         """Whole numbers between two limits."""
-        array = self._array(name, np.int64, shape)
-        low, high = int(array.min(initial=most)), int(array.max(initial=least))
-        if low < least or high > most:
-            found = f"is {low}" if array.size == 1 else f"is from {low} to {high}"
+        array = self._array(name, dtype, shape)
+        if array.size and not (int(array.min()) >= least and int(array.max()) <= most):
+            found = f"is {array[0]}" if array.size == 1 else f"is from {array.min()} to {array.max()}"
             self._wrong(name, f"{found}, but should be from {least} to {most}")
         return array
 
@@ -140,11 +146,9 @@ class Pending:
 
     def chosen(self, name: str, most: int) -> np.ndarray:
         """Up to ``most`` different sites, (h,) int64."""
-        array = self._array(name, np.int64, None)
+        array = self._whole(name, None, 0, self._sites - 1)
         if array.size > most:
             self._wrong(name, f"lists {array.size} sites, but there can be {most}")
-        if array.size and not (int(array.min()) >= 0 and int(array.max()) < self._sites):
-            self._wrong(name, f"has sites from {array.min()} to {array.max()}, but there are {self._sites}")
         if np.unique(array).size != array.size:
             self._wrong(name, "lists a site twice")
         return array
@@ -154,12 +158,11 @@ class Pending:
 
         Each site must be in a class whose bound is not below its rate, see `_rate_classes`.
         """
-        counts, order = self._array("counts", np.int64, (CLASSES,)), self._array("members", np.int32, (self._sites,))
-        listed = int(np.minimum(counts, self._sites + 1).sum())
-        if int(counts.min()) < 0 or listed > self._sites:
+        counts = self._whole("counts", (CLASSES,), 0, self._sites)
+        order = self._whole("members", (self._sites,), 0, self._sites - 1, np.int32)
+        listed = int(counts.sum())
+        if listed > self._sites:
             self._wrong("counts", f"counts {listed} sites, but there are {self._sites}")
-        if order.size and not (int(order.min()) >= 0 and int(order.max()) < self._sites):
-            self._wrong("members", f"has sites from {order.min()} to {order.max()}, but there are {self._sites}")
         there = np.zeros(self._sites, np.bool_)
         there[order] = True
         if not there.all():

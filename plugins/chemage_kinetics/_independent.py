@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from chemage.plugin import random
 from chemage_kinetics._common import (
     FLICKER,
     SOJOURN_BLOCKS,
@@ -24,7 +23,7 @@ from chemage_kinetics._common import (
     fixed_barrier,
     hot,
     jit,
-    later,
+    next_event,
     past,
     rate,
     sojourn,
@@ -60,12 +59,7 @@ def _draw(sites: IndependentSites, i: Int, barrier: Int, high: Float, low: Float
     """A new pending time of site i, from the instant high + low on, as a pair. Infinite where the rate is zero."""
     draw = sites.draws[i]
     sites.draws[i] = draw + 1
-    wait = -math.log(random.uniform(sites.key.k0, sites.key.k1, STREAM, sites.pixels[i], draw)) / sites.nu
-    if barrier > 0:
-        wait *= math.exp(barrier * sites.per_unit)
-    if wait < 1.0e300:
-        return later(high, low, wait)
-    return np.inf, 0.0
+    return next_event(sites.key, STREAM, sites.pixels[i], draw, barrier, sites.nu, sites.per_unit, high, low)
 
 
 @jit

@@ -39,6 +39,7 @@ from chemage_kinetics._common import (
     inner,
     jit,
     later,
+    next_event,
     past,
     prefetch,
     prefetch_rows,
@@ -116,14 +117,9 @@ def _draw(site: Int, high: Float, low: Float, sites: QueuedSites, times: np.ndar
         return
     draw = sites.draws[site]
     sites.draws[site] = draw + 1
-    wait = -math.log(random.uniform(sites.key.k0, sites.key.k1, STREAM, sites.pixels[site], draw)) / model.nu
-    if barrier > 0:
-        wait *= math.exp(barrier * model.per_unit)
-    if wait > 1.0e300:
-        times[site, 0] = np.inf
-        times[site, 1] = 0.0
-        return
-    times[site, 0], times[site, 1] = later(high, low, wait)
+    times[site, 0], times[site, 1] = next_event(
+        sites.key, STREAM, sites.pixels[site], draw, barrier, model.nu, model.per_unit, high, low
+    )
 
 
 @inner
