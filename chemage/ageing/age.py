@@ -85,19 +85,8 @@ def age(
     method
         Another way to find the bonds, see :class:`chemage.plugin.AgeingMethod`; default: the kinetics of every site.
     """
-    expect_contact(contact, Contact)
-    expect("chemistry", chemistry, Chemistry, "make one with chemage.chemistry(forming=...)")
-    expect("engine", engine, Engine, 'make one with chemage.engine("bkl")')
-    if rupture is not None:
-        expect(Rupture.role, rupture, Rupture, 'make one with chemage.rupture("...")')
-    listed = 'give a list of chemage.observable("barrier-spectrum")'
-    if not isinstance(observe, list | tuple):
-        raise InputError.of("observe", observe, "is no list", listed)
-    for observable in observe:
-        expect("observe", observable, Observable, listed)
+    _check_parts(contact, chemistry, engine, rupture, observe)
     check_common(common)
-    for _, problem in output_problems(engine, rupture, chemistry, *observe):
-        raise PluginError(problem)
     checked_count("replicas", replicas)
     if not isinstance(seed, np.random.SeedSequence):
         checked_seed(seed)
@@ -113,26 +102,29 @@ def age(
         expect("checkpoints", checkpoints, Path, "give a pathlib.Path")
     if progress is not None and not callable(progress):
         raise InputError.of("progress", progress, "cannot be called", "give a function, or leave it out")
-    request = AgeingRequest(
-        contact,
-        chemistry,
-        engine,
-        times,
-        kelvin,
-        replicas,
-        seed,
-        common,
-        rupture,
-        tuple(observe),
-        threads,
-        counted("ageing", method.steps, progress),
-        checkpoints,
-    )
+    report = counted("ageing", method.steps, progress)
+    how = replicas, seed, common, rupture, tuple(observe), threads, report, checkpoints
+    request = AgeingRequest(contact, chemistry, engine, times, kelvin, *how)
     about = f"{method.kind}: {engine.kind}, {replicas} replicas, {times.size} hold times, {kelvin:g} K"
     with logged("ageing", about) as outcome:
         aging = _aging(request, method)
         outcome(f"{aging.sites.mean():.0f} sites; {of_plugins(aging.plugins)}")
     return aging
+
+
+def _check_parts(contact: Any, chemistry: Any, engine: Any, rupture: Any, observe: Any) -> None:
+    expect_contact(contact, Contact)
+    expect("chemistry", chemistry, Chemistry, "make one with chemage.chemistry(forming=...)")
+    expect("engine", engine, Engine, 'make one with chemage.engine("bkl")')
+    if rupture is not None:
+        expect(Rupture.role, rupture, Rupture, 'make one with chemage.rupture("...")')
+    listed = 'give a list of chemage.observable("barrier-spectrum")'
+    if not isinstance(observe, list | tuple):
+        raise InputError.of("observe", observe, "is no list", listed)
+    for observable in observe:
+        expect("observe", observable, Observable, listed)
+    for _, problem in output_problems(engine, rupture, chemistry, *observe):
+        raise PluginError(problem)
 
 
 def _aging(request: AgeingRequest, method: AgeingMethod) -> Aging:

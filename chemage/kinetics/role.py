@@ -121,7 +121,7 @@ class Engine(Component, ABC):
         InputError
             Naming the argument that is wrong.
         """
-        times, kelvin, start = self._checked(lattice, hold_times, temperature, start)
+        times, kelvin, start = self.checked(lattice, hold_times, temperature, start)
         if not isinstance(seed, np.random.SeedSequence):
             seed = checked_seed(seed)
         with recording() as recorded:
@@ -131,7 +131,7 @@ class Engine(Component, ABC):
             history = history.model_copy(update={"resume": {**counters_of(start.resume), **history.resume}})
         return history.noting({}, (), kept(history, recorded)) if recorded else history
 
-    def _checked(
+    def checked(
         self, lattice: ReactionLattice, hold_times: Sequence[float] | np.ndarray, temperature: QuantityLike, start: Any
     ) -> tuple[np.ndarray, float, Any]:
         """The hold times (m,) s, temperature (K) and start of a run, if it can be made."""

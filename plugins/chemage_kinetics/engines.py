@@ -298,7 +298,7 @@ class Independent(KernelEngine, ThreadedEngine):
 
         ``start`` as for :meth:`run`: None (nothing bonded at time 0), a bool array (n,), or a history.
         """
-        times, kelvin, start = self._checked(lattice, hold_times, temperature, start)
+        times, kelvin, start = self.checked(lattice, hold_times, temperature, start)
         job = Job(self.kind, lattice, times, kelvin, 0, start)
         mean, variance = np.empty(times.size), np.empty(times.size)
         model = job.model
