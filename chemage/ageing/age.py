@@ -85,33 +85,46 @@ def age(
     method
         Another way to find the bonds, see :class:`chemage.plugin.AgeingMethod`; default: the kinetics of every site.
     """
-    _check(contact, chemistry, engine, rupture, observe, common, replicas, seed, threads)
-    if method is not None:
-        expect("method", method, AgeingMethod, 'make one with chemage.ageing_method("...")')
-    method = method or EVERY_SITE
+    _check_parts(contact, chemistry, engine, rupture, observe)
+    check_common(common)
+    checked_count("replicas", replicas)
+    if not isinstance(seed, np.random.SeedSequence):
+        checked_seed(seed)
+    threads = available() if threads is None else checked_count("threads", threads)
+    method = EVERY_SITE if method is None else method
+    expect("method", method, AgeingMethod, 'make one with chemage.ageing_method("...")')
     check_contact("contact: it", contact.has_map, method, chemistry)
     check_method(method, chemistry, engine, rupture, observe)
-    times, kelvin = _check_run(hold_times, temperature, replicas, checkpoints, progress)
-    request = AgeingRequest(
-        contact,
-        chemistry,
-        engine,
-        times,
-        kelvin,
-        replicas,
-        seed,
-        common,
-        rupture,
-        tuple(observe),
-        threads or available(),
-        counted("ageing", method.steps, progress),
-        checkpoints,
-    )
+    times, kelvin = check_times(hold_times), temperature_value(temperature)
+    remedy = "ask for fewer replicas, or for fewer hold times"
+    require(kept_bytes(replicas, times.size), f"replicas = {replicas}", remedy)
+    if checkpoints is not None:
+        expect("checkpoints", checkpoints, Path, "give a pathlib.Path")
+    if progress is not None and not callable(progress):
+        raise InputError.of("progress", progress, "cannot be called", "give a function, or leave it out")
+    report = counted("ageing", method.steps, progress)
+    how = replicas, seed, common, rupture, tuple(observe), threads, report, checkpoints
+    request = AgeingRequest(contact, chemistry, engine, times, kelvin, *how)
     about = f"{method.kind}: {engine.kind}, {replicas} replicas, {times.size} hold times, {kelvin:g} K"
     with logged("ageing", about) as outcome:
         aging = _aging(request, method)
         outcome(f"{aging.sites.mean():.0f} sites; {of_plugins(aging.plugins)}")
     return aging
+
+
+def _check_parts(contact: Any, chemistry: Any, engine: Any, rupture: Any, observe: Any) -> None:
+    expect_contact(contact, Contact)
+    expect("chemistry", chemistry, Chemistry, "make one with chemage.chemistry(forming=...)")
+    expect("engine", engine, Engine, 'make one with chemage.engine("bkl")')
+    if rupture is not None:
+        expect(Rupture.role, rupture, Rupture, 'make one with chemage.rupture("...")')
+    listed = 'give a list of chemage.observable("barrier-spectrum")'
+    if not isinstance(observe, list | tuple):
+        raise InputError.of("observe", observe, "is no list", listed)
+    for observable in observe:
+        expect("observe", observable, Observable, listed)
+    for _, problem in output_problems(engine, rupture, chemistry, *observe):
+        raise PluginError(problem)
 
 
 def _aging(request: AgeingRequest, method: AgeingMethod) -> Aging:
@@ -192,49 +205,6 @@ def _provenance(request: AgeingRequest, method: AgeingMethod) -> dict[str, Any]:
         **({"ageing": method.todict()} if method.role else {}),
         **({"seed": str(request.seed), "common": request.common} if method.replicates else {}),
     }
-
-
-def _check(
-    contact: Any,
-    chemistry: Any,
-    engine: Any,
-    rupture: Any,
-    observe: Sequence[Any],
-    common: Any,
-    replicas: Any,
-    seed: Any,
-    threads: Any,
-) -> None:
-    expect_contact(contact, Contact)
-    expect("chemistry", chemistry, Chemistry, "make one with chemage.chemistry(forming=...)")
-    expect("engine", engine, Engine, 'make one with chemage.engine("bkl")')
-    if rupture is not None:
-        expect(Rupture.role, rupture, Rupture, 'make one with chemage.rupture("...")')
-    if not isinstance(observe, list | tuple):
-        raise InputError.of("observe", observe, "is no list", 'give a list of chemage.observable("barrier-spectrum")')
-    for observable in observe:
-        expect("observe", observable, Observable, 'give a list of chemage.observable("barrier-spectrum")')
-    check_common(common)
-    for _, problem in output_problems(engine, rupture, chemistry, *observe):
-        raise PluginError(problem)
-    checked_count("replicas", replicas)
-    if not isinstance(seed, np.random.SeedSequence):
-        checked_seed(seed)
-    if threads is not None:
-        checked_count("threads", threads)
-
-
-def _check_run(
-    hold_times: Any, temperature: Any, replicas: int, checkpoints: Any, progress: Any
-) -> tuple[np.ndarray, float]:
-    times = check_times(hold_times)
-    remedy = "ask for fewer replicas, or for fewer hold times"
-    require(kept_bytes(replicas, times.size), f"replicas = {replicas}", remedy)
-    if checkpoints is not None and not isinstance(checkpoints, Path):
-        raise InputError.of("checkpoints", checkpoints, "is no path", "give a pathlib.Path")
-    if progress is not None and not callable(progress):
-        raise InputError.of("progress", progress, "cannot be called", "give a function, or leave it out")
-    return times, temperature_value(temperature)
 
 
 def kept_bytes(replicas: int, hold_times: int) -> float:

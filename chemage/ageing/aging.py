@@ -58,8 +58,6 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.axes import Axes
 
-#: name of the error
-BARRIERS = "barriers"
 #: standard deviations from what is possible at which an estimate is taken for a fault
 FAR = 8.0
 #: the name of the error that is due to the distribution of barriers
@@ -139,12 +137,14 @@ class Aging(Observing, Record):
         if self.bonds.ndim != 2 or self.bonds.shape[1] != self.hold_times.size or self.bonds.shape[0] < 1:
             raise ValueError(f"bonds: shape {self.bonds.shape}; give (replicas, {self.hold_times.size})")
         require_finite("sites", self.sites, "give counts")
-        counts = {name: counted for name in ("sites", "events") if (counted := getattr(self, name)) is not None}
-        if any(counted.shape != self.bonds.shape[:1] for counted in counts.values()):
-            raise ValueError(f"sites, events: give one number for each of the {self.bonds.shape[0]} replicas")
         check_times(self.hold_times)
         require_finite("bonds", self.bonds, "give counts")
-        for name, counted in counts.items():
+        for name in ("sites", "events"):
+            counted = getattr(self, name)
+            if counted is None:
+                continue
+            if counted.shape != self.bonds.shape[:1]:
+                raise ValueError(f"{name}: give one number for each of the {self.replicas} replicas")
             if counted.min(initial=0) < 0:
                 raise ValueError(f"{name}: {counted.min()} is negative; give counts")
         self._check_errors()

@@ -13,7 +13,7 @@ from chemage.ageing.fitting import DROPS, FIT_WINDOW, Fit, Friction, fit_aging
 from chemage.contacts.solution import MEASURES
 from chemage.foundation.errors import InputError
 from chemage.foundation.figures import BLUE, GREY, ORANGE, decades_only, from_zero, legend, plain
-from chemage.foundation.quantities import HOLD_TIME, Curve, Quantity, headed
+from chemage.foundation.quantities import HOLD_TIME, Curve, Quantity, by_name, headed
 from chemage.foundation.result import FILE, Ageing, Medium, OfRecord, Panel, Picture, Rows
 from chemage.foundation.statistics import NORMAL_LIMIT, half_width
 from chemage.foundation.text import jsonable, percent
@@ -145,16 +145,37 @@ class AgingDisplay(OfRecord[Aging]):
     ) -> None:
         """Draw friction against hold time with its 95 % intervals, the fitted line and published values."""
         chosen: Friction = quantity or self.quantity
-        named = ", ".join(filter(None, (label or self.label, self.record.over)))
-        draw_friction(axes, self.record, chosen, color or BLUE, plain(named))
+        named = plain(", ".join(filter(None, (label or self.label, self.record.over))))
+        drawn, curve = self.record.hold_times > 0, by_name(self.curves()).get(chosen)
+        if curve is None or not drawn.any():
+            reason = "undefined: no load" if curve is None else "no hold time above 0"
+            axes.text(0.5, 0.5, reason, transform=axes.transAxes, ha="center", color=GREY)
+        else:
+            _errorbars(axes, curve.x[drawn], curve.mean[drawn], curve.half_width[drawn], color or BLUE, named)
+        axes.set(xscale="log", xlabel=HOLD_TIME.axis, ylabel=DROPS[chosen].axis)
+        from_zero(axes)
         if fit and chosen == "friction_coefficient_drop":
             draw_fit(axes, self.fit[0])
             self.draw_published(axes)
         legend(axes)
 
     def _draw_local_slope(self, axes: Axes, medium: Medium) -> None:
-        draw_local_slope(axes, self.record, self.quantity, label=self.record.over)
-        if self.fit[0] is not None and self.record.load > 0:
+        """Draw the mean slope per decade over half a decade or more about each time, with 95 % intervals over replicas;
+        and that of the fit."""
+        aging = self.record
+        drawn = aging.hold_times > 0
+        times, first = np.unique(np.log10(aging.hold_times[drawn]), return_index=True)
+        values = aging.friction_coefficient_drop if aging.load > 0 else aging.friction_drop
+        values = values[:, drawn][:, first]
+        ends = [(low, int(np.searchsorted(times, start + SLOPE_SPAN - 1e-9))) for low, start in enumerate(times)]
+        low, high = np.array([(low, high) for low, high in ends if high < times.size] or [(0, times.size - 1)]).T
+        slopes = (values[:, high] - values[:, low]) / (times[high] - times[low])
+        middle = 10 ** (0.5 * (times[low] + times[high]))
+        _errorbars(axes, middle, slopes.mean(axis=0), half_width(slopes), BLUE, aging.over)
+        drop = DROPS[self.quantity]
+        axes.set(xscale="log", xlabel=HOLD_TIME.axis)
+        axes.set_ylabel(headed(f"slope d{drop.symbol}/dlog$_{{10}}$t per decade", drop.unit))
+        if self.fit[0] is not None and aging.load > 0:
             fit = self.fit[0]
             axes.plot(fit.span, [fit.beta] * 2, color=ORANGE, lw=1.6, zorder=3, label="β of the fitted line")
             scatter = self.scatter.relative if self.scatter is not None else None
@@ -176,47 +197,10 @@ def draw_fit(axes: Axes, fit: Fit | None, label: str = "", color: str = ORANGE) 
     axes.plot(line, fit(line), color=color, lw=1.6, zorder=3, label=label or plain(fit.short_text()))
 
 
-def draw_friction(axes: Axes, aging: Aging, quantity: Friction, colour: str = BLUE, label: str = "") -> None:
-    """Draw means of ``quantity`` against hold time, with 95 % intervals over replicas."""
-    drawn = aging.hold_times > 0
-    coefficient = quantity == "friction_coefficient_drop"
-    if coefficient and aging.load <= 0:
-        _write(axes, "undefined: no load")
-    elif not drawn.any():
-        _write(axes, "no hold time above 0")
-    else:
-        mean = aging.mean_friction_coefficient_drop if coefficient else aging.mean_friction_drop
-        half = aging.friction_coefficient_drop_half_width if coefficient else aging.friction_drop_half_width
-        _errorbars(axes, aging.hold_times[drawn], mean[drawn], half[drawn], colour, label)
-    axes.set(xscale="log", xlabel=HOLD_TIME.axis, ylabel=DROPS[quantity].axis)
-    from_zero(axes)
-
-
-def draw_local_slope(axes: Axes, aging: Aging, quantity: Friction, colour: str = BLUE, label: str = "") -> None:
-    """Draw the mean slope per decade of ``quantity`` over half a decade or more about each time, with 95 % intervals
-    over replicas."""
-    drawn = aging.hold_times > 0
-    times, first = np.unique(np.log10(aging.hold_times[drawn]), return_index=True)
-    values = aging.friction_coefficient_drop if quantity == "friction_coefficient_drop" else aging.friction_drop
-    values = values[:, drawn][:, first]
-    ends = [(low, int(np.searchsorted(times, start + SLOPE_SPAN - 1e-9))) for low, start in enumerate(times)]
-    low, high = np.array([(low, high) for low, high in ends if high < times.size] or [(0, times.size - 1)]).T
-    slopes = (values[:, high] - values[:, low]) / (times[high] - times[low])
-    middle = 10 ** (0.5 * (times[low] + times[high]))
-    _errorbars(axes, middle, slopes.mean(axis=0), half_width(slopes), colour, label)
-    drop = DROPS[quantity]
-    axes.set(xscale="log", xlabel=HOLD_TIME.axis)
-    axes.set_ylabel(headed(f"slope d{drop.symbol}/dlog$_{{10}}$t per decade", drop.unit))
-
-
 def _finish(figure: Any, plots: list[Axes]) -> None:
     plots[-1].set_xlim(plots[0].get_xlim())
     for axes in plots:
         decades_only(axes.xaxis)
-
-
-def _write(axes: Axes, text: str) -> None:
-    axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", color=GREY)
 
 
 def _errorbars(axes: Axes, t: np.ndarray, mean: np.ndarray, error: np.ndarray, colour: str, label: str) -> None:

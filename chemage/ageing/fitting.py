@@ -110,6 +110,11 @@ class FitData:
     #: whether the curves were computed
     simulated: bool = False
 
+    def weights(self, use: np.ndarray) -> np.ndarray:
+        """Weights of the hold times that are fitted, 1 on average."""
+        weight = np.ones(np.count_nonzero(use)) if self.error is None else 1 / self.error[use] ** 2
+        return weight / weight.mean()
+
 
 @dataclass(frozen=True, eq=False)
 class Fit:
@@ -338,13 +343,13 @@ def fit_aging(
         Too few different hold times in the window (two for a simulated result, three for measurements), a coefficient
         of friction without load, or options that do not go together.
     """
-    _check_options(model, samples, confidence)
     source = data.fit_data(quantity)
-    _check_bootstrap(bootstrap, source)
-    limits = _limits(window, FIT_WINDOW if source.simulated and model == "line" else None)
+    _check_options(model, samples, confidence, bootstrap, source)
+    ends = window or (FIT_WINDOW if source.simulated and model == "line" else None)
+    limits = ends and (convert(ends[0], "s"), convert(ends[1], "s"))
     use = _inside(data.hold_times, limits, model, least=SIMULATED if source.simulated else 3)
     t, curves = data.hold_times[use], source.curves[:, use]
-    weight = _weights(source, use)
+    weight = source.weights(use)
     estimate = _estimate(model, t, curves, weight, scatter=not source.simulated)
     slopes = cutoffs = UNKNOWN
     if bootstrap is not None:
@@ -431,28 +436,13 @@ def span_text(span: tuple[float, float]) -> str:
     return f"{power_text(span[0])}–{power_text(span[1])} s"
 
 
-def _limits(
-    window: tuple[QuantityLike, QuantityLike] | None, default: tuple[float, float] | None
-) -> tuple[float, float] | None:
-    return default if window is None else (convert(window[0], "s"), convert(window[1], "s"))
-
-
-def _weights(given: FitData, use: np.ndarray) -> np.ndarray:
-    """Weights of the hold times that are fitted, 1 on average."""
-    weight = np.ones(np.count_nonzero(use)) if given.error is None else 1 / given.error[use] ** 2
-    return weight / weight.mean()
-
-
-def _check_options(model: Model, samples: int, confidence: float) -> None:
+def _check_options(model: Model, samples: int, confidence: float, bootstrap: Bootstrap | None, given: FitData) -> None:
     if model not in get_args(Model):
         raise InputError.of("model", model, f"choose {' or '.join(get_args(Model))}")
     if samples < 100:
         raise InputError.of("samples", samples, "is too few for an interval", "give 100 or more")
     if not 0 < confidence < 1:
         raise InputError.of("confidence", confidence, "must lie between 0 and 1", "give 0.95, say")
-
-
-def _check_bootstrap(bootstrap: Bootstrap | None, given: FitData) -> None:
     if bootstrap is None:
         return
     if bootstrap not in get_args(Bootstrap):

@@ -82,7 +82,8 @@ class _Ageing(Stage):
 
     def estimate(self, parts: Parts, stated: Stated) -> Mapping[str, float]:
         """``cpu_seconds`` of all replicas, with least and most where it is a range, and ``bytes`` of one of them."""
-        from chemage.ageing.methods import EVERY_SITE, expected_cost
+        from chemage.ageing.methods import EVERY_SITE, expected_cost, wants_states
+        from chemage.friction.role import Rupture
 
         if "engine" not in parts:
             return {"cpu_seconds": 0.0, "bytes": 0.0}
@@ -102,15 +103,10 @@ class _Ageing(Stage):
             temperature=hold.temperature,
             mean_pressure=stated["contact"].get("mean_pressure"),
         )
-        if "bytes" in numbers and method is EVERY_SITE and self._states(parts):
+        asking = parts["engine"], parts.get(Rupture.role), parts.get("observe", ())
+        if "bytes" in numbers and method is EVERY_SITE and wants_states(*asking):
             numbers["bytes"] += sites * hold.hold_times.size
         return numbers
-
-    def _states(self, parts: Parts) -> bool:
-        from chemage.ageing.methods import wants_states
-        from chemage.friction.role import Rupture
-
-        return wants_states(parts["engine"], parts.get(Rupture.role), parts.get("observe", ()))
 
     def rows(self, parts: Parts, stated: Stated) -> Mapping[str, str]:
         if (method := parts.get(self.section)) is None:

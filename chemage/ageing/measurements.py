@@ -72,7 +72,18 @@ class Measurements:
                     raise InputError(f"{name}: {error}") from None
         if str(self.quantity) not in UNIT:
             raise InputError.of("quantity", self.quantity, f"choose {' or '.join(UNIT)}")
-        _check_data(self.hold_times, self.values, self.error)
+        check_times(self.hold_times)
+        for name in ("values", "error"):
+            array = getattr(self, name)
+            if array is None:
+                continue
+            if array.shape != self.hold_times.shape:
+                problem = f"there are {self.hold_times.size} hold times; give one number for each"
+                raise InputError.of(name, array.shape, problem)
+            if not np.isfinite(array).all():
+                raise InputError(f"{name}: holds numbers that are not finite; leave those out")
+        if self.error is not None and (self.error <= 0).any():
+            raise InputError("error: holds numbers that are not above zero; leave it out if errors are not known")
 
     def as_quantity(self, quantity: Friction, load: float | None) -> Measurements | None:
         """The same measurements as ΔF or Δμ under their load, else ``load`` nN; None where neither is known."""
@@ -217,16 +228,3 @@ def _row(table: ColumnTable, cells: Cells) -> dict[str, Any]:
         if name in row and row[name] <= 0:
             raise InputError(f"{where}, column {name}: {row[name]:g} is not above zero")
     return row
-
-
-def _check_data(times: np.ndarray, values: np.ndarray, error: np.ndarray | None) -> None:
-    check_times(times)
-    for name, array in (("values", values), ("error", error)):
-        if array is None:
-            continue
-        if array.shape != times.shape:
-            raise InputError.of(name, array.shape, f"there are {times.size} hold times; give one number for each")
-        if not np.isfinite(array).all():
-            raise InputError(f"{name}: holds numbers that are not finite; leave those out")
-    if error is not None and (error <= 0).any():
-        raise InputError("error: holds numbers that are not above zero; leave it out if errors are not known")

@@ -11,15 +11,15 @@ import numpy as np
 from pydantic import model_validator
 
 from chemage.contacts.solution import ContactSolution
-from chemage.foundation.checks import Seed, check_times, checked_seed, checked_states, expect, temperature_value
+from chemage.foundation.checks import Seed, check_times, checked_seed, expect, temperature_value
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
 from chemage.foundation.figures import BLUE, from_zero
-from chemage.foundation.outputs import Observing, kept, recording
-from chemage.foundation.records import Doubles, Flags, Indices, Named, Number, Plain, PositiveNumber, Record
+from chemage.foundation.outputs import kept, recording
+from chemage.foundation.records import Doubles, Flags, Indices, Number, Plain
 from chemage.foundation.result import Medium, OfRecord, Panel, Picture, Rows, displays
 from chemage.foundation.units import Force, Length, QuantityLike, Unit
-from chemage.kinetics.history import BondHistory, counters_of
+from chemage.kinetics.history import BondHistory, Followed, checked_start, counters_of
 from chemage.lattices.chemistry import Chemistry, effective_forming
 from chemage.lattices.lattice import ReactionLattice
 from chemage.lattices.role import Barriers
@@ -89,8 +89,10 @@ def _quantiles(forming: Barriers) -> np.ndarray:
     return quantiles
 
 
-class PullHistory(Observing, Record):
+class PullHistory(Followed):
     """What is measured while a contact is pulled, and its bonds at the end; a pull or a hold can go on from it."""
+
+    of_times = "times"
 
     arrays = {
         "times": (("time",), "s", "time since the contact was made"),
@@ -150,24 +152,8 @@ class PullHistory(Observing, Record):
     """where it was reached, nm"""
     peak_time: Number
     """when it was reached, s"""
-    time: Number
-    """the last time, s"""
-    temperature: PositiveNumber
-    """K"""
-    engine: str
-    """kind of the engine"""
     drive: Plain
     """what pulled"""
-    notes: tuple[str, ...] = ()
-    """what the user should know of this run, in words"""
-    resume: Named = {}
-    """what the engine needs to resume bit for bit; private to it"""
-    provenance: Plain = {}
-    """how it was made: plain JSON values"""
-    observables: Named = {}
-    """name -> what was recorded on the way to this, see :class:`chemage.plugin.Output`"""
-    outputs: dict[str, dict[str, Any]] = {}
-    """the same names -> dims, unit and description"""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -204,11 +190,7 @@ class PullHistory(Observing, Record):
         return lattice.model_copy(update={"forming": self.forming})
 
     def fault(self) -> str:
-        """What contradicts itself in this pull, in words; "" if nothing does."""
-        if self.time != self.times[-1]:
-            return f"time = {self.time:g} s is not the last of the times, {self.times[-1]:g} s"
-        if self.bonds[-1] != np.count_nonzero(self.state):
-            return f"bonds[-1] = {self.bonds[-1]}, but {np.count_nonzero(self.state)} sites are bonded in the state"
+        """See :meth:`Followed.fault`."""
         if self.stretch.size and (float(self.stretch.min()) < 0 or self.stretch[~self.state].any()):
             return "stretch: a bond is compressed, or a site without a bond is stretched"
         for name in ("displacement", "formed", "broken", "work", "dissipated", "rubbed"):
@@ -219,24 +201,7 @@ class PullHistory(Observing, Record):
             return "force: is negative, or above the peak"
         if (worst := float(np.abs(self.imbalance).max(initial=0.0))) > BALANCE:
             return f"the balance of energy is violated by {worst:.2g} of the work"
-        return ""
-
-    def fault_of(self, lattice: Any, times: np.ndarray, temperature: float, start: Any = None, **_: Any) -> str:
-        """How it contradicts a run on ``lattice`` with these arguments, in words; "" if it does not."""
-        if not np.array_equal(self.times, times):
-            return "its times are not those of the run"
-        if self.temperature != temperature:
-            return f"temperature = {self.temperature:g} K, but the run is at {temperature:g} K"
-        if self.state.size != lattice.sites.size:
-            return f"state: {self.state.size} sites, but the lattice has {lattice.sites.size}"
-        before = 0
-        if isinstance(start, PullHistory | BondHistory):
-            before = int(start.bonds[-1] - start.formed[-1] + start.broken[-1])
-        elif start is not None:
-            before = int(np.count_nonzero(start))
-        if np.any(self.bonds != before + self.formed - self.broken):
-            return "bonds are not those formed less broken"
-        return ""
+        return super().fault()
 
     def __repr__(self) -> str:
         return (
@@ -317,15 +282,7 @@ class Pulling(Component, ABC):
         n = lattice.sites.size
         if lattice.breaking is None:
             raise InputError("lattice: bonds last on it, so that no force breaks them; give breaking barriers")
-        if isinstance(start, PullHistory | BondHistory):
-            if fault := start.fault():
-                raise InputError(f"start: contradicts itself: {fault}; pass one as an engine gave it")
-            if start.state.size != n:
-                raise InputError.of("start", f"{start.state.size} sites", f"the lattice has {n}", "use its lattice")
-            if moments[0] < start.time:
-                raise InputError.of("times", float(moments[0]), f"the start is at {start.time} s", "give later times")
-        elif start is not None:
-            start = checked_states("start", start, n)
+        start = checked_start(start, Followed, lattice, moments, "times")
         if drive.partner == "new" and partners is None:
             raise InputError(
                 "partners: a site meets a new one; give chemage.plugin.partners_of(...), or partner='kept'"
@@ -336,7 +293,7 @@ class Pulling(Component, ABC):
             pulled = self._run(
                 lattice, drive, moments, kelvin, seed, start, partners if drive.partner == "new" else None
             )
-        if isinstance(start, PullHistory | BondHistory):
+        if isinstance(start, Followed):
             pulled = pulled.model_copy(update={"resume": {**counters_of(start.resume), **pulled.resume}})
         return pulled.noting({}, (), kept(pulled, recorded)) if recorded else pulled
 

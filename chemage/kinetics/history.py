@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from pydantic import model_validator
 
-from chemage.foundation.checks import check_times
+from chemage.foundation.checks import check_times, checked_states
 from chemage.foundation.codec import dataset, frame
 from chemage.foundation.errors import InputError
 from chemage.foundation.figures import BLUE, from_zero
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.axes import Axes
 
+    from chemage.lattices.lattice import ReactionLattice
+
 #: counts of events stop here
 MOST_EVENTS = 2**61
 #: What says in ``resume`` how many random numbers are used up, whatever engine used them: of a run as a whole, of its
@@ -28,8 +30,67 @@ MOST_EVENTS = 2**61
 COUNTERS = ("event", "drawn", "draws", "slips")
 
 
-class BondHistory(Observing, Record):
+class Followed(Observing, Record):
+    """What the histories of holds and of pulls have in common."""
+
+    #: the field with its times, and the argument of a run that they are
+    of_times: ClassVar[str]
+
+    if TYPE_CHECKING:
+        bonds: Indices
+        formed: Indices
+        broken: Indices
+        state: Flags
+    time: Number
+    """the last of the times, s"""
+    temperature: PositiveNumber
+    """K"""
+    engine: str
+    """kind of the engine"""
+    notes: tuple[str, ...] = ()
+    """what the user should know of this run, in words"""
+    resume: Named = {}
+    """what the engine needs to resume bit for bit; private to it, except the counters of random numbers that
+    :func:`counters_of` gives"""
+    provenance: Plain = {}
+    """how it was made: plain JSON values"""
+    observables: Named = {}
+    """name -> what was recorded on the way to this, see :class:`chemage.plugin.Output`"""
+    outputs: dict[str, dict[str, Any]] = {}
+    """the same names -> dims, unit and description"""
+
+    def fault(self) -> str:
+        """What contradicts itself in this history, in words; "" if nothing does. A run goes on from none that does."""
+        last, bonded = getattr(self, self.of_times)[-1], int(np.count_nonzero(self.state))
+        if self.time != last:
+            return f"time = {self.time:g} s is not the last of {self.of_times}, {last:g} s"
+        if self.bonds[-1] != bonded:
+            return f"bonds[-1] = {self.bonds[-1]}, but {bonded} sites are bonded in the state"
+        return ""
+
+    def fault_of(self, lattice: Any, temperature: float, start: Any = None, **arguments: Any) -> str:
+        """How it contradicts a run on ``lattice`` with these arguments, in words; "" if it does not."""
+        ours, times = getattr(self, self.of_times), arguments[self.of_times]
+        if not np.array_equal(ours, times):
+            return f"its {self.of_times} are {_few(ours)} s, and not those of the run, {_few(times)} s"
+        if self.temperature != temperature:
+            return f"temperature = {self.temperature:g} K, but the run is at {temperature:g} K"
+        if self.state.size != lattice.sites.size:
+            return f"state: {self.state.size} sites, but the lattice has {lattice.sites.size}"
+        before = 0
+        if isinstance(start, Followed):
+            before = int(start.bonds[-1] - start.formed[-1] + start.broken[-1])
+        elif start is not None:
+            before = int(np.count_nonzero(start))
+        if np.any(self.bonds != before + self.formed - self.broken):
+            return f"bonds {_few(self.bonds)} are not those formed {_few(self.formed)} less broken {_few(self.broken)}"
+        return ""
+
+
+class BondHistory(Followed):
     """Bonds at each hold time of one run; a run can be resumed from it."""
+
+    of_times = "hold_times"
 
     arrays = {
         "hold_times": (("hold_time",), "s", "time since the contact was made"),
@@ -54,25 +115,8 @@ class BondHistory(Observing, Record):
     """(n,) bool at the last hold time"""
     states: Flags | None = None
     """(m, n) bool at each hold time; None where nothing asked for them"""
-    time: Number
-    """the last hold time, s"""
-    temperature: PositiveNumber
-    """K"""
-    engine: str
-    """kind of the engine"""
     lattice_hash: str = ""
     """content hash of the lattice"""
-    notes: tuple[str, ...] = ()
-    """what the user should know of this run, in words"""
-    resume: Named = {}
-    """what the engine needs to resume bit for bit; private to it, except the counters of random numbers that
-    :func:`counters_of` gives"""
-    provenance: Plain = {}
-    """how it was made: plain JSON values"""
-    observables: Named = {}
-    """name -> what was recorded on the way to this, see :class:`chemage.plugin.Output`"""
-    outputs: dict[str, dict[str, Any]] = {}
-    """the same names -> dims, unit and description"""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -95,34 +139,14 @@ class BondHistory(Observing, Record):
                 raise ValueError(f"{name}: {getattr(self, name).min()} is negative; give counts")
 
     def fault(self) -> str:
-        """What contradicts itself in this history, in words; "" if nothing does. A run goes on from none that does."""
-        if self.time != self.hold_times[-1]:
-            return f"time = {self.time:g} s is not the last hold time, {self.hold_times[-1]:g} s"
-        sites, bonded = self.state.size, int(np.count_nonzero(self.state))
-        if int(self.bonds.max()) > sites:
-            return f"bonds: up to {self.bonds.max()}, but there are {sites} sites"
-        if self.bonds[-1] != bonded:
-            return f"bonds[-1] = {self.bonds[-1]}, but {bonded} sites are bonded in the state"
+        """See :meth:`Followed.fault`."""
+        if int(self.bonds.max()) > self.state.size:
+            return f"bonds: up to {self.bonds.max()}, but there are {self.state.size} sites"
         for name in ("formed", "broken"):
             counts = getattr(self, name)
             if int(counts[-1]) > MOST_EVENTS or np.any(counts[1:] < counts[:-1]):
                 return f"{name} falls, or exceeds {MOST_EVENTS}"
-        return ""
-
-    def fault_of(
-        self, lattice: Any, hold_times: np.ndarray, temperature: float, start: BondHistory | None = None, **_: Any
-    ) -> str:
-        """How it contradicts a run on ``lattice`` with these arguments, in words; "" if it does not."""
-        if not np.array_equal(self.hold_times, hold_times):
-            return f"its hold times are {_few(self.hold_times)} s, and not those of the run, {_few(hold_times)} s"
-        if self.temperature != temperature:
-            return f"temperature = {self.temperature:g} K, but the run is at {temperature:g} K"
-        if self.state.size != lattice.sites.size:
-            return f"state: {self.state.size} sites, but the lattice has {lattice.sites.size}"
-        before = 0 if start is None else int(start.bonds[-1] - start.formed[-1] + start.broken[-1])
-        if np.any(self.bonds != before + self.formed - self.broken):
-            return f"bonds {_few(self.bonds)} are not those formed {_few(self.formed)} less broken {_few(self.broken)}"
-        return ""
+        return super().fault()
 
     @property
     def events(self) -> int:
@@ -145,7 +169,9 @@ class BondHistory(Observing, Record):
         }
         states = [history.states for history in (self, later) if history.states is not None]
         both["states"] = np.concatenate(states) if len(states) == 2 else None
-        return BondHistory(**{**later.todict(), **both, **joined(self.observables, later)}).noting({}, self.approximate)
+        both["notes"] = tuple(dict.fromkeys((*self.notes, *later.notes)))
+        whole = BondHistory(**{**later.todict(), **both, **joined(self.observables, later)})
+        return whole.noting(self.plugins, self.approximate)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw bonds against hold time into ``ax``, or into a new figure of pyplot; return the axes."""
@@ -167,6 +193,30 @@ class BondHistory(Observing, Record):
         return f"<BondHistory {self.bonds[-1]} bonds at {self.time:g} s after {self.events} events ({self.engine})>"
 
     __str__ = __repr__
+
+
+def checked_start(start: Any, kind: type[Followed], lattice: ReactionLattice, times: np.ndarray, name: str) -> Any:
+    """What a run to ``times``, its argument ``name``, begins from: a history of a ``kind``, states or None.
+
+    Raises
+    ------
+    InputError
+        It contradicts itself, has other sites than ``lattice``, or ends after the first of ``times``.
+    """
+    sites = lattice.sites.size
+    if start is None:
+        return None
+    if not isinstance(start, kind):
+        return checked_states("start", start, sites)
+    if fault := start.fault():
+        raise InputError(f"start: a history that contradicts itself: {fault}; pass one as an engine gave it")
+    if start.state.size != sites:
+        problem, remedy = f"the lattice has {sites}", "resume with the lattice that it came from"
+        raise InputError.of("start", f"a history of {start.state.size} sites", problem, remedy)
+    if times[0] < start.time:
+        problem = f"the history to resume from ends at {start.time} s"
+        raise InputError.of(name, float(times[0]), problem, "give later times")
+    return start
 
 
 def counters_of(resume: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -9,16 +9,15 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from chemage.contacts.solution import ContactSolution
-from chemage.foundation.checks import Seed, check_times, checked_seed, checked_states, expect, temperature_value
-from chemage.foundation.components import Component, call_with
+from chemage.foundation.checks import Seed, check_times, checked_seed, expect, temperature_value
+from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
-from chemage.foundation.outputs import joined, kept, recording
+from chemage.foundation.outputs import kept, recording
 from chemage.foundation.units import QuantityLike
-from chemage.kinetics.history import BondHistory, counters_of
+from chemage.kinetics.history import BondHistory, checked_start, counters_of
 from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.lattice import ReactionLattice
 from chemage.plugins import registry
-from chemage.plugins.context import Plugins
 from chemage.plugins.options import Choice
 from chemage.plugins.sources import approximation_of, approximations, providers
 
@@ -122,37 +121,30 @@ class Engine(Component, ABC):
         InputError
             Naming the argument that is wrong.
         """
-        expect("lattice", lattice, ReactionLattice, "make one with chemistry.on(contact), or from arrays")
-        times = check_times(hold_times)
-        kelvin = temperature_value(temperature)
+        times, kelvin, start = self.checked(lattice, hold_times, temperature, start)
         if not isinstance(seed, np.random.SeedSequence):
             seed = checked_seed(seed)
-        if isinstance(start, BondHistory):
-            if fault := start.fault():
-                raise InputError(f"start: a history that contradicts itself: {fault}; pass one as an engine gave it")
-            if start.state.size != lattice.sites.size:
-                raise InputError.of(
-                    "start",
-                    f"a history of {start.state.size} sites",
-                    f"the lattice has {lattice.sites.size}",
-                    "resume with the lattice that it came from",
-                )
-            if times[0] < start.time:
-                raise InputError.of(
-                    "hold_times",
-                    float(times[0]),
-                    f"the history to resume from ends at {start.time} s",
-                    "give later hold times",
-                )
-        elif start is not None:
-            start = checked_states("start", start, lattice.sites.size)
-        self.check(lattice.interacting)
         with recording() as recorded:
             history = self._run(lattice, times, kelvin, seed, start)
         if isinstance(start, BondHistory):
             # an engine hands on the counters that it does not know
             history = history.model_copy(update={"resume": {**counters_of(start.resume), **history.resume}})
         return history.noting({}, (), kept(history, recorded)) if recorded else history
+
+    def checked(
+        self, lattice: ReactionLattice, hold_times: Sequence[float] | np.ndarray, temperature: QuantityLike, start: Any
+    ) -> tuple[np.ndarray, float, Any]:
+        """The hold times (m,) s, temperature (K) and start of a run, if it can be made."""
+        expect("lattice", lattice, ReactionLattice, "make one with chemistry.on(contact), or from arrays")
+        times = check_times(hold_times)
+        start = checked_start(start, BondHistory, lattice, times, "hold_times")
+        self.check(lattice.interacting)
+        return times, temperature_value(temperature), start
+
+
+def _of_inner(name: str) -> Any:
+    """An attribute or a method that is that of the engine that is run."""
+    return property(lambda self: getattr(self.inner, name), doc=f"``{name}`` of :attr:`inner`.")
 
 
 class WrappedEngine(Engine):
@@ -166,41 +158,8 @@ class WrappedEngine(Engine):
     inner: Choice[Engine]
     """the engine that is run"""
 
-    @property
-    def exact(self) -> bool:
-        """That of :attr:`inner`."""
-        return self.inner.exact
-
-    @property
-    def declared_error(self) -> float | None:
-        """That of :attr:`inner`."""
-        return self.inner.declared_error
-
-    @property
-    def interacting(self) -> bool:
-        """That of :attr:`inner`."""
-        return self.inner.interacting
-
-    @property
-    def restart(self) -> bool:
-        """That of :attr:`inner`."""
-        return self.inner.restart
-
-    def concurrency(self) -> int:
-        """See :meth:`Engine.concurrency`."""
-        return self.inner.concurrency()
-
-    def expected(self, sites: float, interacting: bool, events: float | None = None) -> dict[str, float]:
-        """See :meth:`Engine.expected`."""
-        return call_with(self.inner.expected, sites, interacting, events=events)
-
-    def check(self, interacting: bool) -> Sequence[str] | None:
-        """See :meth:`Engine.check`."""
-        return self.inner.check(interacting)
-
-    def warm_up(self, lattice: ReactionLattice, temperature: float) -> None:
-        """See :meth:`Engine.warm_up`."""
-        self.inner.warm_up(lattice, temperature)
+    exact, declared_error, interacting, restart = map(_of_inner, ("exact", "declared_error", "interacting", "restart"))
+    concurrency, expected, check, warm_up = map(_of_inner, ("concurrency", "expected", "check", "warm_up"))
 
     def _run(
         self,
@@ -253,26 +212,13 @@ def run_kinetics(
         return _answered(engine, hold_times=times, start=start, **arguments)
     if not engine.restart:
         raise InputError(cannot_give_states(engine))
-    counts: dict[str, list[np.ndarray]] = {name: [] for name in ("hold_times", "bonds", "formed", "broken")}
-    seen: list[np.ndarray] = []
-    notes: dict[str, None] = {}
-    plugins: Plugins = {}
-    approximate: list[dict[str, Any]] = []
-    recorded: dict[str, Any] = {}
+    seen, whole = [], None
     for number in range(times.size):
-        # only the last piece is kept whole: what an engine needs to resume may be large
         start = _answered(engine, hold_times=times[number : number + 1], start=start, **arguments)
-        recorded = joined(recorded.get("observables", {}), start)
-        for name, parts in counts.items():
-            parts.append(getattr(start, name))
         seen.append(start.state)
-        notes |= dict.fromkeys(start.notes)
-        plugins |= start.plugins
-        approximate += start.approximate
-    assert start is not None
-    whole: dict[str, Any] = {name: np.concatenate(parts) for name, parts in counts.items()}
-    whole |= {"states": np.stack(seen), "notes": tuple(notes), **recorded}
-    return start.model_copy(update=whole).noting(plugins, approximate)
+        whole = start if whole is None else whole.then(start)
+    assert whole is not None
+    return whole.model_copy(update={"states": np.stack(seen)})
 
 
 def cannot_give_states(engine: Engine) -> str:

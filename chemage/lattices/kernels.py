@@ -18,8 +18,8 @@ from chemage.foundation.kernels import kernel
 FURTHEST = 0.95
 #: smallest cosine between the normal of the rim and the line between two pixels
 SMALLEST_COSINE = 0.3
-#: with more neighbours than this, sorting all pairs is faster than searching the row of each
-WIDE = 64
+#: from a pixel to itself and its eight neighbours
+STEPS = tuple((di, dj) for di in (-1, 0, 1) for dj in (-1, 0, 1))
 
 
 @kernel(nogil=True)
@@ -43,25 +43,16 @@ def _near(i, j, nx, ny, periodic):  # pragma: no cover - compiled
 @kernel(nogil=True)
 def around(pixels, place, nx, ny, periodic):  # pragma: no cover - compiled
     """The neighbours (of eight) of `pixels` that are not listed yet, which `place` is -1 for; it becomes -2."""
+    found = np.empty(8 * pixels.size, np.int64)
     count = 0
     for at in pixels:
-        for di in range(-1, 2):
-            for dj in range(-1, 2):
-                other = _at(at // ny + di, at % ny + dj, nx, ny, periodic)
-                if other >= 0 and place[other] == -1:
-                    place[other] = -3
-                    count += 1
-    found = np.empty(count, np.int64)
-    count = 0
-    for at in pixels:
-        for di in range(-1, 2):
-            for dj in range(-1, 2):
-                other = _at(at // ny + di, at % ny + dj, nx, ny, periodic)
-                if other >= 0 and place[other] == -3:
-                    place[other] = -2
-                    found[count] = other
-                    count += 1
-    return found
+        for di, dj in STEPS:
+            other = _at(at // ny + di, at % ny + dj, nx, ny, periodic)
+            if other >= 0 and place[other] == -1:
+                place[other] = -2
+                found[count] = other
+                count += 1
+    return found[:count].copy()
 
 
 @kernel(nogil=True)
@@ -83,12 +74,11 @@ def _way(ratio):  # pragma: no cover - compiled
 def _slope(i, j, nx, ny, periodic, place, level):  # pragma: no cover - compiled
     """Direction in which the level rises at a pixel, from its eight neighbours; (0, 0) where it has none."""
     gx, gy = 0.0, 0.0
-    for di in range(-1, 2):
-        for dj in range(-1, 2):
-            at = place[_near(i + di, j + dj, nx, ny, periodic)]
-            if at >= 0:
-                gx += di * (2 - abs(dj)) * level[at]
-                gy += dj * (2 - abs(di)) * level[at]
+    for di, dj in STEPS:
+        at = place[_near(i + di, j + dj, nx, ny, periodic)]
+        if at >= 0:
+            gx += di * (2 - abs(dj)) * level[at]
+            gy += dj * (2 - abs(di)) * level[at]
     length = math.sqrt(gx * gx + gy * gy)
     if length == 0.0:
         return 0.0, 0.0
@@ -116,37 +106,35 @@ def rim(pixels, bounds, place, opening, level, nx, ny, periodic, passes):  # pra
             if turn > 0:
                 sx, sy = _slope(i, j, nx, ny, periodic, place, level)
             total, squares, weights = 0.0, 0.0, 0.0
-            for di in range(-1, 2):
-                for dj in range(-1, 2):
-                    other = _at(i + di, j + dj, nx, ny, periodic)
-                    if other < 0 or place[other] >= bounds[0] or place[other] < 0:
-                        continue
-                    inside = level[place[other]]
-                    length = math.sqrt(float(di * di + dj * dj))
-                    cosine = 1.0
-                    if sx != 0.0 or sy != 0.0:
-                        cosine = max((di * sx + dj * sy) / length, SMALLEST_COSINE)
-                    d = length * cosine
-                    x = 0.5
-                    if opening[k] >= 0.0 and inside > 0.0:
-                        x = _way(min((opening[k] / d) ** 2 / inside, 1e300))
-                    weight = (cosine / length) ** 2
-                    square = inside / ((1.0 - x) * d)
-                    total += weight * square * x * d
-                    squares += weight * square
-                    weights += weight
+            for di, dj in STEPS:
+                other = _at(i + di, j + dj, nx, ny, periodic)
+                if other < 0 or place[other] >= bounds[0] or place[other] < 0:
+                    continue
+                inside = level[place[other]]
+                length = math.sqrt(float(di * di + dj * dj))
+                cosine = 1.0
+                if sx != 0.0 or sy != 0.0:
+                    cosine = max((di * sx + dj * sy) / length, SMALLEST_COSINE)
+                d = length * cosine
+                x = 0.5
+                if opening[k] >= 0.0 and inside > 0.0:
+                    x = _way(min((opening[k] / d) ** 2 / inside, 1e300))
+                weight = (cosine / length) ** 2
+                square = inside / ((1.0 - x) * d)
+                total += weight * square * x * d
+                squares += weight * square
+                weights += weight
             strength[k] = squares / weights
             fresh[k] = -total / weights
         level[bounds[0] : bounds[1]] = fresh[bounds[0] :]
         for k in range(bounds[1], bounds[2]):
             i, j = pixels[k] // ny, pixels[k] % ny
             squares, count = 0.0, 0
-            for di in range(-1, 2):
-                for dj in range(-1, 2):
-                    other = _at(i + di, j + dj, nx, ny, periodic)
-                    if other >= 0 and bounds[0] <= place[other] < bounds[1]:
-                        squares += strength[place[other]]
-                        count += 1
+            for di, dj in STEPS:
+                other = _at(i + di, j + dj, nx, ny, periodic)
+                if other >= 0 and bounds[0] <= place[other] < bounds[1]:
+                    squares += strength[place[other]]
+                    count += 1
             square = squares / count
             if opening[k] >= 0.0:
                 level[k] = -((square * opening[k]) ** (2.0 / 3.0))
@@ -310,13 +298,12 @@ def balance(place, pixels, load, grid, sites, periodic, index, values):  # pragm
             break
         for k in range(pixels.size):
             wanted, found = 0.0, 0.0
-            for di in range(-1, 2):
-                for dj in range(-1, 2):
-                    other = _at(pixels[k] // ny + di, pixels[k] % ny + dj, nx, ny, periodic)
-                    if other >= 0 and place[other] >= 0:
-                        wanted += load[place[other]]
-                        # how many sites belong to a pixel changes from one to the next
-                        found += carried[place[other]] / (across[other // ny] * along[other % ny])
+            for di, dj in STEPS:
+                other = _at(pixels[k] // ny + di, pixels[k] % ny + dj, nx, ny, periodic)
+                if other >= 0 and place[other] >= 0:
+                    wanted += load[place[other]]
+                    # how many sites belong to a pixel changes from one to the next
+                    found += carried[place[other]] / (across[other // ny] * along[other % ny])
             if found > 0.0:
                 factor[k] = min(max(wanted / found, 0.5), 2.0)
 
@@ -354,8 +341,12 @@ def overlaps(pixels, pressure, grid, sites, periodic, index, share, carried):  #
 
 
 @kernel(nogil=True)
-def _find_fault(neighbours, coupling):  # pragma: no cover - compiled
+def find_fault(neighbours, coupling):  # pragma: no cover - compiled
+    """First fault of a graph as (fault, site, slot): 0 none, 1 out of range, 2 own neighbour, 3 listed twice,
+    4 listed from one end only, 5 two different energies. ``neighbours`` (n, k) int32, ``coupling`` (n, k) eV."""
     n, k = neighbours.shape
+    # the last site that listed each site, and where that was found in its row: rows that ascend are searched from there
+    listed, found = np.full(n, -1), np.zeros(n, np.int64)
     for i in range(n):
         for s in range(k):
             j = neighbours[i, s]
@@ -365,68 +356,17 @@ def _find_fault(neighbours, coupling):  # pragma: no cover - compiled
                 return 1, i, s
             if j == i:
                 return 2, i, s
-            for other in range(s):
-                if neighbours[i, other] == j:
-                    return 3, i, s
-            if j < i:
-                continue  # the pair was checked from its lower end, and a one-sided listing is found below
-            back = -1
-            for other in range(k):
-                if neighbours[j, other] == i:
-                    back = other
+            if listed[j] == i:
+                return 3, i, s
+            listed[j] = i
+            back = found[j]
+            for _ in range(k):
+                if neighbours[j, back] == i:
                     break
-            if back < 0:
+                back = (back + 1) % k
+            if neighbours[j, back] != i:
                 return 4, i, s
             if coupling[j, back] != coupling[i, s]:
                 return 5, i, s
-    for i in range(n):
-        for s in range(k):
-            j = neighbours[i, s]
-            if j < 0 or j > i:
-                continue
-            back = -1
-            for other in range(k):
-                if neighbours[j, other] == i:
-                    back = other
-                    break
-            if back < 0:
-                return 4, i, s
+            found[j] = back
     return 0, 0, 0
-
-
-def find_fault(neighbours: np.ndarray, coupling: np.ndarray) -> tuple[int, int, int]:
-    """First fault of a graph as (fault, site, slot): 0 none, 1 out of range, 2 own neighbour, 3 listed twice,
-    4 listed from one end only, 5 two different energies. ``neighbours`` (n, k) int32, ``coupling`` (n, k) eV."""
-    if neighbours.shape[1] > WIDE:
-        return _find_fault_wide(neighbours, coupling)
-    fault, site, slot = _find_fault(neighbours, coupling)
-    return int(fault), int(site), int(slot)
-
-
-def _find_fault_wide(neighbours: np.ndarray, coupling: np.ndarray) -> tuple[int, int, int]:
-    """As `_find_fault`, by sorting; finds another fault first where there are several."""
-    n = neighbours.shape[0]
-    sites, slots = np.nonzero(neighbours != -1)
-    others = neighbours[sites, slots].astype(np.int64)
-
-    def first(fault: int, wrong: np.ndarray) -> tuple[int, int, int]:
-        at = int(np.flatnonzero(wrong)[0])
-        return fault, int(sites[at]), int(slots[at])
-
-    for fault, wrong in ((1, (others < 0) | (others >= n)), (2, others == sites)):
-        if wrong.any():
-            return first(fault, wrong)
-    pairs, turned = sites * n + others, others * n + sites
-    order, back = np.argsort(pairs, kind="stable"), np.argsort(turned, kind="stable")
-    twice = np.zeros(pairs.size, np.bool_)
-    twice[order[1:]] = pairs[order[1:]] == pairs[order[:-1]]
-    if twice.any():
-        return first(3, twice)
-    single = np.ones(pairs.size, np.bool_)
-    single[np.isin(pairs, turned)] = False
-    if single.any():
-        return first(4, single)
-    different = np.zeros(pairs.size, np.bool_)
-    energies = coupling[sites, slots]
-    different[order] = energies[order] != energies[back]
-    return first(5, different) if different.any() else (0, 0, 0)

@@ -30,10 +30,16 @@ if TYPE_CHECKING:
 
 #: random numbers of pairs of pixels are told apart up to here
 MOST_PIXELS = 2**48
-#: eV; what engines compute from a barrier stays a number
-LARGEST_BARRIER = 1e302
+#: eV or GPa; what engines compute from a barrier stays a number
+LARGEST = 1e302
 #: kernels count sites in 32 bits
 MOST_SITES = 2**31 - 1
+
+
+def _in_range(name: str, values: np.ndarray, remedy: str) -> None:
+    require_finite(name, values, remedy)
+    if max(float(values.max(initial=0.0)), -float(values.min(initial=0.0))) > LARGEST:
+        raise ValueError(f"{name}: beyond {LARGEST:g}, out of range; {remedy}")
 
 
 class ReactionLattice(Observing, Record):
@@ -106,19 +112,13 @@ class ReactionLattice(Observing, Record):
                 raise ValueError(f"sites: pixel {twice} is listed twice; list each once, or give positions as well")
             if np.any(after < before):
                 raise ValueError("sites: not in ascending order; sort them (and what goes with them)")
-        for name in ("forming", "breaking"):
+        for name in ("forming", "breaking", "pressure"):
             values = getattr(self, name)
             if values is None:
                 continue
             if values.shape != (n,):
                 raise ValueError(f"{name}: shape {values.shape}, but there are {n} sites; give one value per site")
-            require_finite(name, values, "give barriers in eV")
-            if n and max(float(values.max()), -float(values.min())) > LARGEST_BARRIER:
-                raise ValueError(f"{name}: beyond {LARGEST_BARRIER:g} eV, out of range; give barriers in eV")
-        if self.pressure is not None:
-            if self.pressure.shape != (n,):
-                raise ValueError(f"pressure: shape {self.pressure.shape}, but there are {n} sites; give one per site")
-            require_finite("pressure", self.pressure, "give pressures in GPa")
+            _in_range(name, values, "give pressures in GPa" if name == "pressure" else "give barriers in eV")
         if self.origin is not None and not np.isfinite(self.origin).all():
             raise ValueError(f"origin: {self.origin} is not finite; give x and y in nm")
         if self.positions is not None:
@@ -152,9 +152,7 @@ class ReactionLattice(Observing, Record):
             raise ValueError(
                 f"neighbours {neighbours.shape} and coupling {coupling.shape}: both must be ({n}, k) for {n} sites"
             )
-        require_finite("coupling", coupling, "give energies in eV, 0 where there is no neighbour")
-        if coupling.size and max(float(coupling.max()), -float(coupling.min())) > LARGEST_BARRIER:
-            raise ValueError(f"coupling: beyond {LARGEST_BARRIER:g} eV, out of range; give energies in eV")
+        _in_range("coupling", coupling, "give energies in eV, 0 where there is no neighbour")
         from chemage.lattices.kernels import find_fault
 
         fault, site, slot = find_fault(neighbours, coupling)

@@ -60,7 +60,7 @@ def _run(
     engine: Pulling, lattice: ReactionLattice, drive: Drive, times: Any, seed: Any = 3, **more: Any
 ) -> PullHistory:
     pulled = engine.run(lattice, drive, times, temperature=TEMPERATURE, seed=seed, **more)
-    fault = pulled.fault() or pulled.fault_of(lattice, np.asarray(times), TEMPERATURE, more.get("start"))
+    fault = pulled.fault() or pulled.fault_of(lattice, TEMPERATURE, more.get("start"), times=np.asarray(times))
     require(not fault, f"{lattice!r} at {drive.speed:g} nm/s: {fault}")
     return pulled
 

@@ -248,31 +248,17 @@ class Windows(NamedTuple):
     def sites_around(self, chosen: np.ndarray, margin: int) -> np.ndarray:
         """The sites in contact in the windows ``chosen`` (positions in :attr:`squares`) and up to ``margin`` sites
         around them, each once, ascending: (n,) int64 flat indices."""
-        nx, ny = self.shape
-        along = -(-ny // self.side)
-        corner = np.stack(np.divmod(self.squares[chosen], along)) * self.side
-        low = corner - margin
-        high = np.minimum(corner + self.side, np.array([[nx], [ny]])) + margin
-        if not self.periodic:
-            low, high = np.maximum(low, 0), np.minimum(high, np.array([[nx], [ny]]))
-        high = np.minimum(high, low + np.array([[nx], [ny]]))  # once around at most
-        rows = np.arange(int((high - low)[0].max(initial=0)))
-        inside = low[0][:, None] + rows < high[0][:, None]
-        row = ((low[0][:, None] + rows) % nx)[inside]
-        left, right = (np.broadcast_to(side[:, None], inside.shape)[inside] for side in (low[1], high[1]))
-        # what reaches over an edge goes on at the other
-        pieces = [(np.maximum(left, 0), np.minimum(right, ny)), (left + ny, np.full_like(left, ny))]
-        pieces += [(np.zeros_like(right), right - ny)]
-        positions = [self._between(row, begin, end) for begin, end in pieces]
-        return self.sites[np.unique(np.concatenate(positions))]
-
-    def _between(self, row: np.ndarray, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
-        """Positions of the sites in rows ``row`` from column ``begin`` to before ``end``, where that is not empty."""
-        some = end > np.maximum(begin, 0)
-        first, last = (np.searchsorted(self.sites, row[some] * self.shape[1] + edge[some]) for edge in (begin, end))
-        lengths = last - first
-        steps = np.arange(lengths.sum()) - np.repeat(np.cumsum(lengths) - lengths, lengths)
-        return np.repeat(first, lengths) + steps
+        inside = np.zeros(self.shape, np.bool_)
+        for square in self.squares[chosen]:
+            place = divmod(square, -(-self.shape[1] // self.side))
+            parts = []
+            for first, length in zip(place, self.shape, strict=True):
+                begin = first * self.side
+                part = np.arange(begin - margin, min(begin + self.side, length) + margin)
+                # what reaches over an edge goes on at the other
+                parts.append(part % length if self.periodic else part.clip(0, length - 1))
+            inside[np.ix_(*parts)] = True
+        return self.sites[inside.ravel()[self.sites]]
 
 
 def fitting(side: int, shape: tuple[int, int]) -> None:

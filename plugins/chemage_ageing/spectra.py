@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from chemage import Chemistry, ContactSolution, ReactionLattice
+from chemage import ContactSolution, ReactionLattice
 from chemage.plugin import BondHistory, Energy, Observable, Observed, Output, Pressure, figures, text
 
 if TYPE_CHECKING:
@@ -71,11 +71,39 @@ class BarrierSpectrum(Observable):
 
     def draw(self, figure: str, axes: Axes, results: Sequence[Observed]) -> None:
         """Draw intrinsic barriers and those of all, unbonded and bonded sites; of several results all and unbonded."""
-        filled = _draw_one(axes, results[0]) if len(results) == 1 else _draw_several(axes, results)
+        alone, ends = len(results) == 1, []
+        for result in results:
+            measured = result.aging.observables
+            edges = measured["barrier_edges"][0]
+            if alone and result.chemistry is not None:
+                energy = np.linspace(edges[0], edges[-1], 801)
+                intrinsic = result.chemistry.forming.density(energy)
+                if np.isfinite(intrinsic).all():
+                    axes.plot(energy, intrinsic, color=figures.GREY, lw=1.2, label="intrinsic")
+            for name, colour, dashes, label in _lines(result, alone):
+                density = measured[f"barriers_{name}"].mean(axis=0)
+                filled = np.flatnonzero(density > density.max() * 1e-3)
+                if filled.size:
+                    axes.stairs(density, edges, color=colour, lw=1.4, ls=dashes, label=label)
+                    ends += [edges[filled[0]] - 0.05, edges[filled[-1] + 1] + 0.05]
         axes.set(xlabel="barrier to forming a bond (eV)", ylabel="density per site (1/eV)", ylim=(0, None))
-        if filled:
-            axes.set_xlim(min(filled), max(filled))
-        axes.legend(frameon=False, fontsize=8 if len(results) == 1 else 7)
+        if ends:
+            axes.set_xlim(min(ends), max(ends))
+        axes.legend(frameon=False, fontsize=8 if alone else 7)
+
+
+def _lines(result: Observed, alone: bool) -> list[tuple[str, str, str, str]]:
+    """What is drawn of a result: spectrum, colour, dashes, label."""
+    last = f"{text.power_text(result.aging.hold_times[-1])} s"
+    if not alone:
+        unbonded = f"{result.label}, unbonded at {last}"
+        return [("start", result.color, "-", result.label), ("open", result.color, "--", unbonded)]
+    lowered = result.chemistry is not None and result.chemistry.activation_volume > 0
+    return [
+        ("start", figures.BLUE, "-", "lowered by pressure" if lowered else "of the sites"),
+        ("open", figures.ORANGE, "-", f"unbonded at {last}"),
+        ("bonded", figures.GREEN, "-", f"bonded at {last} (initial barrier)"),
+    ]
 
 
 class PressureSpectrum(Observable):
@@ -109,50 +137,3 @@ class PressureSpectrum(Observable):
             "pressures": _density(pressure, edges, pressure.size),
             "pressures_bonded": _density(pressure[history.state], edges, pressure.size),
         }
-
-
-def _draw_one(axes: Axes, result: Observed) -> list[float]:
-    """Draw one result, and return the energies between which its densities are not zero."""
-    measured, last = result.aging.observables, f"{text.power_text(result.aging.hold_times[-1])} s"
-    edges = measured["barrier_edges"][0]
-    energy = np.linspace(edges[0], edges[-1], 801)
-    intrinsic = _intrinsic_density(result.chemistry, energy)
-    if intrinsic is not None:
-        axes.plot(energy, intrinsic, color=figures.GREY, lw=1.2, label="intrinsic")
-    lowered = result.chemistry is not None and result.chemistry.activation_volume > 0
-    for name, colour, label in (
-        ("barriers_start", figures.BLUE, "lowered by pressure" if lowered else "of the sites"),
-        ("barriers_open", figures.ORANGE, f"unbonded at {last}"),
-        ("barriers_bonded", figures.GREEN, f"bonded at {last} (initial barrier)"),
-    ):
-        if measured[name].any():
-            axes.stairs(measured[name].mean(axis=0), edges, color=colour, lw=1.4, label=label)
-    filled = np.flatnonzero(measured["barriers_start"].mean(axis=0) + measured["barriers_open"].mean(axis=0))
-    if not filled.size:
-        return []
-    return [edges[max(filled[0] - 3, 0)], edges[min(filled[-1] + 4, edges.size - 1)]]
-
-
-def _intrinsic_density(chemistry: Chemistry | None, energy: np.ndarray) -> np.ndarray | None:
-    density = chemistry.forming.density(energy) if chemistry is not None else None
-    return density if density is not None and np.isfinite(density).all() else None
-
-
-def _draw_several(axes: Axes, results: Sequence[Observed]) -> list[float]:
-    """Draw several results, unbonded sites dashed, and return the energies between which densities are not zero."""
-    limits: list[float] = []
-    for result in results:
-        measured = result.aging.observables
-        edges = measured["barrier_edges"][0]
-        for name, dashes, label in (
-            ("barriers_start", "-", result.label),
-            ("barriers_open", "--", f"{result.label}, unbonded at {text.power_text(result.aging.hold_times[-1])} s"),
-        ):
-            density = measured[name].mean(axis=0)
-            if not density.any():
-                continue
-            axes.stairs(density, edges, color=result.color, lw=1.3, ls=dashes, label=label)
-            filled = np.flatnonzero(density > density.max() * 1e-3)
-            if filled.size:
-                limits += [edges[filled[0]] - 0.05, edges[filled[-1] + 1] + 0.05]
-    return limits

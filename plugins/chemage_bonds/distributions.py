@@ -199,14 +199,6 @@ def _numbers_in(line: str) -> bool:
         return False
 
 
-def _increasing(name: str, values: Doubles, *, strictly: bool) -> None:
-    steps = np.diff(values)
-    bad = np.flatnonzero(steps <= 0 if strictly else steps < 0)
-    if bad.size:
-        at = int(bad[0]) + 1
-        raise ValueError(f"{name}[{at}] = {values[at]:g} does not exceed {values[at - 1]:g} before it; sort the table")
-
-
 def _finite(name: str, values: Doubles) -> None:
     bad = np.flatnonzero(~np.isfinite(values))
     if bad.size:
@@ -238,7 +230,9 @@ class PiecewiseLinearDensity:
             )
         _finite("energies", x)
         _finite("weights", p)
-        _increasing("energies", x, strictly=True)
+        if (bad := np.flatnonzero(np.diff(x) <= 0)).size:
+            at = int(bad[0]) + 1
+            raise ValueError(f"energies[{at}] = {x[at]:g} does not exceed {x[at - 1]:g} before it; sort the table")
         if np.any(p < 0):
             at = int(np.flatnonzero(p < 0)[0])
             raise ValueError(f"weights[{at}] = {p[at]:g} is negative; a probability density must be at least 0")

@@ -32,12 +32,6 @@ def _read_only(array: np.ndarray, dtype: type[np.generic]) -> np.ndarray:
     return view
 
 
-def _pair(pixels: tuple[int, int]) -> tuple[int, int]:
-    if not isinstance(pixels, tuple | list) or len(pixels) != 2:
-        raise InputError.of("pixels", pixels, "must be two whole numbers")
-    return pixels[0], pixels[1]
-
-
 def _pixels_in(sites: np.ndarray) -> np.ndarray:
     listed = np.asarray(sites)
     if listed.ndim != 1 or (listed.size and listed.dtype.kind not in "iu"):
@@ -76,7 +70,9 @@ class ElasticPairs(Interaction):
         """
         from chemage_bonds import _kernels
 
-        nx, ny = (checked_count("pixels", side) for side in _pair(pixels))
+        if not isinstance(pixels, tuple | list) or len(pixels) != 2:
+            raise InputError.of("pixels", pixels, "must be two whole numbers")
+        nx, ny = (checked_count("pixels", side) for side in pixels)
         sites = _pixels_in(sites)
         # where each row of pixels begins
         memory.require(8.0 * nx, f"pixels = {pixels}", "give a smaller grid")
@@ -115,7 +111,7 @@ class ElasticPairs(Interaction):
         out = np.empty(neighbours.shape, np.float32)
         key = random.key(seed if isinstance(seed, np.random.SeedSequence) else checked_seed(seed))
         _kernels.pair_couplings(
-            _read_only(sites, np.int64),
+            sites,
             _read_only(neighbours, np.int32),
             key[0],
             key[1],

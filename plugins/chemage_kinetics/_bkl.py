@@ -23,13 +23,20 @@ import numpy as np
 
 from chemage.plugin import random
 from chemage_kinetics._common import (
+    DONE,
+    EVENT,
     FLICKER,
+    HIGH,
+    HOLD,
+    LAST,
+    LOW,
     STREAMS,
     Float,
     Holds,
     Int,
     Key,
     Sites,
+    begin_sequence,
     borrowed,
     change_state,
     choose_around,
@@ -73,8 +80,6 @@ FAR = 1 << 18
 #: Attempts whose random numbers are kept, a power of two above the three predicted ones.
 RING = 4
 
-HIGH, LOW = 0, 1
-EVENT, HOLD, LAST, DONE = 0, 1, 2, 3
 STREAM = STREAMS["bkl"]
 #: Blocks of random numbers of one attempt: two of its own, and from where on of a sojourn.
 FIRST, SECOND, OF_SOJOURN = np.int64(0), np.int64(1), np.uint64(2)
@@ -169,16 +174,6 @@ def _flip(i: Int, classes: Classes, near: np.ndarray) -> None:
 @inner
 def _flip_cold(i: Int, classes: Classes, near: np.ndarray) -> None:
     _flip(i, classes, near)
-
-
-@inner
-def _start_sequence(run: BklRun, attempt: Int) -> None:
-    """Set ``rng`` to the private sequence of the sojourn that follows an attempt."""
-    run.rng[0] = run.key.k0
-    run.rng[1] = run.key.k1
-    run.rng[2] = np.uint64(STREAM)
-    run.rng[3] = np.uint64(attempt)
-    run.rng[4] = OF_SOJOURN
 
 
 @inner
@@ -374,7 +369,7 @@ def advance(run: BklRun, superbasins: bool | None, attempts: Int) -> None:
         count_flip(run.holds.tally, hold, classes.records[i, 0])
         last = i
         if superbasins is not None and leave_back * FLICKER < rate_back:
-            _start_sequence(run, event - 1)
+            begin_sequence(run.rng, run.key, STREAM, event - 1, OF_SOJOURN)
             high, low, last = _dwell(run, i, high, low, hold, rate_back)
         total = total_weight(classes)
     run.clock[HIGH] = high

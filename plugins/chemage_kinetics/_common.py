@@ -98,6 +98,9 @@ LARGEST_BARRIER = 2.0**20
 LARGEST_COUPLING = 2.0**15
 #: A rate below exp(-COLDEST) times the attempt frequency is zero.
 COLDEST = 745.0
+#: Places in the clock and the counters of a run that is followed event by event.
+HIGH, LOW = 0, 1
+EVENT, HOLD, LAST, DONE, DRAWN = 0, 1, 2, 3, 4
 #: Event counts stop here instead of overflowing.
 MOST = np.int64(2**61)
 
@@ -284,6 +287,20 @@ def until(high: Float, low: Float, time: Float) -> Float:
     return max((time - high) - low, 0.0)
 
 
+@hot
+def next_event(
+    key: Key, stream: Int, index: Int, draw: Int, barrier: Int, nu: Float, per_unit: Float, high: Float, low: Float
+) -> tuple[Float, Float]:
+    """The instant, as a pair, at which a site crosses a fixed-point barrier, from high + low on; inf where the rate is
+    zero. From the random number ``draw`` of the site with this ``index``."""
+    wait = -math.log(random.uniform(key.k0, key.k1, stream, index, draw)) / nu
+    if barrier > 0:
+        wait *= math.exp(barrier * per_unit)
+    if wait > 1.0e300:
+        return np.inf, 0.0
+    return later(high, low, wait)
+
+
 # -- counts --------------------------------------------------------------------------------------------------------
 
 
@@ -330,6 +347,16 @@ def two_uniforms(rng: np.ndarray) -> tuple[Float, Float]:
     pair = random.uniform_pair(rng[0], rng[1], rng[2], rng[3], rng[4])
     rng[4] += np.uint64(1)
     return pair
+
+
+@inner
+def begin_sequence(rng: np.ndarray, key: Key, stream: Int, index: Int, block: Int) -> None:
+    """Set ``rng`` to a private sequence, from a block of the random numbers of an index on."""
+    rng[0] = key.k0
+    rng[1] = key.k1
+    rng[2] = np.uint64(stream)
+    rng[3] = np.uint64(index)
+    rng[4] = np.uint64(block)
 
 
 @inner

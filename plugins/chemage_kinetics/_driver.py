@@ -7,7 +7,6 @@ import math
 import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
 from threading import Event
 from typing import NoReturn
 
@@ -101,19 +100,28 @@ class Pending:
             )
         return array
 
+    def _whole(
+        self,
+        name: str,
+        shape: tuple[int, ...] | None,
+        least: int,
+        most: int,
+        dtype: type[np.generic] = np.int64,
+    ) -> np.ndarray:
+        """Whole numbers between two limits."""
+        array = self._array(name, dtype, shape)
+        if array.size and not (int(array.min()) >= least and int(array.max()) <= most):
+            found = f"is {array[0]}" if array.size == 1 else f"is from {array.min()} to {array.max()}"
+            self._wrong(name, f"{found}, but should be from {least} to {most}")
+        return array
+
     def count(self, name: str) -> int:
         """A counter of random numbers, ≥ 0."""
-        value = int(self._array(name, np.int64, (1,))[0])
-        if not 0 <= value <= MOST_COUNTED:
-            self._wrong(name, f"is {value}, but should be from 0 to {MOST_COUNTED}")
-        return value
+        return int(self._whole(name, (1,), 0, MOST_COUNTED)[0])
 
     def site(self, name: str) -> int:
         """A site, or -1."""
-        value = int(self._array(name, np.int64, (1,))[0])
-        if not -1 <= value < self._sites:
-            self._wrong(name, f"is {value}, but should be from -1 to {self._sites - 1}")
-        return value
+        return int(self._whole(name, (1,), -1, self._sites - 1)[0])
 
     def clock(self, name: str) -> np.ndarray:
         """(2,) float64 s: the time of the last event, not after the end of the history."""
@@ -134,18 +142,13 @@ class Pending:
 
     def draws(self, name: str) -> np.ndarray:
         """(n,) int64: random numbers used by each site."""
-        array = self._array(name, np.int64, (self._sites,))
-        if array.size and (int(array.min()) < 0 or int(array.max()) > MOST_DRAWS):
-            self._wrong(name, f"is from {array.min()} to {array.max()}, but should be from 0 to {MOST_DRAWS}")
-        return array
+        return self._whole(name, (self._sites,), 0, MOST_DRAWS)
 
     def chosen(self, name: str, most: int) -> np.ndarray:
         """Up to ``most`` different sites, (h,) int64."""
-        array = self._array(name, np.int64, None)
+        array = self._whole(name, None, 0, self._sites - 1)
         if array.size > most:
             self._wrong(name, f"lists {array.size} sites, but there can be {most}")
-        if array.size and not (int(array.min()) >= 0 and int(array.max()) < self._sites):
-            self._wrong(name, f"has sites from {array.min()} to {array.max()}, but there are {self._sites}")
         if np.unique(array).size != array.size:
             self._wrong(name, "lists a site twice")
         return array
@@ -155,12 +158,11 @@ class Pending:
 
         Each site must be in a class whose bound is not below its rate, see `_rate_classes`.
         """
-        counts, order = self._array("counts", np.int64, (CLASSES,)), self._array("members", np.int32, (self._sites,))
-        listed = int(np.minimum(counts, self._sites + 1).sum())
-        if int(counts.min()) < 0 or listed > self._sites:
+        counts = self._whole("counts", (CLASSES,), 0, self._sites)
+        order = self._whole("members", (self._sites,), 0, self._sites - 1, np.int32)
+        listed = int(counts.sum())
+        if listed > self._sites:
             self._wrong("counts", f"counts {listed} sites, but there are {self._sites}")
-        if order.size and not (int(order.min()) >= 0 and int(order.max()) < self._sites):
-            self._wrong("members", f"has sites from {order.min()} to {order.max()}, but there are {self._sites}")
         there = np.zeros(self._sites, np.bool_)
         there[order] = True
         if not there.all():
@@ -214,78 +216,95 @@ def check_couplings(lattice: ReactionLattice) -> None:
         )
 
 
-@dataclass
-class Job:
-    """One run: the arguments of `Engine._run`, and the arrays made from them."""
+class Start:
+    """From what a run of any engine begins, and its random numbers."""
 
-    kind: str
-    lattice: ReactionLattice
-    hold_times: np.ndarray
-    temperature: float
-    seed: Seed
-    start: BondHistory | np.ndarray | None
-    key: Key = field(init=False)
-    model: KineticModel = field(init=False)
-    mark: np.ndarray = field(init=False)
-    """uint64 (1,), see `fingerprint`"""
-    state: np.ndarray = field(init=False)
-    """(n,) bool at the start"""
-    time: float = field(init=False)
-    """of the start, s"""
-    pending: Pending | None = field(init=False)
-    """pending events of the history to continue, whatever engine or lattice it had"""
-    resume: Pending | None = field(init=False)
-    """the same, where they still hold"""
-    tally: np.ndarray = field(init=False)
-    """(m, 3) int64, see `Holds`"""
+    def __init__(
+        self,
+        stream: int,
+        lattice: ReactionLattice,
+        times: np.ndarray,
+        temperature: float,
+        seed: Seed,
+        start: BondHistory | PullHistory | np.ndarray | None,
+    ) -> None:
+        check_couplings(lattice)
+        self.stream, self.lattice, self.times, self.temperature = stream, lattice, times, temperature
+        self.key = noise_key(seed, stream, lattice)
+        self.model = model_of(lattice, temperature)
+        #: uint64 (1,), see `fingerprint`
+        self.mark = fingerprint(lattice)
+        #: the history to continue, whatever engine or lattice it had
+        self.earlier = start if isinstance(start, BondHistory | PullHistory) else None
+        #: (n,) bool
+        self.state = np.zeros(lattice.sites.size, np.bool_)
+        #: s; bonds formed and broken until then
+        self.time, self.counted = 0.0, (0, 0)
+        #: its pending events
+        self.pending: Pending | None = None
+        if self.earlier is not None:
+            self.state, self.time = np.array(self.earlier.state), float(self.earlier.time)
+            self.counted = int(self.earlier.formed[-1]), int(self.earlier.broken[-1])
+            self.pending = Pending(self.earlier, self.state.size)
+        elif start is not None:
+            self.state = np.array(start)
 
-    def __post_init__(self) -> None:
-        self.key = noise_key(self.seed, _common.STREAMS[self.kind], self.lattice)
-        self.model = model_of(self.lattice, self.temperature)
-        self.mark = fingerprint(self.lattice)
-        self.tally = np.zeros((self.hold_times.size, 3), np.int64)
-        self.time = 0.0
-        self.pending = self.resume = None
-        check_couplings(self.lattice)
-        if self.start is None:
-            self.state = np.zeros(self.lattice.sites.size, np.bool_)
-        elif isinstance(self.start, BondHistory):
-            self.state = np.array(self.start.state)
-            self.time = self.start.time
-            self.pending = Pending(self.start, self.state.size)
-            if self._same(self.start):
-                self.resume = self.pending
-        else:
-            self.state = np.array(self.start)
+    def identity(self) -> dict[str, np.ndarray]:
+        """What must be equal for pending events to hold: random numbers, lattice."""
+        return {"key": np.array(self.key), "lattice": self.mark}
 
-    def _identity(self) -> dict[str, np.ndarray]:
-        """What must be equal, besides the temperature, for pending events to hold: engine, random numbers, lattice."""
-        return {
-            "engine": np.array([_common.STREAMS[self.kind]]),
-            "key": np.array(self.key),
-            "lattice": self.mark,
-        }
-
-    def _same(self, start: BondHistory) -> bool:
-        """Whether the history's pending events still hold."""
-        return start.temperature == self.temperature and all(
-            np.array_equal(start.resume.get(name, ()), array) for name, array in self._identity().items()
+    def holds_on(self) -> bool:
+        """Whether the pending events of the history to continue still hold."""
+        return self.earlier is not None and all(
+            np.array_equal(self.earlier.resume.get(name, ()), array) for name, array in self.identity().items()
         )
 
     def carried(self, name: str) -> int:
         """A counter of the history to continue, whatever engine or lattice it had; 0 without one."""
         return self.pending.count(name) if self.pending is not None and name in self.pending else 0
 
-    def carried_draws(self) -> np.ndarray:
+    def carried_draws(self, name: str) -> np.ndarray:
         """(n,) int64: random numbers each site has used in the history to continue; 0 without one."""
-        if self.pending is not None and "draws" in self.pending:
-            return np.array(self.pending.draws("draws"))
+        if self.pending is not None and name in self.pending:
+            return np.array(self.pending.draws(name))
         return np.zeros(self.state.size, np.int64)
+
+
+class Job(Start):
+    """One run: the arguments of `Engine._run`, and the arrays made from them."""
+
+    def __init__(
+        self,
+        kind: str,
+        lattice: ReactionLattice,
+        hold_times: np.ndarray,
+        temperature: float,
+        seed: Seed,
+        start: BondHistory | np.ndarray | None,
+    ) -> None:
+        super().__init__(_common.STREAMS[kind], lattice, hold_times, temperature, seed, start)
+        self.kind = kind
+        #: pending events of the history to continue, where they still hold
+        same = self.holds_on() and self.earlier is not None and self.earlier.temperature == temperature
+        self.resume = self.pending if same else None
+        #: (m, 3) int64, see `Holds`
+        self.tally = np.zeros((hold_times.size, 3), np.int64)
+
+    def identity(self) -> dict[str, np.ndarray]:
+        """What must be equal, besides the temperature, for pending events to hold: engine, random numbers, lattice."""
+        return {"engine": np.array([self.stream]), **super().identity()}
+
+    def of_sites(self) -> tuple[np.ndarray, np.ndarray]:
+        """Pending times of the sites, (n, 2) s, to be drawn unless the run is resumed, and their random numbers used so
+        far, (n,)."""
+        if self.resume is None:
+            return np.empty((self.state.size, 2)), self.carried_draws("draws")
+        return np.array(self.resume.times("times")), np.array(self.resume.draws("draws"))
 
     @property
     def holds(self) -> Holds:
         """The hold times and the counts of the whole run."""
-        return Holds(self.hold_times, self.tally)
+        return Holds(self.times, self.tally)
 
     def words(self) -> np.ndarray:
         """(n,) int64, 2 * energy + bonded; see `_common`."""
@@ -297,25 +316,23 @@ class Job:
         """The finished history. ``resume`` holds the engine's pending events."""
         for array in (state, *resume.values()):
             array.setflags(write=False)  # handed over: the history need not copy them
-        earlier = self.start if isinstance(self.start, BondHistory) else None
-        before = np.zeros(2, np.int64) if earlier is None else np.array([earlier.formed[-1], earlier.broken[-1]])
         # Counts stop at 2**61 (see `_common`), so their sums are taken in floating point first.
         sums = []
-        for column in range(2):
-            exact = before[column] + np.cumsum(self.tally[:, column])
-            rough = float(before[column]) + np.cumsum(self.tally[:, column].astype(np.float64))
+        for column, before in enumerate(self.counted):
+            exact = before + np.cumsum(self.tally[:, column])
+            rough = float(before) + np.cumsum(self.tally[:, column].astype(np.float64))
             sums.append(np.where(rough >= float(_common.MOST), _common.MOST, exact))
         return BondHistory(
-            hold_times=self.hold_times,
+            hold_times=self.times,
             bonds=np.count_nonzero(self.state) + np.cumsum(self.tally[:, 2]),
             formed=sums[0],
             broken=sums[1],
             state=state,
-            time=float(self.hold_times[-1]),
+            time=float(self.times[-1]),
             temperature=self.temperature,
             engine=self.kind,
             lattice_hash=f"{int(self.mark[0]):016x}",
-            resume={**self._identity(), **resume},
+            resume={**self.identity(), **resume},
         )
 
 
@@ -365,12 +382,7 @@ def run_pieces(
             first = follow(first, last, tally)
         return tally
 
-    threads = min(threads or processors.available(), len(pieces))
-    if threads < 2:
-        for piece in pieces:
-            job.tally += followed(piece)
-        return
-    with ThreadPoolExecutor(threads) as pool:
+    with ThreadPoolExecutor(max(min(threads or processors.available(), len(pieces)), 1)) as pool:
         try:
             for tally in pool.map(followed, pieces):
                 job.tally += tally

@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from chemage.plugin import random
 from chemage_kinetics._common import (
     FLICKER,
     SOJOURN_BLOCKS,
@@ -17,13 +16,14 @@ from chemage_kinetics._common import (
     Holds,
     Int,
     Key,
+    begin_sequence,
     borrowed,
     count_flip,
     count_sojourn,
     fixed_barrier,
     hot,
     jit,
-    later,
+    next_event,
     past,
     rate,
     sojourn,
@@ -59,12 +59,7 @@ def _draw(sites: IndependentSites, i: Int, barrier: Int, high: Float, low: Float
     """A new pending time of site i, from the instant high + low on, as a pair. Infinite where the rate is zero."""
     draw = sites.draws[i]
     sites.draws[i] = draw + 1
-    wait = -math.log(random.uniform(sites.key.k0, sites.key.k1, STREAM, sites.pixels[i], draw)) / sites.nu
-    if barrier > 0:
-        wait *= math.exp(barrier * sites.per_unit)
-    if wait < 1.0e300:
-        return later(high, low, wait)
-    return np.inf, 0.0
+    return next_event(sites.key, STREAM, sites.pixels[i], draw, barrier, sites.nu, sites.per_unit, high, low)
 
 
 @jit
@@ -104,8 +99,8 @@ def _follow_site(sites: IndependentSites, holds: Holds, rng: np.ndarray, i: Int)
         span = until(high, low, times[hold])
         if span * slower > FLICKER:
             # Many events before the hold time: the state there, and their number, are drawn together.
-            rng[3] = np.uint64(sites.pixels[i])
-            rng[4] = SOJOURN_BLOCKS + np.uint64(sites.draws[i] * SOJOURN_DRAWS)
+            block = SOJOURN_BLOCKS + np.uint64(sites.draws[i] * SOJOURN_DRAWS)
+            begin_sequence(rng, sites.key, STREAM, sites.pixels[i], block)
             sites.draws[i] += 1
             here = rate(breaks if bonded else forms, sites.nu, sites.per_unit)
             there = rate(forms if bonded else breaks, sites.nu, sites.per_unit)
@@ -126,9 +121,6 @@ def follow(sites: IndependentSites, holds: Holds, rng: np.ndarray, first: Int, l
     sites = borrowed(sites)
     holds = borrowed(holds)
     rng = borrowed(rng)
-    rng[0] = sites.key.k0
-    rng[1] = sites.key.k1
-    rng[2] = np.uint64(STREAM)
     final = holds.times[holds.times.size - 1]
     for i in range(first, last):
         if not past(sites.times[i, 0], sites.times[i, 1], final):

@@ -27,6 +27,7 @@ from chemage_kinetics._common import (
     Int,
     Key,
     KineticModel,
+    begin_sequence,
     borrowed,
     change_state,
     choose_around,
@@ -38,6 +39,7 @@ from chemage_kinetics._common import (
     inner,
     jit,
     later,
+    next_event,
     past,
     prefetch,
     prefetch_rows,
@@ -115,14 +117,9 @@ def _draw(site: Int, high: Float, low: Float, sites: QueuedSites, times: np.ndar
         return
     draw = sites.draws[site]
     sites.draws[site] = draw + 1
-    wait = -math.log(random.uniform(sites.key.k0, sites.key.k1, STREAM, sites.pixels[site], draw)) / model.nu
-    if barrier > 0:
-        wait *= math.exp(barrier * model.per_unit)
-    if wait > 1.0e300:
-        times[site, 0] = np.inf
-        times[site, 1] = 0.0
-        return
-    times[site, 0], times[site, 1] = later(high, low, wait)
+    times[site, 0], times[site, 1] = next_event(
+        sites.key, STREAM, sites.pixels[site], draw, barrier, model.nu, model.per_unit, high, low
+    )
 
 
 @inner
@@ -232,11 +229,8 @@ def _stay(
     times = run.queue.times
     neighbours = sites.model.neighbours
     rng = run.rng
-    rng[0] = sites.key.k0
-    rng[1] = sites.key.k1
-    rng[2] = np.uint64(STREAM)
-    rng[3] = np.uint64(sites.pixels[i])
-    rng[4] = SOJOURN_BLOCKS + np.uint64(sites.draws[i] * SOJOURN_DRAWS)
+    block = SOJOURN_BLOCKS + np.uint64(sites.draws[i] * SOJOURN_DRAWS)
+    begin_sequence(rng, sites.key, STREAM, sites.pixels[i], block)
     sites.draws[i] += 1
     spent, exited, other, out_here, out_there = sojourn(
         rng, chain.here, chain.there, chain.around_here, chain.around_there, span

@@ -23,13 +23,21 @@ import numpy as np
 
 from chemage.plugin import random
 from chemage_kinetics._common import (
+    DONE,
+    DRAWN,
+    EVENT,
     FLICKER,
+    HIGH,
+    HOLD,
+    LAST,
+    LOW,
     STREAMS,
     Float,
     Holds,
     Int,
     Key,
     KineticModel,
+    begin_sequence,
     borrowed,
     count_flip,
     count_sojourn,
@@ -284,20 +292,29 @@ def descend(tree: np.ndarray, base: Int, target: Float) -> tuple[Int, Float]:
 
 
 @hot
-def select(rates: SiteRates, target: Float, v: Float) -> Int:
-    """The leaf at which the running sum of rates passes ``target``; never one of zero rate.
+def _node(rates: SiteRates, target: Float, v: Float, lowest: Int) -> tuple[Int, Float]:
+    """The node of the level ``lowest`` at which the running sum of rates passes ``target``, and the rest of it.
 
-    With a ``v`` that is not 0, ``target`` selects only one of the nodes UPPER levels down, and ``v`` a leaf below it.
-    An event elsewhere hardly changes the first selection and does not affect the second, so both can be predicted.
+    With a ``v`` that is not 0, ``target`` selects only one of the nodes UPPER levels down, and ``v`` what lies below.
     """
     node = 0
     top = rates.starts.size - 2
-    for level in range(top, -1, -1):
+    for level in range(top, lowest - 1, -1):
         child, target = descend(rates.tree, rates.starts[level] + 8 * node, target)
         node = 8 * node + child
         if level == top - UPPER + 1 and v > 0.0:
             target = v * rates.tree[rates.starts[level] + node]
-    return node
+    return node, target
+
+
+@hot
+def select(rates: SiteRates, target: Float, v: Float) -> Int:
+    """The leaf at which the running sum of rates passes ``target``; never one of zero rate.
+
+    An event elsewhere hardly changes what ``target`` selects and does not affect what ``v`` does (see `_node`), so both
+    can be predicted.
+    """
+    return _node(rates, target, v, 0)[0]
 
 
 @inner
@@ -325,8 +342,6 @@ FAR = 1 << 18
 #: Selections whose random numbers are kept, a power of two above the four predicted ones.
 RING = 8
 
-HIGH, LOW = 0, 1
-EVENT, HOLD, LAST, DONE, DRAWN = 0, 1, 2, 3, 4
 STREAM = STREAMS["rejection-free"]
 #: Blocks of random numbers of one index: of an event, of a selection from the tree, and from where on of a sojourn.
 OF_EVENT, OF_SELECTION, OF_SOJOURN = np.int64(0), np.int64(1), np.uint64(2)
@@ -398,14 +413,7 @@ def _draw(ahead: Predictions, drawn: Int) -> None:
 @hot
 def _begin(ahead: Predictions, rates: SiteRates, total: Float, slot: Int) -> None:
     """First stage of predicting a selection: down to the last level but two."""
-    node = 0
-    top = rates.starts.size - 2
-    target = ahead.draws[slot, 0] * total
-    for level in range(top, 1, -1):
-        child, target = descend(rates.tree, rates.starts[level] + 8 * node, target)
-        node = 8 * node + child
-        if level == top - UPPER + 1:
-            target = ahead.draws[slot, 1] * rates.tree[rates.starts[level] + node]
+    node, target = _node(rates, ahead.draws[slot, 0] * total, ahead.draws[slot, 1], 2)
     ahead.spots[slot] = node
     ahead.draws[slot, 2] = target
     prefetch(rates.tree, rates.starts[1] + 8 * node)
@@ -489,16 +497,6 @@ def _update(system: System, i: Int, found: Int) -> Float:
 def _flip(system: System, i: Int) -> None:
     """Form or break the bond of site i: new energies and rates around it."""
     _update(system, i, _shift(system, i))
-
-
-@inner
-def _start_sequence(run: RejectionFreeRun, event: Int) -> None:
-    """Set ``rng`` to the private sequence of the sojourn that follows an event."""
-    run.rng[0] = run.key.k0
-    run.rng[1] = run.key.k1
-    run.rng[2] = np.uint64(STREAM)
-    run.rng[3] = np.uint64(event)
-    run.rng[4] = OF_SOJOURN
 
 
 @inner
@@ -616,7 +614,7 @@ def advance(run: RejectionFreeRun, superbasins: bool | None, events: Int) -> Non
         count_flip(run.holds.tally, hold, system.words[i])
         last = i
         if superbasins is not None and leave_back * FLICKER < rate_back:
-            _start_sequence(run, event - 1)
+            begin_sequence(run.rng, run.key, STREAM, event - 1, OF_SOJOURN)
             high, low, last = _dwell(run, i, high, low, hold, rate_back, leave_back)
             total = tree_total(system.rates)
     run.clock[HIGH] = high

@@ -8,17 +8,18 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from pydantic import Field, model_validator
 
-from chemage import InputError, ReactionLattice
-from chemage.plugin import BondHistory, Engine, check_times, checked_states, temperature_value, threads
+from chemage import ReactionLattice
+from chemage.plugin import BondHistory, Engine, threads
 from chemage_kinetics import _bkl, _independent, _next_reaction, _rejection_free
-from chemage_kinetics._common import Holds, patches_of
-from chemage_kinetics._driver import SLICE, Job, bonded, expected_cost, model_of, run_pieces
+from chemage_kinetics._bkl import BklRun
+from chemage_kinetics._common import DONE, DRAWN, EVENT, LAST, Holds, patches_of
+from chemage_kinetics._driver import SLICE, Job, bonded, expected_cost, run_pieces
 from chemage_kinetics._event_queue import new_order, new_queue
 from chemage_kinetics._rate_classes import members, new_classes
-from chemage_kinetics._rejection_free import ROOM, empty_rates, fill, relist
+from chemage_kinetics._rejection_free import ROOM, RejectionFreeRun, empty_rates, fill, relist
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from chemage.plugin import Seed
 
@@ -108,19 +109,40 @@ class ThreadedEngine(Engine):
         return self.threads or threads.available()
 
 
-class EventEngine(KernelEngine):
-    """An engine that follows events one by one."""
-
-    #: seconds per event, seconds of set-up per site, and bytes per site, on large lattices
-    cost: ClassVar[tuple[float, float, float]]
+class FlickerEngine(Engine):
+    """An engine with the option ``superbasins``."""
 
     superbasins: bool = False
     """treat a site that flickers (forms and breaks its bond repeatedly) as an absorbing two-state chain: exact, and its
     cost does not depend on the number of its events (Novotny 1995); default: no"""
 
+
+class EventEngine(KernelEngine, FlickerEngine):
+    """An engine that follows events one by one."""
+
+    #: seconds per event, seconds of set-up per site, and bytes per site, on large lattices
+    cost: ClassVar[tuple[float, float, float]]
+
     def expected(self, sites: float, interacting: bool, events: float | None = None) -> dict[str, float]:
         """See :meth:`chemage.plugin.Engine.expected`."""
         return expected_cost(sites, *self.cost, events, self.superbasins)
+
+    def _advanced(
+        self, job: Job, run: BklRun | RejectionFreeRun, advance: Callable[..., None], *counted: tuple[str, int]
+    ) -> dict[str, np.ndarray]:
+        """Follow a run to the last hold time; ``counted``: its counters of random numbers. Returns clock and counters,
+        to be resumed from."""
+        counters = run.counters
+        for name, place in counted:
+            counters[place] = job.carried(name) if job.resume is None else job.resume.count(name)
+        if job.resume is not None:
+            run.clock[:] = job.resume.clock("clock")
+            counters[LAST] = job.resume.site("last")
+        else:
+            counters[EVENT] += 1  # the random numbers of the pending event are used up
+        while not counters[DONE]:
+            advance(run, self.superbasins or None, SLICE)
+        return {"clock": run.clock, **{name: counters[[place]] for name, place in (("last", LAST), *counted)}}
 
 
 class RejectionFree(EventEngine):
@@ -139,29 +161,12 @@ class RejectionFree(EventEngine):
         rates = empty_rates(words.size, job.model.neighbours.shape[1], listing=words.size >= _rejection_free.FAR)
         fill(words, job.model, rates)
         run = _rejection_free.new_run(job.key, job.holds, job.model, words, rates, job.time)
-        counters = run.counters
         if job.resume is not None:
-            run.clock[:] = job.resume.clock("clock")
-            counters[_rejection_free.EVENT] = job.resume.count("event")
-            counters[_rejection_free.DRAWN] = job.resume.count("drawn")
-            counters[_rejection_free.LAST] = job.resume.site("last")
             fast = job.resume.chosen("fast", int(ROOM) if rates.listing else 0)
             if fast.size:
                 relist(fast, rates)
-        else:
-            # the random numbers of the pending event are used up
-            counters[_rejection_free.EVENT] = job.carried("event") + 1
-            counters[_rejection_free.DRAWN] = job.carried("drawn")
-        while not counters[_rejection_free.DONE]:
-            _rejection_free.advance(run, self.superbasins or None, SLICE)
-        return job.history(
-            bonded(words),
-            clock=run.clock,
-            event=counters[_rejection_free.EVENT : _rejection_free.EVENT + 1].copy(),
-            drawn=counters[_rejection_free.DRAWN : _rejection_free.DRAWN + 1].copy(),
-            fast=rates.sites[: rates.listed[0]].copy(),
-            last=counters[_rejection_free.LAST : _rejection_free.LAST + 1].copy(),
-        )
+        done = self._advanced(job, run, _rejection_free.advance, ("event", EVENT), ("drawn", DRAWN))
+        return job.history(bonded(words), fast=rates.sites[: rates.listed[0]].copy(), **done)
 
 
 class BKL(EventEngine):
@@ -181,23 +186,9 @@ class BKL(EventEngine):
         order, counts = (None, None) if resume is None else resume.members(words, job.model)
         classes = new_classes(words, job.model, order, counts)
         run = _bkl.new_run(job.key, job.holds, classes, job.time)
-        counters = run.counters
-        if resume is not None:
-            run.clock[:] = resume.clock("clock")
-            counters[_bkl.EVENT] = resume.count("event")
-            counters[_bkl.LAST] = resume.site("last")
-        else:
-            counters[_bkl.EVENT] = job.carried("event") + 1  # the random numbers of the pending attempt are used up
-        while not counters[_bkl.DONE]:
-            _bkl.advance(run, self.superbasins or None, SLICE)
-        return job.history(
-            bonded(np.ascontiguousarray(classes.records[:, 0])),
-            clock=run.clock,
-            event=counters[_bkl.EVENT : _bkl.EVENT + 1].copy(),
-            last=counters[_bkl.LAST : _bkl.LAST + 1].copy(),
-            members=members(classes),
-            counts=classes.counts,
-        )
+        done = self._advanced(job, run, _bkl.advance, ("event", EVENT))
+        state = bonded(np.ascontiguousarray(classes.records[:, 0]))
+        return job.history(state, members=members(classes), counts=classes.counts, **done)
 
 
 class NextReaction(EventEngine, ThreadedEngine):
@@ -216,10 +207,7 @@ class NextReaction(EventEngine, ThreadedEngine):
         words = job.words()
         spot = np.zeros((n, 2), np.int32)
         order, starts = patches_of(job.model.neighbours, label=spot.reshape(-1)[:n])
-        if job.resume is not None:
-            times, draws = np.array(job.resume.times("times")), np.array(job.resume.draws("draws"))
-        else:
-            times, draws = np.empty((n, 2)), job.carried_draws()
+        times, draws = job.of_sites()
         sites = _next_reaction.QueuedSites(job.key, job.model, job.lattice.random_index, words, draws)
         if job.resume is None:
             _next_reaction.draw_times(sites, job.time, times)
@@ -229,8 +217,8 @@ class NextReaction(EventEngine, ThreadedEngine):
             most = int(np.diff(starts[first : last + 1]).max(initial=0))
             run = _next_reaction.NextReactionRun(
                 sites=sites,
-                holds=Holds(job.hold_times, tally),
-                queue=new_queue(times, spot, most, float(job.hold_times[-1])),
+                holds=Holds(job.times, tally),
+                queue=new_queue(times, spot, most, float(job.times[-1])),
                 order=new_order(order, starts, most),
                 sooner=np.empty(job.model.neighbours.shape[1], np.int64),
                 rng=np.empty(5, np.uint64),
@@ -274,10 +262,7 @@ class Independent(KernelEngine, ThreadedEngine):
 
     def _follow(self, job: Job) -> BondHistory:
         n = job.lattice.sites.size
-        if job.resume is not None:
-            times, draws = np.array(job.resume.times("times")), np.array(job.resume.draws("draws"))
-        else:
-            times, draws = np.empty((n, 2)), job.carried_draws()
+        times, draws = job.of_sites()
         model = job.model
         sites = _independent.IndependentSites(
             key=job.key,
@@ -294,7 +279,7 @@ class Independent(KernelEngine, ThreadedEngine):
             _independent.draw_times(sites, job.time)
 
         def follow(first: int, last: int, tally: np.ndarray) -> int:
-            _independent.follow(sites, Holds(job.hold_times, tally), np.empty(5, np.uint64), first, last)
+            _independent.follow(sites, Holds(job.times, tally), np.empty(5, np.uint64), first, last)
             return last
 
         pieces = [(first, min(first + SITE_PIECE, n)) for first in range(0, n, SITE_PIECE)]
@@ -313,30 +298,16 @@ class Independent(KernelEngine, ThreadedEngine):
 
         ``start`` as for :meth:`run`: None (nothing bonded at time 0), a bool array (n,), or a history.
         """
-        times = check_times(hold_times)
-        kelvin = temperature_value(temperature)
-        if not isinstance(lattice, ReactionLattice):
-            raise InputError.of("lattice", lattice, "is no ReactionLattice", "make one with chemistry.on(contact)")
-        if lattice.interacting:
-            raise InputError(
-                "engine 'independent' has no closed form for a lattice that couples neighbours; "
-                "average several runs of 'rejection-free' instead"
-            )
-        begin = 0.0
-        state = np.zeros(lattice.sites.size, np.bool_)
-        if start is not None:
-            begin = start.time if isinstance(start, BondHistory) else 0.0
-            state = checked_states("start", start.state if isinstance(start, BondHistory) else start, state.size)
-        if times[0] < begin:
-            raise InputError.of("hold_times", float(times[0]), f"the start is at {begin} s", "give later hold times")
+        times, kelvin, start = self.checked(lattice, hold_times, temperature, start)
+        job = Job(self.kind, lattice, times, kelvin, 0, start)
         mean, variance = np.empty(times.size), np.empty(times.size)
-        model = model_of(lattice, kelvin)
-        sites = lattice.forming, model.breaking, model.nu, model.per_unit, state
-        _independent.moments(*sites, times - begin, mean, variance)
+        model = job.model
+        sites = lattice.forming, model.breaking, model.nu, model.per_unit, job.state
+        _independent.moments(*sites, times - job.time, mean, variance)
         return mean, variance
 
 
-class Auto(ThreadedEngine):
+class Auto(FlickerEngine, ThreadedEngine):
     """The engine that suits the lattice; :meth:`choose` returns it, with the reason.
 
     ``independent`` where no site interacts with another. ``next-reaction`` for many sites in patches none of which
@@ -346,10 +317,6 @@ class Auto(ThreadedEngine):
     """
 
     kind = "auto"
-
-    superbasins: bool = False
-    """treat a site that flickers (forms and breaks its bond repeatedly) as an absorbing two-state chain: exact, and its
-    cost does not depend on the number of its events (Novotny 1995); default: no"""
 
     def choose(self, lattice: ReactionLattice) -> tuple[Engine, str]:
         """The engine for this lattice, and why."""

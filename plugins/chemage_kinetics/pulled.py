@@ -313,27 +313,23 @@ def _draw_maps(axes: Axes, results: Sequence[PlottedResult]) -> None:
     measured: list[Any] = [result.aging.observables for result in shown if result.aging is not None]
     parts = [_with_bonds(one["pull_maps"][0]) for one in measured]
     high, wide = (max(part.shape[axis] for part in parts) for axis in (2, 1))
-    rows = []
-    for part in parts:
-        frames = [np.full((high + 2, wide + 2), np.nan) for _ in part]
-        for frame, bonds in zip(frames, part, strict=True):
-            frame[1 : bonds.shape[1] + 1, 1 : bonds.shape[0] + 1] = bonds.T
-        rows.append(np.hstack(frames))
-    longest = max(row.shape[1] for row in rows)
+    canvas = np.full((len(parts), max(map(len, parts)), high + 2, wide + 2), np.nan)
+    for row, part in zip(canvas[::-1], parts, strict=True):
+        row[: len(part), 1 : part.shape[2] + 1, 1 : part.shape[1] + 1] = part.transpose(0, 2, 1)
     image = axes.imshow(
-        np.vstack([np.pad(row, ((0, 0), (0, longest - row.shape[1])), constant_values=np.nan) for row in rows[::-1]]),
+        canvas.transpose(0, 2, 1, 3).reshape(len(parts) * (high + 2), -1),
         cmap="viridis",
         interpolation="nearest",
         origin="lower",
     )
     axes.figure.colorbar(image, ax=axes, shrink=0.5, label="bonds per cell")
     axes.set(xticks=[], yticks=[])
-    if len(rows) == 1:
+    if len(parts) == 1:
         at = measured[0]["pull_maps_at"][0]
         axes.set_xticks((np.arange(at.size) + 0.5) * (wide + 2) - 0.5, [f"{way:.3g}" for way in at])
         axes.set_xlabel("displacement of the drive (nm)")
         return
-    axes.set_yticks((np.arange(len(rows)) + 0.5) * (high + 2) - 0.5, [result.label for result in shown][::-1])
+    axes.set_yticks((np.arange(len(parts)) + 0.5) * (high + 2) - 0.5, [result.label for result in shown][::-1])
     axes.set_xlabel("from the start of the pull to just after its peak")
 
 

@@ -10,10 +10,10 @@ import numpy as np
 from pydantic import Field
 
 from chemage import InputError, ReactionLattice
-from chemage.plugin import EV_PER_GPA_NM3, KB, BondHistory, Drive, Partners, PullHistory, Pulling, Seed
+from chemage.plugin import EV_PER_GPA_NM3, KB, Drive, Partners, PullHistory, Pulling, Seed
 from chemage_kinetics import _pulling as kernel
 from chemage_kinetics._common import start_words
-from chemage_kinetics._driver import SLICE, Pending, bonded, check_couplings, fingerprint, model_of, noise_key
+from chemage_kinetics._driver import SLICE, Start, bonded
 from chemage_kinetics._foreseen import flips_on
 from chemage_kinetics._rejection_free import empty_rates, fill
 
@@ -81,7 +81,7 @@ class EventDriven(Pulling):
             )
 
 
-class _Job:
+class _Job(Start):
     """One pull: the arguments of `Pulling._run`, the arrays made from them, and the result."""
 
     def __init__(
@@ -94,23 +94,12 @@ class _Job:
         start: Any,
         partners: Partners | None,
     ) -> None:
-        self.lattice, self.drive, self.times, self.temperature = lattice, drive, times, temperature
+        super().__init__(int(kernel.STREAM), lattice, times, temperature, seed, start)
+        self.drive = drive
         self.before = start if isinstance(start, PullHistory) else None
-        earlier = start if isinstance(start, PullHistory | BondHistory) else None
-        self.key = noise_key(seed, int(kernel.STREAM), lattice)
-        self.model = model_of(lattice, temperature)
-        n = lattice.sites.size
-        self.time, self.counted, self.event = 0.0, (0, 0), 0
-        self.state, self.slips = np.zeros(n, np.bool_), np.zeros(n, np.int64)
-        if start is not None:
-            self.state = np.array(start if earlier is None else earlier.state)
-        if earlier is not None:
-            self.time, self.counted = float(earlier.time), (int(earlier.formed[-1]), int(earlier.broken[-1]))
-            pending = Pending(earlier, n)
-            if "event" in pending:
-                self.event = pending.count("event") + 1  # the random numbers of the pending event are used up
-            if "slips" in pending:
-                self.slips = np.array(pending.draws("slips"))
+        # the random numbers of the pending event are used up
+        self.event = self.carried("event") + (self.pending is not None and "event" in self.pending)
+        self.slips = self.carried_draws("slips")
         self.forming = np.array(lattice.forming)
         if self.before is not None:
             self.slips = np.array(self.before.slips)
@@ -134,7 +123,7 @@ class _Job:
 
     def _refuse_too_much(self) -> None:
         """Refuse what would take for ever, or lose digits."""
-        drive, lattice, span = self.drive, self.lattice, float(self.times[-1]) - self.time
+        drive, span = self.drive, float(self.times[-1]) - self.time
         way = drive.speed * span if drive.spring != 0 else 0.0
         if way > MOST_WINDOWS * self.bonds.window:
             raise InputError(
@@ -142,7 +131,6 @@ class _Job:
                 f"{self.bonds.window:.3g} nm, in which the force on a bond grows by k_BT/Δx; pull less far, or "
                 "use a smaller bond_stiffness or transition_distance"
             )
-        check_couplings(lattice)
 
     def foreseen(self, enough: float) -> float:
         """About how many bonds form and break, or a bound below ``enough``."""
@@ -155,23 +143,16 @@ class _Job:
         span = float(self.times[-1]) - self.time
         return flips_on(lattice, self.drive, span, self.temperature, self.state, again, enough)
 
-    def _identity(self) -> dict[str, np.ndarray]:
+    def identity(self) -> dict[str, np.ndarray]:
         """What must be equal for the pending event to hold."""
         pulled = [self.temperature, *self.bonds[1:], *self.pull]
-        return {
-            "key": np.array(self.key),
-            "lattice": fingerprint(self.lattice),
-            "pulled": np.array(pulled, np.float64),
-            "partners": np.array([self.partners.quantiles.sum(), self.partners.shift.sum()]),
-        }
+        partners = [self.partners.quantiles.sum(), self.partners.shift.sum()]
+        return {**super().identity(), "pulled": np.array(pulled, np.float64), "partners": np.array(partners)}
 
     @cached_property
     def goes_on(self) -> bool:
         """Whether the pending event of the pull before still holds: then this is the same pull."""
-        before = self.before
-        return before is not None and all(
-            np.array_equal(before.resume.get(name, ()), array) for name, array in self._identity().items()
-        )
+        return self.before is not None and self.holds_on()
 
     def prepared(self) -> kernel.PullRun:
         """The state of the contact at the start."""
@@ -262,7 +243,7 @@ class _Job:
         forming = self.forming.copy()
         kernel.present_barriers(self.key, self.partners, self.slips, run.slips, forming, np.empty(state.size, np.int64))
         resume = {"reals": reals, "counts": run.counts, "made": run.made, "rest": run.rest, "bound": run.bound}
-        resume["event"] = run.counts[kernel.EVENT : kernel.EVENT + 1].copy()
+        resume["event"] = run.counts[[kernel.EVENT]]
         return PullHistory(
             times=self.times,
             displacement=displacement,
@@ -287,5 +268,5 @@ class _Job:
             temperature=self.temperature,
             engine=kind,
             drive=self.drive.todict(),
-            resume={**self._identity(), **resume},
+            resume={**self.identity(), **resume},
         )

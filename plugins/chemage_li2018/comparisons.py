@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from chemage_li2018 import published
@@ -100,51 +100,32 @@ def lines(studies: Studies, targets: Sequence[str]) -> list[Line]:
     """Compare the published numbers of ``targets`` with those of the computed ``studies``."""
     found = []
     for target in targets:
-        for quantity, paper, points, name in _NUMBERS.get(target, lambda _: ())(studies):
+        for quantity, paper, points, name in _numbers(studies, target):
             ours = mean(points.of(name))
             found.append(Line(target, quantity, PublishedNumber.of(paper), ours, calibrated=target == "fig3"))
     return found
 
 
-#: what is published, as it is printed; and the points that have it, in the summary by a name
-_Numbers = Iterable[tuple[str, str, PointSet, str]]
-
-
-def _kappa(studies: Studies) -> _Numbers:
-    by_load = {load / 1000: group for load, group in studies["loads"].by(LOAD).items()}
-    for load, paper in published.AREA_FRACTION.items():
-        yield f"A/A0 at {load:g} µN", paper, by_load[load], "area_fraction"
-    yield "κ at 20 µN, h' = 0.1", published.KAPPA, by_load[20.0], "kappa"
-    for row, points in studies["table"].by_row().items():
-        yield f"κ, Table 1 {row.name}", published.KAPPA_ROWS, points, "kappa"
-
-
-def _table1(studies: Studies) -> _Numbers:
-    for row, points in studies["table"].by_row().items():
-        yield f"N_p, {row.name}", row.patches, points, "patches"
-        yield f"C/A (1/nm), {row.name}", row.perimeter_to_area, points, "perimeter_to_area"
-
-
-def _fig3(studies: Studies) -> _Numbers:
-    for volume, points in studies["slopes"].by_volume().items():
-        for slope, group in points.by(SLOPE).items():
-            yield f"β, h' = {slope:g}, ΔV = {volume:g} Å³", f"{published.BETA[volume][slope]:.2f}", group, "beta"
-
-
-def _fig6(studies: Studies) -> _Numbers:
-    yield "β, h' = 0.4, half hydroxylated, front", published.FIG_6_BETA, front(studies, 0.5), "beta"
-
-
-def _tips(studies: Studies) -> _Numbers:
-    for (radius, load), group in studies["tips"].by(RADIUS, LOAD).items():
-        if load in published.TIP_BETA:
-            yield f"β of a tip at {load:g} nN, radius {radius:g} nm", published.TIP_BETA[load], group, "beta"
-
-
-_NUMBERS: dict[str, Callable[[Studies], _Numbers]] = {
-    "kappa": _kappa,
-    "table1": _table1,
-    "fig3": _fig3,
-    "fig6": _fig6,
-    "tips": _tips,
-}
+def _numbers(studies: Studies, target: str) -> Iterable[tuple[str, str, PointSet, str]]:
+    """What is published, as it is printed; and the points that have it, in the summary by a name."""
+    if target == "kappa":
+        by_load = {load / 1000: group for load, group in studies["loads"].by(LOAD).items()}
+        for load, paper in published.AREA_FRACTION.items():
+            yield f"A/A0 at {load:g} µN", paper, by_load[load], "area_fraction"
+        yield "κ at 20 µN, h' = 0.1", published.KAPPA, by_load[20.0], "kappa"
+        for row, points in studies["table"].by_row().items():
+            yield f"κ, Table 1 {row.name}", published.KAPPA_ROWS, points, "kappa"
+    elif target == "table1":
+        for row, points in studies["table"].by_row().items():
+            yield f"N_p, {row.name}", row.patches, points, "patches"
+            yield f"C/A (1/nm), {row.name}", row.perimeter_to_area, points, "perimeter_to_area"
+    elif target == "fig3":
+        for volume, points in studies["slopes"].by_volume().items():
+            for slope, group in points.by(SLOPE).items():
+                yield f"β, h' = {slope:g}, ΔV = {volume:g} Å³", f"{published.BETA[volume][slope]:.2f}", group, "beta"
+    elif target == "fig6":
+        yield "β, h' = 0.4, half hydroxylated, front", published.FIG_6_BETA, front(studies, 0.5), "beta"
+    elif target == "tips":
+        for (radius, load), group in studies["tips"].by(RADIUS, LOAD).items():
+            if load in published.TIP_BETA:
+                yield f"β of a tip at {load:g} nN, radius {radius:g} nm", published.TIP_BETA[load], group, "beta"

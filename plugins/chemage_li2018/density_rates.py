@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -99,12 +98,12 @@ class DensityCurves:
         for done, seed in enumerate(seeds):
             self.report(stage, done, len(seeds))
             path = self.folder / f"curves-{key}-{seed}.h5"
-            try:
-                stored = container.read(path, {"curves": container.Arrays})[0]["curves"]
-            except StoreError:  # missing, or damaged
-                stored = container.Arrays(values={"drop": self._of_surface(densities, seed, conditions)})
-                container.write(path, {"curves": stored}, force=True)
-            curves.append(stored.values["drop"])
+            drop = _kept(
+                path,
+                "curves",
+                lambda: container.Arrays(values={"drop": self._of_surface(densities, seed, conditions)}),  # noqa: B023
+            )
+            curves.append(drop.values["drop"])
         self.report(stage, len(seeds), len(seeds))
         return np.stack(curves, axis=1)
 
@@ -116,12 +115,11 @@ class DensityCurves:
             scene = self._scene(seed, slope)
             draws = self._draws(scene, seed, slope)
             chosen = [at for at, condition in enumerate(conditions) if condition.slope == slope]
-            with ThreadPoolExecutor(threads.available()) as pool:
-                every = pool.map(
-                    lambda density: [_aged(scene, density, draws, conditions[at]) for at in chosen],  # noqa: B023
-                    densities,
-                )
-                values[:, chosen] = list(every)
+
+            def aged(number: int) -> list[np.ndarray]:
+                return [_aged(scene, densities[number], draws, conditions[at]) for at in chosen]  # noqa: B023
+
+            values[:, chosen] = list(threads.in_order(aged, len(densities), threads.available(), None))
         return values
 
     def _scene(self, seed: int, slope: float) -> Scene:
@@ -148,12 +146,18 @@ class DensityCurves:
         if not slope:
             return scene.contact.solve(scene.surface.make(seed), scene.load)
         path = self.folder / f"contact-{slope:g}-{seed}-{self.pixels}.npz"
-        try:
-            return container.read(path, {"contact": ContactSolution})[0]["contact"]
-        except StoreError:  # missing, or damaged
-            solution = scene.contact.solve(scene.surface.make(seed), scene.load)
-            container.write(path, {"contact": solution}, compact=True, force=True)
-            return solution
+        return _kept(path, "contact", lambda: scene.contact.solve(scene.surface.make(seed), scene.load), compact=True)
+
+
+def _kept(path: Path, name: str, make: Callable[[], Any], **how: Any) -> Any:
+    """What a file holds, or what is made now and kept in it where the file is missing or damaged."""
+    kinds = {"curves": container.Arrays, "contact": ContactSolution}
+    try:
+        return container.read(path, {name: kinds[name]})[0][name]
+    except StoreError:
+        made = make()
+        container.write(path, {name: made}, force=True, **how)
+        return made
 
 
 def _aged(

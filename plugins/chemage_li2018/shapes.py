@@ -13,8 +13,9 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy import stats
 from scipy.optimize import least_squares
+
+from chemage.plugin import statistics
 
 #: laws whose criteria differ by no more explain the data equally well (Burnham & Anderson, Model Selection, 2002)
 EQUAL = 2.0
@@ -77,7 +78,7 @@ def growth(times: np.ndarray, curves: np.ndarray, window: tuple[float, float]) -
     scale = increments.mean()
     middle = increments.mean(axis=0) / scale
     # the scatter of single increments is known badly from few curves: pooled over the window, as a smooth function of t
-    spread = increments.std(axis=0, ddof=1) / abs(scale) / math.sqrt(len(y))
+    spread = statistics.standard_error(increments) / abs(scale)
     error = np.exp(np.polynomial.Polynomial.fit(np.log(x[1:]), np.log(np.maximum(spread, 1e-12)), 1)(np.log(x[1:])))
     total, ratio = middle.sum(), x / x[0]
     laws = {
@@ -107,7 +108,7 @@ def growth(times: np.ndarray, curves: np.ndarray, window: tuple[float, float]) -
 
 def _slope(y: np.ndarray, inside: np.ndarray, decades: np.ndarray) -> tuple[float, float]:
     slopes = np.polyfit(decades[inside], y[:, inside].T, 1)[0]
-    return float(slopes.mean()), float(slopes.std(ddof=1) / math.sqrt(len(y)))
+    return float(slopes.mean()), float(statistics.standard_error(slopes))
 
 
 #: name -> values of a law by its parameters, and first guesses
@@ -171,9 +172,7 @@ def exponent(x: np.ndarray, y: np.ndarray) -> Exponent:
     """The exponent n of y ∝ xⁿ from curves y (k, m) of k independent surfaces at x (m,) or (k, m); one has no error."""
     x = np.broadcast_to(x, y.shape)
     slopes = np.array([np.polyfit(np.log(a), np.log(b), 1)[0] for a, b in zip(x, y, strict=True)])
-    if len(slopes) == 1:
-        return Exponent(float(slopes[0]), math.nan)
-    half = float(stats.t.ppf(0.975, len(slopes) - 1)) * slopes.std(ddof=1) / math.sqrt(len(slopes))
+    half = statistics.student_limit(len(slopes) - 1) * statistics.standard_error(slopes)
     return Exponent(float(slopes.mean()), float(half))
 
 

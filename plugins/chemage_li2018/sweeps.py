@@ -15,11 +15,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy import stats
 
 import chemage
 from chemage import InputError
-from chemage.plugin import FIT_WINDOW, nearest, open_file, override, scene_data, text, write_file
+from chemage.plugin import FIT_WINDOW, nearest, open_file, override, scene_data, statistics, text, write_file
 from chemage_li2018.published import DATA, TABLE_1, PaperSurface
 
 #: nm³: 6.4 Å³, and none
@@ -337,9 +336,7 @@ class Mean:
     @property
     def one_more(self) -> float:
         """Half width of the interval that holds the value of one more surface with a probability of 95 %."""
-        if self.count < 2:
-            return math.nan
-        return float(stats.t.ppf(0.975, self.count - 1)) * self.scatter * math.sqrt(1 + 1 / self.count)
+        return statistics.student_limit(self.count - 1) * self.scatter * math.sqrt(1 + 1 / self.count)
 
 
 def mean(values: Iterable[float]) -> Mean:
