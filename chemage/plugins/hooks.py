@@ -102,8 +102,8 @@ class StageInputs:
     threads: int | None = None
     #: the folder in which what would take long to make again is kept during a run
     checkpoints: Path | None = None
-    #: called with (steps done, steps in all)
-    progress: Callable[[int, int], None] = field(default=lambda done, total: None)
+    #: called with (steps done, steps in all), where somebody watches
+    progress: Callable[[int, int], None] | None = None
 
 
 @dataclass(frozen=True)

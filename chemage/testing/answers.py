@@ -58,7 +58,7 @@ def answer(component: Component, ask: Callable[[Any], Any]) -> bytes:
 
 def as_bytes(value: Any) -> bytes:
     """Arrays, records and what holds them, so that equal bytes mean equal values."""
-    if is_dataclass(value):
+    if is_dataclass(value) and not isinstance(value, type):
         value = {field.name: getattr(value, field.name) for field in fields(value)}
     if isinstance(value, Record):
         value = value.todict()
