@@ -27,7 +27,7 @@ def _known_format(name: str) -> str:
     return name
 
 
-def check_ending(path: Path, endings: tuple[str, ...], what: str, option: str = "--out") -> None:
+def check_ending(path: Path, endings: tuple[str, ...], what: str) -> None:
     """Refuse, before anything is computed, a file whose ending is not that of what is written into it.
 
     What is no file, such as a folder, is refused where it is opened, for that reason.
@@ -36,7 +36,7 @@ def check_ending(path: Path, endings: tuple[str, ...], what: str, option: str = 
         *others, last = endings
         names = f"{', '.join(others)} or {last}" if others else last
         ending = f"ends in {path.suffix}" if path.suffix else "has no ending"
-        raise user_error(f"{option} {path}: the name {ending}; {what} must end in {names}")
+        raise user_error(f"--out {path}: the name {ending}; {what} must end in {names}")
 
 
 SceneArg = Annotated[

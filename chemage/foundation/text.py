@@ -9,8 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from chemage.foundation.statistics import half_width
-
 #: errors below this part of the value are rounding
 ROUNDING = 1e-12
 
@@ -21,12 +19,6 @@ NO_SCATTER = "(no scatter, so that the error is not known)"
 def with_article(noun: str) -> str:
     """``a Run``, ``an Inference``: a name with its article."""
     return f"{'an' if noun[:1] in 'AEIOUaeiou' else 'a'} {noun}"
-
-
-def mean_text(values: np.ndarray, unit: str = "") -> str:
-    """The mean over replicas ± half of Student's 95 % interval; a single replica has no error, nan is "-"."""
-    mean = float(np.mean(values))
-    return plus_minus(mean, float(half_width(np.asarray(values))), unit) if math.isfinite(mean) else "-"
 
 
 def decimals(error: float) -> int:
