@@ -196,6 +196,11 @@ PatienceOpt = Annotated[
 ]
 
 
+def chosen_executor(executor: str | None, workers: int | None, otherwise: str | None) -> str | None:
+    """What ``--executor`` says; without it processes for several workers, and ``otherwise`` for one."""
+    return executor or ("processes" if (workers or 1) > 1 else otherwise)
+
+
 def changed_fields(texts: list[str] | None, replicas: int | None = None, seed: int | None = None) -> dict[str, Any]:
     """Read ``--set PATH=VALUE`` and its short forms: dotted path -> value, as TOML where it is TOML, else as text."""
     import tomllib

@@ -281,6 +281,13 @@ def say(text: object = "", end: str = "\n", file: Any = None) -> None:
     print(printable(str(text)), end=end, file=file)
 
 
+def say_json(value: Any) -> None:
+    """Print a value as JSON, in which what is not finite is null."""
+    from chemage.foundation.text import jsonable
+
+    print(json.dumps(jsonable(value), default=str))
+
+
 def remark(text: object = "") -> None:
     """Print a line that is not the answer itself, such as a note; nothing with ``--quiet``."""
     if not quiet():
@@ -335,8 +342,7 @@ def show_result(result: Result) -> None:
 def answer(result: Result, as_json: bool, remarks: Sequence[str] = (), **written: Any) -> None:
     """Print a result that was computed, or one JSON object, with the files ``written``: what they are -> path."""
     if as_json:
-        paths = {name: value if isinstance(value, int | list | None) else str(value) for name, value in written.items()}
-        print(json.dumps({**result.numbers(), **paths}, default=str))
+        say_json({**result.numbers(), **written})
         return
     show_result(result)
     remark()

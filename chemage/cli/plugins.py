@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -48,7 +47,7 @@ def plugins_list(as_json: JsonOpt = False) -> None:
     broken = [{"plugin": r.name, "from": r.source, "error": r.error} for r in plugins.records if r.error]
     if as_json:
         found = {"components": rows, "scenes": plugins.scenes(), "materials": plugins.materials()}
-        print(json.dumps({**found, "hooks": hooks, "options": options, "broken": broken}))
+        output.say_json({**found, "hooks": hooks, "options": options, "broken": broken})
         return
     table = output.table("", ("role", "kind", "plugin", "from"))
     for row in rows:
@@ -133,7 +132,7 @@ def plugins_show(
             }
         )
     if as_json:
-        print(json.dumps(shown))
+        output.say_json(shown)
         return
     import inspect
 

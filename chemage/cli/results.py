@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -44,7 +43,7 @@ def show(file: ResultArg, as_json: JsonOpt = False, as_csv: CsvOpt = False, ever
     if as_json and as_csv:
         raise user_error("--json and --csv: choose one")
     if as_json:
-        print(json.dumps(result.numbers(), default=str))
+        output.say_json(result.numbers())
     elif as_csv:
         output.say(_csv(result), end="")
     else:
@@ -223,7 +222,7 @@ def compare(
         with progress_bars() as report, reported(report, "drawing"), drawn_as(look):
             pictures = save_figures(drawing.comparison_figures(joined), figures, force=force, suffix=fmt)
     if as_json:
-        print(json.dumps({**joined.todict(), "figures": [str(path) for path in pictures]}))
+        output.say_json({**joined.todict(), "figures": pictures})
     elif as_csv:
         output.say(joined.csv(), end="")
     else:
