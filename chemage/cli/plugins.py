@@ -49,20 +49,14 @@ def plugins_list(as_json: JsonOpt = False) -> None:
         found = {"components": rows, "scenes": plugins.scenes(), "materials": plugins.materials()}
         output.say_json({**found, "hooks": hooks, "options": options, "broken": broken})
         return
-    table = output.table("", ("role", "kind", "plugin", "from"))
-    for row in rows:
-        table.add_row(row["role"], row["kind"], row["plugin"], row["from"])
+    lines = [(row["role"], row["kind"], row["plugin"], row["from"]) for row in rows]
     for record in plugins.records:
-        for name in record.scenes:
-            table.add_row("scene", name, record.name, record.source)
-        for name in record.materials:
-            table.add_row("material", name, record.name, record.source)
+        lines += [("scene", name, record.name, record.source) for name in record.scenes]
+        lines += [("material", name, record.name, record.source) for name in record.materials]
     for item in hooks:
-        for name in item["hooks"]:
-            table.add_row("hook", name, item["plugin"], item["from"])
-    for name in options:
-        table.add_row("options", f"[plugins.{name}]", name, plugins.source(name) or "")
-    output.show(table)
+        lines += [("hook", name, item["plugin"], item["from"]) for name in item["hooks"]]
+    lines += [("options", f"[plugins.{name}]", name, plugins.source(name) or "") for name in options]
+    output.show_rows("", ("role", "kind", "plugin", "from"), lines)
     for item in broken:
         output.say(f"skipped: {item['plugin']} ({item['from']}): {item['error']}")
 
@@ -140,11 +134,9 @@ def plugins_show(
         output.say(f"{one['role']} {one['kind']}  ({one['from']})\n\n{inspect.cleandoc(one['about'])}\n")
         for hook in one.get("hooks", ()):
             output.say(f"hook: {hook}")
-        table = output.table("", ("option", "unit", "default", "meaning"))
-        for option in one["options"]:
-            table.add_row(option["name"], option["unit"], option["default"], option["meaning"])
-        if one["options"]:
-            output.show(table)
+        rows = [(option["name"], option["unit"], option["default"], option["meaning"]) for option in one["options"]]
+        if rows:
+            output.show_rows("", ("option", "unit", "default", "meaning"), rows)
         for text in one["cite"]:
             output.say(f"cite: {text}")
 

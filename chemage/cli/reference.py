@@ -44,23 +44,20 @@ def materials(
         if as_json:
             output.say_json([entry.todict() for entry in entries])
             return
-        table = output.table("", ("material", "", "values", "from"))
-        for entry in entries:
-            table.add_row(entry.name, entry.title, str(len(entry.values)), entry.source)
-        output.show(table)
-        return
+        rows = [(entry.name, entry.title, str(len(entry.values)), entry.source) for entry in entries]
+        return output.show_rows("", ("material", "", "values", "from"), rows)
     entry = material(name)
     if as_json:
         output.say_json(entry.todict())
     elif as_toml:
         output.say(entry.toml(), end="")
     else:
-        table = output.table(f"{entry.name}: {entry.title}", ("value", "", "how", "source"))
-        for value in entry.values:
-            table.add_row(value.path, value.text, value.how, value.source + (f"; {value.note}" if value.note else ""))
         if entry.about:
             output.say(f"{entry.about}\n")
-        output.show(table)
+        rows = []
+        for value in entry.values:
+            rows.append((value.path, value.text, value.how, "; ".join(filter(None, (value.source, value.note)))))
+        output.show_rows(f"{entry.name}: {entry.title}", ("value", "", "how", "source"), rows)
 
 
 def schema() -> None:

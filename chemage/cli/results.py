@@ -254,8 +254,6 @@ def report(
 
 
 def _print_comparison(joined: Comparison) -> None:
-    from chemage.results.verdicts import COLUMNS
-
     names, rows = [entry.name for entry in joined.results], joined.table()
     for first in range(0, len(names), 4):  # more columns do not fit a screen
         chosen = slice(first, first + 4)
@@ -264,14 +262,7 @@ def _print_comparison(joined: Comparison) -> None:
     for different in joined.chemistry_differences():
         values = ("none" if value is None else f"{value}" for value in different.values)
         output.remark(f"  {different.path}: {' | '.join(values)}")
-    if verdicts := joined.verdicts():
-        output.show_rows("Measured = offset + slope × model", COLUMNS, (each.row() for each in verdicts))
-        for note in dict.fromkeys(f"note: {data.name}: {note}" for data in joined.measured for note in data.notes):
-            output.remark(note)
-    if fits := joined.fits():
-        columns = ("data", "model", "β per decade", "b per e-fold", "cut-off time")
-        lines = ((name, fit.describe(), *fit.texts()) for name, fit in fits)
-        output.show_rows("Fits, 95 % intervals", columns, lines)
+    output.show_tables(joined.tables())
     for name, model, reason in joined.not_fitted():
         output.say(f"{name}: {model} not fitted: {reason}")
 

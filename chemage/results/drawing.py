@@ -40,7 +40,7 @@ from chemage.foundation.figures import (
 from chemage.foundation.looks import drawn_as
 from chemage.foundation.outputs import RECORDED
 from chemage.foundation.quantities import Curve, Rank
-from chemage.foundation.result import drawn_picture, result_of, single_panels
+from chemage.foundation.result import Medium, Panel, Picture, drawn_picture, result_of, single_panels
 from chemage.foundation.statistics import NORMAL_LIMIT
 from chemage.foundation.units import convert
 from chemage.lattices.chemistry import Chemistry
@@ -249,6 +249,8 @@ _FITTED = 4
 _UNNAMED = "_"
 #: inches; small, so that the text is legible on a phone
 _SIZE = (4.9, 3.6)
+#: of a figure in which errors have several meanings
+_BARS = " Bands are intervals of means over surfaces, bars of means over replicas on one surface."
 _EXPECTED = 'give its edges "X0 X1 Y0 Y1" in nm, or with units, such as "0 1um 200 800"'
 #: map -> its name in words, how blocks of pixels are joined, colours
 _MAPS = {
@@ -274,36 +276,44 @@ def figures(thing: Any, panels: Sequence[str] = (), **choice: Any) -> dict[str, 
 
 def comparison_figures(comparison: Comparison) -> dict[str, Figure]:
     """Draw every figure of several results for which there are data, those of plugins last: name -> figure."""
-    brought = brought_figures(comparison.results)
-    return {**curve_figures(comparison), **{name: entry.figure for name, entry in brought.items()}}
+    drawn = {name: drawn_picture(picture) for name, picture in curve_pictures(comparison).items()}
+    return {**drawn, **{name: entry.figure for name, entry in brought_figures(comparison.results).items()}}
 
 
 # -- curves of several results ----------------------------------------------------------------------------------------
 
 
-def curve_figures(comparison: Comparison) -> dict[str, Figure]:
-    """Draw the curves that results have in common, and measurements: name -> figure."""
+def curve_pictures(comparison: Comparison) -> dict[str, Picture]:
+    """The curves that results have in common, and measurements: name -> picture of one panel."""
     curves: dict[str, list[tuple[Entry, Curve]]] = {}
     several = len(comparison.results) > 1 or comparison.measured
     for entry in comparison.results:
         for name, curve in sorted(entry.curves.items(), key=lambda item: item[1].rank):
             if curve.rank < Rank.REST and (several or curve.alone):
                 curves.setdefault(name, []).append((entry, curve))
-    return {figure_name(name): _figure(comparison, name, drawn) for name, drawn in curves.items()}
+    return {
+        name.replace("_", "-").removeprefix(RECORDED): Picture([_panel(comparison, name, drawn)], _SIZE)
+        for name, drawn in curves.items()
+    }
 
 
-def figure_name(curve: str) -> str:
-    """The name of the figure of a curve."""
-    return curve.replace("_", "-").removeprefix(RECORDED)
+def _panel(comparison: Comparison, name: str, curves: Sequence[tuple[Entry, Curve]]) -> Panel:
+    """One curve of each result with its 95 % interval, what is known beside them, and measurements."""
 
-
-def _figure(comparison: Comparison, name: str, curves: Sequence[tuple[Entry, Curve]]) -> Figure:
-    """Draw one curve of each result with its 95 % interval, what is known beside them, and measurements."""
-    with drawn_as():
-        drawn, (axes,) = plots(*_SIZE)
+    def draw(axes: Axes, medium: Medium) -> None:
         legend(axes, title=_draw_curves(axes, comparison, name, curves) or None, alignment="left")
-        arrange(drawn)
-    return drawn
+
+    sample, bars = curves[0][1], _BARS if len({curve.band for _, curve in curves}) > 1 else ""
+    label = sample.axis_of.label
+    if sample.is_distribution:
+        caption = f"Distribution of the {label}."
+        return Panel(draw, caption + bars, f"{caption} Curves for {', '.join(entry.name for entry, _ in curves)}.")
+    caption = f"{sample.title} against {label}, means and 95 % intervals."
+    texts = [
+        f"{entry.name} goes from {curve.mean[0]:.3g} at {curve.x[0]:g} s to {curve.mean[-1]:.3g} at {curve.x[-1]:g} s"
+        for entry, curve in curves
+    ]
+    return Panel(draw, caption[0].upper() + caption[1:] + bars, f"{sample.axis} against {label}: {'; '.join(texts)}.")
 
 
 def _draw_curves(axes: Axes, comparison: Comparison, name: str, curves: Sequence[tuple[Entry, Curve]]) -> str:
