@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -301,22 +301,24 @@ def status(folder: Path, *, as_json: bool) -> None:
         return
 
     counts = ("points", "done", *NOT_DONE)
-    table = output.table(f"{state['name']} in {folder}", ("", *counts))
+    rows = []
     for axis in state["axes"]:
         for row in axis["rows"]:
-            name = ", ".join(f"{path} = {shown(value)}" for path, value in row["values"].items())
-            table.add_row(name, *(str(row[count]) for count in counts))
-    table.add_row("all", *(str(state[count]) for count in counts))
-    table.add_row(
-        "contacts", str(state["contacts"]), str(state["contacts_done"]), "", "", str(state["contacts_damaged"])
-    )
-    output.show(table)
+            rows.append((_in_words(row["values"]), *(str(row[count]) for count in counts)))
+    rows.append(("all", *(str(state[count]) for count in counts)))
+    contacts = [str(state[f"contacts{which}"]) for which in ("", "_done", "_damaged")]
+    rows.append(("contacts", *contacts[:2], "", "", contacts[2]))
+    output.show_rows(f"{state['name']} in {folder}", ("", *counts), rows)
     _print_failures(state)
+
+
+def _in_words(values: Mapping[str, Any]) -> str:
+    return ", ".join(f"{path} = {shown(value)}" for path, value in values.items())
 
 
 def _print_failures(state: dict[str, Any]) -> None:
     for failed in state["failures"][:_LISTED]:
-        where = ", ".join(f"{path} = {shown(value)}" for path, value in failed["changes"].items())
+        where = _in_words(failed["changes"])
         output.say(f"failed: point {failed['point']} ({where}): {failed['error']}", file=sys.stderr)
     if (more := len(state["failures"]) - _LISTED) > 0:
         output.say(f"failed: {more} more points; `chemage status --json` lists them all", file=sys.stderr)
