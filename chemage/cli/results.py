@@ -25,6 +25,7 @@ from chemage.cli.options import (
     WidthOpt,
     changed_fields,
     check_ending,
+    named_value,
     user_error,
 )
 from chemage.foundation.progress import progress_bars, reported
@@ -169,13 +170,7 @@ def plot(
 
 def _fixed(where: list[str] | None) -> dict[str, str]:
     """Read ``--where AXIS=VALUE``."""
-    fixed: dict[str, str] = {}
-    for text in where or []:
-        axis, equals, value = text.partition("=")
-        if not equals:
-            raise user_error(f"--where {text}: write it as AXIS=VALUE, such as load=50")
-        fixed[axis.strip()] = value.strip()
-    return fixed
+    return dict(named_value("--where", text, "AXIS=VALUE, such as load=50") for text in where or [])
 
 
 def _near(path: Path) -> Path:
