@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -54,17 +53,13 @@ def show(file: ResultArg, as_json: JsonOpt = False, as_csv: CsvOpt = False, ever
 
 def _csv(result: Result) -> str:
     """The many values of a result, one column each, or its rows."""
-    import csv
-    import io
+    from chemage.foundation.text import csv_text
 
-    columns: Mapping[str, Any] = result.columns()
-    names, texts = zip(*result.rows(), strict=True) if not columns else ((), ())
-    lines = zip(*columns.values(), strict=True) if columns else [texts]
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns or names)
-    writer.writerows(lines)
-    return text.getvalue()
+    columns = result.columns()
+    if columns:
+        return csv_text(columns, zip(*columns.values(), strict=True))
+    names, texts = zip(*result.rows(), strict=True)
+    return csv_text(names, [texts])
 
 
 _XOpt = Annotated[

@@ -6,8 +6,6 @@ depend on the size of a contact.
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 import os
 import warnings
@@ -25,7 +23,7 @@ from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError, printable
 from chemage.foundation.quantities import NONE, Curve, Quantity, Rank, by_name, headed
 from chemage.foundation.result import TIMES, Ageing, Result, Table, result_of
-from chemage.foundation.text import jsonable
+from chemage.foundation.text import csv_text, jsonable
 from chemage.foundation.units import QuantityLike, convert
 from chemage.lattices.chemistry import SITE_DENSITY, Chemistry
 from chemage.results.kinds import components, is_point, load
@@ -286,11 +284,7 @@ class Comparison:
                 line[f"time, {when} (s)"] = moment.pop("time")
                 line |= {headed(f"{name} at {when}", units[name]): value for name, value in moment.items()}
             lines.append(line)
-        text = io.StringIO()
-        writer = csv.DictWriter(text, list(lines[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(lines)
-        return text.getvalue()
+        return csv_text(lines[0], [[line.get(name) for name in lines[0]] for line in lines])
 
     def tables(self) -> list[Table]:
         """How measurements and results differ, and the same fits to both."""
