@@ -236,11 +236,13 @@ def _plain_warnings() -> None:
 def _explain(error: Exception) -> int:
     from chemage.foundation.errors import ChemageError, shortened
 
-    LOGGER.error("%s", "\n".join([f"{error}", *getattr(error, "__notes__", ())]), exc_info=_unexpected(error))
-    if isinstance(error, ChemageError):
-        _complain("\n".join([f"chemage: {error}", *getattr(error, "__notes__", ())]))
-        return 2
     show_usage = getattr(error, "show", None)  # a usage error found by typer
+    text = "\n".join([f"{error}", *getattr(error, "__notes__", ())])
+    known = isinstance(error, ChemageError | OSError | MemoryError) or show_usage is not None
+    LOGGER.error("%s", text, exc_info=not known)
+    if isinstance(error, ChemageError):
+        _complain(f"chemage: {text}")
+        return 2
     if show_usage is not None:
         show_usage()
         return int(getattr(error, "exit_code", 2))
@@ -259,10 +261,3 @@ def _explain(error: Exception) -> int:
         "--log FILE writes where it arose to FILE"
     )
     return 3
-
-
-def _unexpected(error: Exception) -> bool:
-    """Whether an error is one of the program, so that the log should hold where it arose."""
-    from chemage.foundation.errors import ChemageError
-
-    return not (isinstance(error, ChemageError | OSError | MemoryError) or hasattr(error, "show"))

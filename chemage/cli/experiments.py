@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 from pathlib import Path
@@ -34,6 +33,7 @@ from chemage.cli.options import (
     YesOpt,
     changed_fields,
     check_ending,
+    chosen_executor,
     requested_fields,
     user_error,
 )
@@ -102,6 +102,7 @@ def run(
     loading("loading chemage")
     request = requested_fields(accuracy, budget, surfaces, measured)
     values = changed_fields(changes, replicas, seed) | request
+    where = {"executor": executor, "workers": workers, "patience": patience, "points": points}
     with compiling.begun_early(scene, values, threads) as early:
         from chemage.scene.files import is_sweep, load_scene
 
@@ -111,22 +112,10 @@ def run(
             loaded()
             if checkpoints is not None:
                 raise user_error("--checkpoints is for a single run; a sweep resumes from its own folder")
-            return studies.run_sweep(
-                scene,
-                out,
-                values,
-                executor=executor or ("processes" if (workers or 1) > 1 else None),
-                workers=workers,
-                threads=threads,
-                yes=yes,
-                as_json=as_json,
-                force=force,
-                points=points,
-                patience=patience,
-            )
-        where = {"executor": executor, "workers": workers, "patience": patience, "points": points}
-        how: dict[str, Any] = {"figures": figures, "as_json": as_json, "force": force, "where": where}
-        _run_scene(scene, load_scene(scene, values), out, threads=threads, early=early, checkpoints=checkpoints, **how)
+            how: dict[str, Any] = {"yes": yes, "as_json": as_json, "threads": threads, "force": force, **where}
+            return studies.run_sweep(scene, out, values, **how)
+        how = {"threads": threads, "early": early, "figures": figures, "as_json": as_json, "force": force}
+        _run_scene(scene, load_scene(scene, values), out, checkpoints=checkpoints, where=where, **how)
 
 
 def _run_scene(
@@ -246,19 +235,9 @@ def sweep(
         raise user_error("name a scene with [sweep], or a folder with --collect FOLDER")
     if not is_sweep(scene):
         raise user_error(f"{scene} has no [sweep]; `chemage run {scene}` runs it")
-    studies.run_sweep(
-        scene,
-        out,
-        changed_fields(changes, replicas, seed) | requested_fields(accuracy, None, surfaces),
-        executor=executor or ("processes" if (workers or 1) > 1 else None),
-        workers=workers,
-        threads=threads,
-        yes=yes,
-        as_json=as_json,
-        force=force,
-        points=points,
-        patience=patience,
-    )
+    values = changed_fields(changes, replicas, seed) | requested_fields(accuracy, None, surfaces)
+    where: dict[str, Any] = {"executor": executor, "workers": workers, "threads": threads, "patience": patience}
+    studies.run_sweep(scene, out, values, yes=yes, as_json=as_json, force=force, points=points, **where)
 
 
 def check(
@@ -279,7 +258,6 @@ def check(
 
     All points of a sweep are validated; nothing is computed.
     """
-    from chemage.foundation.text import jsonable
     from chemage.scene.files import is_sweep, load_scene
     from chemage.scene.plan import plan
 
@@ -298,7 +276,7 @@ def check(
     else:
         made = plan(one)
     if as_json:
-        print(json.dumps(jsonable(made.todict())))
+        output.say_json(made.todict())
         return
     output.show_rows(f"{scene} is valid", (), made.rows())
     for note in made.notes:
@@ -434,10 +412,8 @@ def tradeoff(
             done += 1
             report(_STAGE, done, 0, what)
 
-        where = executor or ("processes" if (workers or 1) > 1 else "serial")
-        measured = measure(
-            loaded, rounds=rounds, report=shown, folder=folder, executor=where, workers=workers, patience=patience
-        )
+        where: dict[str, Any] = {"executor": chosen_executor(executor, workers, "serial"), "workers": workers}
+        measured = measure(loaded, rounds=rounds, report=shown, folder=folder, patience=patience, **where)
         report(_STAGE, 1, 1)
     result = result_of(measured)
     for file in files:
@@ -446,7 +422,7 @@ def tradeoff(
             continue
         save_picture(result, file, force=force)
     if as_json:
-        print(json.dumps(measured.summary()))
+        output.say_json(measured.summary())
         return
     output.show_result(result)
     for file in files:

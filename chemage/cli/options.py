@@ -27,7 +27,7 @@ def _known_format(name: str) -> str:
     return name
 
 
-def check_ending(path: Path, endings: tuple[str, ...], what: str, option: str = "--out") -> None:
+def check_ending(path: Path, endings: tuple[str, ...], what: str) -> None:
     """Refuse, before anything is computed, a file whose ending is not that of what is written into it.
 
     What is no file, such as a folder, is refused where it is opened, for that reason.
@@ -36,7 +36,7 @@ def check_ending(path: Path, endings: tuple[str, ...], what: str, option: str = 
         *others, last = endings
         names = f"{', '.join(others)} or {last}" if others else last
         ending = f"ends in {path.suffix}" if path.suffix else "has no ending"
-        raise user_error(f"{option} {path}: the name {ending}; {what} must end in {names}")
+        raise user_error(f"--out {path}: the name {ending}; {what} must end in {names}")
 
 
 SceneArg = Annotated[
@@ -196,19 +196,30 @@ PatienceOpt = Annotated[
 ]
 
 
+def chosen_executor(executor: str | None, workers: int | None, otherwise: str | None) -> str | None:
+    """What ``--executor`` says; without it processes for several workers, and ``otherwise`` for one."""
+    return executor or ("processes" if (workers or 1) > 1 else otherwise)
+
+
+def named_value(option: str, text: str, form: str) -> tuple[str, str]:
+    """Read ``NAME=VALUE``."""
+    name, equals, value = text.partition("=")
+    if not equals or not name.strip():
+        raise user_error(f"{option} {text}: write it as {form}")
+    return name.strip(), value.strip()
+
+
 def changed_fields(texts: list[str] | None, replicas: int | None = None, seed: int | None = None) -> dict[str, Any]:
     """Read ``--set PATH=VALUE`` and its short forms: dotted path -> value, as TOML where it is TOML, else as text."""
     import tomllib
 
     changes: dict[str, Any] = {}
     for text in texts or []:
-        path, equals, value = text.partition("=")
-        if not equals or not path.strip():
-            raise user_error(f"--set {text}: write it as PATH=VALUE, such as surface.rms_slope=0.2")
+        path, value = named_value("--set", text, "PATH=VALUE, such as surface.rms_slope=0.2")
         try:
-            changes[path.strip()] = tomllib.loads(f"value = {value}")["value"]
+            changes[path] = tomllib.loads(f"value = {value}")["value"]
         except (ValueError, RecursionError):
-            changes[path.strip()] = value.strip()
+            changes[path] = value
     short = {"hold.replicas": replicas, "hold.seed": seed}
     return changes | {path: value for path, value in short.items() if value is not None}
 
@@ -227,12 +238,10 @@ def requested_fields(
     changes: dict[str, Any] = {}
     goals: dict[str, str] = {}
     for text in accuracy or []:
-        name, equals, value = text.rpartition("=")
-        if not equals or not name.strip():
-            raise user_error(f"--accuracy {text}: write it as NAME=VALUE, such as beta=2%")
-        if name.strip() in goals:
-            raise user_error(f"--accuracy {text}: {name.strip()} is given twice")
-        goals[name.strip()] = value.strip()
+        name, value = named_value("--accuracy", text, "NAME=VALUE, such as beta=2%")
+        if name in goals:
+            raise user_error(f"--accuracy {text}: {name} is given twice")
+        goals[name] = value
     if goals:
         changes |= {"accuracy": goals, "ensemble.surfaces": None}
     if budget is not None:

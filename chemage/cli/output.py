@@ -31,9 +31,9 @@ from chemage.foundation.errors import printable
 from chemage.foundation.progress import LOGGER
 
 if TYPE_CHECKING:
-    from rich.table import Table
+    from rich.table import Table as Grid
 
-    from chemage.foundation.result import Result
+    from chemage.foundation.result import Result, Table
     from chemage.scene.scene import Scene
 
 
@@ -260,12 +260,12 @@ def _add(command: Any, options: Sequence[Any]) -> None:
 WIDTH = 110
 
 
-def table(title: str, columns: Sequence[str] = ()) -> Table:
+def table(title: str, columns: Sequence[str] = ()) -> Grid:
     """Make an empty table with the headings ``columns``, or with two columns that have none."""
     from rich import box
-    from rich.table import Table
+    from rich.table import Table as Grid
 
-    class Harmless(Table):
+    class Harmless(Grid):
         def add_row(self, *cells: Any, **options: Any) -> None:
             super().add_row(*(printable(cell) if isinstance(cell, str) else cell for cell in cells), **options)
 
@@ -281,13 +281,20 @@ def say(text: object = "", end: str = "\n", file: Any = None) -> None:
     print(printable(str(text)), end=end, file=file)
 
 
+def say_json(value: Any) -> None:
+    """Print a value as JSON, in which what is not finite is null."""
+    from chemage.foundation.text import jsonable
+
+    print(json.dumps(jsonable(value), default=str))
+
+
 def remark(text: object = "") -> None:
     """Print a line that is not the answer itself, such as a note; nothing with ``--quiet``."""
     if not quiet():
         say(text)
 
 
-def show(table: Table, width: int = WIDTH) -> None:
+def show(table: Grid, width: int = WIDTH) -> None:
     """Print a table as wide as the terminal; ``width`` characters where stdout is not a terminal.
 
     Nothing with ``--quiet``.
@@ -317,7 +324,16 @@ def show_rows(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]],
 def show_result(result: Result) -> None:
     """Print the main numbers of a result, its tables and its notes."""
     show_rows(result.heading, (), [*result.rows(), *(result.arrays() if _state.all else ())], result.width)
-    for part in (part for part in result.tables() if not part.in_detail):
+    show_tables(result.tables(), result.width)
+    for note in result.notes():
+        remark(f"note: {note}")
+
+
+def show_tables(tables: Iterable[Table], width: int = WIDTH) -> None:
+    """Print tables that are not for pages alone, and what is below them."""
+    for part in tables:
+        if part.in_detail:
+            continue
         grid = table(part.title, part.columns or ("",))
         grid.show_header = bool(part.columns)
         if part.dense:
@@ -325,18 +341,15 @@ def show_result(result: Result) -> None:
             grid.columns[0].min_width = 22
         for row in part.rows[: part.most]:
             grid.add_row(*row)
-        show(grid, result.width)
+        show(grid, width)
         for text in part.remarks:
             remark(text)
-    for note in result.notes():
-        remark(f"note: {note}")
 
 
 def answer(result: Result, as_json: bool, remarks: Sequence[str] = (), **written: Any) -> None:
     """Print a result that was computed, or one JSON object, with the files ``written``: what they are -> path."""
     if as_json:
-        paths = {name: value if isinstance(value, int | list | None) else str(value) for name, value in written.items()}
-        print(json.dumps({**result.numbers(), **paths}, default=str))
+        say_json({**result.numbers(), **written})
         return
     show_result(result)
     remark()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -48,22 +47,16 @@ def plugins_list(as_json: JsonOpt = False) -> None:
     broken = [{"plugin": r.name, "from": r.source, "error": r.error} for r in plugins.records if r.error]
     if as_json:
         found = {"components": rows, "scenes": plugins.scenes(), "materials": plugins.materials()}
-        print(json.dumps({**found, "hooks": hooks, "options": options, "broken": broken}))
+        output.say_json({**found, "hooks": hooks, "options": options, "broken": broken})
         return
-    table = output.table("", ("role", "kind", "plugin", "from"))
-    for row in rows:
-        table.add_row(row["role"], row["kind"], row["plugin"], row["from"])
+    lines = [(row["role"], row["kind"], row["plugin"], row["from"]) for row in rows]
     for record in plugins.records:
-        for name in record.scenes:
-            table.add_row("scene", name, record.name, record.source)
-        for name in record.materials:
-            table.add_row("material", name, record.name, record.source)
+        lines += [("scene", name, record.name, record.source) for name in record.scenes]
+        lines += [("material", name, record.name, record.source) for name in record.materials]
     for item in hooks:
-        for name in item["hooks"]:
-            table.add_row("hook", name, item["plugin"], item["from"])
-    for name in options:
-        table.add_row("options", f"[plugins.{name}]", name, plugins.source(name) or "")
-    output.show(table)
+        lines += [("hook", name, item["plugin"], item["from"]) for name in item["hooks"]]
+    lines += [("options", f"[plugins.{name}]", name, plugins.source(name) or "") for name in options]
+    output.show_rows("", ("role", "kind", "plugin", "from"), lines)
     for item in broken:
         output.say(f"skipped: {item['plugin']} ({item['from']}): {item['error']}")
 
@@ -133,7 +126,7 @@ def plugins_show(
             }
         )
     if as_json:
-        print(json.dumps(shown))
+        output.say_json(shown)
         return
     import inspect
 
@@ -141,11 +134,9 @@ def plugins_show(
         output.say(f"{one['role']} {one['kind']}  ({one['from']})\n\n{inspect.cleandoc(one['about'])}\n")
         for hook in one.get("hooks", ()):
             output.say(f"hook: {hook}")
-        table = output.table("", ("option", "unit", "default", "meaning"))
-        for option in one["options"]:
-            table.add_row(option["name"], option["unit"], option["default"], option["meaning"])
-        if one["options"]:
-            output.show(table)
+        rows = [(option["name"], option["unit"], option["default"], option["meaning"]) for option in one["options"]]
+        if rows:
+            output.show_rows("", ("option", "unit", "default", "meaning"), rows)
         for text in one["cite"]:
             output.say(f"cite: {text}")
 

@@ -42,25 +42,22 @@ def materials(
     if name is None:
         entries = [material(entry) for entry in sorted(registry.current().materials())]
         if as_json:
-            print(json.dumps([entry.todict() for entry in entries]))
+            output.say_json([entry.todict() for entry in entries])
             return
-        table = output.table("", ("material", "", "values", "from"))
-        for entry in entries:
-            table.add_row(entry.name, entry.title, str(len(entry.values)), entry.source)
-        output.show(table)
-        return
+        rows = [(entry.name, entry.title, str(len(entry.values)), entry.source) for entry in entries]
+        return output.show_rows("", ("material", "", "values", "from"), rows)
     entry = material(name)
     if as_json:
-        print(json.dumps(entry.todict()))
+        output.say_json(entry.todict())
     elif as_toml:
         output.say(entry.toml(), end="")
     else:
-        table = output.table(f"{entry.name}: {entry.title}", ("value", "", "how", "source"))
-        for value in entry.values:
-            table.add_row(value.path, value.text, value.how, value.source + (f"; {value.note}" if value.note else ""))
         if entry.about:
             output.say(f"{entry.about}\n")
-        output.show(table)
+        rows = []
+        for value in entry.values:
+            rows.append((value.path, value.text, value.how, "; ".join(filter(None, (value.source, value.note)))))
+        output.show_rows(f"{entry.name}: {entry.title}", ("value", "", "how", "source"), rows)
 
 
 def schema() -> None:
@@ -124,7 +121,7 @@ def warmup(
     for name, why in failed.items():
         output.say(f"chemage: warning: not everything could be compiled for {name}: {why}", file=sys.stderr)
     if as_json:
-        print(json.dumps(told))
+        output.say_json(told)
     else:
         number = len(compiled.kernels)
         output.say(
@@ -169,7 +166,7 @@ def selftest(as_json: JsonOpt = False) -> None:
                 output.say(f"           {problem}")
     wrong = sum(len(part.problems) for part in parts)
     if as_json:
-        print(json.dumps({"machine": about, "wrong": wrong, "parts": [part._asdict() for part in parts]}))
+        output.say_json({"machine": about, "wrong": wrong, "parts": [part._asdict() for part in parts]})
     else:
         right = sum(part.passed for part in parts)
         output.say(f"{right} tests passed, {wrong} failed, in {time.perf_counter() - begin:.0f} s")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -26,6 +24,7 @@ from chemage.cli.options import (
     WidthOpt,
     changed_fields,
     check_ending,
+    named_value,
     user_error,
 )
 from chemage.foundation.progress import progress_bars, reported
@@ -44,7 +43,7 @@ def show(file: ResultArg, as_json: JsonOpt = False, as_csv: CsvOpt = False, ever
     if as_json and as_csv:
         raise user_error("--json and --csv: choose one")
     if as_json:
-        print(json.dumps(result.numbers(), default=str))
+        output.say_json(result.numbers())
     elif as_csv:
         output.say(_csv(result), end="")
     else:
@@ -54,17 +53,13 @@ def show(file: ResultArg, as_json: JsonOpt = False, as_csv: CsvOpt = False, ever
 
 def _csv(result: Result) -> str:
     """The many values of a result, one column each, or its rows."""
-    import csv
-    import io
+    from chemage.foundation.text import csv_text
 
-    columns: Mapping[str, Any] = result.columns()
-    names, texts = zip(*result.rows(), strict=True) if not columns else ((), ())
-    lines = zip(*columns.values(), strict=True) if columns else [texts]
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns or names)
-    writer.writerows(lines)
-    return text.getvalue()
+    columns = result.columns()
+    if columns:
+        return csv_text(columns, zip(*columns.values(), strict=True))
+    names, texts = zip(*result.rows(), strict=True)
+    return csv_text(names, [texts])
 
 
 _XOpt = Annotated[
@@ -170,13 +165,7 @@ def plot(
 
 def _fixed(where: list[str] | None) -> dict[str, str]:
     """Read ``--where AXIS=VALUE``."""
-    fixed: dict[str, str] = {}
-    for text in where or []:
-        axis, equals, value = text.partition("=")
-        if not equals:
-            raise user_error(f"--where {text}: write it as AXIS=VALUE, such as load=50")
-        fixed[axis.strip()] = value.strip()
-    return fixed
+    return dict(named_value("--where", text, "AXIS=VALUE, such as load=50") for text in where or [])
 
 
 def _near(path: Path) -> Path:
@@ -223,7 +212,7 @@ def compare(
         with progress_bars() as report, reported(report, "drawing"), drawn_as(look):
             pictures = save_figures(drawing.comparison_figures(joined), figures, force=force, suffix=fmt)
     if as_json:
-        print(json.dumps({**joined.todict(), "figures": [str(path) for path in pictures]}))
+        output.say_json({**joined.todict(), "figures": pictures})
     elif as_csv:
         output.say(joined.csv(), end="")
     else:
@@ -255,8 +244,6 @@ def report(
 
 
 def _print_comparison(joined: Comparison) -> None:
-    from chemage.results.verdicts import COLUMNS
-
     names, rows = [entry.name for entry in joined.results], joined.table()
     for first in range(0, len(names), 4):  # more columns do not fit a screen
         chosen = slice(first, first + 4)
@@ -265,14 +252,7 @@ def _print_comparison(joined: Comparison) -> None:
     for different in joined.chemistry_differences():
         values = ("none" if value is None else f"{value}" for value in different.values)
         output.remark(f"  {different.path}: {' | '.join(values)}")
-    if verdicts := joined.verdicts():
-        output.show_rows("Measured = offset + slope × model", COLUMNS, (each.row() for each in verdicts))
-        for note in dict.fromkeys(f"note: {data.name}: {note}" for data in joined.measured for note in data.notes):
-            output.remark(note)
-    if fits := joined.fits():
-        columns = ("data", "model", "β per decade", "b per e-fold", "cut-off time")
-        lines = ((name, fit.describe(), *fit.texts()) for name, fit in fits)
-        output.show_rows("Fits, 95 % intervals", columns, lines)
+    output.show_tables(joined.tables())
     for name, model, reason in joined.not_fitted():
         output.say(f"{name}: {model} not fitted: {reason}")
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,13 +12,12 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from chemage.cli import output
-from chemage.cli.options import user_error
+from chemage.cli.options import chosen_executor, user_error
 from chemage.cli.output import drawn, preflight_result, result_written
 from chemage.foundation import compiling
 from chemage.foundation.errors import ChemageError, printable
 from chemage.foundation.progress import LOGGER, progress_bars, reported
 from chemage.foundation.result import result_of
-from chemage.foundation.text import jsonable
 from chemage.studies.study import Selection, in_ranges
 from chemage.studies.sweeps.grid import Survey, shown
 from chemage.studies.sweeps.points import expected_seconds
@@ -46,10 +44,9 @@ def run_ensemble(
     figures: bool,
     as_json: bool,
     force: bool,
-    executor: str | None = None,
-    workers: int | None = None,
-    patience: str | None = None,
-    points: str | None = None,
+    executor: str | None,
+    workers: int | None,
+    **how: Any,
 ) -> None:
     """Sample the ensemble that a scene asks for, write it to ``path`` and print it."""
     from chemage.foundation.result import result_of
@@ -62,8 +59,8 @@ def run_ensemble(
     if folder.exists() and not folder.is_dir():
         raise user_error(f"{folder}, the folder for the samples, is a file; choose another --out")
     pictures: list[Path] = []
-    where = {"executor": executor or ("processes" if (workers or 1) > 1 else "threads"), "workers": workers}
-    sampler = Sampler(scene, samples=folder, threads=threads, patience=patience, points=points, **where)
+    where = {"executor": chosen_executor(executor, workers, "threads"), "workers": workers}
+    sampler = Sampler(scene, samples=folder, threads=threads, **where, **how)
     counted = sampler.request.counted
     with progress_bars({SAMPLING: counted, SKETCHING: counted, CORRECTING: counted}) as report:
         with compiled_ahead(scene, report, threads, early) as told:
@@ -103,17 +100,17 @@ def run_sweep(
     out: Path | None,
     changes: dict[str, Any],
     *,
-    executor: str | None,
-    workers: int | None,
-    threads: int | None,
     yes: bool,
     as_json: bool,
-    force: bool,
-    points: str | None = None,
-    patience: str | None = None,
+    points: str | None,
+    executor: str | None,
+    workers: int | None,
+    **how: Any,
 ) -> None:
-    """Compute a sweep, or some of its points; exit status 1 if points failed, 130 or 143 if it was
-    stopped."""
+    """Compute a sweep, or some of its points, with ``how`` of :func:`chemage.sweep`.
+
+    Exit status 1 if points failed, 130 or 143 if it was stopped.
+    """
     folder = out or Path(f"{read_grid(scene, changes).base.get('name', 'scene')}-sweep")
     chosen = None if points is None else Selection.read(points)
     try:
@@ -121,15 +118,13 @@ def run_sweep(
             result = sweep(
                 scene,
                 folder,
-                executor=executor,
+                executor=chosen_executor(executor, workers, None),
                 workers=workers,
-                threads=threads,
                 changes=changes,
                 progress=_logged(report),
                 confirm=confirm(yes),
-                force=force,
                 points=None if chosen is None else str(chosen),
-                patience=patience,
+                **how,
             )
     except KeyboardInterrupt:
         word, status = output.stopped()
@@ -144,7 +139,7 @@ def _print_whole(result: SweepResult, state: dict[str, Any], *, as_json: bool) -
     folder = Path(state["folder"])
     tables = {"csv": str(folder / "results.csv"), "hdf5": str(folder / "results.h5")}
     if as_json:
-        print(json.dumps(jsonable({**state, "results": tables})))
+        output.say_json({**state, "results": tables})
     else:
         output.show_result(result_of(result))
         _print_failures(state)
@@ -181,7 +176,7 @@ def _print_share(result: SweepResult, folder: Path, chosen: Selection, *, as_jso
     ]
     if as_json:
         share = {"points": str(chosen), "numbers": list(points), **counts, "failures": failures}
-        print(json.dumps(jsonable({"name": result.name, "folder": str(folder), "share": share})))
+        output.say_json({"name": result.name, "folder": folder, "share": share})
     else:
         left = in_words(counts)
         output.say(
@@ -200,7 +195,7 @@ def collect(folder: Path, *, as_json: bool) -> None:
     if survey.written:
         return _print_whole(survey.result, state, as_json=as_json)
     if as_json:
-        print(json.dumps(jsonable({**state, "results": None})))
+        output.say_json({**state, "results": None})
         raise typer.Exit(1)
     say = partial(output.say, file=sys.stderr)
     _print_failures(state)
@@ -236,7 +231,7 @@ def check_sweep(scene: str, changes: dict[str, Any], *, yes: bool, as_json: bool
     if each:
         numbers["shares"] = [vars(share) for share in each]
     if as_json:
-        print(json.dumps(jsonable(numbers)))
+        output.say_json(numbers)
         return
 
     rows = swept_rows(survey.grid.axes)
@@ -302,26 +297,28 @@ def status(folder: Path, *, as_json: bool) -> None:
     """Print the number of points in each state, in total and for each value of each axis."""
     state = load_sweep(folder).status()
     if as_json:
-        print(json.dumps(jsonable(state)))
+        output.say_json(state)
         return
 
     counts = ("points", "done", *NOT_DONE)
-    table = output.table(f"{state['name']} in {folder}", ("", *counts))
+    rows = []
     for axis in state["axes"]:
         for row in axis["rows"]:
-            name = ", ".join(f"{path} = {shown(value)}" for path, value in row["values"].items())
-            table.add_row(name, *(str(row[count]) for count in counts))
-    table.add_row("all", *(str(state[count]) for count in counts))
-    table.add_row(
-        "contacts", str(state["contacts"]), str(state["contacts_done"]), "", "", str(state["contacts_damaged"])
-    )
-    output.show(table)
+            rows.append((_in_words(row["values"]), *(str(row[count]) for count in counts)))
+    rows.append(("all", *(str(state[count]) for count in counts)))
+    contacts = [str(state[f"contacts{which}"]) for which in ("", "_done", "_damaged")]
+    rows.append(("contacts", *contacts[:2], "", "", contacts[2]))
+    output.show_rows(f"{state['name']} in {folder}", ("", *counts), rows)
     _print_failures(state)
+
+
+def _in_words(values: Mapping[str, Any]) -> str:
+    return ", ".join(f"{path} = {shown(value)}" for path, value in values.items())
 
 
 def _print_failures(state: dict[str, Any]) -> None:
     for failed in state["failures"][:_LISTED]:
-        where = ", ".join(f"{path} = {shown(value)}" for path, value in failed["changes"].items())
+        where = _in_words(failed["changes"])
         output.say(f"failed: point {failed['point']} ({where}): {failed['error']}", file=sys.stderr)
     if (more := len(state["failures"]) - _LISTED) > 0:
         output.say(f"failed: {more} more points; `chemage status --json` lists them all", file=sys.stderr)

@@ -161,7 +161,7 @@ def is_ours(path: Path) -> bool:
             return _is_marked(file)
 
 
-def is_intact(path: Path, *, links: bool = True) -> bool:
+def is_intact(path: Path) -> bool:
     """Whether a container carries a seal, which then fits; nothing of it is parsed.
 
     Raises
@@ -171,7 +171,7 @@ def is_intact(path: Path, *, links: bool = True) -> bool:
     StoreError
         The file cannot be read.
     """
-    with open_file(path, links=links) as stream:
+    with open_file(path) as stream:
         return _is_checked(stream, path)
 
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+from chemage.foundation.text import csv_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,9 +22,7 @@ _NOTHING = np.zeros(0)
 
 def drawn_data(figure: Figure) -> str:
     """All curves, error bars, bands, bars and maps of a figure as CSV, one point a row."""
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(COLUMNS)
+    rows = []
     plots = [axes for axes in figure.axes if axes.get_subplotspec() is not None]
     for number, axes in enumerate(plots, 1):
         for label, parts in _drawn(axes):
@@ -33,8 +31,8 @@ def drawn_data(figure: Figure) -> str:
             columns = [part if part.size == length else [None] * length for part in parts]
             for row in zip(*columns, strict=True):
                 cells = ("" if cell is None else repr(float(cell)) for cell in row)
-                table.writerow((number, _words(axes.get_xlabel()), _words(axes.get_ylabel()), name, *cells))
-    return text.getvalue()
+                rows.append((number, _words(axes.get_xlabel()), _words(axes.get_ylabel()), name, *cells))
+    return csv_text(COLUMNS, rows)
 
 
 def _words(label: str) -> str:

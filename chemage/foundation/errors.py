@@ -178,11 +178,11 @@ def optional_module(name: str, extra: str) -> Any:
         raise MissingError(f"{name} is not installed; run: pip install 'chemage[{extra}]'") from None
 
 
-def explain(error: ValidationError, prefix: str = "") -> list[tuple[str, str]]:
+def explain(error: ValidationError) -> list[tuple[str, str]]:
     """Pydantic's error as ``(path, message)`` pairs in plain words."""
     problems = []
     for item in error.errors(include_url=False):
-        path = ".".join(str(part) for part in (*([prefix] if prefix else []), *item["loc"]))
+        path = ".".join(map(str, item["loc"]))
         message = item["msg"].removeprefix("Value error, ")
         value = item.get("input")
         if item["type"] == "extra_forbidden":

@@ -7,7 +7,7 @@ import difflib
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from os import SEEK_END, PathLike
 from pathlib import Path
@@ -114,8 +114,20 @@ class ColumnTable:
         InputError
             The cell holds none, or no unit says what it is.
         """
-        place, unit = self.columns[name]
-        cell, where = row[2][place], f"{row[1]}, column {name}"
+        value, own, where = self._value(row, name)
+        return in_unit(value, unit_of(own, name) or self.columns[name][1], name, target, where)
+
+    def error(self, row: Cells, of: str, value: float, target: str) -> float:
+        """The standard error of ``value`` in a row: in its own unit, else that of the column ``of``, or in %."""
+        error, own, where = self._value(row, "error")
+        unit = unit_of(own, "error") or self.columns["error"][1]
+        if unit == "%" and target:
+            return error / 100 * abs(value)
+        return in_unit(error, self.columns[of][1] if unit is None else unit, "error", target, where)
+
+    def _value(self, row: Cells, name: str) -> tuple[float, str, str]:
+        """A finite number as it is written, its unit where it has one, and where that, or the unit of all, stands."""
+        cell, where = row[2][self.columns[name][0]], f"{row[1]}, column {name}"
         if not isinstance(cell, str):
             value, own = float(cell), ""
         elif (match := _NUMBER.fullmatch(cell)) is None:
@@ -123,26 +135,10 @@ class ColumnTable:
             remedy = "fill in the number, or leave that row out" if lost else _PLAIN_NUMBERS
             raise InputError(f"{where}: {shown(cell)} is not a {'finite ' * lost}number; {remedy}")
         else:
-            value, own = float(match["number"].replace(self.decimal, ".")), match["unit"]
+            value, own = float(match["number"].replace(self.decimal, ".")), match["unit"] or ""
         if not math.isfinite(value):
             raise InputError(f"{where}: {shown(cell)} is not a finite number; leave that row out")
-        return in_unit(value, unit_of(own, name) or unit, name, target, where if own else self.where)
-
-    def error(self, row: Cells, of: str, value: float, target: str) -> float:
-        """The standard error of ``value`` in a row: in its own unit, else that of the column ``of``, or in %."""
-        place, unit = self.columns["error"]
-        match = _NUMBER.fullmatch(cell) if isinstance(cell := row[2][place], str) else None
-        unit = (match and match["unit"] and unit_of(match["unit"], "error")) or unit
-        if unit == "%" and target:
-            bare = [
-                *row[2][:place],
-                cell.replace("%", "").strip() if isinstance(cell, str) else cell,
-                *row[2][place + 1 :],
-            ]
-            plain = replace(self, columns={"error": (place, "")})
-            return plain.number((*row[:2], bare), "error", "") / 100 * abs(value)
-        own = self.columns | {"error": (place, self.columns[of][1] if unit is None else unit)}
-        return replace(self, columns=own).number(row, "error", target)
+        return value, own, where if own else self.where
 
 
 def read_columns(

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import math
 from collections.abc import Iterable, Mapping
 from html import escape
 from typing import Any
 
 import numpy as np
-
-from chemage.foundation.statistics import half_width
 
 #: errors below this part of the value are rounding
 ROUNDING = 1e-12
@@ -21,12 +21,6 @@ NO_SCATTER = "(no scatter, so that the error is not known)"
 def with_article(noun: str) -> str:
     """``a Run``, ``an Inference``: a name with its article."""
     return f"{'an' if noun[:1] in 'AEIOUaeiou' else 'a'} {noun}"
-
-
-def mean_text(values: np.ndarray, unit: str = "") -> str:
-    """The mean over replicas ± half of Student's 95 % interval; a single replica has no error, nan is "-"."""
-    mean = float(np.mean(values))
-    return plus_minus(mean, float(half_width(np.asarray(values))), unit) if math.isfinite(mean) else "-"
 
 
 def decimals(error: float) -> int:
@@ -110,6 +104,15 @@ def jsonable(value: Any) -> Any:
     if isinstance(value, np.generic):
         value = value.item()
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def csv_text(names: Iterable[str], rows: Iterable[Iterable[Any]]) -> str:
+    """A table as CSV, with the names of its columns on the first line."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(names)
+    writer.writerows(rows)
+    return text.getvalue()
 
 
 def html_table(title: str, rows: Iterable[tuple[str, ...]]) -> str:

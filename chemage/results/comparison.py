@@ -6,8 +6,6 @@ depend on the size of a contact.
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 import os
 import warnings
@@ -24,12 +22,12 @@ from chemage.ageing.measurements import Measurements, read_table
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError, printable
 from chemage.foundation.quantities import NONE, Curve, Quantity, Rank, by_name, headed
-from chemage.foundation.result import TIMES, Ageing, Result, result_of
-from chemage.foundation.text import jsonable
+from chemage.foundation.result import TIMES, Ageing, Result, Table, result_of
+from chemage.foundation.text import csv_text, jsonable
 from chemage.foundation.units import QuantityLike, convert
 from chemage.lattices.chemistry import SITE_DENSITY, Chemistry
 from chemage.results.kinds import components, is_point, load
-from chemage.results.verdicts import Verdict, verdict
+from chemage.results.verdicts import COLUMNS, Verdict, verdict
 from chemage.studies.folder import SweepWarning
 from chemage.studies.sweeps.result import in_words, load_sweep
 
@@ -286,11 +284,24 @@ class Comparison:
                 line[f"time, {when} (s)"] = moment.pop("time")
                 line |= {headed(f"{name} at {when}", units[name]): value for name, value in moment.items()}
             lines.append(line)
-        text = io.StringIO()
-        writer = csv.DictWriter(text, list(lines[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(lines)
-        return text.getvalue()
+        return csv_text(lines[0], [[line.get(name) for name in lines[0]] for line in lines])
+
+    def tables(self) -> list[Table]:
+        """How measurements and results differ, and the same fits to both."""
+        tables: list[Table] = []
+        if verdicts := self.verdicts():
+            notes = dict.fromkeys(f"note: {data.name}: {note}" for data in self.measured for note in data.notes)
+            rows = [each.row() for each in verdicts]
+            title = "Measured = offset + slope × model"
+            tables.append(Table(title, COLUMNS, rows, remarks=list(notes), in_detail=False))
+            tables += [each.table() for each in verdicts if each.values.size]
+        if fits := self.fits():
+            columns = ("data", "model", "β per decade", "b per e-fold", "cut-off time")
+            rows = [(name, fit.describe(), *fit.texts()) for name, fit in fits]
+            tables.append(Table("Fits, 95 % intervals", columns, rows, in_detail=False))
+        if left_out := self.not_fitted():
+            tables.append(Table("Fits that cannot be made", ("data", "model", "reason"), left_out))
+        return tables
 
     def verdicts(self) -> list[Verdict]:
         """Each measured curve beside each result: offset, slope, χ², residuals, and what they mean."""

@@ -13,7 +13,7 @@ import math
 import re
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from contextlib import suppress
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -40,7 +40,7 @@ from chemage.foundation.figures import (
 from chemage.foundation.looks import drawn_as
 from chemage.foundation.outputs import RECORDED
 from chemage.foundation.quantities import Curve, Rank
-from chemage.foundation.result import drawn_picture, result_of, single_panels
+from chemage.foundation.result import Medium, Panel, Picture, drawn_picture, result_of, single_panels
 from chemage.foundation.statistics import NORMAL_LIMIT
 from chemage.foundation.units import convert
 from chemage.lattices.chemistry import Chemistry
@@ -59,15 +59,8 @@ if TYPE_CHECKING:
 _NAME = re.compile(r"\w[\w .+-]*")
 
 
-@dataclass(frozen=True)
-class Source:
-    """A result, and what took part in it."""
-
-    result: PlottedResult
-    #: path of the section -> component
-    components: Sequence[tuple[str, Component]]
-    #: plugins that took part: name -> version
-    plugins: Mapping[str, str]
+#: a result, and what is drawn of it
+Source = tuple[Entry, PlottedResult]
 
 
 class Brought(NamedTuple):
@@ -86,49 +79,16 @@ class _PlannedFigure(NamedTuple):
     bringer: str
     #: distinguishes it from a figure of the same name
     prefix: str
-    draw: Callable[[Axes], None]
-
-
-def chemistry_of(provenance: Mapping[str, Any]) -> Chemistry | None:
-    """The chemistry of an ageing curve; None without provenance, or without the plugins that made it."""
-    try:
-        return Chemistry.fromdict(provenance["chemistry"])
-    except (KeyError, ChemageError):
-        return None
-
-
-def plugin_figures(sources: Sequence[Source], size: tuple[float, float] = (5.4, 4.0)) -> dict[str, Brought]:
-    """Draw every figure that plugins bring to these results: name -> figure and caption.
-
-    What leaves its axes empty, because these results do not hold what it shows, is no figure. A name that another
-    plugin, or chemage itself, has given to another figure gets a prefix, with a warning.
-    """
-    drawn: dict[str, Brought] = {}
-    owners = dict.fromkeys(CORE, "chemage itself")
-    for plan in (*_of_components(sources), *_of_hooks(sources)):
-        if not _NAME.fullmatch(plan.name):
-            _warn(f"the figure {plan.name!r} of {plan.bringer} was left out: the name of a figure names a file")
-            continue
-        name = plan.name
-        while name in owners:
-            name = f"{plan.prefix}-{name}"
-        if name != plan.name:
-            _warn(
-                f"the figure {plan.name!r} of {plan.bringer} has the name of one of {owners[plan.name]}; "
-                f"it is called {name!r} here"
-            )
-        owners[name] = plan.bringer
-        figure = _drawn(plan, size)
-        if figure is not None:
-            drawn[name] = Brought(figure, plan.caption)
-    return drawn
+    #: called with axes and results
+    draw: Callable[..., None]
+    results: Sequence[PlottedResult]
 
 
 def _drawn(plan: _PlannedFigure, size: tuple[float, float]) -> Figure | None:
     try:
         with drawn_as():
             figure, (axes,) = plots(*size)
-            plan.draw(axes)
+            plan.draw(axes, plan.results)
             arrange(figure)
             _rendered(figure)
     except (Exception, SystemExit) as error:
@@ -160,9 +120,9 @@ def _warn(text: str) -> None:
 def _of_components(sources: Sequence[Source]) -> Iterator[_PlannedFigure]:
     """The figures of each kind, with all the results in which a component of this kind took part."""
     groups: dict[tuple[str, str], list[tuple[int, str, Component]]] = {}
-    for number, source in enumerate(sources):
-        for path, component in source.components:
-            measured = component.role != "observable" or source.result.aging is not None
+    for number, (entry, plotted) in enumerate(sources):
+        for path, component in entry.components:
+            measured = component.role != "observable" or plotted.aging is not None
             if type(component).figures and measured:
                 groups.setdefault((component.role, component.kind), []).append((number, path, component))
     for (role, kind), components in groups.items():
@@ -174,11 +134,7 @@ def _of_components(sources: Sequence[Source]) -> Iterator[_PlannedFigure]:
             _warn(f"the figures of {bringer} were left out: figures = {figures!r} does not map names to captions")
             continue
         for name, caption in figures.items():
-            yield _PlannedFigure(str(name), str(caption), bringer, kind, _drawing(component, name, results))
-
-
-def _drawing(component: Component, name: str, results: Sequence[PlottedResult]) -> Callable[[Axes], None]:
-    return lambda axes: component.draw(name, axes, results)
+            yield _PlannedFigure(str(name), str(caption), bringer, kind, partial(component.draw, name), results)
 
 
 def _results(sources: Sequence[Source], components: Sequence[tuple[int, str, Component]]) -> list[PlottedResult]:
@@ -187,15 +143,14 @@ def _results(sources: Sequence[Source], components: Sequence[tuple[int, str, Com
     several = len(set(numbers)) < len(numbers)
     drawn = []
     for count, (number, path, component) in enumerate(components):
-        result = sources[number].result
+        result = sources[number][1]
         changes: dict[str, Any] = {"component": component}
         if several:
             changes["color"] = PALETTE[count % len(PALETTE)]
         if numbers.count(number) > 1:
             changes["label"] = f"{result.label}, {path}"
-        if component.role == "observable":
-            result = Observed(**{field.name: getattr(result, field.name) for field in fields(result)})
-        drawn.append(replace(result, **changes))
+        kind = Observed if component.role == "observable" else PlottedResult
+        drawn.append(kind(**{**vars(result), **changes}))
     return drawn
 
 
@@ -217,9 +172,9 @@ def _of_hooks(sources: Sequence[Source]) -> Iterator[_PlannedFigure]:
     computing = implementing(*stage_hooks())
     for record, function in plugins.functions("chemage_figures"):
         own = [
-            source.result
-            for source in sources
-            if record.name in source.plugins or not (record.kinds or record.name in computing)
+            plotted
+            for entry, plotted in sources
+            if record.name in entry.plugins or not (record.kinds or record.name in computing)
         ]
         if not own:
             continue
@@ -235,11 +190,7 @@ def _of_hooks(sources: Sequence[Source]) -> Iterator[_PlannedFigure]:
             )
             continue
         for name, caption, draw in offered:
-            yield _PlannedFigure(str(name), str(caption), bringer, record.name, _calling(draw, own))
-
-
-def _calling(draw: Any, results: Sequence[PlottedResult]) -> Callable[[Axes], None]:
-    return lambda axes: draw(axes, results)
+            yield _PlannedFigure(str(name), str(caption), bringer, record.name, draw, own)
 
 
 _MARKERS = "osD^vP*X"
@@ -249,6 +200,8 @@ _FITTED = 4
 _UNNAMED = "_"
 #: inches; small, so that the text is legible on a phone
 _SIZE = (4.9, 3.6)
+#: of a figure in which errors have several meanings
+_BARS = " Bands are intervals of means over surfaces, bars of means over replicas on one surface."
 _EXPECTED = 'give its edges "X0 X1 Y0 Y1" in nm, or with units, such as "0 1um 200 800"'
 #: map -> its name in words, how blocks of pixels are joined, colours
 _MAPS = {
@@ -274,36 +227,44 @@ def figures(thing: Any, panels: Sequence[str] = (), **choice: Any) -> dict[str, 
 
 def comparison_figures(comparison: Comparison) -> dict[str, Figure]:
     """Draw every figure of several results for which there are data, those of plugins last: name -> figure."""
-    brought = brought_figures(comparison.results)
-    return {**curve_figures(comparison), **{name: entry.figure for name, entry in brought.items()}}
+    drawn = {name: drawn_picture(picture) for name, picture in curve_pictures(comparison).items()}
+    return {**drawn, **{name: entry.figure for name, entry in brought_figures(comparison.results).items()}}
 
 
 # -- curves of several results ----------------------------------------------------------------------------------------
 
 
-def curve_figures(comparison: Comparison) -> dict[str, Figure]:
-    """Draw the curves that results have in common, and measurements: name -> figure."""
+def curve_pictures(comparison: Comparison) -> dict[str, Picture]:
+    """The curves that results have in common, and measurements: name -> picture of one panel."""
     curves: dict[str, list[tuple[Entry, Curve]]] = {}
     several = len(comparison.results) > 1 or comparison.measured
     for entry in comparison.results:
         for name, curve in sorted(entry.curves.items(), key=lambda item: item[1].rank):
             if curve.rank < Rank.REST and (several or curve.alone):
                 curves.setdefault(name, []).append((entry, curve))
-    return {figure_name(name): _figure(comparison, name, drawn) for name, drawn in curves.items()}
+    return {
+        name.replace("_", "-").removeprefix(RECORDED): Picture([_panel(comparison, name, drawn)], _SIZE)
+        for name, drawn in curves.items()
+    }
 
 
-def figure_name(curve: str) -> str:
-    """The name of the figure of a curve."""
-    return curve.replace("_", "-").removeprefix(RECORDED)
+def _panel(comparison: Comparison, name: str, curves: Sequence[tuple[Entry, Curve]]) -> Panel:
+    """One curve of each result with its 95 % interval, what is known beside them, and measurements."""
 
-
-def _figure(comparison: Comparison, name: str, curves: Sequence[tuple[Entry, Curve]]) -> Figure:
-    """Draw one curve of each result with its 95 % interval, what is known beside them, and measurements."""
-    with drawn_as():
-        drawn, (axes,) = plots(*_SIZE)
+    def draw(axes: Axes, medium: Medium) -> None:
         legend(axes, title=_draw_curves(axes, comparison, name, curves) or None, alignment="left")
-        arrange(drawn)
-    return drawn
+
+    sample, bars = curves[0][1], _BARS if len({curve.band for _, curve in curves}) > 1 else ""
+    label = sample.axis_of.label
+    if sample.is_distribution:
+        caption = f"Distribution of the {label}."
+        return Panel(draw, caption + bars, f"{caption} Curves for {', '.join(entry.name for entry, _ in curves)}.")
+    caption = f"{sample.title} against {label}, means and 95 % intervals."
+    texts = [
+        f"{entry.name} goes from {curve.mean[0]:.3g} at {curve.x[0]:g} s to {curve.mean[-1]:.3g} at {curve.x[-1]:g} s"
+        for entry, curve in curves
+    ]
+    return Panel(draw, caption[0].upper() + caption[1:] + bars, f"{sample.axis} against {label}: {'; '.join(texts)}.")
 
 
 def _draw_curves(axes: Axes, comparison: Comparison, name: str, curves: Sequence[tuple[Entry, Curve]]) -> str:
@@ -454,7 +415,11 @@ def _draw_measurements(
 
 
 def brought_figures(results: Sequence[Entry], size: tuple[float, float] = _SIZE) -> dict[str, Brought]:
-    """Draw the figures that plugins bring to one result or several: name -> figure and caption."""
+    """Draw every figure that plugins bring to one result or several: name -> figure and caption.
+
+    What leaves its axes empty, because these results do not hold what it shows, is no figure. A name that another
+    plugin, or chemage itself, has given to another figure gets a prefix, with a warning.
+    """
 
     @lru_cache(maxsize=1)  # the maps of a large contact take 100 MB
     def maps(number: int) -> Maps:
@@ -462,11 +427,31 @@ def brought_figures(results: Sequence[Entry], size: tuple[float, float] = _SIZE)
 
     sources = []
     for number, (entry, style) in enumerate(zip(results, _styles(len(results)), strict=True)):
-        chemistry = chemistry_of(entry.aging.provenance) if entry.aging is not None else None
+        chemistry = None
+        with suppress(KeyError, ChemageError):  # without provenance, or without the plugins that made it
+            chemistry = Chemistry.fromdict(entry.aging.provenance["chemistry"]) if entry.aging is not None else None
         more: Mapping[str, Any] = {"scene": entry.scene, "load_maps": partial(maps, number)}
-        result = PlottedResult(_legend_name(entry), entry.aging, chemistry, style["color"], **more)
-        sources.append(Source(result, entry.components, entry.plugins))
-    return plugin_figures(sources, size=size)
+        plotted = PlottedResult(_legend_name(entry), entry.aging, chemistry, style["color"], **more)
+        sources.append((entry, plotted))
+    drawn: dict[str, Brought] = {}
+    owners = dict.fromkeys(CORE, "chemage itself")
+    for plan in (*_of_components(sources), *_of_hooks(sources)):
+        if not _NAME.fullmatch(plan.name):
+            _warn(f"the figure {plan.name!r} of {plan.bringer} was left out: the name of a figure names a file")
+            continue
+        name = plan.name
+        while name in owners:
+            name = f"{plan.prefix}-{name}"
+        if name != plan.name:
+            _warn(
+                f"the figure {plan.name!r} of {plan.bringer} has the name of one of {owners[plan.name]}; "
+                f"it is called {name!r} here"
+            )
+        owners[name] = plan.bringer
+        figure = _drawn(plan, size)
+        if figure is not None:
+            drawn[name] = Brought(figure, plan.caption)
+    return drawn
 
 
 # -- parts of maps ----------------------------------------------------------------------------------------------------

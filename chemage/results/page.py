@@ -17,26 +17,21 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from chemage.foundation.errors import InputError
 from chemage.foundation.figures import png
 from chemage.foundation.files import preflight, write_file
 from chemage.foundation.looks import drawn_as
 from chemage.foundation.names import __version__
-from chemage.foundation.quantities import NONE, by_name
+from chemage.foundation.quantities import by_name
 from chemage.foundation.result import Panel, Picture, Result, Table, drawn_picture
 from chemage.results.comparison import Comparison, Difference, Entry, compare_files, in_a_row
-from chemage.results.drawing import brought_figures, curve_figures, figure_name
-from chemage.results.verdicts import COLUMNS, Verdict
+from chemage.results.drawing import brought_figures, curve_pictures
 
 if TYPE_CHECKING:
     from jinja2 import Template
     from matplotlib.figure import Figure
 
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'"
-#: of a figure in which errors have several meanings
-_BARS = " Bands are intervals of means over surfaces, bars of means over replicas on one surface."
 
 
 @dataclass
@@ -170,32 +165,12 @@ def _comparison(comparison: Comparison, name: str) -> PageSection:
         ):
             if differences:
                 tables.append(Table(caption, ["field", *names], [_difference_row(entry) for entry in differences]))
-    if verdicts := comparison.verdicts():
-        rows = [each.row() for each in verdicts]
-        tables.append(Table("Model against data: measured = offset + slope × model", COLUMNS, rows))
-        tables += [_residuals(each) for each in verdicts if each.values.size]
-    if fits := comparison.fits():
-        rows = [(name, fit.describe(), *fit.texts()) for name, fit in fits]
-        columns = ["data", "model", "β per decade", "b per e-fold", "cut-off time t_c"]
-        tables.append(Table("Equal fits to measurements and results", columns, rows))
-    if left_out := comparison.not_fitted():
-        tables.append(Table("Fits that cannot be made", ["data", "model", "reason"], left_out))
+    tables += comparison.tables()
     drawn = [*_curves(comparison, "c"), *_brought(comparison, "c")]
     leading, others = PagePart(figures=drawn[:1]), drawn[1:]
     leading.tables = [_main_table(comparison)] if several else []
     parts = [leading, PagePart(tables=tables), *([PagePart("Figures", figures=others)] if others else [])]
     return PageSection(name.lower(), name, parts, [comparison.statement()] if several else [])
-
-
-def _residuals(each: Verdict) -> Table:
-    """Both kinds of error at every hold time."""
-    columns = ("hold time (s)", "measured", "its error", "model", "its error", "residual (both errors)")
-    arrays = (each.values, each.measured_errors, each.model, each.model_errors)
-    rows = [
-        (f"{time:.4g}", *(NONE if np.isnan(x) else f"{x:.4g}" for x in row), NONE if np.isnan(off) else f"{off:+.1f}")
-        for time, *row, off in zip(each.hold_times, *arrays, each.residuals, strict=True)
-    ]
-    return Table(f"Residuals of {each.measured} against {each.result}", columns, rows)
 
 
 def _difference_row(entry: Difference) -> tuple[str, ...]:
@@ -263,28 +238,12 @@ def _approximate(comparison: Comparison) -> str:
 
 def _curves(comparison: Comparison, key: str) -> list[tuple[Any, str]]:
     """The curves of all results, one figure each."""
-    drawn = []
-    for name, figure in curve_figures(comparison).items():
-        curves = [
-            (entry.name, curve)
-            for entry in comparison.results
-            for curve in entry.curves.values()
-            if figure_name(curve.name) == name
-        ]
-        sample = curves[0][1]
-        caption = f"{sample.title} against {sample.axis_of.label}, means and 95 % intervals."
-        texts = [
-            f"{of} goes from {curve.mean[0]:.3g} at {curve.x[0]:g} s to {curve.mean[-1]:.3g} at {curve.x[-1]:g} s"
-            for of, curve in curves
-        ]
-        alt = f"{sample.axis} against {sample.axis_of.label}: {'; '.join(texts)}."
-        if sample.is_distribution:
-            caption = f"Distribution of the {sample.axis_of.label}."
-            alt = f"{caption} Curves for {', '.join(of for of, _ in curves)}."
-        caption = caption[0].upper() + caption[1:]
-        bars = _BARS if len({curve.band for _, curve in curves}) > 1 else ""
-        drawn.append((_markup(svg(figure, alt, f"{key}-{name}")), caption + bars + _approximate(comparison)))
-    return drawn
+    approximate = _approximate(comparison)
+    return [
+        _panel(panel, f"{key}-{name}", approximate)
+        for name, picture in curve_pictures(comparison).items()
+        for panel in picture.panels
+    ]
 
 
 def _brought(comparison: Comparison, key: str) -> list[tuple[Any, str]]:

@@ -12,8 +12,8 @@ import numpy as np
 from chemage.ageing.covariance import CurveError, agreement
 from chemage.ageing.fitting import UNIT
 from chemage.ageing.measurements import Measurements
-from chemage.foundation.quantities import Curve
-from chemage.foundation.result import Ageing
+from chemage.foundation.quantities import NONE, Curve
+from chemage.foundation.result import Ageing, Table
 from chemage.foundation.statistics import NORMAL_LIMIT
 from chemage.foundation.text import jsonable, plus_minus, power_text
 
@@ -60,6 +60,16 @@ class Verdict:
         unit = UNIT[self.quantity]
         offset = plus_minus(*self.offset, unit)
         return self.measured, self.result, offset, plus_minus(*self.slope, ""), chi2, self.verdict
+
+    def table(self) -> Table:
+        """Both kinds of error at every hold time."""
+        columns = ("hold time (s)", "measured", "its error", "model", "its error", "residual (both errors)")
+        arrays = (self.values, self.measured_errors, self.model, self.model_errors)
+        rows = []
+        for time, *row, off in zip(self.hold_times, *arrays, self.residuals, strict=True):
+            texts = [NONE if np.isnan(x) else f"{x:.4g}" for x in row]
+            rows.append((f"{time:.4g}", *texts, NONE if np.isnan(off) else f"{off:+.1f}"))
+        return Table(f"Residuals of {self.measured} against {self.result}", columns, rows)
 
     def todict(self) -> dict[str, Any]:
         """Plain JSON values; what is not known is null."""

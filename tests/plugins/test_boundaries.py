@@ -413,7 +413,6 @@ SAYS = {
     ("chemage/inference/infer.py", "gaussian"): "a parametric family",
     ("chemage/inference/infer.py", "measured"): "an argument",
     ("chemage/results/verdicts.py", "measured"): "a field, in JSON and in a column",
-    ("chemage/results/page.py", "measured"): "what was measured, in a column",
     ("chemage/inference/calibrate.py", "uniform"): "the distribution of ranks",
     ("chemage/inference/forecast.py", "sample"): "a dimension",
     ("chemage/inference/result.py", "sample"): "a dimension",
