@@ -16,9 +16,8 @@ from functools import cached_property
 
 import numpy as np
 
-from chemage.foundation.algebra import solve
+from chemage.foundation.algebra import product, solve
 from chemage.foundation.units import KB
-from chemage.inference.algebra import product
 from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.independent import TwoState
 

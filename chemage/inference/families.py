@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from chemage.foundation.algebra import nonnegative, product
 from chemage.foundation.progress import Report
-from chemage.inference.algebra import nonnegative, product
 from chemage.inference.energies import EnergyGrid
 from chemage.inference.forward import Model
 from chemage.inference.problem import FINE, REACH, Linear, Prior, Problem

@@ -8,13 +8,13 @@ from typing import Any, Self
 import numpy as np
 from pydantic import model_validator
 
+from chemage.foundation.algebra import product
 from chemage.foundation.checks import check_times, force, temperature_value
 from chemage.foundation.checks import hold_times as spaced
 from chemage.foundation.errors import InputError, nearest
 from chemage.foundation.records import Doubles, Plain, PositiveNumber, Record
 from chemage.foundation.text import jsonable
 from chemage.foundation.units import KB, QuantityLike, convert
-from chemage.inference.algebra import product
 from chemage.inference.energies import EnergyGrid, averaging
 from chemage.inference.forward import Contacts, check_scene, largest_lowering, make_condition
 from chemage.scene.scene import Scene

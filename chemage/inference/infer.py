@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from chemage.foundation.algebra import product
 from chemage.foundation.checks import checked_count, checked_seed
 from chemage.foundation.errors import InputError, shown
 from chemage.foundation.progress import Report
 from chemage.foundation.units import KB, QuantityLike, convert
-from chemage.inference.algebra import product
 from chemage.inference.curves import MeasuredCurve, check_curves, read_curves
 from chemage.inference.energies import averaging
 from chemage.inference.families import compared, estimated, linear_problem, sampled

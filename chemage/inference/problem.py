@@ -25,9 +25,9 @@ from functools import cached_property
 
 import numpy as np
 
+from chemage.foundation.algebra import cholesky, forward, product, row_axes
 from chemage.foundation.errors import InputError, nearest
 from chemage.foundation.units import QuantityLike, convert
-from chemage.inference.algebra import cholesky, forward, product, row_axes
 from chemage.inference.energies import EnergyGrid
 from chemage.inference.noise import Noise, State, fixed
 from chemage.lattices.chemistry import Chemistry

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from chemage.inference.algebra import product
+from chemage.foundation.algebra import product
 from chemage.inference.energies import averaging
 from chemage.inference.forecast import WIDE, band
 from chemage.inference.result import Inference
