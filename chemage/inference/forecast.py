@@ -90,9 +90,9 @@ class Forecast(Record):
                 "friction_drop": self.friction_drop,
                 "median": self.median,
                 "friction_coefficient_drop": self.friction_coefficient_drop,
-                **{f"band_{100 * level:.0f}": list(self.band(level)) for level in LEVELS},
+                **bands(self.samples),
                 "unseen": self.unseen,
-                "notes": list(self.notes),
+                "notes": self.notes,
             }
         )
 
@@ -105,8 +105,8 @@ class Forecast(Record):
     __str__ = __repr__
 
 
-def band(samples: np.ndarray, level: float) -> tuple[np.ndarray, np.ndarray]:
-    """The central band of ``samples`` (S, n) that holds ``level`` of them: two arrays (n,).
+def band(samples: np.ndarray, level: float) -> tuple[Any, Any]:
+    """The ends of the central band that holds ``level`` of ``samples`` (S, n), two arrays (n,), or of (S,), numbers.
 
     Raises
     ------
@@ -117,6 +117,16 @@ def band(samples: np.ndarray, level: float) -> tuple[np.ndarray, np.ndarray]:
         raise InputError.of("level", level, "must be between 0 and 1", "95 % is 0.95")
     low, high = np.quantile(samples, [0.5 - level / 2, 0.5 + level / 2], axis=0)
     return low, high
+
+
+def bands(samples: np.ndarray) -> dict[str, tuple[Any, Any]]:
+    """The bands of all :data:`LEVELS`, for JSON."""
+    return {f"band_{100 * level:.0f}": band(samples, level) for level in LEVELS}
+
+
+def in_numbers(values: np.ndarray) -> dict[str, Any]:
+    """A sampled number (S,), for JSON."""
+    return {"mean": values.mean(), "median": np.median(values), **bands(values)}
 
 
 class Forecaster:

@@ -387,11 +387,11 @@ def _above(problem: Problem, points: np.ndarray, inference: Inference) -> list[s
     share = float((whole / np.maximum(parts.sum(axis=1), 1e-300)).mean())
     if share < MAINLY or not whole.all():
         return []
-    bottom, top = band((product(above, energies) / whole)[:, None], 0.95)
+    bottom, top = band(product(above, energies) / whole, 0.95)
     text = (
         f"barriers lie above the visible energies: {100 * share:.0f} % of the friction at "
-        f"{inference.hold_times[last]:.3g} s comes from sites above {high:.3f} eV, on average at {bottom[0]:.2f} to "
-        f"{top[0]:.2f} eV (95 %); the data tell how fast these react together, and neither how many there are nor how "
+        f"{inference.hold_times[last]:.3g} s comes from sites above {high:.3f} eV, on average at {bottom:.2f} to "
+        f"{top:.2f} eV (95 %); the data tell how fast these react together, and neither how many there are nor how "
         "high their barriers are"
     )
     return [text]

@@ -519,7 +519,7 @@ def test_data_that_tell_nothing_are_shown_as_such():
     made = InferenceResult(one)
     assert peaks(one) == []
     assert shares(one) == []
-    rows = dict(words.rows(made.inference))
+    rows = dict(words.facts(made.inference))
     assert rows["visible energies"].startswith("none")
     assert "density" in inference_figures(made)
 
