@@ -202,116 +202,132 @@ def _times(option: str, value: float | str, per_decade: int) -> list[float]:
         raise user_error(f"{option}: hold_time={value}: {error}") from None
 
 
+MeasuredArg = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="MEASURED",
+        help="measured curves of ageing: text or Excel files with the columns hold_time (s), friction_drop (nN) or "
+        "friction_coefficient_drop, error, load (nN), temperature (K)",
+    ),
+]
+SceneOpt = Annotated[
+    str,
+    typer.Option(
+        metavar="SCENE",
+        autocompletion=completion.scenes,
+        help="what is known of the contact: a scene file (.toml), or the name of an installed scene; its "
+        "[forming], load, temperature and hold times are not used",
+    ),
+]
+LoadOpt = Annotated[
+    str | None, typer.Option(metavar="FORCE", help='load of curves without a column load, such as "50 nN"')
+]
+TemperatureOpt = Annotated[
+    str | None,
+    typer.Option(metavar="TEMPERATURE", help='temperature of curves without a column temperature, such as "300 K"'),
+]
+RelativeErrorOpt = Annotated[
+    str | None,
+    typer.Option(metavar="SHARE", help='standard error over the value of curves without a column error, such as "3 %"'),
+]
+UnknownOpt = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME",
+        help="infer this value too, within default bounds or given ones: bond_force, activation_volume, "
+        'attempt_frequency, or "bond_force=1 nN to 10 nN"; may be repeated; default: none',
+    ),
+]
+ErrorsOpt = Annotated[
+    str,
+    typer.Option(
+        metavar="NAMES",
+        help="what is inferred of the errors, separated by commas: scaled (a factor of the stated ones, of each "
+        "curve), robust (which points are off), correlated (along each curve); or as-stated",
+    ),
+]
+CalibrationOpt = Annotated[
+    str | None,
+    typer.Option(
+        metavar="SHARE",
+        help='standard error of a factor that all forces share, "10 %", or of that of the loads as well, '
+        '"force=10 %, load=5 %"; default: none',
+    ),
+]
+CalibrateOpt = Annotated[
+    int | None,
+    typer.Option(
+        min=10,
+        metavar="N",
+        help="infer N simulated truths measured at the hold times and errors of these curves instead, and print how "
+        "often the bands hold them",
+    ),
+]
+FamiliesOpt = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAMES",
+        help="parametric densities to compare, separated by commas, or none; default: all of them",
+    ),
+]
+PredictOpt = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="CONDITIONS",
+        help='forecast at other conditions, such as "load=500 nN, temperature=350 K, hold_time=1 s to 1e6 s" or '
+        '"scene=rough.toml, load=20 uN"; what is not given is as in the scene; may be repeated',
+    ),
+]
+NextOpt = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--next",
+        metavar="FILE|CONDITIONS",
+        help="planned measurements to rank by how much they narrow the result: a table with the columns "
+        'hold_time (s), load (nN), temperature (K), error (nN), or "hold_time=1 ms to 1e7 s, load=50 nN"; may be '
+        "repeated",
+    ),
+]
+TargetOpt = Annotated[
+    str | None,
+    typer.Option(
+        metavar="CONDITIONS",
+        help='what they are to narrow: "energy=1.0 eV", or a forecast, "load=500 nN, hold_time=1e5 s"; default: '
+        "the density at all visible energies",
+    ),
+]
+SamplesOpt = Annotated[int, typer.Option(min=50, metavar="N", help="samples of the posterior that are kept")]
+SeedOpt = Annotated[int, typer.Option(min=0, metavar="N", help="seed of sampling and of the simulated kinetics")]
+OutOpt = Annotated[
+    Path | None,
+    typer.Option(
+        "--out",
+        "-o",
+        metavar="FILE",
+        help="result file, ending in .h5 or .hdf5; default: NAME-inferred.h5, after the first table",
+    ),
+]
+
+
 def infer(
-    measured: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="MEASURED",
-            help="measured curves of ageing: text or Excel files with the columns hold_time (s), friction_drop (nN) or "
-            "friction_coefficient_drop, error, load (nN), temperature (K)",
-        ),
-    ],
-    scene: Annotated[
-        str,
-        typer.Option(
-            metavar="SCENE",
-            autocompletion=completion.scenes,
-            help="what is known of the contact: a scene file (.toml), or the name of an installed scene; its "
-            "[forming], load, temperature and hold times are not used",
-        ),
-    ],
+    measured: MeasuredArg,
+    scene: SceneOpt,
     changes: SetOpt = None,
-    load: Annotated[
-        str | None, typer.Option(metavar="FORCE", help='load of curves without a column load, such as "50 nN"')
-    ] = None,
-    temperature: Annotated[
-        str | None,
-        typer.Option(metavar="TEMPERATURE", help='temperature of curves without a column temperature, such as "300 K"'),
-    ] = None,
-    relative_error: Annotated[
-        str | None,
-        typer.Option(
-            metavar="SHARE", help='standard error over the value of curves without a column error, such as "3 %"'
-        ),
-    ] = None,
-    unknown: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME",
-            help="infer this value too, within default bounds or given ones: bond_force, activation_volume, "
-            'attempt_frequency, or "bond_force=1 nN to 10 nN"; may be repeated; default: none',
-        ),
-    ] = None,
-    errors: Annotated[
-        str,
-        typer.Option(
-            metavar="NAMES",
-            help="what is inferred of the errors, separated by commas: scaled (a factor of the stated ones, of each "
-            "curve), robust (which points are off), correlated (along each curve); or as-stated",
-        ),
-    ] = "scaled,robust",
-    calibration: Annotated[
-        str | None,
-        typer.Option(
-            metavar="SHARE",
-            help='standard error of a factor that all forces share, "10 %", or of that of the loads as well, '
-            '"force=10 %, load=5 %"; default: none',
-        ),
-    ] = None,
-    calibrate: Annotated[
-        int | None,
-        typer.Option(
-            min=10,
-            metavar="N",
-            help="infer N simulated truths measured at the hold times and errors of these curves instead, and print how "
-            "often the bands hold them",
-        ),
-    ] = None,
-    families: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAMES",
-            help="parametric densities to compare, separated by commas, or none; default: all of them",
-        ),
-    ] = None,
-    predict: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="CONDITIONS",
-            help='forecast at other conditions, such as "load=500 nN, temperature=350 K, hold_time=1 s to 1e6 s" or '
-            '"scene=rough.toml, load=20 uN"; what is not given is as in the scene; may be repeated',
-        ),
-    ] = None,
-    planned: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--next",
-            metavar="FILE|CONDITIONS",
-            help="planned measurements to rank by how much they narrow the result: a table with the columns "
-            'hold_time (s), load (nN), temperature (K), error (nN), or "hold_time=1 ms to 1e7 s, load=50 nN"; may be '
-            "repeated",
-        ),
-    ] = None,
-    target: Annotated[
-        str | None,
-        typer.Option(
-            metavar="CONDITIONS",
-            help='what they are to narrow: "energy=1.0 eV", or a forecast, "load=500 nN, hold_time=1e5 s"; default: '
-            "the density at all visible energies",
-        ),
-    ] = None,
-    samples: Annotated[int, typer.Option(min=50, metavar="N", help="samples of the posterior that are kept")] = 1000,
-    seed: Annotated[int, typer.Option(min=0, metavar="N", help="seed of sampling and of the simulated kinetics")] = 0,
+    load: LoadOpt = None,
+    temperature: TemperatureOpt = None,
+    relative_error: RelativeErrorOpt = None,
+    unknown: UnknownOpt = None,
+    errors: ErrorsOpt = "scaled,robust",
+    calibration: CalibrationOpt = None,
+    calibrate: CalibrateOpt = None,
+    families: FamiliesOpt = None,
+    predict: PredictOpt = None,
+    planned: NextOpt = None,
+    target: TargetOpt = None,
+    samples: SamplesOpt = 1000,
+    seed: SeedOpt = 0,
     threads: ThreadsOpt = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out",
-            "-o",
-            metavar="FILE",
-            help="result file, ending in .h5 or .hdf5; default: NAME-inferred.h5, after the first table",
-        ),
-    ] = None,
+    out: OutOpt = None,
     figures: Annotated[bool, typer.Option(help="draw figures into the folder NAME-figures beside the result")] = True,
     as_json: JsonOpt = False,
     force: ForceOpt = False,
@@ -342,14 +358,11 @@ def infer(
     }
     there = load_scene(scene, changed_fields(changes))
     protect_inputs(path, scene, there)
-    for file in (*measured, *(text for text in planned or () if "=" not in text)):
-        if os.path.realpath(file) == os.path.realpath(path):
-            raise user_error(f"{path} is an input of this command; choose another --out")
+    _protect(path, [*measured, *(Path(text) for text in planned or () if "=" not in text)])
     share = None if relative_error is None else convert(relative_error, "", "--relative-error")
     curves = _curves(measured, load, temperature, share)
     if calibrate is not None:
-        of_calibration = {name: how[name] for name in ("errors", "calibration", "seed", "threads")}
-        _calibrated(curves, there, calibrate, of_calibration, as_json)
+        _calibrated(curves, there, calibrate, {name: how[name] for name in _OF_CALIBRATION}, as_json)
         return
     preflight_result(path, force=force, figures=figures)
     try:
@@ -361,6 +374,10 @@ def infer(
         raise
     hint = f'use it   forming = {{ kind = "inferred", path = "{path}" }}'
     output.answer(result_of(result), as_json, [hint], file=path, figures=pictures)
+
+
+#: arguments that a calibration has as well
+_OF_CALIBRATION = ("errors", "calibration", "seed", "threads")
 
 
 def _calibrated(
@@ -377,6 +394,12 @@ def _calibrated(
         return
     columns = ("quantity", "uniform, p", *(f"inside {100 * level:.0f} %" for level in LEVELS))
     output.show_rows(f"{count} simulated truths, {found.refused} of them refused", columns, found.rows())
+
+
+def _protect(path: Path, inputs: Sequence[Path]) -> None:
+    for file in inputs:
+        if os.path.realpath(file) == os.path.realpath(path):
+            raise user_error(f"{path} is an input of this command; choose another --out")
 
 
 def _curves(

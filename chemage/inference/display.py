@@ -500,7 +500,7 @@ class InferenceDisplay(OfRecord[Inference]):
 
     def _measurements(self) -> Table:
         one = self.inference
-        low, high = band(one.fitted, WIDE)
+        low, high = (np.quantile(one.fitted, end, axis=0) for end in (0.05, 0.95))
         rows = []
         for at in range(one.hold_times.size):
             about = one.curves[int(one.curve[at])]
