@@ -12,13 +12,12 @@ import numpy as np
 
 from chemage.foundation.figures import BLACK, BLUE, GREEN, GREY, ORANGE, PALETTE, from_zero, legend, plain
 from chemage.foundation.names import __version__
-from chemage.foundation.quantities import NONE, ONE, Quantity, Rank, headed
+from chemage.foundation.quantities import NONE, Quantity, headed
 from chemage.foundation.result import Ageing, Medium, OfRecord, Panel, Picture, Result, Rows, Table, displays
 from chemage.foundation.statistics import NORMAL_LIMIT
 from chemage.foundation.text import plus_minus, power_text
 from chemage.inference.forecast import UNSEEN, WIDE, Forecast, band
-from chemage.inference.problem import UNITS
-from chemage.inference.result import EXCLUDED, Inference, InferenceResult
+from chemage.inference.result import EXCLUDED, Inference, InferenceResult, quantities, unit_of
 from chemage.inference.shape import empty, peaks, rises, shares, three_shares, trend, unresolved
 
 if TYPE_CHECKING:
@@ -53,42 +52,6 @@ def facts(one: Inference) -> Rows:
             text += f", R-hat {sampling['r_hat']:.3f}"
         facts_.append(("samples", f"{text}; seed {one.seed}"))
     return facts_
-
-
-def quantities(one: Inference) -> list[Quantity]:
-    """χ² and parameters, and what was sampled beside the density."""
-    points = f"of {one.hold_times.size} points"
-    found = [
-        Quantity("chi2", ONE, "χ²", value=one.chi2, of=points, rank=Rank.FIRST),
-        Quantity(
-            "effective_parameters",
-            ONE,
-            "effective parameters",
-            value=one.effective_parameters,
-            of=points,
-            rank=Rank.FIRST,
-        ),
-    ]
-    for name, values in one.error_terms.items():
-        label, unit = name, "e-folds of the hold time" if name == "correlation time" else ONE
-        if name.startswith("scale "):
-            label = f"errors of {one.curves[int(name.removeprefix('scale '))]['name']} over the stated ones"
-        found.append(_sampled(Quantity(name, unit, label), values))
-    for name, values in one.scalars.items():
-        low, high = one.scalar_bounds.get(name, (math.nan, math.nan))
-        prior = f"(prior {low:.3g} to {high:.3g})" if name in one.scalar_bounds else ""
-        found.append(_sampled(Quantity(name, _unit(name), name.replace("_", " "), of=prior), values))
-    return found
-
-
-def _sampled(one: Quantity, values: np.ndarray) -> Quantity:
-    """The median of samples (S,), with the interval that is printed."""
-    with_value = one.but(value=float(np.median(values)), stated="ends", level=round(100 * WIDE))
-    return with_value.within(*band(values, WIDE), float(values.std()))
-
-
-def _unit(name: str) -> str:
-    return UNITS[name][0] if name in UNITS else ONE
 
 
 def measured_text(one: Inference) -> str:
@@ -391,7 +354,7 @@ def draw_scalar(axes: Axes, medium: Medium, one: Inference, name: str) -> None:
         axes.axvline(end, color=GREY, lw=0.9, ls="--")
     for end in one.interval(name, WIDE):
         axes.axvline(end, color=ORANGE, lw=1.0)
-    axes.set(xlabel=headed(name.replace("_", " "), _unit(name)), ylabel="density of the samples")
+    axes.set(xlabel=headed(name.replace("_", " "), unit_of(name)), ylabel="density of the samples")
     axes.set_title("orange: 90 %; grey: bounds of the prior")
     axes.set_yticks([])
 

@@ -303,7 +303,8 @@ class Forecaster:
         total = float(goals.var(axis=0).sum())
         if not total > 0:
             raise InputError.of("target", target, "has no variance in the samples, so that nothing can narrow it")
-        plans, times = [], {}
+        plans: list[tuple[float, float, float, Any]] = []
+        times: dict[tuple[float, float], list[float]] = {}
         for number, candidate in enumerate(candidates):
             plan = stated(f"candidates.{number}", candidate, PLAN)
             if "hold_time" not in plan:

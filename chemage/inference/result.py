@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -16,14 +17,15 @@ from pydantic import model_validator
 
 from chemage.foundation.checks import checked_count
 from chemage.foundation.errors import InputError
+from chemage.foundation.quantities import ONE, Quantity, Rank
 from chemage.foundation.records import Doubles, Flags, Indices, Named, Plain, Record
 from chemage.foundation.text import jsonable
 from chemage.foundation.units import QuantityLike
 from chemage.inference.curves import MeasuredCurve
-from chemage.inference.forecast import Forecast, Forecaster, band, bands, in_numbers
+from chemage.inference.forecast import WIDE, Forecast, Forecaster, band, bands, in_numbers
 from chemage.inference.noise import SUSPECT
 from chemage.inference.open import datatree, statistics
-from chemage.inference.problem import LOAD
+from chemage.inference.problem import LOAD, UNITS
 from chemage.scene.files import load_scene, parse_scene
 from chemage.scene.scene import Scene
 
@@ -336,6 +338,43 @@ class Inference(Record):
         )
 
     __str__ = __repr__
+
+
+def quantities(one: Inference) -> list[Quantity]:
+    """χ² and parameters, and what was sampled beside the density."""
+    points = f"of {one.hold_times.size} points"
+    found = [
+        Quantity("chi2", ONE, "χ²", value=one.chi2, of=points, rank=Rank.FIRST),
+        Quantity(
+            "effective_parameters",
+            ONE,
+            "effective parameters",
+            value=one.effective_parameters,
+            of=points,
+            rank=Rank.FIRST,
+        ),
+    ]
+    for name, values in one.error_terms.items():
+        label, unit = name, "e-folds of the hold time" if name == "correlation time" else ONE
+        if name.startswith("scale "):
+            label = f"errors of {one.curves[int(name.removeprefix('scale '))]['name']} over the stated ones"
+        found.append(_sampled(Quantity(name, unit, label), values))
+    for name, values in one.scalars.items():
+        low, high = one.scalar_bounds.get(name, (math.nan, math.nan))
+        prior = f"(prior {low:.3g} to {high:.3g})" if name in one.scalar_bounds else ""
+        found.append(_sampled(Quantity(name, unit_of(name), name.replace("_", " "), of=prior), values))
+    return found
+
+
+def _sampled(one: Quantity, values: np.ndarray) -> Quantity:
+    """The median of samples (S,), with the interval that is printed."""
+    with_value = one.but(value=float(np.median(values)), stated="ends", level=round(100 * WIDE))
+    return with_value.within(*band(values, WIDE), float(values.std()))
+
+
+def unit_of(name: str) -> str:
+    """The unit of what was inferred beside the density."""
+    return UNITS[name][0] if name in UNITS else ONE
 
 
 def scene_of(scene: Scene | str | Path | Mapping[str, Any]) -> Scene:

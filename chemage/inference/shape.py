@@ -57,7 +57,7 @@ def shares(inference: Inference, parts: int = PARTS) -> list[Share]:
     if not high > low:
         return []
     count = int(np.clip((high - low) / inference.resolution, 1, parts))
-    edges = np.linspace(low, high, count + 1)
+    edges = np.linspace(low, high, count + 1).tolist()
     return _shares(edges, [_integral(inference, edge) for edge in edges])
 
 
