@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 import sys
 from collections.abc import Mapping, Sequence
@@ -24,13 +23,8 @@ if TYPE_CHECKING:
     from chemage.inference.result import Inference, InferenceResult, UnexplainedError
     from chemage.scene.scene import Scene
 
-#: word of ``--predict`` and ``--next`` -> what it is an example of
-PREDICT = {"load": "500 nN", "temperature": "350 K", "hold_time": "1 ms to 1e5 s", "scene": "silica-tip"}
-NEXT = {"hold_time": "1e5 s", "load": "50 nN", "temperature": "350 K", "error": "3 %"}
-TARGET = {"energy": "1.0 eV", "load": "500 nN", "temperature": "350 K", "hold_time": "1e5 s"}
 #: hold times per decade of a range, in a forecast and among planned measurements
 PER_DECADE, PLANNED_PER_DECADE = 4, 1
-_UNITS = {"load": "nN", "temperature": "K", "hold_time": "s", "energy": "eV"}
 
 
 @dataclass(frozen=True)
@@ -53,6 +47,7 @@ def read_wishes(predict: Sequence[str], planned: Sequence[str], target: str | No
     InputError
         Naming the option, the word that is wrong, and how to write it.
     """
+    from chemage.inference.forecast import checked_target
     from chemage.inference.result import MOST_FORECASTS
 
     forecasts: dict[str, Mapping[str, Any]] = {}
@@ -72,14 +67,7 @@ def read_wishes(predict: Sequence[str], planned: Sequence[str], target: str | No
         raise user_error("--target is what planned measurements are to narrow; give them with --next")
     if target is None:
         return Wishes(forecasts, candidates, None, "the density at all visible energies")
-    words = _pairs("--target", target, TARGET)
-    wanted = {name: _quantity("--target", name, value) for name, value in words.items()}
-    if ("energy" in wanted) == ("hold_time" in wanted) or ("energy" in wanted and len(wanted) > 1):
-        raise user_error(
-            f'--target {target}: give an energy, "energy=1.0 eV", or a forecast with its hold time, '
-            '"load=500 nN, hold_time=1e5 s"'
-        )
-    return Wishes(forecasts, candidates, wanted, target.strip())
+    return Wishes(forecasts, candidates, checked_target("--target", _pairs("--target", target)), target.strip())
 
 
 def read_unknowns(texts: Sequence[str]) -> dict[str, tuple[str, str]] | list[str]:
@@ -108,7 +96,7 @@ def read_calibration(text: str | None) -> Any:
     """Read ``--calibration "10 %"`` or ``"force=10 %, load=5 %"``."""
     if text is None or "=" not in text:
         return text or 0.0
-    return _pairs("--calibration", text, {"force": "10 %", "load": "5 %"})
+    return _pairs("--calibration", text)
 
 
 def read_families(text: str | None) -> Sequence[str]:
@@ -122,41 +110,39 @@ def read_families(text: str | None) -> Sequence[str]:
 
 
 def _forecast(text: str) -> Mapping[str, Any]:
+    from chemage.inference.forecast import stated
     from chemage.scene.files import load_scene
 
+    words = _pairs("--predict", text)
     arguments: dict[str, Any] = {}
-    for name, value in _pairs("--predict", text, PREDICT).items():
-        if name == "scene":
-            arguments["scene"] = load_scene(value)
-        elif name == "hold_time":
-            arguments["hold_times"] = _times("--predict", value, PER_DECADE)
-        else:
-            arguments[name] = _quantity("--predict", name, value)
-    return arguments
+    if (where := words.pop("scene", None)) is not None:
+        arguments["scene"] = load_scene(str(where))
+    if (time := words.pop("hold_time", None)) is not None:
+        arguments["hold_times"] = _times("--predict", time, PER_DECADE)
+    return arguments | stated("--predict", words, ("load", "temperature", "hold_time", "scene"))
 
 
 def _candidates(text: str) -> list[dict[str, Any]]:
+    from chemage.inference.forecast import PLAN, stated
+
     if text.strip().lower().endswith(".csv") or ("=" not in text and Path(text).exists()):
         return _from_file(Path(text))
-    words = _pairs("--next", text, NEXT)
-    if "hold_time" not in words:
+    words = _pairs("--next", text)
+    time = words.pop("hold_time", None)
+    same = stated("--next", words, PLAN)
+    if time is None:
         raise user_error(f'--next {text}: give a hold time, such as "hold_time=1e5 s", or a CSV file')
-    same: dict[str, Any] = {
-        name: _percent("--next", value) if name == "error" and value.endswith("%") else _quantity("--next", name, value)
-        for name, value in words.items()
-        if name != "hold_time"
-    }
-    return [{"hold_time": float(time), **same} for time in _times("--next", words["hold_time"], PLANNED_PER_DECADE)]
+    return [{"hold_time": one, **same} for one in _times("--next", time, PLANNED_PER_DECADE)]
 
 
 def _from_file(path: Path) -> list[dict[str, Any]]:
     """Planned measurements in a CSV file: columns hold_time (s), load (nN), temperature (K), error (nN)."""
     from chemage.ageing.measurements import COLUMNS
     from chemage.foundation.tables import read_columns
+    from chemage.inference.forecast import PLAN, STATED, stated
 
-    names = ("hold_time", "load", "temperature", "error")
-    example = "hold_time (s), load (nN), temperature (K), error (nN)"
-    table = read_columns(path, {name: COLUMNS[name] for name in names}, example)
+    example = ", ".join(f"{name} ({STATED[name][0]})" for name in PLAN)
+    table = read_columns(path, {name: COLUMNS[name] for name in PLAN}, example)
     if not table.rows:
         raise user_error(
             f"--next {path}: no planned measurements; write a header, such as {example}, and a row for each"
@@ -167,60 +153,32 @@ def _from_file(path: Path) -> list[dict[str, Any]]:
         output.remark(f"note: {path}: {note}")
     plans = []
     for row in table.rows:
-        filled = [name for name, (place, _) in table.columns.items() if row[2][place] != ""]
-        plan: dict[str, Any] = {name: table.number(row, name, _UNITS[name]) for name in filled if name != "error"}
-        if "error" in filled:
-            share = table.columns["error"][1] == "%"
-            number = table.number(row, "error", "" if share else "nN")
-            plan["error"] = _percent(f"--next {row[1]}", f"{100 * number:g} %") if share else number
-        if not plan.get("hold_time", 0) > 0:
-            raise user_error(f"--next {row[1]}: the hold time must be above zero")
-        plans.append(plan)
+        plan = {}
+        for name, (place, unit) in table.columns.items():
+            if row[2][place] == "":
+                continue
+            share = name == "error" and unit == "%"
+            number = table.number(row, name, "" if share else STATED[name][0])
+            plan[name] = f"{100 * number:g} %" if share else number
+        plans.append(stated(f"--next {row[1]}", plan, PLAN))
     return plans
 
 
-def _pairs(option: str, text: str, examples: Mapping[str, str]) -> dict[str, str]:
-    """Read ``name=value, name=value``."""
-    from chemage.foundation.errors import nearest
-
-    example = ", ".join(f"{name}={value}" for name, value in list(examples.items())[:2])
-    words: dict[str, str] = {}
+def _pairs(option: str, text: str) -> dict[str, float | str]:
+    """Read ``name=value, name=value``; a number alone is in internal units."""
+    example = f'write it as NAME=VALUE, such as {option} "load=50 nN, hold_time=1e5 s"'
+    words: dict[str, float | str] = {}
     for part in filter(None, (piece.strip() for piece in text.split(","))):
         name, equals, value = (piece.strip() for piece in part.partition("="))
         name = {"hold_times": "hold_time"}.get(name, name)
         if not equals or not value:
-            raise user_error(f'{option} {text}: {part!r}; write it as NAME=VALUE, such as "{example}"')
-        if name not in examples:
-            raise user_error(f"{option} {text}: {name}{nearest(name, list(examples))}; choose of {', '.join(examples)}")
+            raise user_error(f"{option} {text}: {part!r}; {example}")
         if name in words:
             raise user_error(f"{option} {text}: {name} is given twice")
-        words[name] = value
+        words[name] = _number(value)
     if not words:
-        raise user_error(f'{option}: nothing given; write it as NAME=VALUE, such as "{example}"')
+        raise user_error(f"{option}: nothing given; {example}")
     return words
-
-
-def _quantity(option: str, name: str, value: str) -> float:
-    """A quantity in internal units, above zero; a number alone has them."""
-    from chemage.foundation.errors import UnitError
-    from chemage.foundation.units import convert
-
-    unit = _UNITS.get(name, "nN")
-    try:
-        number = convert(_number(value), unit)
-    except UnitError as error:
-        raise user_error(f"{option}: {name}={value}: {error}") from None
-    if not (math.isfinite(number) and number > 0):
-        raise user_error(f"{option}: {name}={value}: give a quantity above zero, in {unit} or with its unit")
-    return number
-
-
-def _percent(where: str, text: str) -> str:
-    """A percentage above zero, as it is written."""
-    value = _number(text.removesuffix("%"))
-    if isinstance(value, str) or not 0 < value < math.inf:
-        raise user_error(f'{where}: error={text}: give a percentage above zero, such as "3 %"')
-    return text
 
 
 def _number(value: str) -> float | str:
@@ -230,21 +188,19 @@ def _number(value: str) -> float | str:
         return value
 
 
-def _times(option: str, value: str, per_decade: int) -> list[float]:
+def _times(option: str, value: float | str, per_decade: int) -> list[float]:
     from chemage.foundation.checks import hold_times
     from chemage.foundation.errors import ChemageError
+    from chemage.inference.forecast import stated
 
-    low, to, high = (part.strip() for part in value.partition(" to "))
+    low, to, high = (part.strip() for part in str(value).partition(" to "))
     if not to:
-        return [_quantity(option, "hold_time", value)]
+        return [stated(option, {"hold_time": value}, ("hold_time",))["hold_time"]]
     try:
         return hold_times(_number(low), _number(high), per_decade).tolist()
     except ChemageError as error:
         raise user_error(f"{option}: hold_time={value}: {error}") from None
 
-
-#: width of the tables
-_WIDTH = 80
 
 MeasuredArg = Annotated[
     list[Path],

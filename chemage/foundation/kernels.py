@@ -30,9 +30,9 @@ KEPT, RECENT = 16, 86400.0
 def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     """``numba.njit`` with these options, whose machine code is kept in the cache folder of chemage.
 
-    It may call functions of the same package and of :mod:`chemage.plugin.random`, and is compiled again when any file
-    of its package, chemage, numba or the processor is another. ``numba.njit(cache=True)`` would compare the file of
-    this function alone, and go on using what an old version of another file made.
+    It may call functions of the same package, of :mod:`chemage.plugin.random` and of :mod:`chemage.plugin.algebra`, and
+    is compiled again when any file of its package, chemage, numba or the processor is another. numba's own cache would
+    compare the file of this function alone, and go on using what an old version of another file made.
     """
 
     def compiled(function: Callable[..., Any]) -> Any:
@@ -48,7 +48,7 @@ def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
 def _sources_of(function: Callable[..., Any]) -> Sources | None:
     """The sources of a kernel; None where it is in no file, as in a notebook."""
     parts = function.__module__.split(".")
-    # the rooms of chemage share no kernels
+    # the rooms of chemage share the kernels of random.py and algebra.py alone
     package = ".".join(parts[: 2 if parts[0] == "chemage" else 1])
     roots = getattr(sys.modules.get(package), "__path__", None) or [inspect.getfile(function)]
     return _sources(package, *roots) if all(map(os.path.exists, roots)) else None
@@ -72,7 +72,7 @@ class Sources:
 
     def _found(self) -> dict[str, tuple[int, int]]:
         """Path -> size and modification time of each file, chemage's own for all kernels included."""
-        paths = [str(Path(__file__)), str(Path(__file__).with_name("random.py"))]
+        paths = [str(Path(__file__).with_name(name)) for name in ("kernels.py", "random.py", "algebra.py")]
         for root in self._roots:
             if os.path.isfile(root):
                 paths.append(root)

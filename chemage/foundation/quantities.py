@@ -97,16 +97,16 @@ class Declared:
 Stated = Literal["", "half_width", "ends"]
 _OF_ERRORS = {
     "stderr": "standard error of {}",
-    "half_width": "half the width of the 95 % interval of {}",
-    "low": "lower end of the 95 % interval of {}",
-    "high": "upper end of the 95 % interval of {}",
+    "half_width": "half the width of the {level} % interval of {}",
+    "low": "lower end of the {level} % interval of {}",
+    "high": "upper end of the {level} % interval of {}",
 }
 _COLUMNS = {"": (), "half_width": ("stderr", "half_width"), "ends": ("stderr", "low", "high")}
 
 
 @dataclass(frozen=True)
 class Quantity(Declared):
-    """A number, with its 95 % interval where it has one."""
+    """A number, with its interval where it has one."""
 
     value: float = math.nan
     stated: Stated = ""
@@ -114,6 +114,8 @@ class Quantity(Declared):
     half_width: float = math.nan
     low: float = math.nan
     high: float = math.nan
+    #: of the interval, per cent
+    level: int = 95
     #: what it is of: ``at 1000 s``, ``per decade``
     of: str = ""
     #: why there is no value, or no interval
@@ -186,7 +188,8 @@ class Quantity(Declared):
         """The columns that it takes in a table: (name, unit, meaning)."""
         words = self.meaning or self.label
         errors = [
-            (f"{self.name}_{part}", self.unit, _OF_ERRORS[part].format(self.label)) for part in _COLUMNS[self.stated]
+            (f"{self.name}_{part}", self.unit, _OF_ERRORS[part].format(self.label, level=self.level))
+            for part in _COLUMNS[self.stated]
         ]
         return [(self.name, self.unit, words), *errors]
 

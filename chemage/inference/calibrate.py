@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
+from chemage.foundation.algebra import product
 from chemage.foundation.checks import checked_count, checked_seed
 from chemage.foundation.errors import InputError
 from chemage.foundation.progress import Report
 from chemage.foundation.text import jsonable
 from chemage.foundation.units import QuantityLike
-from chemage.inference.algebra import product
 from chemage.inference.curves import MeasuredCurve
 from chemage.inference.families import estimated, sampled
 from chemage.inference.forward import Model, check_scene, make_model

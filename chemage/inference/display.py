@@ -12,19 +12,17 @@ import numpy as np
 
 from chemage.foundation.figures import BLACK, BLUE, GREEN, GREY, ORANGE, PALETTE, from_zero, legend, plain
 from chemage.foundation.names import __version__
-from chemage.foundation.quantities import NONE, headed
+from chemage.foundation.quantities import NONE, Quantity, headed
 from chemage.foundation.result import Ageing, Medium, OfRecord, Panel, Picture, Result, Rows, Table, displays
 from chemage.foundation.statistics import NORMAL_LIMIT
 from chemage.foundation.text import plus_minus, power_text
 from chemage.inference.forecast import UNSEEN, WIDE, Forecast, band
-from chemage.inference.result import EXCLUDED, Inference, InferenceResult
+from chemage.inference.result import EXCLUDED, Inference, InferenceResult, quantities, unit_of
 from chemage.inference.shape import empty, peaks, rises, shares, three_shares, trend, unresolved
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-#: unit of what may be unknown
-UNITS = {"bond_force": "nN", "activation_volume": "nm³", "attempt_frequency": "Hz"}
 #: samples that have to agree on a slope
 SURE = 0.95
 #: scores that differ by less do not tell two models apart
@@ -41,22 +39,19 @@ def title(one: Inference) -> str:
     return f"Density of forming barriers inferred from {names if len(names) < 40 else 'measured curves'}"
 
 
-def rows(one: Inference) -> Rows:
-    """The main numbers: (name, text); medians, and intervals of 90 % of the posterior."""
-    rows_ = [("measured", measured_text(one)), ("visible energies", visible_text(one))]
-    rows_ += shape_rows(one)
-    rows_ += [
-        ("effective parameters", f"{one.effective_parameters:.1f} of {one.hold_times.size} points"),
-        ("chi²", f"{one.chi2:.1f} for {one.hold_times.size} points; largest residual {_largest_residual(one)}"),
-    ]
-    rows_ += [*one.error_rows(), *scalar_rows(one)]
+def facts(one: Inference) -> Rows:
+    """What the numbers are of; medians, and intervals of 90 % of the posterior."""
+    facts_ = [("measured", measured_text(one)), ("visible energies", visible_text(one)), *shape_rows(one)]
+    facts_.append(("largest residual", _largest_residual(one)))
+    if suspects := one.suspects():
+        facts_.append(("suspect points", "; ".join(suspects)))
     sampling = one.diagnostics
     if "effective_samples" in sampling:
         text = f"{len(one.samples)} kept, {sampling['effective_samples']:.0f} effective"
         if "r_hat" in sampling:
             text += f", R-hat {sampling['r_hat']:.3f}"
-        rows_.append(("samples", f"{text}; seed {one.seed}"))
-    return rows_
+        facts_.append(("samples", f"{text}; seed {one.seed}"))
+    return facts_
 
 
 def measured_text(one: Inference) -> str:
@@ -113,18 +108,6 @@ def density_text(one: Inference) -> str:
     run = "rises" if up >= SURE else "falls" if down >= SURE else ""
     towards = f"{run} towards the upper end of the visible energies" if run else "flat within the band"
     return f"no peak {'that the data support' if unsure else 'inside'}; {towards}{unsure}"
-
-
-def scalar_rows(one: Inference) -> Rows:
-    """The unknown scalars, with their intervals and the bounds of their priors."""
-    rows_ = []
-    for name, values in one.scalars.items():
-        low, high = one.interval(name, WIDE)
-        bounds = one.scalar_bounds.get(name)
-        within = f"; prior {bounds[0]:.3g} to {bounds[1]:.3g}" if bounds else ""
-        text = f"{np.median(values):.3g} {UNITS.get(name, '')} ({low:.3g} to {high:.3g}{within})"
-        rows_.append((name, text))
-    return rows_
 
 
 def family_rows(one: Inference) -> list[tuple[str, str, str, str]]:
@@ -227,14 +210,20 @@ MOST = 4
 _LINES = ("-", "--", ":", "-.")
 
 
+def fill_bands(axes: Axes, x: np.ndarray, samples: np.ndarray, colour: str, label: str = "") -> None:
+    """Draw the bands of ``samples`` (S, n) at ``x`` (n,); ``label`` has a place for the percentage."""
+    for level, alpha in ((WIDE, 0.2), (0.68, 0.35)):
+        name = label.format(100 * level) or None
+        axes.fill_between(x, *band(samples, level), color=colour, alpha=alpha, lw=0, label=name)
+
+
 def draw_density(axes: Axes, medium: Medium, one: Inference) -> None:
     """Draw the density with its bands, the visible energies shaded, families as lines, and the band of the prior."""
     e = one.energies
     low, high = one.visible_range
     if np.isfinite(low):
         axes.axvspan(low, high, color=GREEN, alpha=0.10, lw=0, label="visible energies", zorder=0)
-    for level, alpha in ((WIDE, 0.22), (0.68, 0.38)):
-        axes.fill_between(e, *one.band(level), color=BLUE, alpha=alpha, lw=0, label=f"{100 * level:.0f} % band")
+    fill_bands(axes, e, one.samples, BLUE, "{:.0f} % band")
     axes.plot(e, one.density, color=BLUE, lw=1.6, label="mean")
     for fill_style, what, places in (
         ("full", "peak", [peak.energy for peak in peaks(one)]),
@@ -266,8 +255,7 @@ def draw_data(axes: Axes, medium: Medium, one: Inference) -> None:
         colour, here = _colour(one, about), one.curve == number
         order = np.argsort(one.hold_times[here], kind="stable")
         times, fitted = one.hold_times[here][order], one.fitted[:, here][:, order]
-        for level, alpha in ((WIDE, 0.2), (0.68, 0.35)):
-            axes.fill_between(times, *band(fitted, level), color=colour, alpha=alpha, lw=0)
+        fill_bands(axes, times, fitted, colour)
         axes.plot(times, np.median(fitted, axis=0), color=colour, lw=1.0)
         label = plain(f"{about['name']}: {about['load']:g} nN, {about['temperature']:g} K")
         bars = NORMAL_LIMIT * one.errors[here]
@@ -346,8 +334,7 @@ def draw_forecasts(
             axes.plot(times, low, color=colour, label=name, **style)
             axes.plot(times, high, color=colour, **style)
             continue
-        for level, alpha in ((WIDE, 0.2), (0.68, 0.35)):
-            axes.fill_between(times, *forecast.band(level), color=colour, alpha=alpha, lw=0)
+        fill_bands(axes, times, forecast.samples, colour)
         axes.plot(
             times, forecast.median, color=colour, lw=1.3, label=name, **({"marker": "o", "ms": 4} if single else {})
         )
@@ -367,8 +354,7 @@ def draw_scalar(axes: Axes, medium: Medium, one: Inference, name: str) -> None:
         axes.axvline(end, color=GREY, lw=0.9, ls="--")
     for end in one.interval(name, WIDE):
         axes.axvline(end, color=ORANGE, lw=1.0)
-    unit = UNITS.get(name, "")
-    axes.set(xlabel=f"{name.replace('_', ' ')}{f' ({unit})' if unit else ''}", ylabel="density of the samples")
+    axes.set(xlabel=headed(name.replace("_", " "), unit_of(name)), ylabel="density of the samples")
     axes.set_title("orange: 90 %; grey: bounds of the prior")
     axes.set_yticks([])
 
@@ -388,7 +374,7 @@ _CAPTIONS = {
 
 
 @displays(InferenceResult)
-class InferenceDisplay(Result):
+class InferenceDisplay(OfRecord[Inference]):
     """An inference as users see it, with what was asked of it."""
 
     width = 80
@@ -396,11 +382,8 @@ class InferenceDisplay(Result):
     please_cite = "Please cite these works:"
 
     def __init__(self, result: InferenceResult) -> None:
+        super().__init__(result.inference)
         self.result, self.inference = result, result.inference
-
-    @property
-    def name(self) -> str:
-        return "Inference"
 
     @property
     def title(self) -> str:
@@ -410,12 +393,11 @@ class InferenceDisplay(Result):
     def heading(self) -> str:
         return f"{self.title}; medians, 90 % intervals"
 
-    @property
-    def plugins(self) -> Mapping[str, str]:
-        return self.inference.plugins
-
     def facts(self) -> Rows:
-        return rows(self.inference)
+        return facts(self.inference)
+
+    def quantities(self) -> list[Quantity]:
+        return quantities(self.inference)
 
     def numbers(self) -> dict[str, Any]:
         return self.result.summary()
@@ -428,8 +410,7 @@ class InferenceDisplay(Result):
         if there := peaks(one):
             places = " and ".join(f"{peak.energy:.2f}" for peak in there)
             rows.append((f"{places} eV", "peak of the density" if len(there) == 1 else "peaks of the density"))
-        rows.append((f"{one.chi2:.1f} / {one.hold_times.size}", "χ² / measured points"))
-        return [*rows, (f"{one.effective_parameters:.1f}", "effective parameters")]
+        return [*rows, *super().summary()]
 
     def ageing(self) -> Ageing:
         def predict(load: float, temperature: float, hold_times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -510,7 +491,6 @@ class InferenceDisplay(Result):
             *((name.replace("_", " "), _short(value)) for name, value in one.diagnostics.items()),
             *((f"version of {name}", str(version)) for name, version in one.provenance.get("versions", {}).items()),
             *super().provenance(),
-            ("content hash", one.digest()),
         ]
 
     def pictures(self) -> dict[str, Picture]:

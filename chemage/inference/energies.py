@@ -16,9 +16,8 @@ from functools import cached_property
 
 import numpy as np
 
-from chemage.foundation.algebra import solve
+from chemage.foundation.algebra import product, solve
 from chemage.foundation.units import KB
-from chemage.inference.algebra import product
 from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.independent import TwoState
 
@@ -221,15 +220,17 @@ class MeanField:
 
     def __init__(self, kernel: Kernel, environments: Environments, temperature: float) -> None:
         self.kernel, self.environments, self.kt = kernel, environments, KB * temperature
-        self.times = kernel.times
+        self.times, self._rows = kernel.times, np.arange(kernel.times.size)[:, None]
 
     def solve(self, density: np.ndarray, start: np.ndarray | None = None) -> Solved:
         """The shares of ``density`` (n,), and their derivative; ``start`` (groups, l) are shares to begin from."""
         table = self.kernel.of_density(density)
         shares = np.zeros((self.environments.groups, self.times.size)) if start is None else start
         for _ in range(MOST_SWEEPS):
-            left, part = self.kernel.places(self._shifts(shares))
-            before, shares = shares, self._means(self._interpolated(table, left, part))
+            *_, shifts = self._shifted(shares)
+            left, part = self.kernel.places(shifts)
+            values = table[self._rows, left] * (1 - part) + table[self._rows, left + 1] * part
+            before, shares = shares, self._means(values)
             if float(np.abs(shares - before).max()) < CONVERGED:
                 break
         return self._with_derivative(shares, table)
@@ -245,11 +246,6 @@ class MeanField:
     def _order(self) -> tuple[np.ndarray, np.ndarray]:
         order = np.argsort(self.environments.group, kind="stable")
         return order, np.searchsorted(self.environments.group[order], np.arange(self.environments.groups))
-
-    @staticmethod
-    def _interpolated(table: np.ndarray, left: np.ndarray, part: np.ndarray) -> np.ndarray:
-        rows = np.arange(table.shape[0])[:, None]
-        return table[rows, left] * (1 - part) + table[rows, left + 1] * part
 
     def _events(self, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """When each neighbour bonds, in order, (M, k) s (inf: never), and exp(−h/k_BT) before and after, (M, k + 1)."""
@@ -270,28 +266,23 @@ class MeanField:
         factors = np.exp(np.clip(-height / self.kt, -700.0, 700.0))
         return at[rows, order], np.concatenate([np.ones((len(at), 1)), factors], axis=1)
 
-    def _tau(self, at: np.ndarray, factors: np.ndarray) -> np.ndarray:
-        """(l, M) s: the time during which a site without neighbours would have had the same chance to bond."""
+    def _shifted(self, shares: np.ndarray) -> tuple[np.ndarray, ...]:
+        """:meth:`_events`; τ, (l, M) s, the time during which a site without neighbours would have had the same chance
+        to bond; and the shifts that follow from it, (l, M) eV."""
+        at, factors = self._events(shares)
         steps = np.diff(factors, axis=1)
         tau = np.repeat(self.times[:, None], len(at), axis=1)
         for slot in range(at.shape[1]):
             tau += steps[:, slot] * np.maximum(self.times[:, None] - at[:, slot], 0.0)
         # what cancels is rounded to a part of the hold time
-        return np.maximum(tau, 1e-15 * self.times[:, None])
-
-    def _shifts(self, shares: np.ndarray) -> np.ndarray:
-        """(l, M) eV."""
-        tau = self._tau(*self._events(shares))
-        return self.environments.lowering + self.kt * np.log(self.times[:, None] / tau)
+        tau = np.maximum(tau, 1e-15 * self.times[:, None])
+        return at, factors, tau, self.environments.lowering + self.kt * np.log(self.times[:, None] / tau)
 
     def _with_derivative(self, shares: np.ndarray, table: np.ndarray) -> Solved:
         env, kernel = self.environments, self.kernel
-        at, factors = self._events(shares)
-        tau = self._tau(at, factors)
-        shifts = env.lowering + self.kt * np.log(self.times[:, None] / tau)
+        at, factors, tau, shifts = self._shifted(shares)
         left, part = kernel.places(shifts)
-        rows = np.arange(self.times.size)[:, None]
-        slope = (table[rows, left + 1] - table[rows, left]) / kernel.grid.fine_step
+        slope = (table[self._rows, left + 1] - table[self._rows, left]) / kernel.grid.fine_step
         # change of the bonded probability of each site by a change of its τ
         by_tau = -slope * self.kt / tau
         derivative, weights = [], []
@@ -307,7 +298,7 @@ class MeanField:
     def _histogram(self, left: np.ndarray, part: np.ndarray) -> np.ndarray:
         """(l, shifts): the weights of the tabulated shifts at each time."""
         count, shifts = left.shape[1], self.kernel.shifts
-        row = np.arange(len(left))[:, None] * shifts
+        row = self._rows * shifts
         size = len(left) * shifts
         weights = np.bincount((row + left).ravel(), (1 - part).ravel(), size)
         weights += np.bincount((row + left + 1).ravel(), part.ravel(), size)

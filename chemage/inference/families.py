@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from chemage.foundation.algebra import nonnegative, product
 from chemage.foundation.progress import Report
-from chemage.inference.algebra import nonnegative, product
 from chemage.inference.energies import EnergyGrid
 from chemage.inference.forward import Model
 from chemage.inference.problem import FINE, REACH, Linear, Prior, Problem
@@ -135,8 +135,7 @@ def estimated(model: Model, threads: int | None, report: Report) -> tuple[np.nda
         before = density
         for step in range(STEPS):
             report("interaction", number * STEPS + step, total)
-            fitted, slope = model.linear(density, model.middle)
-            data = _linear(model, slope, fitted - product(slope, density))
+            fitted, data = _about(model, density)
             if number and not step:
                 _guess_errors(model, data)
                 data = replace(data, errors=model.errors(model.values))
@@ -150,8 +149,7 @@ def estimated(model: Model, threads: int | None, report: Report) -> tuple[np.nda
         model.calibrate(density, threads)
         if number and changes[-1] < CONVERGED:
             break
-    fitted, slope = model.linear(density, model.middle)
-    _check_model(model, _linear(model, slope, fitted - product(slope, density)))
+    _check_model(model, _about(model, density)[1])
     report("interaction", total, total)
     return density, changes
 
@@ -162,14 +160,12 @@ def _guess_errors(model: Model, data: Linear) -> None:
     if noise.fixed:
         return
     model.state = noise.start
-    lows, highs = np.log([1.0, 1.0]) if data.factor is None else np.array(data.factor)
+    factors = np.unique(np.exp(np.linspace(*(data.factor or (0.0, 0.0)), 5)))
     for _ in range(GUESSES):
         data = replace(data, errors=noise.errors(model.state))
-        fits = [smooth_fit(data, 1e-11, float(factor)) for factor in np.unique(np.exp(np.linspace(lows, highs, 5)))]
-        factors = np.unique(np.exp(np.linspace(lows, highs, 5)))
+        fits = [smooth_fit(data, 1e-11, float(factor)) for factor in factors]
         best = int(np.argmin([chi2 for _, chi2 in fits]))
-        density = fits[best][0]
-        residual = data.values - factors[best] * (data.offset + product(data.matrix, density))
+        residual = data.values - factors[best] * (data.offset + product(data.matrix, fits[best][0]))
         model.state = noise.guessed(residual, PARAMETERS)
 
 
@@ -194,6 +190,12 @@ def _common_factor(data: Linear, fitted: np.ndarray) -> float:
 
 def _linear(model: Model, matrix: np.ndarray, offset: np.ndarray) -> Linear:
     return Linear(model.grid, matrix, offset, model.values, model.errors(model.values), model.unknowns.factor)
+
+
+def _about(model: Model, density: np.ndarray) -> tuple[np.ndarray, Linear]:
+    """The values of the model at a density, and the model linear about it."""
+    fitted, slope = model.linear(density, model.middle)
+    return fitted, _linear(model, slope, fitted - product(slope, density))
 
 
 def _distance(model: Model, density: np.ndarray, other: np.ndarray, seen: np.ndarray) -> float:

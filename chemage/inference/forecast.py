@@ -8,13 +8,13 @@ from typing import Any, Self
 import numpy as np
 from pydantic import model_validator
 
+from chemage.foundation.algebra import product
 from chemage.foundation.checks import check_times, force, temperature_value
 from chemage.foundation.checks import hold_times as spaced
 from chemage.foundation.errors import InputError, nearest
 from chemage.foundation.records import Doubles, Plain, PositiveNumber, Record
 from chemage.foundation.text import jsonable
 from chemage.foundation.units import KB, QuantityLike, convert
-from chemage.inference.algebra import product
 from chemage.inference.energies import EnergyGrid, averaging
 from chemage.inference.forward import Contacts, check_scene, largest_lowering, make_condition
 from chemage.scene.scene import Scene
@@ -25,8 +25,16 @@ LEVELS = (0.68, 0.90, 0.95)
 WIDE = 0.90
 #: share of a prediction from energies which the data do not see above which a note says so, and only bounds are shown
 UNSEEN, BOUNDS_ONLY = 0.05, 0.8
-#: what a planned measurement may state
-PLAN = ("hold_time", "load", "temperature", "error")
+#: what conditions may state -> its unit, and an example
+STATED = {
+    "hold_time": ("s", "1e5 s"),
+    "load": ("nN", "50 nN"),
+    "temperature": ("K", "350 K"),
+    "error": ("nN", "3 %"),
+    "energy": ("eV", "1.0 eV"),
+}
+#: what a planned measurement, and what it is to narrow, may state
+PLAN, TARGET = ("hold_time", "load", "temperature", "error"), ("energy", "load", "temperature", "hold_time")
 
 
 class Forecast(Record):
@@ -90,9 +98,9 @@ class Forecast(Record):
                 "friction_drop": self.friction_drop,
                 "median": self.median,
                 "friction_coefficient_drop": self.friction_coefficient_drop,
-                **{f"band_{100 * level:.0f}": list(self.band(level)) for level in LEVELS},
+                **bands(self.samples),
                 "unseen": self.unseen,
-                "notes": list(self.notes),
+                "notes": self.notes,
             }
         )
 
@@ -105,8 +113,8 @@ class Forecast(Record):
     __str__ = __repr__
 
 
-def band(samples: np.ndarray, level: float) -> tuple[np.ndarray, np.ndarray]:
-    """The central band of ``samples`` (S, n) that holds ``level`` of them: two arrays (n,).
+def band(samples: np.ndarray, level: float) -> tuple[Any, Any]:
+    """The ends of the central band that holds ``level`` of ``samples`` (S, n), two arrays (n,), or of (S,), numbers.
 
     Raises
     ------
@@ -117,6 +125,51 @@ def band(samples: np.ndarray, level: float) -> tuple[np.ndarray, np.ndarray]:
         raise InputError.of("level", level, "must be between 0 and 1", "95 % is 0.95")
     low, high = np.quantile(samples, [0.5 - level / 2, 0.5 + level / 2], axis=0)
     return low, high
+
+
+def stated(where: str, conditions: Any, names: Sequence[str]) -> dict[str, Any]:
+    """Conditions that state some of ``names``, as numbers in internal units; an error in per cent as it is.
+
+    Raises
+    ------
+    InputError
+        What is stated is unknown, no quantity, or not above zero.
+    """
+    known = ", ".join(names)
+    if not isinstance(conditions, Mapping):
+        raise InputError.of(where, conditions, f"must be a dict of {known}", 'give {"hold_time": 10.0}, for example')
+    found = {}
+    for name, value in conditions.items():
+        if name not in names:
+            raise InputError.of(where, name, f"is not known{nearest(str(name), names)}", f"give {known}")
+        if value is None:
+            continue
+        unit, example = STATED[name]
+        share = name == "error" and isinstance(value, str) and value.strip().endswith("%")
+        number = convert(value, "" if share else unit, f"{where}.{name}") if name != "load" else force(value)
+        if not 0 < number < np.inf:
+            raise InputError.of(f"{where}.{name}", value, "must be above zero and finite", f"such as {example}")
+        found[name] = value if share else number
+    return found
+
+
+def checked_target(where: str, target: Any) -> dict[str, Any]:
+    """What planned measurements are to narrow: an energy, or a forecast with its hold time; empty: the density."""
+    wanted = stated(where, target, TARGET)
+    if wanted and (("energy" in wanted) == ("hold_time" in wanted) or ("energy" in wanted and len(wanted) > 1)):
+        example = "an energy, such as 1.0 eV, or a forecast with its hold_time, such as 1e5 s"
+        raise InputError.of(where, target, "is neither an energy nor a forecast", f"give {example}")
+    return wanted
+
+
+def bands(samples: np.ndarray) -> dict[str, tuple[Any, Any]]:
+    """The bands of all :data:`LEVELS`, for JSON."""
+    return {f"band_{100 * level:.0f}": band(samples, level) for level in LEVELS}
+
+
+def in_numbers(values: np.ndarray) -> dict[str, Any]:
+    """A sampled number (S,), for JSON."""
+    return {"mean": values.mean(), "median": np.median(values), **bands(values)}
 
 
 class Forecaster:
@@ -250,9 +303,15 @@ class Forecaster:
         total = float(goals.var(axis=0).sum())
         if not total > 0:
             raise InputError.of("target", target, "has no variance in the samples, so that nothing can narrow it")
-        plans = [self._plan(number, candidate, relative_error) for number, candidate in enumerate(candidates)]
+        plans: list[tuple[float, float, float, Any]] = []
         times: dict[tuple[float, float], list[float]] = {}
-        for load, kelvin, time, *_ in plans:
+        for number, candidate in enumerate(candidates):
+            plan = stated(f"candidates.{number}", candidate, PLAN)
+            if "hold_time" not in plan:
+                remedy = 'give {"hold_time": 10.0, "load": 50.0}'
+                raise InputError.of(f"candidates.{number}", candidate, "has no hold_time", remedy)
+            load, kelvin, time = self._at(plan)
+            plans.append((load, kelvin, time, plan.get("error", "")))
             times.setdefault((load, kelvin), []).append(time)
         with self.scene.in_use():
             values = {
@@ -260,9 +319,10 @@ class Forecaster:
                 for key, every in times.items()
             }
         rows = []
-        for candidate, (load, kelvin, time, error, relative) in zip(candidates, plans, strict=True):
+        for candidate, (load, kelvin, time, error) in zip(candidates, plans, strict=True):
             value = values[load, kelvin][time]
-            error = relative * float(value.mean()) if relative else error
+            if isinstance(error, str):
+                error = (convert(error, "") if error else relative_error) * float(value.mean())
             covariance = product(value - value.mean(), goals) / len(value)
             gain = float((covariance**2).sum() / (value.var() + error**2))
             rows.append(
@@ -279,52 +339,27 @@ class Forecaster:
             )
         return sorted(rows, key=lambda row: -row["reduction"])
 
-    def _plan(
-        self, number: int, candidate: Mapping[str, Any], relative_error: float
-    ) -> tuple[float, float, float, float, float]:
-        """Load (nN), temperature (K), hold time (s), error in nN and relative (0: the other one), of a plan."""
-        where = f"candidates.{number}"
-        if not isinstance(candidate, Mapping) or "hold_time" not in candidate:
-            raise InputError.of(where, candidate, "has no hold_time", 'give {"hold_time": 10.0, "load": 50.0}')
-        for name in candidate:
-            if name not in PLAN:
-                raise InputError.of(where, name, f"is not known{nearest(str(name), PLAN)}", f"give {', '.join(PLAN)}")
-        load, kelvin, time = self._at(candidate)
-        if (error := candidate.get("error")) is None:
-            return load, kelvin, time, 0.0, relative_error
-        share = isinstance(error, str) and error.strip().endswith("%")
-        value = convert(error, "" if share else "nN", f"{where}.error")
-        if not 0 < value < np.inf:
-            raise InputError.of(f"{where}.error", error, "must be above zero", "give nN, or a text such as 3 %")
-        return load, kelvin, time, 0.0 if share else value, value if share else 0.0
-
     def _at(self, plan: Mapping[str, Any]) -> tuple[float, float, float]:
         """Load (nN), temperature (K) and hold time (s) of a plan or target."""
-        time = convert(plan["hold_time"], "s", "hold_time")
-        load, kelvin, times = self.conditions(plan.get("load"), plan.get("temperature"), [time])
+        load, kelvin, times = self.conditions(plan.get("load"), plan.get("temperature"), [plan["hold_time"]])
         return load, kelvin, float(times[0])
 
     def _goals(self, target: Mapping[str, Any] | None, resolution: float) -> np.ndarray:
         """(S, k) what is wanted, of each sample."""
         nodes = self.grid.nodes
-        if target is not None and not isinstance(target, Mapping):
-            raise InputError.of("target", target, "must be a dict", 'give {"energy": 1.0}, for example')
-        if target is None or "energy" in target:
-            mean = averaging(nodes, resolution)
-            if target is None:
-                return product(self.samples, mean[self.visible if self.visible.any() else slice(None)].T)
-            energy = convert(target["energy"], "eV", "target.energy")
-            if not nodes[0] <= energy <= nodes[-1]:
-                remedy = f"{nodes[0]:.3f} to {nodes[-1]:.3f} eV"
-                raise InputError.of("target.energy", energy, "is outside the energies of the density", remedy)
-            return product(self.samples, mean[[int(np.argmin(np.abs(nodes - energy)))]].T)
-        if "hold_time" not in target:
-            raise InputError.of(
-                "target", dict(target), "has neither energy nor hold_time", 'give {"energy": 1.0}, for example'
-            )
-        load, kelvin, time = self._at(target)
-        with self.scene.in_use():
-            return self.predicted(load, kelvin, np.array([time]))[0]
+        wanted = checked_target("target", target or {})
+        if "hold_time" in wanted:
+            load, kelvin, time = self._at(wanted)
+            with self.scene.in_use():
+                return self.predicted(load, kelvin, np.array([time]))[0]
+        mean = averaging(nodes, resolution)
+        if not wanted:
+            return product(self.samples, mean[self.visible if self.visible.any() else slice(None)].T)
+        energy = wanted["energy"]
+        if not nodes[0] <= energy <= nodes[-1]:
+            remedy = f"{nodes[0]:.3f} to {nodes[-1]:.3f} eV"
+            raise InputError.of("target.energy", energy, "is outside the energies of the density", remedy)
+        return product(self.samples, mean[[int(np.argmin(np.abs(nodes - energy)))]].T)
 
 
 def _when(times: np.ndarray, over: np.ndarray) -> str:

@@ -19,10 +19,10 @@ import numpy as np
 from chemage.ageing.replicas import replica_seeds
 from chemage.contacts.solution import ContactSolution, ContactStatistics
 from chemage.foundation import random
+from chemage.foundation.algebra import product
 from chemage.foundation.errors import InputError
 from chemage.foundation.threads import available, in_order
 from chemage.foundation.units import EV_PER_GPA_NM3
-from chemage.inference.algebra import product
 from chemage.inference.curves import MeasuredCurve
 from chemage.inference.energies import (
     GROUPS,

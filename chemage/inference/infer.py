@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from chemage.foundation.algebra import product
 from chemage.foundation.checks import checked_count, checked_seed
 from chemage.foundation.errors import InputError, shown
 from chemage.foundation.progress import Report
 from chemage.foundation.units import KB, QuantityLike, convert
-from chemage.inference.algebra import product
 from chemage.inference.curves import MeasuredCurve, check_curves, read_curves
 from chemage.inference.energies import averaging
 from chemage.inference.families import compared, estimated, linear_problem, sampled
@@ -387,11 +387,11 @@ def _above(problem: Problem, points: np.ndarray, inference: Inference) -> list[s
     share = float((whole / np.maximum(parts.sum(axis=1), 1e-300)).mean())
     if share < MAINLY or not whole.all():
         return []
-    bottom, top = band((product(above, energies) / whole)[:, None], 0.95)
+    bottom, top = band(product(above, energies) / whole, 0.95)
     text = (
         f"barriers lie above the visible energies: {100 * share:.0f} % of the friction at "
-        f"{inference.hold_times[last]:.3g} s comes from sites above {high:.3f} eV, on average at {bottom[0]:.2f} to "
-        f"{top[0]:.2f} eV (95 %); the data tell how fast these react together, and neither how many there are nor how "
+        f"{inference.hold_times[last]:.3g} s comes from sites above {high:.3f} eV, on average at {bottom:.2f} to "
+        f"{top:.2f} eV (95 %); the data tell how fast these react together, and neither how many there are nor how "
         "high their barriers are"
     )
     return [text]

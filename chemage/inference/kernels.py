@@ -22,8 +22,8 @@ import math
 
 import numpy as np
 
+from chemage.foundation.algebra import cholesky, forward, products
 from chemage.foundation.kernels import kernel
-from chemage.inference.algebra import cholesky, products
 
 #: twice the logarithm by which a density is lower where it is left out
 NEGLIGIBLE = 120.0
@@ -262,21 +262,6 @@ def solved(factor, goals):
 
 
 @kernel(nogil=True)
-def solved_both(lower, goal):
-    """(n,) solution of L Lᵀ x = ``goal``; ``lower`` (n, n) is L."""
-    x = goal.copy()
-    for i in range(x.size):
-        for j in range(i):
-            x[i] -= lower[i, j] * x[j]
-        x[i] /= lower[i, i]
-    for j in range(x.size - 1, -1, -1):
-        x[j] /= lower[j, j]
-        for i in range(j):
-            x[i] -= lower[j, i] * x[j]
-    return x
-
-
-@kernel(nogil=True)
 def moved(x, choice, level, candidates, inverses, logs, matrix, target, areas, limit, gumbels):
     """Draw the choice among ``choice`` and the ``candidates`` (k,) other than it, at fixed v and fixed signs.
 
@@ -290,7 +275,7 @@ def moved(x, choice, level, candidates, inverses, logs, matrix, target, areas, l
             seen[i] = matrix[i]
             pull -= level * matrix[i]
     precision = products(seen, seen.T.copy())
-    goal = products(seen, pull.reshape((-1, 1)))[:, 0]
+    goal = products(seen, pull.reshape((-1, 1)))
     log_shares, trial, kept = np.empty(n), x.copy(), x.copy()
     number = np.full(1, choice)
     best, chosen = -np.inf, choice
@@ -300,7 +285,7 @@ def moved(x, choice, level, candidates, inverses, logs, matrix, target, areas, l
             if number[0] == choice:
                 continue
         lower = cholesky(inverses[number[0]] + precision)
-        mean = solved_both(lower, goal)
+        mean = solved(lower, forward(lower, goal).T)[0]
         after = np.zeros(n)  # of each node, what those after it pull
         value = gumbels[k + 1]
         for j in range(n - 1, -1, -1):

@@ -22,12 +22,13 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
+from chemage.foundation.algebra import cholesky, forward, product, row_axes
 from chemage.foundation.errors import InputError, nearest
 from chemage.foundation.units import QuantityLike, convert
-from chemage.inference.algebra import cholesky, forward, product, row_axes
 from chemage.inference.energies import EnergyGrid
 from chemage.inference.noise import Noise, State, fixed
 from chemage.lattices.chemistry import Chemistry
@@ -335,8 +336,7 @@ class Data:
     kt: float
 
 
-@dataclass(frozen=True, eq=False)
-class Peaks:
+class Peaks(NamedTuple):
     """The state of S chains with :data:`MOST` peaks each."""
 
     #: (S, k) positions in the table, from 0
@@ -428,16 +428,10 @@ class Hidden:
         for number in range(MOVES):
             other, gain = self._proposed(peaks, number % 7, data.kt / self.step, rng)
             inside = (self._inside(other.place) | ~other.there).all(axis=1)
-            other = Peaks(np.clip(other.place, 0, self.count - 1), other.width, other.weight, other.there)
+            other = other._replace(place=np.clip(other.place, 0, self.count - 1))
             there = misfit(other)
             taken = inside & (np.log(rng.random(shares.size)) < here - there + gain)
-            row = taken[:, None]
-            peaks = Peaks(
-                np.where(row, other.place, peaks.place),
-                np.where(row, other.width, peaks.width),
-                np.where(row, other.weight, peaks.weight),
-                np.where(row, other.there, peaks.there),
-            )
+            peaks = Peaks(*(np.where(taken[:, None], new, old) for new, old in zip(other, peaks, strict=True)))
             here = np.where(taken, there, here)
         return peaks
 
@@ -447,7 +441,7 @@ class Hidden:
         rows = np.arange(count)
         chosen = rng.integers(1, MOST, count) if kind == 0 else (peaks.there * rng.random((count, MOST))).argmax(axis=1)
         peak = rows, chosen
-        place, width, weight, there = (a.copy() for a in (peaks.place, peaks.width, peaks.weight, peaks.there))
+        place, width, weight, there = (array.copy() for array in peaks)
         gain = np.zeros(count)
         fresh = self.drawn(count, rng)
         far = kt * 10 ** rng.uniform(-3, 1, count) * rng.standard_normal(count)
@@ -468,11 +462,11 @@ class Hidden:
             weight[peak] *= np.exp(more)
             gain = more + peaks.weight[peak] - weight[peak]
         else:
-            place, width, weight, there = fresh.place, fresh.width, fresh.weight, fresh.there
+            place, width, weight, there = fresh
         other = Peaks(place, width, weight, there)
         if kind in (0, 3, 5, 6):
             away = (self._location(other, kt) - self._location(peaks, kt))[:, None]
-            other = Peaks(place - away, width, weight, there)
+            other = other._replace(place=place - away)
             # the move back must be possible: it draws the peaks that this one replaces or switches off, shifted as well
             gone = peaks.there & (~there | (place != peaks.place))
             gain = np.where((self._inside(peaks.place - away) | ~gone).all(axis=1), gain, -np.inf)

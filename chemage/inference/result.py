@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -16,14 +17,15 @@ from pydantic import model_validator
 
 from chemage.foundation.checks import checked_count
 from chemage.foundation.errors import InputError
+from chemage.foundation.quantities import ONE, Quantity, Rank
 from chemage.foundation.records import Doubles, Flags, Indices, Named, Plain, Record
 from chemage.foundation.text import jsonable
 from chemage.foundation.units import QuantityLike
 from chemage.inference.curves import MeasuredCurve
-from chemage.inference.forecast import LEVELS, WIDE, Forecast, Forecaster, band
+from chemage.inference.forecast import WIDE, Forecast, Forecaster, band, bands, in_numbers
 from chemage.inference.noise import SUSPECT
 from chemage.inference.open import datatree, statistics
-from chemage.inference.problem import LOAD
+from chemage.inference.problem import LOAD, UNITS
 from chemage.scene.files import load_scene, parse_scene
 from chemage.scene.scene import Scene
 
@@ -176,24 +178,6 @@ class Inference(Record):
         """An xarray.DataTree with the groups that ArviZ 1 reads: ``az.summary(found.datatree())``."""
         return datatree(self)
 
-    def error_rows(self) -> list[tuple[str, str]]:
-        """What was inferred of the errors: median and 90 % interval."""
-        rows_: list[tuple[str, str]] = []
-        for name, values in self.error_terms.items():
-            low, high = band(values[:, None], 0.9)
-            text = f"{np.median(values):.2f} ({low[0]:.2f} to {high[0]:.2f}, 90 %)"
-            if name.startswith("scale "):
-                about = self.curves[int(name.removeprefix("scale "))]
-                label = "errors" if len(self.curves) == 1 else f"errors of {about['name']}"
-                rows_.append((label, f"{text} times the stated ones"))
-            else:
-                rows_.append(
-                    (name, f"{text} {'e-folds of the hold time' if name == 'correlation time' else ''}".strip())
-                )
-        if suspects := self.suspects():
-            rows_.append(("suspect points", "; ".join(suspects)))
-        return rows_
-
     def possible_families(self) -> dict[str, Mapping[str, Any]]:
         """The families that left-out hold times do not exclude: name -> fit."""
         best = max(self.scores.values(), default=0.0)
@@ -244,8 +228,7 @@ class Inference(Record):
         """
         if name not in self.scalars:
             raise InputError.of("name", name, f"was not inferred; there are {', '.join(self.scalars) or 'none'}")
-        low, high = band(self.scalars[name][:, None], level)
-        return float(low[0]), float(high[0])
+        return band(self.scalars[name], level)
 
     def members(self, count: int, seed: int = 0) -> np.ndarray:
         """``count`` different samples of the density drawn at random, (count, n) 1/eV, for an ensemble of tables.
@@ -319,48 +302,34 @@ class Inference(Record):
 
     def summary(self) -> dict[str, Any]:
         """One JSON-able object with the density, its bands, the scalars, scores and diagnostics."""
-
-        def ends(values: np.ndarray, level: float) -> list[float]:
-            return [float(end[0]) for end in band(values[:, None], level)]
-
-        return {
-            "energies": self.energies.tolist(),
-            "density": self.density.tolist(),
-            **{f"band_{100 * level:.0f}": [end.tolist() for end in self.band(level)] for level in LEVELS},
-            "visible": self.visible.tolist(),
-            "visible_range": list(self.visible_range),
-            "resolution": self.resolution,
-            "scalars": {
-                name: {
-                    "mean": float(values.mean()),
-                    "band_68": self.interval(name, 0.68),
-                    "median": float(np.median(values)),
-                    "band_90": self.interval(name, WIDE),
-                    "band_95": self.interval(name),
-                }
-                for name, values in self.scalars.items()
-            },
-            "errors": {
-                name: {"median": float(np.median(values)), "band_68": ends(values, 0.68), "band_90": ends(values, 0.9)}
-                for name, values in self.error_terms.items()
-            },
-            "suspects": self.suspects(),
-            "scores": self.scores,
-            "families": {
-                name: {key: value for key, value in fit.items() if key != "density"}
-                for name, fit in self.families.items()
-            },
-            "chi2": self.chi2,
-            "points": int(self.hold_times.size),
-            "effective_parameters": self.effective_parameters,
-            "residuals": self.residuals.tolist(),
-            "curves": [dict(about) for about in self.curves],
-            "diagnostics": self.diagnostics,
-            "seed": self.seed,
-            "notes": list(self.notes),
-            "versions": self.provenance.get("versions", {}),
-            "plugins": self.plugins,
-        }
+        return jsonable(
+            {
+                "energies": self.energies,
+                "density": self.density,
+                **bands(self.samples),
+                "visible": self.visible,
+                "visible_range": self.visible_range,
+                "resolution": self.resolution,
+                "scalars": {name: in_numbers(values) for name, values in self.scalars.items()},
+                "errors": {name: in_numbers(values) for name, values in self.error_terms.items()},
+                "suspects": self.suspects(),
+                "scores": self.scores,
+                "families": {
+                    name: {key: value for key, value in fit.items() if key != "density"}
+                    for name, fit in self.families.items()
+                },
+                "chi2": self.chi2,
+                "points": self.hold_times.size,
+                "effective_parameters": self.effective_parameters,
+                "residuals": self.residuals,
+                "curves": self.curves,
+                "diagnostics": self.diagnostics,
+                "seed": self.seed,
+                "notes": self.notes,
+                "versions": self.provenance.get("versions", {}),
+                "plugins": self.plugins,
+            }
+        )
 
     def __repr__(self) -> str:
         low, high = self.visible_range
@@ -369,6 +338,43 @@ class Inference(Record):
         )
 
     __str__ = __repr__
+
+
+def quantities(one: Inference) -> list[Quantity]:
+    """χ² and parameters, and what was sampled beside the density."""
+    points = f"of {one.hold_times.size} points"
+    found = [
+        Quantity("chi2", ONE, "χ²", value=one.chi2, of=points, rank=Rank.FIRST),
+        Quantity(
+            "effective_parameters",
+            ONE,
+            "effective parameters",
+            value=one.effective_parameters,
+            of=points,
+            rank=Rank.FIRST,
+        ),
+    ]
+    for name, values in one.error_terms.items():
+        label, unit = name, "e-folds of the hold time" if name == "correlation time" else ONE
+        if name.startswith("scale "):
+            label = f"errors of {one.curves[int(name.removeprefix('scale '))]['name']} over the stated ones"
+        found.append(_sampled(Quantity(name, unit, label), values))
+    for name, values in one.scalars.items():
+        low, high = one.scalar_bounds.get(name, (math.nan, math.nan))
+        prior = f"(prior {low:.3g} to {high:.3g})" if name in one.scalar_bounds else ""
+        found.append(_sampled(Quantity(name, unit_of(name), name.replace("_", " "), of=prior), values))
+    return found
+
+
+def _sampled(one: Quantity, values: np.ndarray) -> Quantity:
+    """The median of samples (S,), with the interval that is printed."""
+    with_value = one.but(value=float(np.median(values)), stated="ends", level=round(100 * WIDE))
+    return with_value.within(*band(values, WIDE), float(values.std()))
+
+
+def unit_of(name: str) -> str:
+    """The unit of what was inferred beside the density."""
+    return UNITS[name][0] if name in UNITS else ONE
 
 
 def scene_of(scene: Scene | str | Path | Mapping[str, Any]) -> Scene:

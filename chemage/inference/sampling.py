@@ -12,9 +12,9 @@ from functools import cached_property
 
 import numpy as np
 
+from chemage.foundation.algebra import cholesky, forward, product, products, row_axes
 from chemage.foundation.threads import available, in_order
 from chemage.inference import kernels
-from chemage.inference.algebra import cholesky, forward, product, products, row_axes
 from chemage.inference.noise import State
 from chemage.inference.open import effective as effective_samples
 from chemage.inference.open import r_hat
@@ -303,7 +303,9 @@ class Chain:
             pull = product(
                 axes, product(slope.T, self.noise.white(pattern.state, np.where(here, self.problem.values, 0.0)))
             )
-            pattern.answers[key] = -kernels.solved_both(self._factor(pattern), pattern.positive * pull)
+            factor = self._factor(pattern)
+            half = forward(factor, (pattern.positive * pull)[:, None])
+            pattern.answers[key] = -kernels.solved(factor, half.T)[0]
         return pattern.answers[key]
 
     def _moved(self, x: np.ndarray, point: int, log_factor: float, state: State, gain: float) -> bool:

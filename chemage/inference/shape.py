@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from chemage.inference.algebra import product
+from chemage.foundation.algebra import product
 from chemage.inference.energies import averaging
 from chemage.inference.forecast import WIDE, band
 from chemage.inference.result import Inference
@@ -56,24 +57,21 @@ def shares(inference: Inference, parts: int = PARTS) -> list[Share]:
     if not high > low:
         return []
     count = int(np.clip((high - low) / inference.resolution, 1, parts))
-    edges = np.linspace(low, high, count + 1)
-    below = np.stack([_integral(inference.energies, inference.samples, edge) for edge in edges])
-    return [
-        Share(float(edges[at]), float(edges[at + 1]), float(np.median(part)), _ends(part))
-        for at, part in enumerate(np.diff(below, axis=0))
-    ]
+    edges = np.linspace(low, high, count + 1).tolist()
+    return _shares(edges, [_integral(inference, edge) for edge in edges])
 
 
-def three_shares(inference: Inference) -> tuple[Share, Share, Share]:
+def three_shares(inference: Inference) -> list[Share]:
     """Shares of the sites whose barriers lie below, at and above the visible energies."""
     low, high = inference.visible_range
-    first, second = (_integral(inference.energies, inference.samples, edge) for edge in (low, high))
-    edges = -np.inf, low, high, np.inf
-    below, inside, above = (
-        Share(edges[at], edges[at + 1], float(np.median(part)), _ends(part))
-        for at, part in enumerate((first, second - first, 1 - second))
-    )
-    return below, inside, above
+    first, second = _integral(inference, low), _integral(inference, high)
+    return _shares((-np.inf, low, high, np.inf), [0 * first, first, second, 0 * first + 1])
+
+
+def _shares(edges: Sequence[float], below: list[np.ndarray]) -> list[Share]:
+    """Shares between ``edges``, of each of which ``below`` has those (S,) of lower barriers."""
+    parts = zip(edges, edges[1:], np.diff(below, axis=0), strict=False)
+    return [Share(low, high, float(np.median(part)), band(part, WIDE)) for low, high, part in parts]
 
 
 def empty(inference: Inference) -> bool:
@@ -87,17 +85,15 @@ def peaks(inference: Inference) -> list[Peak]:
     if energies.size < 3 or empty(inference):
         return []
     mean = samples.mean(axis=0)
-    inner = np.flatnonzero((mean[1:-1] >= mean[:-2]) & (mean[1:-1] > mean[2:])) + 1
     kept: list[int] = []
-    for at in sorted(inner.tolist(), key=lambda place: -mean[place]):
+    for at in sorted(_maxima(mean).tolist(), key=lambda place: -mean[place]):
         if all(_apart(samples, mean, at, other) for other in kept) and _above_ends(samples, mean, at):
             kept.append(at)
     sure = []
     for at in sorted(kept):
         left, right = _domain(mean, at, kept)
         places = energies[left + samples[:, left:right].argmax(axis=1)]
-        low, high = band(places[:, None], WIDE)
-        sure.append(Peak(float(energies[at]), (float(low[0]), float(high[0])), float(mean[at])))
+        sure.append(Peak(float(energies[at]), band(places, WIDE), float(mean[at])))
     return sure
 
 
@@ -111,7 +107,7 @@ def unresolved(inference: Inference) -> list[float]:
         return []
     mean = inference.density[np.isin(inference.energies, energies)]
     sure = [peak.energy for peak in peaks(inference)]
-    inner = np.flatnonzero((mean[1:-1] >= mean[:-2]) & (mean[1:-1] > mean[2:])) + 1
+    inner = _maxima(mean)
     high = energies[inner[mean[inner] > STANDS_OUT * mean.max()]].tolist()
     return [at for at in high if all(abs(at - other) > inference.resolution for other in sure)]
 
@@ -151,6 +147,11 @@ def _seen(inference: Inference) -> tuple[np.ndarray, np.ndarray]:
     return energies[inside], product(inference.samples[:, inside], averaging(energies[inside], inference.resolution).T)
 
 
+def _maxima(mean: np.ndarray) -> np.ndarray:
+    """Places of the maxima inside."""
+    return np.flatnonzero((mean[1:-1] >= mean[:-2]) & (mean[1:-1] > mean[2:])) + 1
+
+
 def _apart(samples: np.ndarray, mean: np.ndarray, at: int, other: int) -> bool:
     """Whether nearly all samples have a valley between two maxima."""
     left, right = sorted((at, other))
@@ -172,8 +173,9 @@ def _domain(mean: np.ndarray, at: int, kept: list[int]) -> tuple[int, int]:
     return first + int(mean[first : at + 1].argmin()), at + int(mean[at : last + 1].argmin()) + 1
 
 
-def _integral(energies: np.ndarray, samples: np.ndarray, upper: float) -> np.ndarray:
+def _integral(inference: Inference, upper: float) -> np.ndarray:
     """(S,) integral of the densities up to an energy."""
+    energies, samples = inference.energies, inference.samples
     step = np.diff(energies)
     whole = np.concatenate(
         [np.zeros((len(samples), 1)), np.cumsum(0.5 * step * (samples[:, 1:] + samples[:, :-1]), axis=1)], axis=1
@@ -182,8 +184,3 @@ def _integral(energies: np.ndarray, samples: np.ndarray, upper: float) -> np.nda
     part = min(upper - energies[at], step[at])
     slope = (samples[:, at + 1] - samples[:, at]) / step[at]
     return whole[:, at] + part * (samples[:, at] + 0.5 * part * slope)
-
-
-def _ends(values: np.ndarray) -> tuple[float, float]:
-    low, high = band(values[:, None], WIDE)
-    return float(low[0]), float(high[0])

@@ -226,18 +226,18 @@ def test_data_that_no_density_explains_come_with_the_best_fit(command, folder, m
 
 WRONG = {
     "no scene": ([], "--scene"),
-    "unknown word": (["--predict", "lod=5 nN"], "--predict lod=5 nN: lod"),
+    "unknown word": (["--predict", "lod=5 nN"], "--predict = 'lod': is not known"),
     "no value": (["--predict", "load"], "write it as NAME=VALUE"),
-    "wrong unit": (["--predict", "load=5 K"], "--predict: load=5 K"),
-    "negative": (["--predict", "temperature=-3"], "temperature=-3: give a quantity above zero"),
+    "wrong unit": (["--predict", "load=5 K"], "5 K"),
+    "negative": (["--predict", "temperature=-3"], "--predict.temperature = -3.0: must be above zero"),
     "given twice": (["--predict", "load=5, load=6"], "load is given twice"),
     "backward range": (["--predict", "hold_time=1 s to 1 ms"], "hold_time=1 s to 1 ms"),
     "no hold time": (["--next", "load=5 nN"], "give a hold time"),
-    "no percentage": (["--next", "hold_time=1 s, error=x %"], "error=x %: give a percentage above zero"),
-    "negative percentage": (["--next", "hold_time=1 s, error=-3 %"], "error=-3 %: give a percentage above zero"),
+    "no percentage": (["--next", "hold_time=1 s, error=x %"], '--next.error: "x %" cannot be read'),
+    "negative percentage": (["--next", "hold_time=1 s, error=-3 %"], "--next.error = '-3 %': must be above zero"),
     "no file": (["--next", "plan.csv"], "plan.csv"),
     "target without plans": (["--target", "energy=1.0 eV"], "--next"),
-    "half a target": (["--next", "hold_time=1 s", "--target", "load=5 nN"], "--target load=5 nN"),
+    "half a target": (["--next", "hold_time=1 s", "--target", "load=5 nN"], "--target = {'load': '5 nN'}: is neither"),
     "bounds": (["--unknown", "bond_force=1 nN"], "LOW to HIGH"),
     "mixed bounds": (["--unknown", "bond_force", "--unknown", "activation_volume=0 nm**3 to 1 nm**3"], "for none"),
     "relative error": (["--relative-error", "3"], "between 0 and 1"),
@@ -261,7 +261,7 @@ def test_wrong_options_are_one_clear_message_before_anything_is_computed(command
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("hold_time (s), error (%)\n1,-3\n", "give a percentage above zero"),
+        ("hold_time (s), error (%)\n1,-3\n", "must be above zero"),
         ("hold_time (s), load (nN)\n", "no planned measurements"),
         ("load (nN)\n5\n", "no column hold_time"),
         ("hold_time (s), laod (nN)\n1,2\n", "column 2"),

@@ -149,7 +149,7 @@ WRONG = {
     "no time above zero": (lambda one: one.forecast(hold_times=[0.0]), "must have a time above zero"),
     "no samples": (lambda one: one.forecast(samples=0), "samples = 0"),
     "no level": (lambda one: one.band(1.5), "level = 1.5: must be between 0 and 1"),
-    "planned at once": (lambda one: one.next_experiment([{"hold_time": 0}]), "must have a time above zero"),
+    "planned at once": (lambda one: one.next_experiment([{"hold_time": 0}]), "hold_time = 0: must be above zero"),
     "negative error": (
         lambda one: one.next_experiment([{"hold_time": 1, "error": "-3 %"}]), "error = '-3 %': must be above"
     ),

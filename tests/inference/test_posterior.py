@@ -26,7 +26,6 @@ from chemage.inference.kernels import (
     piece,
     scaled_erfc,
     solved,
-    solved_both,
 )
 from chemage.inference.problem import LEVEL, Data, Hidden, Prior, Problem, Unknowns, redrawn_outside
 from chemage.inference.result import InferenceResult
@@ -217,8 +216,6 @@ def test_the_kernels_of_the_choice_agree_with_numpy():
     factor = np.linalg.cholesky(np.cov(rng.standard_normal((12, 40))))
     goals = rng.standard_normal((3, 12))
     assert solved(factor, goals) == pytest.approx(np.linalg.solve(factor.T, goals.T).T)
-    expected = np.linalg.solve(factor @ factor.T, goals[0])
-    assert solved_both(factor, goals[0]) == pytest.approx(expected)
     made = problem()
     matrix, target = made.matrices[0].T / made.errors, made.values / made.errors
     expected = -0.5 * np.sum((np.maximum(x, 0) @ matrix - target) ** 2)
@@ -522,7 +519,7 @@ def test_data_that_tell_nothing_are_shown_as_such():
     made = InferenceResult(one)
     assert peaks(one) == []
     assert shares(one) == []
-    rows = dict(words.rows(made.inference))
+    rows = dict(words.facts(made.inference))
     assert rows["visible energies"].startswith("none")
     assert "density" in inference_figures(made)
 

@@ -44,7 +44,7 @@ ROOMS = (
 #: modules in no room: those through which users and plugins reach the rooms
 FRONT = {"chemage", "chemage.plugin", "chemage.__main__"}
 #: what a kernel may use of the framework
-FOR_KERNELS = {"chemage.foundation.random", "chemage.foundation.kernels"}
+FOR_KERNELS = {"chemage.foundation.random", "chemage.foundation.algebra", "chemage.foundation.kernels"}
 #: modules that import numba and compile nothing -> what they want of it
 NO_KERNELS = {
     "chemage.testing.engines": "the number of threads, which an engine must not depend on",

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from chemage.ageing.covariance import CurveError
+from chemage.foundation import algebra
 from chemage.foundation.quantities import Curve, by_name
 from chemage.foundation.result import Ageing, result_of
-from chemage.inference import algebra
 from chemage.inference.calibrate import Calibration, _errors, _rank, calibrate
 from chemage.inference.noise import LARGEST, NEAREST, RARE, SPREAD, WIDER, ErrorModel, Noise, State
 from chemage.inference.open import effective, r_hat
