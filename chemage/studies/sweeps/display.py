@@ -211,7 +211,7 @@ def _title(data: SweepData, view: View, found: Sequence[ViewedQuantity], *, band
     status = data.table.status
     if rest := len(status) - status.count("done"):
         parts.append(f"{rest} of {len(status)} points are not done")
-    if any(data.table.approximate):
+    if "approximate" in data.table.marks:
         parts.append("approximate")
     return f"{data.name}: {'; '.join(parts)}" if parts else data.name
 

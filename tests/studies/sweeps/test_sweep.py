@@ -204,7 +204,7 @@ def test_points_that_differ_in_the_limits_of_the_material_share_the_kinetics(tin
     assert len(result[0].run().notes) == len(result[1].run().notes) + 1
     for point in result:
         assert point.run().summary() == point.summary
-    assert result.table().scalars["area_above_hardness"].tolist() == [1.0, 0.0]
+    assert result.table().results["area_above_hardness"].values.tolist() == [1.0, 0.0]
     header = (tmp_path / "out" / "results.csv").read_text().splitlines()[0].split(",")
     assert {"area_above_hardness", "load_above_hardness", "mean_shear_stress (GPa)"} <= set(header)
     assert "shear_strength (GPa)" not in header, "no point has one"
@@ -251,7 +251,7 @@ def test_a_scene_without_chemistry_stops_at_the_contact(tiny, tmp_path):
     assert result.states() == ["done", "done"]
     assert [point.summary["area_fraction"] for point in result] == [0.0, 0.5]
     assert result[0].summary["beta"] is None
-    assert np.isnan(result.table().scalars["beta"]).all()
+    assert np.isnan(result.table().results["beta"].values).all()
     with xarray.open_dataset(result.folder / "results.h5") as file:
         assert list(file["area_fraction"].values) == [0.0, 0.5]
         assert file.sizes["hold_time"] == 0
@@ -444,7 +444,7 @@ def test_hold_times_that_differ_are_padded(tiny, tmp_path):
     table = result.table()
     assert table.hold_times.shape == (4, 3)
     assert np.isnan(table.hold_times[0, 2])
-    assert np.isnan(table.curves["friction_drop"][:2, 2]).all()
+    assert np.isnan(table.results["friction_drop"].values[:2, 2]).all()
     assert table.bonds.shape == (4, 3, 3)
     assert (table.bonds[0, 1:] == -1).all()
     assert np.array_equal(table.bonds[3], result[3].aging().bonds)
@@ -563,6 +563,6 @@ def test_a_scene_is_swept_along_axes_that_are_given(tiny, tmp_path):
     loads = pint.UnitRegistry().Quantity([10, 20], "nN")
     again = chemage.sweep(scene, tmp_path / "pint", axes={"contact.load": loads, "hold.replicas": np.array([1, 2])})
     for result in (made, data, again):
-        assert result.table().scalars["load"].tolist() == [10, 10, 20, 20]
+        assert result.table().results["load"].values.tolist() == [10, 10, 20, 20]
     with pytest.raises(SceneError, match="give axes"):
         chemage.sweep(scene, tmp_path / "none")
