@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import sys
 from collections.abc import Sequence
@@ -20,8 +21,9 @@ from chemage.foundation.errors import ChemageError, printable
 from chemage.foundation.progress import LOGGER, progress_bars, reported
 from chemage.foundation.result import result_of
 from chemage.foundation.text import jsonable
+from chemage.studies.runner import PROGRAM
 from chemage.studies.study import Selection, in_ranges
-from chemage.studies.sweeps.grid import Survey, shown
+from chemage.studies.sweeps.grid import Survey, cpu_seconds, shown
 from chemage.studies.sweeps.points import expected_seconds
 from chemage.studies.sweeps.result import NOT_DONE, SweepResult, collect_sweep, in_words, load_sweep
 from chemage.studies.sweeps.running import Report, SweepProgress, read_grid, room_for, show_progress, survey_of, sweep
@@ -283,9 +285,9 @@ def _numbers(survey: Survey) -> dict[str, Any]:
         "contacts": len(survey.contacts),
         "surfaces": survey.surfaces,
         "hooks": survey.hooks,
-        "cpu_seconds": expected_seconds(survey) if survey.means else survey.total_cpu_seconds,
-        "memory": None if survey.memory is None else 2e8 + survey.memory,
-        "disk": survey.total_bytes,
+        "cpu_seconds": expected_seconds(survey) if survey.means else cpu_seconds(survey.tasks),
+        "memory": None if math.isnan(survey.memory) else PROGRAM + survey.memory,
+        "disk": survey.bytes,
         "disk_free": room_for(Path.cwd()),
         "digest": survey.digest,
         "notes": survey.warnings(),

@@ -184,6 +184,20 @@ class Task:
         return Outcome(worker.run(self))
 
 
+def by_contact(tasks: Iterable[Task]) -> list[list[list[Task]]]:
+    """The tasks of each contact, those with the same ageing together; contacts of one surface follow each other."""
+    surfaces: dict[str, dict[str, dict[str, list[Task]]]] = {}
+    for task in tasks:
+        ageings = surfaces.setdefault(task.surface, {}).setdefault(task.contact, {})
+        ageings.setdefault(task.ageing, []).append(task)
+    return [list(ageings.values()) for contacts in surfaces.values() for ageings in contacts.values()]
+
+
+def ageing_seconds(tasks: Iterable[Task]) -> float:
+    """Estimated CPU time of the ageings of tasks, s; the same ageing counts once."""
+    return sum({task.ageing: task.ageing_seconds for task in tasks}.values())
+
+
 @dataclass(frozen=True)
 class Place:
     """The folder in which results are kept, as a worker is told of it."""
@@ -198,6 +212,11 @@ class Place:
     def folder(self) -> Folder:
         """The folder, after a check that this process sees the same one."""
         return _opened(self.path, self.digest, self.contacts)
+
+    @property
+    def whole(self) -> Folder | None:
+        """The folder, if contacts and failures are kept there as well."""
+        return self.folder if self.contacts else None
 
 
 @dataclass
@@ -327,7 +346,7 @@ class Worker:
         self._threads, self._remote = threads, remote
         self._folder = None if place is None else place.folder
         #: where contacts and failures are kept as well
-        self._whole = self._folder if place is not None and place.contacts else None
+        self._whole = None if place is None else place.whole
         #: names the study in caches of this process
         self.owner = _owner("", "") if place is None else _owner(place.path, place.digest)
         #: the ageing that was computed last, and what came of it

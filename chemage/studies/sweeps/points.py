@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 from chemage.contacts.solution import ContactSolution
@@ -30,8 +30,8 @@ from chemage.studies.ensembles.ensemble import Ensemble
 from chemage.studies.ensembles.planning import plan
 from chemage.studies.ensembles.running import Sampler
 from chemage.studies.folder import Folder, SweepWarning
-from chemage.studies.sweeps.grid import Survey, order_of
-from chemage.studies.tasks import Outcome, Place, Task, failure
+from chemage.studies.sweeps.grid import Survey
+from chemage.studies.tasks import Outcome, Place, Task, by_contact, failure
 from chemage.surfaces.role import make_surface
 from chemage.surfaces.surface import Surface
 
@@ -71,11 +71,8 @@ def outdated(folder: Folder, survey: Survey, there: Mapping[str, Any]) -> Outdat
     asked = there.get("asked", {})
     new = {name: source for name, source in survey.hooks.items() if asked.get(name) != source}
     check = _Check(folder, survey, new, result)
-    points: dict[int, list[int]] = {}
-    for point, contact in enumerate(survey.contact_of):
-        points.setdefault(contact, []).append(point)
-    for number in order_of(survey.contacts):
-        check.contact(number, points.get(number, []))
+    for ageings in by_contact(survey.tasks):
+        check.contact([task for tasks in ageings for task in tasks])
     return result
 
 
@@ -86,24 +83,24 @@ class _Check:
         self.new_in_ageing = [name for name in implementing(*_AGEING_HOOKS) if name in new]
         self._surface: tuple[str, Surface] | None = None
 
-    def contact(self, number: int, points: list[int]) -> None:
-        keys = {self.survey.keys[point]: point for point in points}
+    def contact(self, tasks: list[Task]) -> None:
+        """Compare what is done of the tasks of one contact."""
+        keys = {task.key: task for task in tasks}
         done = {key: content for key in keys if (content := self.folder.read_point(key))["status"] == "done"}
         touched = {key: self._changed(content.get("plugins", {})) for key, content in done.items()}
-        contact = self.survey.contacts[number]
         if not (any(touched.values()) or self.new_in_contact or self.new_in_ageing or not done):
             return
-        solution = self.folder.intact_contact(contact.key)
+        first = tasks[0]
+        solution = self.folder.intact_contact(first.contact)
         if solution is None:
             self.result.points |= {key for key, changes in touched.items() if changes}
             return
-        scene = self.survey.grid.scene(contact.point)
-        if self._changed(solution.plugins) or self._contact_would_change(scene, contact.surface, solution):
-            self.result.contacts.add(contact.key)
+        if self._changed(solution.plugins) or self._contact_would_change(first.scene, first.surface, solution):
+            self.result.contacts.add(first.contact)
             self.result.points |= set(done)
             return
         for key in done:
-            if touched[key] or self._ageing_would_change(self.survey.grid.scene(keys[key]), solution):
+            if touched[key] or self._ageing_would_change(keys[key].scene, solution):
                 self.result.points.add(key)
 
     def _changed(self, recorded: Plugins) -> bool:
@@ -166,14 +163,14 @@ class Points:
         self._folder, self._survey = folder, survey
         #: where the results of tasks are kept
         self.place = Place(str(folder.path), survey.digest)
-        self.points = range(len(survey.keys)) if chosen is None else chosen
+        self.points = range(len(survey.tasks)) if chosen is None else chosen
         self._same: dict[str, list[int]] = {}
         for point in self.points:
-            self._same.setdefault(survey.keys[point], []).append(point)
+            self._same.setdefault(survey.tasks[point].key, []).append(point)
         states = {key: folder.state(key) for key in self._same}
         self._left = [key for key, state in states.items() if state != "done"]
         #: key of each contact -> the key of a point that has it, one that is left if there is any
-        contacts = {survey.contacts[survey.contact_of[self._same[key][0]]].key: key for key in (*states, *self._left)}
+        contacts = {survey.tasks[self._same[key][0]].contact: key for key in (*states, *self._left)}
         self.contacts = len(contacts)
         spoilt = () if survey.means else [key for key in contacts if folder.contact_state(key) == "damaged"]
         self._damaged = [folder.point(key) for key, state in states.items() if state == "damaged"]
@@ -193,7 +190,7 @@ class Points:
     def ask(self) -> list[Task]:
         """See :class:`chemage.studies.study.Design`."""
         tasks = [self._survey.task(self._same[key][0]) for key in self._left]
-        tasks += [replace(self._survey.task(self._same[key][0]), contact_only=True) for key in self._mended]
+        tasks += [self._survey.task(self._same[key][0], contact_only=True) for key in self._mended]
         self._left, self._mended = [], []
         return tasks
 
@@ -218,11 +215,11 @@ class Points:
 
 def expected_seconds(survey: Survey) -> float | None:
     """CPU time of all means, s, from the plans of some of them; None where one is not known before it begins."""
-    points = list(dict(zip(survey.keys, range(len(survey.keys)), strict=True)).values())
-    some = points[:: math.ceil(len(points) / PLANNED)]
-    seconds = [plan(survey.grid.scene(point)).cpu_seconds for point in some]
+    means = list({task.key: task for task in survey.tasks}.values())
+    some = means[:: math.ceil(len(means) / PLANNED)]
+    seconds = [plan(task.scene).cpu_seconds for task in some]
     finite = [estimate for estimate in seconds if estimate is not None]
-    return sum(finite) * len(points) / len(some) if len(finite) == len(some) else None
+    return sum(finite) * len(means) / len(some) if len(finite) == len(some) else None
 
 
 class Means(Points):
@@ -240,9 +237,9 @@ class Means(Points):
     def ask(self) -> list[Task]:
         """See :class:`chemage.studies.study.Design`."""
         for key in self._left:
-            point = self._same[key][0]
             try:
-                self._means[key] = Sampler(self._survey.grid.scene(point), samples=self.place.path, warn=False)
+                scene = self._survey.tasks[self._same[key][0]].scene
+                self._means[key] = Sampler(scene, samples=self.place.path, warn=False)
             except ChemageError as error:
                 self._end(key, error)
         self._left = []

@@ -215,7 +215,7 @@ def room_for(path: Path) -> int:
 
 def _check_room(survey: Survey, path: Path, confirm: Confirm | None) -> None:
     """Ask for confirmation where the disk may be too small; warn of what is doubtful about the points."""
-    need, room = survey.total_bytes, room_for(path)
+    need, room = survey.bytes, room_for(path)
     if need > DISK_SHARE * room:
         _require_confirmation(
             f"the {survey.grid.size} points and {len(survey.contacts)} contacts may need {readable(need)}, but "
@@ -336,16 +336,17 @@ def _clear(folder: Folder) -> None:
 
 
 def _manifest(survey: Survey) -> dict[str, Any]:
+    numbers = {key: number for number, key in enumerate(survey.contacts)}
     return {
         "format": FORMAT,
         "digest": survey.digest,
-        "versions": versions(survey.grid.scene(0)),
+        "versions": versions(survey.tasks[0].scene),
         "asked": survey.hooks,
         "grid": survey.grid.todict(),
         "resolved": survey.resolved,
         "units": survey.units,
-        "contacts": [contact.key for contact in survey.contacts],
-        "contact_of": survey.contact_of,
+        "contacts": list(numbers),
+        "contact_of": [numbers[task.contact] for task in survey.tasks],
         "keys": survey.keys,
         **({"means": True} if survey.means else {}),
     }
@@ -491,7 +492,7 @@ def _chosen(selection: Selection | None, folder: Folder, survey: Survey) -> Sequ
     if selection is None:
         return None
     if survey.means and selection.share is not None:
-        return range(len(survey.keys))
+        return range(len(survey.tasks))
     return points_of(selection, folder, survey)
 
 

@@ -274,7 +274,8 @@ class SweepData:
         """Headings and lines of a table with β, Δμ and the contact area; one line for the mean over seeds."""
         dims = [dim for dim in self.dimensions if not self.is_seed(dim)] or list(self.dimensions)
         seeds = [dim for dim in self.dimensions if dim not in dims]
-        names = [name for dim in dims for name in self.dimensions[dim].coordinates.values()]
+        places = enumerate(self.dimensions[dim] for dim in dims)
+        along = [(name, place) for place, dimension in places for name in dimension.coordinates.values()]
         columns = [name for name in _FIRST if np.isfinite(self.variables[name][1]).any()]
         results = [self._estimates(name, seeds, dims, {}) for name in columns]
         done = (self.variables["status"][1] == "done").sum(axis=tuple(map(list(self.dimensions).index, seeds)))
@@ -283,17 +284,14 @@ class SweepData:
         for place in np.ndindex(done.shape):
             if done[place] == 0:
                 continue
-            at = dict(zip(dims, place, strict=True))
-            texts = [
-                self.value_text(name, at[dim]) for dim in dims for name in self.dimensions[dim].coordinates.values()
-            ]
+            texts = [self.value_text(name, place[number]) for name, number in along]
             if uneven:
                 texts.append(str(done[place]))
             for mean, low, high in results:
-                value = mean[place]
-                texts.append(plus_minus(value, 0.5 * (high[place] - low[place])) if math.isfinite(value) else NONE)
+                value, half = float(mean[place]), 0.5 * float(high[place] - low[place])
+                texts.append(plus_minus(value, half) if math.isfinite(value) else NONE)
             lines.append(tuple(texts))
-        headings = [headed(name, self.unit(name)) for name in names] + ["seeds"] * uneven
+        headings = [headed(name, self.unit(name)) for name, _ in along] + ["seeds"] * uneven
         return (*headings, *(DECLARED[name].symbol or DECLARED[name].label for name in columns)), lines
 
     def notes(self) -> list[str]:

@@ -20,9 +20,10 @@ from chemage import Aging, InputError, parse_scene
 from chemage.foundation.codec import from_json, to_json
 from chemage.kinetics.hooks import REPLICA_SECONDS
 from chemage.plugin import SceneError, StoreError, override
-from chemage.studies.sweeps.grid import Grid, order_of
+from chemage.studies.sweeps.grid import Grid, cpu_seconds
 from chemage.studies.sweeps.running import SweepProgress
 from chemage.studies.sweeps.table import short_names
+from chemage.studies.tasks import by_contact
 
 AXES = """
 [sweep]
@@ -129,13 +130,13 @@ def test_points_share_contacts_and_surfaces(tiny):
     assert len(found.keys) == len(set(found.keys)) == 12
     assert len(found.contacts) == 6
     assert found.surfaces == 2
-    assert [found.contacts[number].point for number in found.contact_of] == [0, 0, 2, 2, 4, 4, 6, 6, 8, 8, 10, 10]
+    assert [found.contacts[task.contact].number for task in found.tasks] == [0, 0, 2, 2, 4, 4, 6, 6, 8, 8, 10, 10]
 
 
 def test_contacts_of_one_surface_follow_each_other(tiny):
     text = '[sweep]\n"contact.load" = [1, 2, 3]\n"surface.seed" = [4, 5]'
-    contacts = survey_of(read_grid(swept(tiny, text))).contacts
-    surfaces = [contacts[number].surface for number in order_of(contacts)]
+    contacts = by_contact(survey_of(read_grid(swept(tiny, text))).tasks)
+    surfaces = [ageings[0][0].surface for ageings in contacts]
     assert surfaces == [surfaces[0]] * 3 + [surfaces[3]] * 3
 
 
@@ -178,9 +179,9 @@ def test_costs_are_of_distinct_stages(tiny):
     found = survey_of(read_grid(swept(tiny, AXES)))
     # 6 contacts and 12 points of 2 replicas, a hundredth of a second each beside what chemage itself does
     replica = 0.01 + REPLICA_SECONDS
-    assert found.total_cpu_seconds == pytest.approx(6 * 0.01 + 24 * replica, rel=0.01)
+    assert cpu_seconds(found.tasks) == pytest.approx(6 * 0.01 + 24 * replica, rel=0.01)
     text = '[sweep]\n"fit.stop" = [1e2, 1e3]'
-    assert survey_of(read_grid(swept(tiny, text))).total_cpu_seconds == pytest.approx(0.01 + 2 * replica, rel=0.01)
+    assert cpu_seconds(survey_of(read_grid(swept(tiny, text))).tasks) == pytest.approx(0.01 + 2 * replica, rel=0.01)
 
 
 def test_each_stage_is_computed_once_for_all_points_that_share_it(tiny, tmp_path):
