@@ -25,7 +25,7 @@ from chemage.studies.runner import PROGRAM
 from chemage.studies.study import Selection, in_ranges
 from chemage.studies.sweeps.grid import Survey, cpu_seconds, shown
 from chemage.studies.sweeps.points import expected_seconds
-from chemage.studies.sweeps.result import NOT_DONE, SweepResult, collect_sweep, in_words, load_sweep
+from chemage.studies.sweeps.result import NOT_DONE, SweepResult, collect_sweep, count, in_words, load_sweep
 from chemage.studies.sweeps.running import Report, SweepProgress, read_grid, room_for, show_progress, survey_of, sweep
 from chemage.studies.sweeps.shares import ShareCost, agreed_points, shares_cost
 from chemage.studies.sweeps.views import swept_rows
@@ -175,14 +175,10 @@ def _print_share(result: SweepResult, folder: Path, chosen: Selection, *, as_jso
     whole = result.means and chosen.share is not None
     points = range(len(result)) if whole else agreed_points(chosen, result.store, result.digest, len(result))
     states = [result.store.state(result.keys[point]) for point in points]
-    counts = {state: states.count(state) for state in ("done", *NOT_DONE)}
-    failures = [
-        {"point": point, "changes": result[point].changes, "error": result[point].error}
-        for point, state in zip(points, states, strict=True)
-        if state == "failed"
-    ]
+    counts = count(states)
+    failures = result.failures(point for point, state in zip(points, states, strict=True) if state == "failed")
     if as_json:
-        share = {"points": str(chosen), "numbers": list(points), **counts, "failures": failures}
+        share = {**counts, "points": str(chosen), "numbers": list(points), "failures": failures}
         print(json.dumps(jsonable({"name": result.name, "folder": str(folder), "share": share})))
     else:
         left = in_words(counts)

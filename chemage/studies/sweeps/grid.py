@@ -10,11 +10,12 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from chemage.contacts.options import nominal_pressure
 from chemage.contacts.theory import no_map
@@ -95,11 +96,7 @@ class Grid:
 
     def positions(self, point: int) -> tuple[int, ...]:
         """The position of ``point`` on each axis."""
-        places = []
-        for axis in reversed(self.axes):
-            point, place = divmod(point, len(axis))
-            places.append(place)
-        return tuple(reversed(places))
+        return tuple(int(place) for place in np.unravel_index(point, self.shape))
 
     def changes(self, point: int) -> dict[str, Any]:
         """The changes of ``point`` to the base: dotted path -> value."""
@@ -126,16 +123,12 @@ class Grid:
 
     def todict(self) -> dict[str, Any]:
         """Plain JSON values, from which :meth:`fromdict` makes an equal grid."""
-        axes = [{"paths": list(axis.paths), "values": [list(values) for values in axis.values]} for axis in self.axes]
-        return {"base": self.base, "axes": axes, "source": self.source}
+        return asdict(self)
 
     @classmethod
     def fromdict(cls, fields: Mapping[str, Any]) -> Grid:
         """The inverse of :meth:`todict`."""
-        axes = tuple(
-            Axis(tuple(axis["paths"]), tuple(tuple(values) for values in axis["values"])) for axis in fields["axes"]
-        )
-        return cls(dict(fields["base"]), axes, fields["source"])
+        return TypeAdapter(cls).validate_python(fields)
 
 
 def _axes(sweep: Any, problems: list[tuple[str, str]]) -> list[Axis]:

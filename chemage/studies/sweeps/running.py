@@ -18,13 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from chemage.foundation.errors import (
-    DamagedError,
-    InputError,
-    PlanWarning,
-    SceneError,
-    StoreError,
-)
+from chemage.foundation.errors import DamagedError, InputError, PlanWarning, SceneError, StoreError
 from chemage.foundation.files import make_folder
 from chemage.foundation.memory import readable
 from chemage.foundation.names import __version__
@@ -81,16 +75,6 @@ Report = Callable[[SweepProgress], None]
 
 
 @contextmanager
-def reporting(progress: Report | bool | None) -> Iterator[Report | None]:
-    """The function to report progress with: that of the caller; for True one that shows progress on stderr."""
-    if progress is True:
-        with show_progress() as report:
-            yield report
-    else:
-        yield progress or None
-
-
-@contextmanager
 def show_progress(seconds: float = 5.0) -> Iterator[Report]:
     """Show the progress of a sweep on stderr: bars on a terminal, elsewhere a line every few ``seconds``."""
     if silenced():
@@ -115,16 +99,15 @@ def show_progress(seconds: float = 5.0) -> Iterator[Report]:
 
 
 def _lines(seconds: float) -> Report:
-    begin = last = time.perf_counter()
-    printed = ""
+    last, printed = time.perf_counter(), ""
 
     def line(state: SweepProgress) -> None:
         nonlocal last, printed
-        now = time.perf_counter()
-        ended = state.stage == "computing" and state.done + state.failed == state.points
-        if (now > last + seconds or (ended and last > begin)) and str(state) != printed:
-            last, printed = now, str(state)
-            print(printed, file=sys.stderr, flush=True)
+        now, text = time.perf_counter(), str(state)
+        ended = state.stage == "computing" and state.done + state.failed == state.points and printed
+        if (now > last + seconds or ended) and text != printed:
+            last, printed = now, text
+            print(text, file=sys.stderr, flush=True)
 
     return line
 
@@ -184,10 +167,9 @@ def survey_of(grid: Grid, *, progress: Report | None = None, confirm: Confirm | 
     InputError
         There are too many points, and ``confirm`` did not return True.
     """
-    begin = time.perf_counter()
+    begin = last = time.perf_counter()
     if grid.size > MANY_POINTS:
         _require_confirmation(f"the sweep has {grid.size} points ({grid.product})", confirm)
-    last = begin
 
     def report(validated: int, total: int) -> None:
         nonlocal last
@@ -222,13 +204,8 @@ def _check_room(survey: Survey, path: Path, confirm: Confirm | None) -> None:
             f"{path.absolute().parent} has {readable(room)} left",
             confirm,
         )
-    _warn(survey)
-
-
-def _warn(survey: Survey) -> None:
-    """Warn of what is doubtful about the points, of each kind of doubt once."""
     for text in survey.warnings():
-        warnings.warn(text, PlanWarning, stacklevel=5)
+        warnings.warn(text, PlanWarning, stacklevel=4)
 
 
 def _check_folder(folder: Folder, survey: Survey, force: bool) -> None:
@@ -246,9 +223,14 @@ def _check_folder(folder: Folder, survey: Survey, force: bool) -> None:
         raise StoreError(f"{path} is not empty and holds no sweep; choose another folder")
     if force:
         return
-    there = _manifest_of(folder, survey)
-    if there["digest"] != survey.digest:
-        raise StoreError(f"{path} holds another sweep ({_difference(there, survey)}); choose another folder")
+    try:
+        there = folder.read_manifest()
+    except DamagedError as error:
+        if not any(folder.point(task.key).exists() for task in survey.tasks):
+            raise
+        warnings.warn(f"{error}; it is written again", SweepWarning, stacklevel=4)
+        return
+    _check_same(folder, survey, there)
     now, then = versions(), there["versions"]
     changed = [f"{name} {then[name]} -> {now[name]}" for name in now if name in then and then[name] != now[name]]
     if changed:
@@ -259,35 +241,32 @@ def _check_folder(folder: Folder, survey: Survey, force: bool) -> None:
         )
 
 
-def _manifest_of(folder: Folder, survey: Survey) -> Mapping[str, Any]:
-    """The manifest; one that is damaged is made anew, if the folder holds points of this sweep."""
+def _check_same(folder: Folder, survey: Survey, there: Mapping[str, Any]) -> None:
+    """Refuse a manifest of another sweep."""
+    if there["digest"] == survey.digest:
+        return
+    old, new = Grid.fromdict(there["grid"]), survey.grid
+    different = sum(a != b for a, b in zip(there["keys"], survey.keys, strict=False))
+    difference = f"{different} of its {new.size} points differ"
+    if [axis.paths for axis in old.axes] != [axis.paths for axis in new.axes]:
+        difference = f"over {', '.join(axis.name for axis in old.axes)}"
+    elif old.shape != new.shape:
+        difference = f"{old.product} points instead of {new.product}"
+    raise StoreError(f"{folder.path} holds another sweep ({difference}); choose another folder")
+
+
+def _there(folder: Folder) -> dict[str, Any] | None:
+    """The manifest; None if there is none, or it is damaged."""
     try:
-        return folder.read_manifest()
-    except DamagedError as error:
-        if not any(folder.point(key).exists() for key in survey.keys):
-            raise
-        warnings.warn(f"{error}; it is written again", SweepWarning, stacklevel=5)
-        return _manifest(survey)
-
-
-def _difference(there: Mapping[str, Any], survey: Survey) -> str:
-    old = Grid.fromdict(there["grid"])
-    if [axis.paths for axis in old.axes] != [axis.paths for axis in survey.grid.axes]:
-        return f"over {', '.join(axis.name for axis in old.axes)}"
-    if old.shape != survey.grid.shape:
-        return f"{old.product} points instead of {survey.grid.product}"
-    different = sum(a != b for a, b in zip(there["keys"], survey.keys, strict=True))
-    return f"{different} of its {len(survey.keys)} points differ"
+        return folder.read_manifest() if folder.manifest.exists() else None
+    except DamagedError:
+        return None
 
 
 def _outdated(folder: Folder, survey: Survey, *, whole: bool) -> Outdated:
     if not folder.manifest.exists():
         return Outdated()
-    try:
-        there = folder.read_manifest()
-    except DamagedError:
-        there = {}
-    stale = outdated(folder, survey, there)
+    stale = outdated(folder, survey, _there(folder) or {})
     if stale and not whole:
         raise StoreError(
             f"{folder.path}: {stale.describe()}; one process must do so: rerun the command without --points, or choose "
@@ -300,10 +279,7 @@ def _outdated(folder: Folder, survey: Survey, *, whole: bool) -> Outdated:
 
 def _describe(folder: Folder, survey: Survey) -> None:
     """Write the manifest, or note in it which plugins were asked about all that is complete."""
-    try:
-        there = folder.read_manifest() if folder.manifest.exists() else None
-    except DamagedError:
-        there = None
+    there = _there(folder)
     if there is None:
         folder.write_manifest(_manifest(survey))
     elif there.get("asked", {}) != survey.hooks:
@@ -313,13 +289,11 @@ def _describe(folder: Folder, survey: Survey) -> None:
 def _describe_first(folder: Folder, survey: Survey) -> None:
     """Write the manifest unless another process has, whose manifest must be of this sweep."""
     folder.write_manifest(_manifest(survey), first=True)
-    try:
-        there = folder.read_manifest()
-    except DamagedError:
+    there = _there(folder)
+    if there is None:
         folder.write_manifest(_manifest(survey))
         return
-    if there["digest"] != survey.digest:
-        raise StoreError(f"{folder.path} holds another sweep ({_difference(there, survey)}); choose another folder")
+    _check_same(folder, survey, there)
     if (version := there["versions"]["chemage"]) != __version__:
         raise StoreError(
             f"{folder.path} was begun by chemage {version}, and this is {__version__}; compute all shares with one "
@@ -419,10 +393,12 @@ def sweep(
     begin = time.perf_counter()
     if accuracy is not None:
         changes = {**(changes or {}), "accuracy": dict(accuracy), "ensemble.surfaces": None}
-    selection = _selection(points, force)
+    if points is not None and force:
+        raise InputError("a part of the points cannot replace a sweep: give force (--force) without points (--points)")
+    selection = None if points is None else Selection.read(points)
     confirmed = (lambda text: True) if confirm is True else (confirm or None)
     with ExitStack() as stack:
-        report = stack.enter_context(reporting(progress))
+        report = stack.enter_context(show_progress()) if progress is True else progress or None
         survey = survey_of(read_grid(scene, changes, axes), progress=report, confirm=confirmed)
         executor = executor or ("threads" if survey.means else "serial")
         study = stack.enter_context(Study(executor, workers, threads, patience, classes=survey.classes))
@@ -433,14 +409,10 @@ def sweep(
         design = _begin(stack, study, folder, survey, selection, force)
         study.carry_out(design, design.place, part, _watched(report, begin, design))
         if selection is None:
-            _finish(folder)
+            SweepResult(folder.path).write_tables()
+            for name in (".parts", f"{SAMPLES}/.parts", PLACE):
+                shutil.rmtree(folder.path / name, ignore_errors=True)
     return SweepResult(folder.path)
-
-
-def _selection(points: str | None, force: bool) -> Selection | None:
-    if points is not None and force:
-        raise InputError("a part of the points cannot replace a sweep: give force (--force) without points (--points)")
-    return None if points is None else Selection.read(points)
 
 
 def _part(selection: Selection | None, survey: Survey, folder: Folder, patience: float | str | None) -> Part | None:
@@ -448,13 +420,6 @@ def _part(selection: Selection | None, survey: Survey, folder: Folder, patience:
     if not survey.means or selection is None or selection.share is None:
         return None
     return Part.of(selection.share, Folder(folder.path / SAMPLES), patience)
-
-
-def _finish(folder: Folder) -> None:
-    """Write the tables of a whole sweep."""
-    SweepResult(folder.path).write_tables()
-    for name in (".parts", f"{SAMPLES}/.parts", PLACE):
-        shutil.rmtree(folder.path / name, ignore_errors=True)
 
 
 def _begin(
