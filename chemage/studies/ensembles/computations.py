@@ -206,7 +206,7 @@ def mapped_computations(
 
     least, chosen = MAP_PAYS * price(own), None
     for point in map.points:
-        if not point.own and not point.reference and (found := price(point)) < least:
+        if not point.own and (found := price(point)) < least:
             least, chosen = found, point
     if chosen is None:
         return [whole]

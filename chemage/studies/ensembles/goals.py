@@ -199,16 +199,12 @@ def with_request(
     options: dict[str, Any] = (scene.ensemble or EnsembleOptions()).model_dump()
     goals = dict(scene.accuracy)
     if surfaces is not None:
-        if accuracy or budget is not None:
-            raise InputError(
-                "surfaces, accuracy: give the number of surfaces, or the accuracy (or budget) that decides it"
-            )
         none: dict[str, Any] = {"budget": None, "map": None}
         options, goals = options | none | {"surfaces": checked_count("surfaces", surfaces, 2, SURFACES_LIMIT)}, {}
     if accuracy:
-        options["surfaces"], goals = None, accuracies(accuracy)
+        options["surfaces"], goals = surfaces, accuracies(accuracy)
     if budget is not None:
-        options |= {"surfaces": None, "budget": budget_seconds(budget)}
+        options |= {"surfaces": surfaces, "budget": budget_seconds(budget)}
     if map is not None:
         options["map"] = str(map)
     if most is not None:

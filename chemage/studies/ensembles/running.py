@@ -109,12 +109,18 @@ def ensemble(
     """
     if not isinstance(scene, Scene):
         scene = parse_scene(scene) if isinstance(scene, Mapping) else load_scene(scene)
-    request: dict[str, Any] = {"surfaces": surfaces, "accuracy": accuracy, "budget": budget, "most": most}
     map, file = (measured, None) if isinstance(measured, TradeMap) else (None, measured)
-    asked = with_request(scene.completed(), **request, map=file)
-    where: dict[str, Any] = {"executor": executor, "workers": workers, "threads": threads, "patience": patience}
-    where["points"] = points
-    return Sampler(asked, samples=samples, measured=map, **where).run(progress)
+    asked = with_request(scene.completed(), surfaces=surfaces, accuracy=accuracy, budget=budget, most=most, map=file)
+    return Sampler(
+        asked,
+        samples=samples,
+        executor=executor,
+        workers=workers,
+        threads=threads,
+        patience=patience,
+        points=points,
+        measured=map,
+    ).run(progress)
 
 
 def _silent(stage: str, done: int, total: int, note: str = "") -> None:

@@ -21,16 +21,19 @@ from typing import Any
 
 import numpy as np
 
+from chemage.ageing.aging import Aging
 from chemage.ageing.methods import EVERY_SITE
+from chemage.contacts.solution import FLOW_MEASURES, MEASURES
 from chemage.contacts.theory import no_map
 from chemage.foundation.checks import checked_count
+from chemage.foundation.codec import from_json
 from chemage.foundation.errors import ChemageError, InputError
 from chemage.foundation.records import approximations_in_words
 from chemage.plugins.sources import approximations
 from chemage.scene.plan import cost
 from chemage.scene.provenance import versions
 from chemage.scene.scene import Scene, is_random, question
-from chemage.studies.ensembles.quantities import Quantities
+from chemage.studies.ensembles.quantities import GIVEN, Quantities
 from chemage.studies.study import Archive, Study
 from chemage.studies.tasks import Outcome, Task, registered_classes
 from chemage.studies.trade.choices import (
@@ -146,7 +149,7 @@ class _Timing:
         return value - other
 
 
-@dataclass
+@dataclass(eq=False)
 class _Trial:
     """A combination of settings, what was measured of it, and what that is compared with, in each round."""
 
@@ -239,13 +242,16 @@ class Mapper:
 
     def _read(self, content: Mapping[str, Any]) -> _Timing:
         """From what a worker sends, or a folder has."""
-        values = {name: np.array([value], dtype=np.float64) for name, value in content["measures"].items()}
-        if content["friction_drop"] is not None:
-            drop = np.array(content["friction_drop"], dtype=np.float64)
+        summary = content["summary"]
+        values = {name: summary[name] for name in (*MEASURES, *FLOW_MEASURES) if name in summary and name not in GIVEN}
+        values[DISTRIBUTION] = content[DISTRIBUTION]
+        values = {name: np.array([value], dtype=np.float64) for name, value in values.items()}
+        if content["aging"] is not None:
+            drop = np.asarray(from_json(Aging, content["aging"]).friction_drop, dtype=np.float64)
             values |= {_drop_at(at): drop[:, k] for k, at in enumerate(self._quantities.hold_times.tolist())}
             if self._quantities.has_beta:
                 values[BETA] = self._quantities.slope(drop) / self.scene.load
-        return _Timing(content["contact_seconds"], content["ageing_seconds"], values)
+        return _Timing(summary["timings"]["contact"], summary["timings"]["ageing"], values)
 
     def _measured_of(self, task: Task) -> _Timing:
         """What was measured of a task; raises the error that it gave."""
@@ -262,8 +268,9 @@ class Mapper:
         """The scene with each of the settings of a stage that can be had, by the words of the setting."""
         scenes: dict[str, Scene] = {}
         for one in self.choices:
-            with suppress(ChemageError):  # the reason is noted where it is measured
-                scenes |= {one.words: applied(self.scene, (one,))} if one.stage == stage else {}
+            if one.stage == stage:
+                with suppress(ChemageError):  # the reason is noted where it is measured
+                    scenes[one.words] = applied(self.scene, (one,))
         return scenes
 
     def _all_stages(self) -> Iterator[list[tuple[str, Timed]]]:
@@ -394,20 +401,18 @@ class Mapper:
 
     def _fronts(self, trials: list[_Trial], seconds: Callable[[_Trial], float]) -> list[_Trial]:
         """The trials on the front of at least one observable, in the first round."""
-        on_front: dict[int, _Trial] = {}
+        on_front: dict[_Trial, None] = {}
         for name in self.observables():
             comparable = [trial for trial in trials if not math.isnan(self._error(trial, name))]
-            for trial in pareto(comparable, lambda trial, name=name: (seconds(trial), self._error(trial, name))):
-                on_front[id(trial)] = trial
-        return list(on_front.values())
+            on_front |= dict.fromkeys(pareto(comparable, lambda one, name=name: (seconds(one), self._error(one, name))))
+        return list(on_front)
 
     def _useful(self) -> dict[str, list[TradeSetting]]:
         """What is chosen -> the values that make their stage cheaper, and are not beaten by another value."""
         own = self.trials[frozenset()]
         useful: dict[str, list[TradeSetting]] = {}
         for name in dict.fromkeys(one.name for one in self.choices):
-            singles = [trial for trial in self.trials.values() if len(trial.combination) == 1]
-            singles = [trial for trial in singles if trial.combination[0].name == name]
+            singles = [trial for trial in self.trials.values() if [one.name for one in trial.combination] == [name]]
 
             def seconds(trial: _Trial) -> float:
                 return trial.seconds(trial.stage)
@@ -449,13 +454,12 @@ class Mapper:
         front = self._fronts(everything, lambda trial: trial.first.seconds)
         contacts = [trial for trial in everything if trial.stage == "contact"]
         front += self._fronts(contacts, lambda trial: trial.first.contact_seconds)
-        combined = list({id(trial): trial for trial in front if len(trial.combination) > 1}.values())
-        combined = sorted(combined, key=lambda trial: trial.first.seconds)
+        combined = [trial for trial in dict.fromkeys(front) if len(trial.combination) > 1]
+        combined.sort(key=lambda trial: trial.first.seconds)
         if len(combined) > MOST_KEPT:
             step = len(combined) / MOST_KEPT
             combined = [combined[int(k * step)] for k in range(MOST_KEPT)]
-        kept = {id(trial) for trial in combined}
-        return {key: trial for key, trial in self.trials.items() if len(trial.combination) < 2 or id(trial) in kept}
+        return {key: trial for key, trial in self.trials.items() if len(trial.combination) < 2 or trial in combined}
 
     # -- the map ------------------------------------------------------------------------------------------------------
 
