@@ -239,16 +239,6 @@ class Ensemble(Record):
         return self.rows["0"][:, self._curve]
 
     @property
-    def friction_drop_terms(self) -> list[np.ndarray]:
-        """ΔF of independent samples, nN, (samples, m) each, whose means add up to the mean."""
-        return [rows[:, self._curve] for rows in self._terms]
-
-    @property
-    def friction_drop_known(self) -> np.ndarray:
-        """Standard error of ΔF that is known before, nN, (m,); nan: not known."""
-        return self._known[self._curve]
-
-    @property
     def friction_drop_half_width(self) -> np.ndarray:
         """Half the width of its 95 % interval, nN, (m,)."""
         return self.half_widths[self._curve]
@@ -316,14 +306,13 @@ class Ensemble(Record):
         curves = []
         for name in (name for name in DROPS if name in self.quantities.names):
             estimates = [self.estimate(name, float(time)) for time in self.hold_times]
-            value, stderr, half = (
-                np.array([getattr(one, part) for one in estimates]) for part in ("value", "stderr", "half_width")
-            )
+            parts = ("value", "stderr", "half_width")
+            value, stderr, half = (np.array([getattr(one, part) for one in estimates]) for part in parts)
             errors = {cause: np.array([one.errors[cause].size for one in estimates]) for cause in estimates[0].errors}
             of = {"x": self.hold_times, "mean": value, "stderr": stderr, "half_width": half, "errors": errors}
             scale = 1.0 if name == "friction_drop" else 1 / self.load
-            samples = [scale * curves for curves in self.friction_drop_terms]
-            spread = {"samples": samples, "known": scale * self.friction_drop_known}
+            samples = [scale * rows[:, self._curve] for rows in self._terms]
+            spread = {"samples": samples, "known": scale * self._known[self._curve]}
             curves.append(DROPS[name].but(**of, **spread, over=what, band=self.random, alone=False))
         return curves
 
@@ -350,9 +339,8 @@ class Ensemble(Record):
         curves, numbers = by_name(self.curves()), by_name(self.numbers())
         estimates: dict[str, Any] = {name: _plain(one) for name, one in numbers.items()}
         for name in curves:
-            estimates[name] = [
-                {"hold_time": float(time), **_plain(self.estimate(name, float(time)))} for time in self.hold_times
-            ]
+            at_times = {float(time): self.estimate(name, float(time)) for time in self.hold_times}
+            estimates[name] = [{"hold_time": time, **_plain(one)} for time, one in at_times.items()]
         none = np.full(self.hold_times.size, math.nan)
         without = [
             one.but(mean=none, stderr=none, half_width=none) for name, one in DROPS.items() if name not in curves

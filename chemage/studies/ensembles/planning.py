@@ -103,21 +103,19 @@ def _expected_of(
     def spend(seconds: float) -> None:
         wall[0] += seconds / workers
 
-    def level(of: stages.Level, mean: float, deviation: np.ndarray, common: np.ndarray) -> _ExpectedLevel:
-        return _ExpectedLevel(of.cost, mean, deviation, common, spend)
-
     none, one = np.zeros(len(columns)), np.ones(1)
-    first = level(routes[0].levels[0], 1.0, scatter, CORRELATION * expected.surfaces[columns] / scatter)
+    correlation = CORRELATION * expected.surfaces[columns] / scatter
+    first = _ExpectedLevel(routes[0].levels[0].cost, 1.0, scatter, correlation, spend)
     drawn = []
     for route in routes:
         levels = [first]
         for correction in route.levels[1:]:
             per_surface = 1 + REPLICA_SHARE / _replicas_of(correction)
             change = DIFFERENCE * math.sqrt(per_surface / (1 + REPLICA_SHARE / DIFFERENCE_REPLICAS))
-            levels.append(level(correction, 0.0, np.full(len(columns), change), none))
+            levels.append(_ExpectedLevel(correction.cost, 0.0, np.full(len(columns), change), none, spend))
         known, control = route.known(mean)[columns], None
         if route.control is not None:
-            control = level(route.control, 1.0, one, one)
+            control = _ExpectedLevel(route.control.cost, 1.0, one, one, spend)
         drawn.append(stages.Route(route.name, tuple(levels), lambda _, known=known: known, control))
     clock = stages.Clock(math.inf if request.budget is None else request.budget, now=lambda: wall[0])
     accuracy, reason = request.accuracy()[columns], ""
@@ -188,10 +186,8 @@ class EnsemblePlan:
     def memory(self) -> float | None:
         """Bytes, with as many surfaces at the same time as there are processors; None where it is not known."""
         used = self.computations if self.foreseen is None or len(self._levels()) > 1 else self.computations[:1]
-        sizes = [None if one.bytes is None else one.bytes * self._at_once(one) for one in (used[0], used[-1])]
-        if any(size is None for size in sizes):
-            return None
-        return PROGRAM + max(size for size in sizes if size is not None)
+        sizes = [math.nan if one.bytes is None else one.bytes * self._at_once(one) for one in (used[0], used[-1])]
+        return None if math.isnan(sum(sizes)) else PROGRAM + max(sizes)
 
     def _at_once(self, computation: Computation) -> int:
         """Surfaces that are computed at the same time."""
@@ -329,20 +325,18 @@ class EnsemblePlan:
         return rows + [("not computed", text) for text in self.not_computed()]
 
     def _computation_rows(self) -> list[tuple[str, str]]:
-        names = ["computation" if len(self.computations) == 1 else "cheapest computation"]
-        names += ["computation that may correct it"] * (len(self.computations) - 1)
-        used = [self.computations[0], *([self.computations[-1]] if len(self.computations) > 1 else [])]
+        first, *others = self.computations
+        used = {"cheapest computation" if others else "computation": first}
+        if others:
+            used["computation that may correct it"] = others[-1]
         rows = [
             (name, f"{computation.words}, about {time_text(computation.seconds)} of CPU time each")
-            for name, computation in zip(names, used, strict=False)
+            for name, computation in used.items()
         ]
         if self.sketch is not None:
             sketch, count = self.sketch
-            grid = sketch.words.partition(",")[0]
-            text = (
-                f"the area of the contact of {count} surfaces on {grid}, {time_text(sketch.seconds)} of CPU time each"
-            )
-            rows.append(("control", text))
+            grid, each = sketch.words.partition(",")[0], time_text(sketch.seconds)
+            rows.append(("control", f"the area of the contact of {count} surfaces on {grid}, {each} of CPU time each"))
         levels = self._levels()
         if len(levels) > 1:
             _, second = levels

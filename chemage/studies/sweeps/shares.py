@@ -178,7 +178,7 @@ def agree(folder: Folder, survey: Survey, count: int) -> None:
         path = _partition_file(folder, count)
         path.parent.mkdir(parents=True, exist_ok=True)
         content = sealed_json({"digest": survey.digest, "shares": partition(survey, count)})
-        if not folder.place_first(path, content) and not there():
+        if not folder.place(path, content, over=False) and not there():
             folder.place(path, content)  # it was damaged, or that of a sweep that was replaced
 
 
