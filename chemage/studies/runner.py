@@ -477,7 +477,7 @@ class Runner:
     def _record(self, task: Task, outcome: Outcome) -> None:
         """Write that a task failed, which no worker could."""
         if self._whole is not None and outcome.error is not None:
-            self._whole.write_point(task.key, failure(task.number, task.changes, outcome.stage, outcome.error))
+            self._whole.write_point(task.key, failure(task, outcome.stage, outcome.error))
 
 
 @dataclass

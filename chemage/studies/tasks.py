@@ -363,7 +363,7 @@ class Worker:
         except (Exception, SystemExit) as error:  # a plugin that calls exit must not end the study
             return self._failed(task, error)
         if outcome.run is not None and (self._folder is not None or self._remote):
-            outcome = Outcome(content=content_of(outcome.run, task.number, task.changes))
+            outcome = Outcome(content=content_of(outcome.run, task))
         if self._folder is None or outcome.content is None:
             return outcome
         self._folder.write_point(task.key, outcome.content)
@@ -408,7 +408,7 @@ class Worker:
 
     def _failed(self, task: Task, error: BaseException) -> Outcome:
         if self._whole is not None:
-            self._whole.write_point(task.key, failure(task.number, task.changes, self.stage, error))
+            self._whole.write_point(task.key, failure(task, self.stage, error))
         return Outcome(error=_sendable(error) if self._remote else error, stage=self.stage)
 
 
@@ -432,12 +432,12 @@ def _sendable(error: BaseException) -> BaseException:
 # -- what a folder has of a task --------------------------------------------------------------------------------------
 
 
-def content_of(run: Run, number: int, changes: Mapping[str, Any]) -> dict[str, Any]:
+def content_of(run: Run, task: Task) -> dict[str, Any]:
     """The content of the file of a task that is done."""
     content = {
         "status": "done",
-        "point": number,
-        "changes": dict(changes),
+        "point": task.number,
+        "changes": dict(task.changes),
         "plugins": run.plugins,
         "summary": run.summary(),
         "aging": to_json(run.aging) if run.aging is not None else None,
@@ -447,9 +447,9 @@ def content_of(run: Run, number: int, changes: Mapping[str, Any]) -> dict[str, A
     return content
 
 
-def failure(number: int, changes: Mapping[str, Any], stage: str, error: BaseException) -> dict[str, Any]:
+def failure(task: Task, stage: str, error: BaseException) -> dict[str, Any]:
     """The content of the file of a task that failed."""
     report: dict[str, Any] = {"stage": stage, "type": type(error).__name__, "message": str(error)}
     if not isinstance(error, ChemageError):
         report["traceback"] = "".join(traceback.format_exception(error)[-6:])
-    return {"status": "failed", "point": number, "changes": dict(changes), "error": report}
+    return {"status": "failed", "point": task.number, "changes": dict(task.changes), "error": report}

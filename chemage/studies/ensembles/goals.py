@@ -91,11 +91,12 @@ class Request:
             )
         random = is_random(scene)
         if surfaces is not None and not random:
-            raise InputError.of(
-                "surfaces", surfaces, "but this surface is the same at every seed", "use replicas, or an accuracy"
-            )
+            problem = "but this surface is the same at every seed"
+            raise InputError.of("surfaces", surfaces, problem, "use replicas, or an accuracy")
         quantities = Quantities.of(scene, (*MEASURES, *recorded_measures(scene)))
-        wishes = goals(scene.accuracy, quantities)
+        wishes = [
+            AccuracyGoal(name, column_of(name, quantities), value) for name, value in accuracies(scene.accuracy).items()
+        ]
         if scene.load == 0 and wishes:
             raise InputError(f"accuracy.{wishes[0].name}: the load is 0, so that its mean is 0; ask at a load")
         if measurements is None and options.map is not None:
@@ -173,7 +174,9 @@ class Request:
     def accuracy(self) -> np.ndarray:
         """(quantities,) the relative half widths that are asked for; inf where none is, 0 for the first quantity if it
         is to be as accurate as the time allows."""
-        accuracy = wanted(self.goals, self.quantities.count)
+        accuracy = np.full(self.quantities.count, np.inf)
+        for goal in self.goals:
+            accuracy[goal.column] = min(accuracy[goal.column], goal.accuracy)
         if not self.goals:
             accuracy[0] = 0.0
         return accuracy
@@ -214,17 +217,6 @@ def with_request(
     return scene.model_copy(update={"ensemble": None if nothing else wish, "accuracy": goals})
 
 
-def goals(accuracy: Mapping[str, Any], quantities: Quantities) -> list[AccuracyGoal]:
-    """The goals that a mapping of names to accuracies states.
-
-    Raises
-    ------
-    InputError
-        A quantity that the scene does not have, an accuracy that is none, or a time that is no hold time.
-    """
-    return [AccuracyGoal(name, column_of(name, quantities), value) for name, value in accuracies(accuracy).items()]
-
-
 def column_of(text: str, quantities: Quantities) -> int:
     """The column of a quantity written as ``name`` or ``name@time``."""
     name, at, time = text.partition("@")
@@ -233,14 +225,6 @@ def column_of(text: str, quantities: Quantities) -> int:
     except ChemageError as error:
         raise InputError(f"accuracy.{text}: {error}") from None
     return quantities.column(name.strip(), when)
-
-
-def wanted(goals: list[AccuracyGoal], count: int) -> np.ndarray:
-    """(count,) the accuracy of each column; inf where none is asked."""
-    accuracy = np.full(count, np.inf)
-    for goal in goals:
-        accuracy[goal.column] = min(accuracy[goal.column], goal.accuracy)
-    return accuracy
 
 
 @dataclass(frozen=True)

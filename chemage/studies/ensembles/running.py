@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 import warnings
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from functools import partial
 from pathlib import Path
@@ -38,7 +38,7 @@ from chemage.studies.ensembles.computations import (
 )
 from chemage.studies.ensembles.ensemble import Ensemble
 from chemage.studies.ensembles.goals import AccuracyGoal, Request, with_request
-from chemage.studies.ensembles.quantities import Quantities, SurfaceSample
+from chemage.studies.ensembles.quantities import SurfaceSample
 from chemage.studies.study import Archive, Part, Selection, Study
 from chemage.studies.tasks import Outcome, Task, registered_classes
 from chemage.studies.trade.trade_map import TradeMap
@@ -160,12 +160,12 @@ class Sampler:
         if samples is not None and any(Path(samples).glob("*.samples")):
             text = "samples of chemage 0.2 (*.samples) are not used; they are computed again, and may be removed"
             warnings.warn(f"{samples}: {text}", UserWarning, stacklevel=4)
-        self.scene = scene
+        self.scene, self._quantities = scene, self.request.quantities
         self._executor, self._workers, self._threads, self._patience = executor, workers, threads, patience
         self._part = None if points is None else self._part_of(points)
         self._progress: Report = _silent
         self._routes: list[stages.Route] = []
-        self._rule: Generator[stages.Need, None, stages.SamplingState] | None = None
+        self._rule: Iterator[stages.Need] | None = None
         self._state: stages.SamplingState | None = None
         #: key of a task that was asked for -> the samples that it belongs to
         self._waiting: dict[str, tuple[SampleSeries, Task]] = {}
@@ -177,10 +177,6 @@ class Sampler:
         self._aimed: dict[str, int] = {}
         self._shown = (-math.inf, "")
 
-    @property
-    def _quantities(self) -> Quantities:
-        return self.request.quantities
-
     def run(self, progress: Report | None = None) -> Ensemble:
         """Sample until the request is fulfilled, and call ``progress`` as samples are taken.
 
@@ -190,8 +186,7 @@ class Sampler:
             It cannot be fulfilled.
         """
         self._progress = progress or _silent
-        classes = registered_classes(self.scene.components())
-        with Study(*self._where(), self._patience, classes=classes) as study:
+        with Study(*self._where(), self._patience, classes=registered_classes(self.scene.components())) as study:
             try:
                 study.carry_out(self, self.archive.place, self._part)
             except KeyboardInterrupt:
@@ -240,22 +235,16 @@ class Sampler:
                 self._measure_barriers()
                 self._routes = self.possible_routes()
                 self._rule = self._steps()
-            return self._needed(self._rule)
-
-    def _needed(self, rule: Generator[stages.Need, None, stages.SamplingState]) -> list[Task]:
-        while True:
             try:
-                level, count = next(rule)
-            except StopIteration as end:
-                self._state = end.value
-                return []
+                for level, count in self._rule:
+                    self._waiting = {}
+                    for part in _of(level).parts:
+                        self._waiting |= {task.key: (part, task) for task in part.missing(count)}
+                    if self._waiting:
+                        return [task for _, task in self._waiting.values()]
             except stages.Unreachable as error:
                 raise InputError(self._explained(error)) from None
-            self._waiting = {}
-            for part in _of(level).parts:
-                self._waiting |= {task.key: (part, task) for task in part.missing(count)}
-            if self._waiting:
-                return [task for _, task in self._waiting.values()]
+            return []
 
     def tell(self, task: Task, outcome: Outcome) -> None:
         """Receive a sample."""
@@ -270,18 +259,19 @@ class Sampler:
             stopped = "the number of surfaces that was asked for" if counted else self._ending(self._state)
             return self._made(self._state, stopped)
 
-    def _steps(self) -> Generator[stages.Need, None, stages.SamplingState]:
+    def _steps(self) -> Iterator[stages.Need]:
         """The rule, which stops where samples have to be taken."""
         asked = self.request
         if asked.surfaces is not None:
             counted = stages.Sampled(self._routes[0].levels[0])
             yield counted.level, asked.surfaces
             counted.upto(asked.surfaces)
-            return stages.SamplingState(self._routes[0], [counted], np.zeros(self._quantities.count, dtype=bool))
+            nothing = np.zeros(self._quantities.count, dtype=bool)
+            self._state = stages.SamplingState(self._routes[0], [counted], nothing)
+            return
         clock = stages.Clock(asked.budget if asked.budget is not None else math.inf)
-        return (
-            yield from stages.steps(self._routes, asked.accuracy(), most=asked.most, clock=clock, watch=self._watch)
-        )
+        rule = stages.steps(self._routes, asked.accuracy(), most=asked.most, clock=clock, watch=self._watch)
+        self._state = yield from rule
 
     def _ending(self, state: stages.SamplingState) -> str:
         """Why sampling ended, in words."""

@@ -77,9 +77,9 @@ class SweepDisplay(Result):
     def notes(self) -> list[str]:
         """Of the table, and where β could not be fitted."""
         reasons: dict[str, list[str]] = {}
-        for point in self.sweep if len(self.sweep) <= MOST_ROWS else ():
-            if point.status == "done" and (reason := point.summary.get("beta_reason")):
-                reasons.setdefault(reason, []).append(str(point.index))
+        for point, reason in enumerate(self.data.table.marks.get("beta_reason", ())):
+            if reason and len(self.sweep) <= MOST_ROWS:
+                reasons.setdefault(reason, []).append(str(point))
         words = [
             f"beta not fitted at point{'s' if len(points) > 1 else ''} {', '.join(points)}: {reason}"
             for reason, points in reasons.items()

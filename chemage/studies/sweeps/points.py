@@ -156,14 +156,14 @@ class Points:
     Parameters
     ----------
     chosen
-        Numbers of the points to compute; None for all of them.
+        Numbers of the points to compute.
     """
 
-    def __init__(self, folder: Folder, survey: Survey, chosen: Sequence[int] | None = None) -> None:
+    def __init__(self, folder: Folder, survey: Survey, chosen: Sequence[int]) -> None:
         self._folder, self._survey = folder, survey
         #: where the results of tasks are kept
         self.place = Place(str(folder.path), survey.digest)
-        self.points = range(len(survey.tasks)) if chosen is None else chosen
+        self.points = chosen
         self._same: dict[str, list[int]] = {}
         for point in self.points:
             self._same.setdefault(survey.tasks[point].key, []).append(point)
@@ -225,7 +225,7 @@ def expected_seconds(survey: Survey) -> float | None:
 class Means(Points):
     """The means of points that are left."""
 
-    def __init__(self, folder: Folder, survey: Survey, chosen: Sequence[int] | None = None) -> None:
+    def __init__(self, folder: Folder, survey: Survey, chosen: Sequence[int]) -> None:
         super().__init__(folder, survey, chosen)
         self.place = Place(str(folder.path / SAMPLES), contacts=False)
         self.samples = 0
@@ -272,22 +272,22 @@ class Means(Points):
     def _end(self, key: str, error: BaseException | None = None, stage: str = "mean") -> None:
         """Write the file of a point."""
         points = self._same[key]
-        changes = self._survey.grid.changes(points[0])
+        task = self._survey.tasks[points[0]]
         mean = self._means.pop(key, None)
         if error is not None or mean is None:
             assert error is not None
-            self._folder.write_point(key, failure(points[0], changes, stage, error))
+            self._folder.write_point(key, failure(task, stage, error))
             self.failed.update(dict.fromkeys(points, str(error)))
             return
-        self._folder.write_point(key, _content(mean.ensemble(), points[0], changes))
+        self._folder.write_point(key, _content(mean.ensemble(), task))
         self.done += len(points)
 
 
-def _content(mean: Ensemble, point: int, changes: dict[str, Any]) -> dict[str, Any]:
+def _content(mean: Ensemble, task: Task) -> dict[str, Any]:
     return {
         "status": "done",
-        "point": point,
-        "changes": changes,
+        "point": task.number,
+        "changes": dict(task.changes),
         "plugins": dict(mean.plugins),
         "summary": jsonable(mean.summary()),
         "aging": None,

@@ -11,7 +11,7 @@ import shutil
 import sys
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -428,7 +428,7 @@ def _begin(
     """Make the folder, lock it against other calls unless both compute parts of the points, and say what is left."""
     stale = Outdated() if force else _outdated(folder, survey, whole=selection is None)
     # raises before anything is written if the workers cannot be started
-    if force or stale or _design(folder, survey, _chosen(selection, folder, survey)).left:
+    if force or stale or _design(folder, survey, selection).left:
         study.open()
     make_folder(folder.path, links=True)
     stack.enter_context(folder.locked(shared=selection is not None))
@@ -443,22 +443,14 @@ def _begin(
         folder.clear_parts()
         stale.remove(folder)
         _describe(folder, survey)
-    design = _design(folder, survey, _chosen(selection, folder, survey))
+    design = _design(folder, survey, selection)
     design.warn_of_damage()
     return design
 
 
-def _design(folder: Folder, survey: Survey, chosen: Sequence[int] | None = None) -> Points:
-    return Means(folder, survey, chosen) if survey.means else Points(folder, survey, chosen)
-
-
-def _chosen(selection: Selection | None, folder: Folder, survey: Survey) -> Sequence[int] | None:
-    """The points that this process computes; of means all, of which each share computes a part of the samples."""
-    if selection is None:
-        return None
-    if survey.means and selection.share is not None:
-        return range(len(survey.tasks))
-    return points_of(selection, folder, survey)
+def _design(folder: Folder, survey: Survey, selection: Selection | None) -> Points:
+    """What this process computes."""
+    return (Means if survey.means else Points)(folder, survey, points_of(selection, folder, survey))
 
 
 def _watched(report: Report | None, begin: float, points: Points) -> Callable[[Runner], None] | None:

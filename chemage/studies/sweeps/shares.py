@@ -21,17 +21,21 @@ PLACE = ".shares"
 _FILE = re.compile(r"of-(\d{1,7})\.json")
 
 
-def points_of(selection: Selection, folder: Folder, survey: Survey) -> list[int]:
-    """The numbers of the points of the sweep ``found`` that a process computes, ascending.
+def points_of(selection: Selection | None, folder: Folder, survey: Survey) -> Sequence[int]:
+    """The numbers of the points of a sweep that a process computes, ascending; of means all, of which each share
+    computes a part of the samples.
 
     Raises
     ------
     InputError
         The sweep has no such point.
     """
-    share = selection.share
-    if share is None or read_partition(folder, share[1], survey.digest, len(survey.tasks)) is not None:
-        return agreed_points(selection, folder, survey.digest, len(survey.tasks))
+    count = len(survey.tasks)
+    share = None if selection is None else selection.share
+    if selection is None or (survey.means and share is not None):
+        return range(count)
+    if share is None or read_partition(folder, share[1], survey.digest, count) is not None:
+        return agreed_points(selection, folder, survey.digest, count)
     return [point for point, of in enumerate(partition(survey, share[1])) if of == share[0]]
 
 
@@ -184,11 +188,8 @@ def agree(folder: Folder, survey: Survey, count: int) -> None:
 
 def agreed(folder: Folder) -> list[int]:
     """The numbers of shares into which processes have divided this sweep."""
-    try:
-        names = [match for path in (folder.path / PLACE).iterdir() if (match := _FILE.fullmatch(path.name))]
-    except OSError:
-        return []
-    return sorted(int(match[1]) for match in names)
+    names = [_FILE.fullmatch(path.name) for path in (folder.path / PLACE).glob("of-*")]
+    return sorted(int(match[1]) for match in names if match is not None)
 
 
 def remedies(folder: Folder, points: Sequence[int], digest: str, count: int) -> list[str]:

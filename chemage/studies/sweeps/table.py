@@ -7,6 +7,7 @@ import io
 import json
 import math
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -404,13 +405,11 @@ def _unknown(name: str, column: np.ndarray, means: bool) -> bool:
 
 
 def _column(values: Sequence[Any]) -> np.ndarray:
-    if all(isinstance(value, bool) for value in values):
-        return np.array([int(value) for value in values])
-    if all(isinstance(value, int) and not isinstance(value, bool) for value in values):
-        limits = np.iinfo(np.int64)
-        if all(limits.min <= value <= limits.max for value in values):
+    kinds = {type(value) for value in values}
+    if kinds == {bool} or kinds == {int}:
+        with suppress(OverflowError):
             return np.array(values, dtype=np.int64)
-    if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
+    if kinds <= {int, float}:
         return np.array(values, dtype=np.float64)
     return np.array([shown(value) for value in values], dtype=object)
 

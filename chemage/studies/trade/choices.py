@@ -335,7 +335,7 @@ class Timed(Task):
             timings={"contact": solved.seconds, "ageing": seconds},
             versions=versions(scene, (solved.contact, aging)),
         )
-        content = content_of(made, self.number, self.changes)
+        content = content_of(made, self)
         return Outcome(content=content | jsonable({DISTRIBUTION: distance}))
 
 
