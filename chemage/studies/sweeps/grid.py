@@ -262,7 +262,6 @@ def survey(grid: Grid, progress: Callable[[int, int], None] | None = None) -> Su
     result = Survey(grid, hooks=implementing(*stage_hooks()))
     result.resolved = [[[None] * len(axis.paths) for _ in axis.values] for axis in grid.axes]
     wrong: dict[tuple[str, str], list[int]] = {}
-    unresolved = [set(range(len(axis))) for axis in grid.axes]
     for point in range(grid.size):
         try:
             scene = grid.scene(point)
@@ -283,9 +282,9 @@ def survey(grid: Grid, progress: Callable[[int, int], None] | None = None) -> Su
         except InputError as error:
             error.add_note(f"at point {point} of {grid.source}")
             raise
-        for axis, place in enumerate(grid.positions(point)):
-            if place in unresolved[axis]:
-                unresolved[axis].discard(place)
+        places = grid.positions(point)
+        for axis, place in enumerate(places):
+            if not any(places[:axis] + places[axis + 1 :]):  # the first point with this place
                 _resolve(result, axis, place, scene)
     if wrong:
         raise SceneError(grid.source, [_located(grid, problem, *where) for problem, where in wrong.items()])

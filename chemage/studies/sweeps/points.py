@@ -15,7 +15,6 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
 from chemage.contacts.solution import ContactSolution
@@ -39,108 +38,92 @@ _CONTACT_HOOKS = ("chemage_make_surface", "chemage_solve_contact")
 _AGEING_HOOKS = ("chemage_build_lattice", "chemage_run_kinetics", "chemage_rupture_bonds", "chemage_observe")
 
 
-@dataclass
 class Outdated:
-    """What must be computed again."""
+    """What must be computed again of the completed part of ``folder``, whose manifest is ``there``, because plugins
+    changed."""
 
-    #: keys
-    points: set[str] = field(default_factory=set)
-    contacts: set[str] = field(default_factory=set)
-    #: plugin -> what changed, in words
-    reasons: dict[str, str] = field(default_factory=dict)
+    def __init__(self, folder: Folder, survey: Survey, there: Mapping[str, Any]) -> None:
+        self._folder, self._survey = folder, survey
+        #: keys
+        self._points: set[str] = set()
+        self._contacts: set[str] = set()
+        #: plugin -> what changed, in words
+        self._reasons: dict[str, str] = {}
+        asked = there.get("asked", {})
+        new = {name for name, source in survey.hooks.items() if asked.get(name) != source}
+        self._new_in_contact = [name for name in implementing(*_CONTACT_HOOKS) if name in new]
+        self._new_in_ageing = [name for name in implementing(*_AGEING_HOOKS) if name in new]
+        self._surface: tuple[str, Surface] | None = None
+        for ageings in by_contact(survey.tasks):
+            self._compare([task for tasks in ageings for task in tasks])
 
     def __bool__(self) -> bool:
-        return bool(self.points or self.contacts)
+        return bool(self._points or self._contacts)
 
     def describe(self) -> str:
         """One sentence for users."""
-        what = f"{len(self.points)} points and {len(self.contacts)} contacts are computed again"
-        return f"{what}, because plugins changed: {'; '.join(self.reasons.values())}"
+        what = f"{len(self._points)} points and {len(self._contacts)} contacts are computed again"
+        return f"{what}, because plugins changed: {'; '.join(self._reasons.values())}"
 
-    def remove(self, folder: Folder) -> None:
+    def remove(self) -> None:
         """Remove the files."""
-        for key in self.points:
-            folder.point(key).unlink(missing_ok=True)
-        for key in self.contacts:
-            folder.contact(key).unlink(missing_ok=True)
+        for key in self._points:
+            self._folder.point(key).unlink(missing_ok=True)
+        for key in self._contacts:
+            self._folder.contact(key).unlink(missing_ok=True)
 
-
-def outdated(folder: Folder, survey: Survey, there: Mapping[str, Any]) -> Outdated:
-    """Compare the completed part of ``folder``, whose manifest is ``there``, with the plugins in use."""
-    result = Outdated()
-    asked = there.get("asked", {})
-    new = {name: source for name, source in survey.hooks.items() if asked.get(name) != source}
-    check = _Check(folder, survey, new, result)
-    for ageings in by_contact(survey.tasks):
-        check.contact([task for tasks in ageings for task in tasks])
-    return result
-
-
-class _Check:
-    def __init__(self, folder: Folder, survey: Survey, new: Plugins, result: Outdated) -> None:
-        self.folder, self.survey, self.result = folder, survey, result
-        self.new_in_contact = [name for name in implementing(*_CONTACT_HOOKS) if name in new]
-        self.new_in_ageing = [name for name in implementing(*_AGEING_HOOKS) if name in new]
-        self._surface: tuple[str, Surface] | None = None
-
-    def contact(self, tasks: list[Task]) -> None:
-        """Compare what is done of the tasks of one contact."""
+    def _compare(self, tasks: list[Task]) -> None:
+        """Compare what is done of the tasks of one contact with the plugins in use."""
         keys = {task.key: task for task in tasks}
-        done = {key: content for key in keys if (content := self.folder.read_point(key))["status"] == "done"}
-        touched = {key: self._changed(content.get("plugins", {})) for key, content in done.items()}
-        if not (any(touched.values()) or self.new_in_contact or self.new_in_ageing or not done):
+        done = {key: content for key in keys if (content := self._folder.read_point(key))["status"] == "done"}
+        touched = {key for key, content in done.items() if self._changed(content.get("plugins", {}))}
+        if not (touched or self._new_in_contact or self._new_in_ageing or not done):
             return
         first = tasks[0]
-        solution = self.folder.intact_contact(first.contact)
+        solution = self._folder.intact_contact(first.contact)
         if solution is None:
-            self.result.points |= {key for key, changes in touched.items() if changes}
+            self._points |= touched
             return
         if self._changed(solution.plugins) or self._contact_would_change(first.scene, first.surface, solution):
-            self.result.contacts.add(first.contact)
-            self.result.points |= set(done)
+            self._contacts.add(first.contact)
+            self._points |= set(done)
             return
         for key in done:
-            if touched[key] or self._ageing_would_change(keys[key].scene, solution):
-                self.result.points.add(key)
+            if key in touched or self._ageing_would_change(keys[key].scene, solution):
+                self._points.add(key)
 
     def _changed(self, recorded: Plugins) -> bool:
         # options of plugins are in the keys of the points
         changes = changed(recorded, options=False)
         for name, (then, now) in changes.items():
-            self.result.reasons[name] = f"{name} was {then} and is {now}"
+            self._reasons[name] = f"{name} was {then} and is {now}"
         return bool(changes)
 
     def _contact_would_change(self, scene: Scene, key: str, solution: ContactSolution) -> bool:
-        if not self.new_in_contact:
+        new = self._new_in_contact
+        if not new:
             return False
         with scene.in_use():
             if self._surface is None or self._surface[0] != key:
                 self._surface = key, make_surface(scene.surface, scene.surface_seed)
             surface = self._surface[1]
-            took_part = [name for name in self.new_in_contact if name in surface.plugins]
-            if not took_part and would_change(
-                self.new_in_contact,
-                "chemage_solve_contact",
-                solution,
-                solver=scene.solver,
-                surface=surface,
-                load=scene.load,
-                start=None,
-            ):
-                took_part = self.new_in_contact
+            took_part = [name for name in new if name in surface.plugins]
+            arguments = {"solver": scene.solver, "surface": surface, "load": scene.load, "start": None}
+            if not took_part and would_change(new, "chemage_solve_contact", solution, **arguments):
+                took_part = new
         return self._joined(took_part)
 
     def _ageing_would_change(self, scene: Scene, solution: ContactSolution) -> bool:
         # one replica goes through all stages after the contact
-        aging = aged(scene, solution, replicas=1) if self.new_in_ageing else None
+        aging = aged(scene, solution, replicas=1) if self._new_in_ageing else None
         if aging is None:
             return False
         provide = providers(*scene.components())
-        return self._joined([name for name in self.new_in_ageing if name in aging.plugins and name not in provide])
+        return self._joined([name for name in self._new_in_ageing if name in aging.plugins and name not in provide])
 
     def _joined(self, names: list[str]) -> bool:
         for name in names:
-            self.result.reasons.setdefault(name, f"{name} ({self.survey.hooks[name]}) answers or changes them now")
+            self._reasons.setdefault(name, f"{name} ({self._survey.hooks[name]}) answers or changes them now")
         return bool(names)
 
 

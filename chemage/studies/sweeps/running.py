@@ -32,7 +32,7 @@ from chemage.studies.folder import FORMAT, Folder, SweepWarning, refuse_links
 from chemage.studies.runner import Runner
 from chemage.studies.study import Part, Selection, Study
 from chemage.studies.sweeps.grid import Grid, Survey, check_base, survey
-from chemage.studies.sweeps.points import SAMPLES, Means, Outdated, Points, outdated
+from chemage.studies.sweeps.points import SAMPLES, Means, Outdated, Points
 from chemage.studies.sweeps.result import SweepResult
 from chemage.studies.sweeps.shares import PLACE, agree, points_of
 
@@ -263,17 +263,18 @@ def _there(folder: Folder) -> dict[str, Any] | None:
         return None
 
 
-def _outdated(folder: Folder, survey: Survey, *, whole: bool) -> Outdated:
+def _outdated(folder: Folder, survey: Survey, *, whole: bool) -> Outdated | None:
     if not folder.manifest.exists():
-        return Outdated()
-    stale = outdated(folder, survey, _there(folder) or {})
-    if stale and not whole:
+        return None
+    stale = Outdated(folder, survey, _there(folder) or {})
+    if not stale:
+        return None
+    if not whole:
         raise StoreError(
             f"{folder.path}: {stale.describe()}; one process must do so: rerun the command without --points, or choose "
             "another folder"
         )
-    if stale:
-        warnings.warn(f"{folder.path}: {stale.describe()}", SweepWarning, stacklevel=4)
+    warnings.warn(f"{folder.path}: {stale.describe()}", SweepWarning, stacklevel=4)
     return stale
 
 
@@ -426,7 +427,7 @@ def _begin(
     stack: ExitStack, study: Study, folder: Folder, survey: Survey, selection: Selection | None, force: bool
 ) -> Points:
     """Make the folder, lock it against other calls unless both compute parts of the points, and say what is left."""
-    stale = Outdated() if force else _outdated(folder, survey, whole=selection is None)
+    stale = None if force else _outdated(folder, survey, whole=selection is None)
     # raises before anything is written if the workers cannot be started
     if force or stale or _design(folder, survey, selection).left:
         study.open()
@@ -441,7 +442,8 @@ def _begin(
         if force:
             _clear(folder)
         folder.clear_parts()
-        stale.remove(folder)
+        if stale is not None:
+            stale.remove()
         _describe(folder, survey)
     design = _design(folder, survey, selection)
     design.warn_of_damage()

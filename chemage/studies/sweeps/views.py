@@ -118,15 +118,13 @@ class SweepData:
 
     def values(self, name: str) -> np.ndarray:
         """The values of a coordinate along its dimension, in :meth:`unit`; hold times in s."""
-        if name in self._written:
-            return self._written[name][0]
-        return self.table.hold_times if name == HOLD_TIME else self.variables[name][1]
+        return self._written[name][0] if name in self._written else self.variables[name][1]
 
     def unit(self, name: str) -> str:
         """The unit of a variable, that in which its values were written if it is one; "" for a pure number."""
         if name in self._written:
             return self._written[name][1]
-        unit = "s" if name == HOLD_TIME else self.variables[name][2].get("units", "1")
+        unit = self.variables[name][2].get("units", "1")
         return "" if unit == "1" else unit
 
     def text(self, name: str, place: int) -> str:
