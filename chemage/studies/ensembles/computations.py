@@ -405,15 +405,11 @@ class SurfaceLevel:
         return sum(part.computation.seconds for part in self.parts)
 
     def sample(self, begin: int, end: int) -> np.ndarray:
-        """(end − begin, quantities): samples that are there."""
-        return self.so_far()[begin:end]
-
-    def so_far(self) -> np.ndarray:
-        """(samples, quantities): what is there."""
+        """(end − begin, quantities): those of the samples that are there."""
         there = zip(*(part.samples for part in self.parts), strict=False)
         for samples in islice(there, len(self._rows), None):
             self._rows.append(reduce(np.subtract, map(self._row, samples)))
-        return np.array(self._rows) if self._rows else np.zeros((0, 0))
+        return np.array(self._rows[begin:end]) if self._rows else np.zeros((0, 0))
 
 
 def area(sample: SurfaceSample) -> np.ndarray:

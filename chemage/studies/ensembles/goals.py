@@ -116,6 +116,11 @@ class Request:
         return "surfaces" if self.random else "replicas"
 
     @property
+    def asked(self) -> dict[int, str]:
+        """Column -> name of what is to be accurate: of the goals, or of the first quantity."""
+        return {goal.column: goal.name for goal in self.goals} or {0: self.quantities.names[0]}
+
+    @property
     def wishes(self) -> str:
         """The goals in words."""
         return ", ".join(f"accuracy.{goal.name} = {100 * goal.accuracy:g} %" for goal in self.goals)

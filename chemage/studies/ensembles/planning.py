@@ -53,6 +53,8 @@ class _ExpectedLevel:
     correlation: np.ndarray
     #: takes the wall time of samples
     spend: Callable[[float], None]
+    name: str = ""
+    parts: tuple[Any, ...] = ()
 
     def sample(self, begin: int, end: int) -> np.ndarray:
         """See :class:`chemage.studies.ensembles.stages.Level`."""
@@ -92,13 +94,17 @@ class Expectation:
 
 
 def _expected_of(
-    request: Request, routes: Sequence[stages.Route], expected: Scatters, mean: np.ndarray, workers: int
+    request: Request,
+    routes: Sequence[stages.Route],
+    expected: Scatters,
+    mean: np.ndarray,
+    workers: int,
+    budget: float,
 ) -> Expectation:
     """What the rule does with samples that scatter exactly as is expected; ``mean`` (quantities,) is what errors of
     coarse grids may depend on."""
-    goals = {goal.column: goal.name for goal in request.goals} or {0: request.quantities.names[0]}
-    columns, wall = sorted(goals), [0.0]
-    scatter = expected.sample(_replicas_of(routes[0].levels[0]))[columns]
+    columns, wall = sorted(request.asked), [0.0]
+    scatter = expected.sample(routes[0].levels[0].parts[0].computation.replicas)[columns]
 
     def spend(seconds: float) -> None:
         wall[0] += seconds / workers
@@ -110,14 +116,14 @@ def _expected_of(
     for route in routes:
         levels = [first]
         for correction in route.levels[1:]:
-            per_surface = 1 + REPLICA_SHARE / _replicas_of(correction)
+            per_surface = 1 + REPLICA_SHARE / correction.parts[0].computation.replicas
             change = DIFFERENCE * math.sqrt(per_surface / (1 + REPLICA_SHARE / DIFFERENCE_REPLICAS))
             levels.append(_ExpectedLevel(correction.cost, 0.0, np.full(len(columns), change), none, spend))
         known, control = route.known(mean)[columns], None
         if route.control is not None:
             control = _ExpectedLevel(route.control.cost, 1.0, one, one, spend)
         drawn.append(stages.Route(route.name, tuple(levels), lambda _, known=known: known, control))
-    clock = stages.Clock(math.inf if request.budget is None else request.budget, now=lambda: wall[0])
+    clock = stages.Clock(budget, now=lambda: wall[0])
     accuracy, reason = request.accuracy()[columns], ""
     try:
         state = stages.run_stages(drawn, accuracy, most=request.most, clock=clock)
@@ -139,14 +145,10 @@ def _expected_of(
         cpu_seconds=cpu,
         wall_seconds=cpu / min(workers, counts[0]),
         range=(low, high),
-        intervals={name: half[column] for column, name in goals.items()},
+        intervals={name: half[column] for column, name in request.asked.items()},
         reason=reason,
         sketches=counts[-1] if state.controlled else 0,
     )
-
-
-def _replicas_of(level: stages.Level) -> int:
-    return level.parts[0].computation.replicas  # pyright: ignore[reportAttributeAccessIssue]
 
 
 @dataclass(frozen=True)
@@ -389,8 +391,7 @@ def _expectation(
     """What the rule is expected to do, and how that is known; ``first`` is the cheapest computation, in whose seconds
     all times are."""
     request, workers = sampler.request, available()
-    columns = sorted({goal.column for goal in request.goals}) or [0]
-    scatter = expected.sample(first.replicas)[columns]
+    scatter = expected.sample(first.replicas)[sorted(request.asked)]
     if (count := request.surfaces) is not None:
         half = limit(count - 1) * float(scatter[0]) / math.sqrt(count)
         known = math.isfinite(half) and not is_about_zero(scatter[0])
@@ -401,16 +402,14 @@ def _expectation(
     if request.budget is not None:
         budget = request.budget / first.scale
         timed = max(timed, int(workers * budget / first.seconds))
+    why = _why(request, expected, first.replicas)
     if np.any(is_about_zero(scatter)):
-        seen = Expectation.counted(timed, first.seconds, workers, reason="zero")
-        return seen, _why(request, expected, first.replicas)
+        return Expectation.counted(timed, first.seconds, workers, reason="zero"), why
     if np.isfinite(scatter).all():
         measures = [costs.area_fraction if name == "area_fraction" else None for name in request.quantities.measures]
         ones = [1.0] * (request.quantities.count - len(measures))  # of which only the relative scatter counts
         mean = np.array([*ones, *measures], dtype=np.float64)
-        timed_request = replace(request, budget=None if request.budget is None else budget)
-        seen = _expected_of(timed_request, sampler.possible_routes(), expected, mean, workers)
-        return seen, _why(request, expected, first.replicas)
+        return _expected_of(request, sampler.possible_routes(), expected, mean, workers, budget), why
     if request.budget is not None and not request.goals:
         return Expectation.counted(timed, first.seconds, workers), "as many as the time allows"
     over = "surfaces" if request.random else "replicas"
@@ -420,8 +419,7 @@ def _expectation(
 def _why(request: Request, expected: Scatters, replicas: int) -> str:
     """How the expected number is known, in words."""
     scatter = expected.sample(replicas)
-    goals = {goal.column: goal.name for goal in request.goals} or {0: request.quantities.names[0]}
-    column, name = max(goals.items(), key=lambda item: scatter[item[0]])
+    column, name = max(request.asked.items(), key=lambda item: scatter[item[0]])
     if is_about_zero(scatter[column]):
         until = name.partition("@")[2] or f"{request.quantities.hold_times[-1]:g} s"
         when = "between {:g} and {:g} s".format(*request.quantities.window) if name == "beta" else f"until {until}"

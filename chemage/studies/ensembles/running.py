@@ -38,7 +38,7 @@ from chemage.studies.ensembles.computations import (
 )
 from chemage.studies.ensembles.ensemble import Ensemble
 from chemage.studies.ensembles.goals import AccuracyGoal, Request, with_request
-from chemage.studies.ensembles.quantities import SurfaceSample
+from chemage.studies.ensembles.quantities import MOST, SurfaceSample
 from chemage.studies.study import Archive, Part, Selection, Study
 from chemage.studies.tasks import Outcome, Task, registered_classes
 from chemage.studies.trade.trade_map import TradeMap
@@ -125,12 +125,6 @@ def ensemble(
 
 def _silent(stage: str, done: int, total: int, note: str = "") -> None:
     pass
-
-
-def _of(level: stages.Level) -> SurfaceLevel:
-    """A level of an ensemble as what it is made of."""
-    assert isinstance(level, SurfaceLevel)
-    return level
 
 
 class Sampler:
@@ -238,7 +232,7 @@ class Sampler:
             try:
                 for level, count in self._rule:
                     self._waiting = {}
-                    for part in _of(level).parts:
+                    for part in level.parts:
                         self._waiting |= {task.key: (part, task) for task in part.missing(count)}
                     if self._waiting:
                         return [task for _, task in self._waiting.values()]
@@ -262,14 +256,13 @@ class Sampler:
     def _steps(self) -> Iterator[stages.Need]:
         """The rule, which stops where samples have to be taken."""
         asked = self.request
+        clock = stages.Clock(asked.budget if asked.budget is not None else math.inf)
         if asked.surfaces is not None:
             counted = stages.Sampled(self._routes[0].levels[0])
-            yield counted.level, asked.surfaces
-            counted.upto(asked.surfaces)
+            yield from clock.upto(counted, asked.surfaces)
             nothing = np.zeros(self._quantities.count, dtype=bool)
             self._state = stages.SamplingState(self._routes[0], [counted], nothing)
             return
-        clock = stages.Clock(asked.budget if asked.budget is not None else math.inf)
         rule = stages.steps(self._routes, asked.accuracy(), most=asked.most, clock=clock, watch=self._watch)
         self._state = yield from rule
 
@@ -365,7 +358,7 @@ class Sampler:
 
     def _watch(self, state: stages.SamplingState, aimed: list[int]) -> None:
         self._route, self._levels = state.route, [sampled.level for sampled in state.sampled]
-        self._aimed = {_of(level).name: count for level, count in zip(self._levels, aimed, strict=True)}
+        self._aimed = {level.name: count for level, count in zip(self._levels, aimed, strict=True)}
 
     def _taken(self, stage: str, done: int) -> None:
         """Report one more sample."""
@@ -381,7 +374,7 @@ class Sampler:
         """The interval of what is asked from the samples so far, in words; "" where there are too few."""
         route = self._route or self._routes[0]
         looks = 0 if self.request.surfaces is not None else stages.LOOKS
-        sampled = [stages.Sampled(level, _of(level).so_far(), looks=looks) for level in self._levels or route.levels]
+        sampled = [stages.Sampled(level, level.sample(0, MOST), looks=looks) for level in self._levels or route.levels]
         if min(part.count for part in sampled) < 2:
             return ""
         if len(sampled) > len(route.levels):  # a sample may be there before its control
@@ -403,7 +396,7 @@ class Sampler:
     def _so_far(self) -> str:
         """What an interrupted ensemble leaves, in words."""
         route = self._route or self._routes[0]
-        counts = " and ".join(str(len(_of(level).so_far())) for level in route.levels)
+        counts = " and ".join(str(len(level.sample(0, MOST))) for level in route.levels)
         kept = ""
         if self.archive.path is not None:
             kept = f", kept in {self.archive.path}; the same command takes them up and goes on"
@@ -424,7 +417,7 @@ class Sampler:
                 f"{asked.wishes}: an approximate part of the scene does not say how large its error of this quantity "
                 "is; leave the part out, or ask for the friction drop"
             )
-        scale = _of(state.sampled[0].level).parts[0].computation.scale
+        scale = state.sampled[0].level.parts[0].computation.scale
         seconds = scale * sum(
             count * sampled.level.cost for count, sampled in zip(error.needed or (), state.sampled, strict=False)
         )
@@ -436,7 +429,7 @@ class Sampler:
         interval = self._in_words(state.mean, state.half_width())
         levels, rows, inside = [], {}, None
         for number, sampled in enumerate(state.sampled):
-            name, parts = _of(sampled.level).name, _of(sampled.level).parts
+            name, parts = sampled.level.name, sampled.level.parts
             self._progress(name, sampled.count, sampled.count, interval)
             levels.append(self._described(sampled, parts))
             rows[str(number)] = np.array(sampled.values)
@@ -451,7 +444,7 @@ class Sampler:
         if self._barriers_how:
             errors[BARRIERS], how[BARRIERS] = self._barriers, self._barriers_how
         if state.route.name == "not corrected":
-            part = _of(state.sampled[0].level).parts[0].computation
+            part = state.sampled[0].level.parts[0].computation
             name = "discretisation" if part.grid_only else "settings"
             errors[name] = self._coarsening(part, state.mean)
             how[name] = f"measured before on other surfaces, pixels {part.factor} times larger"
@@ -482,7 +475,7 @@ class Sampler:
         return (*notes, text)
 
     def _provenance(self, state: stages.SamplingState) -> dict[str, Any]:
-        samples = [sample for level in state.sampled for part in _of(level.level).parts for sample in part.samples]
+        samples = [sample for level in state.sampled for part in level.level.parts for sample in part.samples]
         plugins = {name: source for sample in samples for name, source in sample.plugins.items()}
         approximate = merged_approximations(*(sample.approximate for sample in samples))
         return {

@@ -12,7 +12,7 @@ import numpy as np
 
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
-from chemage.foundation.figures import BLUE, PALETTE, from_zero, plain, shared_legend
+from chemage.foundation.figures import BLUE, PALETTE, decades_only, from_zero, plain, shared_legend
 from chemage.foundation.looks import current
 from chemage.foundation.names import __version__
 from chemage.foundation.quantities import headed
@@ -311,12 +311,10 @@ def _draw_heat(axes: Axes, medium: Medium, data: SweepData, view: View, quantity
 
 def _tick_values(axis: Any, values: np.ndarray, scale: str) -> None:
     """Label the values of a short axis themselves."""
-    from matplotlib.ticker import NullLocator
-
     if values.size > 10:
         return
     if scale == "log":
-        axis.set_minor_locator(NullLocator())
+        decades_only(axis)
     axis.set_ticks(values, [f"{value:g}" for value in values])
 
 

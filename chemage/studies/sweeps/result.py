@@ -98,10 +98,7 @@ class Point:
         StoreError
             The point failed or is missing, or it is one surface.
         """
-        if self.status == "done" and "ensemble" not in self._content:
-            raise StoreError(f"point {self.index} of {self.result.folder} is one surface, and no mean; use run()")
-        self.summary  # noqa: B018
-        return from_json(Ensemble, self._content["ensemble"])
+        return from_json(Ensemble, self._of(means=True)["ensemble"])
 
     def aging(self) -> Aging:
         """The ageing curve, with the bonds of every replica.
@@ -111,12 +108,12 @@ class Point:
         StoreError
             The point failed or is missing, or its scene stops at the contact.
         """
-        self._require_one()
-        if not self.summary["hold_times"]:
+        content = self._of(means=False)
+        if not content["summary"]["hold_times"]:
             raise StoreError(
                 f"point {self.index} of {self.result.folder} has no ageing: its scene stops at the contact"
             )
-        return from_json(Aging, self._content["aging"])
+        return from_json(Aging, content["aging"])
 
     def contact(self) -> ContactSolution:
         """The contact of this point.
@@ -126,15 +123,19 @@ class Point:
         StoreError
             It is not in the folder, or it is damaged.
         """
-        self._require_one()
+        self._of(means=False)
         contact = self.result.store.read_contact(self.result.contact_key(self.index))
         if contact is None:
             raise StoreError(f"the contact of point {self.index} is not in {self.result.folder}")
         return contact
 
-    def _require_one(self) -> None:
-        if self.result.means:
-            raise StoreError(f"point {self.index} of {self.result.folder} is a mean over surfaces; use ensemble()")
+    def _of(self, *, means: bool) -> dict[str, Any]:
+        """What the folder has of a point that is done, and is a mean or is not."""
+        self.summary  # noqa: B018
+        if self.result.means != means:
+            is_other = "is one surface, and no mean; use run()" if means else "is a mean over surfaces; use ensemble()"
+            raise StoreError(f"point {self.index} of {self.result.folder} {is_other}")
+        return self._content
 
     def run(self) -> Run:
         """This point as a run, without its surface.

@@ -190,9 +190,7 @@ def _require_confirmation(what: str, confirm: Confirm | None) -> None:
 def room_for(path: Path) -> int:
     """Free disk space where ``path`` is or will be, bytes."""
     place = path.absolute()
-    while not place.exists():
-        place = place.parent
-    return shutil.disk_usage(place).free
+    return shutil.disk_usage(next(one for one in (place, *place.parents) if one.exists())).free
 
 
 def _check_room(survey: Survey, path: Path, confirm: Confirm | None) -> None:

@@ -13,7 +13,7 @@ from chemage.ageing.fitting import FIT_WINDOW, few_hold_times
 from chemage.foundation.checks import within
 from chemage.foundation.errors import InputError, UnitError, nearest
 from chemage.foundation.quantities import NONE, Rank, headed
-from chemage.foundation.statistics import crossed_half_width, student_limit
+from chemage.foundation.statistics import crossed_half_width
 from chemage.foundation.text import plus_minus
 from chemage.foundation.units import convert
 from chemage.studies.sweeps.grid import Axis, shown
@@ -243,20 +243,21 @@ class SweepData:
             values = results[variable].values if HOLD_TIME in order else self.table.at_last(variable)
             values = values.reshape(*self.table.shape, *values.shape[1:])
             values = values[tuple(fixed.get(axis, slice(None)) for axis in axes)]
-            values = values.transpose([left.index(axis) for axis in (*averaged, *order)])
-            return values.reshape(-1, *values.shape[len(averaged) :])
+            return values.transpose([left.index(axis) for axis in (*averaged, *order)])
 
         values = arranged(name)
         if averaged:
-            mean, half = _mean(values, [self.dimensions[axis].size for axis in averaged])
-            return mean, mean - half, mean + half
-        if f"{name}_half_width" in results:
-            half = arranged(f"{name}_half_width")[0]
-            return values[0], values[0] - half, values[0] + half
-        if f"{name}_low" in results:
-            return values[0], arranged(f"{name}_low")[0], arranged(f"{name}_high")[0]
-        unknown = np.full(values[0].shape, np.nan)
-        return values[0], unknown, unknown
+            over, finite = tuple(range(len(averaged))), np.isfinite(values)
+            count = finite.sum(axis=over)
+            mean = np.where(finite, values, 0.0).sum(axis=over) / np.where(count > 0, count, np.nan)
+            # points that share the seed of a surface are not independent
+            half = crossed_half_width(values, len(averaged))
+        elif f"{name}_low" in results:
+            return values, arranged(f"{name}_low"), arranged(f"{name}_high")
+        else:
+            has_interval = f"{name}_half_width" in results
+            mean, half = values, arranged(f"{name}_half_width") if has_interval else np.full(values.shape, np.nan)
+        return mean, mean - half, mean + half
 
     def records(self) -> list[dict[str, Any]]:
         """One mapping per point: number, status, error, swept values by path, and the results."""
@@ -308,23 +309,6 @@ class SweepData:
         if approximate := self.table.marks.get("approximate"):
             sentences.append("approximate: " + "; ".join(dict.fromkeys(filter(None, approximate))))
         return sentences
-
-
-def _mean(values: np.ndarray, seeds: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-    """The mean of the finite numbers along the first axis and half its 95 % interval; nan where they are not known.
-
-    ``seeds`` are the numbers of seeds along each of the dimensions that are joined in the first axis: points that share
-    the seed of a surface are not independent.
-    """
-    finite = np.isfinite(values)
-    count = finite.sum(axis=0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        mean = np.where(finite, values, 0.0).sum(axis=0) / np.where(count > 0, count, np.nan)
-        if sum(size > 1 for size in seeds) > 1:
-            return mean, crossed_half_width(values.reshape(*seeds, *values.shape[1:]), len(seeds))
-        error = np.sqrt((np.where(finite, values - mean, 0.0) ** 2).sum(axis=0) / (count - 1) / count)
-    limits = np.array([student_limit(n - 1) if n > 1 else math.nan for n in range(values.shape[0] + 1)])
-    return mean, np.where(count > 1, error, np.nan) * limits[count]
 
 
 def _number(text: str, unit: str = "1") -> float:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -29,6 +29,7 @@ from chemage.foundation.checks import checked_count
 from chemage.foundation.codec import from_json
 from chemage.foundation.errors import ChemageError, InputError
 from chemage.foundation.records import approximations_in_words
+from chemage.foundation.statistics import standard_error
 from chemage.plugins.sources import approximations
 from chemage.scene.plan import cost
 from chemage.scene.provenance import versions
@@ -280,9 +281,9 @@ class Mapper:
         for number in range(self.rounds):
             yield from self._referred(number)
             if number:
-                yield from self._measured(number, [trial.combination for trial in self.trials.values()])
+                yield from self._measured(number, list(self.trials.values()))
                 continue
-            yield from self._measured(0, [(), *((one,) for one in self.choices)])
+            yield from self._measured(0, self._tried([(), *((one,) for one in self.choices)]))
             if frozenset() not in self.trials:
                 self._measured_of(self._task(self.scene, 0))
             yield from self._measured(0, self._combinations())
@@ -336,25 +337,29 @@ class Mapper:
                 self.notes.append(f"{one.words}: left out: about {expected / own:.0f} times slower than the scene")
                 self.choices.remove(one)
 
-    def _measured(self, number: int, combinations: Sequence[Combination]) -> Iterator[list[tuple[str, Timed]]]:
-        """Compute combinations in a round, and the references of exact engines among them; record what they give."""
-        scenes: dict[frozenset[tuple[str, str]], tuple[Combination, Scene]] = {}
+    def _tried(self, combinations: Iterable[Combination]) -> list[_Trial]:
+        """Trials of the combinations that can be had at all."""
+        trials = []
         for combination in combinations:
             try:
-                scenes[_key(combination)] = combination, applied(self.scene, combination)
+                trials.append(_Trial(combination, applied(self.scene, combination)))
             except ChemageError as error:
                 self._refused(combination, error)
-        tasks = [(_words(combination), self._task(scene, number)) for combination, scene in scenes.values()]
-        tasks += [("reference", self._compared(*combination, number)) for combination in scenes.values()]
+        return trials
+
+    def _measured(self, number: int, trials: Sequence[_Trial]) -> Iterator[list[tuple[str, Timed]]]:
+        """Compute trials in a round, and the references of exact engines among them; record what they give."""
+        tasks = [(_words(trial.combination), self._task(trial.scene, number)) for trial in trials]
+        tasks += [("reference", self._compared(trial, number)) for trial in trials]
         yield self._named(number, tasks)
-        for key, (combination, scene) in scenes.items():
+        for trial in trials:
             try:
-                timing = self._measured_of(self._task(scene, number))
-                reference = self._measured_of(self._compared(combination, scene, number))
+                timing = self._measured_of(self._task(trial.scene, number))
+                reference = self._measured_of(self._compared(trial, number))
             except ChemageError as error:
-                self._refused(combination, error)
+                self._refused(trial.combination, error)
                 continue
-            trial = self.trials.setdefault(key, _Trial(combination, scene))
+            self.trials.setdefault(_key(trial.combination), trial)
             if len(trial.rounds) == number:
                 trial.rounds.append(timing)
                 trial.references.append(reference)
@@ -373,10 +378,10 @@ class Mapper:
             scene = scene.bare(replicas=scene.hold.replicas, seed=scene.hold.seed + number)
         return scene.model_copy(update={"surface_seed": scene.surface_seed + (number if self.random else 0)})
 
-    def _compared(self, combination: Combination, scene: Scene, number: int) -> Timed:
-        """The reference that a combination is compared with: with the noise of its engine, if that is exact."""
-        exact = any(one.name == ENGINE and one.exact for one in combination)
-        same = self.reference.model_copy(update={"engine": scene.engine}) if exact else self.reference
+    def _compared(self, trial: _Trial, number: int) -> Timed:
+        """The reference that a trial is compared with: with the noise of its engine, if that is exact."""
+        exact = any(one.name == ENGINE and one.exact for one in trial.combination)
+        same = self.reference.model_copy(update={"engine": trial.scene.engine}) if exact else self.reference
         return self._task(same, number, compared=False)
 
     # -- combinations -------------------------------------------------------------------------------------------------
@@ -427,16 +432,16 @@ class Mapper:
             useful[name] = [trial.combination[0] for trial in front]
         return useful
 
-    def _combinations(self) -> list[Combination]:
+    def _combinations(self) -> list[_Trial]:
         """Combinations of useful values, the cheapest contacts first."""
         useful = [[None, *values] for values in self._useful().values() if values]
-        tried: list[Combination] = []
+        together: list[Combination] = []
         for chosen in itertools.product(*useful):
             combination = tuple(choice for choice in chosen if choice is not None)
-            if len(combination) > 1 and go_together(combination) and _is_scene(self.scene, combination):
-                tried.append(combination)
-        tried = sorted(tried, key=self._presumed)[:MOST_TRIED]
-        return sorted(tried, key=_contact_of)
+            if len(combination) > 1 and go_together(combination):
+                together.append(combination)
+        tried = sorted(self._tried(together), key=lambda trial: self._presumed(trial.combination))[:MOST_TRIED]
+        return sorted(tried, key=lambda trial: _contact_of(trial.combination))
 
     def _presumed(self, combination: Combination) -> float:
         """CPU seconds if every choice saves the same part as alone."""
@@ -547,7 +552,7 @@ def _mean_and_error(rounds: list[np.ndarray], random: bool) -> tuple[float, floa
     if not random:
         means = np.concatenate(rounds)
     count = len(means)
-    stderr = float(means.std(ddof=1)) / math.sqrt(count) if count > 1 else math.nan
+    stderr = float(standard_error(means))
     if random and min(map(len, rounds)) > 1:
         within = math.sqrt(float(np.mean([_noise(differences) for differences in rounds])) / count)
         if not stderr >= within:
@@ -571,15 +576,6 @@ def _contact_of(combination: Combination) -> str:
 
 def _words(combination: Combination) -> str:
     return ", ".join(one.words for one in combination) or "the scene as it is"
-
-
-def _is_scene(scene: Scene, combination: Combination) -> bool:
-    """Whether a combination can be had at all."""
-    try:
-        applied(scene, combination)
-    except ChemageError:
-        return False
-    return True
 
 
 def _drop_at(time: float) -> str:
