@@ -288,9 +288,7 @@ class Runner:
         Called several times a second while tasks run, with this runner.
     """
 
-    def __init__(
-        self, pool: Pool, place: Place | None, known: Known = (), watch: Callable[[Runner], None] | None = None
-    ) -> None:
+    def __init__(self, pool: Pool, place: Place | None, known: Known, watch: Callable[[Runner], None] | None) -> None:
         self._pool, self._place, self._known, self._watch = pool, place, known, watch
         self._whole = None if place is None else place.whole
         self._ready: deque[Piece] = deque()

@@ -224,7 +224,6 @@ class Study:
         workers: int | None = None,
         threads: int | None = None,
         patience: float | str | None = None,
-        *,
         classes: Iterable[type] = (),
     ) -> None:
         self._where = executor, workers, threads, patience

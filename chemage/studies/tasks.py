@@ -317,9 +317,7 @@ def _opened(path: str, digest: str, durable: bool) -> Folder:
 # -- computing --------------------------------------------------------------------------------------------------------
 
 
-def compute(
-    place: Place | None, tasks: Sequence[Task], threads: int, known: Known = (), remote: bool = False
-) -> Answer:
+def compute(place: Place | None, tasks: Sequence[Task], threads: int, known: Known, remote: bool) -> Answer:
     """Compute tasks that have one contact.
 
     Parameters

@@ -288,8 +288,8 @@ def barriers_error(
     computation: Computation,
     seeds: tuple[int, int],
     quantities: Quantities,
-    threads: int | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    threads: int | None,
+    progress: Callable[[int, int], None],
 ) -> tuple[np.ndarray, str]:
     """(quantities,) relative standard errors that the forming barriers make, and how they are known; zeros and "" where
     their distribution has no members.
@@ -303,18 +303,16 @@ def barriers_error(
     scene = computation.seeded(*seeds)
 
     def report(stage: str, done: int, total: int, note: str = "") -> None:
-        if stage == BARRIERS and progress is not None and total:
+        if stage == BARRIERS and total:
             progress(done, total)
 
     aging = run(scene, threads=threads, warn=False, progress=report).aging
     assert aging is not None
     assert aging.member_ratios is not None
-    drops = aging.member_ratios * aging.mean_friction_drop
-    first = int(quantities.has_beta)
-    errors[first : first + quantities.hold_times.size] = aging.errors[BARRIERS]
+    errors[quantities.curve] = aging.errors[BARRIERS]
     if quantities.has_beta:
         own = float(quantities.slope(aging.mean_friction_drop[None])[0])
-        slopes = quantities.slope(drops)
+        slopes = quantities.slope(aging.member_ratios * aging.mean_friction_drop)
         errors[0] = slopes.std(ddof=1) / abs(own) if own else np.nan
     return errors, HOW.format(aging.error_sources[BARRIERS])
 

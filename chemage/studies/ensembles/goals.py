@@ -257,7 +257,7 @@ def scatters(request: Request, costs: Plan, contact: Mapping[str, float]) -> Sca
     """The scatter of what ``request`` averages, of which ``known`` are the estimates and ``contact`` the expected
     measures of the contact."""
     quantities, scene = request.quantities, request.scene
-    first, times = int(quantities.has_beta), quantities.hold_times.size
+    curves = quantities.curve.stop
     surfaces, source = np.full(quantities.count, np.nan), ""
     if not request.random:
         surfaces[:] = 0.0
@@ -265,9 +265,9 @@ def scatters(request: Request, costs: Plan, contact: Mapping[str, float]) -> Sca
         source = scatter.source
         if scatter.relative is not None:
             # the friction drop scatters as much as β does
-            surfaces[: first + times] = scatter.relative
+            surfaces[:curves] = scatter.relative
     replicas = np.zeros(quantities.count)
-    replicas[: first + times] = _replicas(scene, costs, request)
+    replicas[:curves] = _replicas(scene, costs, request)
     return Scatters(surfaces, replicas, source)
 
 
@@ -277,12 +277,12 @@ def _replicas(scene: Scene, costs: Plan, request: Request) -> np.ndarray:
     Of N sites that are bonded with the probability p(t), the bonds at t ≤ u have the covariance N p(t) (1 − p(u)).
     """
     quantities, chemistry, hold = request.quantities, scene.chemistry, scene.hold
-    first, times = int(quantities.has_beta), quantities.hold_times.size
-    scatter = np.full(first + times, np.nan)
+    first, times = quantities.curve.start, quantities.hold_times.size
+    scatter = np.full(quantities.curve.stop, np.nan)
     if chemistry is None or hold is None or costs.mean_pressure is None or not costs.sites:
         return scatter
     if scene.ageing is not None and not scene.ageing.replicates:
-        return np.zeros(first + times)
+        return np.zeros(scatter.size)
     spread = smooth_pressures if "radius" in costs.surface else rough_pressures
     pressures = spread(costs.mean_pressure)
     needed = {goal.column - first for goal in request.goals} | set(np.flatnonzero(quantities.fitted) if first else ())

@@ -326,8 +326,7 @@ class Sampler:
         other settings, as the map has them."""
         if computation.errors is not None:
             return computation.errors
-        names = self._quantities.measures
-        measures = dict(zip(names, mean[len(mean) - len(names) :].tolist(), strict=True))
+        measures = dict(zip(self._quantities.measures, mean[self._quantities.curve.stop :].tolist(), strict=True))
         return self._columns(self.scene.surface.coarser_errors(computation.factor, measures))
 
     def _approximation(self) -> np.ndarray:
@@ -340,18 +339,17 @@ class Sampler:
             declared = component.declared_error
             errors = self._columns({} if declared is None else {"friction_drop": declared})
             if component is not self.scene.surface and component is not self.scene.contact:
-                errors[errors.size - len(self._quantities.measures) :] = 0.0  # the contact is solved before
+                errors[self._quantities.curve.stop :] = 0.0  # the contact is solved before
             total += errors**2
         return np.sqrt(total)
 
     def _columns(self, errors: Mapping[str, float]) -> np.ndarray:
         """Errors by name as one number for each quantity; nan where nothing is known."""
         columns = np.full(self._quantities.count, np.nan)
-        first = int(self._quantities.has_beta)
-        if first and "beta" in errors:
+        if self._quantities.has_beta and "beta" in errors:
             columns[0] = errors["beta"]
         if "friction_drop" in errors:
-            columns[first : first + self._quantities.hold_times.size] = errors["friction_drop"]
+            columns[self._quantities.curve] = errors["friction_drop"]
         return columns
 
     # -- progress and messages ----------------------------------------------------------------------------------------

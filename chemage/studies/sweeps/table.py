@@ -105,8 +105,8 @@ def is_seed(path: str) -> bool:
 def dimensions(
     axes: Sequence[Axis],
     values: Mapping[str, Sequence[Any]],
-    taken: Container[str] = (),
-    units: Mapping[str, str] | None = None,
+    taken: Container[str],
+    units: Mapping[str, str],
 ) -> tuple[Dimension, ...]:
     """The dimensions of a sweep with ``axes``, whose paths have ``values`` at the points, in ``units``.
 

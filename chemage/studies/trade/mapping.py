@@ -111,7 +111,7 @@ def tradeoff(
         raise InputError(no_map(scene.contact, "there is no pressure whose error could be measured"))
     with scene.in_use():
         archive = Archive(folder, scene, processor=True)
-        design = Mapper(scene, rounds=rounds, report=report, archive=archive)
+        design = Mapper(scene, archive, rounds, report)
         classes = registered_classes(component for scene in design.scenes() for component in scene.components())
         with Study(executor, workers, 1, patience, classes=classes) as study:
             study.carry_out(design, archive.place)
@@ -185,13 +185,11 @@ class Mapper:
     def __init__(
         self,
         scene: Scene,
-        *,
-        rounds: int | None = None,
-        report: Report | None = None,
-        archive: Archive | None = None,
+        archive: Archive,
+        rounds: int | None,
+        report: Report | None,
     ) -> None:
-        self.scene, self._report = scene, report or (lambda _: None)
-        self._archive = archive or Archive(None, scene)
+        self.scene, self._archive, self._report = scene, archive, report or (lambda _: None)
         self.notes: list[str] = []
         self.random = is_random(scene)
         self._quantities = Quantities.of(scene, ())
@@ -278,22 +276,19 @@ class Mapper:
         """The tasks of each stage; all of a stage have been computed when the next is asked for."""
         if self.scene.ages:
             yield from self._leave_out_slow()
-        for number in range(self.rounds):
+        yield from self._referred(0)
+        yield from self._measured(0, self._tried([(), *((one,) for one in self.choices)]))
+        if frozenset() not in self.trials:
+            self._measured_of(self._task(self.scene, 0))
+        yield from self._measured(0, self._combinations())
+        promising = self._promising()
+        if left_out := len(self.trials) - len(promising):
+            slower = "combinations that were slower and less accurate than others in the first round are left out"
+            self.notes.append(f"{left_out} {slower}")
+        self.trials = promising
+        for number in range(1, self.rounds):
             yield from self._referred(number)
-            if number:
-                yield from self._measured(number, list(self.trials.values()))
-                continue
-            yield from self._measured(0, self._tried([(), *((one,) for one in self.choices)]))
-            if frozenset() not in self.trials:
-                self._measured_of(self._task(self.scene, 0))
-            yield from self._measured(0, self._combinations())
-            promising = self._promising()
-            if left_out := len(self.trials) - len(promising):
-                self.notes.append(
-                    f"{left_out} combinations that were slower and less accurate than others in the first round are "
-                    "left out"
-                )
-            self.trials = promising
+            yield from self._measured(number, list(self.trials.values()))
         self.trials = {key: trial for key, trial in self.trials.items() if len(trial.rounds) == self.rounds}
 
     def _referred(self, number: int) -> Iterator[list[tuple[str, Timed]]]:
