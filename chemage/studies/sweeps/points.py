@@ -19,7 +19,6 @@ from typing import Any
 
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.codec import to_json
-from chemage.foundation.errors import ChemageError
 from chemage.foundation.text import jsonable
 from chemage.plugins.context import Plugins
 from chemage.plugins.sources import changed, implementing, providers, would_change
@@ -219,18 +218,15 @@ class Means(Points):
 
     def ask(self) -> list[Task]:
         """See :class:`chemage.studies.study.Design`."""
-        for key in self._left:
-            try:
-                scene = self._survey.tasks[self._same[key][0]].scene
-                self._means[key] = Sampler(scene, samples=self.place.path, warn=False)
-            except ChemageError as error:
-                self._end(key, error)
-        self._left = []
         tasks: dict[str, Task] = {}
         self._asking = {}
-        for key, mean in tuple(self._means.items()):
+        left, self._left = self._left, []
+        for key in (*self._means, *left):
             try:
-                needed = mean.ask()
+                if key not in self._means:
+                    scene = self._survey.tasks[self._same[key][0]].scene
+                    self._means[key] = Sampler(scene, samples=self.place.path, warn=False)
+                needed = self._means[key].ask()
             except (Exception, SystemExit) as error:
                 self._end(key, error)
                 continue
@@ -257,11 +253,11 @@ class Means(Points):
         points = self._same[key]
         task = self._survey.tasks[points[0]]
         mean = self._means.pop(key, None)
-        if error is not None or mean is None:
-            assert error is not None
+        if error is not None:
             self._folder.write_point(key, failure(task, stage, error))
             self.failed.update(dict.fromkeys(points, str(error)))
             return
+        assert mean is not None
         self._folder.write_point(key, _content(mean.ensemble(), task))
         self.done += len(points)
 

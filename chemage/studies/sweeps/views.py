@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from chemage.ageing.fitting import FIT_WINDOW, few_hold_times
-from chemage.foundation.checks import within
+from chemage.ageing.fitting import FIT_WINDOW
 from chemage.foundation.errors import InputError, UnitError, nearest
 from chemage.foundation.quantities import NONE, Rank, headed
 from chemage.foundation.statistics import crossed_half_width
 from chemage.foundation.text import plus_minus
 from chemage.foundation.units import convert
+from chemage.studies.ensembles.quantities import Quantities
 from chemage.studies.sweeps.grid import Axis, shown
 from chemage.studies.sweeps.result import SweepResult
 from chemage.studies.sweeps.table import CURVES, DECLARED, Dimension, SweepTable, is_seed, last_part
@@ -87,8 +87,7 @@ class SweepData:
         times = self.table.hold_times
         if times.ndim > 1 or not np.isfinite(self.variables["beta"][1]).any() or self._window is None:
             return ""
-        used = times[within(times, self._window) & (times > 0)]
-        return few_hold_times(used.size, (float(used.min()), float(used.max()))) if used.size > 1 else ""
+        return Quantities(times, 1.0, self._window, ()).doubt
 
     def axis(self, name: str, option: str) -> str:
         """The dimension called ``name``: its own name, that of a field along it, or the path of a field.
