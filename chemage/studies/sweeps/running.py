@@ -392,9 +392,7 @@ def sweep(
     begin = time.perf_counter()
     if accuracy is not None:
         changes = {**(changes or {}), "accuracy": dict(accuracy), "ensemble.surfaces": None}
-    if points is not None and force:
-        raise InputError("a part of the points cannot replace a sweep: give force (--force) without points (--points)")
-    selection = None if points is None else Selection.read(points)
+    selection = _selection(points, force)
     confirmed = (lambda text: True) if confirm is True else (confirm or None)
     with ExitStack() as stack:
         report = stack.enter_context(show_progress()) if progress is True else progress or None
@@ -408,10 +406,21 @@ def sweep(
         design = _begin(stack, study, folder, survey, selection, force)
         study.carry_out(design, design.place, part, _watched(report, begin, design))
         if selection is None:
-            SweepResult(folder.path).write_tables()
-            for name in (".parts", f"{SAMPLES}/.parts", PLACE):
-                shutil.rmtree(folder.path / name, ignore_errors=True)
+            _finish(folder)
     return SweepResult(folder.path)
+
+
+def _selection(points: str | None, force: bool) -> Selection | None:
+    if points is not None and force:
+        raise InputError("a part of the points cannot replace a sweep: give force (--force) without points (--points)")
+    return None if points is None else Selection.read(points)
+
+
+def _finish(folder: Folder) -> None:
+    """Write the tables of a whole sweep."""
+    SweepResult(folder.path).write_tables()
+    for name in (".parts", f"{SAMPLES}/.parts", PLACE):
+        shutil.rmtree(folder.path / name, ignore_errors=True)
 
 
 def _part(selection: Selection | None, survey: Survey, folder: Folder, patience: float | str | None) -> Part | None:
