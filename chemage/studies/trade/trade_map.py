@@ -169,7 +169,7 @@ class Cheapest:
         more = {"hold.replicas": self.replicas} if self.replicas is not None else {}
         return pasted({**self.point.changes, **more})
 
-    def text(self, wider: Sequence[float]) -> str:
+    def text(self, wider: Sequence[float] = ()) -> str:
         """What was found, in words; ``wider`` are accuracies for which it is the cheapest as well."""
         within = " and ".join(
             filter(None, [", ".join(f"{100 * accuracy:.2g}" for accuracy in wider), f"{100 * self.within:.2g}"])
