@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 from collections.abc import Mapping, Sequence
@@ -18,10 +19,11 @@ from chemage.foundation import compiling
 from chemage.foundation.errors import ChemageError, printable
 from chemage.foundation.progress import LOGGER, progress_bars, reported
 from chemage.foundation.result import result_of
+from chemage.studies.runner import PROGRAM
 from chemage.studies.study import Selection, in_ranges
-from chemage.studies.sweeps.grid import Survey, shown
+from chemage.studies.sweeps.grid import Survey, cpu_seconds, shown
 from chemage.studies.sweeps.points import expected_seconds
-from chemage.studies.sweeps.result import NOT_DONE, SweepResult, collect_sweep, in_words, load_sweep
+from chemage.studies.sweeps.result import NOT_DONE, SweepResult, collect_sweep, count, in_words, load_sweep
 from chemage.studies.sweeps.running import Report, SweepProgress, read_grid, room_for, show_progress, survey_of, sweep
 from chemage.studies.sweeps.shares import ShareCost, agreed_points, shares_cost
 from chemage.studies.sweeps.views import swept_rows
@@ -168,14 +170,10 @@ def _print_share(result: SweepResult, folder: Path, chosen: Selection, *, as_jso
     whole = result.means and chosen.share is not None
     points = range(len(result)) if whole else agreed_points(chosen, result.store, result.digest, len(result))
     states = [result.store.state(result.keys[point]) for point in points]
-    counts = {state: states.count(state) for state in ("done", *NOT_DONE)}
-    failures = [
-        {"point": point, "changes": result[point].changes, "error": result[point].error}
-        for point, state in zip(points, states, strict=True)
-        if state == "failed"
-    ]
+    counts = count(states)
+    failures = result.failures(point for point, state in zip(points, states, strict=True) if state == "failed")
     if as_json:
-        share = {"points": str(chosen), "numbers": list(points), **counts, "failures": failures}
+        share = {**counts, "points": str(chosen), "numbers": list(points), "failures": failures}
         output.say_json({"name": result.name, "folder": folder, "share": share})
     else:
         left = in_words(counts)
@@ -278,9 +276,9 @@ def _numbers(survey: Survey) -> dict[str, Any]:
         "contacts": len(survey.contacts),
         "surfaces": survey.surfaces,
         "hooks": survey.hooks,
-        "cpu_seconds": expected_seconds(survey) if survey.means else survey.total_cpu_seconds,
-        "memory": None if survey.memory is None else 2e8 + survey.memory,
-        "disk": survey.total_bytes,
+        "cpu_seconds": expected_seconds(survey) if survey.means else cpu_seconds(survey.tasks),
+        "memory": None if math.isnan(survey.memory) else PROGRAM + survey.memory,
+        "disk": survey.bytes,
         "disk_free": room_for(Path.cwd()),
         "digest": survey.digest,
         "notes": survey.warnings(),

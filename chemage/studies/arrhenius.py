@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Literal, get_args
 
@@ -78,7 +78,7 @@ class ActivationEnergy:
 
     def todict(self) -> dict[str, Any]:
         """Plain JSON values."""
-        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        values = vars(self)
         ends = {name: [value.low, value.high] for name, value in values.items() if name.endswith("_interval")}
         return jsonable({**values, **ends})
 
@@ -259,8 +259,9 @@ def _given(levels: float | str | Sequence[float | str], unit: str) -> list[float
     numbers = sorted({convert(level, unit) for level in listed})
     if not numbers:
         raise InputError("levels: an empty list; give levels, or leave them out")
-    if wrong := [level for level in numbers if not (math.isfinite(level) and level > 0)]:
-        raise InputError.of("level", wrong[0], "must be finite and positive", "give a level that is reached")
+    for level in numbers:
+        if not (math.isfinite(level) and level > 0):
+            raise InputError.of("level", level, "must be finite and positive", "give a level that is reached")
     return numbers
 
 

@@ -20,11 +20,10 @@ import shutil
 import socket
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.container import archive, check_json, read, read_json, sealed_json
@@ -57,15 +56,8 @@ class CannotWrite(StoreError):
     """The disk is full or read-only, which ends the whole sweep rather than one point."""
 
 
-def _checked_key(key: str) -> str:
-    if not _KEY.fullmatch(key):
-        raise ValueError("is no key of a point or a contact")
-    return key
-
-
 #: a hash, and also the name of a file: a folder may come from a stranger
-_KEY = re.compile(r"[0-9a-f]{32}")
-_Key = Annotated[str, AfterValidator(_checked_key)]
+_Key = Annotated[str, Field(pattern=r"^[0-9a-f]{32}$")]
 
 
 class _Part(BaseModel):
@@ -191,7 +183,7 @@ class Folder:
     def keep_contact(self, key: str, solution: ContactSolution) -> ContactSolution:
         """Write a contact, unless another process has done so before: all points use the one that is returned."""
         path, content = self.contact(key), archive({"contact": solution}, {"key": key})
-        if not self.place_first(path, content) and self.intact_contact(key) is None:
+        if not self.place(path, content, over=False) and self.intact_contact(key) is None:
             self.place(path, content)  # it was damaged
         return self.read_contact(key) or solution
 
@@ -230,10 +222,6 @@ class Folder:
             return self.read_contact(key)
         except StoreError:
             return None
-
-    def place_first(self, target: Path, content: bytes | memoryview) -> bool:
-        """Put a file in its place; False if there is one, which stays."""
-        return self.place(target, content, over=False)
 
     def place(self, target: Path, content: bytes | memoryview, *, over: bool = True) -> bool:
         """Put a file in its place, with ``over`` in that of another one; else False where there is one."""
@@ -313,14 +301,9 @@ class Folder:
                 stream.truncate(0)
 
 
-@lru_cache(maxsize=1)
-def _host() -> str:
-    return socket.gethostname()
-
-
 def process_name() -> str:
     """The host and the number of this process, in one word."""
-    return f"{_host()}.{os.getpid()}"
+    return f"{socket.gethostname()}.{os.getpid()}"
 
 
 def refuse_links(folder: Path, *more: str) -> None:

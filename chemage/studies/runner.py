@@ -37,11 +37,23 @@ from itertools import pairwise
 from typing import Any
 
 from chemage.foundation import threads as thread_budget
+from chemage.foundation.checks import checked_count
 from chemage.foundation.errors import ExecutorError, InputError, WorkerLost, nearest
 from chemage.foundation.memory import capacity
 from chemage.studies.clusters import is_lost, open_client, seconds
-from chemage.studies.folder import RESUME, Folder
-from chemage.studies.tasks import RETRIES, Answer, Known, Outcome, Place, Task, compute, failure
+from chemage.studies.folder import RESUME
+from chemage.studies.tasks import (
+    RETRIES,
+    Answer,
+    Known,
+    Outcome,
+    Place,
+    Task,
+    ageing_seconds,
+    by_contact,
+    compute,
+    failure,
+)
 
 NAMES = ("serial", "threads", "processes", "dask")
 #: seconds between two looks whether the parent process is there
@@ -66,10 +78,6 @@ class Pool:
     here: bool = True
     #: whether no task will end any more
     lost: Callable[[], bool] = field(default=lambda: False)
-
-    def submit(self, fn: Callable[..., Any], *args: Any) -> Future[Any]:
-        """Submit a task."""
-        return self.executor.submit(fn, *args)
 
 
 class Serial(Executor):
@@ -185,8 +193,9 @@ def open_pool(
     ExecutorError
         The executor cannot be started, or does not respond.
     """
-    _check_count("workers", workers)
-    _check_count("threads", threads)
+    for name, count in (("workers", workers), ("threads", threads)):
+        if count is not None:
+            checked_count(name, count)
     limit = None if patience is None else seconds(patience)
     if isinstance(executor, Executor):
         width = workers or getattr(executor, "_max_workers", None) or thread_budget.processors()
@@ -195,20 +204,12 @@ def open_pool(
         return
     name, _, detail = executor.partition(":")
     if name not in NAMES or (detail and name != "dask"):
-        raise InputError.of(
-            "executor",
-            executor,
-            f"no such executor{nearest(name, NAMES)}",
-            "choose serial, threads, processes, dask, dask:ADDRESS or dask:SCHEDULER.json",
-        )
+        remedy = "choose serial, threads, processes, dask, dask:ADDRESS or dask:SCHEDULER.json"
+        raise InputError.of("executor", executor, f"no such executor{nearest(name, NAMES)}", remedy)
     if name == "serial":
         if workers not in (None, 1):
-            raise InputError.of(
-                "workers",
-                workers,
-                "serial runs one task at a time",
-                "choose another executor, or set threads",
-            )
+            remedy = "choose another executor, or set threads"
+            raise InputError.of("workers", workers, "serial runs one task at a time", remedy)
         yield Pool(Serial(), name, threads or thread_budget.available(), lambda: 1, remote=False)
     elif name == "threads":
         workers, threads = shares(workers, threads)
@@ -232,11 +233,6 @@ def _width(client: Any) -> int:
     with suppress(OSError, RuntimeError, AttributeError):  # the scheduler is busy; or gone, and then its tasks fail
         return max(1, sum(client.nthreads().values()))
     return 1
-
-
-def _check_count(name: str, value: int | None) -> None:
-    if value is not None and (isinstance(value, bool) or not isinstance(value, int) or value < 1):
-        raise InputError.of(name, value, "must be a whole number of at least 1")
 
 
 def shares(workers: int | None, threads: int | None) -> tuple[int, int]:
@@ -297,10 +293,9 @@ class Runner:
         Called several times a second while tasks run, with this runner.
     """
 
-    def __init__(
-        self, pool: Pool, place: Place | None, known: Known = (), watch: Callable[[Runner], None] | None = None
-    ) -> None:
+    def __init__(self, pool: Pool, place: Place | None, known: Known, watch: Callable[[Runner], None] | None) -> None:
         self._pool, self._place, self._known, self._watch = pool, place, known, watch
+        self._whole = None if place is None else place.whole
         self._ready: deque[Piece] = deque()
         #: contacts that must be solved: pieces that wait for them, the one that solves it first
         self._contacts: deque[list[Piece]] = deque()
@@ -310,11 +305,6 @@ class Runner:
         self._clock = _Clock()
         memory = capacity() if pool.here else None
         self._memory = math.inf if memory is None else memory - PROGRAM
-
-    @property
-    def _whole(self) -> Folder | None:
-        """The folder, if contacts and failures are kept there as well."""
-        return self._place.folder if self._place is not None and self._place.contacts else None
 
     @property
     def unsolved(self) -> int:
@@ -368,32 +358,29 @@ class Runner:
 
     def _divide(self, tasks: Sequence[Task]) -> None:
         """Divide tasks into pieces, in an order in which successive contacts share a surface."""
-        groups: dict[str, dict[str, dict[str, list[Task]]]] = {}
-        for task in tasks:
-            ageings = groups.setdefault(task.surface, {}).setdefault(task.contact, {})
-            ageings.setdefault(task.ageing, []).append(task)
-        for contacts in groups.values():
-            for ageings in contacts.values():
-                self._divide_contact(list(ageings.values()))
+        for ageings in by_contact(tasks):
+            self._divide_contact(ageings)
 
     def _divide_contact(self, ageings: list[list[Task]]) -> None:
         first = ageings[0][0]
-        folder = self._whole
-        there = folder is not None and folder.contact_state(first.contact) == "done"
-        if folder is None:
+        if self._whole is None:
             ageings = self._joined(ageings)
-        pieces = [Piece(tasks, False, _seconds(tasks)) for tasks in ageings]
-        if there:
+        pieces = [Piece(tasks, False, ageing_seconds(tasks) + 1e-3) for tasks in ageings]
+        if self._is_there(first):
             self._ready.extend(pieces)
             return
         pieces[0].solves = True
         pieces[0].weight += first.contact_seconds
         self._contacts.append(pieces)
 
+    def _is_there(self, task: Task) -> bool:
+        """Whether the contact of a task is in the folder."""
+        return self._whole is not None and self._whole.contact_state(task.contact) == "done"
+
     def _joined(self, ageings: list[list[Task]]) -> list[list[Task]]:
         """Ageings of a contact that is not kept, in so many pieces as it pays to solve the contact for."""
         contact = ageings[0][0].contact_seconds
-        total = sum(map(_seconds, ageings))
+        total = sum(ageing_seconds(tasks) + 1e-3 for tasks in ageings)
         count = len(ageings)
         if math.isfinite(contact + total):
             count = max(1, min(count, 4 * self.width, math.ceil(total / max(contact, 1e-9))))
@@ -429,7 +416,7 @@ class Runner:
     def _start(self, piece: Piece) -> None:
         remote = self._pool.remote
         tasks = [task.loaded() for task in piece.tasks] if remote else piece.tasks
-        future = self._pool.submit(compute, self._place, tasks, self._pool.threads, self._known, remote)
+        future = self._pool.executor.submit(compute, self._place, tasks, self._pool.threads, self._known, remote)
         self._running[future] = piece
 
     # -- what comes of them -------------------------------------------------------------------------------------------
@@ -486,8 +473,8 @@ class Runner:
 
     def _lost(self, piece: Piece, error: WorkerLost) -> Answer:
         """What is known of tasks whose worker died each time."""
-        there = self._whole is not None and self._whole.contact_state(piece.tasks[0].contact) == "done"
-        outcome = Outcome(error=error, stage="ageing" if there or not piece.solves else "contact")
+        there = not piece.solves or self._is_there(piece.tasks[0])
+        outcome = Outcome(error=error, stage="ageing" if there else "contact")
         for task in piece.tasks:
             self._record(task, outcome)
         return Answer(outcomes=dict.fromkeys((task.key for task in piece.tasks), outcome))
@@ -495,12 +482,7 @@ class Runner:
     def _record(self, task: Task, outcome: Outcome) -> None:
         """Write that a task failed, which no worker could."""
         if self._whole is not None and outcome.error is not None:
-            self._whole.write_point(task.key, failure(task.number, task.changes, outcome.stage, outcome.error))
-
-
-def _seconds(tasks: Sequence[Task]) -> float:
-    """Estimated CPU time of the ageings of tasks, s; the same ageing counts once."""
-    return sum({task.ageing: task.ageing_seconds for task in tasks}.values()) + 1e-3
+            self._whole.write_point(task.key, failure(task, outcome.stage, outcome.error))
 
 
 @dataclass
@@ -511,7 +493,7 @@ class _Clock:
     weight: float = 0.0
     count: int = 0
     #: whether every weight is known
-    known: bool = field(default=True)
+    known: bool = True
 
     def add(self, weight: float, seconds: float) -> None:
         self.seconds += seconds

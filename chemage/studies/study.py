@@ -34,6 +34,7 @@ from chemage.studies.tasks import Outcome, Place, Task, for_workers, forget
 MANY_SHARES = 1_000_000
 _FORM = "write the third of 16 shares as 3/16, points by their numbers as 3,7,12-20, or in a job array auto or auto/16"
 _SHARE = re.compile(r"(\d{1,9})/(\d{1,9})")
+_AUTO = re.compile(r"auto(?:/(\d{1,9}))?")
 _NUMBERS = re.compile(r"\d{1,12}(-\d{1,12})?(,\d{1,12}(-\d{1,12})?)*")
 #: the number of a task in a job array, by scheduler; first, last and step where the scheduler gives them
 _ARRAYS = {
@@ -67,8 +68,8 @@ class Selection:
             It is none of these, or the environment does not say which share it is.
         """
         compact = text.replace(" ", "")
-        if compact == "auto" or compact.startswith("auto/"):
-            compact = _share_of_array(text, compact, os.environ if environment is None else environment)
+        if auto := _AUTO.fullmatch(compact):
+            compact = _share_of_array(text, auto[1], os.environ if environment is None else environment)
         if match := _SHARE.fullmatch(compact):
             number, count = int(match[1]), int(match[2])
             if not 1 <= number <= count <= MANY_SHARES:
@@ -98,52 +99,32 @@ class Selection:
         return f"points {self}"
 
 
-def _share_of_array(text: str, compact: str, environment: Mapping[str, str]) -> str:
-    arrays = {
-        name: variables for name, variables in _ARRAYS.items() if _number(environment.get(variables[0])) is not None
-    }
+def _share_of_array(text: str, count: str | None, environment: Mapping[str, str]) -> str:
+    numbers = {name: int(value) for name, value in environment.items() if re.fullmatch(r"\d{1,9}", value)}
+    arrays = {scheduler: variables for scheduler, variables in _ARRAYS.items() if variables[0] in numbers}
     if not arrays:
         every = ", ".join(variables[0] for variables in _ARRAYS.values())
         raise InputError.of("points", text, f"this is no task of a job array: none of {every} is set", _FORM)
     if len(arrays) > 1:
         names = " and ".join(variables[0] for variables in arrays.values())
         raise InputError.of("points", text, f"{names} are both set; {_FORM}")
-    ((scheduler, variables),) = arrays.items()
-    at = _number(environment[variables[0]])
-    option = f"--points ${variables[0]}/16"
-    assert at is not None
-    if compact != "auto":
-        count = _number(compact.removeprefix("auto/"))
-        if count is None:
-            raise InputError.of("points", text, "not understood", _FORM)
-        if not 1 <= at <= count:
-            raise InputError.of(
-                "points",
-                text,
-                f"{variables[0]} is {at}, which is no share of {count}; number the tasks from 1 to {count}",
-            )
+    ((scheduler, (name, *bounds)),) = arrays.items()
+    at, option = numbers[name], f"--points ${name}/16"
+    if count is not None:
+        if not 1 <= at <= int(count):
+            remedy = f"number the tasks from 1 to {count}"
+            raise InputError.of("points", text, f"{name} is {at}, which is no share of {count}", remedy)
         return f"{at}/{count}"
-    first, last, step = [*(_number(environment.get(name)) for name in variables[1:]), None, None, None][:3]
+    first, last, step = (numbers.get(bound) for bound in (*bounds, "", "", "")[:3])
     if first is None or last is None:
-        raise InputError.of(
-            "points",
-            text,
-            f"{scheduler} does not say how many tasks the array has; give the number: auto/16, or {option}",
-        )
+        problem = f"{scheduler} does not say how many tasks the array has"
+        raise InputError.of("points", text, problem, f"give the number: auto/16, or {option}")
     step = step or 1
-    count = (last - first) // step + 1
-    told = _number(environment.get("SLURM_ARRAY_TASK_COUNT")) if scheduler == "SLURM" else count
-    if told not in (None, count) or (at - first) % step or not first <= at <= last:
-        raise InputError.of(
-            "points",
-            text,
-            f"the numbers of the array's tasks are no range, so that shares are not clear; give {option}",
-        )
-    return f"{(at - first) // step + 1}/{count}"
-
-
-def _number(text: str | None) -> int | None:
-    return int(text) if text is not None and re.fullmatch(r"\d{1,9}", text) else None
+    tasks = (last - first) // step + 1
+    if numbers.get("SLURM_ARRAY_TASK_COUNT", tasks) != tasks or (at - first) % step or not first <= at <= last:
+        problem = "the numbers of the array's tasks are no range, so that shares are not clear"
+        raise InputError.of("points", text, problem, f"give {option}")
+    return f"{(at - first) // step + 1}/{tasks}"
 
 
 def in_ranges(numbers: Iterable[int]) -> str:
@@ -243,7 +224,6 @@ class Study:
         workers: int | None = None,
         threads: int | None = None,
         patience: float | str | None = None,
-        *,
         classes: Iterable[type] = (),
     ) -> None:
         self._where = executor, workers, threads, patience

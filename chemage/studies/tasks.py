@@ -182,6 +182,20 @@ class Task:
         return Outcome(worker.run(self))
 
 
+def by_contact(tasks: Iterable[Task]) -> list[list[list[Task]]]:
+    """The tasks of each contact, those with the same ageing together; contacts of one surface follow each other."""
+    surfaces: dict[str, dict[str, dict[str, list[Task]]]] = {}
+    for task in tasks:
+        ageings = surfaces.setdefault(task.surface, {}).setdefault(task.contact, {})
+        ageings.setdefault(task.ageing, []).append(task)
+    return [list(ageings.values()) for contacts in surfaces.values() for ageings in contacts.values()]
+
+
+def ageing_seconds(tasks: Iterable[Task]) -> float:
+    """Estimated CPU time of the ageings of tasks, s; the same ageing counts once."""
+    return sum({task.ageing: task.ageing_seconds for task in tasks}.values())
+
+
 @dataclass(frozen=True)
 class Place:
     """The folder in which results are kept, as a worker is told of it."""
@@ -196,6 +210,11 @@ class Place:
     def folder(self) -> Folder:
         """The folder, after a check that this process sees the same one."""
         return _opened(self.path, self.digest, self.contacts)
+
+    @property
+    def whole(self) -> Folder | None:
+        """The folder, if contacts and failures are kept there as well."""
+        return self.folder if self.contacts else None
 
 
 @dataclass
@@ -296,9 +315,7 @@ def _opened(path: str, digest: str, durable: bool) -> Folder:
 # -- computing --------------------------------------------------------------------------------------------------------
 
 
-def compute(
-    place: Place | None, tasks: Sequence[Task], threads: int, known: Known = (), remote: bool = False
-) -> Answer:
+def compute(place: Place | None, tasks: Sequence[Task], threads: int, known: Known, remote: bool) -> Answer:
     """Compute tasks that have one contact.
 
     Parameters
@@ -325,7 +342,7 @@ class Worker:
         self._threads, self._remote = threads, remote
         self._folder = None if place is None else place.folder
         #: where contacts and failures are kept as well
-        self._whole = self._folder if place is not None and place.contacts else None
+        self._whole = None if place is None else place.whole
         #: names the study in caches of this process
         self.owner = _owner("", "") if place is None else _owner(place.path, place.digest)
         #: the ageing that was computed last, and what came of it
@@ -342,7 +359,7 @@ class Worker:
         except (Exception, SystemExit) as error:  # a plugin that calls exit must not end the study
             return self._failed(task, error)
         if outcome.run is not None and (self._folder is not None or self._remote):
-            outcome = Outcome(content=content_of(outcome.run, task.number, task.changes))
+            outcome = Outcome(content=content_of(outcome.run, task))
         if self._folder is None or outcome.content is None:
             return outcome
         self._folder.write_point(task.key, outcome.content)
@@ -385,7 +402,7 @@ class Worker:
 
     def _failed(self, task: Task, error: BaseException) -> Outcome:
         if self._whole is not None:
-            self._whole.write_point(task.key, failure(task.number, task.changes, self.stage, error))
+            self._whole.write_point(task.key, failure(task, self.stage, error))
         return Outcome(error=_sendable(error) if self._remote else error, stage=self.stage)
 
 
@@ -409,12 +426,12 @@ def _sendable(error: BaseException) -> BaseException:
 # -- what a folder has of a task --------------------------------------------------------------------------------------
 
 
-def content_of(run: Run, number: int, changes: Mapping[str, Any]) -> dict[str, Any]:
+def content_of(run: Run, task: Task) -> dict[str, Any]:
     """The content of the file of a task that is done."""
     content = {
         "status": "done",
-        "point": number,
-        "changes": dict(changes),
+        "point": task.number,
+        "changes": dict(task.changes),
         "plugins": run.plugins,
         "summary": run.summary(),
         "aging": to_json(run.aging) if run.aging is not None else None,
@@ -424,9 +441,9 @@ def content_of(run: Run, number: int, changes: Mapping[str, Any]) -> dict[str, A
     return content
 
 
-def failure(number: int, changes: Mapping[str, Any], stage: str, error: BaseException) -> dict[str, Any]:
+def failure(task: Task, stage: str, error: BaseException) -> dict[str, Any]:
     """The content of the file of a task that failed."""
     report: dict[str, Any] = {"stage": stage, "type": type(error).__name__, "message": str(error)}
     if not isinstance(error, ChemageError):
         report["traceback"] = "".join(traceback.format_exception(error)[-6:])
-    return {"status": "failed", "point": number, "changes": dict(changes), "error": report}
+    return {"status": "failed", "point": task.number, "changes": dict(task.changes), "error": report}

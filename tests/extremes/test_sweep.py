@@ -235,7 +235,7 @@ def test_a_failed_point_loses_nothing_else_and_is_tried_again(tiny, tmp_path, mo
         _ = result[2].summary
     table = result.table()
     assert table.status == result.states()
-    assert np.isnan(table.scalars["beta"][2:]).all()
+    assert np.isnan(table.results["beta"].values[2:]).all()
     tiny.forget()
     import chemage_tiny  # pyright: ignore[reportMissingImports]
 

@@ -206,7 +206,7 @@ def mapped_computations(
 
     least, chosen = MAP_PAYS * price(own), None
     for point in map.points:
-        if not point.own and not point.reference and (found := price(point)) < least:
+        if not point.own and (found := price(point)) < least:
             least, chosen = found, point
     if chosen is None:
         return [whole]
@@ -288,8 +288,8 @@ def barriers_error(
     computation: Computation,
     seeds: tuple[int, int],
     quantities: Quantities,
-    threads: int | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    threads: int | None,
+    progress: Callable[[int, int], None],
 ) -> tuple[np.ndarray, str]:
     """(quantities,) relative standard errors that the forming barriers make, and how they are known; zeros and "" where
     their distribution has no members.
@@ -303,18 +303,16 @@ def barriers_error(
     scene = computation.seeded(*seeds)
 
     def report(stage: str, done: int, total: int, note: str = "") -> None:
-        if stage == BARRIERS and progress is not None and total:
+        if stage == BARRIERS and total:
             progress(done, total)
 
     aging = run(scene, threads=threads, warn=False, progress=report).aging
     assert aging is not None
     assert aging.member_ratios is not None
-    drops = aging.member_ratios * aging.mean_friction_drop
-    first = int(quantities.has_beta)
-    errors[first : first + quantities.hold_times.size] = aging.errors[BARRIERS]
+    errors[quantities.curve] = aging.errors[BARRIERS]
     if quantities.has_beta:
         own = float(quantities.slope(aging.mean_friction_drop[None])[0])
-        slopes = quantities.slope(drops)
+        slopes = quantities.slope(aging.member_ratios * aging.mean_friction_drop)
         errors[0] = slopes.std(ddof=1) / abs(own) if own else np.nan
     return errors, HOW.format(aging.error_sources[BARRIERS])
 
@@ -405,15 +403,11 @@ class SurfaceLevel:
         return sum(part.computation.seconds for part in self.parts)
 
     def sample(self, begin: int, end: int) -> np.ndarray:
-        """(end − begin, quantities): samples that are there."""
-        return self.so_far()[begin:end]
-
-    def so_far(self) -> np.ndarray:
-        """(samples, quantities): what is there."""
+        """(end − begin, quantities): those of the samples that are there."""
         there = zip(*(part.samples for part in self.parts), strict=False)
         for samples in islice(there, len(self._rows), None):
             self._rows.append(reduce(np.subtract, map(self._row, samples)))
-        return np.array(self._rows) if self._rows else np.zeros((0, 0))
+        return np.array(self._rows[begin:end]) if self._rows else np.zeros((0, 0))
 
 
 def area(sample: SurfaceSample) -> np.ndarray:

@@ -162,7 +162,7 @@ class EnsembleDisplay(OfRecord[Ensemble]):
         parts of the error of β, or else of the first quantity there is."""
         ensemble, name = self.record, self.record.quantities.names[0]
         sizes = "; ".join(f"{part} {size}" for part, size, _ in ensemble.estimate(name).parts())
-        words = "β" if name == "beta" else name.replace("_", " ")
+        words = _words(name)
         parts = Panel(
             self._draw_parts,
             f"Standard errors that make up the interval of {words}.",
@@ -235,7 +235,7 @@ class EnsembleDisplay(OfRecord[Ensemble]):
             axes.text(0.0, number - 0.28, f" {label}: {text}", va="bottom", parse_math=False)
             how = {"fontsize": medium.font, "color": GREY, "parse_math": False}
             axes.text(0.0, number + 0.24, f" {error.how}", va="top", **how)
-        words = {"beta": "β"}.get(name, name.replace("_", " "))
+        words = _words(name)
         axes.set_yticks([])
         axes.set_ylim(max(len(parts), 2) - 0.4, -0.6)  # bars of one height, also where there is only one
         axes.set_xlim(left=0)
@@ -245,3 +245,7 @@ class EnsembleDisplay(OfRecord[Ensemble]):
 
 def _in_words(errors: Mapping[str, ErrorPart]) -> dict[str, ErrorPart]:
     return {SOURCES.get(cause, cause): part for cause, part in errors.items()}
+
+
+def _words(name: str) -> str:
+    return "β" if name == "beta" else name.replace("_", " ")

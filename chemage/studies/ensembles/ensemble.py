@@ -159,7 +159,7 @@ class Ensemble(Record):
         column = self.quantities.column(name, time)
         if name not in DROPS:
             return self._estimate(self.quantities.declared(name), column)
-        at = self.hold_times[column - self._curve.start]
+        at = self.hold_times[column - self.quantities.curve.start]
         return self._estimate(self.quantities.declared(name), column).but(of=f"at {at:g} s")
 
     def _estimate(self, declared: Quantity, column: int, scale: float = 1.0) -> Quantity:
@@ -189,7 +189,7 @@ class Ensemble(Record):
         cause, inside, is_split = "surfaces and replicas", 0.0, False
         if not self.random:
             cause, how = "replicas", f"{how} on this one surface"
-        elif column >= self._curve.stop:  # the contact is the same for all replicas
+        elif column >= self.quantities.curve.stop:  # the contact is the same for all replicas
             cause = "surfaces"
         elif "variance" in self.within:
             is_split = True
@@ -231,32 +231,17 @@ class Ensemble(Record):
     @property
     def friction_drop(self) -> np.ndarray:
         """ΔF, mean over surfaces, nN, (m,)."""
-        return self.mean[self._curve]
+        return self.mean[self.quantities.curve]
 
     @property
     def single_friction_drops(self) -> np.ndarray:
         """ΔF of each sample of the first level, nN, (samples, m)."""
-        return self.rows["0"][:, self._curve]
-
-    @property
-    def friction_drop_terms(self) -> list[np.ndarray]:
-        """ΔF of independent samples, nN, (samples, m) each, whose means add up to the mean."""
-        return [rows[:, self._curve] for rows in self._terms]
-
-    @property
-    def friction_drop_known(self) -> np.ndarray:
-        """Standard error of ΔF that is known before, nN, (m,); nan: not known."""
-        return self._known[self._curve]
+        return self.rows["0"][:, self.quantities.curve]
 
     @property
     def friction_drop_half_width(self) -> np.ndarray:
         """Half the width of its 95 % interval, nN, (m,)."""
-        return self.half_widths[self._curve]
-
-    @property
-    def _curve(self) -> slice:
-        first = int(self.quantities.has_beta)
-        return slice(first, first + self.hold_times.size)
+        return self.half_widths[self.quantities.curve]
 
     @property
     def scatter(self) -> float:
@@ -316,14 +301,13 @@ class Ensemble(Record):
         curves = []
         for name in (name for name in DROPS if name in self.quantities.names):
             estimates = [self.estimate(name, float(time)) for time in self.hold_times]
-            value, stderr, half = (
-                np.array([getattr(one, part) for one in estimates]) for part in ("value", "stderr", "half_width")
-            )
+            parts = ("value", "stderr", "half_width")
+            value, stderr, half = (np.array([getattr(one, part) for one in estimates]) for part in parts)
             errors = {cause: np.array([one.errors[cause].size for one in estimates]) for cause in estimates[0].errors}
             of = {"x": self.hold_times, "mean": value, "stderr": stderr, "half_width": half, "errors": errors}
             scale = 1.0 if name == "friction_drop" else 1 / self.load
-            samples = [scale * curves for curves in self.friction_drop_terms]
-            spread = {"samples": samples, "known": scale * self.friction_drop_known}
+            samples = [scale * rows[:, self.quantities.curve] for rows in self._terms]
+            spread = {"samples": samples, "known": scale * self._known[self.quantities.curve]}
             curves.append(DROPS[name].but(**of, **spread, over=what, band=self.random, alone=False))
         return curves
 
@@ -350,9 +334,8 @@ class Ensemble(Record):
         curves, numbers = by_name(self.curves()), by_name(self.numbers())
         estimates: dict[str, Any] = {name: _plain(one) for name, one in numbers.items()}
         for name in curves:
-            estimates[name] = [
-                {"hold_time": float(time), **_plain(self.estimate(name, float(time)))} for time in self.hold_times
-            ]
+            at_times = {float(time): self.estimate(name, float(time)) for time in self.hold_times}
+            estimates[name] = [{"hold_time": time, **_plain(one)} for time, one in at_times.items()]
         none = np.full(self.hold_times.size, math.nan)
         without = [
             one.but(mean=none, stderr=none, half_width=none) for name, one in DROPS.items() if name not in curves

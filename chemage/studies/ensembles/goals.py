@@ -91,11 +91,12 @@ class Request:
             )
         random = is_random(scene)
         if surfaces is not None and not random:
-            raise InputError.of(
-                "surfaces", surfaces, "but this surface is the same at every seed", "use replicas, or an accuracy"
-            )
+            problem = "but this surface is the same at every seed"
+            raise InputError.of("surfaces", surfaces, problem, "use replicas, or an accuracy")
         quantities = Quantities.of(scene, (*MEASURES, *recorded_measures(scene)))
-        wishes = goals(scene.accuracy, quantities)
+        wishes = [
+            AccuracyGoal(name, column_of(name, quantities), value) for name, value in accuracies(scene.accuracy).items()
+        ]
         if scene.load == 0 and wishes:
             raise InputError(f"accuracy.{wishes[0].name}: the load is 0, so that its mean is 0; ask at a load")
         if measurements is None and options.map is not None:
@@ -113,6 +114,11 @@ class Request:
     def counted(self) -> str:
         """What is counted: ``surfaces``, or ``replicas`` on the one surface."""
         return "surfaces" if self.random else "replicas"
+
+    @property
+    def asked(self) -> dict[int, str]:
+        """Column -> name of what is to be accurate: of the goals, or of the first quantity."""
+        return {goal.column: goal.name for goal in self.goals} or {0: self.quantities.names[0]}
 
     @property
     def wishes(self) -> str:
@@ -173,7 +179,9 @@ class Request:
     def accuracy(self) -> np.ndarray:
         """(quantities,) the relative half widths that are asked for; inf where none is, 0 for the first quantity if it
         is to be as accurate as the time allows."""
-        accuracy = wanted(self.goals, self.quantities.count)
+        accuracy = np.full(self.quantities.count, np.inf)
+        for goal in self.goals:
+            accuracy[goal.column] = min(accuracy[goal.column], goal.accuracy)
         if not self.goals:
             accuracy[0] = 0.0
         return accuracy
@@ -199,16 +207,12 @@ def with_request(
     options: dict[str, Any] = (scene.ensemble or EnsembleOptions()).model_dump()
     goals = dict(scene.accuracy)
     if surfaces is not None:
-        if accuracy or budget is not None:
-            raise InputError(
-                "surfaces, accuracy: give the number of surfaces, or the accuracy (or budget) that decides it"
-            )
         none: dict[str, Any] = {"budget": None, "map": None}
         options, goals = options | none | {"surfaces": checked_count("surfaces", surfaces, 2, SURFACES_LIMIT)}, {}
     if accuracy:
-        options["surfaces"], goals = None, accuracies(accuracy)
+        options["surfaces"], goals = surfaces, accuracies(accuracy)
     if budget is not None:
-        options |= {"surfaces": None, "budget": budget_seconds(budget)}
+        options |= {"surfaces": surfaces, "budget": budget_seconds(budget)}
     if map is not None:
         options["map"] = str(map)
     if most is not None:
@@ -216,17 +220,6 @@ def with_request(
     wish = EnsembleOptions(**options)
     nothing = scene.ensemble is None and wish == EnsembleOptions()
     return scene.model_copy(update={"ensemble": None if nothing else wish, "accuracy": goals})
-
-
-def goals(accuracy: Mapping[str, Any], quantities: Quantities) -> list[AccuracyGoal]:
-    """The goals that a mapping of names to accuracies states.
-
-    Raises
-    ------
-    InputError
-        A quantity that the scene does not have, an accuracy that is none, or a time that is no hold time.
-    """
-    return [AccuracyGoal(name, column_of(name, quantities), value) for name, value in accuracies(accuracy).items()]
 
 
 def column_of(text: str, quantities: Quantities) -> int:
@@ -237,14 +230,6 @@ def column_of(text: str, quantities: Quantities) -> int:
     except ChemageError as error:
         raise InputError(f"accuracy.{text}: {error}") from None
     return quantities.column(name.strip(), when)
-
-
-def wanted(goals: list[AccuracyGoal], count: int) -> np.ndarray:
-    """(count,) the accuracy of each column; inf where none is asked."""
-    accuracy = np.full(count, np.inf)
-    for goal in goals:
-        accuracy[goal.column] = min(accuracy[goal.column], goal.accuracy)
-    return accuracy
 
 
 @dataclass(frozen=True)
@@ -272,7 +257,7 @@ def scatters(request: Request, costs: Plan, contact: Mapping[str, float]) -> Sca
     """The scatter of what ``request`` averages, of which ``known`` are the estimates and ``contact`` the expected
     measures of the contact."""
     quantities, scene = request.quantities, request.scene
-    first, times = int(quantities.has_beta), quantities.hold_times.size
+    curves = quantities.curve.stop
     surfaces, source = np.full(quantities.count, np.nan), ""
     if not request.random:
         surfaces[:] = 0.0
@@ -280,9 +265,9 @@ def scatters(request: Request, costs: Plan, contact: Mapping[str, float]) -> Sca
         source = scatter.source
         if scatter.relative is not None:
             # the friction drop scatters as much as β does
-            surfaces[: first + times] = scatter.relative
+            surfaces[:curves] = scatter.relative
     replicas = np.zeros(quantities.count)
-    replicas[: first + times] = _replicas(scene, costs, request)
+    replicas[:curves] = _replicas(scene, costs, request)
     return Scatters(surfaces, replicas, source)
 
 
@@ -292,12 +277,12 @@ def _replicas(scene: Scene, costs: Plan, request: Request) -> np.ndarray:
     Of N sites that are bonded with the probability p(t), the bonds at t ≤ u have the covariance N p(t) (1 − p(u)).
     """
     quantities, chemistry, hold = request.quantities, scene.chemistry, scene.hold
-    first, times = int(quantities.has_beta), quantities.hold_times.size
-    scatter = np.full(first + times, np.nan)
+    first, times = quantities.curve.start, quantities.hold_times.size
+    scatter = np.full(quantities.curve.stop, np.nan)
     if chemistry is None or hold is None or costs.mean_pressure is None or not costs.sites:
         return scatter
     if scene.ageing is not None and not scene.ageing.replicates:
-        return np.zeros(first + times)
+        return np.zeros(scatter.size)
     spread = smooth_pressures if "radius" in costs.surface else rough_pressures
     pressures = spread(costs.mean_pressure)
     needed = {goal.column - first for goal in request.goals} | set(np.flatnonzero(quantities.fitted) if first else ())

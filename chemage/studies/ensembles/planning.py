@@ -53,6 +53,8 @@ class _ExpectedLevel:
     correlation: np.ndarray
     #: takes the wall time of samples
     spend: Callable[[float], None]
+    name: str = ""
+    parts: tuple[Any, ...] = ()
 
     def sample(self, begin: int, end: int) -> np.ndarray:
         """See :class:`chemage.studies.ensembles.stages.Level`."""
@@ -92,34 +94,36 @@ class Expectation:
 
 
 def _expected_of(
-    request: Request, routes: Sequence[stages.Route], expected: Scatters, mean: np.ndarray, workers: int
+    request: Request,
+    routes: Sequence[stages.Route],
+    expected: Scatters,
+    mean: np.ndarray,
+    workers: int,
+    budget: float,
 ) -> Expectation:
     """What the rule does with samples that scatter exactly as is expected; ``mean`` (quantities,) is what errors of
     coarse grids may depend on."""
-    goals = {goal.column: goal.name for goal in request.goals} or {0: request.quantities.names[0]}
-    columns, wall = sorted(goals), [0.0]
-    scatter = expected.sample(_replicas_of(routes[0].levels[0]))[columns]
+    columns, wall = sorted(request.asked), [0.0]
+    scatter = expected.sample(routes[0].levels[0].parts[0].computation.replicas)[columns]
 
     def spend(seconds: float) -> None:
         wall[0] += seconds / workers
 
-    def level(of: stages.Level, mean: float, deviation: np.ndarray, common: np.ndarray) -> _ExpectedLevel:
-        return _ExpectedLevel(of.cost, mean, deviation, common, spend)
-
     none, one = np.zeros(len(columns)), np.ones(1)
-    first = level(routes[0].levels[0], 1.0, scatter, CORRELATION * expected.surfaces[columns] / scatter)
+    correlation = CORRELATION * expected.surfaces[columns] / scatter
+    first = _ExpectedLevel(routes[0].levels[0].cost, 1.0, scatter, correlation, spend)
     drawn = []
     for route in routes:
         levels = [first]
         for correction in route.levels[1:]:
-            per_surface = 1 + REPLICA_SHARE / _replicas_of(correction)
+            per_surface = 1 + REPLICA_SHARE / correction.parts[0].computation.replicas
             change = DIFFERENCE * math.sqrt(per_surface / (1 + REPLICA_SHARE / DIFFERENCE_REPLICAS))
-            levels.append(level(correction, 0.0, np.full(len(columns), change), none))
+            levels.append(_ExpectedLevel(correction.cost, 0.0, np.full(len(columns), change), none, spend))
         known, control = route.known(mean)[columns], None
         if route.control is not None:
-            control = level(route.control, 1.0, one, one)
+            control = _ExpectedLevel(route.control.cost, 1.0, one, one, spend)
         drawn.append(stages.Route(route.name, tuple(levels), lambda _, known=known: known, control))
-    clock = stages.Clock(math.inf if request.budget is None else request.budget, now=lambda: wall[0])
+    clock = stages.Clock(budget, now=lambda: wall[0])
     accuracy, reason = request.accuracy()[columns], ""
     try:
         state = stages.run_stages(drawn, accuracy, most=request.most, clock=clock)
@@ -141,14 +145,10 @@ def _expected_of(
         cpu_seconds=cpu,
         wall_seconds=cpu / min(workers, counts[0]),
         range=(low, high),
-        intervals={name: half[column] for column, name in goals.items()},
+        intervals={name: half[column] for column, name in request.asked.items()},
         reason=reason,
         sketches=counts[-1] if state.controlled else 0,
     )
-
-
-def _replicas_of(level: stages.Level) -> int:
-    return level.parts[0].computation.replicas  # pyright: ignore[reportAttributeAccessIssue]
 
 
 @dataclass(frozen=True)
@@ -188,10 +188,8 @@ class EnsemblePlan:
     def memory(self) -> float | None:
         """Bytes, with as many surfaces at the same time as there are processors; None where it is not known."""
         used = self.computations if self.foreseen is None or len(self._levels()) > 1 else self.computations[:1]
-        sizes = [None if one.bytes is None else one.bytes * self._at_once(one) for one in (used[0], used[-1])]
-        if any(size is None for size in sizes):
-            return None
-        return PROGRAM + max(size for size in sizes if size is not None)
+        sizes = [math.nan if one.bytes is None else one.bytes * self._at_once(one) for one in (used[0], used[-1])]
+        return None if math.isnan(sum(sizes)) else PROGRAM + max(sizes)
 
     def _at_once(self, computation: Computation) -> int:
         """Surfaces that are computed at the same time."""
@@ -329,20 +327,18 @@ class EnsemblePlan:
         return rows + [("not computed", text) for text in self.not_computed()]
 
     def _computation_rows(self) -> list[tuple[str, str]]:
-        names = ["computation" if len(self.computations) == 1 else "cheapest computation"]
-        names += ["computation that may correct it"] * (len(self.computations) - 1)
-        used = [self.computations[0], *([self.computations[-1]] if len(self.computations) > 1 else [])]
+        first, *others = self.computations
+        used = {"cheapest computation" if others else "computation": first}
+        if others:
+            used["computation that may correct it"] = others[-1]
         rows = [
             (name, f"{computation.words}, about {time_text(computation.seconds)} of CPU time each")
-            for name, computation in zip(names, used, strict=False)
+            for name, computation in used.items()
         ]
         if self.sketch is not None:
             sketch, count = self.sketch
-            grid = sketch.words.partition(",")[0]
-            text = (
-                f"the area of the contact of {count} surfaces on {grid}, {time_text(sketch.seconds)} of CPU time each"
-            )
-            rows.append(("control", text))
+            grid, each = sketch.words.partition(",")[0], time_text(sketch.seconds)
+            rows.append(("control", f"the area of the contact of {count} surfaces on {grid}, {each} of CPU time each"))
         levels = self._levels()
         if len(levels) > 1:
             _, second = levels
@@ -395,8 +391,7 @@ def _expectation(
     """What the rule is expected to do, and how that is known; ``first`` is the cheapest computation, in whose seconds
     all times are."""
     request, workers = sampler.request, available()
-    columns = sorted({goal.column for goal in request.goals}) or [0]
-    scatter = expected.sample(first.replicas)[columns]
+    scatter = expected.sample(first.replicas)[sorted(request.asked)]
     if (count := request.surfaces) is not None:
         half = limit(count - 1) * float(scatter[0]) / math.sqrt(count)
         known = math.isfinite(half) and not is_about_zero(scatter[0])
@@ -407,16 +402,14 @@ def _expectation(
     if request.budget is not None:
         budget = request.budget / first.scale
         timed = max(timed, int(workers * budget / first.seconds))
+    why = _why(request, expected, first.replicas)
     if np.any(is_about_zero(scatter)):
-        seen = Expectation.counted(timed, first.seconds, workers, reason="zero")
-        return seen, _why(request, expected, first.replicas)
+        return Expectation.counted(timed, first.seconds, workers, reason="zero"), why
     if np.isfinite(scatter).all():
         measures = [costs.area_fraction if name == "area_fraction" else None for name in request.quantities.measures]
         ones = [1.0] * (request.quantities.count - len(measures))  # of which only the relative scatter counts
         mean = np.array([*ones, *measures], dtype=np.float64)
-        timed_request = replace(request, budget=None if request.budget is None else budget)
-        seen = _expected_of(timed_request, sampler.possible_routes(), expected, mean, workers)
-        return seen, _why(request, expected, first.replicas)
+        return _expected_of(request, sampler.possible_routes(), expected, mean, workers, budget), why
     if request.budget is not None and not request.goals:
         return Expectation.counted(timed, first.seconds, workers), "as many as the time allows"
     over = "surfaces" if request.random else "replicas"
@@ -426,8 +419,7 @@ def _expectation(
 def _why(request: Request, expected: Scatters, replicas: int) -> str:
     """How the expected number is known, in words."""
     scatter = expected.sample(replicas)
-    goals = {goal.column: goal.name for goal in request.goals} or {0: request.quantities.names[0]}
-    column, name = max(goals.items(), key=lambda item: scatter[item[0]])
+    column, name = max(request.asked.items(), key=lambda item: scatter[item[0]])
     if is_about_zero(scatter[column]):
         until = name.partition("@")[2] or f"{request.quantities.hold_times[-1]:g} s"
         when = "between {:g} and {:g} s".format(*request.quantities.window) if name == "beta" else f"until {until}"

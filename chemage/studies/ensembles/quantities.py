@@ -149,9 +149,14 @@ class Quantities:
         )
 
     @property
+    def curve(self) -> slice:
+        """The columns of ΔF; those of the measures follow."""
+        return slice(int(self.has_beta), int(self.has_beta) + self.hold_times.size)
+
+    @property
     def count(self) -> int:
         """Number of columns."""
-        return int(self.has_beta) + self.hold_times.size + len(self.measures)
+        return self.curve.stop + len(self.measures)
 
     def row(self, sample: SurfaceSample) -> np.ndarray:
         """(count,) of one sample, the mean over its replicas; nan where a measure does not exist."""
@@ -184,12 +189,11 @@ class Quantities:
             raise InputError(
                 f"accuracy.{name}: no such quantity{nearest(name, self.names)}; this scene has {', '.join(self.names)}"
             )
-        first = int(self.has_beta)
         if name in DROPS:
-            return first + self._moment(name, time)
+            return self.curve.start + self._moment(name, time)
         if time is not None:
             raise InputError(f"accuracy.{name}: does not depend on the hold time; leave out the part after @")
-        return 0 if name == "beta" else first + self.hold_times.size + self.measures.index(name)
+        return 0 if name == "beta" else self.curve.stop + self.measures.index(name)
 
     def _moment(self, name: str, time: float | None) -> int:
         if time is None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 import warnings
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from functools import partial
 from pathlib import Path
@@ -38,7 +38,7 @@ from chemage.studies.ensembles.computations import (
 )
 from chemage.studies.ensembles.ensemble import Ensemble
 from chemage.studies.ensembles.goals import AccuracyGoal, Request, with_request
-from chemage.studies.ensembles.quantities import Quantities, SurfaceSample
+from chemage.studies.ensembles.quantities import MOST, SurfaceSample
 from chemage.studies.study import Archive, Part, Selection, Study
 from chemage.studies.tasks import Outcome, Task, registered_classes
 from chemage.studies.trade.trade_map import TradeMap
@@ -109,22 +109,22 @@ def ensemble(
     """
     if not isinstance(scene, Scene):
         scene = parse_scene(scene) if isinstance(scene, Mapping) else load_scene(scene)
-    request: dict[str, Any] = {"surfaces": surfaces, "accuracy": accuracy, "budget": budget, "most": most}
     map, file = (measured, None) if isinstance(measured, TradeMap) else (None, measured)
-    asked = with_request(scene.completed(), **request, map=file)
-    where: dict[str, Any] = {"executor": executor, "workers": workers, "threads": threads, "patience": patience}
-    where["points"] = points
-    return Sampler(asked, samples=samples, measured=map, **where).run(progress)
+    asked = with_request(scene.completed(), surfaces=surfaces, accuracy=accuracy, budget=budget, most=most, map=file)
+    return Sampler(
+        asked,
+        samples=samples,
+        executor=executor,
+        workers=workers,
+        threads=threads,
+        patience=patience,
+        points=points,
+        measured=map,
+    ).run(progress)
 
 
 def _silent(stage: str, done: int, total: int, note: str = "") -> None:
     pass
-
-
-def _of(level: stages.Level) -> SurfaceLevel:
-    """A level of an ensemble as what it is made of."""
-    assert isinstance(level, SurfaceLevel)
-    return level
 
 
 class Sampler:
@@ -154,12 +154,12 @@ class Sampler:
         if samples is not None and any(Path(samples).glob("*.samples")):
             text = "samples of chemage 0.2 (*.samples) are not used; they are computed again, and may be removed"
             warnings.warn(f"{samples}: {text}", UserWarning, stacklevel=4)
-        self.scene = scene
+        self.scene, self._quantities = scene, self.request.quantities
         self._executor, self._workers, self._threads, self._patience = executor, workers, threads, patience
         self._part = None if points is None else self._part_of(points)
         self._progress: Report = _silent
         self._routes: list[stages.Route] = []
-        self._rule: Generator[stages.Need, None, stages.SamplingState] | None = None
+        self._rule: Iterator[stages.Need] | None = None
         self._state: stages.SamplingState | None = None
         #: key of a task that was asked for -> the samples that it belongs to
         self._waiting: dict[str, tuple[SampleSeries, Task]] = {}
@@ -171,10 +171,6 @@ class Sampler:
         self._aimed: dict[str, int] = {}
         self._shown = (-math.inf, "")
 
-    @property
-    def _quantities(self) -> Quantities:
-        return self.request.quantities
-
     def run(self, progress: Report | None = None) -> Ensemble:
         """Sample until the request is fulfilled, and call ``progress`` as samples are taken.
 
@@ -184,8 +180,7 @@ class Sampler:
             It cannot be fulfilled.
         """
         self._progress = progress or _silent
-        classes = registered_classes(self.scene.components())
-        with Study(*self._where(), self._patience, classes=classes) as study:
+        with Study(*self._where(), self._patience, classes=registered_classes(self.scene.components())) as study:
             try:
                 study.carry_out(self, self.archive.place, self._part)
             except KeyboardInterrupt:
@@ -234,22 +229,16 @@ class Sampler:
                 self._measure_barriers()
                 self._routes = self.possible_routes()
                 self._rule = self._steps()
-            return self._needed(self._rule)
-
-    def _needed(self, rule: Generator[stages.Need, None, stages.SamplingState]) -> list[Task]:
-        while True:
             try:
-                level, count = next(rule)
-            except StopIteration as end:
-                self._state = end.value
-                return []
+                for level, count in self._rule:
+                    self._waiting = {}
+                    for part in level.parts:
+                        self._waiting |= {task.key: (part, task) for task in part.missing(count)}
+                    if self._waiting:
+                        return [task for _, task in self._waiting.values()]
             except stages.Unreachable as error:
                 raise InputError(self._explained(error)) from None
-            self._waiting = {}
-            for part in _of(level).parts:
-                self._waiting |= {task.key: (part, task) for task in part.missing(count)}
-            if self._waiting:
-                return [task for _, task in self._waiting.values()]
+            return []
 
     def tell(self, task: Task, outcome: Outcome) -> None:
         """Receive a sample."""
@@ -264,18 +253,18 @@ class Sampler:
             stopped = "the number of surfaces that was asked for" if counted else self._ending(self._state)
             return self._made(self._state, stopped)
 
-    def _steps(self) -> Generator[stages.Need, None, stages.SamplingState]:
+    def _steps(self) -> Iterator[stages.Need]:
         """The rule, which stops where samples have to be taken."""
         asked = self.request
+        clock = stages.Clock(asked.budget if asked.budget is not None else math.inf)
         if asked.surfaces is not None:
             counted = stages.Sampled(self._routes[0].levels[0])
-            yield counted.level, asked.surfaces
-            counted.upto(asked.surfaces)
-            return stages.SamplingState(self._routes[0], [counted], np.zeros(self._quantities.count, dtype=bool))
-        clock = stages.Clock(asked.budget if asked.budget is not None else math.inf)
-        return (
-            yield from stages.steps(self._routes, asked.accuracy(), most=asked.most, clock=clock, watch=self._watch)
-        )
+            yield from clock.upto(counted, asked.surfaces)
+            nothing = np.zeros(self._quantities.count, dtype=bool)
+            self._state = stages.SamplingState(self._routes[0], [counted], nothing)
+            return
+        rule = stages.steps(self._routes, asked.accuracy(), most=asked.most, clock=clock, watch=self._watch)
+        self._state = yield from rule
 
     def _ending(self, state: stages.SamplingState) -> str:
         """Why sampling ended, in words."""
@@ -337,8 +326,7 @@ class Sampler:
         other settings, as the map has them."""
         if computation.errors is not None:
             return computation.errors
-        names = self._quantities.measures
-        measures = dict(zip(names, mean[len(mean) - len(names) :].tolist(), strict=True))
+        measures = dict(zip(self._quantities.measures, mean[self._quantities.curve.stop :].tolist(), strict=True))
         return self._columns(self.scene.surface.coarser_errors(computation.factor, measures))
 
     def _approximation(self) -> np.ndarray:
@@ -351,25 +339,24 @@ class Sampler:
             declared = component.declared_error
             errors = self._columns({} if declared is None else {"friction_drop": declared})
             if component is not self.scene.surface and component is not self.scene.contact:
-                errors[errors.size - len(self._quantities.measures) :] = 0.0  # the contact is solved before
+                errors[self._quantities.curve.stop :] = 0.0  # the contact is solved before
             total += errors**2
         return np.sqrt(total)
 
     def _columns(self, errors: Mapping[str, float]) -> np.ndarray:
         """Errors by name as one number for each quantity; nan where nothing is known."""
         columns = np.full(self._quantities.count, np.nan)
-        first = int(self._quantities.has_beta)
-        if first and "beta" in errors:
+        if self._quantities.has_beta and "beta" in errors:
             columns[0] = errors["beta"]
         if "friction_drop" in errors:
-            columns[first : first + self._quantities.hold_times.size] = errors["friction_drop"]
+            columns[self._quantities.curve] = errors["friction_drop"]
         return columns
 
     # -- progress and messages ----------------------------------------------------------------------------------------
 
     def _watch(self, state: stages.SamplingState, aimed: list[int]) -> None:
         self._route, self._levels = state.route, [sampled.level for sampled in state.sampled]
-        self._aimed = {_of(level).name: count for level, count in zip(self._levels, aimed, strict=True)}
+        self._aimed = {level.name: count for level, count in zip(self._levels, aimed, strict=True)}
 
     def _taken(self, stage: str, done: int) -> None:
         """Report one more sample."""
@@ -385,7 +372,7 @@ class Sampler:
         """The interval of what is asked from the samples so far, in words; "" where there are too few."""
         route = self._route or self._routes[0]
         looks = 0 if self.request.surfaces is not None else stages.LOOKS
-        sampled = [stages.Sampled(level, _of(level).so_far(), looks=looks) for level in self._levels or route.levels]
+        sampled = [stages.Sampled(level, level.sample(0, MOST), looks=looks) for level in self._levels or route.levels]
         if min(part.count for part in sampled) < 2:
             return ""
         if len(sampled) > len(route.levels):  # a sample may be there before its control
@@ -407,7 +394,7 @@ class Sampler:
     def _so_far(self) -> str:
         """What an interrupted ensemble leaves, in words."""
         route = self._route or self._routes[0]
-        counts = " and ".join(str(len(_of(level).so_far())) for level in route.levels)
+        counts = " and ".join(str(len(level.sample(0, MOST))) for level in route.levels)
         kept = ""
         if self.archive.path is not None:
             kept = f", kept in {self.archive.path}; the same command takes them up and goes on"
@@ -428,7 +415,7 @@ class Sampler:
                 f"{asked.wishes}: an approximate part of the scene does not say how large its error of this quantity "
                 "is; leave the part out, or ask for the friction drop"
             )
-        scale = _of(state.sampled[0].level).parts[0].computation.scale
+        scale = state.sampled[0].level.parts[0].computation.scale
         seconds = scale * sum(
             count * sampled.level.cost for count, sampled in zip(error.needed or (), state.sampled, strict=False)
         )
@@ -440,7 +427,7 @@ class Sampler:
         interval = self._in_words(state.mean, state.half_width())
         levels, rows, inside = [], {}, None
         for number, sampled in enumerate(state.sampled):
-            name, parts = _of(sampled.level).name, _of(sampled.level).parts
+            name, parts = sampled.level.name, sampled.level.parts
             self._progress(name, sampled.count, sampled.count, interval)
             levels.append(self._described(sampled, parts))
             rows[str(number)] = np.array(sampled.values)
@@ -455,7 +442,7 @@ class Sampler:
         if self._barriers_how:
             errors[BARRIERS], how[BARRIERS] = self._barriers, self._barriers_how
         if state.route.name == "not corrected":
-            part = _of(state.sampled[0].level).parts[0].computation
+            part = state.sampled[0].level.parts[0].computation
             name = "discretisation" if part.grid_only else "settings"
             errors[name] = self._coarsening(part, state.mean)
             how[name] = f"measured before on other surfaces, pixels {part.factor} times larger"
@@ -486,7 +473,7 @@ class Sampler:
         return (*notes, text)
 
     def _provenance(self, state: stages.SamplingState) -> dict[str, Any]:
-        samples = [sample for level in state.sampled for part in _of(level.level).parts for sample in part.samples]
+        samples = [sample for level in state.sampled for part in level.level.parts for sample in part.samples]
         plugins = {name: source for sample in samples for name, source in sample.plugins.items()}
         approximate = merged_approximations(*(sample.approximate for sample in samples))
         return {

@@ -38,6 +38,11 @@ CONTROLLED, PAIRS = 32, 16
 class Level(Protocol):
     """What is sampled: one computation on a random surface, or the difference between two on the same surface."""
 
+    #: of the stage that is reported
+    name: str
+    #: the computations of which it has samples
+    parts: tuple[Any, ...]
+
     @property
     def cost(self) -> float:
         """CPU seconds of one sample, estimated before anything is computed, so that it is the same everywhere."""
@@ -83,12 +88,6 @@ class Sampled:
     def freedom(self) -> int:
         """Degrees of freedom of the variance."""
         return max(1, (self.frozen or self.count) - 1 - self.looks)
-
-    def upto(self, count: int) -> None:
-        """Take samples until there are ``count``."""
-        if count > self.count:
-            more = self.level.sample(self.count, count)
-            self.values = np.concatenate([self.values, more]) if self.count else more
 
 
 @dataclass
@@ -154,12 +153,9 @@ class SamplingState:
         wanted = accuracy[self.asked] * (1 + 1e-9)
         return bool(np.all(self.relative()[self.asked] <= wanted) and np.all(wanted > 0))
 
-    def cost(self, counts: Sequence[int]) -> float:
-        """CPU seconds of the samples that are missing to ``counts``."""
-        return sum(
-            max(0, count - sampled.count) * sampled.level.cost
-            for count, sampled in zip(counts, self.sampled, strict=True)
-        )
+    def cost(self, counts: Sequence[int], each: Sequence[float]) -> float:
+        """Seconds of the samples that are missing to ``counts``, of which one takes ``each``."""
+        return sum(max(0, count - done) * one for count, done, one in zip(counts, self.counts, each, strict=True))
 
     def upto(self, counts: Sequence[int], clock: Clock) -> Steps:
         """Take samples until there are ``counts``; each of the first level has that of the control."""
@@ -208,7 +204,8 @@ class Clock:
         if count > sampled.count:
             yield sampled.level, count
             self.cost += (count - sampled.count) * sampled.level.cost
-            sampled.upto(count)
+            more = sampled.level.sample(sampled.count, count)
+            sampled.values = np.concatenate([sampled.values, more]) if sampled.count else more
 
     def wall(self, level: Level) -> float:
         """Wall seconds of one more sample: in proportion to its cost, as measured of those so far."""
@@ -219,12 +216,8 @@ class Clock:
         if not math.isfinite(self.seconds):
             return counts
         walls = [self.wall(sampled.level) for sampled in state.sampled]
-        more = sum(
-            max(0, count - sampled.count) * wall
-            for count, sampled, wall in zip(counts, state.sampled, walls, strict=True)
-        )
         left = max(self.left, 0.0)
-        if more <= left:
+        if state.cost(counts, walls) <= left:
             return counts
         widest = np.argmax(np.where(state.asked & ~np.isnan(relative := state.relative()), relative, -np.inf))
         variances = [float(spread.variance[widest]) for spread in state.spreads]
@@ -406,7 +399,7 @@ class RouteSearch:
             relative = half / np.maximum(np.abs(state.mean), 1e-300)
             return float(np.max(np.where(np.isnan(relative), np.inf, relative)[state.asked]))
         spent = sum(sampled.level.cost * sampled.count for sampled in state.sampled[1:])
-        return state.cost(counts) + spent
+        return state.cost(counts, state.costs) + spent
 
     def _may_pay(self, route: Route, state: SamplingState, least: float) -> bool:
         """Whether the first samples of a route may be worth their cost."""
@@ -415,7 +408,7 @@ class RouteSearch:
         # what it costs at least: its first samples, and the first level without the errors that it corrects
         alone = SamplingState(Route("", route.levels[:1], route.known), state.sampled[:1], state.asked)
         try:
-            first = alone.cost(self.needed(alone, expected=True))
+            first = alone.cost(self.needed(alone, expected=True), alone.costs)
         except Unreachable:
             return False
         return FIRST_DIFFERENCES * sum(level.cost for level in route.levels[1:]) + first < least

@@ -12,7 +12,7 @@ import numpy as np
 
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
-from chemage.foundation.figures import BLUE, PALETTE, from_zero, plain, shared_legend
+from chemage.foundation.figures import BLUE, PALETTE, decades_only, from_zero, plain, shared_legend
 from chemage.foundation.looks import current
 from chemage.foundation.names import __version__
 from chemage.foundation.quantities import headed
@@ -77,9 +77,9 @@ class SweepDisplay(Result):
     def notes(self) -> list[str]:
         """Of the table, and where β could not be fitted."""
         reasons: dict[str, list[str]] = {}
-        for point in self.sweep if len(self.sweep) <= MOST_ROWS else ():
-            if point.status == "done" and (reason := point.summary.get("beta_reason")):
-                reasons.setdefault(reason, []).append(str(point.index))
+        for point, reason in enumerate(self.data.table.marks.get("beta_reason", ())):
+            if reason and len(self.sweep) <= MOST_ROWS:
+                reasons.setdefault(reason, []).append(str(point))
         words = [
             f"beta not fitted at point{'s' if len(points) > 1 else ''} {', '.join(points)}: {reason}"
             for reason, points in reasons.items()
@@ -175,7 +175,7 @@ def _picture(data: SweepData, view: View, names: Sequence[str], heat: bool) -> t
     as_map = heat or number > MOST_LINES
     if as_map and view.lines is None:
         raise InputError("--heat: a heat map needs two axes; this sweep has one, or choose --lines")
-    if as_map and view.lines and not (data.is_number(view.lines) and (view.x == HOLD_TIME or data.is_number(view.x))):
+    if as_map and view.lines and not (data.is_number(view.lines) and data.is_number(view.x)):
         if heat:
             raise InputError(f"--heat: {view.x} and {view.lines} must have numbers as values")
         as_map = False
@@ -211,7 +211,7 @@ def _title(data: SweepData, view: View, found: Sequence[ViewedQuantity], *, band
     status = data.table.status
     if rest := len(status) - status.count("done"):
         parts.append(f"{rest} of {len(status)} points are not done")
-    if any(data.table.approximate):
+    if "approximate" in data.table.marks:
         parts.append("approximate")
     return f"{data.name}: {'; '.join(parts)}" if parts else data.name
 
@@ -241,7 +241,7 @@ def is_logarithmic(values: np.ndarray) -> bool:
 
 def _draw_lines(axes: Axes, medium: Medium, data: SweepData, view: View, quantity: ViewedQuantity) -> None:
     places = data.values(view.x)
-    is_number = view.x == HOLD_TIME or data.is_number(view.x)
+    is_number = data.is_number(view.x)
     x = np.asarray(places, dtype=np.float64) if is_number else np.arange(len(places), dtype=np.float64)
     order = np.argsort(x, kind="stable")
     if view.x == HOLD_TIME:
@@ -254,12 +254,12 @@ def _draw_lines(axes: Axes, medium: Medium, data: SweepData, view: View, quantit
         axes.plot(x[order], mean, color=colour, marker=marker, ms=3.5, lw=1.3, label=label, zorder=3)
         band = np.isfinite(low) & np.isfinite(high)
         axes.fill_between(x[order], low, high, where=band, color=colour, alpha=0.22, lw=0)
-    if is_number and x.size <= 10 and np.asarray(places).dtype.kind == "i" and not is_logarithmic(x):
-        axes.set_xticks(x, [f"{value:g}" for value in x])
-    elif is_number:
-        axes.set_xscale("log" if is_logarithmic(x[order]) else "linear")
-    else:
+    if not is_number:
         axes.set_xticks(x, [plain(str(value)) for value in places], rotation=30, ha="right")
+    elif x.size <= 10 and places.dtype.kind == "i" and not is_logarithmic(x):
+        _tick_values(axes.xaxis, x, "linear")
+    else:
+        axes.set_xscale("log" if is_logarithmic(x[order]) else "linear")
     if is_logarithmic(np.concatenate([quantity.mean, quantity.low, quantity.high])) and not _reaches_zero(quantity):
         axes.set_yscale("log")
     elif np.nanmin(quantity.mean, initial=0.0) >= 0:
@@ -311,21 +311,17 @@ def _draw_heat(axes: Axes, medium: Medium, data: SweepData, view: View, quantity
 
 def _tick_values(axis: Any, values: np.ndarray, scale: str) -> None:
     """Label the values of a short axis themselves."""
-    if values.size <= 10 and scale == "log":
-        from matplotlib.ticker import NullLocator
-
-        axis.set_minor_locator(NullLocator())
-        axis.set_ticks(values, [f"{value:g}" for value in values])
-    elif values.size <= 10:
-        axis.set_ticks(values, [f"{value:g}" for value in values])
+    if values.size > 10:
+        return
+    if scale == "log":
+        decades_only(axis)
+    axis.set_ticks(values, [f"{value:g}" for value in values])
 
 
 def _edges(values: np.ndarray, scale: str) -> np.ndarray:
     """Edges of cells around sorted ``values``, half way between them."""
     at = np.log(values) if scale == "log" else values
-    if at.size == 1:
-        edges = np.array([at[0] - 0.5, at[0] + 0.5])
-    else:
-        middle = 0.5 * (at[1:] + at[:-1])
-        edges = np.concatenate([[2 * at[0] - middle[0]], middle, [2 * at[-1] - middle[-1]]])
+    steps = np.diff(at) if at.size > 1 else np.ones(1)
+    beyond = np.concatenate([[at[0] - steps[0]], at, [at[-1] + steps[-1]]])
+    edges = 0.5 * (beyond[1:] + beyond[:-1])
     return np.exp(edges) if scale == "log" else edges

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from chemage.contacts.options import nominal_pressure
 from chemage.contacts.theory import no_map
@@ -26,7 +27,7 @@ from chemage.scene.files import override, parse_scene, required_sections, sectio
 from chemage.scene.materials import filled_sections
 from chemage.scene.plan import cost
 from chemage.scene.scene import Scene
-from chemage.studies.tasks import Task, registered_classes
+from chemage.studies.tasks import Task, ageing_seconds, registered_classes
 
 
 @dataclass(frozen=True)
@@ -95,11 +96,7 @@ class Grid:
 
     def positions(self, point: int) -> tuple[int, ...]:
         """The position of ``point`` on each axis."""
-        places = []
-        for axis in reversed(self.axes):
-            point, place = divmod(point, len(axis))
-            places.append(place)
-        return tuple(reversed(places))
+        return tuple(int(place) for place in np.unravel_index(point, self.shape))
 
     def changes(self, point: int) -> dict[str, Any]:
         """The changes of ``point`` to the base: dotted path -> value."""
@@ -126,16 +123,12 @@ class Grid:
 
     def todict(self) -> dict[str, Any]:
         """Plain JSON values, from which :meth:`fromdict` makes an equal grid."""
-        axes = [{"paths": list(axis.paths), "values": [list(values) for values in axis.values]} for axis in self.axes]
-        return {"base": self.base, "axes": axes, "source": self.source}
+        return asdict(self)
 
     @classmethod
     def fromdict(cls, fields: Mapping[str, Any]) -> Grid:
         """The inverse of :meth:`todict`."""
-        axes = tuple(
-            Axis(tuple(axis["paths"]), tuple(tuple(values) for values in axis["values"])) for axis in fields["axes"]
-        )
-        return cls(dict(fields["base"]), axes, fields["source"])
+        return TypeAdapter(cls).validate_python(fields)
 
 
 def _axes(sweep: Any, problems: list[tuple[str, str]]) -> list[Axis]:
@@ -205,33 +198,17 @@ def _without_false(path: str, value: Any) -> Any:
 
 
 @dataclass
-class SharedContact:
-    """A contact to solve, which several points may share."""
-
-    key: str
-    surface: str
-    #: a point that uses it
-    point: int
-    cpu_seconds: float | None
-    bytes: float
-
-
-@dataclass
 class Survey:
-    """All points of a grid, validated: the contacts they share, and estimates of their cost."""
+    """All points of a grid, validated: their tasks, and estimates of their cost."""
 
     grid: Grid
-    #: for each point its key, the key of its ageing, and the number of its contact
-    keys: list[str] = field(default_factory=list)
-    agings: list[str] = field(default_factory=list)
-    contact_of: list[int] = field(default_factory=list)
-    contacts: list[SharedContact] = field(default_factory=list)
-    #: CPU time of each point without its contact, s; None where its engine gives no estimate
-    cpu_seconds: list[float | None] = field(default_factory=list)
-    #: size of the point files
+    tasks: list[Task] = field(default_factory=list)
+    #: key of each contact -> the first task that has it
+    contacts: dict[str, Task] = field(default_factory=dict)
+    #: size of the folder
     bytes: float = 0.0
-    #: largest memory of one task, bytes; None if unknown
-    memory: float | None = 0.0
+    #: largest memory of one task, bytes; nan if unknown
+    memory: float = 0.0
     #: for each axis, position and path the validated value, in internal units
     resolved: list[list[list[Any]]] = field(default_factory=list)
     units: dict[str, str] = field(default_factory=dict)
@@ -245,21 +222,14 @@ class Survey:
     #: what to warn of: kind -> (text of the first point that it concerns, this point, number of points)
     doubts: dict[str, tuple[str, int, int]] = field(default_factory=dict)
 
-    def task(self, point: int) -> Task:
-        """The task of a point."""
-        contact, seconds = self.contacts[self.contact_of[point]], self.cpu_seconds[point]
-        return Task(
-            key=self.keys[point],
-            ageing=self.agings[point],
-            contact=contact.key,
-            surface=contact.surface,
-            source=partial(self.grid.scene, point),
-            number=point,
-            changes=self.grid.changes(point),
-            contact_seconds=math.nan if contact.cpu_seconds is None else contact.cpu_seconds,
-            ageing_seconds=math.nan if seconds is None else seconds,
-            bytes=self.memory or 0.0,
-        )
+    def task(self, point: int, **changes: Any) -> Task:
+        """The task of a point, with the memory that is enough for every one."""
+        return replace(self.tasks[point], bytes=0.0 if math.isnan(self.memory) else self.memory, **changes)
+
+    @property
+    def keys(self) -> list[str]:
+        """Of all points."""
+        return [task.key for task in self.tasks]
 
     def warnings(self) -> list[str]:
         """What to warn of, one sentence for each kind, with the points that it concerns."""
@@ -272,19 +242,13 @@ class Survey:
     @property
     def surfaces(self) -> int:
         """Number of different surfaces."""
-        return len({contact.surface for contact in self.contacts})
+        return len({task.surface for task in self.tasks})
 
-    @property
-    def total_cpu_seconds(self) -> float | None:
-        """CPU time of all contacts and kinetics, s; None if a component gives no estimate."""
-        distinct = dict(zip(self.agings, self.cpu_seconds, strict=True)).values()
-        costs = [contact.cpu_seconds for contact in self.contacts] + list(distinct)
-        return None if any(cost is None for cost in costs) else float(sum(cost for cost in costs if cost is not None))
 
-    @property
-    def total_bytes(self) -> float:
-        """Size of the folder."""
-        return self.bytes + sum(contact.bytes for contact in self.contacts)
+def cpu_seconds(tasks: Sequence[Task]) -> float | None:
+    """CPU time of all contacts and kinetics of tasks, each once, s; None if a component gives no estimate."""
+    seconds = ageing_seconds(tasks) + sum({task.contact: task.contact_seconds for task in tasks}.values())
+    return None if math.isnan(seconds) else seconds
 
 
 def survey(grid: Grid, progress: Callable[[int, int], None] | None = None) -> Survey:
@@ -297,9 +261,7 @@ def survey(grid: Grid, progress: Callable[[int, int], None] | None = None) -> Su
     """
     result = Survey(grid, hooks=implementing(*stage_hooks()))
     result.resolved = [[[None] * len(axis.paths) for _ in axis.values] for axis in grid.axes]
-    numbers: dict[str, int] = {}
     wrong: dict[tuple[str, str], list[int]] = {}
-    unresolved = [set(range(len(axis))) for axis in grid.axes]
     for point in range(grid.size):
         try:
             scene = grid.scene(point)
@@ -316,13 +278,13 @@ def survey(grid: Grid, progress: Callable[[int, int], None] | None = None) -> Su
         if wrong:
             continue
         try:
-            _add(result, point, scene, numbers)
+            _add(result, point, scene)
         except InputError as error:
             error.add_note(f"at point {point} of {grid.source}")
             raise
-        for axis, place in enumerate(grid.positions(point)):
-            if place in unresolved[axis]:
-                unresolved[axis].discard(place)
+        places = grid.positions(point)
+        for axis, place in enumerate(places):
+            if not any(places[:axis] + places[axis + 1 :]):  # the first point with this place
                 _resolve(result, axis, place, scene)
     if wrong:
         raise SceneError(grid.source, [_located(grid, problem, *where) for problem, where in wrong.items()])
@@ -363,15 +325,13 @@ def shown(value: Any) -> str:
     return value if isinstance(value, str) else json.dumps(value)
 
 
-def _add(result: Survey, point: int, scene: Scene, numbers: dict[str, int]) -> None:
+def _add(result: Survey, point: int, scene: Scene) -> None:
     if not scene.contact.gives_map:
         raise InputError(no_map(scene.contact, "a sweep has no contact to store; run each scene by itself"))
-    keys, costs = scene.task_keys(), cost(scene)
+    costs = cost(scene)
     if point and scene.is_ensemble != result.means:
         raise InputError("accuracy, ensemble: some points are means over surfaces and others are not; make two sweeps")
-    if result.means or scene.is_ensemble:
-        result.means = True
-        keys["result"] = mean_key(scene)
+    result.means = scene.is_ensemble
     result.classes |= registered_classes(scene.components())
     costs.check()
     varied, parts = {path for axis in result.grid.axes for path in axis.paths}, scene.solved_parts
@@ -379,27 +339,30 @@ def _add(result: Survey, point: int, scene: Scene, numbers: dict[str, int]) -> N
     for doubt in [*costs.doubts(), *of_sweep]:
         text, first, count = result.doubts.get(doubt.kind, (doubt.text, point, 0))
         result.doubts[doubt.kind] = text, first, count + 1
-    result.keys.append(keys["result"])
-    result.agings.append(keys["aging"])
-    if keys["contact"] not in numbers:
-        numbers[keys["contact"]] = len(result.contacts)
-        result.contacts.append(
-            SharedContact(keys["contact"], keys["surface"], point, costs.contact_cpu_seconds, 3000 + costs.contact_file)
-        )
-        _note_memory(result, costs.contact_bytes)
-    result.contact_of.append(numbers[keys["contact"]])
-    result.cpu_seconds.append(costs.kinetics_cpu_seconds)
+    task = Task.of(
+        scene,
+        number=point,
+        changes=result.grid.changes(point),
+        contact_seconds=_or_nan(costs.contact_cpu_seconds),
+        ageing_seconds=_or_nan(costs.kinetics_cpu_seconds),
+    )
+    # only what makes the scene is kept, since there may be very many
+    key = mean_key(scene) if result.means else task.key
+    task = replace(task, key=key, source=partial(result.grid.scene, point))
+    result.tasks.append(task)
+    needed = [costs.contact_bytes]
+    if task.contact not in result.contacts:
+        result.contacts[task.contact] = task
+        result.bytes += 3000 + costs.contact_file
     result.bytes += 5000
     if scene.hold is not None:
         result.bytes += scene.hold.hold_times.size * (90 + 11 * scene.hold.replicas)
-        _note_memory(result, costs.replica_bytes)
+        needed.append(costs.replica_bytes)
+    result.memory = float(np.max([result.memory, *map(_or_nan, needed)]))
 
 
-def _note_memory(result: Survey, size: float | None) -> None:
-    if size is None:
-        result.memory = None
-    elif result.memory is not None:
-        result.memory = max(result.memory, size)
+def _or_nan(estimate: float | None) -> float:
+    return math.nan if estimate is None else estimate
 
 
 def _resolve(result: Survey, axis: int, place: int, scene: Scene) -> None:
@@ -419,15 +382,6 @@ def _resolve(result: Survey, axis: int, place: int, scene: Scene) -> None:
         result.resolved[axis][place][number] = value
         if path not in result.units:
             result.units[path] = scene.unit(path)
-
-
-def order_of(contacts: list[SharedContact]) -> list[int]:
-    """Order the numbers of ``contacts`` so that those of one surface follow each other."""
-    first: dict[str, int] = {}
-    for number, contact in enumerate(contacts):
-        first.setdefault(contact.surface, number)
-    ranks = np.array([first[contact.surface] for contact in contacts], dtype=np.int64)
-    return [int(number) for number in np.argsort(ranks, kind="stable")]
 
 
 def check_base(data: Any, source: str) -> dict[str, Any]:

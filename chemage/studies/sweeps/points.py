@@ -15,12 +15,10 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
 from typing import Any
 
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.codec import to_json
-from chemage.foundation.errors import ChemageError
 from chemage.foundation.text import jsonable
 from chemage.plugins.context import Plugins
 from chemage.plugins.sources import changed, implementing, providers, would_change
@@ -30,119 +28,100 @@ from chemage.studies.ensembles.ensemble import Ensemble
 from chemage.studies.ensembles.planning import plan
 from chemage.studies.ensembles.running import Sampler
 from chemage.studies.folder import Folder, SweepWarning
-from chemage.studies.sweeps.grid import Survey, order_of
-from chemage.studies.tasks import Outcome, Place, Task, failure
+from chemage.studies.sweeps.grid import Survey
+from chemage.studies.tasks import Outcome, Place, Task, by_contact, failure
 from chemage.surfaces.surface import Surface
 
 _CONTACT_HOOKS = ("chemage_make_surface", "chemage_solve_contact")
 _AGEING_HOOKS = ("chemage_build_lattice", "chemage_run_kinetics", "chemage_rupture_bonds", "chemage_observe")
 
 
-@dataclass
 class Outdated:
-    """What must be computed again."""
+    """What must be computed again of the completed part of ``folder``, whose manifest is ``there``, because plugins
+    changed."""
 
-    #: keys
-    points: set[str] = field(default_factory=set)
-    contacts: set[str] = field(default_factory=set)
-    #: plugin -> what changed, in words
-    reasons: dict[str, str] = field(default_factory=dict)
+    def __init__(self, folder: Folder, survey: Survey, there: Mapping[str, Any]) -> None:
+        self._folder, self._survey = folder, survey
+        #: keys
+        self._points: set[str] = set()
+        self._contacts: set[str] = set()
+        #: plugin -> what changed, in words
+        self._reasons: dict[str, str] = {}
+        asked = there.get("asked", {})
+        new = {name for name, source in survey.hooks.items() if asked.get(name) != source}
+        self._new_in_contact = [name for name in implementing(*_CONTACT_HOOKS) if name in new]
+        self._new_in_ageing = [name for name in implementing(*_AGEING_HOOKS) if name in new]
+        self._surface: tuple[str, Surface] | None = None
+        for ageings in by_contact(survey.tasks):
+            self._compare([task for tasks in ageings for task in tasks])
 
     def __bool__(self) -> bool:
-        return bool(self.points or self.contacts)
+        return bool(self._points or self._contacts)
 
     def describe(self) -> str:
         """One sentence for users."""
-        what = f"{len(self.points)} points and {len(self.contacts)} contacts are computed again"
-        return f"{what}, because plugins changed: {'; '.join(self.reasons.values())}"
+        what = f"{len(self._points)} points and {len(self._contacts)} contacts are computed again"
+        return f"{what}, because plugins changed: {'; '.join(self._reasons.values())}"
 
-    def remove(self, folder: Folder) -> None:
+    def remove(self) -> None:
         """Remove the files."""
-        for key in self.points:
-            folder.point(key).unlink(missing_ok=True)
-        for key in self.contacts:
-            folder.contact(key).unlink(missing_ok=True)
+        for key in self._points:
+            self._folder.point(key).unlink(missing_ok=True)
+        for key in self._contacts:
+            self._folder.contact(key).unlink(missing_ok=True)
 
-
-def outdated(folder: Folder, survey: Survey, there: Mapping[str, Any]) -> Outdated:
-    """Compare the completed part of ``folder``, whose manifest is ``there``, with the plugins in use."""
-    result = Outdated()
-    asked = there.get("asked", {})
-    new = {name: source for name, source in survey.hooks.items() if asked.get(name) != source}
-    check = _Check(folder, survey, new, result)
-    points: dict[int, list[int]] = {}
-    for point, contact in enumerate(survey.contact_of):
-        points.setdefault(contact, []).append(point)
-    for number in order_of(survey.contacts):
-        check.contact(number, points.get(number, []))
-    return result
-
-
-class _Check:
-    def __init__(self, folder: Folder, survey: Survey, new: Plugins, result: Outdated) -> None:
-        self.folder, self.survey, self.result = folder, survey, result
-        self.new_in_contact = [name for name in implementing(*_CONTACT_HOOKS) if name in new]
-        self.new_in_ageing = [name for name in implementing(*_AGEING_HOOKS) if name in new]
-        self._surface: tuple[str, Surface] | None = None
-
-    def contact(self, number: int, points: list[int]) -> None:
-        keys = {self.survey.keys[point]: point for point in points}
-        done = {key: content for key in keys if (content := self.folder.read_point(key))["status"] == "done"}
-        touched = {key: self._changed(content.get("plugins", {})) for key, content in done.items()}
-        contact = self.survey.contacts[number]
-        if not (any(touched.values()) or self.new_in_contact or self.new_in_ageing or not done):
+    def _compare(self, tasks: list[Task]) -> None:
+        """Compare what is done of the tasks of one contact with the plugins in use."""
+        keys = {task.key: task for task in tasks}
+        done = {key: content for key in keys if (content := self._folder.read_point(key))["status"] == "done"}
+        touched = {key for key, content in done.items() if self._changed(content.get("plugins", {}))}
+        if not (touched or self._new_in_contact or self._new_in_ageing or not done):
             return
-        solution = self.folder.intact_contact(contact.key)
+        first = tasks[0]
+        solution = self._folder.intact_contact(first.contact)
         if solution is None:
-            self.result.points |= {key for key, changes in touched.items() if changes}
+            self._points |= touched
             return
-        scene = self.survey.grid.scene(contact.point)
-        if self._changed(solution.plugins) or self._contact_would_change(scene, contact.surface, solution):
-            self.result.contacts.add(contact.key)
-            self.result.points |= set(done)
+        if self._changed(solution.plugins) or self._contact_would_change(first.scene, first.surface, solution):
+            self._contacts.add(first.contact)
+            self._points |= set(done)
             return
         for key in done:
-            if touched[key] or self._ageing_would_change(self.survey.grid.scene(keys[key]), solution):
-                self.result.points.add(key)
+            if key in touched or self._ageing_would_change(keys[key].scene, solution):
+                self._points.add(key)
 
     def _changed(self, recorded: Plugins) -> bool:
         # options of plugins are in the keys of the points
         changes = changed(recorded, options=False)
         for name, (then, now) in changes.items():
-            self.result.reasons[name] = f"{name} was {then} and is {now}"
+            self._reasons[name] = f"{name} was {then} and is {now}"
         return bool(changes)
 
     def _contact_would_change(self, scene: Scene, key: str, solution: ContactSolution) -> bool:
-        if not self.new_in_contact:
+        new = self._new_in_contact
+        if not new:
             return False
         with scene.in_use():
             if self._surface is None or self._surface[0] != key:
                 self._surface = key, surface_of(scene)
             surface = self._surface[1]
-            took_part = [name for name in self.new_in_contact if name in surface.plugins]
-            if not took_part and would_change(
-                self.new_in_contact,
-                "chemage_solve_contact",
-                solution,
-                solver=scene.solver,
-                surface=surface,
-                load=scene.load,
-                start=None,
-            ):
-                took_part = self.new_in_contact
+            took_part = [name for name in new if name in surface.plugins]
+            arguments = {"solver": scene.solver, "surface": surface, "load": scene.load, "start": None}
+            if not took_part and would_change(new, "chemage_solve_contact", solution, **arguments):
+                took_part = new
         return self._joined(took_part)
 
     def _ageing_would_change(self, scene: Scene, solution: ContactSolution) -> bool:
         # one replica goes through all stages after the contact
-        aging = aged(scene, solution, replicas=1) if self.new_in_ageing else None
+        aging = aged(scene, solution, replicas=1) if self._new_in_ageing else None
         if aging is None:
             return False
         provide = providers(*scene.components())
-        return self._joined([name for name in self.new_in_ageing if name in aging.plugins and name not in provide])
+        return self._joined([name for name in self._new_in_ageing if name in aging.plugins and name not in provide])
 
     def _joined(self, names: list[str]) -> bool:
         for name in names:
-            self.result.reasons.setdefault(name, f"{name} ({self.survey.hooks[name]}) answers or changes them now")
+            self._reasons.setdefault(name, f"{name} ({self._survey.hooks[name]}) answers or changes them now")
         return bool(names)
 
 
@@ -158,21 +137,21 @@ class Points:
     Parameters
     ----------
     chosen
-        Numbers of the points to compute; None for all of them.
+        Numbers of the points to compute.
     """
 
-    def __init__(self, folder: Folder, survey: Survey, chosen: Sequence[int] | None = None) -> None:
+    def __init__(self, folder: Folder, survey: Survey, chosen: Sequence[int]) -> None:
         self._folder, self._survey = folder, survey
         #: where the results of tasks are kept
         self.place = Place(str(folder.path), survey.digest)
-        self.points = range(len(survey.keys)) if chosen is None else chosen
+        self.points = chosen
         self._same: dict[str, list[int]] = {}
         for point in self.points:
-            self._same.setdefault(survey.keys[point], []).append(point)
+            self._same.setdefault(survey.tasks[point].key, []).append(point)
         states = {key: folder.state(key) for key in self._same}
         self._left = [key for key, state in states.items() if state != "done"]
         #: key of each contact -> the key of a point that has it, one that is left if there is any
-        contacts = {survey.contacts[survey.contact_of[self._same[key][0]]].key: key for key in (*states, *self._left)}
+        contacts = {survey.tasks[self._same[key][0]].contact: key for key in (*states, *self._left)}
         self.contacts = len(contacts)
         spoilt = () if survey.means else [key for key in contacts if folder.contact_state(key) == "damaged"]
         self._damaged = [folder.point(key) for key, state in states.items() if state == "damaged"]
@@ -192,7 +171,7 @@ class Points:
     def ask(self) -> list[Task]:
         """See :class:`chemage.studies.study.Design`."""
         tasks = [self._survey.task(self._same[key][0]) for key in self._left]
-        tasks += [replace(self._survey.task(self._same[key][0]), contact_only=True) for key in self._mended]
+        tasks += [self._survey.task(self._same[key][0], contact_only=True) for key in self._mended]
         self._left, self._mended = [], []
         return tasks
 
@@ -217,17 +196,17 @@ class Points:
 
 def expected_seconds(survey: Survey) -> float | None:
     """CPU time of all means, s, from the plans of some of them; None where one is not known before it begins."""
-    points = list(dict(zip(survey.keys, range(len(survey.keys)), strict=True)).values())
-    some = points[:: math.ceil(len(points) / PLANNED)]
-    seconds = [plan(survey.grid.scene(point)).cpu_seconds for point in some]
+    means = list({task.key: task for task in survey.tasks}.values())
+    some = means[:: math.ceil(len(means) / PLANNED)]
+    seconds = [plan(task.scene).cpu_seconds for task in some]
     finite = [estimate for estimate in seconds if estimate is not None]
-    return sum(finite) * len(points) / len(some) if len(finite) == len(some) else None
+    return sum(finite) * len(means) / len(some) if len(finite) == len(some) else None
 
 
 class Means(Points):
     """The means of points that are left."""
 
-    def __init__(self, folder: Folder, survey: Survey, chosen: Sequence[int] | None = None) -> None:
+    def __init__(self, folder: Folder, survey: Survey, chosen: Sequence[int]) -> None:
         super().__init__(folder, survey, chosen)
         self.place = Place(str(folder.path / SAMPLES), contacts=False)
         self.samples = 0
@@ -238,18 +217,15 @@ class Means(Points):
 
     def ask(self) -> list[Task]:
         """See :class:`chemage.studies.study.Design`."""
-        for key in self._left:
-            point = self._same[key][0]
-            try:
-                self._means[key] = Sampler(self._survey.grid.scene(point), samples=self.place.path, warn=False)
-            except ChemageError as error:
-                self._end(key, error)
-        self._left = []
         tasks: dict[str, Task] = {}
         self._asking = {}
-        for key, mean in tuple(self._means.items()):
+        left, self._left = self._left, []
+        for key in (*self._means, *left):
             try:
-                needed = mean.ask()
+                if key not in self._means:
+                    scene = self._survey.tasks[self._same[key][0]].scene
+                    self._means[key] = Sampler(scene, samples=self.place.path, warn=False)
+                needed = self._means[key].ask()
             except (Exception, SystemExit) as error:
                 self._end(key, error)
                 continue
@@ -274,22 +250,22 @@ class Means(Points):
     def _end(self, key: str, error: BaseException | None = None, stage: str = "mean") -> None:
         """Write the file of a point."""
         points = self._same[key]
-        changes = self._survey.grid.changes(points[0])
+        task = self._survey.tasks[points[0]]
         mean = self._means.pop(key, None)
-        if error is not None or mean is None:
-            assert error is not None
-            self._folder.write_point(key, failure(points[0], changes, stage, error))
+        if error is not None:
+            self._folder.write_point(key, failure(task, stage, error))
             self.failed.update(dict.fromkeys(points, str(error)))
             return
-        self._folder.write_point(key, _content(mean.ensemble(), points[0], changes))
+        assert mean is not None
+        self._folder.write_point(key, _content(mean.ensemble(), task))
         self.done += len(points)
 
 
-def _content(mean: Ensemble, point: int, changes: dict[str, Any]) -> dict[str, Any]:
+def _content(mean: Ensemble, task: Task) -> dict[str, Any]:
     return {
         "status": "done",
-        "point": point,
-        "changes": changes,
+        "point": task.number,
+        "changes": dict(task.changes),
         "plugins": dict(mean.plugins),
         "summary": jsonable(mean.summary()),
         "aging": None,

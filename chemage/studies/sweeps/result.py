@@ -6,11 +6,13 @@ import json
 import shutil
 import warnings
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
 
 from chemage.ageing.aging import Aging
 from chemage.contacts.solution import ContactSolution
@@ -28,6 +30,9 @@ from chemage.studies.sweeps.table import SweepTable, error_text
 if TYPE_CHECKING:
     import pandas
     import xarray
+
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -93,10 +98,7 @@ class Point:
         StoreError
             The point failed or is missing, or it is one surface.
         """
-        if self.status == "done" and "ensemble" not in self._content:
-            raise StoreError(f"point {self.index} of {self.result.folder} is one surface, and no mean; use run()")
-        self.summary  # noqa: B018
-        return from_json(Ensemble, self._content["ensemble"])
+        return from_json(Ensemble, self._of(means=True)["ensemble"])
 
     def aging(self) -> Aging:
         """The ageing curve, with the bonds of every replica.
@@ -106,12 +108,12 @@ class Point:
         StoreError
             The point failed or is missing, or its scene stops at the contact.
         """
-        self._require_one()
-        if not self.summary["hold_times"]:
+        content = self._of(means=False)
+        if not content["summary"]["hold_times"]:
             raise StoreError(
                 f"point {self.index} of {self.result.folder} has no ageing: its scene stops at the contact"
             )
-        return from_json(Aging, self._content["aging"])
+        return from_json(Aging, content["aging"])
 
     def contact(self) -> ContactSolution:
         """The contact of this point.
@@ -121,15 +123,19 @@ class Point:
         StoreError
             It is not in the folder, or it is damaged.
         """
-        self._require_one()
+        self._of(means=False)
         contact = self.result.store.read_contact(self.result.contact_key(self.index))
         if contact is None:
             raise StoreError(f"the contact of point {self.index} is not in {self.result.folder}")
         return contact
 
-    def _require_one(self) -> None:
-        if self.result.means:
-            raise StoreError(f"point {self.index} of {self.result.folder} is a mean over surfaces; use ensemble()")
+    def _of(self, *, means: bool) -> dict[str, Any]:
+        """What the folder has of a point that is done, and is a mean or is not."""
+        self.summary  # noqa: B018
+        if self.result.means != means:
+            is_other = "is one surface, and no mean; use run()" if means else "is a mean over surfaces; use ensemble()"
+            raise StoreError(f"point {self.index} of {self.result.folder} {is_other}")
+        return self._content
 
     def run(self) -> Run:
         """This point as a run, without its surface.
@@ -158,8 +164,9 @@ class Point:
 NOT_DONE = ("failed", "missing", "damaged")
 
 
-def _no_counts() -> dict[str, int]:
-    return {"points": 0, "done": 0, **dict.fromkeys(NOT_DONE, 0)}
+def count(states: Sequence[str]) -> dict[str, int]:
+    """How many points there are, and are in each state."""
+    return {"points": len(states), **{state: states.count(state) for state in ("done", *NOT_DONE)}}
 
 
 def in_words(counts: Mapping[str, int]) -> str:
@@ -205,13 +212,15 @@ class SweepResult:
     @cached_property
     def swept(self) -> dict[str, list[Any]]:
         """The swept fields: dotted path -> validated value at every point, numbers in internal units."""
-        resolved = self._manifest["resolved"]
-        columns: dict[str, list[Any]] = {path: [] for axis in self.axes for path in axis.paths}
-        for point in range(len(self)):
-            for axis, place in enumerate(self.grid.positions(point)):
-                for path, value in zip(self.axes[axis].paths, resolved[axis][place], strict=True):
-                    columns[path].append(value)
+        columns = {}
+        for number, (axis, resolved) in enumerate(zip(self.axes, self._manifest["resolved"], strict=True)):
+            for values, path in zip(zip(*resolved, strict=True), axis.paths, strict=True):
+                columns[path] = self._at_points(number, values)
         return columns
+
+    def _at_points(self, axis: int, values: Sequence[T]) -> list[T]:
+        """The values along an axis, at every point."""
+        return [values[self.grid.positions(point)[axis]] for point in range(len(self))]
 
     @property
     def units(self) -> dict[str, str]:
@@ -223,13 +232,9 @@ class SweepResult:
         """Those of :attr:`swept` that were all written in one unit: dotted path -> numbers at the points, unit."""
         columns = {}
         for number, axis in enumerate(self.axes):
-            for place, path in enumerate(axis.paths):
-                if (
-                    self.units.get(path)
-                    and (common := in_one_unit([values[place] for values in axis.values])) is not None
-                ):
-                    at_points = [common[0][self.grid.positions(point)[number]] for point in range(len(self))]
-                    columns[path] = at_points, common[1]
+            for path, values in zip(axis.paths, zip(*axis.values, strict=True), strict=True):
+                if self.units.get(path) and (common := in_one_unit(list(values))) is not None:
+                    columns[path] = self._at_points(number, common[0]), common[1]
         return columns
 
     def contact_key(self, point: int) -> str:
@@ -339,39 +344,30 @@ class SweepResult:
     def status(self) -> dict[str, Any]:
         """Count the points by state, in total and for each value of each axis, and list failures."""
         states = self.states()
-        counts = [[_no_counts() for _ in axis.values] for axis in self.axes]
-        total = _no_counts()
-        for point, state in enumerate(states):
-            rows = [axis[place] for axis, place in zip(counts, self.grid.positions(point), strict=True)]
-            for row in (total, *rows):
-                row["points"] += 1
-                row[state] += 1
-        axes = [
-            {
-                "axis": axis.name,
-                "rows": [
-                    {"values": dict(zip(axis.paths, values, strict=True)), **row}
-                    for values, row in zip(axis.values, rows_of_axis, strict=True)
-                ],
-            }
-            for axis, rows_of_axis in zip(self.axes, counts, strict=True)
-        ]
+        on_grid = np.array(states).reshape(self.grid.shape)
+        axes = []
+        for number, axis in enumerate(self.axes):
+            rows = []
+            for place, values in enumerate(axis.values):
+                there = on_grid.take(place, axis=number).ravel().tolist()
+                rows.append({"values": dict(zip(axis.paths, values, strict=True)), **count(there)})
+            axes.append({"axis": axis.name, "rows": rows})
         contacts: list[str] = [] if self.means else self._manifest["contacts"]
         of_contacts = Counter(self.store.contact_state(key) for key in contacts)
         return {
             "name": self.name,
             "folder": str(self.folder),
-            **total,
+            **count(states),
             "contacts": len(contacts),
             "contacts_done": of_contacts["done"],
             "contacts_damaged": of_contacts["damaged"],
             "axes": axes,
-            "failures": [
-                {"point": index, "changes": self[index].changes, "error": self[index].error}
-                for index, state in enumerate(states)
-                if state == "failed"
-            ],
+            "failures": self.failures(point for point, state in enumerate(states) if state == "failed"),
         }
+
+    def failures(self, points: Iterable[int]) -> list[dict[str, Any]]:
+        """Why points failed: one JSON-able object each."""
+        return [{"point": point, "changes": self[point].changes, "error": self[point].error} for point in points]
 
     def __repr__(self) -> str:
         return f"<SweepResult {self.folder}: {len(self)} points, {self.grid.product}>"

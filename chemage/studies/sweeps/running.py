@@ -11,20 +11,14 @@ import shutil
 import sys
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from chemage.foundation.errors import (
-    DamagedError,
-    InputError,
-    PlanWarning,
-    SceneError,
-    StoreError,
-)
+from chemage.foundation.errors import DamagedError, InputError, PlanWarning, SceneError, StoreError
 from chemage.foundation.files import make_folder
 from chemage.foundation.memory import readable
 from chemage.foundation.names import __version__
@@ -38,7 +32,7 @@ from chemage.studies.folder import FORMAT, Folder, SweepWarning, refuse_links
 from chemage.studies.runner import Runner
 from chemage.studies.study import Part, Selection, Study
 from chemage.studies.sweeps.grid import Grid, Survey, check_base, survey
-from chemage.studies.sweeps.points import SAMPLES, Means, Outdated, Points, outdated
+from chemage.studies.sweeps.points import SAMPLES, Means, Outdated, Points
 from chemage.studies.sweeps.result import SweepResult
 from chemage.studies.sweeps.shares import PLACE, agree, points_of
 
@@ -81,16 +75,6 @@ Report = Callable[[SweepProgress], None]
 
 
 @contextmanager
-def reporting(progress: Report | bool | None) -> Iterator[Report | None]:
-    """The function to report progress with: that of the caller; for True one that shows progress on stderr."""
-    if progress is True:
-        with show_progress() as report:
-            yield report
-    else:
-        yield progress or None
-
-
-@contextmanager
 def show_progress(seconds: float = 5.0) -> Iterator[Report]:
     """Show the progress of a sweep on stderr: bars on a terminal, elsewhere a line every few ``seconds``."""
     if silenced():
@@ -115,16 +99,15 @@ def show_progress(seconds: float = 5.0) -> Iterator[Report]:
 
 
 def _lines(seconds: float) -> Report:
-    begin = last = time.perf_counter()
-    printed = ""
+    last, printed = time.perf_counter(), ""
 
     def line(state: SweepProgress) -> None:
         nonlocal last, printed
-        now = time.perf_counter()
-        ended = state.stage == "computing" and state.done + state.failed == state.points
-        if (now > last + seconds or (ended and last > begin)) and str(state) != printed:
-            last, printed = now, str(state)
-            print(printed, file=sys.stderr, flush=True)
+        now, text = time.perf_counter(), str(state)
+        ended = state.stage == "computing" and state.done + state.failed == state.points and printed
+        if (now > last + seconds or ended) and text != printed:
+            last, printed = now, text
+            print(text, file=sys.stderr, flush=True)
 
     return line
 
@@ -184,10 +167,9 @@ def survey_of(grid: Grid, *, progress: Report | None = None, confirm: Confirm | 
     InputError
         There are too many points, and ``confirm`` did not return True.
     """
-    begin = time.perf_counter()
+    begin = last = time.perf_counter()
     if grid.size > MANY_POINTS:
         _require_confirmation(f"the sweep has {grid.size} points ({grid.product})", confirm)
-    last = begin
 
     def report(validated: int, total: int) -> None:
         nonlocal last
@@ -208,27 +190,20 @@ def _require_confirmation(what: str, confirm: Confirm | None) -> None:
 def room_for(path: Path) -> int:
     """Free disk space where ``path`` is or will be, bytes."""
     place = path.absolute()
-    while not place.exists():
-        place = place.parent
-    return shutil.disk_usage(place).free
+    return shutil.disk_usage(next(one for one in (place, *place.parents) if one.exists())).free
 
 
 def _check_room(survey: Survey, path: Path, confirm: Confirm | None) -> None:
     """Ask for confirmation where the disk may be too small; warn of what is doubtful about the points."""
-    need, room = survey.total_bytes, room_for(path)
+    need, room = survey.bytes, room_for(path)
     if need > DISK_SHARE * room:
         _require_confirmation(
             f"the {survey.grid.size} points and {len(survey.contacts)} contacts may need {readable(need)}, but "
             f"{path.absolute().parent} has {readable(room)} left",
             confirm,
         )
-    _warn(survey)
-
-
-def _warn(survey: Survey) -> None:
-    """Warn of what is doubtful about the points, of each kind of doubt once."""
     for text in survey.warnings():
-        warnings.warn(text, PlanWarning, stacklevel=5)
+        warnings.warn(text, PlanWarning, stacklevel=4)
 
 
 def _check_folder(folder: Folder, survey: Survey, force: bool) -> None:
@@ -246,9 +221,14 @@ def _check_folder(folder: Folder, survey: Survey, force: bool) -> None:
         raise StoreError(f"{path} is not empty and holds no sweep; choose another folder")
     if force:
         return
-    there = _manifest_of(folder, survey)
-    if there["digest"] != survey.digest:
-        raise StoreError(f"{path} holds another sweep ({_difference(there, survey)}); choose another folder")
+    try:
+        there = folder.read_manifest()
+    except DamagedError as error:
+        if not any(folder.point(task.key).exists() for task in survey.tasks):
+            raise
+        warnings.warn(f"{error}; it is written again", SweepWarning, stacklevel=4)
+        return
+    _check_same(folder, survey, there)
     now, then = versions(), there["versions"]
     changed = [f"{name} {then[name]} -> {now[name]}" for name in now if name in then and then[name] != now[name]]
     if changed:
@@ -259,51 +239,46 @@ def _check_folder(folder: Folder, survey: Survey, force: bool) -> None:
         )
 
 
-def _manifest_of(folder: Folder, survey: Survey) -> Mapping[str, Any]:
-    """The manifest; one that is damaged is made anew, if the folder holds points of this sweep."""
+def _check_same(folder: Folder, survey: Survey, there: Mapping[str, Any]) -> None:
+    """Refuse a manifest of another sweep."""
+    if there["digest"] == survey.digest:
+        return
+    old, new = Grid.fromdict(there["grid"]), survey.grid
+    different = sum(a != b for a, b in zip(there["keys"], survey.keys, strict=False))
+    difference = f"{different} of its {new.size} points differ"
+    if [axis.paths for axis in old.axes] != [axis.paths for axis in new.axes]:
+        difference = f"over {', '.join(axis.name for axis in old.axes)}"
+    elif old.shape != new.shape:
+        difference = f"{old.product} points instead of {new.product}"
+    raise StoreError(f"{folder.path} holds another sweep ({difference}); choose another folder")
+
+
+def _there(folder: Folder) -> dict[str, Any] | None:
+    """The manifest; None if there is none, or it is damaged."""
     try:
-        return folder.read_manifest()
-    except DamagedError as error:
-        if not any(folder.point(key).exists() for key in survey.keys):
-            raise
-        warnings.warn(f"{error}; it is written again", SweepWarning, stacklevel=5)
-        return _manifest(survey)
-
-
-def _difference(there: Mapping[str, Any], survey: Survey) -> str:
-    old = Grid.fromdict(there["grid"])
-    if [axis.paths for axis in old.axes] != [axis.paths for axis in survey.grid.axes]:
-        return f"over {', '.join(axis.name for axis in old.axes)}"
-    if old.shape != survey.grid.shape:
-        return f"{old.product} points instead of {survey.grid.product}"
-    different = sum(a != b for a, b in zip(there["keys"], survey.keys, strict=True))
-    return f"{different} of its {len(survey.keys)} points differ"
-
-
-def _outdated(folder: Folder, survey: Survey, *, whole: bool) -> Outdated:
-    if not folder.manifest.exists():
-        return Outdated()
-    try:
-        there = folder.read_manifest()
+        return folder.read_manifest() if folder.manifest.exists() else None
     except DamagedError:
-        there = {}
-    stale = outdated(folder, survey, there)
-    if stale and not whole:
+        return None
+
+
+def _outdated(folder: Folder, survey: Survey, *, whole: bool) -> Outdated | None:
+    if not folder.manifest.exists():
+        return None
+    stale = Outdated(folder, survey, _there(folder) or {})
+    if not stale:
+        return None
+    if not whole:
         raise StoreError(
             f"{folder.path}: {stale.describe()}; one process must do so: rerun the command without --points, or choose "
             "another folder"
         )
-    if stale:
-        warnings.warn(f"{folder.path}: {stale.describe()}", SweepWarning, stacklevel=4)
+    warnings.warn(f"{folder.path}: {stale.describe()}", SweepWarning, stacklevel=4)
     return stale
 
 
 def _describe(folder: Folder, survey: Survey) -> None:
     """Write the manifest, or note in it which plugins were asked about all that is complete."""
-    try:
-        there = folder.read_manifest() if folder.manifest.exists() else None
-    except DamagedError:
-        there = None
+    there = _there(folder)
     if there is None:
         folder.write_manifest(_manifest(survey))
     elif there.get("asked", {}) != survey.hooks:
@@ -313,13 +288,11 @@ def _describe(folder: Folder, survey: Survey) -> None:
 def _describe_first(folder: Folder, survey: Survey) -> None:
     """Write the manifest unless another process has, whose manifest must be of this sweep."""
     folder.write_manifest(_manifest(survey), first=True)
-    try:
-        there = folder.read_manifest()
-    except DamagedError:
+    there = _there(folder)
+    if there is None:
         folder.write_manifest(_manifest(survey))
         return
-    if there["digest"] != survey.digest:
-        raise StoreError(f"{folder.path} holds another sweep ({_difference(there, survey)}); choose another folder")
+    _check_same(folder, survey, there)
     if (version := there["versions"]["chemage"]) != __version__:
         raise StoreError(
             f"{folder.path} was begun by chemage {version}, and this is {__version__}; compute all shares with one "
@@ -336,16 +309,17 @@ def _clear(folder: Folder) -> None:
 
 
 def _manifest(survey: Survey) -> dict[str, Any]:
+    numbers = {key: number for number, key in enumerate(survey.contacts)}
     return {
         "format": FORMAT,
         "digest": survey.digest,
-        "versions": versions(survey.grid.scene(0)),
+        "versions": versions(survey.tasks[0].scene),
         "asked": survey.hooks,
         "grid": survey.grid.todict(),
         "resolved": survey.resolved,
         "units": survey.units,
-        "contacts": [contact.key for contact in survey.contacts],
-        "contact_of": survey.contact_of,
+        "contacts": list(numbers),
+        "contact_of": [numbers[task.contact] for task in survey.tasks],
         "keys": survey.keys,
         **({"means": True} if survey.means else {}),
     }
@@ -421,7 +395,7 @@ def sweep(
     selection = _selection(points, force)
     confirmed = (lambda text: True) if confirm is True else (confirm or None)
     with ExitStack() as stack:
-        report = stack.enter_context(reporting(progress))
+        report = stack.enter_context(show_progress()) if progress is True else progress or None
         survey = survey_of(read_grid(scene, changes, axes), progress=report, confirm=confirmed)
         executor = executor or ("threads" if survey.means else "serial")
         study = stack.enter_context(Study(executor, workers, threads, patience, classes=survey.classes))
@@ -442,13 +416,6 @@ def _selection(points: str | None, force: bool) -> Selection | None:
     return None if points is None else Selection.read(points)
 
 
-def _part(selection: Selection | None, survey: Survey, folder: Folder, patience: float | str | None) -> Part | None:
-    """What this process computes of the samples of means; None: all that are asked for."""
-    if not survey.means or selection is None or selection.share is None:
-        return None
-    return Part.of(selection.share, Folder(folder.path / SAMPLES), patience)
-
-
 def _finish(folder: Folder) -> None:
     """Write the tables of a whole sweep."""
     SweepResult(folder.path).write_tables()
@@ -456,13 +423,20 @@ def _finish(folder: Folder) -> None:
         shutil.rmtree(folder.path / name, ignore_errors=True)
 
 
+def _part(selection: Selection | None, survey: Survey, folder: Folder, patience: float | str | None) -> Part | None:
+    """What this process computes of the samples of means; None: all that are asked for."""
+    if not survey.means or selection is None or selection.share is None:
+        return None
+    return Part.of(selection.share, Folder(folder.path / SAMPLES), patience)
+
+
 def _begin(
     stack: ExitStack, study: Study, folder: Folder, survey: Survey, selection: Selection | None, force: bool
 ) -> Points:
     """Make the folder, lock it against other calls unless both compute parts of the points, and say what is left."""
-    stale = Outdated() if force else _outdated(folder, survey, whole=selection is None)
+    stale = None if force else _outdated(folder, survey, whole=selection is None)
     # raises before anything is written if the workers cannot be started
-    if force or stale or _design(folder, survey, _chosen(selection, folder, survey)).left:
+    if force or stale or _design(folder, survey, selection).left:
         study.open()
     make_folder(folder.path, links=True)
     stack.enter_context(folder.locked(shared=selection is not None))
@@ -475,24 +449,17 @@ def _begin(
         if force:
             _clear(folder)
         folder.clear_parts()
-        stale.remove(folder)
+        if stale is not None:
+            stale.remove()
         _describe(folder, survey)
-    design = _design(folder, survey, _chosen(selection, folder, survey))
+    design = _design(folder, survey, selection)
     design.warn_of_damage()
     return design
 
 
-def _design(folder: Folder, survey: Survey, chosen: Sequence[int] | None = None) -> Points:
-    return Means(folder, survey, chosen) if survey.means else Points(folder, survey, chosen)
-
-
-def _chosen(selection: Selection | None, folder: Folder, survey: Survey) -> Sequence[int] | None:
-    """The points that this process computes; of means all, of which each share computes a part of the samples."""
-    if selection is None:
-        return None
-    if survey.means and selection.share is not None:
-        return range(len(survey.keys))
-    return points_of(selection, folder, survey)
+def _design(folder: Folder, survey: Survey, selection: Selection | None) -> Points:
+    """What this process computes."""
+    return (Means if survey.means else Points)(folder, survey, points_of(selection, folder, survey))
 
 
 def _watched(report: Report | None, begin: float, points: Points) -> Callable[[Runner], None] | None:

@@ -13,24 +13,29 @@ from chemage.foundation.container import read_json, sealed_json
 from chemage.foundation.errors import DamagedError, InputError
 from chemage.studies.folder import Folder
 from chemage.studies.study import Selection, in_ranges
-from chemage.studies.sweeps.grid import Survey, order_of
+from chemage.studies.sweeps.grid import Survey, cpu_seconds
+from chemage.studies.tasks import Task, by_contact
 
 #: the folder of divisions within that of a sweep
 PLACE = ".shares"
 _FILE = re.compile(r"of-(\d{1,7})\.json")
 
 
-def points_of(selection: Selection, folder: Folder, survey: Survey) -> list[int]:
-    """The numbers of the points of the sweep ``found`` that a process computes, ascending.
+def points_of(selection: Selection | None, folder: Folder, survey: Survey) -> Sequence[int]:
+    """The numbers of the points of a sweep that a process computes, ascending; of means all, of which each share
+    computes a part of the samples.
 
     Raises
     ------
     InputError
         The sweep has no such point.
     """
-    share = selection.share
-    if share is None or read_partition(folder, share[1], survey.digest, len(survey.keys)) is not None:
-        return agreed_points(selection, folder, survey.digest, len(survey.keys))
+    count = len(survey.tasks)
+    share = None if selection is None else selection.share
+    if selection is None or (survey.means and share is not None):
+        return range(count)
+    if share is None or read_partition(folder, share[1], survey.digest, count) is not None:
+        return agreed_points(selection, folder, survey.digest, count)
     return [point for point, of in enumerate(partition(survey, share[1])) if of == share[0]]
 
 
@@ -83,7 +88,7 @@ def partition(survey: Survey, count: int) -> list[int]:
     """
     best: tuple[float, list[int]] = (math.inf, [])
     for finer in (1, 2, 4):
-        longest, of = _dealt(_pieces(survey, count * finer), count, len(survey.keys))
+        longest, of = _dealt(_pieces(survey, count * finer), count, len(survey.tasks))
         if longest < 0.95 * best[0]:
             best = longest, of
     return best[1]
@@ -101,31 +106,27 @@ def _dealt(pieces: Sequence[_Piece], count: int, points: int) -> tuple[float, li
     return max(loads)[0], of
 
 
-def costs(survey: Survey) -> tuple[list[float], list[float]]:
-    """CPU time of each contact and of each point, s; 1 for all of them if one is not known."""
-    estimated = survey.total_cpu_seconds is not None
-    contacts = [(contact.cpu_seconds or 0.0) + 1e-3 if estimated else 1.0 for contact in survey.contacts]
-    points = [(cost or 0.0) + 1e-3 if estimated else 1.0 for cost in survey.cpu_seconds]
-    return contacts, points
-
-
 def _pieces(survey: Survey, count: int) -> list[_Piece]:
     """Groups of points with one contact, none longer than a ``count``-th of all where it can be divided."""
-    of_contacts, of_points = costs(survey)
-    groups: dict[int, dict[str, list[int]]] = {}
-    for point, contact in enumerate(survey.contact_of):
-        groups.setdefault(contact, {}).setdefault(survey.agings[point], []).append(point)
-    total = sum(of_contacts) + sum(of_points[points[0]] for each in groups.values() for points in each.values())
+    is_known = cpu_seconds(survey.tasks) is not None
+
+    def seconds(estimate: float) -> float:
+        return estimate + 1e-3 if is_known else 1.0
+
+    groups = []
+    for ageings in by_contact(survey.tasks):
+        kinetics = [seconds(tasks[0].ageing_seconds) for tasks in ageings]
+        groups.append((ageings, seconds(ageings[0][0].contact_seconds), kinetics))
+    total = sum(contact + sum(kinetics) for _, contact, kinetics in groups)
     pieces = []
-    for contact in order_of(survey.contacts):
-        each = list(groups[contact].values())
-        kinetics = [of_points[points[0]] for points in each]
-        parts = min(len(each), max(1, math.ceil((of_contacts[contact] + sum(kinetics)) * count / total - 1e-9)))
+    for ageings, contact, kinetics in groups:
+        whole = contact + sum(kinetics)
+        parts = min(len(ageings), max(1, math.ceil(whole * count / total - 1e-9)))
         for part in range(parts):
-            chosen = range(part * len(each) // parts, (part + 1) * len(each) // parts)
+            chosen = slice(part * len(ageings) // parts, (part + 1) * len(ageings) // parts)
+            points = tuple(task.number for tasks in ageings[chosen] for task in tasks)
             # each process solves the contact, rather than wait for another one
-            cost = of_contacts[contact] + sum(kinetics[number] for number in chosen)
-            pieces.append(_Piece(cost, tuple(point for number in chosen for point in each[number])))
+            pieces.append(_Piece(contact + sum(kinetics[chosen]), points))
     return pieces
 
 
@@ -142,23 +143,10 @@ class ShareCost:
 
 def shares_cost(survey: Survey, count: int) -> list[ShareCost]:
     """The estimated cost of each of ``count`` shares."""
-    estimated = survey.total_cpu_seconds is not None
-    of_contacts, of_points = costs(survey)
-    points = [0] * count
-    needed: list[tuple[set[int], dict[str, float]]] = [(set(), {}) for _ in range(count)]
-    for point, share in enumerate(partition(survey, count)):
-        points[share - 1] += 1
-        contacts, kinetics = needed[share - 1]
-        contacts.add(survey.contact_of[point])
-        kinetics.setdefault(survey.agings[point], of_points[point])
-    return [
-        ShareCost(
-            number,
-            len(contacts),
-            sum(of_contacts[contact] for contact in contacts) + sum(kinetics.values()) if estimated else None,
-        )
-        for number, (contacts, kinetics) in zip(points, needed, strict=True)
-    ]
+    shares: list[list[Task]] = [[] for _ in range(count)]
+    for task, share in zip(survey.tasks, partition(survey, count), strict=True):
+        shares[share - 1].append(task)
+    return [ShareCost(len(tasks), len({task.contact for task in tasks}), cpu_seconds(tasks)) for tasks in shares]
 
 
 # -- the division that processes agreed on ----------------------------------------------------------------------------
@@ -188,23 +176,20 @@ def agree(folder: Folder, survey: Survey, count: int) -> None:
     """
 
     def there() -> bool:
-        return read_partition(folder, count, survey.digest, len(survey.keys)) is not None
+        return read_partition(folder, count, survey.digest, len(survey.tasks)) is not None
 
     if not there():
         path = _partition_file(folder, count)
         path.parent.mkdir(parents=True, exist_ok=True)
         content = sealed_json({"digest": survey.digest, "shares": partition(survey, count)})
-        if not folder.place_first(path, content) and not there():
+        if not folder.place(path, content, over=False) and not there():
             folder.place(path, content)  # it was damaged, or that of a sweep that was replaced
 
 
 def agreed(folder: Folder) -> list[int]:
     """The numbers of shares into which processes have divided this sweep."""
-    try:
-        names = [match for path in (folder.path / PLACE).iterdir() if (match := _FILE.fullmatch(path.name))]
-    except OSError:
-        return []
-    return sorted(int(match[1]) for match in names)
+    names = [_FILE.fullmatch(path.name) for path in (folder.path / PLACE).glob("of-*")]
+    return sorted(int(match[1]) for match in names if match is not None)
 
 
 def remedies(folder: Folder, points: Sequence[int], digest: str, count: int) -> list[str]:

@@ -6,10 +6,11 @@ import csv
 import io
 import json
 import math
-from collections.abc import Container, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -42,6 +43,12 @@ DECLARED: dict[str, Declared] = {one.name: one for one in (HOLD_TIME, *MEASURES.
 GIVEN = {"load", "nominal_pressure", "modulus", "replicas", "hardness", "shear_strength", "work_of_adhesion"}
 #: dimensions, values, attributes
 Variable = tuple[tuple[str, ...], np.ndarray, dict[str, str]]
+#: texts of a point: name in the summary -> what they say
+MARKS = {
+    "beta_reason": "why beta was not fitted",
+    "approximate": "what is approximate",
+    "plugins": "plugins that took part",
+}
 #: what is listed of an output of an observable: suffix of the column -> (key in the summary, meaning)
 PARTS = {
     "": ("mean", ""),
@@ -51,18 +58,7 @@ PARTS = {
 
 
 #: names that the dataset of a sweep has anyway, beside those of the results
-RESERVED = (
-    "point",
-    "status",
-    "error",
-    "approximate",
-    "beta_reason",
-    "plugins",
-    "hold_time",
-    "hold_times",
-    "replica",
-    "bonds",
-)
+RESERVED = ("point", "status", "error", *MARKS, "hold_time", "hold_times", "replica", "bonds")
 
 
 @dataclass(frozen=True)
@@ -109,8 +105,8 @@ def is_seed(path: str) -> bool:
 def dimensions(
     axes: Sequence[Axis],
     values: Mapping[str, Sequence[Any]],
-    taken: Container[str] = (),
-    units: Mapping[str, str] | None = None,
+    taken: Container[str],
+    units: Mapping[str, str],
 ) -> tuple[Dimension, ...]:
     """The dimensions of a sweep with ``axes``, whose paths have ``values`` at the points, in ``units``.
 
@@ -127,6 +123,15 @@ def dimensions(
     return tuple(dims)
 
 
+class Column(NamedTuple):
+    """A result of every point; nan where there is none."""
+
+    unit: str
+    meaning: str
+    #: (points,), or (points, times) of a curve
+    values: np.ndarray
+
+
 @dataclass(frozen=True)
 class SweepTable:
     """Columns of a sweep; missing values are nan, or -1 for bonds."""
@@ -137,26 +142,16 @@ class SweepTable:
     #: ``done``, ``failed``, ``missing`` or ``damaged`` for each point
     status: list[str]
     error: list[str]
-    #: (points,) each
-    scalars: dict[str, np.ndarray]
-    #: s, (times,) if equal for all points, else (points, times)
-    hold_times: np.ndarray
-    #: (points, times) each
-    curves: dict[str, np.ndarray]
+    #: numbers of the points, the hold times, and curves along these; those of observables are the last
+    results: dict[str, Column]
     #: (points, replicas, times), -1 where there is none
     bonds: np.ndarray
     #: on which the points were computed
-    processors: tuple[str, ...] = ()
-    #: numbers and curves of observables: column -> (unit, meaning, values), (points,) or (points, times)
-    observed: dict[str, tuple[str, str, np.ndarray]] = field(default_factory=dict)
-    #: what is approximate about each point, in words; empty if no point is approximate
-    approximate: list[str] = field(default_factory=list)
-    #: why beta of each point was not fitted, in words; empty if every one was
-    beta_reason: list[str] = field(default_factory=list)
-    #: the plugins that took part in each point, with their versions; empty if there are none
-    plugins: list[str] = field(default_factory=list)
-    #: of the grid, the last varying fastest; empty: the points are no grid
-    dimensions: tuple[Dimension, ...] = ()
+    processors: tuple[str, ...]
+    #: those of MARKS that at least one point has
+    marks: dict[str, list[str]]
+    #: of the grid, the last varying fastest
+    dimensions: tuple[Dimension, ...]
     #: whether every point is a mean over surfaces
     means: bool = False
 
@@ -166,20 +161,27 @@ class SweepTable:
         swept: Mapping[str, Sequence[Any]],
         units: Mapping[str, str],
         points: Iterable[Mapping[str, Any]],
-        axes: Sequence[Axis] = (),
+        axes: Sequence[Axis],
     ) -> SweepTable:
         """Make the table from the files of the points, read one after the other; missing ones have only a status.
 
         ``axes`` are those of the grid, of which ``swept`` has the values at every point.
         """
         count = len(next(iter(swept.values())))
-        status, error, approximate = ["missing"] * count, [""] * count, [""] * count
-        reasons, plugins = [""] * count, [""] * count
-        scalars = {name: np.full(count, np.nan) for name in SCALARS}
-        rows: dict[int, tuple[np.ndarray, dict[str, np.ndarray], np.ndarray]] = {}
+        status, error, means = ["missing"] * count, [""] * count, False
+        marks = {name: [""] * count for name in MARKS}
+        results: dict[str, Column] = {}
+        bonds = np.zeros((count, 0, 0), dtype=np.int32)
         processors: dict[str, None] = {}
-        means = False
-        observables: dict[int, Mapping[str, Any]] = {}
+
+        def add(row: int, summary: Mapping[str, Any]) -> None:
+            for name, unit, meaning, value in _numbers(summary):
+                numbers = np.array(value, dtype=np.float64)  # None where nan
+                column = results.get(name) or Column(unit, meaning, np.full((count, *(0,) * numbers.ndim), np.nan))
+                if column.values.ndim == 1 + numbers.ndim:
+                    results[name] = column._replace(values=_put(column.values, row, numbers, np.nan))
+
+        add(0, {"hold_times": []})  # what there is, before any point is done
         for number, point in enumerate(points):
             status[number] = point["status"]
             if point["status"] != "done":
@@ -188,33 +190,27 @@ class SweepTable:
             summary, means = point["summary"], means or "ensemble" in point
             if processor := summary["versions"].get("processor"):
                 processors[processor] = None
-            observables[number] = summary.get("observables", {})
-            approximate[number] = summary.get("approximate", "")
-            reasons[number] = summary.get("beta_reason") or ""
-            plugins[number] = "; ".join(f"{name}: {source}" for name, source in summary.get("plugins", {}).items())
-            summary = _with_b(summary)
-            for name, column in scalars.items():
-                if (value := summary.get(name)) is not None:
-                    column[number] = value
-            # points written before there was such a number
-            missing = np.full(len(summary["hold_times"]), np.nan)
-            curves = {name: np.array(summary.get(name, missing), dtype=np.float64) for name in CURVES}
-            bonds = _counts(point["aging"]["bonds"] if point["aging"] else [])
-            rows[number] = (np.array(summary["hold_times"], dtype=np.float64), curves, bonds)
+            plugins = "; ".join(f"{name}: {source}" for name, source in summary.get("plugins", {}).items())
+            for name, texts in marks.items():
+                texts[number] = plugins if name == "plugins" else summary.get(name) or ""
+            add(number, _with_b(summary))
+            if point["aging"] and (counts := _counts(point["aging"]["bonds"])).size:
+                bonds = _put(bonds, number, counts, -1)
+        longest = results[HOLD_TIME.name].values.shape[1:]
+        for name, column in results.items():
+            if column.values.ndim > 1:
+                results[name] = column._replace(values=_widened(column.values, longest, np.nan))
         return cls(
             swept={path: _column(values) for path, values in swept.items()},
             units=dict(units),
             status=status,
             error=error,
-            scalars={name: column for name, column in scalars.items() if not _unknown(name, column, means)},
-            means=means,
+            results={name: column for name, column in results.items() if not _unknown(name, column.values, means)},
+            bonds=_widened(bonds, (0, *longest), -1),
             processors=tuple(processors),
-            **(padded := _padded(count, rows)),
-            observed=_observed(count, padded["curves"], observables),
-            approximate=approximate if any(approximate) else [],
-            beta_reason=reasons if any(reasons) else [],
-            plugins=plugins if any(plugins) else [],
+            marks={name: texts for name, texts in marks.items() if any(texts)},
             dimensions=dimensions(axes, swept, {*SCALARS, *CURVES} - GIVEN, units),
+            means=means,
         )
 
     @property
@@ -222,44 +218,47 @@ class SweepTable:
         """Number of rows."""
         return len(self.status)
 
+    @property
+    def hold_times(self) -> np.ndarray:
+        """s, (times,) if equal for all points, else (points, times)."""
+        times = self.results[HOLD_TIME.name].values
+        done = times[[status == "done" for status in self.status]]
+        if not len(done):
+            return times[0]
+        return done[0] if (done == done[0]).all() else times
+
+    def at_last(self, name: str) -> np.ndarray:
+        """(points,) a result; of a curve, or its interval, at the last hold time at which the curve is known."""
+        values = self.results[name].values
+        if values.ndim == 1:
+            return values
+        if not values.size:
+            return np.full(self.points, np.nan)
+        known = np.isfinite(self.results.get(name.removesuffix("_half_width"), self.results[name]).values)
+        last = values.shape[1] - 1 - np.argmax(known[:, ::-1], axis=1)
+        return np.where(known.any(axis=1), values[np.arange(self.points), last], np.nan)
+
+    def numbers(self, last: str) -> dict[str, np.ndarray]:
+        """(points,) every result; ``last`` stands before the name of one at the last hold time."""
+        return {
+            f"{last if column.values.ndim > 1 else ''}{name}": self.at_last(name)
+            for name, column in self.results.items()
+        }
+
     def write_csv(self, path: Path) -> None:
         """Write CSV with one line per point: swept fields, scalars, last values of the curves, with units."""
+        numbers = self.numbers("last ")
+        units = [column.unit for column in self.results.values()]
+        headings = [f"{path} ({unit})" if (unit := self.units.get(path)) else path for path in self.swept]
+        headings += [headed(name, unit) for name, unit in zip(numbers, units, strict=True)]
+        marks = sorted(self.marks)
+        columns = [range(self.points), self.status, *self.swept.values(), *numbers.values()]
+        columns += [*(self.marks[name] for name in marks), [text.replace("\n", " ") for text in self.error]]
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
-        names = [
-            f"{path} ({unit})" if unit else path for path, unit in ((p, self.units.get(p, "")) for p in self.swept)
-        ]
-        scalars = [headed(name, SCALARS[name][0]) for name in self.scalars]
-        last = {"hold_time": _last(self.hold_times, self.hold_times)}
-        last |= {name: _last(values, value_of(name, self.curves)) for name, values in self.curves.items()}
-        lasts = ["last hold_time (s)"] + [headed(f"last {name}", unit) for name, (unit, _) in CURVES.items()]
-        seen = {name: values for name, (_, _, values) in self.observed.items()}
-        observed = {
-            headed(f"{'last ' * (values.ndim == 2)}{name}", unit): _last(values, value_of(name, seen))
-            if values.ndim == 2
-            else values
-            for name, (unit, _, values) in self.observed.items()
-        }
-        marked = [name for name in ("approximate", "beta_reason", "plugins") if getattr(self, name)]
-        writer.writerow(["point", "status", *names, *scalars, *lasts, *observed, *marked, "error"])
-        for row in range(self.points):
-            done = self.status[row] == "done"
-            times = last["hold_time"] if self.hold_times.ndim == 2 else np.broadcast_to(last["hold_time"], self.points)
-            numbers = [values[row] for values in self.scalars.values()]
-            numbers += [times[row] if done else math.nan, *(last[name][row] for name in CURVES)]
-            numbers += [values[row] for values in observed.values()]
-            writer.writerow(
-                [
-                    row,
-                    self.status[row],
-                    *(_cell(values[row]) for values in self.swept.values()),
-                    *(_cell(number) for number in numbers),
-                    *self.approximate[row : row + 1],
-                    *self.beta_reason[row : row + 1],
-                    *self.plugins[row : row + 1],
-                    self.error[row].replace("\n", " "),
-                ]
-            )
+        writer.writerow(["point", "status", *headings, *marks, "error"])
+        for row in zip(*columns, strict=True):
+            writer.writerow(map(_cell, row))
         write_file(path, text.getvalue(), force=True)
 
     def write_hdf5(self, path: Path, attributes: Mapping[str, Any]) -> None:
@@ -273,11 +272,8 @@ class SweepTable:
         with h5netcdf.File(image, "w") as file:
             for name, value in attributes.items():
                 file.attrs[name] = value
-            file.dimensions = {
-                **self._grid(),
-                "hold_time": self.hold_times.shape[-1],
-                "replica": self.bonds.shape[1],
-            }
+            grid = {dimension.name: dimension.size for dimension in self.dimensions}
+            file.dimensions = {**grid, "hold_time": self.hold_times.shape[-1], "replica": self.bonds.shape[1]}
             for name, (dims, values, notes) in self.variables().items():
                 kind = text if values.dtype == object else values.dtype
                 empty = 0 in values.shape
@@ -286,54 +282,44 @@ class SweepTable:
                     variable.attrs[key] = note
         write_file(path, seal(image), force=True)
 
-    def _grid(self) -> dict[str, int]:
-        """The dimensions of the grid and their lengths."""
-        return {dimension.name: dimension.size for dimension in self.dimensions} or {"point": self.points}
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of the grid."""
+        return tuple(dimension.size for dimension in self.dimensions)
+
+    def along(self, axis: int, values: Sequence[Any] | np.ndarray) -> np.ndarray:
+        """Those of ``values`` (points,) along an axis of the grid."""
+        return np.moveaxis(np.reshape(values, self.shape), axis, 0).reshape(self.shape[axis], -1)[:, 0]
 
     def variables(self) -> dict[str, Variable]:
         """The variables of the dataset by name."""
-        grid = self._grid()
-        dims, shape = tuple(grid), tuple(grid.values())
+        dims = tuple(dimension.name for dimension in self.dimensions)
 
         def of_points(values: Any, *more: str, **notes: str) -> Variable:
             array = values if isinstance(values, np.ndarray) else np.array(values, dtype=object)
-            return (*dims, *more), array.reshape(*shape, *array.shape[1:]), notes
+            return (*dims, *more), array.reshape(*self.shape, *array.shape[1:]), notes
 
         variables: dict[str, Variable] = {}
         for axis, dimension in enumerate(self.dimensions):
-            first = tuple(slice(None) if place == axis else 0 for place in range(len(shape)))
             for path, name in dimension.coordinates.items():
-                along = self.swept[path].reshape(shape)[first]
                 notes = {"units": self.units.get(path) or "1", "long_name": "swept", "path": path}
-                variables[name] = ((dimension.name,), along, notes)
-        if not self.dimensions:
-            for path, values in self.swept.items():
-                variables[path] = of_points(values, units=self.units.get(path) or "1", long_name="swept")
+                variables[name] = ((dimension.name,), self.along(axis, self.swept[path]), notes)
         variables["point"] = of_points(np.arange(self.points), long_name="number of the point")
         variables["status"] = of_points(self.status, long_name="done, failed, missing or damaged")
         variables["error"] = of_points(self.error, long_name="why it failed")
-        if self.beta_reason:
-            variables["beta_reason"] = of_points(self.beta_reason, long_name="why beta was not fitted")
-        if self.approximate:
-            variables["approximate"] = of_points(self.approximate, long_name="what is approximate")
-        if self.plugins:
-            variables["plugins"] = of_points(self.plugins, long_name="plugins that took part")
+        for name, texts in self.marks.items():
+            variables[name] = of_points(texts, long_name=MARKS[name])
         times = {"units": "s", "long_name": "time since the contact was made"}
         if self.hold_times.ndim == 1:
             variables["hold_time"] = (("hold_time",), self.hold_times, times)
         else:
             variables["hold_times"] = of_points(self.hold_times, "hold_time", **times)
-        for name, values in self.scalars.items():
-            if name in variables:  # swept, see GIVEN
+        for name, (unit, meaning, values) in self.results.items():
+            if name in variables or name == HOLD_TIME.name:  # swept, see GIVEN
                 continue
-            variables[name] = of_points(values, units=SCALARS[name][0], long_name=SCALARS[name][1])
-        for name, values in self.curves.items():
-            variables[name] = of_points(values, "hold_time", units=CURVES[name][0], long_name=CURVES[name][1])
-        for name, (unit, meaning, values) in self.observed.items():
             variables[name] = of_points(values, *("hold_time",)[: values.ndim - 1], units=unit, long_name=meaning)
-        variables["bonds"] = of_points(
-            self.bonds, "replica", "hold_time", units="1", long_name="bonds; -1 where there are none"
-        )
+        notes = {"units": "1", "long_name": "bonds; -1 where there are none"}
+        variables["bonds"] = of_points(self.bonds, "replica", "hold_time", **notes)
         return variables
 
     def to_pandas(self) -> pandas.DataFrame:
@@ -345,10 +331,8 @@ class SweepTable:
             pandas is not installed.
         """
         pandas = optional_module("pandas", "xarray")
-        observed = {name: values for name, (_, _, values) in self.observed.items() if values.ndim == 1}
-        marked = {name: getattr(self, name) for name in ("approximate", "plugins") if getattr(self, name)}
-        columns: dict[str, Any] = {"status": self.status, **self.swept, **self.scalars, **observed, **marked}
-        columns["error"] = self.error
+        numbers = {name: column.values for name, column in self.results.items() if column.values.ndim == 1}
+        columns = {"status": self.status, **self.swept, **numbers, **self.marks, "error": self.error}
         return pandas.DataFrame(columns, index=pandas.RangeIndex(self.points, name="point"))
 
     def to_xarray(self) -> xarray.Dataset:
@@ -361,9 +345,38 @@ class SweepTable:
         """
         xarray = optional_module("xarray", "xarray")
         variables = self.variables()
-        swept = [name for dimension in self.dimensions for name in dimension.coordinates.values()] or list(self.swept)
+        swept = [name for dimension in self.dimensions for name in dimension.coordinates.values()]
         times = [name for name in ("hold_time", "hold_times") if name in variables]
         return xarray.Dataset(variables).set_coords([*swept, "point", *times])
+
+
+def _numbers(summary: Mapping[str, Any]) -> Iterator[tuple[str, str, str, Any]]:
+    """Every number and curve in the summary of a point: name, unit, meaning, value."""
+    for name, (unit, meaning) in SCALARS.items():
+        yield name, unit, meaning, summary.get(name)
+    yield HOLD_TIME.name, HOLD_TIME.unit, HOLD_TIME.label, summary["hold_times"]
+    # points written before there was such a number
+    missing = [math.nan] * len(summary["hold_times"])
+    for name, (unit, meaning) in CURVES.items():
+        yield name, unit, meaning, summary.get(name, missing)
+    for name, output in summary.get("observables", {}).items():
+        for suffix, (part, words) in PARTS.items() if "mean" in output else ():
+            meaning = f"{output['description'] or name}{words and ': '}{words}"
+            yield f"observable.{name}{suffix}", output["unit"] or "1", meaning, output[part]
+
+
+def _widened(values: np.ndarray, shape: Sequence[int], fill: float) -> np.ndarray:
+    """``values`` (points, ...) with at least ``shape`` after the first axis."""
+    more = [(0, max(0, wanted - there)) for wanted, there in zip(shape, values.shape[1:], strict=True)]
+    return np.pad(values, [(0, 0), *more], constant_values=fill) if np.any(more) else values
+
+
+def _put(values: np.ndarray, row: int, numbers: np.ndarray, fill: float) -> np.ndarray:
+    """``values`` (points, ...), made larger as far as it is needed, with ``numbers`` in a row."""
+    # methods of ageing may estimate the bonds, which are then no whole numbers
+    values = _widened(values, numbers.shape, fill).astype(np.result_type(values, numbers), copy=False)
+    values[(row, *map(slice, numbers.shape))] = numbers
+    return values
 
 
 def _with_b(summary: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -388,79 +401,17 @@ def _unknown(name: str, column: np.ndarray, means: bool) -> bool:
     """Whether a column is left out: of a limit of the material with which no point was compared, of plastic flow where
     there is none, or of what means over surfaces do not have."""
     optional = name in ELASTIC_MEASURES or name in FLOW_MEASURES
-    return (means or optional) and bool(np.isnan(column).all())
+    return name in SCALARS and (means or optional) and bool(np.isnan(column).all())
 
 
 def _column(values: Sequence[Any]) -> np.ndarray:
-    if all(isinstance(value, bool) for value in values):
-        return np.array([int(value) for value in values])
-    if all(isinstance(value, int) and not isinstance(value, bool) for value in values):
-        limits = np.iinfo(np.int64)
-        if all(limits.min <= value <= limits.max for value in values):
+    kinds = {type(value) for value in values}
+    if kinds == {bool} or kinds == {int}:
+        with suppress(OverflowError):
             return np.array(values, dtype=np.int64)
-    if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
+    if kinds <= {int, float}:
         return np.array(values, dtype=np.float64)
     return np.array([shown(value) for value in values], dtype=object)
-
-
-def _padded(count: int, rows: Mapping[int, tuple[np.ndarray, dict[str, np.ndarray], np.ndarray]]) -> dict[str, Any]:
-    longest = max((times.size for times, _, _ in rows.values()), default=0)
-    replicas = max((bonds.shape[0] for _, _, bonds in rows.values() if bonds.size), default=0)
-    curves = {name: np.full((count, longest), np.nan) for name in CURVES}
-    # methods of ageing may estimate the bonds, which are then no whole numbers
-    kind = np.result_type(np.int32, *(bonds.dtype for _, _, bonds in rows.values()))
-    times, bonds = np.full((count, longest), np.nan), np.full((count, replicas, longest), -1, dtype=kind)
-    for number, (own, values, counts) in rows.items():
-        times[number, : own.size] = own
-        for name, curve in values.items():
-            curves[name][number, : curve.size] = curve
-        if counts.size:
-            bonds[number, : counts.shape[0], : counts.shape[1]] = counts
-    numbers = list(rows)
-    if numbers and all(np.array_equal(times[number], times[numbers[0]]) for number in numbers):
-        times = times[numbers[0]]
-    elif not numbers:
-        times = times[0]
-    return {"hold_times": times, "curves": curves, "bonds": bonds}
-
-
-def _observed(
-    count: int, curves: Mapping[str, np.ndarray], points: Mapping[int, Mapping[str, Any]]
-) -> dict[str, tuple[str, str, np.ndarray]]:
-    """The columns of the numbers and curves that observables measured; ``points`` are their summaries."""
-    longest = next(iter(curves.values())).shape[1]
-    columns: dict[str, tuple[str, str, np.ndarray]] = {}
-    for number, outputs in points.items():
-        for name, output in outputs.items():
-            if "mean" not in output:
-                continue
-            shape = (count, longest) if output["shape"] else (count,)
-            for suffix, (part, meaning) in PARTS.items():
-                text = f"{output['description'] or name}{meaning and ': '}{meaning}"
-                new = (output["unit"] or "1", text, np.full(shape, np.nan))
-                values = columns.setdefault(f"observable.{name}{suffix}", new)[2]
-                numbers = np.array(output[part], dtype=np.float64)  # None where nan
-                if values.ndim == 1 + numbers.ndim:
-                    values[(number, slice(numbers.size)) if numbers.ndim else number] = numbers
-    return columns
-
-
-def value_of(name: str, values: Mapping[str, np.ndarray]) -> np.ndarray:
-    """The curve that ``name`` is, or is the interval of."""
-    return values.get(name.removesuffix("_half_width"), values[name])
-
-
-def _last(values: np.ndarray, like: np.ndarray) -> np.ndarray:
-    """The number of each row at the last place where ``like`` is finite, nan where there is none."""
-    if values.shape[-1] == 0:
-        return np.full(values.shape[:-1], np.nan)
-    rows, finite = np.atleast_2d(values), np.isfinite(np.atleast_2d(like))
-    last = np.full(rows.shape[0], np.nan)
-    for number, row in enumerate(rows):
-        there = row[finite[number]]
-        if there.size:
-            last[number] = there[-1]
-    return last if values.ndim == 2 else last[0]
 
 
 def _cell(value: Any) -> Any:

@@ -9,16 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from chemage.ageing.fitting import FIT_WINDOW, few_hold_times
-from chemage.foundation.checks import within
+from chemage.ageing.fitting import FIT_WINDOW
 from chemage.foundation.errors import InputError, UnitError, nearest
-from chemage.foundation.quantities import Rank, headed
-from chemage.foundation.statistics import crossed_half_width, student_limit
+from chemage.foundation.quantities import NONE, Rank, headed
+from chemage.foundation.statistics import crossed_half_width
 from chemage.foundation.text import plus_minus
 from chemage.foundation.units import convert
+from chemage.studies.ensembles.quantities import Quantities
 from chemage.studies.sweeps.grid import Axis, shown
 from chemage.studies.sweeps.result import SweepResult
-from chemage.studies.sweeps.table import CURVES, DECLARED, Dimension, SweepTable, is_seed, last_part, value_of
+from chemage.studies.sweeps.table import CURVES, DECLARED, Dimension, SweepTable, is_seed, last_part
 
 #: the axis along a curve
 HOLD_TIME = "hold_time"
@@ -66,16 +66,14 @@ class SweepData:
         self.name = result.name
         self.table: SweepTable = result.table()
         self.dimensions: dict[str, Dimension] = {dimension.name: dimension for dimension in self.table.dimensions}
-        self.shape = tuple(dimension.size for dimension in self.dimensions.values())
         self.variables = self.table.variables()
         #: coordinates that were written in one unit: name -> values along their dimension, unit
         self._written: dict[str, tuple[np.ndarray, str]] = {}
         for axis, dimension in enumerate(self.dimensions.values()):
-            first = tuple(slice(None) if place == axis else 0 for place in range(len(self.shape)))
             for path, name in dimension.coordinates.items():
                 if path in result.written:
                     numbers, unit = result.written[path]
-                    self._written[name] = np.array(numbers).reshape(self.shape)[first], unit
+                    self._written[name] = self.table.along(axis, numbers), unit
         #: that of the fit, s; None where it is swept
         self._window: tuple[float, float] | None = None
         if not any(path.partition(".")[0] == "fit" for path in self.table.swept):
@@ -89,8 +87,7 @@ class SweepData:
         times = self.table.hold_times
         if times.ndim > 1 or not np.isfinite(self.variables["beta"][1]).any() or self._window is None:
             return ""
-        used = times[within(times, self._window) & (times > 0)]
-        return few_hold_times(used.size, (float(used.min()), float(used.max()))) if used.size > 1 else ""
+        return Quantities(times, 1.0, self._window, ()).doubt
 
     def axis(self, name: str, option: str) -> str:
         """The dimension called ``name``: its own name, that of a field along it, or the path of a field.
@@ -120,15 +117,13 @@ class SweepData:
 
     def values(self, name: str) -> np.ndarray:
         """The values of a coordinate along its dimension, in :meth:`unit`; hold times in s."""
-        if name in self._written:
-            return self._written[name][0]
-        return self.table.hold_times if name == HOLD_TIME else self.variables[name][1]
+        return self._written[name][0] if name in self._written else self.variables[name][1]
 
     def unit(self, name: str) -> str:
         """The unit of a variable, that in which its values were written if it is one; "" for a pure number."""
         if name in self._written:
             return self._written[name][1]
-        unit = "s" if name == HOLD_TIME else self.variables[name][2].get("units", "1")
+        unit = self.variables[name][2].get("units", "1")
         return "" if unit == "1" else unit
 
     def text(self, name: str, place: int) -> str:
@@ -151,7 +146,7 @@ class SweepData:
     @property
     def names(self) -> list[str]:
         """The names of all results that can be drawn."""
-        return [*self.table.scalars, *self.table.curves, *self.table.observed]
+        return [name for name in self.table.results if name != HOLD_TIME]
 
     def usual(self) -> list[str]:
         """What is drawn unless asked otherwise."""
@@ -191,18 +186,21 @@ class SweepData:
 
     def _place(self, name: str, value: str) -> int:
         label = self.label(name, "--where")
-        values = list(self.values(label))
-        for place, number in enumerate(values):
-            if value == (number if isinstance(number, str) else f"{number:.6g}") or _is_number(value, number):
-                return place
         unit = self.variables[label][2].get("units", "1")
-        for place, number in enumerate(self.variables[label][1]):  # in the unit inside, or with a unit
-            if _is_number(value, number) or _is_quantity(value, unit, number):
-                return place
-        texts = ", ".join(self.value_text(label, place) for place in range(len(values)))
-        raise InputError.of(
-            f"--where {name}", value, f"is not swept; the values are {texts} {self.unit(label)}".rstrip()
-        )
+        texts = [self.value_text(label, place) for place in range(len(self.values(label)))]
+        if value in texts:
+            return texts.index(value)
+        # as it was written, in the unit inside, or with a unit
+        for values, number in (
+            (self.values(label), _number(value)),
+            (self.variables[label][1], _number(value)),
+            (self.variables[label][1], _number(value, unit)),
+        ):
+            for place, one in enumerate(values):
+                if not isinstance(one, str) and math.isclose(number, one, rel_tol=1e-6):
+                    return place
+        problem = f"is not swept; the values are {', '.join(texts)} {self.unit(label)}".rstrip()
+        raise InputError.of(f"--where {name}", value, problem)
 
     def quantity(self, name: str, view: View) -> ViewedQuantity:
         """The numbers of ``name`` in ``view``.
@@ -218,130 +216,81 @@ class SweepData:
                 "--y", name, f"is no result of this sweep{nearest(name, self.names)}", f"the results are {names}"
             )
         along = view.x == HOLD_TIME
-        is_curve = "hold_time" in self.variables[name][0]
+        result = self.table.results[name]
+        is_curve = result.values.ndim > 1
         if along and not is_curve:
             raise InputError.of(
                 "--y", name, "is one number per point", f"with --x {HOLD_TIME} choose {', '.join(CURVES)}"
             )
         if along and self.table.hold_times.ndim > 1:
             raise InputError.of("--x", HOLD_TIME, "points have different hold times", "choose another axis")
-        values = self._arranged(name, view)
-        mean, half = _mean(values, [self.dimensions[dim].size for dim in view.averaged])
-        low, high = mean - half, mean + half
-        if not view.averaged:
-            low, high = self._interval(name, view, mean)
-        meaning = self.variables[name][2]["long_name"]
-        return ViewedQuantity(name, self.unit(name), meaning, mean, low, high, is_curve and not along)
+        x = HOLD_TIME if along else self.axis(view.x, "--x")
+        order = [self.axis(view.lines, "--lines"), x] if view.lines else [x]
+        mean, low, high = map(np.atleast_2d, self._estimates(name, view.averaged, order, view.fixed))
+        unit = self.unit(name)
+        return ViewedQuantity(name, unit, result.meaning, mean, low, high, is_curve and not along)
 
-    def _interval(self, name: str, view: View, mean: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The ends of the interval over replicas, nan where a result has none."""
-        if f"{name}_half_width" in self.variables:
-            half = self._arranged(f"{name}_half_width", view)[0]
-            return mean - half, mean + half
-        if f"{name}_low" in self.variables:
-            return self._arranged(f"{name}_low", view)[0], self._arranged(f"{name}_high", view)[0]
-        return np.full(mean.shape, np.nan), np.full(mean.shape, np.nan)
+    def _estimates(
+        self, name: str, averaged: Sequence[str], order: Sequence[str], fixed: Mapping[str, int]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The means of a result over axes, or its numbers, and the ends of their 95 % intervals, nan where there are
+        none; with the axes in ``order``. Curves are at the last hold time unless this is one of the axes."""
+        results, axes = self.table.results, [*self.dimensions, *([HOLD_TIME] if HOLD_TIME in order else [])]
+        left = [axis for axis in axes if axis not in fixed]
 
-    def _arranged(self, name: str, view: View) -> np.ndarray:
-        """(seeds, lines, x) values of a result."""
-        dims, values, _ = self.variables[name]
-        values = np.asarray(values, dtype=np.float64)
-        axes = list(dims)
-        if "hold_time" in axes and view.x != HOLD_TIME:
-            values = self._last(name)
-            axes.remove("hold_time")
-        for dim, place in view.fixed.items():
-            values = np.take(values, place, axis=axes.index(dim))
-            axes.remove(dim)
-        x = HOLD_TIME if view.x == HOLD_TIME else self.axis(view.x, "--x")
-        lines = [self.axis(view.lines, "--lines")] if view.lines else []
-        order = [*view.averaged, *lines, x]
-        values = values.transpose([axes.index(dim) for dim in order])
-        return values.reshape(-1, values.shape[-2] if lines else 1, values.shape[-1])
+        def arranged(variable: str) -> np.ndarray:
+            values = results[variable].values if HOLD_TIME in order else self.table.at_last(variable)
+            values = values.reshape(*self.table.shape, *values.shape[1:])
+            values = values[tuple(fixed.get(axis, slice(None)) for axis in axes)]
+            return values.transpose([left.index(axis) for axis in (*averaged, *order)])
 
-    def _last(self, name: str) -> np.ndarray:
-        """A curve, or its interval, at the last hold time at which the curve is known."""
-        values = {
-            key: np.asarray(variable[1], np.float64)
-            for key, variable in self.variables.items()
-            if key in (name, _bare(name))
-        }
-        return _last_known(values[name], value_of(name, values))
+        values = arranged(name)
+        if averaged:
+            over, finite = tuple(range(len(averaged))), np.isfinite(values)
+            count = finite.sum(axis=over)
+            mean = np.where(finite, values, 0.0).sum(axis=over) / np.where(count > 0, count, np.nan)
+            # points that share the seed of a surface are not independent
+            half = crossed_half_width(values, len(averaged))
+        elif f"{name}_low" in results:
+            return values, arranged(f"{name}_low"), arranged(f"{name}_high")
+        else:
+            has_interval = f"{name}_half_width" in results
+            mean, half = values, arranged(f"{name}_half_width") if has_interval else np.full(values.shape, np.nan)
+        return mean, mean - half, mean + half
 
     def records(self) -> list[dict[str, Any]]:
         """One mapping per point: number, status, error, swept values by path, and the results."""
         table, records = self.table, []
+        numbers = table.numbers("last_")
         for row in range(table.points):
             swept = {path: values[row] for path, values in table.swept.items()}
-            numbers = {name: values[row] for name, values in table.scalars.items()}
-            last = {
-                f"last_{name}": _last_known(values, value_of(name, table.curves))[row]
-                for name, values in table.curves.items()
-            }
-            records.append(
-                {
-                    "point": row,
-                    "status": table.status[row],
-                    "error": table.error[row],
-                    "swept": swept,
-                    **numbers,
-                    **last,
-                }
-            )
+            record = {"point": row, "status": table.status[row], "error": table.error[row], "swept": swept}
+            records.append(record | {name: values[row] for name, values in numbers.items()})
         return records
 
     def rows(self) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
         """Headings and lines of a table with β, Δμ and the contact area; one line for the mean over seeds."""
         dims = [dim for dim in self.dimensions if not self.is_seed(dim)] or list(self.dimensions)
-        seeds = tuple(dim for dim in self.dimensions if dim not in dims)
-        names = [name for dim in dims for name in self._along(dim)]
+        seeds = [dim for dim in self.dimensions if dim not in dims]
+        places = enumerate(self.dimensions[dim] for dim in dims)
+        along = [(name, place) for place, dimension in places for name in dimension.coordinates.values()]
         columns = [name for name in _FIRST if np.isfinite(self.variables[name][1]).any()]
-        shape = [self.dimensions[dim].size for dim in dims]
-        done = self._flat(np.array([status == "done" for status in self.table.status]).reshape(self.shape), dims).sum(
-            axis=0
-        )
+        results = [self._estimates(name, seeds, dims, {}) for name in columns]
+        done = (self.variables["status"][1] == "done").sum(axis=tuple(map(list(self.dimensions).index, seeds)))
         uneven = bool(seeds) and np.unique(done[done > 0]).size > 1
-        results = [self._column(name, dims, bool(seeds)) for name in columns]
         lines = []
-        for number, place in enumerate(np.ndindex(*shape)):
-            if done[number] == 0:
+        for place in np.ndindex(done.shape):
+            if done[place] == 0:
                 continue
-            parts = [(name, at) for dim, at in zip(dims, place, strict=True) for name in self._along(dim)]
-            texts = [self.value_text(*part) for part in parts]
-            numbers = [_with_error(mean[number], half[number]) for mean, half in results]
-            lines.append((*texts, *([str(done[number])] if uneven else []), *numbers))
-        headings = [headed(name, self.unit(name)) for name in names]
-        return (
-            *headings,
-            *(["seeds"] if uneven else []),
-            *(DECLARED[name].symbol or DECLARED[name].label for name in columns),
-        ), lines
-
-    def _along(self, dim: str) -> list[str]:
-        """The names of the coordinates along a dimension."""
-        return list(self.dimensions[dim].coordinates.values())
-
-    def _flat(self, values: np.ndarray, dims: Sequence[str]) -> np.ndarray:
-        """(seeds, rows) of (dimensions of the grid)."""
-        order = [list(self.dimensions).index(dim) for dim in dims]
-        rest = [axis for axis in range(len(self.shape)) if axis not in order]
-        rows = math.prod(self.shape[axis] for axis in order)
-        return values.transpose([*rest, *order]).reshape(-1, rows)
-
-    def _column(self, name: str, dims: Sequence[str], average: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Mean over seeds, or the number of each point, and half its 95 % interval, for each row."""
-
-        def last(variable: str) -> np.ndarray:
-            along = "hold_time" in self.variables[variable][0]
-            return self._flat(
-                self._last(variable) if along else np.asarray(self.variables[variable][1], np.float64), dims
-            )
-
-        values = last(name)
-        if average:
-            return _mean(values, [variable.size for dim, variable in self.dimensions.items() if dim not in dims])
-        half = last(f"{name}_half_width") if f"{name}_half_width" in self.variables else np.full(values.shape, np.nan)
-        return values[0], half[0]
+            texts = [self.value_text(name, place[number]) for name, number in along]
+            if uneven:
+                texts.append(str(done[place]))
+            for mean, low, high in results:
+                value, half = float(mean[place]), 0.5 * float(high[place] - low[place])
+                texts.append(plus_minus(value, half) if math.isfinite(value) else NONE)
+            lines.append(tuple(texts))
+        headings = [headed(name, self.unit(name)) for name, _ in along] + ["seeds"] * uneven
+        return (*headings, *(DECLARED[name].symbol or DECLARED[name].label for name in columns)), lines
 
     def notes(self) -> list[str]:
         """What to know of :meth:`rows`, in words."""
@@ -356,58 +305,17 @@ class SweepData:
         if times.ndim == 1 and times.size and np.isfinite(times).any():
             sentences.append(f"Δμ at the last hold time, {np.nanmax(times):g} s; β per decade of hold time")
         sentences += [self.doubt] * bool(self.doubt)
-        if any(self.table.approximate):
-            sentences.append("approximate: " + "; ".join(dict.fromkeys(filter(None, self.table.approximate))))
+        if approximate := self.table.marks.get("approximate"):
+            sentences.append("approximate: " + "; ".join(dict.fromkeys(filter(None, approximate))))
         return sentences
 
 
-def _mean(values: np.ndarray, seeds: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-    """The mean of the finite numbers along the first axis and half its 95 % interval; nan where they are not known.
-
-    ``seeds`` are the numbers of seeds along each of the dimensions that are joined in the first axis: points that share
-    the seed of a surface are not independent.
-    """
-    finite = np.isfinite(values)
-    count = finite.sum(axis=0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        mean = np.where(finite, values, 0.0).sum(axis=0) / np.where(count > 0, count, np.nan)
-        if sum(size > 1 for size in seeds) > 1:
-            return mean, crossed_half_width(values.reshape(*seeds, *values.shape[1:]), len(seeds))
-        error = np.sqrt((np.where(finite, values - mean, 0.0) ** 2).sum(axis=0) / (count - 1) / count)
-    limits = np.array([student_limit(n - 1) if n > 1 else math.nan for n in range(values.shape[0] + 1)])
-    return mean, np.where(count > 1, error, np.nan) * limits[count]
-
-
-def _bare(name: str) -> str:
-    """The name of a curve, of that itself or of its interval."""
-    return name.removesuffix("_half_width")
-
-
-def _last_known(values: np.ndarray, like: np.ndarray) -> np.ndarray:
-    """``values`` at the last place along the last axis where ``like`` is finite, nan where there is none."""
-    if values.shape[-1] == 0:
-        return np.full(values.shape[:-1], np.nan)
-    finite = np.isfinite(like)
-    last = values.shape[-1] - 1 - np.argmax(finite[..., ::-1], axis=-1)
-    return np.take_along_axis(values, last[..., None], axis=-1)[..., 0]
-
-
-def _with_error(mean: float, half: float) -> str:
-    return plus_minus(mean, half) if math.isfinite(mean) else "-"
-
-
-def _is_number(text: str, value: Any) -> bool:
+def _number(text: str, unit: str = "1") -> float:
+    """The number that a text is, in ``unit``; nan for none."""
     try:
-        return not isinstance(value, str) and math.isclose(float(text), float(value), rel_tol=1e-6)
-    except ValueError:
-        return False
-
-
-def _is_quantity(text: str, unit: str, value: Any) -> bool:
-    try:
-        return not isinstance(value, str) and unit != "1" and math.isclose(convert(text, unit), value, rel_tol=1e-6)
-    except UnitError:
-        return False
+        return float(text) if unit == "1" else convert(text, unit)
+    except (ValueError, UnitError):
+        return math.nan
 
 
 def swept_rows(axes: Sequence[Axis]) -> list[tuple[str, str]]:

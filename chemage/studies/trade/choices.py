@@ -23,7 +23,6 @@ from typing import Any, Self, TypeVar
 
 import numpy as np
 
-from chemage.ageing.aging import Aging
 from chemage.ageing.methods import check_method, expected_cost
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.errors import ChemageError
@@ -33,11 +32,10 @@ from chemage.plugins import registry
 from chemage.scene.files import override, parse_scene
 from chemage.scene.plan import cost
 from chemage.scene.provenance import nested, versions
-from chemage.scene.run import aged, contact_of
+from chemage.scene.run import Run, aged, contact_of
 from chemage.scene.scene import Scene, coarser
 from chemage.scene.warm_up import form, warm_up
-from chemage.studies.ensembles.quantities import GIVEN
-from chemage.studies.tasks import Outcome, Recent, Task, Worker
+from chemage.studies.tasks import Outcome, Recent, Task, Worker, content_of
 
 #: names of what is chosen, besides the options of components
 GRID, SOLVER, ENGINE, AGEING = "grid of the contact", "contact", "engine", "ageing"
@@ -150,7 +148,7 @@ def _grids(scene: Scene) -> Iterator[TradeSetting]:
 
 
 def _kinds(
-    scene: Scene, role: str, made: Callable[[Scene, str, dict[str, Any], list[str]], Scene | None], notes: list[str]
+    scene: Scene, role: str, made: Callable[[Scene, Any], Scene | None], notes: list[str]
 ) -> Iterator[TradeSetting]:
     """Other components of a role, which ``made`` puts into the scene; methods of ageing at each value of their
     options."""
@@ -158,45 +156,43 @@ def _kinds(
     for kind in plugins.kinds(role):
         if own is not None and kind == own.kind:
             continue
-        trade = plugins.component(role, kind).trade if role == AGEING else {}
+        cls = plugins.component(role, kind)
+        trade = cls.trade if role == AGEING else {}
+        shared = {}
+        if role == SOLVER:  # the options that it has in common with that of the scene
+            shared = {name: getattr(own, name) for name in scene.contact.model_fields_set if name in cls.model_fields}
         for options in [{name: value} for name, values in trade.items() for value in values] or [{}]:
             label = ", ".join([kind, *(f"{name} {value}" for name, value in options.items())])
             try:
-                other = made(scene, kind, options, notes)
+                component = plugins.make(role, kind, shared | options)
+                other = made(scene, component)
+                before = _prepared(scene, component) if role == AGEING else 0.0
+                if before > PREPARATION:
+                    raise ChemageError(f"it may need {before:.0f} CPU seconds before its first answer")
             except ChemageError as error:
                 notes.append(f"{role} {label}: not tried: {str(error).splitlines()[0]}")
                 continue
+            if before > 0:
+                notes.append(f"ageing {label}: up to {before:.2g} CPU seconds, needed once, are not in its times")
             if other is not None:
-                exact = role == ENGINE and other.engine is not None and other.engine.exact
                 stage = "contact" if role == SOLVER else "ageing"
-                yield TradeSetting(role, label, changes(scene, other), stage, exact)
+                yield TradeSetting(role, label, changes(scene, other), stage, role == ENGINE and component.exact)
 
 
-def _with_solver(scene: Scene, kind: str, options: dict[str, Any], notes: list[str]) -> Scene | None:
-    """Another contact solver with the options that it shares with that of the scene; None if it has no map."""
-    own, cls = scene.contact, registry.current().component("contact", kind)
-    shared = {name: getattr(own, name) for name in own.model_fields_set if name in cls.model_fields}
-    other = registry.current().make("contact", kind, shared | options)
-    if not other.gives_map:
+def _with_solver(scene: Scene, solver: Any) -> Scene | None:
+    """None if it has no map."""
+    if not solver.gives_map:
         return None
-    other.check(scene.surface.expected(), scene.load)
-    return scene.model_copy(update={"contact": other})
+    solver.check(scene.surface.expected(), scene.load)
+    return scene.model_copy(update={"contact": solver})
 
 
-def _with_engine(scene: Scene, kind: str, options: dict[str, Any], notes: list[str]) -> Scene:
-    other = registry.current().make("engine", kind, options)
-    other.check(scene.chemistry is not None and scene.chemistry.interaction is not None)
-    return scene.model_copy(update={"engine": other})
+def _with_engine(scene: Scene, engine: Any) -> Scene:
+    engine.check(scene.chemistry is not None and scene.chemistry.interaction is not None)
+    return scene.model_copy(update={"engine": engine})
 
 
-def _with_method(scene: Scene, kind: str, options: dict[str, Any], notes: list[str]) -> Scene:
-    method = registry.current().make("ageing", kind, options)
-    before = _prepared(scene, method)
-    if before > PREPARATION:
-        raise ChemageError(f"it may need {before:.0f} CPU seconds before its first answer")
-    if before > 0:
-        label = ", ".join([kind, *(f"{name} {value}" for name, value in options.items())])
-        notes.append(f"ageing {label}: up to {before:.2g} CPU seconds, needed once, are not in its times")
+def _with_method(scene: Scene, method: Any) -> Scene:
     return scene.model_copy(update={"ageing": method, "observe": scene.observe if method.observes else ()})
 
 
@@ -330,24 +326,15 @@ class Timed(Task):
             worker.stage = "ageing"
             _compile(scene, solved.contact)
             aging, seconds = timed(lambda: aged(scene, solved.contact))
-        measures = {name: float(value) for name, value in solved.contact.summary().items() if name not in GIVEN}
-        return Outcome(content=self._content(solved, seconds, {**measures, DISTRIBUTION: distance}, aging))
-
-    def _content(
-        self, solved: _Solved, seconds: float, measures: dict[str, float], aging: Aging | None
-    ) -> dict[str, Any]:
-        plugins = solved.contact.plugins if aging is None else {**solved.contact.plugins, **aging.plugins}
-        return {
-            "status": "done",
-            "point": self.number,
-            "changes": dict(self.changes),
-            "plugins": plugins,
-            "summary": {"versions": versions(self.scene, (solved.contact, aging))},
-            "contact_seconds": solved.seconds,
-            "ageing_seconds": seconds,
-            "measures": jsonable(measures),
-            "friction_drop": None if aging is None else np.asarray(aging.friction_drop, dtype=np.float64).tolist(),
-        }
+        made = Run(
+            scene.todict(),
+            solved.contact,
+            aging=aging,
+            timings={"contact": solved.seconds, "ageing": seconds},
+            versions=versions(scene, (solved.contact, aging)),
+        )
+        content = content_of(made, self)
+        return Outcome(content=content | jsonable({DISTRIBUTION: distance}))
 
 
 # -- in the worker ----------------------------------------------------------------------------------------------------

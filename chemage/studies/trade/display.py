@@ -155,12 +155,10 @@ class _Style:
     """Colours of contacts and symbols of ways of ageing."""
 
     def __init__(self, trade: TradeMap) -> None:
-        contacts = dict.fromkeys(_contact(point) for point in trade.points)
-        ageings = dict.fromkeys(_ageing(point) for point in trade.points)
-        order = sorted(contacts, key=lambda name: (name != "", name))
-        self.colors = {name: PALETTE[k % len(PALETTE)] for k, name in enumerate(order)}
-        order = sorted(ageings, key=lambda name: (name != "", name))
-        self.markers = {name: _MARKERS[k % len(_MARKERS)] for k, name in enumerate(order)}
+        contacts = sorted({_contact(point) for point in trade.points})
+        ageings = sorted({_ageing(point) for point in trade.points})
+        self.colors = {name: PALETTE[k % len(PALETTE)] for k, name in enumerate(contacts)}
+        self.markers = {name: _MARKERS[k % len(_MARKERS)] for k, name in enumerate(ageings)}
 
     def of(self, point: TradePoint) -> dict[str, Any]:
         """How a point is drawn."""

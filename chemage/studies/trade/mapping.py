@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -21,16 +21,20 @@ from typing import Any
 
 import numpy as np
 
+from chemage.ageing.aging import Aging
 from chemage.ageing.methods import EVERY_SITE
+from chemage.contacts.solution import FLOW_MEASURES, MEASURES
 from chemage.contacts.theory import no_map
 from chemage.foundation.checks import checked_count
+from chemage.foundation.codec import from_json
 from chemage.foundation.errors import ChemageError, InputError
 from chemage.foundation.records import approximations_in_words
+from chemage.foundation.statistics import standard_error
 from chemage.plugins.sources import approximations
 from chemage.scene.plan import cost
 from chemage.scene.provenance import versions
 from chemage.scene.scene import Scene, is_random, question
-from chemage.studies.ensembles.quantities import Quantities
+from chemage.studies.ensembles.quantities import GIVEN, Quantities
 from chemage.studies.study import Archive, Study
 from chemage.studies.tasks import Outcome, Task, registered_classes
 from chemage.studies.trade.choices import (
@@ -107,7 +111,7 @@ def tradeoff(
         raise InputError(no_map(scene.contact, "there is no pressure whose error could be measured"))
     with scene.in_use():
         archive = Archive(folder, scene, processor=True)
-        design = Mapper(scene, rounds=rounds, report=report, archive=archive)
+        design = Mapper(scene, archive, rounds, report)
         classes = registered_classes(component for scene in design.scenes() for component in scene.components())
         with Study(executor, workers, 1, patience, classes=classes) as study:
             study.carry_out(design, archive.place)
@@ -146,7 +150,7 @@ class _Timing:
         return value - other
 
 
-@dataclass
+@dataclass(eq=False)
 class _Trial:
     """A combination of settings, what was measured of it, and what that is compared with, in each round."""
 
@@ -181,13 +185,11 @@ class Mapper:
     def __init__(
         self,
         scene: Scene,
-        *,
-        rounds: int | None = None,
-        report: Report | None = None,
-        archive: Archive | None = None,
+        archive: Archive,
+        rounds: int | None,
+        report: Report | None,
     ) -> None:
-        self.scene, self._report = scene, report or (lambda _: None)
-        self._archive = archive or Archive(None, scene)
+        self.scene, self._archive, self._report = scene, archive, report or (lambda _: None)
         self.notes: list[str] = []
         self.random = is_random(scene)
         self._quantities = Quantities.of(scene, ())
@@ -239,13 +241,16 @@ class Mapper:
 
     def _read(self, content: Mapping[str, Any]) -> _Timing:
         """From what a worker sends, or a folder has."""
-        values = {name: np.array([value], dtype=np.float64) for name, value in content["measures"].items()}
-        if content["friction_drop"] is not None:
-            drop = np.array(content["friction_drop"], dtype=np.float64)
+        summary = content["summary"]
+        values = {name: summary[name] for name in (*MEASURES, *FLOW_MEASURES) if name in summary and name not in GIVEN}
+        values[DISTRIBUTION] = content[DISTRIBUTION]
+        values = {name: np.array([value], dtype=np.float64) for name, value in values.items()}
+        if content["aging"] is not None:
+            drop = np.asarray(from_json(Aging, content["aging"]).friction_drop, dtype=np.float64)
             values |= {_drop_at(at): drop[:, k] for k, at in enumerate(self._quantities.hold_times.tolist())}
             if self._quantities.has_beta:
                 values[BETA] = self._quantities.slope(drop) / self.scene.load
-        return _Timing(content["contact_seconds"], content["ageing_seconds"], values)
+        return _Timing(summary["timings"]["contact"], summary["timings"]["ageing"], values)
 
     def _measured_of(self, task: Task) -> _Timing:
         """What was measured of a task; raises the error that it gave."""
@@ -262,30 +267,28 @@ class Mapper:
         """The scene with each of the settings of a stage that can be had, by the words of the setting."""
         scenes: dict[str, Scene] = {}
         for one in self.choices:
-            with suppress(ChemageError):  # the reason is noted where it is measured
-                scenes |= {one.words: applied(self.scene, (one,))} if one.stage == stage else {}
+            if one.stage == stage:
+                with suppress(ChemageError):  # the reason is noted where it is measured
+                    scenes[one.words] = applied(self.scene, (one,))
         return scenes
 
     def _all_stages(self) -> Iterator[list[tuple[str, Timed]]]:
         """The tasks of each stage; all of a stage have been computed when the next is asked for."""
         if self.scene.ages:
             yield from self._leave_out_slow()
-        for number in range(self.rounds):
+        yield from self._referred(0)
+        yield from self._measured(0, self._tried([(), *((one,) for one in self.choices)]))
+        if frozenset() not in self.trials:
+            self._measured_of(self._task(self.scene, 0))
+        yield from self._measured(0, self._combinations())
+        promising = self._promising()
+        if left_out := len(self.trials) - len(promising):
+            slower = "combinations that were slower and less accurate than others in the first round are left out"
+            self.notes.append(f"{left_out} {slower}")
+        self.trials = promising
+        for number in range(1, self.rounds):
             yield from self._referred(number)
-            if number:
-                yield from self._measured(number, [trial.combination for trial in self.trials.values()])
-                continue
-            yield from self._measured(0, [(), *((one,) for one in self.choices)])
-            if frozenset() not in self.trials:
-                self._measured_of(self._task(self.scene, 0))
-            yield from self._measured(0, self._combinations())
-            promising = self._promising()
-            if left_out := len(self.trials) - len(promising):
-                self.notes.append(
-                    f"{left_out} combinations that were slower and less accurate than others in the first round are "
-                    "left out"
-                )
-            self.trials = promising
+            yield from self._measured(number, list(self.trials.values()))
         self.trials = {key: trial for key, trial in self.trials.items() if len(trial.rounds) == self.rounds}
 
     def _referred(self, number: int) -> Iterator[list[tuple[str, Timed]]]:
@@ -329,25 +332,29 @@ class Mapper:
                 self.notes.append(f"{one.words}: left out: about {expected / own:.0f} times slower than the scene")
                 self.choices.remove(one)
 
-    def _measured(self, number: int, combinations: Sequence[Combination]) -> Iterator[list[tuple[str, Timed]]]:
-        """Compute combinations in a round, and the references of exact engines among them; record what they give."""
-        scenes: dict[frozenset[tuple[str, str]], tuple[Combination, Scene]] = {}
+    def _tried(self, combinations: Iterable[Combination]) -> list[_Trial]:
+        """Trials of the combinations that can be had at all."""
+        trials = []
         for combination in combinations:
             try:
-                scenes[_key(combination)] = combination, applied(self.scene, combination)
+                trials.append(_Trial(combination, applied(self.scene, combination)))
             except ChemageError as error:
                 self._refused(combination, error)
-        tasks = [(_words(combination), self._task(scene, number)) for combination, scene in scenes.values()]
-        tasks += [("reference", self._compared(*combination, number)) for combination in scenes.values()]
+        return trials
+
+    def _measured(self, number: int, trials: Sequence[_Trial]) -> Iterator[list[tuple[str, Timed]]]:
+        """Compute trials in a round, and the references of exact engines among them; record what they give."""
+        tasks = [(_words(trial.combination), self._task(trial.scene, number)) for trial in trials]
+        tasks += [("reference", self._compared(trial, number)) for trial in trials]
         yield self._named(number, tasks)
-        for key, (combination, scene) in scenes.items():
+        for trial in trials:
             try:
-                timing = self._measured_of(self._task(scene, number))
-                reference = self._measured_of(self._compared(combination, scene, number))
+                timing = self._measured_of(self._task(trial.scene, number))
+                reference = self._measured_of(self._compared(trial, number))
             except ChemageError as error:
-                self._refused(combination, error)
+                self._refused(trial.combination, error)
                 continue
-            trial = self.trials.setdefault(key, _Trial(combination, scene))
+            self.trials.setdefault(_key(trial.combination), trial)
             if len(trial.rounds) == number:
                 trial.rounds.append(timing)
                 trial.references.append(reference)
@@ -366,10 +373,10 @@ class Mapper:
             scene = scene.bare(replicas=scene.hold.replicas, seed=scene.hold.seed + number)
         return scene.model_copy(update={"surface_seed": scene.surface_seed + (number if self.random else 0)})
 
-    def _compared(self, combination: Combination, scene: Scene, number: int) -> Timed:
-        """The reference that a combination is compared with: with the noise of its engine, if that is exact."""
-        exact = any(one.name == ENGINE and one.exact for one in combination)
-        same = self.reference.model_copy(update={"engine": scene.engine}) if exact else self.reference
+    def _compared(self, trial: _Trial, number: int) -> Timed:
+        """The reference that a trial is compared with: with the noise of its engine, if that is exact."""
+        exact = any(one.name == ENGINE and one.exact for one in trial.combination)
+        same = self.reference.model_copy(update={"engine": trial.scene.engine}) if exact else self.reference
         return self._task(same, number, compared=False)
 
     # -- combinations -------------------------------------------------------------------------------------------------
@@ -394,20 +401,18 @@ class Mapper:
 
     def _fronts(self, trials: list[_Trial], seconds: Callable[[_Trial], float]) -> list[_Trial]:
         """The trials on the front of at least one observable, in the first round."""
-        on_front: dict[int, _Trial] = {}
+        on_front: dict[_Trial, None] = {}
         for name in self.observables():
             comparable = [trial for trial in trials if not math.isnan(self._error(trial, name))]
-            for trial in pareto(comparable, lambda trial, name=name: (seconds(trial), self._error(trial, name))):
-                on_front[id(trial)] = trial
-        return list(on_front.values())
+            on_front |= dict.fromkeys(pareto(comparable, lambda one, name=name: (seconds(one), self._error(one, name))))
+        return list(on_front)
 
     def _useful(self) -> dict[str, list[TradeSetting]]:
         """What is chosen -> the values that make their stage cheaper, and are not beaten by another value."""
         own = self.trials[frozenset()]
         useful: dict[str, list[TradeSetting]] = {}
         for name in dict.fromkeys(one.name for one in self.choices):
-            singles = [trial for trial in self.trials.values() if len(trial.combination) == 1]
-            singles = [trial for trial in singles if trial.combination[0].name == name]
+            singles = [trial for trial in self.trials.values() if [one.name for one in trial.combination] == [name]]
 
             def seconds(trial: _Trial) -> float:
                 return trial.seconds(trial.stage)
@@ -422,16 +427,16 @@ class Mapper:
             useful[name] = [trial.combination[0] for trial in front]
         return useful
 
-    def _combinations(self) -> list[Combination]:
+    def _combinations(self) -> list[_Trial]:
         """Combinations of useful values, the cheapest contacts first."""
         useful = [[None, *values] for values in self._useful().values() if values]
-        tried: list[Combination] = []
+        together: list[Combination] = []
         for chosen in itertools.product(*useful):
             combination = tuple(choice for choice in chosen if choice is not None)
-            if len(combination) > 1 and go_together(combination) and _is_scene(self.scene, combination):
-                tried.append(combination)
-        tried = sorted(tried, key=self._presumed)[:MOST_TRIED]
-        return sorted(tried, key=_contact_of)
+            if len(combination) > 1 and go_together(combination):
+                together.append(combination)
+        tried = sorted(self._tried(together), key=lambda trial: self._presumed(trial.combination))[:MOST_TRIED]
+        return sorted(tried, key=lambda trial: _contact_of(trial.combination))
 
     def _presumed(self, combination: Combination) -> float:
         """CPU seconds if every choice saves the same part as alone."""
@@ -449,13 +454,12 @@ class Mapper:
         front = self._fronts(everything, lambda trial: trial.first.seconds)
         contacts = [trial for trial in everything if trial.stage == "contact"]
         front += self._fronts(contacts, lambda trial: trial.first.contact_seconds)
-        combined = list({id(trial): trial for trial in front if len(trial.combination) > 1}.values())
-        combined = sorted(combined, key=lambda trial: trial.first.seconds)
+        combined = [trial for trial in dict.fromkeys(front) if len(trial.combination) > 1]
+        combined.sort(key=lambda trial: trial.first.seconds)
         if len(combined) > MOST_KEPT:
             step = len(combined) / MOST_KEPT
             combined = [combined[int(k * step)] for k in range(MOST_KEPT)]
-        kept = {id(trial) for trial in combined}
-        return {key: trial for key, trial in self.trials.items() if len(trial.combination) < 2 or id(trial) in kept}
+        return {key: trial for key, trial in self.trials.items() if len(trial.combination) < 2 or trial in combined}
 
     # -- the map ------------------------------------------------------------------------------------------------------
 
@@ -543,7 +547,7 @@ def _mean_and_error(rounds: list[np.ndarray], random: bool) -> tuple[float, floa
     if not random:
         means = np.concatenate(rounds)
     count = len(means)
-    stderr = float(means.std(ddof=1)) / math.sqrt(count) if count > 1 else math.nan
+    stderr = float(standard_error(means))
     if random and min(map(len, rounds)) > 1:
         within = math.sqrt(float(np.mean([_noise(differences) for differences in rounds])) / count)
         if not stderr >= within:
@@ -567,15 +571,6 @@ def _contact_of(combination: Combination) -> str:
 
 def _words(combination: Combination) -> str:
     return ", ".join(one.words for one in combination) or "the scene as it is"
-
-
-def _is_scene(scene: Scene, combination: Combination) -> bool:
-    """Whether a combination can be had at all."""
-    try:
-        applied(scene, combination)
-    except ChemageError:
-        return False
-    return True
 
 
 def _drop_at(time: float) -> str:

@@ -7,6 +7,7 @@ import math
 import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from itertools import groupby
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -115,7 +116,6 @@ class TradePoint:
     #: declared not to change what is computed but for noise
     exact: bool = False
     own: bool = False
-    reference: bool = False
     #: the observables on whose Pareto front this is
     front: list[str] = field(default_factory=list)
     remark: str = ""
@@ -123,8 +123,6 @@ class TradePoint:
     @property
     def words(self) -> str:
         """The settings in words."""
-        if self.reference:
-            return "reference"
         return ", ".join(f"{knob} {label}" for knob, label in self.choices.items()) or "as in the scene"
 
     def deviation(self, observable: str) -> Deviation:
@@ -138,10 +136,9 @@ class TradePoint:
 
     def spread(self, observable: str = BETA) -> float:
         """Half the range of the middle half of the repeated timings, CPU seconds."""
-        seconds = [
-            contact + (ageing if of_ageing(observable) else 0.0)
-            for contact, ageing in zip(self.contact_seconds, self.ageing_seconds, strict=True)
-        ]
+        seconds = np.array(self.contact_seconds)
+        if of_ageing(observable):
+            seconds = seconds + self.ageing_seconds
         low, high = np.percentile(seconds, [25, 75])
         return 0.5 * float(high - low)
 
@@ -243,9 +240,7 @@ class TradeMap:
 
     def of(self, observable: str) -> list[TradePoint]:
         """The points that can be compared at an observable: for one of the contact, those that differ there."""
-        points = [
-            point for point in self.points if not point.reference and not math.isnan(point.deviation(observable).bound)
-        ]
+        points = [point for point in self.points if not math.isnan(point.deviation(observable).bound)]
         return points if of_ageing(observable) else [point for point in points if point.contact_only]
 
     def front(self, observable: str) -> list[TradePoint]:
@@ -254,11 +249,11 @@ class TradeMap:
 
     def marked(self) -> TradeMap:
         """The same with the front of every observable marked in the points."""
-        fronts = {name: self.front(name) for name in self.observables}
-        points = []
-        for point in self.points:
-            on = [name for name, front in fronts.items() if any(point is one for one in front)]
-            points.append(replace(point, front=on))
+        fronts = {name: list(map(id, self.front(name))) for name in self.observables}
+        points = [
+            replace(point, front=[name for name, front in fronts.items() if id(point) in front])
+            for point in self.points
+        ]
         return replace(self, points=points)
 
     def cheapest(self, observable: str, within: float) -> Cheapest:
@@ -294,20 +289,13 @@ class TradeMap:
 
     def sentences(self) -> dict[str, list[str]]:
         """Observable -> the cheapest settings within each of the accuracies, in words."""
-        return {name: self._sentences([self.cheapest(name, within) for within in WITHIN]) for name in self.observables}
-
-    @staticmethod
-    def _sentences(choices: list[Cheapest]) -> list[str]:
-        texts, wider = [], []
-        for cheapest, following in zip(choices, [*choices[1:], None], strict=True):
-            same = (
-                following is not None and following.point is cheapest.point and following.replicas == cheapest.replicas
-            )
-            if same:
-                wider.append(cheapest.within)
-                continue
-            texts.append(cheapest.text(wider))
-            wider = []
+        texts: dict[str, list[str]] = {}
+        for name in self.observables:
+            found = [self.cheapest(name, within) for within in WITHIN]
+            texts[name] = []
+            for _, same in groupby(found, key=lambda one: (id(one.point), one.replicas)):
+                *wider, last = same
+                texts[name].append(last.text([one.within for one in wider]))
         return texts
 
     def summary(self) -> dict[str, Any]:

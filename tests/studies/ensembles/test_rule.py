@@ -166,7 +166,7 @@ def test_corrections_that_cannot_pay_take_no_samples():
     small = Route("not corrected", (first,), lambda mean: np.array([0.002]))
     state = run_stages([small, Route("corrected", (first, difference), nothing)], np.array([0.02]), most=10**6)
     assert state.route.name == "not corrected"
-    assert state.cost([60]) + state.counts[0] * 0.25 > 5 * 1.5  # more than the first corrections alone
+    assert state.cost([60], state.costs) + state.counts[0] * 0.25 > 5 * 1.5  # more than the first corrections alone
     assert difference.taken == 0
 
 

@@ -88,8 +88,8 @@ def test_points_have_their_contacts_in_common(whole):
 def test_the_table_has_means_with_their_intervals(whole):
     table = whole.table()
     assert table.means
-    assert np.all(table.scalars["beta_half_width"] < 0.15 * table.scalars["beta"])
-    assert "events" not in table.scalars
+    assert np.all(table.results["beta_half_width"].values < 0.15 * table.results["beta"].values)
+    assert "events" not in table.results
     assert whole.to_xarray().beta.dims == ("temperature",)
 
 

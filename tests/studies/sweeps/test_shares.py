@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -127,17 +128,19 @@ def test_every_point_is_in_one_share_and_shares_are_alike(found, count):
     assert max(sizes.values()) - min(sizes.values()) <= 4, "at most the points of one contact"
     assert len(sizes) == min(count, 16)
     if count in (1, 2, 4):
-        assert len({(share, contact) for share, contact in zip(of, found.contact_of, strict=True)}) == 4, (
-            "no contact is in two shares"
-        )
+        assert (
+            len({(share, contact) for share, contact in zip(of, [task.contact for task in found.tasks], strict=True)})
+            == 4
+        ), "no contact is in two shares"
     assert sum(one.points for one in shares_cost(found, count)) == 16
     assert partition(found, count) == of
 
 
 def test_points_with_the_same_kinetics_are_in_one_share(tiny):
     found = survey_of(read_grid({**tiny.scene(), "sweep": {"hold.seed": [0, 1, 2], "fit.start": [1.0, 2.0, 3.0]}}))
-    of = dict(zip(found.agings, partition(found, 5), strict=True))
-    assert [of[aging] for aging in found.agings] == partition(found, 5)
+    agings = [task.ageing for task in found.tasks]
+    of = dict(zip(agings, partition(found, 5), strict=True))
+    assert [of[aging] for aging in agings] == partition(found, 5)
 
 
 def test_the_first_process_decides_the_division(found, tmp_path):
@@ -146,7 +149,7 @@ def test_the_first_process_decides_the_division(found, tmp_path):
     agree(folder, found, 3)
     file = tmp_path / ".shares" / "of-3.json"
     before = file.read_bytes()
-    found.cpu_seconds[0] = 1e6  # another machine has other estimates
+    found.tasks[0] = replace(found.tasks[0], ageing_seconds=1e6)  # another machine has other estimates
     agree(folder, found, 3)
     assert file.read_bytes() == before
 

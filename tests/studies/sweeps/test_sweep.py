@@ -20,9 +20,10 @@ from chemage import Aging, InputError, parse_scene
 from chemage.foundation.codec import from_json, to_json
 from chemage.kinetics.hooks import REPLICA_SECONDS
 from chemage.plugin import SceneError, StoreError, override
-from chemage.studies.sweeps.grid import Grid, order_of
+from chemage.studies.sweeps.grid import Grid, cpu_seconds
 from chemage.studies.sweeps.running import SweepProgress
 from chemage.studies.sweeps.table import short_names
+from chemage.studies.tasks import by_contact
 
 AXES = """
 [sweep]
@@ -129,13 +130,13 @@ def test_points_share_contacts_and_surfaces(tiny):
     assert len(found.keys) == len(set(found.keys)) == 12
     assert len(found.contacts) == 6
     assert found.surfaces == 2
-    assert [found.contacts[number].point for number in found.contact_of] == [0, 0, 2, 2, 4, 4, 6, 6, 8, 8, 10, 10]
+    assert [found.contacts[task.contact].number for task in found.tasks] == [0, 0, 2, 2, 4, 4, 6, 6, 8, 8, 10, 10]
 
 
 def test_contacts_of_one_surface_follow_each_other(tiny):
     text = '[sweep]\n"contact.load" = [1, 2, 3]\n"surface.seed" = [4, 5]'
-    contacts = survey_of(read_grid(swept(tiny, text))).contacts
-    surfaces = [contacts[number].surface for number in order_of(contacts)]
+    contacts = by_contact(survey_of(read_grid(swept(tiny, text))).tasks)
+    surfaces = [ageings[0][0].surface for ageings in contacts]
     assert surfaces == [surfaces[0]] * 3 + [surfaces[3]] * 3
 
 
@@ -178,9 +179,9 @@ def test_costs_are_of_distinct_stages(tiny):
     found = survey_of(read_grid(swept(tiny, AXES)))
     # 6 contacts and 12 points of 2 replicas, a hundredth of a second each beside what chemage itself does
     replica = 0.01 + REPLICA_SECONDS
-    assert found.total_cpu_seconds == pytest.approx(6 * 0.01 + 24 * replica, rel=0.01)
+    assert cpu_seconds(found.tasks) == pytest.approx(6 * 0.01 + 24 * replica, rel=0.01)
     text = '[sweep]\n"fit.stop" = [1e2, 1e3]'
-    assert survey_of(read_grid(swept(tiny, text))).total_cpu_seconds == pytest.approx(0.01 + 2 * replica, rel=0.01)
+    assert cpu_seconds(survey_of(read_grid(swept(tiny, text))).tasks) == pytest.approx(0.01 + 2 * replica, rel=0.01)
 
 
 def test_each_stage_is_computed_once_for_all_points_that_share_it(tiny, tmp_path):
@@ -204,7 +205,7 @@ def test_points_that_differ_in_the_limits_of_the_material_share_the_kinetics(tin
     assert len(result[0].run().notes) == len(result[1].run().notes) + 1
     for point in result:
         assert point.run().summary() == point.summary
-    assert result.table().scalars["area_above_hardness"].tolist() == [1.0, 0.0]
+    assert result.table().results["area_above_hardness"].values.tolist() == [1.0, 0.0]
     header = (tmp_path / "out" / "results.csv").read_text().splitlines()[0].split(",")
     assert {"area_above_hardness", "load_above_hardness", "mean_shear_stress (GPa)"} <= set(header)
     assert "shear_strength (GPa)" not in header, "no point has one"
@@ -251,7 +252,7 @@ def test_a_scene_without_chemistry_stops_at_the_contact(tiny, tmp_path):
     assert result.states() == ["done", "done"]
     assert [point.summary["area_fraction"] for point in result] == [0.0, 0.5]
     assert result[0].summary["beta"] is None
-    assert np.isnan(result.table().scalars["beta"]).all()
+    assert np.isnan(result.table().results["beta"].values).all()
     with xarray.open_dataset(result.folder / "results.h5") as file:
         assert list(file["area_fraction"].values) == [0.0, 0.5]
         assert file.sizes["hold_time"] == 0
@@ -444,7 +445,7 @@ def test_hold_times_that_differ_are_padded(tiny, tmp_path):
     table = result.table()
     assert table.hold_times.shape == (4, 3)
     assert np.isnan(table.hold_times[0, 2])
-    assert np.isnan(table.curves["friction_drop"][:2, 2]).all()
+    assert np.isnan(table.results["friction_drop"].values[:2, 2]).all()
     assert table.bonds.shape == (4, 3, 3)
     assert (table.bonds[0, 1:] == -1).all()
     assert np.array_equal(table.bonds[3], result[3].aging().bonds)
@@ -563,6 +564,6 @@ def test_a_scene_is_swept_along_axes_that_are_given(tiny, tmp_path):
     loads = pint.UnitRegistry().Quantity([10, 20], "nN")
     again = chemage.sweep(scene, tmp_path / "pint", axes={"contact.load": loads, "hold.replicas": np.array([1, 2])})
     for result in (made, data, again):
-        assert result.table().scalars["load"].tolist() == [10, 10, 20, 20]
+        assert result.table().results["load"].values.tolist() == [10, 10, 20, 20]
     with pytest.raises(SceneError, match="give axes"):
         chemage.sweep(scene, tmp_path / "none")
