@@ -12,7 +12,7 @@ from typing import Any
 
 import pluggy
 
-from chemage.foundation.errors import ChemageError, InputError, PluginError
+from chemage.foundation.errors import ChemageError, PluginError
 from chemage.foundation.outputs import kept, recording
 from chemage.foundation.records import approximation_made_by, merged_approximations
 from chemage.plugins.context import Plugins, taking_part
@@ -68,8 +68,6 @@ def run_stage(stage: Stage, inputs: StageInputs) -> Any:
 
     Raises
     ------
-    InputError
-        It changes what the scene does not compute.
     PluginError
         It makes something else than it changes, or what contradicts itself.
     """
@@ -77,10 +75,8 @@ def run_stage(stage: Stage, inputs: StageInputs) -> Any:
     record = plugins.owners.get(stage.section)
     if record is None:
         return stage.run(inputs)
-    options, before = inputs.parts[stage.section], inputs.made.get(stage.makes)
+    options, before = inputs.parts[stage.section], inputs.made[stage.makes]
     who = f"the stage {stage.section!r} of {full_name(record)}"
-    if before is None:
-        raise InputError(f"[{stage.section}] changes what this scene does not compute, {stage.makes!r}; leave it out")
     with recording() as block, taking_part() as took_part:
         made = stage.run(inputs)
     if type(made) is not type(before):

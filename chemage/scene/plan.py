@@ -188,7 +188,7 @@ class Plan:
     # -- what is wrong or doubtful ------------------------------------------------------------------------------------
 
     def check(self) -> None:
-        """Refuse a scene that this machine cannot hold.
+        """Refuse a scene that this machine cannot hold, or that changes what it does not compute.
 
         Raises
         ------
@@ -196,6 +196,12 @@ class Plan:
             With the numbers and the remedy.
         """
         scene, grids, hold = self.scene, self.scene.site_grids, self.scene.hold
+        asked = [stage for stage in registry.current().stages() if stage.asked(scene.parts)]
+        made = {stage.makes for stage in asked if not stage.changes}
+        for stage in asked:
+            if stage.changes and stage.makes not in made:
+                problem = f"changes what this scene does not compute, {stage.makes!r}; leave it out"
+                raise InputError(f"[{stage.section}] {problem}")
         grid = f"{self.surface.get('nx', 0):.0f} x {self.surface.get('ny', 0):.0f} pixels"
         most = max(self.contact_bytes or 0.0, BYTES_PER_PIXEL * self.pixels)
         require(most, f"[surface] {grid}", "use fewer pixels")

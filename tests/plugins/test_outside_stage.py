@@ -5,6 +5,7 @@ The package is ``tests/stubs/chemage_creep.py``, installed like any other.
 
 from __future__ import annotations
 
+import re
 import tokenize
 from pathlib import Path
 
@@ -90,6 +91,25 @@ def test_a_declaration_that_cannot_work_is_refused(installed, stage, said):
     with pytest.raises(ca.plugin.PluginError, match=said):
         installed.register(plugin, "wrong")
     assert "x" not in [each.section for each in installed.stages()]
+
+
+def test_one_that_changes_what_a_scene_does_not_compute_is_refused_by_check_too(installed, command, tmp_path):
+    installed.register(type("Plugin", (), {"STAGES": (Late("late", takes=("aging",), makes="aging"),)}), "late")
+    file = tmp_path / "late.toml"
+    file.write_text(
+        'surface = {kind = "sphere", radius = "20 nm", pixels = 64, pixel_size = "0.5 nm"}\n'
+        'contact = {kind = "hertz", load = "20 nN", modulus = "40 GPa"}\n'
+        "late = {by = 1}\n"
+    )
+    said = r"[late] changes what this scene does not compute, 'aging'; leave it out"
+    assert said in " ".join(command("check", str(file)).err.split())
+    with pytest.raises(ca.InputError, match=re.escape(said)):
+        ca.run(file)
+
+
+class Late(ca.plugin.Stage):
+    def run(self, inputs):
+        return inputs.made[self.makes]
 
 
 def test_what_it_makes_is_checked(installed):
