@@ -77,8 +77,6 @@ from chemage.foundation.errors import UnitError as UnitError
 from chemage.foundation.errors import UnknownKindError as UnknownKindError
 from chemage.foundation.units import Volume as Volume
 from chemage.foundation.errors import WorkerLost as WorkerLost
-from chemage.kinetics.role import WrappedEngine as WrappedEngine
-from chemage.contacts.role import WrappedSolver as WrappedSolver
 from chemage.foundation import algebra as algebra
 from chemage.foundation.units import array_in as array_in
 from chemage.lattices.chemistry import build_lattice as build_lattice

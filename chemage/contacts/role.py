@@ -15,7 +15,6 @@ from chemage.foundation.outputs import kept, recording
 from chemage.foundation.progress import logged, of_plugins
 from chemage.foundation.units import QuantityLike
 from chemage.plugins import registry
-from chemage.plugins.options import Choice
 from chemage.plugins.sources import approximation_of, approximations, providers
 from chemage.surfaces.surface import Roughness, Surface
 
@@ -134,70 +133,6 @@ class ContactSolver(Component, ABC):
         with recording() as recorded:
             solution = self._solve(surface, self.normal_force(load, surface), start)
         return solution.noting({}, (), kept(solution, recorded)) if recorded else solution
-
-
-class WrappedSolver(ContactSolver):
-    """A contact solver that uses another one, ``inner``, to change or record something: what a class does not define is
-    that of the other.
-
-    ``exact``, ``declared_error``, what is implemented, costs and checks are those of ``inner``. A class overrides
-    :meth:`_solve` and calls ``super()._solve(...)`` in it.
-    """
-
-    inner: Choice[ContactSolver]
-    """the solver that is used"""
-
-    @property
-    def exact(self) -> bool:
-        """That of :attr:`inner`."""
-        return self.inner.exact
-
-    @property
-    def declared_error(self) -> float | None:
-        """That of :attr:`inner`."""
-        return self.inner.declared_error
-
-    @property
-    def implemented_properties(self) -> tuple[str, ...]:
-        """That of :attr:`inner`."""
-        return self.inner.implemented_properties
-
-    @property
-    def gives_map(self) -> bool:
-        """That of :attr:`inner`."""
-        return self.inner.gives_map
-
-    @property
-    def adheres(self) -> bool:
-        """That of :attr:`inner`."""
-        return self.inner.adheres
-
-    def expected(self, surface: Mapping[str, float], load: float) -> dict[str, float]:
-        """See :meth:`ContactSolver.expected`."""
-        return self.inner.expected(surface, load)
-
-    def check(self, surface: Mapping[str, float], load: float) -> Sequence[str] | None:
-        """See :meth:`ContactSolver.check`."""
-        return self.inner.check(surface, load)
-
-    def is_nominally_flat(self, periodic: bool) -> bool:
-        """See :meth:`ContactSolver.is_nominally_flat`."""
-        return self.inner.is_nominally_flat(periodic)
-
-    def warm_up(self, surface: Mapping[str, float], load: float) -> None:
-        """See :meth:`ContactSolver.warm_up`."""
-        self.inner.warm_up(surface, load)
-
-    def with_gap(self) -> Self:
-        """See :meth:`ContactSolver.with_gap`."""
-        return self.replace(inner=self.inner.with_gap())
-
-    def reference(self) -> Self:
-        """See :meth:`ContactSolver.reference`."""
-        return self.replace(inner=self.inner.reference())
-
-    def _solve(self, surface: Surface, load: float, start: ContactSolution | None) -> ContactSolution:
-        return self.inner.solve(surface, load, start=start)
 
 
 def contact(kind: str, **options: Any) -> Any:

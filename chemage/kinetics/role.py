@@ -18,7 +18,6 @@ from chemage.kinetics.history import BondHistory, checked_start, counters_of
 from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.lattice import ReactionLattice
 from chemage.plugins import registry
-from chemage.plugins.options import Choice
 from chemage.plugins.sources import approximation_of, approximations, providers
 
 
@@ -140,36 +139,6 @@ class Engine(Component, ABC):
         start = checked_start(start, BondHistory, lattice, times, "hold_times")
         self.check(lattice.interacting)
         return times, temperature_value(temperature), start
-
-
-def _of_inner(name: str) -> Any:
-    """An attribute or a method that is that of the engine that is run."""
-    return property(lambda self: getattr(self.inner, name), doc=f"``{name}`` of :attr:`inner`.")
-
-
-class WrappedEngine(Engine):
-    """An engine that runs another one, ``inner``, to change or record something: what a class does not define is that
-    of the other.
-
-    ``exact``, ``declared_error``, ``interacting``, ``restart``, costs, threads and checks are those of ``inner``. A
-    class overrides :meth:`_run` and calls ``super()._run(...)`` in it.
-    """
-
-    inner: Choice[Engine]
-    """the engine that is run"""
-
-    exact, declared_error, interacting, restart = map(_of_inner, ("exact", "declared_error", "interacting", "restart"))
-    concurrency, expected, check, warm_up = map(_of_inner, ("concurrency", "expected", "check", "warm_up"))
-
-    def _run(
-        self,
-        lattice: ReactionLattice,
-        hold_times: np.ndarray,
-        temperature: float,
-        seed: Seed,
-        start: BondHistory | np.ndarray | None,
-    ) -> BondHistory:
-        return self.inner.run(lattice, hold_times, temperature=temperature, seed=seed, start=start)
 
 
 def engine(kind: str, **options: Any) -> Any:

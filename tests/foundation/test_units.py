@@ -407,7 +407,6 @@ def test_the_programs_that_strict_type_checkers_accept_run():
     assert runpy.run_path(str(stubs / "typed_strict.py"))["pressure"] > 0
     written = runpy.run_path(str(stubs / "typed_plugin.py"))
     assert (written["inner"].kind, written["solver"].kind) == ("rejection-free", "hertz")
-    assert written["Pausing"](inner="rejection-free").restart
     assert written["Ladder"](top=0.9).declared_error == 0.1
 
 

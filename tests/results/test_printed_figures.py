@@ -143,7 +143,7 @@ def test_faults_are_found(monkeypatch):
 
 
 def thumbnail(figure: Figure) -> np.ndarray:
-    """The plots of a figure, which is changed, as a small image without words, whose size differs between versions of fonts."""
+    """The plots of a figure, which is changed, as a small image; without words, whose size differs between fonts."""
     figure.set_layout_engine("none")
     figure.set_dpi(50)
     for artist in figure.findobj(lambda one: isinstance(one, Text | Legend | AnchoredOffsetbox)):

@@ -22,8 +22,6 @@ from chemage.plugin import (
     Output,
     Rupture,
     Seed,
-    WrappedEngine,
-    WrappedSolver,
 )
 
 
@@ -50,10 +48,12 @@ class Ladder(Barriers):
         return np.where((energy >= 0) & (energy <= self.top), 1 / self.top, 0.0)
 
 
-class Pausing(WrappedEngine):
+class Pausing(Engine):
     """Counts how often it was asked."""
 
     kind = "typed-pausing"
+    inner: Choice[Engine]
+    """the engine that is run"""
     outputs: ClassVar[Mapping[str, Output]] = {"asked": Output((), "", "calls of the engine")}
 
     def _run(
@@ -66,16 +66,7 @@ class Pausing(WrappedEngine):
     ) -> BondHistory:
         before = start.observables.get("asked", 0) if isinstance(start, BondHistory) else 0
         self.record(asked=before + 1)
-        return super()._run(lattice, hold_times, temperature, seed, start)
-
-
-class Twice(WrappedSolver):
-    """Solves at half the load first."""
-
-    kind = "typed-twice"
-
-    def _solve(self, surface: Surface, load: float, start: ContactSolution | None) -> ContactSolution:
-        return super()._solve(surface, load, super()._solve(surface, 0.5 * load, start))
+        return self.inner.run(lattice, hold_times, temperature=temperature, seed=seed, start=start)
 
 
 class Fallback(ContactSolver):
@@ -115,4 +106,4 @@ class Share(Observable):
 
 
 inner: Engine = Pausing(inner="rejection-free").inner
-solver: ContactSolver = Twice(inner={"kind": "hertz", "modulus": "35.3 GPa"}).inner
+solver: ContactSolver = Fallback(other={"kind": "hertz", "modulus": "35.3 GPa"}).other

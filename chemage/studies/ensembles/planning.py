@@ -16,7 +16,6 @@ from scipy import special
 
 from chemage.foundation.text import percent
 from chemage.foundation.threads import available
-from chemage.plugins.sources import components_in
 from chemage.scene import plan as estimate
 from chemage.scene.plan import Plan
 from chemage.scene.scene import Scene
@@ -32,7 +31,7 @@ from chemage.studies.ensembles.computations import (
     sketched,
 )
 from chemage.studies.ensembles.goals import Request, Scatters, is_about_zero, scatters, time_text
-from chemage.studies.ensembles.quantities import RECORDED, limit, recorded_measures
+from chemage.studies.ensembles.quantities import RECORDED, declared_outputs, limit, recorded_measures
 from chemage.studies.ensembles.running import Sampler
 
 #: probabilities at the ends of the ranges
@@ -287,8 +286,8 @@ class EnsemblePlan:
                 f"{written} replicas on each surface: with the scatter between surfaces, one on each of more "
                 "surfaces says more"
             )
-        every = {name: part for part in components_in(scene.parts) for name in part.outputs}
-        left = [name for name in every if f"{RECORDED}{name}" not in recorded_measures(scene)]
+        known = recorded_measures(scene)
+        left = [name for name in declared_outputs(scene) if f"{RECORDED}{name}" not in known]
         if left := [*left, *(observable.kind for observable in scene.observe if not observable.outputs)]:
             sentences.append(f"arrays that are recorded ({', '.join(left)}): an ensemble averages declared numbers")
         sentences.append("maps of heights and pressure are not kept: no mean over surfaces needs them")

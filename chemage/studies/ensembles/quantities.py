@@ -23,7 +23,7 @@ from chemage.contacts.solution import FLOW_MEASURES, MEASURES
 from chemage.foundation.checks import within
 from chemage.foundation.codec import from_json
 from chemage.foundation.errors import InputError, nearest
-from chemage.foundation.outputs import HOLD_TIME, RECORDED
+from chemage.foundation.outputs import HOLD_TIME, RECORDED, Output
 from chemage.foundation.quantities import ONE, Quantity
 from chemage.foundation.records import merged_approximations
 from chemage.foundation.statistics import student_limit, student_limits
@@ -77,11 +77,17 @@ class SurfaceSample:
         return cls(drop, numbers, plugins, approximate)
 
 
+def declared_outputs(scene: Scene) -> dict[str, Output]:
+    """What the components of a scene declare, and the options of plugins that it sets, for their hooks."""
+    parts = [*components_in(scene.parts), *scene.plugins.values()]
+    return {name: output for part in parts for name, output in part.outputs.items()}
+
+
 def recorded_measures(scene: Scene) -> dict[str, str]:
-    """Numbers and curves over hold times, of which the last value counts, that the components of a scene declare:
+    """The numbers among :func:`declared_outputs`, and the curves over hold times, of which the last value counts:
     quantity -> unit."""
-    outputs = {name: output for part in components_in(scene.parts) for name, output in part.outputs.items()}
-    return {f"{RECORDED}{name}": output.unit for name, output in outputs.items() if output.dims in ((), (HOLD_TIME,))}
+    numbers = {name: output for name, output in declared_outputs(scene).items() if output.dims in ((), (HOLD_TIME,))}
+    return {f"{RECORDED}{name}": output.unit for name, output in numbers.items()}
 
 
 def _recorded(observables: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
