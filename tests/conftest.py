@@ -52,6 +52,13 @@ def pytest_addoption(parser):
     parser.addoption("--random-order", type=int, metavar="SEED", help="files, and tests in each, in a random order")
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_cmdline_main(config):
+    # neighbours stay in one process, which computes and compiles once what they share
+    if getattr(config.option, "numprocesses", None) and config.option.dist == "no":
+        config.option.dist = "worksteal"
+
+
 def pytest_configure(config):
     if config.getoption("long"):
         settings.load_profile("chemage-long")
