@@ -24,7 +24,9 @@ def __getattr__(name: str) -> Any:
 
         warn(f"chemage.{name} is now chemage.plugin.{name}", DeprecationWarning, stacklevel=2)
         return names.load(name)
-    raise AttributeError(f"module 'chemage' has no attribute {name!r}")
+    from chemage.plugins.registry import named
+
+    return named(name)
 
 
 def __dir__() -> list[str]:

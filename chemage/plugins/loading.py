@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import inspect
 import os
 import sys
@@ -32,8 +31,8 @@ class PluginRecord:
     version: str
     module: str
     kinds: dict[str, dict[str, str]] = field(default_factory=dict)
-    scenes: dict[str, str] = field(default_factory=dict)
-    materials: dict[str, str] = field(default_factory=dict)
+    #: of what :data:`chemage.plugins.hooks.OFFERED` names: name -> target
+    offered: dict[str, dict[str, str]] = field(default_factory=dict)
     #: why it was skipped, in words; empty when it works
     error: str = ""
     #: the class, where it was registered by hand
@@ -233,11 +232,6 @@ def checked_class(cls: Any, role: type, kind: str, record: PluginRecord) -> Any:
         raise PluginError(f"{where}: the option {hidden[0]!r} has the name of a method of its role; rename it")
     check_signatures(cls, role, where)
     return cls
-
-
-def imported(target: str) -> Any:
-    module, _, name = target.partition(":")
-    return getattr(importlib.import_module(module), name)
 
 
 def scene_text(target: str) -> str:

@@ -132,6 +132,9 @@ def _users_stub() -> str:
     returned = {plugins.role(role).__name__ for role in factories}
     lines = [_HEAD, *_imports(USERS - set(factories.values()))]
     lines += [f"from chemage.{HOME[name]} import {name}\n" for name in sorted(returned)]
+    for name, target in sorted(plugins.offered("names").items()):
+        module, _, last = target.partition(":")
+        lines.append(f"from {module} import {last} as {name}\n")
     for role, factory in factories.items():
         base = plugins.role(role).__name__
         kinds = plugins.kinds(role)
