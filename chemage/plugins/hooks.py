@@ -70,7 +70,7 @@ def chemage_results() -> Mapping[str, str]:  # pyright: ignore[reportReturnType]
 
 @hookspec
 def chemage_names() -> Mapping[str, str]:  # pyright: ignore[reportReturnType]
-    """Offer names to users: ``{name: "module:object"}``; ``chemage.NAME`` is imported when it is first used."""
+    """Offer names of ``chemage`` to users: ``{name: "module:object"}``, each imported when it is first used."""
 
 
 @hookspec

@@ -77,6 +77,10 @@ def installed(group: str) -> list[metadata.EntryPoint]:
     return [point for one in distributions.values() for point in one.entry_points if point.group == group]
 
 
+def is_own(point: metadata.EntryPoint) -> bool:
+    return point.dist is not None and point.dist.name == "chemage"
+
+
 def selected(installed_points: Iterable[metadata.EntryPoint]) -> list[metadata.EntryPoint]:
     """The entry points that ``CHEMAGE_PLUGINS`` allows: names besides chemage's own, or ``-name`` to leave out."""
     points = list(installed_points)
@@ -90,8 +94,7 @@ def selected(installed_points: Iterable[metadata.EntryPoint]) -> list[metadata.E
         )
 
     def wanted(point: metadata.EntryPoint) -> bool:
-        own = point.dist is not None and point.dist.name == "chemage"
-        return point.name not in without and (own or not only or point.name in only)
+        return point.name not in without and (is_own(point) or not only or point.name in only)
 
     return [point for point in points if wanted(point)]
 

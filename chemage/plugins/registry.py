@@ -44,6 +44,7 @@ from chemage.plugins.loading import (
     clash,
     full_name,
     installed,
+    is_own,
     is_stage,
     scene_text,
     selected,
@@ -98,7 +99,7 @@ class Registry:
             self.add_room(importlib.import_module(name))
         points = selected(installed(GROUP)) if entry_points is None else entry_points
         # by name: the order never depends on the file system; pluggy asks those first that were registered last
-        for point in sorted(points, key=lambda p: (_is_own(p), p.name), reverse=True):
+        for point in sorted(points, key=lambda p: (is_own(p), p.name), reverse=True):
             self._load(point)
         self.records.sort(key=lambda record: (record.distribution != "chemage", record.name, record.distribution))
         for record in self.records:
@@ -433,13 +434,7 @@ class Registry:
         return cls
 
     def role(self, name: str) -> Any:
-        """The abstract class of a role.
-
-        Raises
-        ------
-        InputError
-            There is no such role.
-        """
+        """The abstract class of a role; InputError if there is none."""
         if name not in self.roles:
             raise InputError(f"no such role {name!r}; the roles are {', '.join(self.roles)}")
         return imported(self.roles[name])
@@ -466,7 +461,7 @@ class Registry:
         return self.offered("materials")
 
     def offered(self, what: str) -> dict[str, str]:
-        """All of one of :data:`chemage.plugins.hooks.OFFERED`: name -> target."""
+        """All that :data:`chemage.plugins.hooks.OFFERED` has under ``what``: name -> target."""
         return {name: target for record in self.records for name, target in record.offered.get(what, {}).items()}
 
     def _offering(self, what: str, name: str) -> list[PluginRecord]:
@@ -500,8 +495,7 @@ class Registry:
                     try:
                         read(target)
                     except Exception as error:
-                        one = hooks.OFFERED[what]
-                        problems.append(f"{one} {name!r} of plugin {record.name!r}: {target}: {error}")
+                        problems.append(f"{hooks.OFFERED[what]} {name!r} of plugin {record.name!r}: {target}: {error}")
         return problems
 
     def notes(self) -> list[str]:
@@ -536,10 +530,6 @@ def prefer_another(name: str) -> str:
     return f'write prefer = ["{name}"] below [plugins] in the scene, or set {context.PREFER}={name}'
 
 
-def _is_own(point: metadata.EntryPoint) -> bool:
-    return point.dist is not None and point.dist.name == "chemage"
-
-
 _current: Registry | None = None
 _discovery = threading.RLock()
 #: whether the thread that holds the lock is finding plugins
@@ -563,13 +553,7 @@ def current() -> Registry:
 
 
 def named(name: str) -> Any:
-    """What a plugin brings to ``chemage`` under this name.
-
-    Raises
-    ------
-    AttributeError
-        None does.
-    """
+    """What a plugin brings to ``chemage`` under this name; AttributeError if none does."""
     with _discovery:
         known = {} if _finding or name.startswith("_") else current().offered("names")
     if name not in known:

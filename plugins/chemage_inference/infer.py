@@ -169,7 +169,8 @@ def _check_chemistry(curves: Sequence[MeasuredCurve], scene: Scene, unknowns: Un
             theirs, ours = curve.chemistry.get(name), own.get(name)
             if curve.chemistry and theirs != ours:
                 raise InputError(
-                    f"{curve.name}: measured with {name} = {in_words.shown(theirs)}, scene {scene.name!r} has {in_words.shown(ours)}; "
+                    f"{curve.name}: measured with {name} = {in_words.shown(theirs)}, "
+                    f"scene {scene.name!r} has {in_words.shown(ours)}; "
                     "infer curves of different chemistries apart, each with its own scene"
                 )
 
