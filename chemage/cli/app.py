@@ -24,7 +24,11 @@ from chemage.plugins.context import PREFER, preference
 #: heading in the help -> its commands
 COMMANDS = {
     "Experiments": (
-        *(experiments.init, experiments.check, experiments.run, experiments.sweep, experiments.status),
+        experiments.init,
+        experiments.check,
+        experiments.run,
+        experiments.sweep,
+        experiments.status,
         experiments.tradeoff,
     ),
     "Results": (results.show, results.plot, results.compare, results.report, results.arrhenius, results.cite),

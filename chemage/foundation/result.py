@@ -398,9 +398,9 @@ class RecordDisplay(OfRecord[Record]):
 
 def _display_of(cls: type) -> Callable[[Any], Result] | None:
     """What shows objects of a class; the displays of a package are imported when one of its results is shown."""
-    if cls not in _DISPLAYS:
-        package = cls.__module__.rpartition(".")[0]
-        if hasattr(sys.modules.get(package), "__path__") and find_spec(f"{package}.display"):
+    for base in cls.__mro__:
+        package = base.__module__.rpartition(".")[0]
+        if base not in _DISPLAYS and hasattr(sys.modules.get(package), "__path__") and find_spec(f"{package}.display"):
             import_module(f"{package}.display")
     if cls not in _DISPLAYS:
         import_module(f"chemage.{PICTURES}")  # chemage's own kinds; what shows them is in rooms above this one

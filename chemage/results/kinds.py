@@ -7,8 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-# what shows a result is registered when its module is imported
-from chemage.contacts import display as _contacts  # noqa: F401
+# what shows an activation energy and an ageing curve is in rooms above them
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
 from chemage.foundation.result import Result, result_of
@@ -16,12 +15,8 @@ from chemage.results import arrhenius as _arrhenius  # noqa: F401
 from chemage.results.files import read
 from chemage.scene import display as _scene  # noqa: F401
 from chemage.scene.provenance import components_of
-from chemage.studies.ensembles import display as _ensembles  # noqa: F401
-from chemage.studies.sweeps import display as _sweeps  # noqa: F401
 from chemage.studies.sweeps.result import load_sweep
-from chemage.studies.trade import display as _trade  # noqa: F401
 from chemage.studies.trade.trade_map import TradeMap
-from chemage.surfaces import display as _surfaces  # noqa: F401
 
 
 def load(path: str | os.PathLike[str], *, maps: bool = True) -> Result:

@@ -7,14 +7,21 @@ from typing import TYPE_CHECKING, Any
 from chemage.plugin import hookimpl, lazy_attributes
 
 if TYPE_CHECKING:
-    from chemage_inference.curves import MeasuredCurve as MeasuredCurve
-    from chemage_inference.forecast import Forecast as Forecast
     from chemage_inference.result import Inference as Inference
 
 RESULTS = {
     "curve": "chemage_inference.curves:MeasuredCurve",
     "inference": "chemage_inference.result:Inference",
     "forecast": "chemage_inference.forecast:Forecast",
+}
+
+NAMES = {
+    "Forecast": "chemage_inference.forecast:Forecast",
+    "Inference": "chemage_inference.result:Inference",
+    "MeasuredCurve": "chemage_inference.curves:MeasuredCurve",
+    "UnexplainedError": "chemage_inference.result:UnexplainedError",
+    "infer": "chemage_inference.infer:infer",
+    "read_curves": "chemage_inference.curves:read_curves",
 }
 
 __getattr__ = lazy_attributes({"result": RESULTS})
@@ -29,9 +36,7 @@ def chemage_results() -> dict[str, str]:
 @hookimpl
 def chemage_names() -> dict[str, str]:
     """What users import from ``chemage``."""
-    functions = ("curves:read_curves", "infer:infer", "result:UnexplainedError")
-    targets = [*RESULTS.values(), *(f"chemage_inference.{target}" for target in functions)]
-    return {target.partition(":")[2]: target for target in targets}
+    return NAMES
 
 
 @hookimpl

@@ -396,9 +396,9 @@ def scene_of(scene: Scene | str | Path | Mapping[str, Any]) -> Scene:
     return parse_scene(scene) if isinstance(scene, Mapping) else load_scene(scene)
 
 
-_FORECASTS = [f"forecast_{number}" for number in range(1, MOST_FORECASTS + 1)]
 #: group of a file of ``chemage infer`` -> class
-_PARTS: dict[str, type[Record]] = {"inference": Inference, **dict.fromkeys(_FORECASTS, Forecast)}
+_PARTS: dict[str, type[Record]] = {f"forecast_{number}": Forecast for number in range(1, MOST_FORECASTS + 1)}
+_PARTS["inference"] = Inference
 
 
 @dataclass(frozen=True)
