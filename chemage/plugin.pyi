@@ -133,7 +133,6 @@ from chemage.surfaces.reading import reader_for as reader_for
 from chemage.foundation.outputs import record as record
 from chemage.plugins import registry as registry
 from chemage.foundation.files import regular_file as regular_file
-from chemage.foundation.result import result_of as result_of
 from chemage.surfaces import roughness as roughness
 from chemage.kinetics.role import run_kinetics as run_kinetics
 from chemage.friction.role import rupture_bonds as rupture_bonds

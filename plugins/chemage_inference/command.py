@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -323,7 +322,7 @@ def infer(
     seed: SeedOpt = 0,
     threads: options.ThreadsOpt = None,
     out: OutOpt = None,
-    figures: Annotated[bool, typer.Option(help="draw figures into the folder NAME-figures beside the result")] = True,
+    figures: options.FiguresOpt = True,
     as_json: options.JsonOpt = False,
     force: options.ForceOpt = False,
 ) -> None:
@@ -334,7 +333,8 @@ def infer(
     """
     progress.loading("loading chemage")
     from chemage import load_scene
-    from chemage.plugin import convert, result_of
+    from chemage.plugin import convert
+    from chemage_inference.display import InferenceDisplay
     from chemage_inference.result import UnexplainedError
 
     path = out or Path(f"{measured[0].stem}-inferred.h5")
@@ -351,8 +351,7 @@ def infer(
         "threads": threads,
     }
     there = load_scene(scene, options.changed_fields(changes))
-    output.protect_inputs(path, scene, there)
-    _protect(path, [*measured, *(Path(text) for text in planned or () if "=" not in text)])
+    output.protect_inputs(path, scene, there, *measured, *(text for text in planned or () if "=" not in text))
     share = None if relative_error is None else convert(relative_error, "", "--relative-error")
     curves = _curves(measured, load, temperature, share)
     if calibrate is not None:
@@ -367,7 +366,7 @@ def infer(
             output.say(f"residuals of the best fit: {_drawn_residuals(error, curves, path)}", file=sys.stderr)
         raise
     hint = f'use it   forming = {{ kind = "inferred", path = "{path}" }}'
-    output.answer(result_of(result), as_json, [hint], file=path, figures=pictures)
+    output.answer(InferenceDisplay(result), as_json, [hint], file=path, figures=pictures)
 
 
 #: arguments that a calibration has as well
@@ -388,12 +387,6 @@ def _calibrated(
         return
     columns = ("quantity", "uniform, p", *(f"inside {100 * level:.0f} %" for level in LEVELS))
     output.show_rows(f"{count} simulated truths, {found.refused} of them refused", columns, found.rows())
-
-
-def _protect(path: Path, inputs: Sequence[Path]) -> None:
-    for file in inputs:
-        if os.path.realpath(file) == os.path.realpath(path):
-            raise options.user_error(f"{path} is an input of this command; choose another --out")
 
 
 def _curves(
@@ -420,8 +413,8 @@ def _computed(
     force: bool,
 ) -> tuple[InferenceResult, list[Path]]:
     """Infer, forecast, rank, write and draw."""
-    from chemage.plugin import result_of
     from chemage_inference import infer as inferring
+    from chemage_inference.display import InferenceDisplay
 
     pictures: list[Path] = []
     with progress.progress_bars({"families": "fits"}) as report:
@@ -431,7 +424,7 @@ def _computed(
             result.write(path, force=force)
         if figures:
             with output.result_written(path), progress.reported(report, "drawing"):
-                pictures = output.drawn(result_of(result), path)
+                pictures = output.drawn(InferenceDisplay(result), path)
     return result, pictures
 
 

@@ -442,12 +442,10 @@ class InferenceResult:
         inference = parts.pop("inference", None)
         if inference is None:
             raise StoreError(f"{path} holds no inference; `chemage infer` makes such files")
-        try:
+        with container.decoding(path, "what was asked of the inference"):
             asked = json.loads(attributes.get("asked", "{}"))
             labels = asked.get("labels", [])
             experiments, target = tuple(asked.get("experiments", ())), str(asked.get("target", ""))
-        except (ValueError, TypeError, AttributeError, RecursionError) as error:
-            raise StoreError(f"{path}: what was asked of the inference cannot be read: {error}") from error
         labels += [f"forecast {number}" for number in range(len(labels) + 1, len(parts) + 1)]
         return cls(inference, dict(zip(labels, parts.values(), strict=False)), experiments, target)
 
