@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -383,7 +382,7 @@ def _calibrated(
     with progress.progress_bars() as report:
         found = calibrating(curves, scene, count=count, progress=report, **how)
     if as_json:
-        print(json.dumps(found.todict()))
+        output.say_json(found.todict())
         return
     columns = ("quantity", "uniform, p", *(f"inside {100 * level:.0f} %" for level in LEVELS))
     output.show_rows(f"{count} simulated truths, {found.refused} of them refused", columns, found.rows())
