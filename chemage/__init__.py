@@ -30,4 +30,6 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return __all__
+    from chemage.plugins.registry import current
+
+    return [*__all__, *current().offered("names")]
