@@ -24,8 +24,12 @@ def __getattr__(name: str) -> Any:
 
         warn(f"chemage.{name} is now chemage.plugin.{name}", DeprecationWarning, stacklevel=2)
         return names.load(name)
-    raise AttributeError(f"module 'chemage' has no attribute {name!r}")
+    from chemage.plugins.registry import named
+
+    return named(name)
 
 
 def __dir__() -> list[str]:
-    return __all__
+    from chemage.plugins.registry import current
+
+    return [*__all__, *current().offered("names")]

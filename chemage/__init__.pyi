@@ -9,9 +9,10 @@ from chemage.foundation.errors import ChemageError as ChemageError
 from chemage.lattices.chemistry import Chemistry as Chemistry
 from chemage.contacts.solution import ContactSolution as ContactSolution
 from chemage.studies.ensembles.ensemble import Ensemble as Ensemble
-from chemage.inference.result import Inference as Inference
+from chemage_inference.forecast import Forecast as Forecast
+from chemage_inference.result import Inference as Inference
 from chemage.foundation.errors import InputError as InputError
-from chemage.inference.curves import MeasuredCurve as MeasuredCurve
+from chemage_inference.curves import MeasuredCurve as MeasuredCurve
 from chemage.ageing.measurements import Measurements as Measurements
 from chemage.foundation.errors import PlanWarning as PlanWarning
 from chemage.lattices.lattice import ReactionLattice as ReactionLattice
@@ -19,6 +20,7 @@ from chemage.scene.run import Run as Run
 from chemage.scene.scene import Scene as Scene
 from chemage.surfaces.surface import Surface as Surface
 from chemage.studies.sweeps.result import SweepResult as SweepResult
+from chemage_inference.result import UnexplainedError as UnexplainedError
 from chemage.ageing.age import age as age
 from chemage.results.arrhenius import arrhenius as arrhenius
 from chemage.lattices.chemistry import chemistry as chemistry
@@ -29,7 +31,7 @@ from chemage.studies.ensembles.running import ensemble as ensemble
 from chemage.foundation import errors as errors
 from chemage.ageing.fitting import fit_aging as fit_aging
 from chemage.foundation.checks import hold_times as hold_times
-from chemage.inference.infer import infer as infer
+from chemage_inference.infer import infer as infer
 from chemage.scene.files import load_scene as load_scene
 from chemage.studies.sweeps.result import load_sweep as load_sweep
 from chemage.surfaces.role import make_surface as make_surface
@@ -40,7 +42,7 @@ from chemage import plugin as plugin
 from chemage.plugins.options import plugin_options as plugin_options
 from chemage.plugins.options import prefer_plugins as prefer_plugins
 from chemage.results.files import read as read
-from chemage.inference.curves import read_curves as read_curves
+from chemage_inference.curves import read_curves as read_curves
 from chemage.ageing.measurements import read_measurements as read_measurements
 from chemage.plugins.registry import register as register
 from chemage.scene.run import run as run

@@ -15,7 +15,9 @@ __all__ = sorted({*names.HOME, *names.MODULES} - names.USERS)  # pyright: ignore
 
 def __getattr__(name: str) -> Any:
     if name not in __all__:
-        raise AttributeError(f"module 'chemage.plugin' has no attribute {name!r}")
+        from chemage.plugins.registry import named
+
+        return named(name)
     value = globals()[name] = names.load(name)
     return value
 

@@ -16,7 +16,7 @@ from chemage.foundation.tables import Cells, ColumnTable, read_columns
 from chemage.foundation.units import QuantityLike, array_in
 
 #: name of a column -> other spellings
-COLUMNS = {
+MEASURED_COLUMNS = {
     "hold_time": "t|time|hold|holding time|contact time|waiting time|ageing time|aging time|t hold",
     "friction_drop": "F|ΔF|∆F|delta F|friction|friction force|friction rise",
     "friction_coefficient_drop": "mu|μ|µ|Δμ|∆μ|Δµ|∆µ|delta mu|friction coefficient|coefficient of friction|cof",
@@ -152,7 +152,7 @@ def read_table(
     InputError
         Naming the line and the column that is wrong, and the remedy.
     """
-    table = read_columns(source, COLUMNS, _EXAMPLE, _UNCLEAR)
+    table = read_columns(source, MEASURED_COLUMNS, _EXAMPLE, _UNCLEAR)
     stated: dict[str, float] = {} if load is None else {"load": force(load)}
     if temperature is not None:
         stated["temperature"] = temperature_value(temperature)

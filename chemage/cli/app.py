@@ -16,7 +16,7 @@ from typing import Annotated, Any
 import typer
 import typer.core
 
-from chemage.cli import experiments, inference, output, plugins, reference, results
+from chemage.cli import experiments, output, plugins, reference, results
 from chemage.foundation.memory import require_address_space
 from chemage.foundation.progress import LOGGER
 from chemage.plugins.context import PREFER, preference
@@ -24,8 +24,12 @@ from chemage.plugins.context import PREFER, preference
 #: heading in the help -> its commands
 COMMANDS = {
     "Experiments": (
-        *(experiments.init, experiments.check, experiments.run, experiments.sweep, experiments.status),
-        *(experiments.tradeoff, inference.infer),
+        experiments.init,
+        experiments.check,
+        experiments.run,
+        experiments.sweep,
+        experiments.status,
+        experiments.tradeoff,
     ),
     "Results": (results.show, results.plot, results.compare, results.report, results.arrhenius, results.cite),
     "Reference": (reference.materials, reference.schema, reference.warmup, reference.selftest),

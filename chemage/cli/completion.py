@@ -91,7 +91,7 @@ def _scene() -> Mapping[str, Any]:
         words = shlex.split(os.environ.get("_TYPER_COMPLETE_ARGS") or os.environ.get("COMP_WORDS") or "")
         name = next(word for word in words if word in plugins.scenes() or word.endswith(".toml"))
         if name in plugins.scenes():
-            return tomllib.loads(registry.scene_text(plugins.scene_target(name)))
+            return tomllib.loads(registry.scene_text(plugins.target("scenes", name)[1]))
         from chemage.foundation.files import described
 
         return tomllib.loads(described(Path(name)))

@@ -397,12 +397,12 @@ def save_picture(result: Result, file: Path, *, force: bool) -> None:
     save_figure(drawn_picture(picture), file, file.suffix.removeprefix(".").lower() or "png", force=force)
 
 
-def protect_inputs(path: Path, source: str, one: Scene) -> None:
-    """Refuse to overwrite the scene file, or a file that the scene reads, even with ``--force``."""
+def protect_inputs(path: Path, source: str, one: Scene, *further: Path | str) -> None:
+    """Refuse to overwrite the scene file, a file that the scene reads, or ``further`` ones, even with ``--force``."""
     read = [part["path"] for part in one.todict().values() if isinstance(part, dict) and "path" in part]
-    for name in (source, *read):
+    for name in (source, *read, *further):
         if "\0" not in str(name) and os.path.realpath(name) == os.path.realpath(path):
-            raise user_error(f"{path} is an input of this scene; choose another --out")
+            raise user_error(f"{path} is an input of this command; choose another --out")
 
 
 def preflight_result(path: Path, *, force: bool, figures: bool, size: float = 0) -> None:

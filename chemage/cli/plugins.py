@@ -9,7 +9,7 @@ import typer
 
 from chemage.cli import completion, output
 from chemage.cli.options import ForceOpt, JsonOpt, user_error
-from chemage.plugins.hooks import OFFERS
+from chemage.plugins.hooks import OFFERED, OFFERS
 
 if TYPE_CHECKING:
     from chemage.plugins.registry import PluginRecord, Registry
@@ -51,8 +51,8 @@ def plugins_list(as_json: JsonOpt = False) -> None:
         return
     lines = [(row["role"], row["kind"], row["plugin"], row["from"]) for row in rows]
     for record in plugins.records:
-        lines += [("scene", name, record.name, record.source) for name in record.scenes]
-        lines += [("material", name, record.name, record.source) for name in record.materials]
+        for what, targets in record.offered.items():
+            lines += [(OFFERED[what], name, record.name, record.source) for name in targets]
     for item in hooks:
         lines += [("hook", name, item["plugin"], item["from"]) for name in item["hooks"]]
     lines += [("options", f"[plugins.{name}]", name, plugins.source(name) or "") for name in options]

@@ -29,7 +29,7 @@ from zipfile import ZipFile
 import numpy as np
 
 from chemage.foundation import codec
-from chemage.foundation.errors import ChemageError, DamagedError, StoreError, shortened
+from chemage.foundation.errors import ChemageError, DamagedError, StoreError, imported, shortened
 from chemage.foundation.files import DEEPEST, LARGEST_DESCRIPTION, create, fresh_file, open_file, read_bytes
 from chemage.foundation.memory import capacity, readable
 from chemage.foundation.records import Named, Record
@@ -88,9 +88,10 @@ def write(
 
 
 def read(
-    path: str | os.PathLike[str], kinds: Mapping[str, type[Record]], *, links: bool = True
+    path: str | os.PathLike[str], kinds: Mapping[str, type[Record] | str], *, links: bool = True
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The records in a container whose names are among ``kinds``, and what they are about.
+    """The records in a container whose names are among ``kinds`` (classes, or ``"module:Class"`` of those that are
+    imported where a record is there), and what they are about.
 
     Without ``links``, a path that is one is refused.
 
@@ -111,9 +112,14 @@ def read(
             records = {}
             for name, kind in kinds.items():
                 if name in file:
+                    cls = _class(kind)
                     with decoding(source, name):
-                        records[name] = codec.read_group(file[name], kind)
+                        records[name] = codec.read_group(file[name], cls)
     return records, about
+
+
+def _class(kind: type[Record] | str) -> type[Record]:
+    return imported(kind) if isinstance(kind, str) else kind
 
 
 @contextmanager
@@ -356,7 +362,7 @@ def archive(parts: Mapping[str, Record], about: Mapping[str, Any] | None = None)
 
 
 def _read_archive(
-    stream: IO[bytes], path: Path, kinds: Mapping[str, type[Record]]
+    stream: IO[bytes], path: Path, kinds: Mapping[str, type[Record] | str]
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     if not _is_checked(stream, path):
         raise DamagedError(f"{path} is damaged: its checksum is missing; {_CUT}")
@@ -376,9 +382,10 @@ def _read_archive(
         records = {}
         for name, kind in kinds.items():
             if name in entries:
+                cls = _class(kind)
                 with decoding(path, name):
                     arrays = _arrays_in(array, list(lengths), prefix.format(name), entries[name]["sparse"])
-                    records[name] = codec.decode(kind, codec.inexact(entries[name]["values"]), arrays)
+                    records[name] = codec.decode(cls, codec.inexact(entries[name]["values"]), arrays)
     return records, codec.inexact(stored.get("about", {}))
 
 

@@ -20,6 +20,7 @@ from __future__ import annotations
 import importlib
 from collections.abc import Sequence
 from contextlib import suppress
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
 from chemage.foundation.limits import not_modelled
@@ -176,6 +177,21 @@ def optional_module(name: str, extra: str) -> Any:
         if error.name != name:
             raise
         raise MissingError(f"{name} is not installed; run: pip install 'chemage[{extra}]'") from None
+
+
+def imported(target: str, where: str = "") -> Any:
+    """The object that a plugin names as ``"module:object"``.
+
+    Raises
+    ------
+    PluginError
+        It cannot be imported; the message begins with ``where``.
+    """
+    try:
+        return resolve_name(target)
+    except Exception as error:
+        problem = f"{target} cannot be imported: {type(error).__name__}: {error}"
+        raise PluginError(f"{where}: {problem}" if where else problem) from error
 
 
 def explain(error: ValidationError) -> list[tuple[str, str]]:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from functools import cache, wraps
 from importlib import import_module
 from inspect import isgeneratorfunction, unwrap
+from pkgutil import resolve_name
 from types import FunctionType
 from typing import Any
 
@@ -19,7 +20,7 @@ _USERS = (
     "ageing_method "
     "age Aging fit_aging arrhenius Measurements read_measurements read write write_report compare_files "
     "Scene load_scene parse_scene material run Run sweep SweepResult load_sweep collect_sweep ensemble Ensemble "
-    "infer Inference MeasuredCurve read_curves ChemageError InputError PlanWarning errors "
+    "ChemageError InputError PlanWarning errors "
     "plugin_options prefer_plugins register unregister plugin testing"
 )
 USERS = frozenset(_USERS.split())
@@ -31,7 +32,7 @@ NAMES = {
     "ageing.fitting": "FIT_WINDOW Fit fit_aging",
     "foundation.checks": "hold_times Seed check_times checked_count checked_seed checked_states force "
     "temperature_value",
-    "ageing.measurements": "Measurements read_measurements read_table",
+    "ageing.measurements": "MEASURED_COLUMNS Measurements read_measurements read_table",
     "ageing.methods": "AgedBonds AgeingMethod AgeingRequest ageing_method",
     "ageing.observables": "Maps Observable Observed PlottedResult observable",
     "contacts.options": "ContactModulus contact_modulus",
@@ -43,27 +44,23 @@ NAMES = {
     "studies.ensembles.running": "ensemble",
     "scene.materials": "Material MaterialValue material",
     "scene.provenance": "versions",
-    "scene.run": "Run run",
+    "scene.run": "Run contact_of run surface_of",
     "scene.scene": "Scene",
     "scene.files": "load_scene override parse_scene scene_data",
     "foundation.kernels": "kernel",
     "foundation.machine": "cache_folder",
     "foundation.outputs": "Output record",
-    "foundation.quantities": "Curve ErrorPart Estimate Quantity",
-    "foundation.records": "content_hash file_hash",
+    "foundation.quantities": "Curve ErrorPart Estimate Quantity Rank",
+    "foundation.records": "Doubles Flags Indices Named Plain PositiveNumber Record content_hash file_hash",
     "foundation.components": "Component",
     "foundation.errors": "ChemageError ConvergenceError DamagedError ExecutorError InputError PlanWarning PluginError "
     "SceneError StoreError UnitError UnknownKindError WorkerLost nearest",
     "foundation.files": "FileStamp file_stamp fresh_file open_file preflight regular_file write_file",
-    "foundation.result": "Panel Picture Result Table displays",
+    "foundation.result": "Ageing OfRecord Panel Picture Result Table displays",
     "foundation.units": "EV_PER_GPA_NM3 Energy FilePath Force Frequency KB Length Pressure Temperature Time Unit "
     "Volume array_in convert",
     "friction.pulling": "Drive Partners PullHistory Pulling partners_of pull pulling",
     "friction.role": "Bonded Rupture RuptureForce rupture rupture_bonds",
-    "inference.curves": "MeasuredCurve read_curves",
-    "inference.forecast": "Forecast",
-    "inference.infer": "infer",
-    "inference.result": "Inference UnexplainedError",
     "kinetics.history": "BondHistory",
     "kinetics.role": "Engine engine run_kinetics",
     "lattices.chemistry": "Chemistry chemistry contact_statistics coordination barriers build_lattice interaction",
@@ -93,8 +90,10 @@ PICTURES = "results.kinds"
 #: public modules -> their full name
 MODULES = {
     "algebra": "foundation.algebra",
+    "completion": "cli.completion",
     "container": "foundation.container",
     "options": "cli.options",
+    "output": "cli.output",
     "memory": "foundation.memory",
     "progress": "foundation.progress",
     "statistics": "foundation.statistics",
@@ -116,11 +115,12 @@ MODULES = {
 
 
 @cache
-def load(name: str) -> Any:
-    """The object, or the module, with this public name; a function or class for which a wrong argument is one error."""
+def load(name: str, target: str = "") -> Any:
+    """The object, or the module, with this public name, or the ``target`` (``"module:object"``) of a plugin; a function
+    or class for which a wrong argument is one error."""
     if name in MODULES:
         return import_module(f"chemage.{MODULES[name]}")
-    value = getattr(import_module(f"chemage.{HOME[name]}"), name)
+    value = resolve_name(target or f"chemage.{HOME[name]}:{name}")
     if isinstance(value, FunctionType) or hasattr(value, "cache_info"):
         return _checked(name, value)
     if isinstance(value, type) and isinstance(vars(value).get("__init__"), FunctionType):
@@ -150,7 +150,7 @@ def _checked(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
                 raise StoreError(f"{shortened(error.filename)}: {error.strerror}") from error
             raise
 
-    checked.__module__ = "chemage" if name in USERS else "chemage.plugin"  # where pickle finds it
+    checked.__module__ = "chemage.plugin" if name in HOME and name not in USERS else "chemage"  # where pickle finds it
     return checked
 
 

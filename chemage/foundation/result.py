@@ -7,6 +7,7 @@ kind of result is a subclass; where the numbers are in a class of their own, :fu
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib import import_module
@@ -27,6 +28,8 @@ from chemage.foundation.records import Record, approximations_in_words
 from chemage.foundation.text import html_table, jsonable, with_article
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -282,6 +285,10 @@ class Result:
         """What others are held against; nothing without ageing."""
         return Ageing()
 
+    def completed(self, path: Path) -> Result:
+        """The same with all that its file holds, where that is more than what :func:`chemage.read` gives."""
+        return self
+
     def draw(self, axes: Axes, medium: Medium = FILE) -> None:
         """Draw its main plot: the first panel of the first picture; a kind may have options for it."""
         panels = [panel for picture in self.pictures().values() for panel in picture.panels]
@@ -390,11 +397,11 @@ class RecordDisplay(OfRecord[Record]):
 
 
 def _display_of(cls: type) -> Callable[[Any], Result] | None:
-    """What shows objects of a class; a room's displays are imported when one of its results is shown."""
-    if cls not in _DISPLAYS:
-        room = cls.__module__.rpartition(".")[0]
-        if f"{room}.".startswith("chemage.") and find_spec(f"{room}.display"):
-            import_module(f"{room}.display")
+    """What shows objects of a class; the displays of a package are imported when one of its results is shown."""
+    for base in cls.__mro__:
+        package = base.__module__.rpartition(".")[0]
+        if base not in _DISPLAYS and hasattr(sys.modules.get(package), "__path__") and find_spec(f"{package}.display"):
+            import_module(f"{package}.display")
     if cls not in _DISPLAYS:
         import_module(f"chemage.{PICTURES}")  # chemage's own kinds; what shows them is in rooms above this one
     return next((_DISPLAYS[base] for base in cls.__mro__ if base in _DISPLAYS), None)

@@ -28,8 +28,10 @@ API_VERSION = 1
 #: versions whose modules are still loaded
 SUPPORTED_API_VERSIONS = (1,)
 
+#: what a plugin may offer besides components, each by a hook, as name -> target: in the plural, and one of it
+OFFERED = {"scenes": "scene", "materials": "material", "results": "result", "names": "name"}
 #: hooks that are called once, at discovery, by which a plugin offers what it has
-OFFERS = ("chemage_register", "chemage_scenes", "chemage_materials")
+OFFERS = ("chemage_register", *(f"chemage_{what}" for what in OFFERED))
 
 hookspec = pluggy.HookspecMarker("chemage")
 hookimpl = pluggy.HookimplMarker("chemage")
@@ -55,6 +57,20 @@ def chemage_register() -> Mapping[str, Mapping[str, str]]:  # pyright: ignore[re
 
     Strings, so that discovery imports nothing heavy; the class is imported when the kind is first used.
     """
+
+
+@hookspec
+def chemage_results() -> Mapping[str, str]:  # pyright: ignore[reportReturnType]
+    """Offer kinds of results: ``{group of a file: "module:Class"}``, a :class:`chemage.plugin.Record` each.
+
+    ``chemage.write`` and ``chemage.read`` then know them. The module ``display`` beside that of the class says how they
+    are shown (:func:`chemage.plugin.displays`); it is imported when one of them is.
+    """
+
+
+@hookspec
+def chemage_names() -> Mapping[str, str]:  # pyright: ignore[reportReturnType]
+    """Offer names of ``chemage`` to users: ``{name: "module:object"}``, each imported when it is first used."""
 
 
 @hookspec

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import inspect
 import os
 import sys
@@ -32,8 +31,8 @@ class PluginRecord:
     version: str
     module: str
     kinds: dict[str, dict[str, str]] = field(default_factory=dict)
-    scenes: dict[str, str] = field(default_factory=dict)
-    materials: dict[str, str] = field(default_factory=dict)
+    #: of what :data:`chemage.plugins.hooks.OFFERED` names: name -> target
+    offered: dict[str, dict[str, str]] = field(default_factory=dict)
     #: why it was skipped, in words; empty when it works
     error: str = ""
     #: the class, where it was registered by hand
@@ -78,6 +77,10 @@ def installed(group: str) -> list[metadata.EntryPoint]:
     return [point for one in distributions.values() for point in one.entry_points if point.group == group]
 
 
+def is_own(point: metadata.EntryPoint) -> bool:
+    return point.dist is not None and point.dist.name == "chemage"
+
+
 def selected(installed_points: Iterable[metadata.EntryPoint]) -> list[metadata.EntryPoint]:
     """The entry points that ``CHEMAGE_PLUGINS`` allows: names besides chemage's own, or ``-name`` to leave out."""
     points = list(installed_points)
@@ -91,8 +94,7 @@ def selected(installed_points: Iterable[metadata.EntryPoint]) -> list[metadata.E
         )
 
     def wanted(point: metadata.EntryPoint) -> bool:
-        own = point.dist is not None and point.dist.name == "chemage"
-        return point.name not in without and (own or not only or point.name in only)
+        return point.name not in without and (is_own(point) or not only or point.name in only)
 
     return [point for point in points if wanted(point)]
 
@@ -233,11 +235,6 @@ def checked_class(cls: Any, role: type, kind: str, record: PluginRecord) -> Any:
         raise PluginError(f"{where}: the option {hidden[0]!r} has the name of a method of its role; rename it")
     check_signatures(cls, role, where)
     return cls
-
-
-def imported(target: str) -> Any:
-    module, _, name = target.partition(":")
-    return getattr(importlib.import_module(module), name)
 
 
 def scene_text(target: str) -> str:

@@ -21,9 +21,11 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from importlib import metadata
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from chemage.foundation.errors import InputError, PluginError, UnknownKindError
+from chemage.foundation import names
+from chemage.foundation.errors import InputError, PluginError, UnknownKindError, imported
 from chemage.plugins import context, hooks
 from chemage.plugins.context import Plugins, record_participation, taking_part
 from chemage.plugins.hooks import Stage, in_order
@@ -41,8 +43,8 @@ from chemage.plugins.loading import (
     checked_targets,
     clash,
     full_name,
-    imported,
     installed,
+    is_own,
     is_stage,
     scene_text,
     selected,
@@ -97,7 +99,7 @@ class Registry:
             self.add_room(importlib.import_module(name))
         points = selected(installed(GROUP)) if entry_points is None else entry_points
         # by name: the order never depends on the file system; pluggy asks those first that were registered last
-        for point in sorted(points, key=lambda p: (_is_own(p), p.name), reverse=True):
+        for point in sorted(points, key=lambda p: (is_own(p), p.name), reverse=True):
             self._load(point)
         self.records.sort(key=lambda record: (record.distribution != "chemage", record.name, record.distribution))
         for record in self.records:
@@ -203,15 +205,13 @@ class Registry:
             for hook in self.manager.get_hookcallers(plugin) or ():
                 if hook.name == "chemage_register":
                     record.kinds = checked_kinds(called(hook, plugin), {**self.roles, **roles})
-                elif hook.name == "chemage_scenes":
-                    record.scenes = checked_targets("chemage_scenes", called(hook, plugin))
-                elif hook.name == "chemage_materials":
-                    record.materials = checked_targets("chemage_materials", called(hook, plugin))
+                elif (what := hook.name.removeprefix("chemage_")) in hooks.OFFERED:
+                    record.offered[what] = checked_targets(hook.name, called(hook, plugin))
         except (Exception, SystemExit):
             # older pluggy keeps the hooks that come before the one at fault
             if self.manager.is_registered(plugin):
                 self.manager.unregister(plugin)
-            record.kinds, record.scenes, record.materials, record.options = {}, {}, {}, ""
+            record.kinds, record.offered, record.options = {}, {}, ""
             raise
         if stages or roles:
             self.add_room(plugin)
@@ -365,12 +365,7 @@ class Registry:
             problem = f"was skipped: {record.error}" if record.error else f"has no options{hint}"
             raise InputError(f"plugin {name!r} {problem}")
         where = f"the options of plugin {record.name!r} ({record.source})"
-        try:
-            cls = imported(record.options)
-        except Exception as error:
-            raise PluginError(
-                f"{where}: {record.options} cannot be imported: {type(error).__name__}: {error}"
-            ) from error
+        cls = imported(record.options, where)
         # known by its methods, because the module of the base imports this one
         if not (isinstance(cls, type) and hasattr(cls, "changed") and hasattr(cls, "current")):
             raise PluginError(f"{where}: {record.options} is not a chemage.plugin.PluginOptions")
@@ -403,14 +398,12 @@ class Registry:
 
     def clashes(self) -> list[str]:
         """A sentence for each kind, scene and name of a plugin that is claimed more than once."""
-        kinds = [(role, kind, self.offers(role, kind)) for role in self.roles for kind in self.kinds(role)]
-        scenes = [("scene", name, [each for each in self.records if name in each.scenes]) for name in self.scenes()]
-        materials = [
-            ("material", name, [each for each in self.records if name in each.materials]) for name in self.materials()
-        ]
+        claims = [(role, kind, self.offers(role, kind)) for role in self.roles for kind in self.kinds(role)]
+        for what, one in hooks.OFFERED.items():
+            claims += [(one, name, self._offering(what, name)) for name in self.offered(what)]
         called = {record.name: [each for each in self.records if each.name == record.name] for record in self.records}
-        names = [("the name", name, records) for name, records in called.items()]
-        return [clash(*claimed) for claimed in (*kinds, *scenes, *materials, *names) if len(claimed[2]) > 1]
+        claims += [("the name", name, records) for name, records in called.items()]
+        return [clash(*claim) for claim in claims if len(claim[2]) > 1]
 
     def component(self, role: str, kind: str) -> Any:
         """The class behind ``kind``.
@@ -441,13 +434,7 @@ class Registry:
         return cls
 
     def role(self, name: str) -> Any:
-        """The abstract class of a role.
-
-        Raises
-        ------
-        InputError
-            There is no such role.
-        """
+        """The abstract class of a role; InputError if there is none."""
         if name not in self.roles:
             raise InputError(f"no such role {name!r}; the roles are {', '.join(self.roles)}")
         return imported(self.roles[name])
@@ -467,25 +454,25 @@ class Registry:
 
     def scenes(self) -> dict[str, str]:
         """Installed scenes: name -> ``"package:file"``."""
-        return {name: target for record in self.records for name, target in record.scenes.items()}
-
-    def scene_target(self, name: str) -> str:
-        """Where the scene ``name`` is; two plugins that ship one name are an error."""
-        holders = [record for record in self.records if name in record.scenes]
-        if len(holders) > 1:
-            raise PluginError(clash("scene", name, holders))
-        return holders[0].scenes[name]
+        return self.offered("scenes")
 
     def materials(self) -> dict[str, str]:
         """Installed materials: name -> ``"package:file"``."""
-        return {name: target for record in self.records for name, target in record.materials.items()}
+        return self.offered("materials")
 
-    def material_target(self, name: str) -> tuple[PluginRecord, str]:
-        """The plugin that ships the material ``name``, and where it is; two such plugins are an error."""
-        holders = [record for record in self.records if name in record.materials]
+    def offered(self, what: str) -> dict[str, str]:
+        """All that :data:`chemage.plugins.hooks.OFFERED` has under ``what``: name -> target."""
+        return {name: target for record in self.records for name, target in record.offered.get(what, {}).items()}
+
+    def _offering(self, what: str, name: str) -> list[PluginRecord]:
+        return [record for record in self.records if name in record.offered.get(what, {})]
+
+    def target(self, what: str, name: str) -> tuple[PluginRecord, str]:
+        """The plugin that offers ``name``, and its target; two such plugins are an error."""
+        holders = self._offering(what, name)
         if len(holders) > 1:
-            raise PluginError(clash("material", name, holders))
-        return holders[0], holders[0].materials[name]
+            raise PluginError(clash(hooks.OFFERED[what], name, holders))
+        return holders[0], holders[0].offered[what][name]
 
     def check(self) -> list[str]:
         """Everything that is wrong, a sentence each: broken plugins, clashes, what cannot be imported or called."""
@@ -503,11 +490,12 @@ class Registry:
                         self._import(role, kind, record)
                     except PluginError as error:
                         problems.append(str(error))
-            for name, target in record.scenes.items():
-                try:
-                    scene_text(target)
-                except Exception as error:
-                    problems.append(f"scene {name!r} of plugin {record.name!r}: {target}: {error}")
+            for what, read in (("scenes", scene_text), ("results", resolve_name), ("names", resolve_name)):
+                for name, target in record.offered.get(what, {}).items():
+                    try:
+                        read(target)
+                    except Exception as error:
+                        problems.append(f"{hooks.OFFERED[what]} {name!r} of plugin {record.name!r}: {target}: {error}")
         return problems
 
     def notes(self) -> list[str]:
@@ -533,12 +521,7 @@ class Registry:
     def _import(self, role: str, kind: str, record: PluginRecord) -> Any:
         if record.component is not None:
             return record.component
-        target = record.kinds[role][kind]
-        try:
-            cls = imported(target)
-        except Exception as error:
-            where = f"{role} {kind!r} of plugin {record.name!r} ({record.source})"
-            raise PluginError(f"{where}: {target} cannot be imported: {type(error).__name__}: {error}") from error
+        cls = imported(record.kinds[role][kind], f"{role} {kind!r} of plugin {record.name!r} ({record.source})")
         return checked_class(cls, self.role(role), kind, record)
 
 
@@ -547,22 +530,35 @@ def prefer_another(name: str) -> str:
     return f'write prefer = ["{name}"] below [plugins] in the scene, or set {context.PREFER}={name}'
 
 
-def _is_own(point: metadata.EntryPoint) -> bool:
-    return point.dist is not None and point.dist.name == "chemage"
-
-
 _current: Registry | None = None
-_discovery = threading.Lock()
+_discovery = threading.RLock()
+#: whether the thread that holds the lock is finding plugins
+_finding = False
 
 
 def current() -> Registry:
     """The registry in use; plugins are discovered on the first call."""
-    global _current
+    global _current, _finding
     if _current is None:
         with _discovery:
+            if _finding:
+                raise PluginError("a plugin asks for other plugins while it is imported; do so inside a function")
             if _current is None:
-                _current = Registry()
+                _finding = True
+                try:
+                    _current = Registry()
+                finally:
+                    _finding = False
     return _current
+
+
+def named(name: str) -> Any:
+    """What a plugin brings to ``chemage`` under this name; AttributeError if none does."""
+    with _discovery:
+        known = {} if _finding or name.startswith("_") else current().offered("names")
+    if name not in known:
+        raise AttributeError(f"module 'chemage' has no attribute {name!r}")
+    return names.load(name, current().target("names", name)[1])
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""Results on disk, one container each; maps of them in parts; an inference with its forecasts.
+"""Results on disk, one container each; maps of them in parts.
 
 Each object is a group (``surface``, ``contact``, ``lattice``, ``history``, ``aging``), so that
 ``xarray.open_dataset(path, group="aging")`` reads it. The root holds what the run was: scene, keys, versions, timings.
@@ -6,7 +6,6 @@ Each object is a group (``surface``, ``contact``, ``lattice``, ``history``, ``ag
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -16,40 +15,32 @@ from typing import Any
 import numpy as np
 
 from chemage.ageing.aging import Aging, derived
-from chemage.contacts.solution import ContactSolution, ContactStatistics
 from chemage.foundation import container
 from chemage.foundation.codec import Derived
 from chemage.foundation.errors import InputError, StoreError
-from chemage.foundation.records import Record
 from chemage.foundation.text import with_article
-from chemage.inference.curves import MeasuredCurve
-from chemage.inference.forecast import Forecast
-from chemage.inference.result import MOST_FORECASTS, Inference, InferenceResult
-from chemage.kinetics.history import BondHistory
-from chemage.lattices.lattice import ReactionLattice
+from chemage.plugins import registry
 from chemage.scene.run import Run
-from chemage.studies.ensembles.ensemble import Ensemble
 from chemage.surfaces.reading import reader_for
-from chemage.surfaces.surface import Surface
 
-GROUPS: dict[str, type[Record]] = {
-    "surface": Surface,
-    "contact": ContactSolution,
-    "statistics": ContactStatistics,
-    "lattice": ReactionLattice,
-    "history": BondHistory,
-    "aging": Aging,
-    "ensemble": Ensemble,
-    "curve": MeasuredCurve,
-    "inference": Inference,
-    "forecast": Forecast,
+#: group of a file -> the class of its record; those of plugins come from the hook ``chemage_results``
+GROUPS = {
+    "surface": "chemage.surfaces.surface:Surface",
+    "contact": "chemage.contacts.solution:ContactSolution",
+    "statistics": "chemage.contacts.solution:ContactStatistics",
+    "lattice": "chemage.lattices.lattice:ReactionLattice",
+    "history": "chemage.kinetics.history:BondHistory",
+    "aging": "chemage.ageing.aging:Aging",
+    "ensemble": "chemage.studies.ensembles.ensemble:Ensemble",
 }
-_FORECASTS = [f"forecast_{number}" for number in range(1, MOST_FORECASTS + 1)]
-_OF_INFERENCE: dict[str, type[Record]] = {"inference": Inference, **dict.fromkeys(_FORECASTS, Forecast)}
 #: the maps that a file may hold
 MAPS = ("surface/heights", "contact/pressure", "contact/gap")
 #: rows of a map that are read at once
 _ROWS = 512
+
+
+def _groups() -> dict[str, str]:
+    return registry.current().offered("results") | GROUPS
 
 
 def write(path: str | os.PathLike[str], result: Any, *, force: bool = False) -> None:
@@ -68,10 +59,12 @@ def write(path: str | os.PathLike[str], result: Any, *, force: bool = False) -> 
         if result.aging is not None:
             more["aging"] = derived(result.aging, result.window)
     else:
-        names = [name for name, cls in GROUPS.items() if type(result) is cls]
+        cls = type(result)
+        target = f"{cls.__module__}:{cls.__qualname__}"
+        names = [name for name, known in _groups().items() if known == target]
         if not names:
             raise InputError(
-                f"cannot store {with_article(type(result).__name__)}; give a chemage object such as an Aging, or a Run"
+                f"cannot store {with_article(cls.__name__)}; give a chemage object such as an Aging, or a Run"
             )
         parts, attributes = {names[0]: result}, {}
         if isinstance(result, Aging):
@@ -93,7 +86,9 @@ def read(path: str | os.PathLike[str], *, maps: bool = True) -> Any:
     source = Path(path)
     if not container.is_ours(source):
         return reader_for(source).read(source)
-    groups = GROUPS if maps else {name: cls for name, cls in GROUPS.items() if name != "surface"}
+    groups = _groups()
+    if not maps:
+        del groups["surface"]
     parts, attributes = container.read(source, groups)
     if "scene" in attributes:
         try:
@@ -186,40 +181,3 @@ def open_maps(path: str | os.PathLike[str]) -> Iterator[Mapping[str, StoredMap]]
         if not stored:
             raise StoreError(f"{source} holds no map; `chemage run` writes files with maps")
         yield stored
-
-
-# -- inference --------------------------------------------------------------------------------------------------------
-
-
-def write_inference(path: str | os.PathLike[str], result: InferenceResult, *, force: bool = False) -> None:
-    """Write an inference with its forecasts and planned measurements.
-
-    Raises
-    ------
-    StoreError
-        ``path`` exists (unless ``force``), or cannot be written; nothing is left behind.
-    """
-    asked = {"labels": list(result.forecasts), "experiments": list(result.experiments), "target": result.target}
-    container.write(path, result.parts(), {"asked": json.dumps(asked)}, force=force)
-
-
-def read_inference(path: str | os.PathLike[str]) -> InferenceResult:
-    """The inverse of :func:`write_inference`; of a file with an inference alone, that.
-
-    Raises
-    ------
-    StoreError
-        The file is missing, damaged, or holds no inference.
-    """
-    parts, attributes = container.read(path, _OF_INFERENCE)
-    inference = parts.pop("inference", None)
-    if inference is None:
-        raise StoreError(f"{path} holds no inference; `chemage infer` makes such files")
-    try:
-        asked = json.loads(attributes.get("asked", "{}"))
-        labels = asked.get("labels", [])
-        experiments, target = tuple(asked.get("experiments", ())), str(asked.get("target", ""))
-    except (ValueError, TypeError, AttributeError, RecursionError) as error:
-        raise StoreError(f"{path}: what was asked of the inference cannot be read: {error}") from error
-    labels += [f"forecast {number}" for number in range(len(labels) + 1, len(parts) + 1)]
-    return InferenceResult(inference, dict(zip(labels, parts.values(), strict=False)), experiments, target)

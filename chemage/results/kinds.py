@@ -7,26 +7,16 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-# what shows a result is registered when its module is imported
-from chemage.contacts import display as _contacts  # noqa: F401
+# what shows an activation energy and an ageing curve is in rooms above them
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
 from chemage.foundation.result import Result, result_of
-from chemage.inference import display as _inference  # noqa: F401
-from chemage.inference.result import Inference
 from chemage.results import arrhenius as _arrhenius  # noqa: F401
-from chemage.results.files import read, read_inference
+from chemage.results.files import read
 from chemage.scene import display as _scene  # noqa: F401
 from chemage.scene.provenance import components_of
-from chemage.studies.ensembles import display as _ensembles  # noqa: F401
-from chemage.studies.sweeps import display as _sweeps  # noqa: F401
 from chemage.studies.sweeps.result import load_sweep
-from chemage.studies.trade import display as _trade  # noqa: F401
 from chemage.studies.trade.trade_map import TradeMap
-from chemage.surfaces import display as _surfaces  # noqa: F401
-
-#: class of what :func:`chemage.read` gives -> what reads all that its file holds
-_WITH_MORE = {Inference: read_inference}
 
 
 def load(path: str | os.PathLike[str], *, maps: bool = True) -> Result:
@@ -51,8 +41,7 @@ def load(path: str | os.PathLike[str], *, maps: bool = True) -> Result:
         return result_of(load_sweep(source))
     if source.suffix.lower() == ".json" and source.is_file():
         return result_of(TradeMap.read(source))
-    thing = read(source, maps=maps)
-    return result_of(_WITH_MORE[type(thing)](source) if type(thing) in _WITH_MORE else thing)
+    return result_of(read(source, maps=maps)).completed(source)
 
 
 def is_point(path: Path) -> bool:

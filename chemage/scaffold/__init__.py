@@ -121,8 +121,10 @@ def stubs() -> dict[str, str]:
 
 
 def _imports(names: Iterable[str]) -> Iterable[str]:
+    brought = registry.current().offered("names")
     for name in sorted(names):
-        module, _, last = f"chemage.{MODULES[name] if name in MODULES else f'{HOME[name]}.{name}'}".rpartition(".")
+        own = f"chemage.{MODULES.get(name) or f'{HOME.get(name)}.{name}'}"
+        module, _, last = brought.get(name, own).replace(":", ".").rpartition(".")
         yield f"from {module} import {last} as {name}\n"
 
 
@@ -130,7 +132,7 @@ def _users_stub() -> str:
     plugins = registry.current()
     factories = {role: name for role in plugins.roles if (name := FACTORIES.get(role, role)) in HOME}
     returned = {plugins.role(role).__name__ for role in factories}
-    lines = [_HEAD, *_imports(USERS - set(factories.values()))]
+    lines = [_HEAD, *_imports({*USERS, *plugins.offered("names")} - set(factories.values()))]
     lines += [f"from chemage.{HOME[name]} import {name}\n" for name in sorted(returned)]
     for role, factory in factories.items():
         base = plugins.role(role).__name__

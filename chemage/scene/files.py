@@ -250,7 +250,7 @@ _UNTITLED = {"name", "title", "seed", "replicas", "ensemble", "accuracy"}
 
 def installed_text(name: str) -> str:
     """The text of an installed scene."""
-    target = registry.current().scene_target(name)
+    target = registry.current().target("scenes", name)[1]
     try:
         return registry.scene_text(target)
     except Exception as error:  # whatever importing another's package raises

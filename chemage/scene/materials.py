@@ -149,7 +149,7 @@ def material(name: str) -> Material:
     if not isinstance(name, str) or name not in targets:
         installed = f"installed: {', '.join(sorted(targets)) or 'none'}"
         raise UnknownKindError(f"no material {shown(name)}{nearest(str(name)[:200], list(targets))}; {installed}")
-    record, target = plugins.material_target(name)
+    record, target = plugins.target("materials", name)
     where = f"material {name!r} of plugin {record.name!r} ({record.source}): {target}"
     try:
         data = tomllib.loads(registry.scene_text(target))

@@ -32,11 +32,14 @@ from chemage.cli import app as command_line
 from chemage.foundation.checks import meanings
 from chemage.foundation.names import HOME, USERS, load
 from chemage.foundation.records import Record
+from chemage.plugins import registry
 from chemage.testing.checks import CHECKS, LAST, Check
 
 sys.path.insert(0, str(Path(__file__).parent))
 from notebooks import markdown
 
+#: names of chemage that its plugins bring -> "module:object"
+BROUGHT = registry.current().offered("names")
 #: folder of the site -> the pages and pictures of a package beside chemage
 PACKAGES = {"paper": "plugins/chemage_li2018/docs"}
 ROOT = Path(__file__).parents[2]
@@ -108,16 +111,16 @@ def on_page_content(html: str, **_: Any) -> str:
 
 def names() -> tuple[list[str], Callable[[str], str]]:
     """The public names, and the Markdown of one."""
-    offered = {*chemage.__all__, *chemage.plugin.__all__} - {"__version__", "plugin"}
+    offered = {*chemage.__all__, *chemage.plugin.__all__, *BROUGHT} - {"__version__", "plugin"}
     return sorted(offered), _name
 
 
 def _place(name: str) -> str:
-    return f"chemage.{name}" if name in USERS else f"chemage.plugin.{name}"
+    return f"chemage.{name}" if name in {*USERS, *BROUGHT} else f"chemage.plugin.{name}"
 
 
 def _name(name: str) -> str:
-    thing = load(name)
+    thing = load(name, BROUGHT.get(name, ""))
     if inspect.ismodule(thing):
         return _module(name, thing)
     if inspect.isclass(thing) or inspect.isfunction(thing):

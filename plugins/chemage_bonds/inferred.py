@@ -9,9 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from pydantic import Field
 
-from chemage import Inference, InputError, read
+from chemage import InputError, read
 from chemage.plugin import Barriers, FilePath, FileStamp, file_hash, file_stamp
 from chemage_bonds.distributions import PiecewiseLinearDensity, doubles
+from chemage_inference import Inference
 
 #: eV above the last energy, and width of the range, where barriers lie that do not react within the measured times
 _GAP, _WIDTH = 0.5, 0.1

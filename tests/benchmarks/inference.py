@@ -233,10 +233,10 @@ def peaks(kept: Kept, first: int, cases: int) -> None:
 
 def _oracle(found: ca.Inference, forming: ca.plugin.Barriers) -> float:
     """Least distance to the truth of non-negative densities of least χ² + λ ∫ p''², λ chosen by the truth."""
-    from chemage.inference.energies import EnergyGrid
-    from chemage.inference.families import smooth_fit
-    from chemage.inference.forward import Contacts, make_condition
-    from chemage.inference.problem import Linear
+    from chemage_inference.energies import EnergyGrid
+    from chemage_inference.families import smooth_fit
+    from chemage_inference.forward import Contacts, make_condition
+    from chemage_inference.problem import Linear
 
     energies, step = found.energies, float(found.energies[1] - found.energies[0])
     grid = EnergyGrid(float(energies[0]), step, energies.size)
@@ -561,7 +561,7 @@ def linear(kept: Kept, first: int) -> None:
 
 def calibration(kept: Kept, first: int, cases: int) -> None:
     """Simulation-based calibration of three scenes and plans: a tip, a tip at two temperatures, a rough surface."""
-    from chemage.inference.calibrate import calibrate
+    from chemage_inference.calibrate import calibrate
 
     def plan(load: float, kelvin: float, times: np.ndarray, scale: float) -> ca.MeasuredCurve:
         values = scale * np.linspace(0.1, 1, times.size)

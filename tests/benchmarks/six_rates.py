@@ -12,10 +12,10 @@ import sys
 import numpy as np
 
 import chemage as ca
-from chemage.inference.energies import energy_grid
-from chemage.inference.forward import make_condition
-from chemage.inference.problem import Prior
 from chemage.plugin import KB, figures
+from chemage_inference.energies import energy_grid
+from chemage_inference.forward import make_condition
+from chemage_inference.problem import Prior
 
 SLOPES, VOLUMES = (0.05, 0.1, 0.2), (6.4e-3, 0.0)
 TIMES = np.geomspace(10, 1e4, 13)

@@ -114,8 +114,8 @@ def no_computing(monkeypatch):
         ("folder/y", ["--out", "folder", "--force"], "folder is a folder"),
         ("y", ["--out", "."], ". is a folder"),
         ("y", ["--out", "missing/x.h5"], "the folder missing does not exist"),
-        ("y", ["--out", "small.toml", "--force"], "small.toml is an input of this scene"),
-        ("y", ["--out", "./../here/small.toml", "--force"], "is an input of this scene"),
+        ("y", ["--out", "small.toml", "--force"], "small.toml is an input of this command"),
+        ("y", ["--out", "./../here/small.toml", "--force"], "is an input of this command"),
         ("y", ["--out", "/dev/null", "--force"], "/dev/null is a device or a pipe"),
         ("y", ["--out", "n" * 300 + ".h5"], "File name too long"),
     ],
@@ -152,7 +152,7 @@ def test_a_file_the_scene_reads_is_never_its_output(command, small):
     )
     done = command("run", small, "--force")
     assert done.status == 2
-    assert "rough.h5 is an input of this scene" in done.err
+    assert "rough.h5 is an input of this command" in done.err
     assert heights.read_bytes() == b"a week of measurements"
 
 

@@ -17,6 +17,7 @@ DOCS = ROOT / "docs"
 NAMES = {
     **{name: ca for name in ca.__all__ if name not in ("__version__", "plugin")},
     **dict.fromkeys(ca.plugin.__all__, ca.plugin),
+    **dict.fromkeys(ca.plugin.registry.current().offered("names"), ca),
 }
 SITE = runpy.run_path(str(DOCS / "site" / "generate.py"))
 #: the public names that the reference can show, and what shows one

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from chemage.foundation import names
+from chemage.plugin import registry
 
 ROOT = Path(__file__).parents[2]
 FOLDERS = ("chemage", "plugins", "tests", "docs")
@@ -37,8 +38,9 @@ def module_of(path: Path) -> str:
 
 
 MODULES = {module_of(path): path for path in SOURCES if path.relative_to(ROOT).parts[0] in FOLDERS[:2]}
-#: public names of chemage itself -> where they are
+#: public names -> where they are
 PUBLIC = {name: f"chemage.{home}" for name, home in {**names.HOME, **names.MODULES}.items()}
+PUBLIC |= {name: target.partition(":")[0] for name, target in registry.current().offered("names").items()}
 
 
 @cache

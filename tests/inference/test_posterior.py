@@ -12,10 +12,10 @@ from seen import figures as inference_figures
 from seen import result_of
 
 import chemage as ca
-from chemage.inference import display as words
-from chemage.inference.energies import EnergyGrid, bonded_probability, energy_grid
-from chemage.inference.forward import check_scene, largest_lowering, make_condition
-from chemage.inference.kernels import (
+from chemage_inference import display as words
+from chemage_inference.energies import EnergyGrid, bonded_probability, energy_grid
+from chemage_inference.forward import check_scene, largest_lowering, make_condition
+from chemage_inference.kernels import (
     at_log_tail,
     drawn,
     edge_integral,
@@ -27,10 +27,10 @@ from chemage.inference.kernels import (
     scaled_erfc,
     solved,
 )
-from chemage.inference.problem import LEVEL, Data, Hidden, Prior, Problem, Unknowns, redrawn_outside
-from chemage.inference.result import InferenceResult
-from chemage.inference.sampling import Chain, convergence, sample
-from chemage.inference.shape import peaks, shares, three_shares
+from chemage_inference.problem import LEVEL, Data, Hidden, Prior, Problem, Unknowns, redrawn_outside
+from chemage_inference.result import InferenceResult
+from chemage_inference.sampling import Chain, convergence, sample
+from chemage_inference.shape import peaks, shares, three_shares
 
 # -- the forward model: quadrature, real contacts, neighbours and their derivative ------------------------------------
 
@@ -373,7 +373,7 @@ def test_all_sites_are_somewhere_and_those_seen_stay():
 
 def test_an_upper_end_of_90_percent_is_held_by_all_sites_in_one_narrow_peak(monkeypatch):
     """No density that ages linearly first gives more later: 5 % of the samples must be such peaks, 10 % to be sure."""
-    monkeypatch.setattr("chemage.inference.problem.MOVES", 300)
+    monkeypatch.setattr("chemage_inference.problem.MOVES", 300)
     kt, count = 0.04, 1000
     rates = np.exp(-(GRID.nodes - 0.9) / kt) * GRID.areas
     data = Data(
@@ -394,7 +394,7 @@ def test_an_upper_end_of_90_percent_is_held_by_all_sites_in_one_narrow_peak(monk
 @pytest.mark.long
 def test_peaks_have_the_posterior_of_importance_sampling(monkeypatch):
     """One measurement of the sum of share × exp(−E/k_BT), as linear ageing gives it; 100,000 draws of the prior."""
-    monkeypatch.setattr("chemage.inference.problem.MOVES", 400)
+    monkeypatch.setattr("chemage_inference.problem.MOVES", 400)
     kt = 0.04
     rates = np.exp(-(GRID.nodes - 0.9) / kt) * GRID.areas
     hidden, count = Hidden(GRID, FIRST, GRID.count), 1500

@@ -35,7 +35,6 @@ ROOMS = (
     "ageing",
     "scene",
     "studies",
-    "inference",
     "results",
     "scaffold",
     "testing",
@@ -403,20 +402,10 @@ SAYS = {
     ("chemage/ageing/age.py", "bkl"): "example in a message",
     ("chemage/ageing/age.py", "barrier-spectrum"): "example in a message",
     ("chemage/cli/plugins.py", "fft-bem"): "example in help",
-    ("chemage/cli/inference.py", "inferred"): "how to use the result, in help",
     ("chemage/contacts/role.py", "fft-bem"): "example in a docstring",
     ("chemage/scaffold/__init__.py", "fft-bem"): "example in a docstring",
     ("chemage/contacts/role.py", "hertz"): "example in a message",
-    ("chemage/inference/families.py", "uniform"): "a parametric family",
-    ("chemage/inference/families.py", "gaussian"): "a parametric family",
-    ("chemage/inference/infer.py", "uniform"): "a parametric family",
-    ("chemage/inference/infer.py", "gaussian"): "a parametric family",
-    ("chemage/inference/infer.py", "measured"): "an argument",
     ("chemage/results/verdicts.py", "measured"): "a field, in JSON and in a column",
-    ("chemage/inference/calibrate.py", "uniform"): "the distribution of ranks",
-    ("chemage/inference/forecast.py", "sample"): "a dimension",
-    ("chemage/inference/result.py", "sample"): "a dimension",
-    ("chemage/inference/energies.py", "uniform"): "an argument",
     ("chemage/kinetics/role.py", "rejection-free"): "example in a message",
     ("chemage/kinetics/role.py", "bkl"): "example in a docstring and a message",
     ("chemage/lattices/chemistry.py", "md-silica"): "example in a docstring",
@@ -428,7 +417,6 @@ SAYS = {
     ("chemage/lattices/lattice.py", "independent"): "of sites without neighbours",
     ("chemage/foundation/names.py", "text"): "the name of a module",
     ("chemage/scene/materials.py", "measured"): "how a value is known",
-    ("chemage/inference/display.py", "measured"): "what was measured, in tables and legends",
     ("chemage/lattices/role.py", "uniform"): "an argument",
     ("chemage/contacts/display.py", "pressures"): "the figure of the pressures in several contacts",
     ("chemage/foundation/figures.py", "auto"): "matplotlib's aspect",
@@ -506,7 +494,7 @@ def files_that(has: Callable[[ast.AST], bool], folders: Iterable[str] = ("chemag
 
 #: file -> why it has a line of its own through values against log10 of hold times
 OTHER_LINES = {
-    "chemage/inference/curves.py": "whether values measured with different errors fall; no β",
+    "plugins/chemage_inference/curves.py": "whether values measured with different errors fall; no β",
     "plugins/chemage_li2018/sweeps.py": "β of a mean over surfaces, as the paper has it",
 }
 #: what fits a line
@@ -549,7 +537,7 @@ EXPM1 = {
     "plugins/chemage_kinetics/_independent.py": "two-state sites, for kernels",
     "chemage/contacts/theory.py": "a difference of two Gaussians",
     "chemage/results/arrhenius.py": "an interval of a logarithm",
-    "chemage/inference/kernels.py": "the other tail of a normal distribution",
+    "plugins/chemage_inference/kernels.py": "the other tail of a normal distribution",
     "plugins/chemage_bonds/distributions.py": "a difference of two probabilities",
     "plugins/chemage_bonds/rupture.py": "a hazard that grows exponentially from zero",
 }

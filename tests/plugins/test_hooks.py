@@ -310,18 +310,70 @@ def test_materials(installed, site):
         assert ca.load_scene("silica-tip", changes).contact.modulus == ca.contact_modulus("70 GPa", 0.22)
 
 
+WEAR = """
+from chemage.plugin import Doubles, Record
+
+class Wear(Record):
+    arrays = {"depth": (("cycle",), "nm", "depth of the track")}
+    depth: Doubles
+
+def worn(depth: float) -> Wear:
+    return Wear(depth=[depth])
+"""
+SHOWN = """
+from chemage.plugin import OfRecord, displays
+from chemage_example.wear import Wear
+
+@displays(Wear)
+class WearTrack(OfRecord):
+    def facts(self):
+        return [("depth of the track", f"{self.record.depth[-1]:g} nm")]
+"""
+
+
+def run_with(site, code, *arguments):
+    """A process of its own in which the packages of ``site`` are installed."""
+    path = [str(site.folder), *filter(None, [os.environ.get("PYTHONPATH")])]
+    return subprocess.run(
+        [sys.executable, "-c", code, *arguments],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(path)},
+        capture_output=True,
+        text=True,
+    )
+
+
+def test_results_and_names(installed, site, tmp_path, command):
+    code = example("chemage_results") + example("chemage_names")
+    files = {"__init__": code, "wear": WEAR, "display": SHOWN}
+    files = {f"chemage_example/{name}.py": text for name, text in files.items()}
+    site.install("chemage-example", files, {"example": "chemage_example"})
+    file = tmp_path / "worn.h5"
+    with registry.using(registry.Registry()) as found:
+        assert not [problem for problem in found.check() if "wear" in problem]
+        worn = ca.worn(3)
+        ca.write(file, worn)
+        assert ca.read(file) == worn
+        assert "depth of the track 3 nm" in " ".join(command("show", file).out.split())
+        with pytest.raises(InputError, match="depth"):
+            ca.worn("deep")
+    with pytest.raises(AttributeError, match="no attribute 'worn'"):
+        ca.worn  # noqa: B018
+    with pytest.raises(ca.plugin.StoreError, match="holds nothing"):
+        ca.read(file)
+
+
+def test_a_plugin_that_asks_for_names_of_others_while_it_is_found_is_skipped(site):
+    site.install("eager", {"eager.py": "from chemage import infer"}, {"eager": "eager"})
+    done = run_with(site, "import chemage; print(chemage.infer.__name__)")
+    assert done.stdout == "infer\n"
+    assert "cannot import name 'infer'" in done.stderr
+
+
 def test_cli(site):
     site.install("chemage-example", {"radius.py": example("chemage_cli")}, {"radius": "radius"})
 
-    path = [str(site.folder), *filter(None, [os.environ.get("PYTHONPATH")])]
-
     def run(*arguments):
-        return subprocess.run(
-            [sys.executable, "-c", "from chemage.cli.app import main; main()", *arguments],
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(path)},
-            capture_output=True,
-            text=True,
-        )
+        return run_with(site, "from chemage.cli.app import main; main()", *arguments)
 
     done = run("hertz-radius", "50", "30")
     assert done.returncode == 0, done.stderr

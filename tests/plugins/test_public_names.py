@@ -19,7 +19,7 @@ MOST = 56
 
 
 def test_each_name_is_in_one_place_and_leads_to_something():
-    users, authors = set(chemage.__all__), set(chemage.plugin.__all__)
+    users, authors = {*chemage.__all__, *registry.current().offered("names")}, set(chemage.plugin.__all__)
     assert not users & authors
     for module, offered in ((chemage, users), (chemage.plugin, authors)):
         assert set(dir(module)) == offered
@@ -33,13 +33,15 @@ def test_users_have_few_names():
 
 
 def test_what_0_2_had_is_still_there_and_says_where_it_is_now():
-    moved = {*recorded()["names"]} - {*chemage.__all__}
+    brought = registry.current().offered("names")
+    moved = {*recorded()["names"]} - {*chemage.__all__, *brought}
     assert len(moved) > 90
     for name in moved:
         with pytest.warns(DeprecationWarning, match=rf"^chemage\.{name} is now chemage\.plugin\.{name}$") as warned:
             before = getattr(chemage, name)
         assert before is getattr(chemage.plugin, name)
         assert warned[0].filename == __file__
+    assert all(getattr(chemage, name) is getattr(chemage.plugin, name) for name in brought)
 
 
 def test_a_plugin_of_0_2_runs_as_it_is(tmp_path):

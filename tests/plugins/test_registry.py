@@ -128,7 +128,7 @@ def test_a_broken_plugin_is_reported_and_skipped(fine, case):
     assert problem in str(caught[0].message)
     (record,) = [one for one in found.records if one.error]
     assert problem in record.error
-    assert (record.kinds, record.scenes) == ({}, {})
+    assert (record.kinds, record.offered) == ({}, {})
     assert [one for one in found.check() if problem in one]
     # no hook of it is left behind, and the other plugin works
     for hook in vars(found.manager.hook).values():
@@ -298,7 +298,7 @@ def test_two_plugins_that_ship_one_scene_are_both_named(fine):
         source = "import chemage\n@chemage.plugin.hookimpl\ndef chemage_scenes():\n    return {'x': 'levels:x.toml'}"
         fine.install(f"{name}-dist", {f"{name}.py": source}, {name: name})
     with pytest.raises(PluginError, match=r"'x' is claimed by 'one' \(one-dist 1.0\) and by 'two' \(two-dist 1.0\)"):
-        fine.registry().scene_target("x")
+        fine.registry().target("scenes", "x")
 
 
 def test_an_unknown_kind_lists_what_is_installed_and_suggests_the_nearest():

@@ -9,14 +9,14 @@ from dataclasses import replace
 
 import pytest
 
-from chemage.inference import families, sampling
-from chemage.inference import infer as inference
 from chemage.plugin import Scatter
 from chemage.results import comparison, drawing
 from chemage.scene import plan
 from chemage.scene import run as experiment
 from chemage.studies import tasks
 from chemage.studies.sweeps import display, running
+from chemage_inference import families, sampling
+from chemage_inference import infer as inference
 
 
 def interrupt_after(patch: pytest.MonkeyPatch, count: int) -> None:

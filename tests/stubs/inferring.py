@@ -6,12 +6,12 @@ from chemage.ageing.covariance import CurveError
 from chemage.foundation import algebra
 from chemage.foundation.quantities import Curve, by_name
 from chemage.foundation.result import Ageing, result_of
-from chemage.inference.calibrate import Calibration, _errors, _rank, calibrate
-from chemage.inference.noise import LARGEST, NEAREST, RARE, SPREAD, WIDER, ErrorModel, Noise, State
-from chemage.inference.open import effective, r_hat
-from chemage.inference.problem import Prior, Problem
-from chemage.inference.sampling import Chain
 from chemage.results.verdicts import verdict
+from chemage_inference.calibrate import Calibration, _errors, _rank, calibrate
+from chemage_inference.noise import LARGEST, NEAREST, RARE, SPREAD, WIDER, ErrorModel, Noise, State
+from chemage_inference.open import effective, r_hat
+from chemage_inference.problem import Prior, Problem
+from chemage_inference.sampling import Chain
 
 drawn_errors, rank = _errors, _rank
 
@@ -24,10 +24,10 @@ __all__ = [
 
 def fewer_sweeps(monkeypatch):
     """Make a calibration fast."""
-    monkeypatch.setattr("chemage.inference.calibrate.SWEEPS", 200)
+    monkeypatch.setattr("chemage_inference.calibrate.SWEEPS", 200)
 
 
 def few_effective(monkeypatch):
     """End sampling at a third of the effective samples that are usual."""
-    monkeypatch.setattr("chemage.inference.sampling.ENOUGH", 100)
-    monkeypatch.setattr("chemage.inference.sampling.AGREED", 1.06)
+    monkeypatch.setattr("chemage_inference.sampling.ENOUGH", 100)
+    monkeypatch.setattr("chemage_inference.sampling.AGREED", 1.06)

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 import chemage as ca
-from chemage.inference import infer, problem, sampling
+from chemage_inference import infer, problem, sampling
 
 TIP = {"kind": "sphere", "radius": "30 nm", "pixels": 64, "pixel_size": "0.4518 nm"}
 ROUGH = {"pixels": 64, "pixel_size": "0.4518 nm", "rms_slope": 0.1, "hurst": 0.8, "zeta": 16, "eta": 2}

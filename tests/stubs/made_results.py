@@ -11,8 +11,8 @@ from made_inference import made_forecast, made_inference
 from seen import Comparison, Entry, TradeMap, TradePoint
 
 import chemage as ca
-from chemage.inference.result import InferenceResult
 from chemage.plugin import ContactStatistics
+from chemage_inference.result import InferenceResult
 
 SCENE = {
     "name": "rough",

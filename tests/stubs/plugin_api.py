@@ -54,7 +54,7 @@ def present() -> dict[str, Any]:
         }
     return {
         "api": API_VERSION,
-        "names": sorted({*names.HOME, *names.MODULES, "__version__"}),
+        "names": sorted({*names.HOME, *names.MODULES, *plugins.offered("names"), "__version__"}),
         "modules": {name: f"chemage.{module}" for name, module in sorted(names.MODULES.items())},
         "hooks": dict(sorted(hooks.items())),
         "roles": roles,

@@ -22,8 +22,7 @@ import math
 
 import numpy as np
 
-from chemage.foundation.algebra import cholesky, forward, products
-from chemage.foundation.kernels import kernel
+from chemage.plugin import algebra, kernel
 
 #: twice the logarithm by which a density is lower where it is left out
 NEGLIGIBLE = 120.0
@@ -274,8 +273,8 @@ def moved(x, choice, level, candidates, inverses, logs, matrix, target, areas, l
         if x[i] > 0.0:
             seen[i] = matrix[i]
             pull -= level * matrix[i]
-    precision = products(seen, seen.T.copy())
-    goal = products(seen, pull.reshape((-1, 1)))
+    precision = algebra.products(seen, seen.T.copy())
+    goal = algebra.products(seen, pull.reshape((-1, 1)))
     log_shares, trial, kept = np.empty(n), x.copy(), x.copy()
     number = np.full(1, choice)
     best, chosen = -np.inf, choice
@@ -284,8 +283,8 @@ def moved(x, choice, level, candidates, inverses, logs, matrix, target, areas, l
             number[0] = candidates[k]
             if number[0] == choice:
                 continue
-        lower = cholesky(inverses[number[0]] + precision)
-        mean = solved(lower, forward(lower, goal).T)[0]
+        lower = algebra.cholesky(inverses[number[0]] + precision)
+        mean = solved(lower, algebra.forward(lower, goal).T)[0]
         after = np.zeros(n)  # of each node, what those after it pull
         value = gumbels[k + 1]
         for j in range(n - 1, -1, -1):

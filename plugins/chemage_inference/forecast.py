@@ -8,16 +8,25 @@ from typing import Any, Self
 import numpy as np
 from pydantic import model_validator
 
-from chemage.foundation.algebra import product
-from chemage.foundation.checks import check_times, force, temperature_value
-from chemage.foundation.checks import hold_times as spaced
-from chemage.foundation.errors import InputError, nearest
-from chemage.foundation.records import Doubles, Plain, PositiveNumber, Record
-from chemage.foundation.text import jsonable
-from chemage.foundation.units import KB, QuantityLike, convert
-from chemage.inference.energies import EnergyGrid, averaging
-from chemage.inference.forward import Contacts, check_scene, largest_lowering, make_condition
-from chemage.scene.scene import Scene
+from chemage import InputError, Scene
+from chemage import hold_times as spaced
+from chemage.plugin import (
+    KB,
+    Doubles,
+    Plain,
+    PositiveNumber,
+    Record,
+    algebra,
+    check_times,
+    convert,
+    force,
+    nearest,
+    temperature_value,
+    text,
+    units,
+)
+from chemage_inference.energies import EnergyGrid, averaging
+from chemage_inference.forward import Contacts, check_scene, largest_lowering, make_condition
 
 #: shares of the probability that bands hold
 LEVELS = (0.68, 0.90, 0.95)
@@ -90,7 +99,7 @@ class Forecast(Record):
 
     def summary(self) -> dict[str, Any]:
         """One JSON-able object with the values and their bands."""
-        return jsonable(
+        return text.jsonable(
             {
                 "load": self.load,
                 "temperature": self.temperature,
@@ -213,7 +222,7 @@ class Forecaster:
             if condition.interacting and calibrated:
                 condition.calibrate(mean, self.scene, self.seed)
                 value, matrix = condition.linear(mean)
-            part = value + product(self.samples[here] - mean, matrix.T)
+            part = value + algebra.product(self.samples[here] - mean, matrix.T)
             predicted[here] = part * (1 + noise[here, None] * condition.correction_error / condition.correction)
         if "bond_force" in self.scalars:
             predicted *= (self.scalars["bond_force"] / self.chemistry.bond_force)[:, None]
@@ -221,8 +230,8 @@ class Forecaster:
 
     def conditions(
         self,
-        load: QuantityLike | None,
-        temperature: QuantityLike | None,
+        load: units.QuantityLike | None,
+        temperature: units.QuantityLike | None,
         hold_times: Sequence[float] | np.ndarray | None,
     ) -> tuple[float, float, np.ndarray]:
         """Load (nN), temperature (K) and hold times above zero (s); what is None is as in the scene."""
@@ -242,8 +251,8 @@ class Forecaster:
 
     def forecast(
         self,
-        load: QuantityLike | None,
-        temperature: QuantityLike | None,
+        load: units.QuantityLike | None,
+        temperature: units.QuantityLike | None,
         hold_times: Sequence[float] | np.ndarray | None,
         provenance: dict[str, Any],
     ) -> Forecast:
@@ -323,7 +332,7 @@ class Forecaster:
             value = values[load, kelvin][time]
             if isinstance(error, str):
                 error = (convert(error, "") if error else relative_error) * float(value.mean())
-            covariance = product(value - value.mean(), goals) / len(value)
+            covariance = algebra.product(value - value.mean(), goals) / len(value)
             gain = float((covariance**2).sum() / (value.var() + error**2))
             rows.append(
                 {
@@ -354,12 +363,12 @@ class Forecaster:
                 return self.predicted(load, kelvin, np.array([time]))[0]
         mean = averaging(nodes, resolution)
         if not wanted:
-            return product(self.samples, mean[self.visible if self.visible.any() else slice(None)].T)
+            return algebra.product(self.samples, mean[self.visible if self.visible.any() else slice(None)].T)
         energy = wanted["energy"]
         if not nodes[0] <= energy <= nodes[-1]:
             remedy = f"{nodes[0]:.3f} to {nodes[-1]:.3f} eV"
             raise InputError.of("target.energy", energy, "is outside the energies of the density", remedy)
-        return product(self.samples, mean[[int(np.argmin(np.abs(nodes - energy)))]].T)
+        return algebra.product(self.samples, mean[[int(np.argmin(np.abs(nodes - energy)))]].T)
 
 
 def _when(times: np.ndarray, over: np.ndarray) -> str:

@@ -5,7 +5,9 @@
 
 from __future__ import annotations
 
+import json
 import math
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -15,20 +17,30 @@ from typing import Any, Self
 import numpy as np
 from pydantic import model_validator
 
-from chemage.foundation.checks import checked_count
-from chemage.foundation.errors import InputError
-from chemage.foundation.quantities import ONE, Quantity, Rank
-from chemage.foundation.records import Doubles, Flags, Indices, Named, Plain, Record
-from chemage.foundation.text import jsonable
-from chemage.foundation.units import QuantityLike
-from chemage.inference.curves import MeasuredCurve
-from chemage.inference.forecast import WIDE, Forecast, Forecaster, band, bands, in_numbers
-from chemage.inference.noise import SUSPECT
-from chemage.inference.open import datatree, statistics
-from chemage.inference.problem import LOAD, UNITS
-from chemage.scene.files import load_scene, parse_scene
-from chemage.scene.scene import Scene
+from chemage import InputError, Scene, load_scene, parse_scene
+from chemage.plugin import (
+    Doubles,
+    Flags,
+    Indices,
+    Named,
+    Plain,
+    Quantity,
+    Rank,
+    Record,
+    StoreError,
+    checked_count,
+    container,
+    text,
+    units,
+)
+from chemage_inference.curves import MeasuredCurve
+from chemage_inference.forecast import WIDE, Forecast, Forecaster, band, bands, in_numbers
+from chemage_inference.noise import SUSPECT
+from chemage_inference.open import datatree, statistics
+from chemage_inference.problem import LOAD, UNITS
 
+#: the unit of a pure number
+ONE = "1"
 #: forecasts that one file can hold
 MOST_FORECASTS = 100
 #: scores that are lower by more exclude a model: it is probable to less than one in a hundred
@@ -242,8 +254,8 @@ class Inference(Record):
     def forecast(
         self,
         *,
-        load: QuantityLike | None = None,
-        temperature: QuantityLike | None = None,
+        load: units.QuantityLike | None = None,
+        temperature: units.QuantityLike | None = None,
         hold_times: Sequence[float] | np.ndarray | None = None,
         scene: Scene | str | Path | Mapping[str, Any] | None = None,
         samples: int = 400,
@@ -302,7 +314,7 @@ class Inference(Record):
 
     def summary(self) -> dict[str, Any]:
         """One JSON-able object with the density, its bands, the scalars, scores and diagnostics."""
-        return jsonable(
+        return text.jsonable(
             {
                 "energies": self.energies,
                 "density": self.density,
@@ -384,6 +396,11 @@ def scene_of(scene: Scene | str | Path | Mapping[str, Any]) -> Scene:
     return parse_scene(scene) if isinstance(scene, Mapping) else load_scene(scene)
 
 
+#: group of a file of ``chemage infer`` -> class
+_PARTS: dict[str, type[Record]] = {f"forecast_{number}": Forecast for number in range(1, MOST_FORECASTS + 1)}
+_PARTS["inference"] = Inference
+
+
 @dataclass(frozen=True)
 class InferenceResult:
     """An inference with what was asked of it."""
@@ -401,8 +418,39 @@ class InferenceResult:
         forecasts = {f"forecast_{number}": forecast for number, forecast in enumerate(self.forecasts.values(), 1)}
         return {"inference": self.inference, **forecasts}
 
+    def write(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
+        """Write it with its forecasts and planned measurements.
+
+        Raises
+        ------
+        StoreError
+            ``path`` exists (unless ``force``), or cannot be written; nothing is left behind.
+        """
+        asked = {"labels": list(self.forecasts), "experiments": list(self.experiments), "target": self.target}
+        container.write(path, self.parts(), {"asked": json.dumps(asked)}, force=force)
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str]) -> InferenceResult:
+        """The inverse of :meth:`write`; of a file with an inference alone, that.
+
+        Raises
+        ------
+        StoreError
+            The file is missing, damaged, or holds no inference.
+        """
+        parts, attributes = container.read(path, _PARTS)
+        inference = parts.pop("inference", None)
+        if inference is None:
+            raise StoreError(f"{path} holds no inference; `chemage infer` makes such files")
+        with container.decoding(path, "what was asked of the inference"):
+            asked = json.loads(attributes.get("asked", "{}"))
+            labels = asked.get("labels", [])
+            experiments, target = tuple(asked.get("experiments", ())), str(asked.get("target", ""))
+        labels += [f"forecast {number}" for number in range(len(labels) + 1, len(parts) + 1)]
+        return cls(inference, dict(zip(labels, parts.values(), strict=False)), experiments, target)
+
     def summary(self) -> dict[str, Any]:
         """One JSON-able object."""
         forecasts = [{"label": label, **forecast.summary()} for label, forecast in self.forecasts.items()]
         rest = {"forecasts": forecasts, "experiments": list(self.experiments), "target": self.target}
-        return jsonable({**self.inference.summary(), **rest})
+        return text.jsonable({**self.inference.summary(), **rest})

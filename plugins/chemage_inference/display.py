@@ -10,19 +10,22 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from chemage.foundation.figures import BLACK, BLUE, GREEN, GREY, ORANGE, PALETTE, from_zero, legend, plain
-from chemage.foundation.names import __version__
-from chemage.foundation.quantities import NONE, Quantity, headed
-from chemage.foundation.result import Ageing, Medium, OfRecord, Panel, Picture, Result, Rows, Table, displays
-from chemage.foundation.statistics import NORMAL_LIMIT
-from chemage.foundation.text import plus_minus, power_text
-from chemage.inference.forecast import UNSEEN, WIDE, Forecast, band
-from chemage.inference.result import EXCLUDED, Inference, InferenceResult, quantities, unit_of
-from chemage.inference.shape import empty, peaks, rises, shares, three_shares, trend, unresolved
+from chemage import __version__
+from chemage.plugin import Ageing, OfRecord, Panel, Picture, Quantity, Result, Table, displays, figures, statistics
+from chemage.plugin import text as words
+from chemage_inference.forecast import UNSEEN, WIDE, Forecast, band
+from chemage_inference.result import EXCLUDED, Inference, InferenceResult, quantities, unit_of
+from chemage_inference.shape import empty, peaks, rises, shares, three_shares, trend, unresolved
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from matplotlib.axes import Axes
 
+#: (name, text)
+Rows = list[tuple[str, str]]
+#: what stands for a number that is not known
+NONE = "-"
 #: samples that have to agree on a slope
 SURE = 0.95
 #: scores that differ by less do not tell two models apart
@@ -59,7 +62,7 @@ def measured_text(one: Inference) -> str:
     count = len(one.curves)
     loads = _several([curve["load"] for curve in one.curves], "nN")
     temperatures = _several([curve["temperature"] for curve in one.curves], "K")
-    times = f"{power_text(one.hold_times.min())} to {power_text(one.hold_times.max())} s"
+    times = f"{words.power_text(one.hold_times.min())} to {words.power_text(one.hold_times.max())} s"
     curves = f"{count} curve{'s' if count > 1 else ''}"
     return f"{one.hold_times.size} points of {curves}, {times}, {loads}, {temperatures}"
 
@@ -143,7 +146,7 @@ def forecast_row(label: str, one: Forecast) -> tuple[str, str, str, str]:
     """(label, median of ΔF at the last hold time, its 68 and 90 % bands), or only bounds of 90 %."""
     low68, high68 = one.band(0.68)
     low90, high90 = one.band(WIDE)
-    name = f"{label} at {power_text(one.hold_times[-1])} s{unseen_text(one)}"
+    name = f"{label} at {words.power_text(one.hold_times[-1])} s{unseen_text(one)}"
     ends = f"{low90[-1]:.4g} to {high90[-1]:.4g}"
     if one.bounds_only:
         return name, NONE, NONE, ends
@@ -169,7 +172,7 @@ def experiment_row(one: Mapping[str, Any]) -> tuple[str, str, str]:
 
 def experiment_text(one: Mapping[str, Any]) -> str:
     """A planned measurement in"""
-    text = f"{power_text(float(one['hold_time']))} s"
+    text = f"{words.power_text(float(one['hold_time']))} s"
     for name, unit in (("load", "nN"), ("temperature", "K")):
         if one.get(name) is not None:
             value = one[name]
@@ -182,7 +185,7 @@ def _parameters(fit: Mapping[str, Any]) -> str:
     texts = []
     for name, value in values.items():
         word, _, unit = name.partition(" (")
-        texts.append(f"{word} {plus_minus(value, errors.get(name, math.nan), unit.removesuffix(')'))}")
+        texts.append(f"{word} {words.plus_minus(value, errors.get(name, math.nan), unit.removesuffix(')'))}")
     return "; ".join(texts) if len(texts) <= 3 else f"{len(texts)} weights"
 
 
@@ -202,7 +205,7 @@ def _percent(mean: float, ends: tuple[float, float]) -> str:
 def _largest_residual(one: Inference) -> str:
     residuals = one.residuals
     at = int(np.abs(residuals).argmax())
-    return f"{residuals[at]:+.1f} standard errors at {power_text(one.hold_times[at])} s"
+    return f"{residuals[at]:+.1f} standard errors at {words.power_text(one.hold_times[at])} s"
 
 
 #: forecasts that are drawn into one panel
@@ -217,27 +220,32 @@ def fill_bands(axes: Axes, x: np.ndarray, samples: np.ndarray, colour: str, labe
         axes.fill_between(x, *band(samples, level), color=colour, alpha=alpha, lw=0, label=name)
 
 
-def draw_density(axes: Axes, medium: Medium, one: Inference) -> None:
+def draw_density(axes: Axes, medium: object, one: Inference) -> None:
     """Draw the density with its bands, the visible energies shaded, families as lines, and the band of the prior."""
     e = one.energies
     low, high = one.visible_range
     if np.isfinite(low):
-        axes.axvspan(low, high, color=GREEN, alpha=0.10, lw=0, label="visible energies", zorder=0)
-    fill_bands(axes, e, one.samples, BLUE, "{:.0f} % band")
-    axes.plot(e, one.density, color=BLUE, lw=1.6, label="mean")
+        axes.axvspan(low, high, color=figures.GREEN, alpha=0.10, lw=0, label="visible energies", zorder=0)
+    fill_bands(axes, e, one.samples, figures.BLUE, "{:.0f} % band")
+    axes.plot(e, one.density, color=figures.BLUE, lw=1.6, label="mean")
     for fill_style, what, places in (
         ("full", "peak", [peak.energy for peak in peaks(one)]),
         ("none", "maximum, not resolved", unresolved(one)),
     ):
         if places:
             heights = np.interp(places, e, one.density)
-            axes.plot(places, heights, "v", color=BLUE, fillstyle=fill_style, ms=7, label=what)
+            axes.plot(places, heights, "v", color=figures.BLUE, fillstyle=fill_style, ms=7, label=what)
     prior = one.prior_band(WIDE)
-    axes.plot(e, prior[1], color=GREY, lw=0.9, ls="--", label="prior, upper end of the 90 % band")
+    axes.plot(e, prior[1], color=figures.GREY, lw=0.9, ls="--", label="prior, upper end of the 90 % band")
     for number, (name, fit) in enumerate(one.possible_families().items()):
         if density := fit.get("density", ()):
             axes.plot(
-                e[: len(density)], density, color=ORANGE, lw=1.0, ls=_LINES[number % len(_LINES)], label=plain(name)
+                e[: len(density)],
+                density,
+                color=figures.ORANGE,
+                lw=1.0,
+                ls=_LINES[number % len(_LINES)],
+                label=figures.plain(name),
             )
     seen = one.visible if one.visible.any() else np.ones(e.size, dtype=bool)
     top = 1.6 * float(max(one.band(WIDE)[1][seen].max(), one.density.max()))
@@ -246,10 +254,10 @@ def draw_density(axes: Axes, medium: Medium, one: Inference) -> None:
     axes.set_ylim(0, top or 1.0)
     axes.set(xlabel="forming barrier (eV)", ylabel="density (1/eV)")
     axes.set_title(density_text(one))
-    legend(axes, ncols=2)
+    figures.legend(axes, ncols=2)
 
 
-def draw_data(axes: Axes, medium: Medium, one: Inference) -> None:
+def draw_data(axes: Axes, medium: object, one: Inference) -> None:
     """Draw the measured friction drop and the bands of the fitted curves."""
     for number, about in enumerate(one.curves):
         colour, here = _colour(one, about), one.curve == number
@@ -257,26 +265,26 @@ def draw_data(axes: Axes, medium: Medium, one: Inference) -> None:
         times, fitted = one.hold_times[here][order], one.fitted[:, here][:, order]
         fill_bands(axes, times, fitted, colour)
         axes.plot(times, np.median(fitted, axis=0), color=colour, lw=1.0)
-        label = plain(f"{about['name']}: {about['load']:g} nN, {about['temperature']:g} K")
-        bars = NORMAL_LIMIT * one.errors[here]
+        label = figures.plain(f"{about['name']}: {about['load']:g} nN, {about['temperature']:g} K")
+        bars = statistics.NORMAL_LIMIT * one.errors[here]
         axes.errorbar(one.hold_times[here], one.values[here], bars, fmt="o", ms=3.2, lw=0.9, color=colour, label=label)
     _ring(axes, one, one.values)
     axes.set(xscale="log", xlabel="hold time (s)", ylabel="friction drop ΔF (nN)")
-    axes.set_ylim(bottom=min(0.0, float((one.values - NORMAL_LIMIT * one.errors).min())))
-    legend(axes, title="points: measured, bars 95 %; bands: 68 and 90 %", alignment="left")
+    axes.set_ylim(bottom=min(0.0, float((one.values - statistics.NORMAL_LIMIT * one.errors).min())))
+    figures.legend(axes, title="points: measured, bars 95 %; bands: 68 and 90 %", alignment="left")
 
 
 def _ring(axes: Axes, one: Inference, values: np.ndarray) -> None:
     """Mark the suspect points."""
     if (off := one.is_suspect).any():
-        axes.plot(one.hold_times[off], values[off], "o", ms=9, mfc="none", color=ORANGE, label="suspect")
+        axes.plot(one.hold_times[off], values[off], "o", ms=9, mfc="none", color=figures.ORANGE, label="suspect")
 
 
-def draw_residuals(axes: Axes, medium: Medium, one: Inference) -> None:
+def draw_residuals(axes: Axes, medium: object, one: Inference) -> None:
     """Draw measured minus fitted in standard errors."""
     residuals = one.residuals
-    axes.axhspan(-2, 2, color=GREY, alpha=0.15, lw=0)
-    axes.axhline(0, color=GREY, lw=0.8)
+    axes.axhspan(-2, 2, color=figures.GREY, alpha=0.15, lw=0)
+    axes.axhline(0, color=figures.GREY, lw=0.8)
     for number in range(len(one.curves)):
         here = one.curve == number
         axes.plot(one.hold_times[here], residuals[here], "o", ms=3.2, color=_colour(one, one.curves[number]))
@@ -286,7 +294,7 @@ def draw_residuals(axes: Axes, medium: Medium, one: Inference) -> None:
     axes.set(xscale="log", xlabel="hold time (s)", ylabel="residual (standard errors)")
 
 
-def draw_predictive(axes: Axes, medium: Medium, one: Inference) -> None:
+def draw_predictive(axes: Axes, medium: object, one: Inference) -> None:
     """Draw what prior and posterior predict of the measurements, the scatter of a measurement included."""
     rng = np.random.default_rng(0)
     for number in range(len(one.curves)):
@@ -294,39 +302,41 @@ def draw_predictive(axes: Axes, medium: Medium, one: Inference) -> None:
         here = here[np.argsort(one.hold_times[here], kind="stable")]
         times = one.hold_times[here]
         for samples, colour, alpha, what in (
-            (one.prior_fitted, GREY, 0.25, "prior, 90 % band"),
-            (one.fitted, BLUE, 0.35, "posterior with the errors of the data, 90 % band"),
+            (one.prior_fitted, figures.GREY, 0.25, "prior, 90 % band"),
+            (one.fitted, figures.BLUE, 0.35, "posterior with the errors of the data, 90 % band"),
         ):
             values = samples[:, here] + one.errors[here] * rng.standard_normal((len(samples), here.size))
             label = what if number == 0 else None
             axes.fill_between(times, *band(values, WIDE), color=colour, alpha=alpha, lw=0, label=label)
-        axes.plot(times, one.values[here], "o", ms=3, color=BLACK, label="measured" if number == 0 else None)
+        axes.plot(times, one.values[here], "o", ms=3, color=figures.BLACK, label="measured" if number == 0 else None)
     axes.set(xscale="log", xlabel="hold time (s)", ylabel="friction drop ΔF (nN)")
-    legend(axes)
+    figures.legend(axes)
 
 
 def _colour(one: Inference, curve: Mapping[str, Any], forecasts: Mapping[str, Forecast] | None = None) -> str:
     """The colour of a load and a temperature: measured ones first, then those that are forecast."""
     conditions = [(about["load"], about["temperature"]) for about in one.curves]
     conditions += [(forecast.load, forecast.temperature) for forecast in (forecasts or {}).values()]
-    return PALETTE[list(dict.fromkeys(conditions)).index((curve["load"], curve["temperature"])) % len(PALETTE)]
+    return figures.PALETTE[
+        list(dict.fromkeys(conditions)).index((curve["load"], curve["temperature"])) % len(figures.PALETTE)
+    ]
 
 
 def draw_forecasts(
-    axes: Axes, medium: Medium, one: Inference, forecasts: Mapping[str, Forecast], shown: Sequence[str]
+    axes: Axes, medium: object, one: Inference, forecasts: Mapping[str, Forecast], shown: Sequence[str]
 ) -> None:
     """Draw the forecasts ``shown`` with their bands, and the measurements, with one colour for each load and
     temperature."""
     for number, about in enumerate(one.curves):
         here, style = one.curve == number, {"ms": 3.0, "mfc": "none", "color": _colour(one, about)}
-        label = plain(f"measured: {about['load']:g} nN, {about['temperature']:g} K")
+        label = figures.plain(f"measured: {about['load']:g} nN, {about['temperature']:g} K")
         axes.plot(one.hold_times[here], one.values[here], "o", label=label, **style)
     for label in shown:
         forecast = forecasts[label]
         colour = _colour(one, {"load": forecast.load, "temperature": forecast.temperature}, forecasts)
         times = forecast.hold_times
         conditions = f" ({forecast.load:g} nN, {forecast.temperature:g} K)"
-        name = plain(label + conditions * ("=" not in label) + unseen_text(forecast))
+        name = figures.plain(label + conditions * ("=" not in label) + unseen_text(forecast))
         low, high = forecast.band(WIDE)
         single = times.size == 1
         if forecast.bounds_only:
@@ -341,20 +351,20 @@ def draw_forecasts(
         if single:
             axes.vlines(times, low, high, color=colour, lw=1.2)
     axes.set(xscale="log", xlabel="hold time (s)", ylabel="friction drop ΔF (nN)")
-    from_zero(axes)
-    legend(axes, title="bands: 68 and 90 %", alignment="left")
+    figures.from_zero(axes)
+    figures.legend(axes, title="bands: 68 and 90 %", alignment="left")
 
 
-def draw_scalar(axes: Axes, medium: Medium, one: Inference, name: str) -> None:
+def draw_scalar(axes: Axes, medium: object, one: Inference, name: str) -> None:
     """Draw the samples of an unknown, with the bounds of its prior."""
     values = one.scalars[name]
     low, high = one.scalar_bounds.get(name, (float(values.min()), float(values.max())))
-    axes.hist(values, bins=list(np.linspace(low, high, 41)), color=BLUE, alpha=0.6, density=True)
+    axes.hist(values, bins=list(np.linspace(low, high, 41)), color=figures.BLUE, alpha=0.6, density=True)
     for end in (low, high):
-        axes.axvline(end, color=GREY, lw=0.9, ls="--")
+        axes.axvline(end, color=figures.GREY, lw=0.9, ls="--")
     for end in one.interval(name, WIDE):
-        axes.axvline(end, color=ORANGE, lw=1.0)
-    axes.set(xlabel=headed(name.replace("_", " "), unit_of(name)), ylabel="density of the samples")
+        axes.axvline(end, color=figures.ORANGE, lw=1.0)
+    axes.set(xlabel=Quantity(name, unit_of(name), name.replace("_", " ")).axis, ylabel="density of the samples")
     axes.set_title("orange: 90 %; grey: bounds of the prior")
     axes.set_yticks([])
 
@@ -424,6 +434,9 @@ class InferenceDisplay(OfRecord[Inference]):
             f"forecast {label}: {note}" for label, one in self.result.forecasts.items() for note in one.notes
         )
         return list(dict.fromkeys([*self.inference.notes, *of_forecasts]))
+
+    def completed(self, path: Path) -> InferenceDisplay:
+        return InferenceDisplay(InferenceResult.read(path))
 
     def parts(self) -> dict[str, Result]:
         return {label: ForecastDisplay(one) for label, one in self.result.forecasts.items()}
@@ -560,7 +573,7 @@ def _band_columns(one: Inference | Forecast, unit: str) -> dict[str, Any]:
     ends = {}
     for level in (0.68, WIDE):
         for end, values in zip(("low", "high"), one.band(level), strict=True):
-            ends[headed(f"{end} {100 * level:.0f} %", unit)] = values
+            ends[f"{end} {100 * level:.0f} % ({unit})"] = values
     return ends
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from chemage.foundation.errors import optional_module
+from chemage import errors
 
 
 def halves(chains: np.ndarray) -> np.ndarray:
@@ -91,7 +91,7 @@ def statistics(one: Any) -> dict[str, dict[str, np.ndarray]]:
 def datatree(one: Any) -> Any:
     """The groups ``posterior``, ``posterior_predictive``, ``prior``, ``prior_predictive`` and ``observed_data`` as an
     xarray.DataTree, as ArviZ 1 reads it; dimensions ``chain``, ``draw``, ``energy`` (eV) and ``point``."""
-    xarray = optional_module("xarray", "xarray")
+    xarray = errors.optional_module("xarray", "xarray")
     chains = int(one.diagnostics.get("chains", 1))
 
     def data(fields: dict[str, tuple[np.ndarray, tuple[str, ...], str]], count: int | None = chains) -> Any:

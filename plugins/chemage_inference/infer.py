@@ -10,22 +10,18 @@ from typing import Any
 
 import numpy as np
 
-from chemage.foundation.algebra import product
-from chemage.foundation.checks import checked_count, checked_seed
-from chemage.foundation.errors import InputError, shown
-from chemage.foundation.progress import Report
-from chemage.foundation.units import KB, QuantityLike, convert
-from chemage.inference.curves import MeasuredCurve, check_curves, read_curves
-from chemage.inference.energies import averaging
-from chemage.inference.families import compared, estimated, linear_problem, sampled
-from chemage.inference.forecast import band
-from chemage.inference.forward import Model, check_scene, make_model
-from chemage.inference.noise import ErrorModel
-from chemage.inference.problem import REACH, UNITS, Data, Prior, Problem, Unknowns, redrawn_outside, unknowns_of
-from chemage.inference.result import Inference, scene_of
-from chemage.inference.sampling import CHAINS, Samples
-from chemage.scene.provenance import versions
-from chemage.scene.scene import Scene
+from chemage import InputError, Scene
+from chemage import errors as in_words
+from chemage.plugin import KB, algebra, checked_count, checked_seed, convert, progress, units, versions
+from chemage_inference.curves import MeasuredCurve, check_curves, read_curves
+from chemage_inference.energies import averaging
+from chemage_inference.families import compared, estimated, linear_problem, sampled
+from chemage_inference.forecast import band
+from chemage_inference.forward import Model, check_scene, make_model
+from chemage_inference.noise import ErrorModel
+from chemage_inference.problem import REACH, UNITS, Data, Prior, Problem, Unknowns, redrawn_outside, unknowns_of
+from chemage_inference.result import Inference, scene_of
+from chemage_inference.sampling import CHAINS, Samples
 
 #: parametric families with which the smooth density is compared
 FAMILIES = ("uniform", "triangle", "gaussian", "piecewise")
@@ -53,14 +49,14 @@ def infer(
     measured: MeasuredCurve | Sequence[MeasuredCurve] | str | Path,
     scene: Scene | str | Path | Mapping[str, Any],
     *,
-    unknown: Mapping[str, tuple[QuantityLike, QuantityLike]] | Sequence[str] = (),
+    unknown: Mapping[str, tuple[units.QuantityLike, units.QuantityLike]] | Sequence[str] = (),
     errors: str | Sequence[str] = ("scaled", "robust"),
-    calibration: QuantityLike | Mapping[str, QuantityLike] = 0.0,
+    calibration: units.QuantityLike | Mapping[str, units.QuantityLike] = 0.0,
     families: Sequence[str] = FAMILIES,
     samples: int = 1000,
     seed: int = 0,
     threads: int | None = None,
-    progress: Report | None = None,
+    progress: progress.Report | None = None,
 ) -> Inference:
     """Infer the density of forming barriers from measured curves of ageing.
 
@@ -130,7 +126,7 @@ def infer(
     return _inference(model, problem, drawn, (scores, fits), changes, time.process_time() - begin)
 
 
-def calibrations(given: QuantityLike | Mapping[str, QuantityLike]) -> tuple[float, float]:
+def calibrations(given: units.QuantityLike | Mapping[str, units.QuantityLike]) -> tuple[float, float]:
     """Relative standard errors of the common factor of forces, and of loads.
 
     Raises
@@ -173,7 +169,8 @@ def _check_chemistry(curves: Sequence[MeasuredCurve], scene: Scene, unknowns: Un
             theirs, ours = curve.chemistry.get(name), own.get(name)
             if curve.chemistry and theirs != ours:
                 raise InputError(
-                    f"{curve.name}: measured with {name} = {shown(theirs)}, scene {scene.name!r} has {shown(ours)}; "
+                    f"{curve.name}: measured with {name} = {in_words.shown(theirs)}, "
+                    f"scene {scene.name!r} has {in_words.shown(ours)}; "
                     "infer curves of different chemistries apart, each with its own scene"
                 )
 
@@ -181,7 +178,7 @@ def _check_chemistry(curves: Sequence[MeasuredCurve], scene: Scene, unknowns: Un
 def _visible(model: Model, samples: np.ndarray, prior: np.ndarray, resolution: float) -> np.ndarray:
     """(n,) where hold times lie on both sides, and the density averaged over the resolution is narrower than before."""
     mean = averaging(model.grid.nodes, resolution)
-    after, before = product(samples, mean.T), product(prior, mean.T)
+    after, before = algebra.product(samples, mean.T), algebra.product(prior, mean.T)
     narrower = after.std(axis=0) < NARROWER * before.std(axis=0)
     # where the density is high, its deviation may be large and still small beside it
     relative = after.std(axis=0) * before.mean(axis=0) < NARROWER * before.std(axis=0) * after.mean(axis=0)
@@ -257,7 +254,7 @@ def _inference(
         off=samples.off,
         error_terms=_error_terms(model, samples),
         fitted=fitted,
-        prior_fitted=problem.offsets[problem.start] + product(prior, problem.matrices[problem.start].T),
+        prior_fitted=problem.offsets[problem.start] + algebra.product(prior, problem.matrices[problem.start].T),
         curves=tuple(
             {name: getattr(curve, name) for name in ("name", "load", "temperature", "quantity")}
             for curve in model.curves
@@ -387,7 +384,7 @@ def _above(problem: Problem, points: np.ndarray, inference: Inference) -> list[s
     share = float((whole / np.maximum(parts.sum(axis=1), 1e-300)).mean())
     if share < MAINLY or not whole.all():
         return []
-    bottom, top = band(product(above, energies) / whole, 0.95)
+    bottom, top = band(algebra.product(above, energies) / whole, 0.95)
     text = (
         f"barriers lie above the visible energies: {100 * share:.0f} % of the friction at "
         f"{inference.hold_times[last]:.3g} s comes from sites above {high:.3f} eV, on average at {bottom:.2f} to "

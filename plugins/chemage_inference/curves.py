@@ -5,18 +5,25 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from pydantic import model_validator
 
-from chemage.ageing.fitting import UNIT, Friction
-from chemage.ageing.measurements import Measurements, read_table
-from chemage.foundation.checks import check_times, force, temperature_value
-from chemage.foundation.errors import InputError
-from chemage.foundation.records import Doubles, Plain, PositiveNumber, Record
-from chemage.foundation.units import QuantityLike, array_in
-from chemage.inference.noise import LARGEST
+from chemage import InputError, Measurements
+from chemage.plugin import (
+    Doubles,
+    Plain,
+    PositiveNumber,
+    Record,
+    array_in,
+    check_times,
+    force,
+    read_table,
+    temperature_value,
+    units,
+)
+from chemage_inference.noise import LARGEST
 
 #: fewer decades of hold times than this say nothing of a distribution of barriers
 DECADES = 1.0
@@ -36,7 +43,7 @@ class MeasuredCurve(Record):
     """nN"""
     temperature: PositiveNumber
     """K"""
-    quantity: Friction = "friction_drop"
+    quantity: Literal["friction_coefficient_drop", "friction_drop"] = "friction_drop"
     """what ``values`` are: "friction_drop" (ΔF, nN) or "friction_coefficient_drop" (Δμ)"""
     hold_times: Doubles
     """(m,) s, > 0, non-decreasing; a time that occurs again is a repeated measurement"""
@@ -52,7 +59,7 @@ class MeasuredCurve(Record):
     """options of the chemistry under which it was measured, where they are known; the scene must have the same"""
 
     def __init__(self, **fields: Any) -> None:
-        unit = UNIT.get(str(fields.get("quantity", "friction_drop")), "")
+        unit = "nN" if fields.get("quantity", "friction_drop") == "friction_drop" else ""
         super().__init__(**{n: array_in(v, unit) if n in ("values", "errors") else v for n, v in fields.items()})
 
     @model_validator(mode="after")
@@ -93,8 +100,8 @@ class MeasuredCurve(Record):
         cls,
         measurements: Measurements,
         *,
-        load: QuantityLike | None = None,
-        temperature: QuantityLike | None = None,
+        load: units.QuantityLike | None = None,
+        temperature: units.QuantityLike | None = None,
         relative_error: float | None = None,
     ) -> MeasuredCurve:
         """Measurements with what they lack: the load (nN), the temperature (K) and errors.
@@ -149,8 +156,8 @@ class MeasuredCurve(Record):
 def read_curves(
     source: str | Path | Any,
     *,
-    load: QuantityLike | None = None,
-    temperature: QuantityLike | None = None,
+    load: units.QuantityLike | None = None,
+    temperature: units.QuantityLike | None = None,
     relative_error: float | None = None,
 ) -> tuple[MeasuredCurve, ...]:
     """Read measured curves with the conditions that an inference needs; the table is that of

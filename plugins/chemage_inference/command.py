@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import os
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -12,16 +10,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from chemage.cli import completion, output
-from chemage.cli.options import RESULTS, ForceOpt, JsonOpt, SetOpt, ThreadsOpt, changed_fields, check_ending, user_error
-from chemage.cli.output import drawn, preflight_result, protect_inputs, result_written
-from chemage.foundation.progress import loading, progress_bars, reported
+from chemage.plugin import completion, options, output, progress
 
 if TYPE_CHECKING:
-    from chemage.foundation.progress import Report
-    from chemage.inference.curves import MeasuredCurve
-    from chemage.inference.result import Inference, InferenceResult, UnexplainedError
-    from chemage.scene.scene import Scene
+    from chemage import Scene
+    from chemage.plugin import progress
+    from chemage_inference.curves import MeasuredCurve
+    from chemage_inference.result import Inference, InferenceResult, UnexplainedError
 
 #: hold times per decade of a range, in a forecast and among planned measurements
 PER_DECADE, PLANNED_PER_DECADE = 4, 1
@@ -47,8 +42,8 @@ def read_wishes(predict: Sequence[str], planned: Sequence[str], target: str | No
     InputError
         Naming the option, the word that is wrong, and how to write it.
     """
-    from chemage.inference.forecast import checked_target
-    from chemage.inference.result import MOST_FORECASTS
+    from chemage_inference.forecast import checked_target
+    from chemage_inference.result import MOST_FORECASTS
 
     forecasts: dict[str, Mapping[str, Any]] = {}
     for text in predict:
@@ -58,13 +53,13 @@ def read_wishes(predict: Sequence[str], planned: Sequence[str], target: str | No
         label = ", ".join(part for part in parts if not part.startswith("hold_time")) or "as in the scene"
         label = label if label not in forecasts else ", ".join(parts)
         if label in forecasts:
-            raise user_error(f"--predict {text}: given twice")
+            raise options.user_error(f"--predict {text}: given twice")
         forecasts[label] = arguments
     if len(forecasts) > MOST_FORECASTS:
-        raise user_error(f"--predict: {len(forecasts)} forecasts; one file holds {MOST_FORECASTS}")
+        raise options.user_error(f"--predict: {len(forecasts)} forecasts; one file holds {MOST_FORECASTS}")
     candidates = [plan for text in planned for plan in _candidates(text)]
     if target is not None and not candidates:
-        raise user_error("--target is what planned measurements are to narrow; give them with --next")
+        raise options.user_error("--target is what planned measurements are to narrow; give them with --next")
     if target is None:
         return Wishes(forecasts, candidates, None, "the density at all visible energies")
     return Wishes(forecasts, candidates, checked_target("--target", _pairs("--target", target)), target.strip())
@@ -77,18 +72,18 @@ def read_unknowns(texts: Sequence[str]) -> dict[str, tuple[str, str]] | list[str
     for text in texts:
         name, equals, value = (part.strip() for part in text.partition("="))
         if name in names:
-            raise user_error(f"--unknown {text}: {name} is given twice")
+            raise options.user_error(f"--unknown {text}: {name} is given twice")
         names.append(name)
         if equals:
             low, to, high = (part.strip() for part in value.partition(" to "))
             if not (low and to and high):
-                raise user_error(
+                raise options.user_error(
                     f'--unknown {text}: write the bounds as LOW to HIGH, such as "bond_force=1 nN to 10 nN"'
                 )
             bounds[name] = low, high
     if bounds and len(bounds) < len(names):
         bare = ", ".join(name for name in names if name not in bounds)
-        raise user_error(f"--unknown {bare}: give bounds for all unknowns, or for none")
+        raise options.user_error(f"--unknown {bare}: give bounds for all unknowns, or for none")
     return bounds or names
 
 
@@ -101,7 +96,7 @@ def read_calibration(text: str | None) -> Any:
 
 def read_families(text: str | None) -> Sequence[str]:
     """Read ``--families NAME,NAME`` or ``none``."""
-    from chemage.inference.infer import FAMILIES
+    from chemage_inference.infer import FAMILIES
 
     if text is None:
         return FAMILIES
@@ -110,8 +105,8 @@ def read_families(text: str | None) -> Sequence[str]:
 
 
 def _forecast(text: str) -> Mapping[str, Any]:
-    from chemage.inference.forecast import stated
-    from chemage.scene.files import load_scene
+    from chemage import load_scene
+    from chemage_inference.forecast import stated
 
     words = _pairs("--predict", text)
     arguments: dict[str, Any] = {}
@@ -123,7 +118,7 @@ def _forecast(text: str) -> Mapping[str, Any]:
 
 
 def _candidates(text: str) -> list[dict[str, Any]]:
-    from chemage.inference.forecast import PLAN, stated
+    from chemage_inference.forecast import PLAN, stated
 
     if text.strip().lower().endswith(".csv") or ("=" not in text and Path(text).exists()):
         return _from_file(Path(text))
@@ -131,24 +126,23 @@ def _candidates(text: str) -> list[dict[str, Any]]:
     time = words.pop("hold_time", None)
     same = stated("--next", words, PLAN)
     if time is None:
-        raise user_error(f'--next {text}: give a hold time, such as "hold_time=1e5 s", or a CSV file')
+        raise options.user_error(f'--next {text}: give a hold time, such as "hold_time=1e5 s", or a CSV file')
     return [{"hold_time": one, **same} for one in _times("--next", time, PLANNED_PER_DECADE)]
 
 
 def _from_file(path: Path) -> list[dict[str, Any]]:
     """Planned measurements in a CSV file: columns hold_time (s), load (nN), temperature (K), error (nN)."""
-    from chemage.ageing.measurements import COLUMNS
-    from chemage.foundation.tables import read_columns
-    from chemage.inference.forecast import PLAN, STATED, stated
+    from chemage.plugin import MEASURED_COLUMNS, tables
+    from chemage_inference.forecast import PLAN, STATED, stated
 
     example = ", ".join(f"{name} ({STATED[name][0]})" for name in PLAN)
-    table = read_columns(path, {name: COLUMNS[name] for name in PLAN}, example)
+    table = tables.read_columns(path, {name: MEASURED_COLUMNS[name] for name in PLAN}, example)
     if not table.rows:
-        raise user_error(
+        raise options.user_error(
             f"--next {path}: no planned measurements; write a header, such as {example}, and a row for each"
         )
     if "hold_time" not in table.columns:
-        raise user_error(f"--next {path}: no column hold_time; write the header as {example}")
+        raise options.user_error(f"--next {path}: no column hold_time; write the header as {example}")
     for note in table.notes:
         output.remark(f"note: {path}: {note}")
     plans = []
@@ -172,12 +166,12 @@ def _pairs(option: str, text: str) -> dict[str, float | str]:
         name, equals, value = (piece.strip() for piece in part.partition("="))
         name = {"hold_times": "hold_time"}.get(name, name)
         if not equals or not value:
-            raise user_error(f"{option} {text}: {part!r}; {example}")
+            raise options.user_error(f"{option} {text}: {part!r}; {example}")
         if name in words:
-            raise user_error(f"{option} {text}: {name} is given twice")
+            raise options.user_error(f"{option} {text}: {name} is given twice")
         words[name] = _number(value)
     if not words:
-        raise user_error(f"{option}: nothing given; {example}")
+        raise options.user_error(f"{option}: nothing given; {example}")
     return words
 
 
@@ -189,9 +183,8 @@ def _number(value: str) -> float | str:
 
 
 def _times(option: str, value: float | str, per_decade: int) -> list[float]:
-    from chemage.foundation.checks import hold_times
-    from chemage.foundation.errors import ChemageError
-    from chemage.inference.forecast import stated
+    from chemage import ChemageError, hold_times
+    from chemage_inference.forecast import stated
 
     low, to, high = (part.strip() for part in str(value).partition(" to "))
     if not to:
@@ -199,7 +192,7 @@ def _times(option: str, value: float | str, per_decade: int) -> list[float]:
     try:
         return hold_times(_number(low), _number(high), per_decade).tolist()
     except ChemageError as error:
-        raise user_error(f"{option}: hold_time={value}: {error}") from None
+        raise options.user_error(f"{option}: hold_time={value}: {error}") from None
 
 
 MeasuredArg = Annotated[
@@ -312,7 +305,7 @@ OutOpt = Annotated[
 def infer(
     measured: MeasuredArg,
     scene: SceneOpt,
-    changes: SetOpt = None,
+    changes: options.SetOpt = None,
     load: LoadOpt = None,
     temperature: TemperatureOpt = None,
     relative_error: RelativeErrorOpt = None,
@@ -326,26 +319,26 @@ def infer(
     target: TargetOpt = None,
     samples: SamplesOpt = 1000,
     seed: SeedOpt = 0,
-    threads: ThreadsOpt = None,
+    threads: options.ThreadsOpt = None,
     out: OutOpt = None,
-    figures: Annotated[bool, typer.Option(help="draw figures into the folder NAME-figures beside the result")] = True,
-    as_json: JsonOpt = False,
-    force: ForceOpt = False,
+    figures: options.FiguresOpt = True,
+    as_json: options.JsonOpt = False,
+    force: options.ForceOpt = False,
 ) -> None:
     """Infer the density of reaction barriers from measured ageing.
 
     Prints the density with its bands, what the data can see at all, forecasts, and which measurement would narrow them
     most. The result file can be used in scenes: forming = { kind = "inferred", path = "NAME.h5" }.
     """
-    loading("loading chemage")
-    from chemage.foundation.result import result_of
-    from chemage.foundation.units import convert
-    from chemage.inference.result import UnexplainedError
-    from chemage.scene.files import load_scene
+    progress.loading("loading chemage")
+    from chemage import load_scene
+    from chemage.plugin import convert
+    from chemage_inference.display import InferenceDisplay
+    from chemage_inference.result import UnexplainedError
 
     path = out or Path(f"{measured[0].stem}-inferred.h5")
     if out is not None:
-        check_ending(out, RESULTS, "a result file")
+        options.check_ending(out, options.RESULTS, "a result file")
     wishes = read_wishes(predict or (), planned or (), target)
     how: dict[str, Any] = {
         "unknown": read_unknowns(unknown or ()),
@@ -356,15 +349,14 @@ def infer(
         "seed": seed,
         "threads": threads,
     }
-    there = load_scene(scene, changed_fields(changes))
-    protect_inputs(path, scene, there)
-    _protect(path, [*measured, *(Path(text) for text in planned or () if "=" not in text)])
+    there = load_scene(scene, options.changed_fields(changes))
+    output.protect_inputs(path, scene, there, *measured, *(text for text in planned or () if "=" not in text))
     share = None if relative_error is None else convert(relative_error, "", "--relative-error")
     curves = _curves(measured, load, temperature, share)
     if calibrate is not None:
         _calibrated(curves, there, calibrate, {name: how[name] for name in _OF_CALIBRATION}, as_json)
         return
-    preflight_result(path, force=force, figures=figures)
+    output.preflight_result(path, force=force, figures=figures)
     try:
         result, pictures = _computed(curves, there, wishes, how, path, figures=figures, force=force)
     except UnexplainedError as error:
@@ -373,7 +365,7 @@ def infer(
             output.say(f"residuals of the best fit: {_drawn_residuals(error, curves, path)}", file=sys.stderr)
         raise
     hint = f'use it   forming = {{ kind = "inferred", path = "{path}" }}'
-    output.answer(result_of(result), as_json, [hint], file=path, figures=pictures)
+    output.answer(InferenceDisplay(result), as_json, [hint], file=path, figures=pictures)
 
 
 #: arguments that a calibration has as well
@@ -384,28 +376,22 @@ def _calibrated(
     curves: tuple[MeasuredCurve, ...], scene: Scene, count: int, how: dict[str, Any], as_json: bool
 ) -> None:
     """Print how often the bands of an inference of simulated truths hold these."""
-    from chemage.inference.calibrate import LEVELS
-    from chemage.inference.calibrate import calibrate as calibrating
+    from chemage_inference.calibrate import LEVELS
+    from chemage_inference.calibrate import calibrate as calibrating
 
-    with progress_bars() as report:
+    with progress.progress_bars() as report:
         found = calibrating(curves, scene, count=count, progress=report, **how)
     if as_json:
-        print(json.dumps(found.todict()))
+        output.say_json(found.todict())
         return
     columns = ("quantity", "uniform, p", *(f"inside {100 * level:.0f} %" for level in LEVELS))
     output.show_rows(f"{count} simulated truths, {found.refused} of them refused", columns, found.rows())
 
 
-def _protect(path: Path, inputs: Sequence[Path]) -> None:
-    for file in inputs:
-        if os.path.realpath(file) == os.path.realpath(path):
-            raise user_error(f"{path} is an input of this command; choose another --out")
-
-
 def _curves(
     files: Sequence[Path], load: str | None, temperature: str | None, share: float | None
 ) -> tuple[MeasuredCurve, ...]:
-    from chemage.inference.curves import check_curves, read_curves
+    from chemage_inference.curves import check_curves, read_curves
 
     how: dict[str, Any] = {"load": load, "temperature": temperature, "relative_error": share}
     curves = tuple(curve for file in files for curve in read_curves(file, **how))
@@ -426,25 +412,24 @@ def _computed(
     force: bool,
 ) -> tuple[InferenceResult, list[Path]]:
     """Infer, forecast, rank, write and draw."""
-    from chemage.foundation.result import result_of
-    from chemage.inference import infer as inferring
-    from chemage.results.files import write_inference
+    from chemage_inference import infer as inferring
+    from chemage_inference.display import InferenceDisplay
 
     pictures: list[Path] = []
-    with progress_bars({"families": "fits"}) as report:
+    with progress.progress_bars({"families": "fits"}) as report:
         inference = inferring.infer(curves, scene, progress=report, **how)
         result = _with_wishes(inference, wishes, report)
-        with reported(report, "writing"):
-            write_inference(path, result, force=force)
+        with progress.reported(report, "writing"):
+            result.write(path, force=force)
         if figures:
-            with result_written(path), reported(report, "drawing"):
-                pictures = drawn(result_of(result), path)
+            with output.result_written(path), progress.reported(report, "drawing"):
+                pictures = output.drawn(InferenceDisplay(result), path)
     return result, pictures
 
 
-def _with_wishes(inference: Inference, wishes: Wishes, report: Report) -> InferenceResult:
+def _with_wishes(inference: Inference, wishes: Wishes, report: progress.Report) -> InferenceResult:
     """The forecasts, and the planned measurements in their order."""
-    from chemage.inference.result import InferenceResult
+    from chemage_inference.result import InferenceResult
 
     forecasts, total = {}, len(wishes.forecasts)
     for number, (label, arguments) in enumerate(wishes.forecasts.items()):
@@ -454,7 +439,7 @@ def _with_wishes(inference: Inference, wishes: Wishes, report: Report) -> Infere
         report("forecasts", total, total)
     ranked: list[dict[str, Any]] = []
     if wishes.candidates:
-        with reported(report, "planned measurements"):
+        with progress.reported(report, "planned measurements"):
             ranked = inference.next_experiment(wishes.candidates, target=wishes.target)
     return InferenceResult(inference, forecasts, tuple(ranked), wishes.target_text if ranked else "")
 
@@ -478,16 +463,22 @@ def _drawn_residuals(error: UnexplainedError, curves: Sequence[MeasuredCurve], p
     """Draw the residuals of the best fit into the folder of figures."""
     import numpy as np
 
-    from chemage.foundation.figures import GREY, PALETTE, legend, panels, plain, save_figures
+    from chemage.plugin import figures
 
-    figure, (axes,) = panels(6.4, 3.4)
+    figure, (axes,) = figures.panels(6.4, 3.4)
     ends = [0, *(int(end) for end in np.cumsum([curve.hold_times.size for curve in curves]))]
-    axes.axhspan(-2, 2, color=GREY, alpha=0.15, lw=0)
+    axes.axhspan(-2, 2, color=figures.GREY, alpha=0.15, lw=0)
     for number, curve in enumerate(curves):
         here = error.residuals[ends[number] : ends[number + 1]]
         axes.plot(
-            curve.hold_times, here, "o-", lw=0.6, ms=3.2, color=PALETTE[number % len(PALETTE)], label=plain(curve.name)
+            curve.hold_times,
+            here,
+            "o-",
+            lw=0.6,
+            ms=3.2,
+            color=figures.PALETTE[number % len(figures.PALETTE)],
+            label=figures.plain(curve.name),
         )
     axes.set(xscale="log", xlabel="hold time (s)", ylabel="residual (stated standard errors)")
-    legend(axes)
-    return save_figures({"residuals": figure}, output.figures_of(path), force=True)[0]
+    figures.legend(axes)
+    return figures.save_figures({"residuals": figure}, output.figures_of(path), force=True)[0]

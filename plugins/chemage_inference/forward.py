@@ -1,7 +1,7 @@
 """The forward model: what a density of barriers makes of the hold times of all curves, on the contacts of a scene.
 
 ΔF(t) = ⟨f⟩ × front factor × sites × ∫ p(E) S(t; E) dE. S is averaged over pressure, breaking barriers and rim of the
-contact: exactly where sites do not interact, and through the mean field of :mod:`chemage.inference.energies` where
+contact: exactly where sites do not interact, and through the mean field of :mod:`chemage_inference.energies` where
 they do. What the mean field leaves out is measured by the kinetics of the sites themselves
 (:meth:`Condition.calibrate`).
 """
@@ -16,15 +16,21 @@ from typing import Any
 
 import numpy as np
 
-from chemage.ageing.replicas import replica_seeds
-from chemage.contacts.solution import ContactSolution, ContactStatistics
-from chemage.foundation import random
-from chemage.foundation.algebra import product
-from chemage.foundation.errors import InputError
-from chemage.foundation.threads import available, in_order
-from chemage.foundation.units import EV_PER_GPA_NM3
-from chemage.inference.curves import MeasuredCurve
-from chemage.inference.energies import (
+from chemage import Chemistry, ContactSolution, InputError, ReactionLattice, Scene, Surface
+from chemage.plugin import (
+    EV_PER_GPA_NM3,
+    ContactStatistics,
+    algebra,
+    build_lattice,
+    contact_of,
+    contact_statistics,
+    random,
+    run_kinetics,
+    surface_of,
+)
+from chemage.plugin import threads as processors
+from chemage_inference.curves import MeasuredCurve
+from chemage_inference.energies import (
     GROUPS,
     EnergyGrid,
     Environments,
@@ -34,14 +40,8 @@ from chemage.inference.energies import (
     energy_grid,
     make_kernel,
 )
-from chemage.inference.noise import ErrorModel, Noise
-from chemage.inference.problem import LOAD, Unknowns
-from chemage.kinetics.role import run_kinetics
-from chemage.lattices.chemistry import Chemistry, build_lattice, contact_statistics
-from chemage.lattices.lattice import ReactionLattice
-from chemage.scene.run import contact_of, surface_of
-from chemage.scene.scene import Scene
-from chemage.surfaces.surface import Surface
+from chemage_inference.noise import ErrorModel, Noise
+from chemage_inference.problem import LOAD, Unknowns
 
 #: sites of the contact that stand for all in the mean field
 ENVIRONMENTS = 1000
@@ -93,12 +93,12 @@ class Condition:
     def linear(self, density: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """ΔF at the hold times (m,), nN, and its derivative by the density (m, n)."""
         if self.mean_field is None:
-            return self.scale * product(self.alone, density), self.scale * self.alone
+            return self.scale * algebra.product(self.alone, density), self.scale * self.alone
         start = self._last.shares if self._last is not None else None
         self._last = solved = self.mean_field.solve(density, start)
         share = self.mean_field.environments.shares
         factor = self.scale * self.correction
-        value = factor * product(share, solved.shares)[self.places]
+        value = factor * algebra.product(share, solved.shares)[self.places]
         return value, factor[:, None] * np.einsum("g,gln->ln", share, solved.derivative)[self.places]
 
     def without_neighbours(self) -> np.ndarray:
@@ -150,13 +150,13 @@ class Condition:
             mean = expected[group, :, left] * (1 - part)[:, None] + expected[group, :, left + 1] * part[:, None]
             return bonds - mean[inside].sum(axis=0), barrier.size
 
-        replicas = list(in_order(replica, len(lattices), threads or available(), None))
+        replicas = list(processors.in_order(replica, len(lattices), threads or processors.available(), None))
         sizes = np.array([size for _, size in replicas], dtype=float)
         surplus = np.stack([difference for difference, _ in replicas])
         excess = surplus.sum(axis=0) / sizes.sum()
         scatter = surplus - sizes[:, None] * excess
         error = np.sqrt((scatter**2).sum(axis=0) / max(len(replicas) - 1, 1) * len(replicas)) / sizes.sum()
-        share = product(self.mean_field.environments.shares, solved.shares)[self.places]
+        share = algebra.product(self.mean_field.environments.shares, solved.shares)[self.places]
         self.correction, self.correction_error = _smoothed(
             np.log10(self.hold_times), excess / np.maximum(share, 1e-12), error / np.maximum(share, 1e-12)
         )
@@ -168,7 +168,8 @@ class Condition:
         return np.einsum("ls,lsj->lj", weights[self.places], windows)
 
     def _prepared(self, contact: ContactSolution, seed: int, number: int) -> tuple[Any, ...]:
-        disorder, noise = replica_seeds(seed, number, "all", ())
+        disorder = np.random.SeedSequence(seed, spawn_key=(number, 0))
+        noise = random.CommonSeed(seed, spawn_key=(number, 1))
         lattice = build_lattice(self.chemistry, contact, disorder)
         uniform = random.uniforms(disorder, random.FORMING, lattice.random_index)
         pressure = lattice.pressures(contact)
@@ -182,7 +183,7 @@ def _smoothed(x: np.ndarray, excess: np.ndarray, error: np.ndarray) -> tuple[np.
     near = np.exp(-0.5 * ((x[:, None] - x) / (SMOOTHED / 2)) ** 2)
     # neighbouring times see the same bonds: their noise is common, and counts once
     total = (near * weight).sum(axis=1)
-    mean = product(near * weight, excess) / total
+    mean = algebra.product(near * weight, excess) / total
     own = 1 / np.maximum((near * weight).max(axis=1), 1e-300)
     kept = UNCALIBRATED**2 / (UNCALIBRATED**2 + own)
     return 1 + kept * mean, np.sqrt(kept * own)
@@ -294,7 +295,7 @@ def _environments(chemistry: Chemistry, contact: ContactSolution, seed: int) -> 
     lattices: list[ReactionLattice] = []
     total = 0
     while total < ENVIRONMENTS and len(lattices) < 50:
-        disorder, _ = replica_seeds(seed, 1_000_000 + len(lattices), "all", ())
+        disorder = np.random.SeedSequence(seed, spawn_key=(1_000_000 + len(lattices), 0))
         lattices.append(build_lattice(chemistry, contact, disorder))
         total += max(lattices[-1].sites.size, 1)
     pressure = np.concatenate([np.asarray(lattice.pressures(contact), dtype=np.float64) for lattice in lattices])

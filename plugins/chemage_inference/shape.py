@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from chemage.foundation.algebra import product
-from chemage.inference.energies import averaging
-from chemage.inference.forecast import WIDE, band
-from chemage.inference.result import Inference
+from chemage.plugin import algebra
+from chemage_inference.energies import averaging
+from chemage_inference.forecast import WIDE, band
+from chemage_inference.result import Inference
 
 #: parts into which the visible energies are cut, at most
 PARTS = 6
@@ -144,7 +144,9 @@ def _seen(inference: Inference) -> tuple[np.ndarray, np.ndarray]:
         return energies[:0], inference.samples[:, :0]
     low, high = inference.visible_range
     inside = (energies >= low) & (energies <= high)
-    return energies[inside], product(inference.samples[:, inside], averaging(energies[inside], inference.resolution).T)
+    return energies[inside], algebra.product(
+        inference.samples[:, inside], averaging(energies[inside], inference.resolution).T
+    )
 
 
 def _maxima(mean: np.ndarray) -> np.ndarray:

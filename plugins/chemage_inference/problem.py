@@ -26,12 +26,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from chemage.foundation.algebra import cholesky, forward, product, row_axes
-from chemage.foundation.errors import InputError, nearest
-from chemage.foundation.units import QuantityLike, convert
-from chemage.inference.energies import EnergyGrid
-from chemage.inference.noise import Noise, State, fixed
-from chemage.lattices.chemistry import Chemistry
+from chemage import Chemistry, InputError
+from chemage.plugin import algebra, convert, nearest, units
+from chemage_inference.energies import EnergyGrid
+from chemage_inference.noise import Noise, State, fixed
 
 #: 1/eV: mean of the process, and standard deviation of its level
 LEVEL, LEVEL_SPREAD = 0.5, 1.5
@@ -104,9 +102,9 @@ class Prior:
         inverses, logs = [], []
         for choice in range(len(self.combinations)):
             covariance = self.covariance(choice)
-            lower = cholesky(covariance)
-            root = forward(lower, np.eye(len(lower)))
-            inverses.append(product(root.T, root))
+            lower = algebra.cholesky(covariance)
+            root = algebra.forward(lower, np.eye(len(lower)))
+            inverses.append(algebra.product(root.T, root))
             logs.append(-np.log(np.diag(lower)).sum())
         return np.stack(inverses), np.array(logs)
 
@@ -117,9 +115,9 @@ class Prior:
         for _ in range(1000 * count):
             choice = int(rng.integers(len(self.combinations)))
             if choice not in factors:
-                factors[choice] = cholesky(self.covariance(choice))
-            density = np.maximum(LEVEL + product(factors[choice], rng.standard_normal(self.nodes.size)), 0.0)
-            if product(density, areas) <= 1.0:
+                factors[choice] = algebra.cholesky(self.covariance(choice))
+            density = np.maximum(LEVEL + algebra.product(factors[choice], rng.standard_normal(self.nodes.size)), 0.0)
+            if algebra.product(density, areas) <= 1.0:
                 densities.append(density)
                 if len(densities) == count:
                     break
@@ -195,7 +193,7 @@ class Unknowns:
 
 
 def unknowns_of(
-    names: Mapping[str, tuple[QuantityLike, QuantityLike]] | Sequence[str],
+    names: Mapping[str, tuple[units.QuantityLike, units.QuantityLike]] | Sequence[str],
     chemistry: Chemistry,
     load_error: float = 0.0,
 ) -> Unknowns:
@@ -222,7 +220,7 @@ def unknowns_of(
 
 
 def _bounds(
-    name: str, names: Mapping[str, tuple[QuantityLike, QuantityLike]] | Sequence[str], chemistry: Chemistry
+    name: str, names: Mapping[str, tuple[units.QuantityLike, units.QuantityLike]] | Sequence[str], chemistry: Chemistry
 ) -> tuple[float, float]:
     if name not in UNITS:
         raise InputError.of(
@@ -390,7 +388,7 @@ class Hidden:
 
     def integral(self, densities: np.ndarray) -> np.ndarray:
         """(S,) shares of the sites that ``densities`` (S, n) have here."""
-        return product(densities[:, self.here], self.areas)
+        return algebra.product(densities[:, self.here], self.areas)
 
     def redrawn(
         self, densities: np.ndarray, shares: np.ndarray, rng: np.random.Generator, data: Data | None = None
@@ -412,9 +410,9 @@ class Hidden:
         base, scale = data.values - factor * seen, factor * shares[:, None]
         # only combinations of the measurements that the peaks change
         rows = tables.reshape(-1, tables.shape[-1])
-        axes = row_axes(product(rows.T, rows), 0.0)
-        axes = axes[np.abs(product(tables, axes.T)).max(axis=(0, 1, 2)) > NEGLIGIBLE].T
-        tables, base = product(tables, axes), product(base, axes)
+        axes = algebra.row_axes(algebra.product(rows.T, rows), 0.0)
+        axes = axes[np.abs(algebra.product(tables, axes.T)).max(axis=(0, 1, 2)) > NEGLIGIBLE].T
+        tables, base = algebra.product(tables, axes), algebra.product(base, axes)
 
         def misfit(peaks: Peaks) -> np.ndarray:
             at = np.minimum(peaks.place.astype(np.int64), self.count - 2)
@@ -496,6 +494,6 @@ def redrawn_outside(
         below = Hidden(grid, 0, int(inside[0]))
         some = below.redrawn(some, below.integral(some), rng, data)
     above = Hidden(grid, int(inside[-1]) + 1, grid.count)
-    left = np.maximum(1 - product(some, grid.areas) + above.integral(some), 0.0)
+    left = np.maximum(1 - algebra.product(some, grid.areas) + above.integral(some), 0.0)
     redrawn[chosen] = above.redrawn(some, left, rng, data)
     return redrawn

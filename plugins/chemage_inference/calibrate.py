@@ -12,21 +12,16 @@ from typing import Any
 
 import numpy as np
 
-from chemage.foundation.algebra import product
-from chemage.foundation.checks import checked_count, checked_seed
-from chemage.foundation.errors import InputError
-from chemage.foundation.progress import Report
-from chemage.foundation.text import jsonable
-from chemage.foundation.units import QuantityLike
-from chemage.inference.curves import MeasuredCurve
-from chemage.inference.families import estimated, sampled
-from chemage.inference.forward import Model, check_scene, make_model
-from chemage.inference.infer import calibrations, inner_ends, with_hidden
-from chemage.inference.noise import LARGEST, RARE, SMALLEST, SPREAD, TIME, TIME_SPREAD, WIDER, ErrorModel, Noise, State
-from chemage.inference.problem import REACH, Prior, Problem, Unknowns, redrawn_outside
-from chemage.inference.result import UnexplainedError, scene_of
-from chemage.inference.sampling import Chain
-from chemage.scene.scene import Scene
+from chemage import InputError, Scene
+from chemage.plugin import algebra, checked_count, checked_seed, progress, text, units
+from chemage_inference.curves import MeasuredCurve
+from chemage_inference.families import estimated, sampled
+from chemage_inference.forward import Model, check_scene, make_model
+from chemage_inference.infer import calibrations, inner_ends, with_hidden
+from chemage_inference.noise import LARGEST, RARE, SMALLEST, SPREAD, TIME, TIME_SPREAD, WIDER, ErrorModel, Noise, State
+from chemage_inference.problem import REACH, Prior, Problem, Unknowns, redrawn_outside
+from chemage_inference.result import UnexplainedError, scene_of
+from chemage_inference.sampling import Chain
 
 #: sweeps of the prior between two truths, and of each chain of an inference; samples that are kept
 APART, SWEEPS, KEPT = 60, 1200, 400
@@ -75,7 +70,7 @@ class Calibration:
             }
             for name, ranks in self.ranks.items()
         }
-        return jsonable({"quantities": each, "refused": self.refused})
+        return text.jsonable({"quantities": each, "refused": self.refused})
 
 
 def calibrate(
@@ -84,10 +79,10 @@ def calibrate(
     *,
     count: int = 50,
     errors: str | Sequence[str] = ("scaled", "robust"),
-    calibration: QuantityLike | Mapping[str, QuantityLike] = 0.0,
+    calibration: units.QuantityLike | Mapping[str, units.QuantityLike] = 0.0,
     seed: int = 0,
     threads: int | None = None,
-    progress: Report | None = None,
+    progress: progress.Report | None = None,
 ) -> Calibration:
     """Calibrate the inference of a plan of measurements by ``count`` simulated truths.
 
@@ -204,7 +199,10 @@ def _ranks(model: Model, truth: np.ndarray, number: int, threads: int | None) ->
     for share in (0.25, 0.5, 0.75):
         end = seen[int(share * (seen.size - 1))] + 1
         name = f"share of the sites below {there.grid.nodes[end - 1]:.2f} eV"
-        quantities[name] = product(densities[:, :end], areas[:end]), float(product(truth[:end], areas[:end]))
+        quantities[name] = (
+            algebra.product(densities[:, :end], areas[:end]),
+            float(algebra.product(truth[:end], areas[:end])),
+        )
     last = int(np.argmax(model.hold_times))
     quantities[f"friction drop at {model.hold_times[last]:.3g} s"] = (
         samples.fitted(problem)[:, last],

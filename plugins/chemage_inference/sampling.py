@@ -12,13 +12,13 @@ from functools import cached_property
 
 import numpy as np
 
-from chemage.foundation.algebra import cholesky, forward, product, products, row_axes
-from chemage.foundation.threads import available, in_order
-from chemage.inference import kernels
-from chemage.inference.noise import State
-from chemage.inference.open import effective as effective_samples
-from chemage.inference.open import r_hat
-from chemage.inference.problem import LEVEL, Problem
+from chemage.plugin import algebra
+from chemage.plugin import threads as processors
+from chemage_inference import kernels
+from chemage_inference.noise import State
+from chemage_inference.open import effective as effective_samples
+from chemage_inference.open import r_hat
+from chemage_inference.problem import LEVEL, Problem
 
 #: chains, and sweeps of each before samples are kept
 CHAINS, WARM = 4, 400
@@ -68,7 +68,7 @@ class Chain:
 
     def __init__(self, problem: Problem, start: np.ndarray, rng: np.random.Generator) -> None:
         self.problem, self.rng = problem, rng
-        mass = float(product(np.maximum(start, 0.0), problem.areas))
+        mass = float(algebra.product(np.maximum(start, 0.0), problem.areas))
         self.x = np.ascontiguousarray(start * min(1.0, 0.999 / max(mass, 1e-12)))
         self.point, self.log_factor = problem.start, 0.0
         self.noise = problem.likelihood
@@ -130,8 +130,8 @@ class Chain:
         """Axes (n, r) of the density that the measurements tell of, and the measurements (m, r) by them."""
         if point not in self._reduced:
             matrix = self.problem.matrices[point]
-            axes = row_axes(matrix / self.problem.errors[:, None], NEGLIGIBLE).T
-            self._reduced[point] = axes, product(matrix, axes)
+            axes = algebra.row_axes(matrix / self.problem.errors[:, None], NEGLIGIBLE).T
+            self._reduced[point] = axes, algebra.product(matrix, axes)
         return self._reduced[point]
 
     def _rows(self, point: int, log_factor: float, complete: bool, state: State) -> tuple[np.ndarray, np.ndarray]:
@@ -146,8 +146,11 @@ class Chain:
         factor = np.exp(log_factor) * self.noise.factor(state)
         parts = self.noise.white(state, factor[:, None] * parts)
         goal = self.noise.white(state, self.problem.values - factor * self.problem.offsets[point])
-        lower = cholesky(product(parts.T, parts) + 1e-6 * np.eye(parts.shape[1]))
-        matrix, target = product(axes, lower), forward(lower, product(parts.T, goal[:, None]))[:, 0]
+        lower = algebra.cholesky(algebra.product(parts.T, parts) + 1e-6 * np.eye(parts.shape[1]))
+        matrix, target = (
+            algebra.product(axes, lower),
+            algebra.forward(lower, algebra.product(parts.T, goal[:, None]))[:, 0],
+        )
         if not complete:
             return np.ascontiguousarray(matrix), target
         row = self.problem.areas[:, None] / COMPLETE
@@ -156,17 +159,19 @@ class Chain:
     def _fitted(self, x: np.ndarray, point: int, log_factor: float) -> np.ndarray:
         """(m,) values of the model, before the calibration."""
         return np.exp(log_factor) * (
-            self.problem.offsets[point] + product(self.problem.matrices[point], np.maximum(x, 0.0))
+            self.problem.offsets[point] + algebra.product(self.problem.matrices[point], np.maximum(x, 0.0))
         )
 
     def _misfit(self, x: np.ndarray, point: int, log_factor: float, state: State) -> float:
         """Half of χ² of all measurements; infinite where the integral of the density exceeds 1."""
-        mass = float(product(np.maximum(x, 0.0), self.problem.areas))
+        mass = float(algebra.product(np.maximum(x, 0.0), self.problem.areas))
         if mass > self._limit:
             return np.inf
         fitted = self.noise.factor(state) * self._fitted(x, point, log_factor)
         residual = self.noise.white(state, self.problem.values - fitted)
-        return 0.5 * float(product(residual, residual)) + (0.5 * ((mass - 1) / COMPLETE) ** 2 if self.complete else 0.0)
+        return 0.5 * float(algebra.product(residual, residual)) + (
+            0.5 * ((mass - 1) / COMPLETE) ** 2 if self.complete else 0.0
+        )
 
     @property
     def _limit(self) -> float:
@@ -183,7 +188,9 @@ class Chain:
         if key not in pattern.factors:
             matrix, _ = self._rows(pattern.point, pattern.log_factor, self.complete, pattern.state)
             seen = matrix * pattern.positive[:, None]
-            pattern.factors[key] = cholesky(self.problem.prior.precisions[0][self.choice] + product(seen, seen.T))
+            pattern.factors[key] = algebra.cholesky(
+                self.problem.prior.precisions[0][self.choice] + algebra.product(seen, seen.T)
+            )
         return pattern.factors[key]
 
     def _directions(self, count: int) -> np.ndarray:
@@ -227,19 +234,19 @@ class Chain:
         inverse = problem.prior.precisions[0][self.choice]
         kernels.sweep(
             self.x,
-            product(inverse, self.x - LEVEL),
+            algebra.product(inverse, self.x - LEVEL),
             matrix,
             target,
             problem.areas,
             self._limit,
             directions,
-            products(directions, inverse),
+            algebra.products(directions, inverse),
             self.rng.random((len(directions), 2)),
         )
 
     def _drawn_complete(self) -> None:
         """Draw whether the density is complete: a normal density of its integral about 1, or any integral below 1."""
-        mass = float(product(np.maximum(self.x, 0.0), self.problem.areas))
+        mass = float(algebra.product(np.maximum(self.x, 0.0), self.problem.areas))
         away = (mass - 1) / COMPLETE
         odds = -0.5 * away**2 - np.log(COMPLETE * np.sqrt(2 * np.pi)) + np.log(2.0)
         self.complete = mass > 1.0 or self.rng.logistic() < odds
@@ -300,11 +307,12 @@ class Chain:
             axes, parts = self._rotated(pattern.point)
             factor = np.exp(pattern.log_factor) * self.noise.factor(pattern.state)
             slope = self.noise.white(pattern.state, factor[:, None] * parts)
-            pull = product(
-                axes, product(slope.T, self.noise.white(pattern.state, np.where(here, self.problem.values, 0.0)))
+            pull = algebra.product(
+                axes,
+                algebra.product(slope.T, self.noise.white(pattern.state, np.where(here, self.problem.values, 0.0))),
             )
             factor = self._factor(pattern)
-            half = forward(factor, (pattern.positive * pull)[:, None])
+            half = algebra.forward(factor, (pattern.positive * pull)[:, None])
             pattern.answers[key] = -kernels.solved(factor, half.T)[0]
         return pattern.answers[key]
 
@@ -401,7 +409,7 @@ class Samples:
             problem.offsets[self.points]
             + np.einsum("smn,sn->sm", problem.matrices[self.points], self.densities, optimize=False)
             if len(problem.matrices) > 1
-            else problem.offsets[0] + product(self.densities, problem.matrices[0].T)
+            else problem.offsets[0] + algebra.product(self.densities, problem.matrices[0].T)
         )
         return self.factors[:, None] * values
 
@@ -425,15 +433,15 @@ def sample(
     each = -(-samples // CHAINS)
     watched = np.ones(start.size, dtype=bool) if watched is None else watched
     chains = [Chain(problem, start, np.random.default_rng([seed, number, 41])) for number in range(CHAINS)]
-    workers = min(threads or available(), CHAINS)
+    workers = min(threads or processors.available(), CHAINS)
     warm = min(WARM, sweeps)
     total, done, more = warm + sweeps, 0, min(2 * each, max(sweeps, each))
-    list(in_order(lambda number: chains[number].warm(warm), CHAINS, workers, None))
+    list(processors.in_order(lambda number: chains[number].warm(warm), CHAINS, workers, None))
     while True:
         if progress:
             progress(warm + done, total)
         more = min(more, sweeps - done) if done else more
-        list(in_order(lambda number, more=more: chains[number].run(more), CHAINS, workers, None))
+        list(processors.in_order(lambda number, more=more: chains[number].run(more), CHAINS, workers, None))
         done += more
         kept = np.linspace(0, done - 1, each).round().astype(int)
         every = np.stack([np.array(chain.densities) for chain in chains])

@@ -14,8 +14,8 @@ from functools import cached_property
 
 import numpy as np
 
-from chemage.foundation.errors import InputError
-from chemage.inference import kernels
+from chemage import InputError
+from chemage_inference import kernels
 
 #: standard deviation of the normal distribution of the logarithm of a scale, and its bounds: stated errors are lower
 #: limits, because a smaller scale makes noise a structure of the density

@@ -16,10 +16,8 @@ from functools import cached_property
 
 import numpy as np
 
-from chemage.foundation.algebra import product, solve
-from chemage.foundation.units import KB
-from chemage.lattices.chemistry import Chemistry
-from chemage.lattices.independent import TwoState
+from chemage import Chemistry
+from chemage.plugin import KB, TwoState, algebra
 
 #: nodes of the density per k_BT of the lowest temperature, and energies of the quadrature per node
 NODES_PER_KT, FINE = 1.5, 4
@@ -81,7 +79,7 @@ class EnergyGrid:
 
     def quantile(self, density: np.ndarray, uniform: np.ndarray, beyond: float) -> np.ndarray:
         """Barriers at ``uniform`` numbers; those above the integral of ``density`` get the barrier ``beyond``."""
-        weights = np.maximum(product(self.hats, np.maximum(density, 0)), 0)
+        weights = np.maximum(algebra.product(self.hats, np.maximum(density, 0)), 0)
         total = np.cumsum(weights)
         # a little of everything, so that the sum ascends
         total = total + np.arange(total.size) * 1e-15
@@ -157,12 +155,12 @@ class Kernel:
 
     def of_density(self, density: np.ndarray) -> np.ndarray:
         """(l, shifts): share of the sites of ``density`` (n,) that are bonded if all barriers are shifted."""
-        return np.einsum("lsj,j->ls", self.windows, product(self.grid.hats, density))
+        return np.einsum("lsj,j->ls", self.windows, algebra.product(self.grid.hats, density))
 
     def matrix(self, weights: np.ndarray) -> np.ndarray:
         """(l, n): derivative of the bonded share by the density, where shift s at time l has the weight [l, s]."""
         mixed = np.einsum("ls,lsj->lj", weights, self.windows)
-        return product(mixed, self.grid.hats)
+        return algebra.product(mixed, self.grid.hats)
 
 
 def make_kernel(
@@ -291,7 +289,7 @@ class MeanField:
             weight = self._histogram(left[:, here], part[:, here])
             direct = kernel.matrix(weight)
             back = self._back(shares[number], at[here], factors[here], by_tau[:, here])
-            derivative.append(solve(np.eye(self.times.size) - back, direct))
+            derivative.append(algebra.solve(np.eye(self.times.size) - back, direct))
             weights.append(weight)
         return Solved(shares, np.stack(derivative), np.stack(weights))
 

@@ -14,13 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from chemage.foundation.algebra import nonnegative, product
-from chemage.foundation.progress import Report
-from chemage.inference.energies import EnergyGrid
-from chemage.inference.forward import Model
-from chemage.inference.problem import FINE, REACH, Linear, Prior, Problem
-from chemage.inference.result import UnexplainedError
-from chemage.inference.sampling import MOST_SWEEPS, Samples, sample
+from chemage.plugin import algebra, progress
+from chemage_inference.energies import EnergyGrid
+from chemage_inference.forward import Model
+from chemage_inference.problem import FINE, REACH, Linear, Prior, Problem
+from chemage_inference.result import UnexplainedError
+from chemage_inference.sampling import MOST_SWEEPS, Samples, sample
 
 #: weights of the penalty on the second derivative that are tried, from strong to weak
 WEIGHTS = np.geomspace(1.0, 1e-7, 15)
@@ -45,9 +44,9 @@ def smooth_fit(data: Linear, weight: float, factor: float = 1.0) -> tuple[np.nda
     rows = np.concatenate([matrix / data.errors[:, None], second])
     rows = np.concatenate([np.pad(rows, ((0, 0), (0, 1))), limit])
     goal = np.concatenate([values / data.errors, np.zeros(len(second)), [1e3]])
-    density = nonnegative(rows.T.copy(), goal)[:-1]
-    density /= max(1.0, float(product(density, grid.areas)))
-    return density, float(np.sum(((product(matrix, density) - values) / data.errors) ** 2))
+    density = algebra.nonnegative(rows.T.copy(), goal)[:-1]
+    density /= max(1.0, float(algebra.product(density, grid.areas)))
+    return density, float(np.sum(((algebra.product(matrix, density) - values) / data.errors) ** 2))
 
 
 def first_estimate(data: Linear, factor: float) -> np.ndarray:
@@ -79,7 +78,7 @@ def check_explained(data: Linear, labels: list[str], largest: np.ndarray, stated
     fits = []
     for factor in [1.0] if data.factor is None else np.geomspace(np.exp(data.factor[0]), np.exp(data.factor[1]), 9):
         density, chi2 = smooth_fit(data, 1e-12, factor)
-        fits.append((chi2, density, factor * (data.offset + product(data.matrix, density))))
+        fits.append((chi2, density, factor * (data.offset + algebra.product(data.matrix, density))))
     chi2, density, fitted = min(fits, key=lambda fit: fit[0])
     if distribution.sf(chi2, values.size) >= UNLIKELY:
         return
@@ -87,7 +86,7 @@ def check_explained(data: Linear, labels: list[str], largest: np.ndarray, stated
     chi2, scaled = float(residuals @ residuals), np.any(largest > 1.01 * stated)
     worst = np.argsort(-np.abs(residuals))[:3]
     places = "; ".join(f"{residuals[at]:+.1f} standard errors at {labels[at]}" for at in sorted(worst))
-    share = float(product(density, grid.areas))
+    share = float(algebra.product(density, grid.areas))
     why = []
     above = values - fitted
     if share > 0.99 and np.sum(above / errors) > 0:
@@ -116,7 +115,7 @@ def check_explained(data: Linear, labels: list[str], largest: np.ndarray, stated
     )
 
 
-def estimated(model: Model, threads: int | None, report: Report) -> tuple[np.ndarray, list[float]]:
+def estimated(model: Model, threads: int | None, report: progress.Report) -> tuple[np.ndarray, list[float]]:
     """The density of best fit, smoothed, and how much each round of the interaction changed it."""
     if model.unknowns.points > 1:  # the point at which a density fits best, the neighbours left out
         alone = (_alone(model, point) for point in range(model.unknowns.points))
@@ -165,7 +164,7 @@ def _guess_errors(model: Model, data: Linear) -> None:
         data = replace(data, errors=noise.errors(model.state))
         fits = [smooth_fit(data, 1e-11, float(factor)) for factor in factors]
         best = int(np.argmin([chi2 for _, chi2 in fits]))
-        residual = data.values - factors[best] * (data.offset + product(data.matrix, fits[best][0]))
+        residual = data.values - factors[best] * (data.offset + algebra.product(data.matrix, fits[best][0]))
         model.state = noise.guessed(residual, PARAMETERS)
 
 
@@ -178,7 +177,7 @@ def _alone(model: Model, point: int) -> tuple[Linear, float]:
     """The linear model without neighbours, and a common factor with which some density reaches the largest value."""
     matrix = model.without_neighbours(point)
     data = _linear(model, matrix, np.zeros(model.values.size))
-    return data, _common_factor(data, product(matrix, np.full(model.grid.count, 0.9 / model.grid.areas.sum())))
+    return data, _common_factor(data, algebra.product(matrix, np.full(model.grid.count, 0.9 / model.grid.areas.sum())))
 
 
 def _common_factor(data: Linear, fitted: np.ndarray) -> float:
@@ -195,7 +194,7 @@ def _linear(model: Model, matrix: np.ndarray, offset: np.ndarray) -> Linear:
 def _about(model: Model, density: np.ndarray) -> tuple[np.ndarray, Linear]:
     """The values of the model at a density, and the model linear about it."""
     fitted, slope = model.linear(density, model.middle)
-    return fitted, _linear(model, slope, fitted - product(slope, density))
+    return fitted, _linear(model, slope, fitted - algebra.product(slope, density))
 
 
 def _distance(model: Model, density: np.ndarray, other: np.ndarray, seen: np.ndarray) -> float:
@@ -208,7 +207,7 @@ def linear_problem(model: Model, prior: Prior, density: np.ndarray) -> Problem:
     for point in range(model.unknowns.points):
         value, slope = model.linear(density, point)
         matrices.append(slope)
-        offsets.append(value - product(slope, density))
+        offsets.append(value - algebra.product(slope, density))
     unknowns, fine, shifts = model.unknowns.refined(np.stack(matrices), np.stack(offsets))
     start = model.middle if unknowns is model.unknowns else FINE * model.middle
     errors, noise = model.errors(model.values), model.noise(model.values)
@@ -220,7 +219,7 @@ def sampled(
     density: np.ndarray,
     count: int,
     threads: int | None,
-    report: Report,
+    report: progress.Report,
     changes: list[float],
     sweeps: int = MOST_SWEEPS,
 ) -> tuple[Problem, Samples, list[float]]:
@@ -356,7 +355,12 @@ def log_score(values: np.ndarray, mean: np.ndarray, covariance: np.ndarray) -> f
 
 
 def compared(
-    model: Model, problem: Problem, samples: Samples, families: Sequence[str], threads: int | None, report: Report
+    model: Model,
+    problem: Problem,
+    samples: Samples,
+    families: Sequence[str],
+    threads: int | None,
+    report: progress.Report,
 ) -> tuple[dict[str, float], dict[str, Any]]:
     """Scores of the smooth density and of the families on hold times left out, and the fits of the families."""
     if not families:
