@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
@@ -12,7 +11,7 @@ from pydantic import Field
 
 from chemage import ContactSolution, InputError, Surface
 from chemage.plugin import ConvergenceError, Length, Unit, convert, threads
-from chemage_contact._attraction import Adhesive, Found, Prescribed, minimise
+from chemage_contact._attraction import Adhesive, Found
 from chemage_contact._cohesion import CohesiveLaw
 from chemage_contact._operators import FreeHalfSpace, PeriodicHalfSpace, Substrate, Team
 from chemage_contact._solvers import GRID, HalfSpaceSolver
@@ -39,12 +38,8 @@ _REY = """@article{rey2017,
 }"""
 
 
-@dataclass(frozen=True)
-class _Before:
-    """Where an iteration begins: the unknown on the padded grid and the approach, in pixels."""
-
-    x: np.ndarray
-    rise: float
+#: where an iteration begins: the unknown on the padded grid and the approach, in pixels
+_Before = tuple[np.ndarray, float]
 
 
 class AdhesiveBEM(HalfSpaceSolver):
@@ -207,13 +202,12 @@ class AdhesiveBEM(HalfSpaceSolver):
         if load is not None and "radius" in surface.provenance:
             self._bearable(float(surface.provenance["radius"]), load)
         pressure = None if load is None else load / surface.nominal_area / modulus
-        goal = Prescribed(pressure, None if approach is None else approach / size)
         with Team(self.threads or threads.available()) as team:
-            problem = Adhesive(body, heights, law, goal, team)
-            begin = before or self._begin(surface, problem, load)
-            if goal.approach is not None:
-                begin = _placed(problem, begin, goal.approach)
-            found = minimise(problem, begin.x, begin.rise, self.tolerance, self.max_iterations)
+            problem = Adhesive(body, heights, law, pressure, None if approach is None else approach / size, team)
+            x, rise = before or self._begin(surface, problem, load)
+            if approach is not None:
+                x, rise = problem.placed(x, rise, approach / size)
+            found = problem.minimise(x, rise, self.tolerance, self.max_iterations)
         if found.apart:
             raise InputError.of(
                 "load",
@@ -222,7 +216,7 @@ class AdhesiveBEM(HalfSpaceSolver):
                 f"{self.work_of_adhesion:g} J/m²",
                 "give a load above the pull-off force, which loop() finds, or start = 'contact'",
             )
-        return self._solution(surface, found, load, law, coarse), _Before(found.unknown, found.approach)
+        return self._solution(surface, found, load, law, coarse), (found.unknown, found.approach)
 
     def _law(self, size: float) -> CohesiveLaw:
         """The attraction in pixels of ``size`` nm and contact moduli; a stress that falls to zero over its own elastic
@@ -234,7 +228,7 @@ class AdhesiveBEM(HalfSpaceSolver):
         x, rise = np.zeros(problem.padded), 0.0
         nx, ny = surface.shape
         if self.start == "contact" and load is not None:
-            return _Before(x, rise)
+            return x, rise
         if load is not None and load > 0:
             plain = self._plain().solve(surface, load)
             assert plain.gap is not None  # asked for
@@ -242,7 +236,7 @@ class AdhesiveBEM(HalfSpaceSolver):
             rise = (plain.displacement or 0.0) / surface.pixel_size
         else:
             x[:nx, :ny] = -problem.h
-        return _Before(x, 0.0 if problem.periodic else rise)
+        return x, 0.0 if problem.periodic else rise
 
     def _solution(
         self, surface: Surface, found: Found, load: float | None, law: CohesiveLaw, coarse: str
@@ -258,7 +252,18 @@ class AdhesiveBEM(HalfSpaceSolver):
                 raise ConvergenceError(message, history=found.history, residual=found.error, tolerance=self.tolerance)
             notes.append(message)
         if not self.is_nominally_flat(surface.periodic):
-            notes += _at_edge(found.gap, law)
+            # beyond the outermost pixels nothing acts
+            nearest = min(
+                float(edge.min()) for edge in (found.gap[0], found.gap[-1], found.gap[:, 0], found.gap[:, -1])
+            )
+            reach = law.range * -math.log(AT_EDGE) if law.exponential else law.range
+            if nearest <= 0:
+                notes.append("contact at the edge of the grid, beyond which nothing carries load")
+            elif law.work and nearest <= reach:
+                notes.append(
+                    "the surfaces attract each other at the edge of the grid, beyond which nothing acts: use more "
+                    "pixels"
+                )
         return self.solution(
             surface,
             pressure=pressure,
@@ -288,35 +293,3 @@ class AdhesiveBEM(HalfSpaceSolver):
             f"adhesive-bem: {why} after {found.iterations} iterations with a relative stress of {found.error:.3g} out "
             f"of balance (tolerance {self.tolerance:g}): {remedy}"
         )
-
-
-def _placed(problem: Adhesive, before: _Before, approach: float) -> _Before:
-    """The surfaces moved to another approach with the elastic body as it is, but not into each other."""
-    nx, ny = problem.shape
-    x = before.x.copy()
-    inside = x[:nx, :ny]
-    if not problem.periodic:
-        np.maximum(inside - (approach - before.rise), 0.0, out=inside)
-        return _Before(x, approach)
-    wanted = -float(problem.h.mean()) - approach
-    if not wanted > 0:
-        raise InputError.of(
-            "displacement", approach, "is one at which the surfaces touch everywhere", "give a smaller approach"
-        )
-    low, high = -wanted - float(inside.max()), float(inside.max())
-    for _ in range(200):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if float(np.maximum(inside - middle, 0.0).mean()) > wanted else (low, middle)
-    np.maximum(inside - 0.5 * (low + high), 0.0, out=inside)
-    return _Before(x, 0.0)
-
-
-def _at_edge(gap: np.ndarray, law: CohesiveLaw) -> list[str]:
-    """A note of contact or attraction on the outermost pixels of a free surface, beyond which nothing acts."""
-    nearest = min(float(edge.min()) for edge in (gap[0], gap[-1], gap[:, 0], gap[:, -1]))
-    if nearest <= 0:
-        return ["contact at the edge of the grid, beyond which nothing carries load"]
-    reach = law.range * -math.log(AT_EDGE) if law.exponential else law.range
-    if not law.work or nearest > reach:
-        return []
-    return ["the surfaces attract each other at the edge of the grid, beyond which nothing acts: use more pixels"]
