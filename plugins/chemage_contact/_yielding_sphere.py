@@ -91,15 +91,9 @@ class Ring:
         ) * (math.pi / FINE)
         inner, outer = np.minimum(r[:, None], s), np.maximum(r[:, None], s)
         rest = np.abs(r[:, None] - s) * (inner + outer) / outer**2
-        values = special.ellipe(1.0 - rest) - np.where(r[:, None] > s, rest * _finite_k(rest), 0.0)
+        second = rest * special.ellipkm1(np.maximum(rest, 1e-300))  # finite where it is multiplied by zero
+        values = special.ellipe(1.0 - rest) - np.where(r[:, None] > s, second, 0.0)
         return (4.0 / math.pi) * np.einsum("ij,j->i", outer * values, density)
-
-
-def _finite_k(rest: Array) -> Array:
-    """K for 1 - k² = ``rest``, finite where it is multiplied by zero."""
-    from scipy import special
-
-    return special.ellipkm1(np.maximum(rest, 1e-300))
 
 
 @dataclass(frozen=True)

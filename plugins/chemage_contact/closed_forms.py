@@ -12,7 +12,7 @@ from pydantic import Field
 
 from chemage import ContactSolution, InputError, Surface
 from chemage.plugin import ContactModulus, ContactStatistics, ContactTheory, Pressure, Roughness, theory
-from chemage_contact._solvers import GRID, NO_LOAD, SphereSolver, require_room
+from chemage_contact._solvers import GRID, NO_LOAD, SphereSolver
 from chemage_contact._yielding_sphere import YieldingSphere, yielding_sphere
 
 _HERTZ = """@article{hertz1881,
@@ -103,13 +103,13 @@ class Hertz(SphereSolver):
             )
         sphere = yielding_sphere(load, radius, self.modulus, self.hardness)
         if sphere is not None:
-            require_room(sphere.edge, shape, size, load)
+            self.require_room(sphere.edge, shape, size, load)
         return (edge if sphere is None else sphere.edge), sphere
 
     def _elastic_edge(self, shape: tuple[int, int], size: float, radius: float, load: float) -> float:
         """Radius of the elastic contact, nm."""
         edge = math.cbrt(0.75 * load * radius / self.modulus)
-        require_room(edge, shape, size, load)
+        self.require_room(edge, shape, size, load)
         if load > 0 and not (edge > 1e-60 * size and 1e-290 < load / size**2 < 1e100):
             raise InputError.of("load", load, f"leaves the range of numbers on pixels of {size:g} nm", "give nN and nm")
         return edge
@@ -119,16 +119,19 @@ class Hertz(SphereSolver):
         edge, sphere = self.pressed(surface.shape, size, radius, load)
         pressure = np.zeros(surface.shape)
         if sphere is not None:
-            pressure = _yielding_pixels(surface, sphere, load)
+            pressure = self._yielding_pressure(surface, sphere, load)
         elif load > 0:
-            pressure = _pixel_forces(surface, edge, load) / size**2
+            pressure = self._forces(surface, edge, load) / size**2
         total = float(pressure.sum()) * size**2
         gap, flow = None, None if self.hardness is None else np.zeros(surface.shape)
         if self.gap:
-            gap = _gap(surface, edge, radius) if sphere is None else np.maximum(sphere.gap(_distances(surface)), 0.0)
-            gap[pressure > 0] = 0.0
+            gap = self._open_gap(surface, edge, radius)
         if sphere is not None:
-            flow = np.where(pressure > 0, np.maximum(-sphere.gap(_distances(surface)), 0.0), 0.0)
+            overlap = -sphere.gap(self.distances(surface))
+            flow = np.where(pressure > 0, np.maximum(overlap, 0.0), 0.0)
+            gap = np.maximum(-overlap, 0.0) if self.gap else None
+        if gap is not None:
+            gap[pressure > 0] = 0.0
         return self.solution(
             surface,
             pressure=pressure,
@@ -141,25 +144,54 @@ class Hertz(SphereSolver):
             notes=() if load > 0 else NO_LOAD,
         )
 
+    def _open_gap(self, surface: Surface, edge: float, radius: float) -> np.ndarray:
+        """Gap at the centres of pixels, nm: (a²/πR) [√(ρ² − 1) + (ρ² − 2) acos(1/ρ)] at ρ = r/a > 1 (Johnson, eq.
+        3.42)."""
+        r = self.distances(surface)
+        if not edge > 0:
+            return r * r / (2 * radius)
+        rho = np.maximum(r / edge, 1.0)
+        return np.maximum(edge**2 / (math.pi * radius) * (np.sqrt(rho**2 - 1) + (rho**2 - 2) * np.arccos(1 / rho)), 0.0)
 
-def _edges(n: int, size: float) -> np.ndarray:
-    """The n + 1 pixel edges along one side, measured from the middle of the grid, nm."""
-    return (np.arange(n + 1) - 0.5 * n) * size
+    def _forces(self, surface: Surface, edge: float, load: float) -> np.ndarray:
+        """Force in nN on each pixel of a contact of radius ``edge``."""
+        x, y = (edges / edge for edges in self.edges(surface))
+        # p0·edge² = 3F/2π
+        force = _pixels(_corner_force, x, y) * (1.5 * load / math.pi)
+        centre = self.distances(surface)
+        inside = centre < edge
+        if not inside.any():  # the contact is smaller than a pixel
+            inside = centre <= centre.min()
+        force = np.where(inside, np.maximum(force, 0.0), 0.0)
+        return force * (load / force.sum())
 
+    def _yielding_pressure(self, surface: Surface, sphere: YieldingSphere, load: float) -> np.ndarray:
+        """Pressure of each pixel of a sphere that yields, GPa: the mean over its square where its centre is inside."""
+        size, r = surface.pixel_size, self.distances(surface)
+        inside = r < sphere.edge
+        least = load / sphere.hardness / size**2 * (1 - 1e-12)
+        if np.count_nonzero(inside) < least:  # their number is near πa²/size², not always above it
+            inside = r <= np.sort(r, axis=None)[math.ceil(least) - 1]
+        away = r[inside]
+        means = np.full(away.size, sphere.hardness)
+        x, y = (np.broadcast_to(v, r.shape)[inside] for v in np.ogrid[tuple(slice(0, n) for n in r.shape)])
+        places = [(v - 0.5 * (n - 1)) * size for v, n in zip((x, y), r.shape, strict=True)]
+        rim = np.minimum(np.abs(away - sphere.core), np.abs(away - sphere.edge)) < size
+        for points, there in ((16, rim), (3, ~rim & (away > sphere.core))):
+            offsets = ((np.arange(points) + 0.5) / points - 0.5) * size
+            for some in np.array_split(np.flatnonzero(there), max(1, np.count_nonzero(there) * points**2 >> 20)):
+                fine = np.hypot(
+                    (places[0][some, None] + offsets)[:, :, None], (places[1][some, None] + offsets)[:, None, :]
+                )
+                means[some] = sphere.pressure(fine.ravel()).reshape(fine.shape).mean(axis=(1, 2))
+        mean = load / size**2 / away.size
+        means *= min(1.0, mean / float(means.mean()))
+        # whose module loads the kernels of the boundary elements
+        from chemage_contact._bounds import projected
 
-def _distances(surface: Surface) -> np.ndarray:
-    """Distances of the centres of pixels from the apex, nm."""
-    x, y = (_edges(n, surface.pixel_size) for n in surface.shape)
-    return np.hypot((0.5 * (x[1:] + x[:-1]))[:, None], 0.5 * (y[1:] + y[:-1]))
-
-
-def _gap(surface: Surface, edge: float, radius: float) -> np.ndarray:
-    """Gap at the centres of pixels, nm: (a²/πR) [√(ρ² − 1) + (ρ² − 2) acos(1/ρ)] at ρ = r/a > 1 (Johnson, eq. 3.42)."""
-    r = _distances(surface)
-    if not edge > 0:
-        return r * r / (2 * radius)
-    rho = np.maximum(r / edge, 1.0)
-    return np.maximum(edge**2 / (math.pi * radius) * (np.sqrt(rho**2 - 1) + (rho**2 - 2) * np.arccos(1 / rho)), 0.0)
+        pressure = np.zeros(r.shape)
+        pressure[inside] = projected(means, mean, sphere.hardness)
+        return pressure
 
 
 def _corner_force(x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -195,48 +227,6 @@ def _pixels(corner: Any, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Integrals over each pixel from those over rectangles at the apex."""
     signed = (np.sign(x)[:, None] * np.sign(y)) * corner(np.abs(x)[:, None], np.abs(y)[None, :])
     return np.diff(np.diff(signed, axis=0), axis=1)
-
-
-def _pixel_forces(surface: Surface, edge: float, load: float) -> np.ndarray:
-    """Force in nN on each pixel of a contact of radius ``edge``."""
-    x, y = (_edges(n, surface.pixel_size) / edge for n in surface.shape)
-    # p0·edge² = 3F/2π
-    force = _pixels(_corner_force, x, y) * (1.5 * load / math.pi)
-    centre = _distances(surface)
-    inside = centre < edge
-    if not inside.any():  # the contact is smaller than a pixel
-        inside = centre <= centre.min()
-    force = np.where(inside, np.maximum(force, 0.0), 0.0)
-    return force * (load / force.sum())
-
-
-def _yielding_pixels(surface: Surface, sphere: YieldingSphere, load: float) -> np.ndarray:
-    """Pressure of each pixel of a sphere that yields, GPa: the mean over its square of those whose centre is inside."""
-    size, r = surface.pixel_size, _distances(surface)
-    inside = r < sphere.edge
-    least = load / sphere.hardness / size**2 * (1 - 1e-12)
-    if np.count_nonzero(inside) < least:  # their number is near πa²/size², not always above it
-        inside = r <= np.sort(r, axis=None)[math.ceil(least) - 1]
-    away = r[inside]
-    means = np.full(away.size, sphere.hardness)
-    x, y = (np.broadcast_to(v, r.shape)[inside] for v in np.ogrid[tuple(slice(0, n) for n in r.shape)])
-    places = [(v - 0.5 * (n - 1)) * size for v, n in zip((x, y), r.shape, strict=True)]
-    rim = np.minimum(np.abs(away - sphere.core), np.abs(away - sphere.edge)) < size
-    for points, there in ((16, rim), (3, ~rim & (away > sphere.core))):
-        offsets = ((np.arange(points) + 0.5) / points - 0.5) * size
-        for some in np.array_split(np.flatnonzero(there), max(1, np.count_nonzero(there) * points**2 >> 20)):
-            fine = np.hypot(
-                (places[0][some, None] + offsets)[:, :, None], (places[1][some, None] + offsets)[:, None, :]
-            )
-            means[some] = sphere.pressure(fine.ravel()).reshape(fine.shape).mean(axis=(1, 2))
-    mean = load / size**2 / away.size
-    means *= min(1.0, mean / float(means.mean()))
-    # whose module loads the kernels of the boundary elements
-    from chemage_contact._bounds import projected
-
-    pressure = np.zeros(r.shape)
-    pressure[inside] = projected(means, mean, sphere.hardness)
-    return pressure
 
 
 #: classes of pressure, and standard deviations beyond the mean pressure up to which they reach
