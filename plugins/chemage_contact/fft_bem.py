@@ -281,9 +281,15 @@ class FFTBEM(HalfSpaceSolver):
             return self._untouched(surface, 0.0)
         pressure = load / surface.nominal_area
         quantum = _power_of_two(pressure)
+        # Growing the contact takes longer than shrinking it; where coarse grids are the better start is measured
+        # (``docs/contact.md``).
+        near = start is not None and start.shape == surface.shape and 0.8 * start.load <= load <= 1.05 * start.load
         with Team(self.threads or threads.available()) as team:
             heights, unit = _dimensionless(surface, pressure / self.modulus, team)
-            goal: dict[str, Any] = {"mean": pressure / quantum, "start": _usable(start, surface, load)}
+            goal: dict[str, Any] = {
+                "mean": pressure / quantum,
+                "start": start.pressure if start is not None and near else None,
+            }
             return self._solved(surface, self._body(surface), heights, unit, quantum, load, team, goal)
 
     def sweep(self, surface: Surface, loads: Sequence[float | str]) -> list[ContactSolution]:
@@ -370,7 +376,7 @@ class FFTBEM(HalfSpaceSolver):
             plastic_displacement=None if self.hardness is None else np.zeros_like(pressure),
             load=0.0,
             displacement=approach,
-            convergence=_report(self, None, force_error=0.0, complementarity=0.0, scale=0.0),
+            convergence=self._report(None, force_error=0.0, complementarity=0.0, scale=0.0),
             notes=NO_LOAD if approach == 0 else (),
         )
 
@@ -429,8 +435,7 @@ class FFTBEM(HalfSpaceSolver):
             converged=result.converged,
             residual=result.error,
             iterations=result.iterations,
-            convergence=_report(
-                self,
+            convergence=self._report(
                 result,
                 force_error=force_error,
                 complementarity=complementarity,
@@ -471,6 +476,21 @@ class FFTBEM(HalfSpaceSolver):
         where = "contact at the edge of the grid, beyond which nothing carries load"
         return [f"{where}: {100 * share:.2g} % of the load is on the outermost pixels, as at the edge of a punch"]
 
+    def _report(self, result: GridSolution | None, **errors: float) -> dict[str, Any]:
+        """The errors of the solution and how it was found: plain values."""
+        numbers: dict[str, Any] = {
+            "tolerance": self.tolerance,
+            "precision": self.precision,
+            "rms_gap": result.rms_gap if result else 0.0,
+            "penetration": result.penetration if result else 0.0,
+            "pressure_error": result.pressure_error[0] if result else 0.0,
+            "pressure_error_max": result.pressure_error[1] if result else 0.0,
+            "transforms": result.transforms if result else 0,
+            "history": [[float(rms), float(deepest)] for rms, deepest in result.history] if result else [],
+            "levels": [{"pixels": list(shape), "iterations": n} for shape, n in result.levels] if result else [],
+        }
+        return numbers | errors
+
     def _failure(self, result: GridSolution) -> str:
         larger = "accept a larger tolerance"
         if result.iterations >= self.max_iterations:
@@ -499,22 +519,6 @@ def _flow(result: GridSolution, hardness: float, unit: float) -> np.ndarray:
     return flow
 
 
-def _report(solver: FFTBEM, result: GridSolution | None, **errors: float) -> dict[str, Any]:
-    """The errors of the solution and how it was found: plain values."""
-    numbers: dict[str, Any] = {
-        "tolerance": solver.tolerance,
-        "precision": solver.precision,
-        "rms_gap": result.rms_gap if result else 0.0,
-        "penetration": result.penetration if result else 0.0,
-        "pressure_error": result.pressure_error[0] if result else 0.0,
-        "pressure_error_max": result.pressure_error[1] if result else 0.0,
-        "transforms": result.transforms if result else 0,
-        "history": [[float(rms), float(deepest)] for rms, deepest in result.history] if result else [],
-        "levels": [{"pixels": list(shape), "iterations": n} for shape, n in result.levels] if result else [],
-    }
-    return numbers | errors
-
-
 def _dimensionless(surface: Surface, strain: float, team: Team) -> tuple[Heights, float]:
     """Heights below the highest point in units of their rms value, and that unit in nm.
 
@@ -523,9 +527,8 @@ def _dimensionless(surface: Surface, strain: float, team: Team) -> tuple[Heights
     """
     heights = surface.heights
     nx, ny = heights.shape
-    part = team.table(kernels.extremes, nx, 2, heights)
-    top = float(part[:, 1].max())
-    unit = top - float(part[:, 0].min())
+    top = float(heights.max())
+    unit = top - float(heights.min())
     if unit <= max(8.0 * float(np.finfo(heights.dtype).eps) * abs(top), 1e-290):
         return Heights(heights, top, 0.0), strain * max(nx, ny) * surface.pixel_size
     # Relative to the largest value, so that squares of 1e-200 nm do not underflow.
@@ -537,13 +540,3 @@ def _dimensionless(surface: Surface, strain: float, team: Team) -> tuple[Heights
 def _power_of_two(value: float) -> float:
     """The largest power of two that does not exceed a positive value; at least the smallest normal number."""
     return math.ldexp(1.0, max(math.frexp(value)[1] - 1, -1022))
-
-
-def _usable(start: ContactSolution | None, surface: Surface, load: float) -> np.ndarray | None:
-    """The pressure of a neighbouring solution if it is a better start than coarse grids: same grid, similar load.
-
-    Growing the contact takes longer than shrinking it; the break-even ratios are measured (``docs/contact.md``).
-    """
-    if start is None or start.shape != surface.shape or not 0.8 * start.load <= load <= 1.05 * start.load:
-        return None
-    return start.pressure if start.load > 0 else None

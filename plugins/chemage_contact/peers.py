@@ -128,6 +128,7 @@ class Peer(HalfSpaceSolver):
         pressure = answer.pressure * nominal
         if self.limit is not None:
             np.minimum(pressure, self.limit, out=pressure)
+        version = str(getattr(library, "__version__", "")).partition("+")[0] or "of unknown version"
         force = float(pressure.sum()) * size**2
         if load > 0 and not abs(force / load - 1.0) < 1e-3:
             raise ConvergenceError(f"{self.kind}: the pressure adds up to {force:.6g} nN, the load is {load:.6g} nN")
@@ -139,7 +140,7 @@ class Peer(HalfSpaceSolver):
             iterations=answer.iterations,
             convergence=measures | {"force_error": abs(force / load - 1.0) if load > 0 else 0.0},
             notes=() if load > 0 else NO_LOAD,
-            provenance=self.provenance(surface) | {"library": f"{self.library} {_version(library)}"},
+            provenance=self.provenance(surface) | {"library": f"{self.library} {version}"},
         )
 
     def _failure(self, answer: PeerSolution, measures: Mapping[str, float]) -> str:
@@ -152,10 +153,6 @@ class Peer(HalfSpaceSolver):
             f"{self.max_iterations} iterations (rms gap {measures['rms_gap']:.3g}, penetration "
             f"{measures['penetration']:.3g}): raise max_iterations, or accept a larger tolerance"
         )
-
-
-def _version(library: Any) -> str:
-    return str(getattr(library, "__version__", "")).partition("+")[0] or "of unknown version"
 
 
 def _gap_errors(
