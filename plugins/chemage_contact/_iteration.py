@@ -40,7 +40,7 @@ from numpy.typing import NDArray
 from . import _kernels as kernels
 from ._bounds import projected, restored
 from ._descent import Descent, GridSolution
-from ._grid import PRECISIONS, GridProblem, Settings, dimensionless, divides, grids, regridded, resampled, suits, sums
+from ._grid import PRECISIONS, GridProblem, Settings, dimensionless, divides, grids, resampled, suits, sums
 from ._kernels import DescentState, Heights
 from ._operators import Substrate, Team
 
@@ -78,7 +78,12 @@ def solve(
     for shape in reversed(shapes):
         finest = shape == substrate.shape
         here = substrate if finest else substrate.regrid(shape)
-        h = heights if finest else regridded(heights, shape, state, substrate.periodic, team)
+        h = heights
+        if not finest:
+            sampled = resampled(heights.values, shape, np.float64, substrate.periodic, team)
+            sampled.setflags(write=False)  # as those of a surface, or numba compiles kernels for both
+            h = Heights(dimensionless(heights._replace(values=sampled), state, team))
+            h.values.setflags(write=False)
         # Displacements are counted in pixels of the grid at hand.
         pixels = here.pixel[0] * here.pixel[1] / (substrate.pixel[0] * substrate.pixel[1])
         grid = GridProblem(here, h, stiffness * math.sqrt(pixels), mean, offset, settings, team, finest, hardness)
@@ -102,8 +107,12 @@ def solve(
 def _solve_on(grid: GridProblem, p: Array | None, finest: bool) -> GridSolution:
     """Solve on one grid, from the pressure on a coarser one (or on this one), or from none."""
     body, settings, load_given = grid.substrate, grid.settings, grid.offset_fixed is None
-    if p is None:
-        p = _first_guess(grid)
+    if p is None and load_given:
+        # the admissible pressure nearest to the one that presses the heights flat
+        p = projected(_flattening(grid) + grid.mean, grid.mean, grid.hardness).astype(grid.state)
+    elif p is None:
+        q = dimensionless(grid.heights, grid.work, grid.team) - grid.work(grid.offset_fixed)
+        p = np.maximum(grid.operator.precondition(q), 0.0).astype(grid.state) / grid.state(grid.stiffness)
     elif p.shape != body.shape:
         p = resampled(p, body.shape, grid.state, body.periodic, grid.team, kernels.resample_pressure, grid.hardness)
     if grid.hardness is not None:
@@ -158,15 +167,6 @@ def _full_contact(grid: GridProblem) -> GridSolution | None:
     return GridSolution(p, r, correction, offset, scale, rms, 0.0, True, 0, [], True, (eps, eps))
 
 
-def _first_guess(grid: GridProblem) -> Array:
-    """The admissible pressure nearest to the one that presses the heights flat."""
-    if grid.offset_fixed is None:
-        return projected(_flattening(grid) + grid.mean, grid.mean, grid.hardness).astype(grid.state)
-    scaled = dimensionless(grid.heights, grid.work, grid.team)
-    q = grid.operator.precondition(scaled - grid.work(grid.offset_fixed))
-    return np.maximum(q, 0.0).astype(grid.state) / grid.state(grid.stiffness)
-
-
 def compile_kernels(body: Substrate, settings: Settings, heights: Any = np.float64, bounded: bool = False) -> None:
     """Compile what a solve on ``body`` calls, the last kernel first.
 
@@ -178,10 +178,15 @@ def compile_kernels(body: Substrate, settings: Settings, heights: Any = np.float
         kernel(0, 0, *args)
 
 
-def _frozen(dtype: Any) -> Array:
+#: the blocks of arrays of one pixel
+_BLOCKS = kernels.Blocks(16, 1, np.zeros(1, np.uint8))
+
+
+def _flat(dtype: Any) -> Heights:
+    """A surface of one pixel, which like others is not written to."""
     array = np.zeros((1, 1), dtype)
     array.setflags(write=False)
-    return array
+    return Heights(array)
 
 
 def _calls(body: Substrate, settings: Settings, heights: Any, bounded: bool) -> Iterator[Call]:
@@ -190,7 +195,7 @@ def _calls(body: Substrate, settings: Settings, heights: Any, bounded: bool) -> 
     bound = state(1) if bounded else None
     shapes = grids(body.shape, settings.levels)
     part = np.zeros((1, 7))
-    surface = kernels.Heights(_frozen(heights), 0.0, 1.0)
+    surface = _flat(heights)
     yield kernels.moments, (surface.values, 0.0, 1.0, part)
     axis = kernels.Interpolation(np.zeros(1, np.int64), np.zeros(1, np.int64), np.zeros(1))
     if len(shapes) > 1:
@@ -205,19 +210,13 @@ def _calls(body: Substrate, settings: Settings, heights: Any, bounded: bool) -> 
             yield from _convolution(here, state)
         yield kernels.totals, (p, p, part)
         yield kernels.scale, (p, state(1), bound, part)
-        yield from _descent(here, settings, surface if finest else kernels.Heights(_frozen(state)), bound, part)
+        yield from _descent(here, settings, surface if finest else _flat(state), bound, part)
     if state != work:
         yield from _convolution(body, state)
-        yield kernels.subtract, (*_blocks(), p, surface, 1.0, 0.0, kernels.DescentState(p, p), bound, part)
-    yield kernels.correct, (*_blocks(), _search(work), np.zeros((1, 1), work), 1.0, 1.0, part)
-
-
-def _blocks() -> tuple[kernels.Blocks]:
-    return (kernels.Blocks(16, 1, np.zeros(1, np.uint8)),)
-
-
-def _search(work: Any) -> kernels.Search:
-    return kernels.Search(*(np.zeros((1, 1), work) for _ in range(5)))
+        yield kernels.subtract, (_BLOCKS, p, surface, 1.0, 0.0, DescentState(p, p), bound, part)
+    pixel = np.zeros((1, 1), work)
+    search = kernels.Search(pixel, pixel, pixel, pixel, pixel)
+    yield kernels.correct, (_BLOCKS, search, pixel, 1.0, 1.0, part)
 
 
 def _convolution(body: Substrate, dtype: Any) -> Iterator[Call]:
@@ -230,33 +229,33 @@ def _convolution(body: Substrate, dtype: Any) -> Iterator[Call]:
         yield kernels.multiply, (spectrum, np.zeros((1, 1), dtype))
 
 
-def _descent(body: Substrate, settings: Settings, heights: kernels.Heights, bound: Any, part: Array) -> Iterator[Call]:
+def _descent(body: Substrate, settings: Settings, heights: Heights, bound: Any, part: Array) -> Iterator[Call]:
     """The kernels of the iteration on one grid."""
     state, work = PRECISIONS[settings.precision]
     p, pixel = np.zeros((1, 1), state), np.zeros((1, 1), work)
-    both, search, blocks = kernels.DescentState(p, p), _search(work), _blocks()
+    both, search = DescentState(p, p), kernels.Search(pixel, pixel, pixel, pixel, pixel)
     yield from _convolution(body, work)
-    yield kernels.subtract, (*blocks, pixel, heights, 1.0, 0.0, both, bound, part)
-    yield kernels.residual, (*blocks, both, 0.0, bound, pixel, part)
-    yield kernels.indicator, (*blocks, pixel, pixel, True)
+    yield kernels.subtract, (_BLOCKS, pixel, heights, 1.0, 0.0, both, bound, part)
+    yield kernels.residual, (_BLOCKS, both, 0.0, bound, pixel, part)
+    yield kernels.indicator, (_BLOCKS, pixel, pixel, True)
     split = suits(body, settings.any_size)
     if split:
         axis = kernels.Interpolation(np.zeros(1, np.int64), np.zeros(1, np.int64), np.zeros(1, work))
         if divides(body.shape):
-            yield kernels.restrict, (*blocks, pixel, pixel)
-            yield kernels.local, (*blocks, pixel, pixel, pixel, pixel, part)
+            yield kernels.restrict, (_BLOCKS, pixel, pixel)
+            yield kernels.local, (_BLOCKS, pixel, pixel, pixel, pixel, part)
         else:
-            yield kernels.restrict_between, (*blocks, pixel, axis, axis, pixel)
-            yield kernels.local_between, (*blocks, pixel, pixel, pixel, axis, axis, pixel, part)
+            yield kernels.restrict_between, (_BLOCKS, pixel, axis, axis, pixel)
+            yield kernels.local_between, (_BLOCKS, pixel, pixel, pixel, axis, axis, pixel, part)
     else:
         yield from _convolution(body, work)
-    yield kernels.products, (*blocks, search, 1.0, 1.0, part)
-    yield kernels.direction, (*blocks, search, 1.0, 1.0, True, True, part)
+    yield kernels.products, (_BLOCKS, search, 1.0, 1.0, part)
+    yield kernels.direction, (_BLOCKS, search, 1.0, 1.0, True, True, part)
     spectrum = np.zeros((1, 1), np.result_type(work, np.complex64))
     if not split:
         yield kernels.quadratic_form, (spectrum, pixel, 1, part)
-    yield kernels.projection, (*blocks, p, pixel, 1.0, 1.0, bound, part)
-    yield kernels.move, (*blocks, p, pixel, 1.0, 1.0, 1.0, bound, part)
+    yield kernels.projection, (_BLOCKS, p, pixel, 1.0, 1.0, bound, part)
+    yield kernels.move, (_BLOCKS, p, pixel, 1.0, 1.0, 1.0, bound, part)
     if not split:
         yield kernels.multiply, (spectrum, pixel)
-    yield kernels.advance, (*blocks, both, pixel, 1.0, bound, part)
+    yield kernels.advance, (_BLOCKS, both, pixel, 1.0, bound, part)
