@@ -40,39 +40,34 @@ DIFFERENT = 1e-3
 MOST_PIXELS = 2**43
 
 
-def _count(side: Any) -> int:
-    if isinstance(side, bool):
-        raise TypeError
-    # 2.5e3 is a whole number, too
-    if isinstance(side, float):
-        if not side.is_integer():
-            raise TypeError
-        return int(side)
-    return operator.index(side)
-
-
-def _each(value: Any) -> tuple[Any, ...]:
+def _sides(value: Any, *, give: str = "lengths; give one, or two: [along x, along y]") -> tuple[Any, Any]:
     """Along x and y, from one value or two."""
-    return tuple(value) if isinstance(value, list | tuple | np.ndarray) else (value, value)
+    sides = tuple(value) if isinstance(value, list | tuple | np.ndarray) else (value, value)
+    if len(sides) != 2:
+        raise ValueError(f"{len(sides)} {give}")
+    return sides
 
 
 def _grid(value: Any) -> tuple[int, int]:
+    sides = _sides(value, give="numbers; give one whole number of pixels, or two: [nx, ny]")
+    # 2.5e3 is a whole number, too
+    whole = [int(side) if isinstance(side, float) and side.is_integer() else side for side in sides]
     try:
-        counts = [_count(side) for side in _each(value)]
+        if bool in map(type, sides):
+            raise TypeError
+        nx, ny = map(operator.index, whole)
     except TypeError:
         raise ValueError("give a whole number of pixels, or two: [nx, ny]") from None
-    if len(counts) != 2:
-        raise ValueError(f"{len(counts)} numbers; give one whole number of pixels, or two: [nx, ny]")
-    if min(counts) < 1:
-        raise ValueError(f"a grid of {counts[0]} x {counts[1]} pixels is empty; give at least 1")
-    if counts[0] * counts[1] > MOST_PIXELS:
+    if min(nx, ny) < 1:
+        raise ValueError(f"a grid of {nx} x {ny} pixels is empty; give at least 1")
+    if nx * ny > MOST_PIXELS:
         there = memory.capacity() or 8 * MOST_PIXELS
         side = math.isqrt(int(there / 8))
         raise ValueError(
-            f"a grid of {counts[0]} x {counts[1]} pixels is too large; the {memory.readable(there)} of memory of this "
-            f"machine hold the heights of at most {side} x {side}"
+            f"a grid of {nx} x {ny} pixels is too large; the {memory.readable(there)} of memory of this machine hold "
+            f"the heights of at most {side} x {side}"
         )
-    return counts[0], counts[1]
+    return nx, ny
 
 
 #: (nx, ny), from one number (a square) or two
@@ -107,13 +102,6 @@ def stream(seed: Seed, *key: int) -> np.random.SeedSequence:
 def _named_unit(value: Any) -> Any:
     """Read the name of a unit, such as "um", as one of that unit."""
     return f"1 {value}" if isinstance(value, str) and value[:1].isalpha() else value
-
-
-def _sides(value: Any) -> tuple[Any, Any]:
-    sides = _each(value)
-    if len(sides) != 2:
-        raise ValueError(f"{len(sides)} lengths; give one, or two: [along x, along y]")
-    return sides[0], sides[1]
 
 
 #: nm per unit of heights, from a number or the name of a unit

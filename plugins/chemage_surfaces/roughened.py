@@ -231,8 +231,8 @@ class Roughened(SurfaceMaker):
             near = round(exact)
             if abs(exact - near) > FITS and measured.periodic:
                 raise InputError(
-                    f"pixel_size = {self.pixel_size:g} nm: the period along {name}, {length:.8g} nm, is no whole number "
-                    f'of pixels; give pixel_size = "{length / near:.8g} nm"'
+                    f"pixel_size = {self.pixel_size:g} nm: the period along {name}, {length:.8g} nm, is no whole "
+                    f'number of pixels; give pixel_size = "{length / near:.8g} nm"'
                 )
             counts.append(near if abs(exact - near) <= FITS else math.floor(exact))
         return counts[0], counts[1]
