@@ -68,7 +68,6 @@ def roughness(
     given = locals()
     from chemage_surfaces.images import Measured
     from chemage_surfaces.measures import measure
-    from chemage_surfaces.roughness_fit import section
 
     # options of the surface have its names
     options = {name: given[name] for name in Measured.model_fields if given.get(name) is not None}
@@ -98,7 +97,7 @@ def roughness(
     if fit.fault:
         typer.echo(f"no section [surface]: {fit.fault}")
     else:
-        typer.echo(section(fit.maker(pixel_size=spacing, cutoff=cutoff)))
+        typer.echo(fit.section(spacing, cutoff))
 
 
 def _fitted(

@@ -34,7 +34,6 @@ from chemage_surfaces.steps import (
     find_spikes,
     hann,
     line_offsets,
-    mirrored,
     resampled,
     trend,
 )
@@ -243,7 +242,11 @@ class Measured(ImageMaker):
         if image.faults:
             return image
         if self.window != "none":
-            image.heights = hann(image.heights) if self.window == "hann" else mirrored(image.heights)
+            if self.window == "hann":
+                image.heights = hann(image.heights)
+            else:  # mirror images beyond two edges: (2 nx, 2 ny), periodic without a step
+                nx, ny = image.heights.shape
+                image.heights = np.pad(image.heights, ((0, nx), (0, ny)), mode="symmetric")
             image.periodic = True
             image.did("window", window=self.window)
         surface = image.surface()

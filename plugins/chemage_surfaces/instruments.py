@@ -348,27 +348,25 @@ class Xyz(Instrument):
         points = tables.numbers(lines, str(path), tables.separator_of(lines[0][1]))
         if points.shape[1] != 3:
             raise StoreError(f"{path} holds {points.shape[1]} columns; a list of points has three: x, y and height")
-        (nx, dx, i), (ny, dy, j) = (_grid_of(points[:, axis], "xy"[axis], str(path)) for axis in (0, 1))
+        spacings, places = [], []
+        for values, name in zip(points.T, "xy", strict=False):
+            there = np.unique(values)
+            # rounding in the file makes no new places
+            steps = np.diff(there)
+            step = float(np.median(steps[steps > 1e-6 * np.ptp(there)])) if len(there) > 1 else 0.0
+            if not (step > 0 and math.isfinite(step)):
+                raise StoreError(f"{path}: all points have one {name}; it is no image")
+            place = (values - there[0]) / step
+            if np.abs(place - np.rint(place)).max() > EVEN * max(1.0, 0.1 * place.max()):
+                raise StoreError(f"{path}: the points along {name} are not evenly spaced; grid them in another program")
+            places.append(np.rint(place).astype(np.int64))
+            spacings.append(float(np.ptp(there)) / int(places[-1].max()))
+        nx, ny = (int(place.max()) + 1 for place in places)
         if nx * ny > SPARSE * len(points):
             raise StoreError(f"{path}: {len(points)} points are no grid of {nx} x {ny}; grid them in another program")
         heights = np.full((nx, ny), np.nan)
-        heights[i, j] = points[:, 2]
-        sides = None if self.unit is None else (dx * self.unit, dy * self.unit)
+        heights[tuple(places)] = points[:, 2]
+        sides = None if self.unit is None else (spacings[0] * self.unit, spacings[1] * self.unit)
         if self.pixel_size is not None:
             sides = (self.pixel_size, self.pixel_size)
         return HeightMap(heights, self.unit, sides, source=str(path), notes={"format": "xyz"})
-
-
-def _grid_of(values: np.ndarray, name: str, source: str) -> tuple[int, float, np.ndarray]:
-    """Number and spacing of the places along an axis, and the place of each point."""
-    there = np.unique(values)
-    # rounding in the file makes no new places
-    steps = np.diff(there)
-    step = float(np.median(steps[steps > 1e-6 * np.ptp(there)])) if len(there) > 1 else 0.0
-    if not (step > 0 and math.isfinite(step)):
-        raise StoreError(f"{source}: all points have one {name}; it is no image")
-    place = (values - there[0]) / step
-    if np.abs(place - np.rint(place)).max() > EVEN * max(1.0, 0.1 * place.max()):
-        raise StoreError(f"{source}: the points along {name} are not evenly spaced; grid them in another program")
-    index = np.rint(place).astype(np.int64)
-    return int(index.max()) + 1, float(np.ptp(there)) / int(index.max()), index

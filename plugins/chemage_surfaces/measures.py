@@ -94,8 +94,12 @@ class Measures:
             f"pixels              {self.shape[0]} x {self.shape[1]} of {self.sides[0]:.4g} x {self.sides[1]:.4g} nm"
             + (f", {self.missing} heights are missing" if self.missing else ""),
             f"rms height          {self.rms_height:.4g} nm",
-            f"profile slope       {_pair(self.x.slope, self.y.slope)} along x and y, rms over a pixel",
-            f"profile curvature   {_pair(self.x.curvature, self.y.curvature)} 1/nm along x and y, rms over a pixel",
+        ]
+        for name, unit in (("slope", ""), ("curvature", " 1/nm")):
+            each = (getattr(axis, name) for axis in (self.x, self.y))
+            first = " and ".join(_number(values[0]) if len(values) else "not available" for values in each)
+            lines.append(f"{'profile ' + name:<19} {first}{unit} along x and y, rms over a pixel")
+        lines += [
             "",
             "distance (nm)       rms difference (nm)    profile slope          profile curvature (1/nm)",
             "along x and y       x          y           x          y           x          y",
@@ -109,10 +113,6 @@ class Measures:
             x, y, *others = map(_number, row)
             lines.append(("{:20}" + 3 * "{:10} {:11} ").format(f"{x} {y}", *others).rstrip())
         return "\n".join(lines)
-
-
-def _pair(x: Floats, y: Floats) -> str:
-    return " and ".join(_number(values[0]) if len(values) else "not available" for values in (x, y))
 
 
 def _number(value: float) -> str:

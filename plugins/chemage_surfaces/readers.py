@@ -173,11 +173,21 @@ class Hdf5(Unitless):
             name = f"{path}:{node.name}"
             own = {key: _single(node.attrs[key], key, name) for key in _PACKED if key in node.attrs}
             heights = unpacked(node[()], own, name)
-            scales = [_scale(node, axis) for axis in range(node.ndim)] if node.ndim == 2 else []
+            sides = []
+            for scales in node.dims if node.ndim == 2 else ():  # dimension scales (HDF5, NetCDF-4)
+                if not len(scales):
+                    continue
+                container.check_dataset(scales[0], node.name)
+                unit = _single(scales[0].attrs.get("units"), "units", str(node.name))
+                sides.append(coordinate_side(scales[0][()], unit))
         stated = None if self.pixel_size is not None else _single(attributes.get("pixel_size"), "pixel_size", name)
-        if stated is None and self.pixel_size is None and scales and None not in scales:
-            stated = tuple(scales)
-        periodic = _flag(_single(attributes.get("periodic"), "periodic", name), name)
+        if stated is None and self.pixel_size is None and len(sides) == 2 and None not in sides:
+            stated = tuple(sides)
+        flag = _single(attributes.get("periodic"), "periodic", name)
+        try:
+            periodic = flag is not None and _BOOLEAN.validate_python(flag.strip() if isinstance(flag, str) else flag)
+        except ValidationError:
+            raise StoreError(f"{name} has periodic = {errors.shown(flag)}; expected true or false") from None
         return as_map(
             heights, name, pixel_size=self.pixel_size, stated=stated, periodic=periodic, unit=own.get("units")
         )
@@ -258,16 +268,6 @@ def coordinate_side(places: np.ndarray, unit: Any) -> str | None:
     return f"{abs(step)!r} {unit}" if step and np.all(np.abs(steps - step) < 1e-3 * abs(step)) else None
 
 
-def _scale(node: Any, axis: int) -> str | None:
-    """The edge of a pixel from the dimension scale of a dataset (HDF5, NetCDF-4)."""
-    scales = node.dims[axis]
-    if not len(scales):
-        return None
-    scale = scales[0]
-    container.check_dataset(scale, node.name)
-    return coordinate_side(scale[()], _single(scale.attrs.get("units"), "units", node.name))
-
-
 def _single(value: Any, attribute: str, source: str) -> Any:
     """An attribute that is one number or text; None if it is not there."""
     if isinstance(value, np.ndarray | np.generic):
@@ -279,11 +279,3 @@ def _single(value: Any, attribute: str, source: str) -> Any:
     if value is not None and not isinstance(value, bool | int | float | str):
         raise StoreError(f"{source} has a {attribute} of {type(value).__name__}; give a number or a text")
     return value
-
-
-def _flag(value: Any, source: str) -> bool:
-    """Whether the attribute ``periodic`` says yes."""
-    try:
-        return value is not None and _BOOLEAN.validate_python(value.strip() if isinstance(value, str) else value)
-    except ValidationError:
-        raise StoreError(f"{source} has periodic = {errors.shown(value)}; expected true or false") from None

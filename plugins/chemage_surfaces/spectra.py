@@ -59,6 +59,23 @@ class Binned:
         """The first ``count`` bins."""
         return Binned(self.q[:count], self.density[:count], self.modes[:count])
 
+    @classmethod
+    def together(cls, parts: Sequence[Binned]) -> Binned:
+        """The bins of several surfaces, by their wavenumbers."""
+        columns = np.concatenate([np.stack([part.q, part.density, part.modes]) for part in parts], axis=1)
+        return cls(*columns[:, np.argsort(columns[0], kind="stable")])
+
+    def rolls(self, count: int) -> Floats:
+        """Wavenumbers at which a roll-off is tried."""
+        return np.exp(np.linspace(math.log(self.q[0]), math.log(self.q[-FEWEST]), count))
+
+    def logs(self) -> tuple[Floats, Floats, float]:
+        """Logarithms of the densities without their bias, their variances, and the wavenumber in the middle of them."""
+        variance: Any = polygamma(1, self.modes)
+        bias: Any = digamma(self.modes)
+        values: Any = np.log(self.density) - bias + np.log(self.modes)
+        return values, variance, math.exp(float(np.average(np.log(self.q), weights=1 / variance)))
+
     @property
     def rms(self) -> float:
         """rms height of the waves in the bins, nm: h² = ∫ C q dq/(2π)."""
@@ -133,14 +150,6 @@ def wavenumbers(shape: tuple[int, int], pixel_size: float) -> Floats:
     return np.hypot(qx[:, None], qy[None, :])
 
 
-def logs(data: Binned) -> tuple[Floats, Floats, float]:
-    """Logarithms of the densities without their bias, their variances, and the wavenumber in the middle of them."""
-    variance: Any = polygamma(1, data.modes)
-    bias: Any = digamma(data.modes)
-    values: Any = np.log(data.density) - bias + np.log(data.modes)
-    return values, variance, math.exp(float(np.average(np.log(data.q), weights=1 / variance)))
-
-
 def _weighted(design: Floats, values: Floats, variance: Floats) -> tuple[Floats, Floats, float]:
     """Robust weighted least squares: parameters, their covariance, and the mean of Huber's loss as χ² per degree of
     freedom."""
@@ -176,7 +185,7 @@ def fit_power_law(data: Binned, hurst: float | None = None, roll: float = 0.0) -
         raise ValueError(f"only {len(data.q)} bins of wavenumbers; fit a wider range")
     if not (data.density > 0).all():
         raise ValueError("the spectrum is zero in this range")
-    values, variance, at = logs(data)
+    values, variance, at = data.logs()
     x = np.log(np.maximum(data.q, roll) / at)
     if hurst is None:
         design = np.stack([np.ones_like(x), -2 * x], axis=1)
@@ -197,20 +206,10 @@ def fit_power_law(data: Binned, hurst: float | None = None, roll: float = 0.0) -
     )
 
 
-def together(parts: Sequence[Binned]) -> Binned:
-    columns = np.concatenate([np.stack([part.q, part.density, part.modes]) for part in parts], axis=1)
-    return Binned(*columns[:, np.argsort(columns[0], kind="stable")])
-
-
-def rolls(data: Binned, count: int) -> Floats:
-    """Wavenumbers at which a roll-off is tried."""
-    return np.exp(np.linspace(math.log(data.q[0]), math.log(data.q[-FEWEST]), count))
-
-
 def rolled(data: Binned) -> tuple[float | None, tuple[float, float] | None, PowerLaw]:
     """The roll-off of the best fit (1/nm) with its interval, both None without one; and the power law beyond."""
     without = fit_power_law(data)
-    candidates = rolls(data, 12 * len(data.q))
+    candidates = data.rolls(12 * len(data.q))
     laws = [fit_power_law(data, roll=float(roll)) for roll in candidates]
     loss = np.array([law.misfit for law in laws]) * max(len(data.q) - 2, 1)
     best = int(np.argmin(loss))

@@ -296,7 +296,8 @@ class Tip(SurfaceMaker):
         record: dict[str, Any],
     ) -> Floats:
         """The part of ``surface`` under the body at ``place``, or at a random one."""
-        self._check_part(name, _grid(body), _grid(surface))
+        grids = [{"nx": one.shape[0], "ny": one.shape[1], "pixel_size": one.pixel_size} for one in (body, surface)]
+        self._check_part(name, *grids)
         rng = np.random.Generator(np.random.Philox(stream))
         first = []
         for axis, (count, width) in enumerate(zip(surface.shape, body.shape, strict=True)):
@@ -314,7 +315,3 @@ class Tip(SurfaceMaker):
         record[name]["place"] = [(x + 0.5 * nx) * body.pixel_size, (y + 0.5 * ny) * body.pixel_size]
         rows, columns = (np.arange(s, s + n) % c for s, n, c in zip(first, body.shape, surface.shape, strict=True))
         return surface.heights[np.ix_(rows, columns)].astype(np.float64)
-
-
-def _grid(surface: Surface) -> dict[str, float]:
-    return {"nx": surface.shape[0], "ny": surface.shape[1], "pixel_size": surface.pixel_size}

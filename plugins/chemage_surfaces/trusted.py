@@ -22,9 +22,7 @@ from chemage_surfaces.spectra import (
     Binned,
     binned,
     fit_power_law,
-    logs,
     rolled,
-    rolls,
 )
 from chemage_surfaces.steps import hann, trend
 
@@ -46,7 +44,7 @@ TO_PIXELS = "two pixels"
 
 def _noise(data: Binned) -> float:
     """The density of white noise, nm⁴, fitted together with roll-off and power law; 0 where none is seen."""
-    values, variance, at = logs(data)
+    values, variance, at = data.logs()
     deviation = np.sqrt(variance)
 
     def fitted(roll: float) -> Any:
@@ -59,7 +57,7 @@ def _noise(data: Binned) -> float:
         bounds = ([-np.inf, -1.0, values[-1] - 12], [np.inf, 3.0, values[-1] + 1])
         return least_squares(residuals, start, loss="huber", f_scale=ROBUST, bounds=bounds)
 
-    best = min((fitted(roll) for roll in (0.0, *rolls(data, ROLLS))), key=lambda one: one.cost)
+    best = min((fitted(roll) for roll in (0.0, *data.rolls(ROLLS))), key=lambda one: one.cost)
     _, _, without = rolled(data)
     degrees = max(len(data.q) - 3, 1)
     gain = without.misfit * max(len(data.q) - 2, 1) - 2 * best.cost
