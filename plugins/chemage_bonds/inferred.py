@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -17,24 +16,13 @@ from chemage_bonds.distributions import PiecewiseLinearDensity, doubles
 _GAP, _WIDTH = 0.5, 0.1
 
 
-class _Table(NamedTuple):
-    """The densities of a file."""
-
-    content: str
-    #: (n,) eV
-    energies: np.ndarray
-    #: (n,) and (members, n) 1/eV
-    mean: np.ndarray
-    samples: np.ndarray
-
-
 @lru_cache(maxsize=8)
-def _read(path: str, stamp: FileStamp) -> _Table:
-    """The densities in a file, which is read once as long as its stamp stays."""
+def _read(path: str, stamp: FileStamp) -> tuple[Inference, str]:
+    """The densities in a file and the hash of its content, read once as long as its stamp stays."""
     result = read(path)
     if not isinstance(result, Inference):
         raise InputError(f"{path} holds a {type(result).__name__}, not an inference; `chemage infer` makes such files")
-    return _Table(file_hash(path, stamp), result.energies, result.density, result.samples)
+    return result, file_hash(path, stamp)
 
 
 class _Distribution:
@@ -61,12 +49,12 @@ class _Distribution:
 
 @lru_cache(maxsize=64)
 def _distribution(path: str, stamp: FileStamp, member: int) -> _Distribution:
-    table = _read(path, stamp)
+    table, _ = _read(path, stamp)
     if member > len(table.samples):
         raise InputError(
             f"member = {member}: {path} has members 1 to {len(table.samples)}; 0 is the mean of the posterior"
         )
-    return _Distribution(table.energies, table.mean if member == 0 else table.samples[member - 1])
+    return _Distribution(table.energies, table.density if member == 0 else table.samples[member - 1])
 
 
 class Inferred(Barriers):
@@ -93,13 +81,13 @@ class Inferred(Barriers):
         StoreError
             The file cannot be read.
         """
-        return {"file_blake2b": _read(self.path, file_stamp(self.path)).content}
+        return {"file_blake2b": _read(self.path, file_stamp(self.path))[1]}
 
     def members(self, count: int) -> Sequence[Inferred]:
         """Members evenly spaced among the samples; none of a member."""
         if self.member != 0:
             return ()
-        there = len(_read(self.path, file_stamp(self.path)).samples)
+        there = len(_read(self.path, file_stamp(self.path))[0].samples)
         count = min(count, there)
         return [self.replace(member=int((number + 0.5) * there / count) + 1) for number in range(count)]
 

@@ -75,10 +75,11 @@ class Ramp(NamedTuple):
 
     def force(self, lowered: np.ndarray) -> np.ndarray:
         """The force in units of k_BT/Δx that lowers the barriers (n, ...) by so many k_BT."""
-        barrier = np.maximum(_column(self.barrier, lowered), 1e-300)
-        share = -np.expm1(self.exponent * np.log1p(-np.minimum(lowered / barrier, 1.0 - 1e-16)))
-        full = np.where(lowered >= barrier, 1.0, share)
-        return _column(self.barrier, lowered) / self.exponent * full
+        barrier = self.barrier.reshape(-1, *(1,) * (np.ndim(lowered) - 1))
+        part = lowered / np.maximum(barrier, 1e-300)
+        share = -np.expm1(self.exponent * np.log1p(-np.minimum(part, 1.0 - 1e-16)))
+        full = np.where(part >= 1.0, 1.0, share)
+        return barrier / self.exponent * full
 
     def hazard(self, force: np.ndarray) -> np.ndarray:
         """The hazard (n, f) collected up to ``force`` (f,), in units of k_BT/Δx."""
@@ -122,10 +123,6 @@ class Ramp(NamedTuple):
         return total + at_corner * (
             -np.expm1(-slope * (end - corner)) / slope + np.exp(-slope * (end - corner)) / self.attempts
         )
-
-
-def _column(values: np.ndarray, like: np.ndarray) -> np.ndarray:
-    return values.reshape(values.shape + (1,) * (np.ndim(like) - values.ndim))
 
 
 class UnderForce(Rupture):
