@@ -29,6 +29,7 @@ once, on no rows and on arrays of one pixel.
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -178,84 +179,67 @@ def compile_kernels(body: Substrate, settings: Settings, heights: Any = np.float
         kernel(0, 0, *args)
 
 
-#: the blocks of arrays of one pixel
-_BLOCKS = kernels.Blocks(16, 1, np.zeros(1, np.uint8))
-
-
-def _flat(dtype: Any) -> Heights:
-    """A surface of one pixel, which like others is not written to."""
-    array = np.zeros((1, 1), dtype)
-    array.setflags(write=False)
-    return Heights(array)
-
-
 def _calls(body: Substrate, settings: Settings, heights: Any, bounded: bool) -> Iterator[Call]:
-    """The kernels of a solve with their arguments, in the order in which they are first called."""
-    state, work = PRECISIONS[settings.precision]
-    bound = state(1) if bounded else None
-    shapes = grids(body.shape, settings.levels)
-    part = np.zeros((1, 7))
-    surface = _flat(heights)
-    yield kernels.moments, (surface.values, 0.0, 1.0, part)
-    axis = kernels.Interpolation(np.zeros(1, np.int64), np.zeros(1, np.int64), np.zeros(1))
-    if len(shapes) > 1:
-        yield kernels.resample, (surface.values, axis, axis, np.zeros((1, 1)))
-    p = np.zeros((1, 1), state)
-    for number, shape in enumerate(reversed(shapes)):
-        finest = shape == body.shape
-        here = body if finest else body.regrid(shape)
-        if number:
-            yield kernels.resample_pressure, (p, axis, axis, bound, p)
-        else:
-            yield from _convolution(here, state)
-        yield kernels.totals, (p, p, part)
-        yield kernels.scale, (p, state(1), bound, part)
-        yield from _descent(here, settings, surface if finest else _flat(state), bound, part)
-    if state != work:
-        yield from _convolution(body, state)
-        yield kernels.subtract, (_BLOCKS, p, surface, 1.0, 0.0, DescentState(p, p), bound, part)
-    pixel = np.zeros((1, 1), work)
-    search = kernels.Search(pixel, pixel, pixel, pixel, pixel)
-    yield kernels.correct, (_BLOCKS, search, pixel, 1.0, 1.0, part)
+    """The kernels of a solve with their arguments, in the order in which they are first called.
 
-
-def _convolution(body: Substrate, dtype: Any) -> Iterator[Call]:
-    """What a convolution in ``dtype`` calls."""
-    spectrum = np.zeros((1, 1), np.result_type(dtype, np.complex64))
-    periodic = body.padded == body.shape
-    if periodic and body.shape[1] % 2 == 0:
-        yield kernels.multiply_packed, (spectrum, np.zeros((1, 1), dtype), spectrum[0])
-    else:
-        yield kernels.multiply, (spectrum, np.zeros((1, 1), dtype))
-
-
-def _descent(body: Substrate, settings: Settings, heights: Heights, bound: Any, part: Array) -> Iterator[Call]:
-    """The kernels of the iteration on one grid."""
+    What an argument is follows from its name: one of ``known``, arrays of one pixel among them, else a number.
+    """
     state, work = PRECISIONS[settings.precision]
     p, pixel = np.zeros((1, 1), state), np.zeros((1, 1), work)
-    both, search = DescentState(p, p), kernels.Search(pixel, pixel, pixel, pixel, pixel)
-    yield from _convolution(body, work)
-    yield kernels.subtract, (_BLOCKS, pixel, heights, 1.0, 0.0, both, bound, part)
-    yield kernels.residual, (_BLOCKS, both, 0.0, bound, pixel, part)
-    yield kernels.indicator, (_BLOCKS, pixel, pixel, True)
-    split = suits(body, settings.any_size)
-    if split:
-        axis = kernels.Interpolation(np.zeros(1, np.int64), np.zeros(1, np.int64), np.zeros(1, work))
-        if divides(body.shape):
-            yield kernels.restrict, (_BLOCKS, pixel, pixel)
-            yield kernels.local, (_BLOCKS, pixel, pixel, pixel, pixel, part)
+    place, source = np.zeros(1, np.int64), np.zeros((1, 1), heights)
+    source.setflags(write=False)  # as the heights of a surface
+    axis, work_axis = (kernels.Interpolation(place, place, np.zeros(1, dtype)) for dtype in (np.float64, work))
+    known: dict[str, Any] = {"blocks": kernels.Blocks(16, 1, np.zeros(1, np.uint8)), "state": DescentState(p, p)}
+    known |= {"search": kernels.Search(pixel, pixel, pixel, pixel, pixel), "hardness": state(1) if bounded else None}
+    known |= {"rows": work_axis, "columns": work_axis, "part": np.zeros((1, 7)), "ny": 1, "clear": True, "terms": True}
+    known |= dict.fromkeys(("u", "v", "d", "e", "y", "x", "out", "coarse", "stencil"), pixel) | {"p": p, "r": p}
+
+    def call(kernel: Any, **others: Any) -> Call:
+        names = list(inspect.signature(kernel).parameters)[2:]
+        return kernel, tuple((known | others).get(name, 1.0) for name in names)
+
+    def spectral(kernel: Any, dtype: Any = work) -> Call:
+        spectrum = np.zeros((1, 1), np.result_type(dtype, np.complex64))
+        return call(kernel, symbol=np.zeros((1, 1), dtype), spectrum=spectrum, z=spectrum, turn=spectrum[0])
+
+    yield call(kernels.moments, heights=source)
+    shapes, convolution = grids(body.shape, settings.levels), kernels.multiply
+    if len(shapes) > 1:
+        yield call(kernels.resample, source=source, rows=axis, columns=axis, target=np.zeros((1, 1)))
+    for shape in reversed(shapes):
+        here, surface = body, Heights(source)
+        if shape != body.shape:
+            values = np.zeros((1, 1), state)
+            values.setflags(write=False)
+            here, surface = body.regrid(shape), Heights(values)
+        convolution = kernels.multiply_packed if body.periodic and shape[1] % 2 == 0 else kernels.multiply
+        split = suits(here, settings.any_size)
+        if shape == shapes[-1]:
+            yield spectral(convolution, state)
         else:
-            yield kernels.restrict_between, (_BLOCKS, pixel, axis, axis, pixel)
-            yield kernels.local_between, (_BLOCKS, pixel, pixel, pixel, axis, axis, pixel, part)
-    else:
-        yield from _convolution(body, work)
-    yield kernels.products, (_BLOCKS, search, 1.0, 1.0, part)
-    yield kernels.direction, (_BLOCKS, search, 1.0, 1.0, True, True, part)
-    spectrum = np.zeros((1, 1), np.result_type(work, np.complex64))
-    if not split:
-        yield kernels.quadratic_form, (spectrum, pixel, 1, part)
-    yield kernels.projection, (_BLOCKS, p, pixel, 1.0, 1.0, bound, part)
-    yield kernels.move, (_BLOCKS, p, pixel, 1.0, 1.0, 1.0, bound, part)
-    if not split:
-        yield kernels.multiply, (spectrum, pixel)
-    yield kernels.advance, (_BLOCKS, both, pixel, 1.0, bound, part)
+            yield call(kernels.resample_pressure, source=p, rows=axis, columns=axis, target=p)
+        yield call(kernels.totals)
+        yield call(kernels.scale, factor=state(1))
+        yield spectral(convolution)
+        yield call(kernels.subtract, heights=surface)
+        yield call(kernels.residual)
+        yield call(kernels.indicator)
+        if split and divides(shape):
+            yield call(kernels.restrict)
+            yield call(kernels.local)
+        elif split:
+            yield call(kernels.restrict_between)
+            yield call(kernels.local_between)
+        yield call(kernels.products)
+        yield call(kernels.direction)
+        if not split:
+            yield spectral(kernels.quadratic_form)
+        yield call(kernels.projection)
+        yield call(kernels.move)
+        if not split:
+            yield spectral(kernels.multiply)
+        yield call(kernels.advance)
+    if state != work:
+        yield spectral(convolution, state)
+        yield call(kernels.subtract, u=p, heights=Heights(source))
+    yield call(kernels.correct)
