@@ -25,36 +25,18 @@ def _read(path: str, stamp: FileStamp) -> tuple[Inference, str]:
     return result, file_hash(path, stamp)
 
 
-class _Distribution:
-    """A piecewise linear density whose integral is at most 1; what is missing lies far above its last energy."""
-
-    def __init__(self, energies: np.ndarray, density: np.ndarray) -> None:
-        integral = float(np.trapezoid(density, energies))
-        self.share = min(integral, 1.0)
-        self.inside = PiecewiseLinearDensity(energies, density) if integral > 0 else None
-        self.first = float(energies[-1]) + _GAP
-
-    def quantile(self, uniform: np.ndarray) -> np.ndarray:
-        u, share = doubles(uniform), self.share
-        beyond = self.first + _WIDTH * np.clip((u - share) / max(1 - share, 1e-300), 0.0, 1.0)
-        if self.inside is None:
-            return beyond
-        return np.where(u < share, self.inside.quantile(np.minimum(u / share, 1.0)), beyond)
-
-    def density(self, energy: np.ndarray) -> np.ndarray:
-        e = doubles(energy, "eV")
-        beyond = np.where((e >= self.first) & (e <= self.first + _WIDTH), (1 - self.share) / _WIDTH, 0.0)
-        return beyond if self.inside is None else self.share * self.inside.density(e) + beyond
-
-
 @lru_cache(maxsize=64)
-def _distribution(path: str, stamp: FileStamp, member: int) -> _Distribution:
+def _distribution(path: str, stamp: FileStamp, member: int) -> tuple[PiecewiseLinearDensity | None, float, float]:
+    """A density, None where it is zero; its integral, at most 1; and the energy above which the rest lies."""
     table, _ = _read(path, stamp)
     if member > len(table.samples):
         raise InputError(
             f"member = {member}: {path} has members 1 to {len(table.samples)}; 0 is the mean of the posterior"
         )
-    return _Distribution(table.energies, table.density if member == 0 else table.samples[member - 1])
+    density = table.density if member == 0 else table.samples[member - 1]
+    integral = float(np.trapezoid(density, table.energies))
+    inside = PiecewiseLinearDensity(table.energies, density) if integral > 0 else None
+    return inside, min(integral, 1.0), float(table.energies[-1]) + _GAP
 
 
 class Inferred(Barriers):
@@ -93,11 +75,19 @@ class Inferred(Barriers):
 
     def quantile(self, uniform: np.ndarray) -> np.ndarray:
         """Barriers (eV) at the probabilities ``uniform``, same shape."""
-        return self._in_use().quantile(uniform)
+        inside, share, first = self._in_use()
+        u = doubles(uniform)
+        beyond = first + _WIDTH * np.clip((u - share) / max(1 - share, 1e-300), 0.0, 1.0)
+        if inside is None:
+            return beyond
+        return np.where(u < share, inside.quantile(np.minimum(u / share, 1.0)), beyond)
 
     def density(self, energy: np.ndarray) -> np.ndarray:
         """Probability density (1/eV) at ``energy`` (eV), same shape."""
-        return self._in_use().density(energy)
+        inside, share, first = self._in_use()
+        e = doubles(energy, "eV")
+        beyond = np.where((e >= first) & (e <= first + _WIDTH), (1 - share) / _WIDTH, 0.0)
+        return beyond if inside is None else share * inside.density(e) + beyond
 
-    def _in_use(self) -> _Distribution:
+    def _in_use(self) -> tuple[PiecewiseLinearDensity | None, float, float]:
         return _distribution(self.path, file_stamp(self.path), self.member)

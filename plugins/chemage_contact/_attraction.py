@@ -19,7 +19,7 @@ Lengths are in pixels, stresses in units of the contact modulus: see ``_cohesion
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -46,24 +46,6 @@ FAINT = 1e-6
 LOAD = 300.0
 #: part of the terms of the energy that rounding may change
 ROUNDING = 1e-13
-
-
-@dataclass
-class Found:
-    """A minimum: gap and net traction on the pixels, approach, and how it was found."""
-
-    unknown: Array
-    """on the padded grid"""
-    gap: Array
-    traction: Array
-    approach: float
-    error: float
-    converged: bool
-    iterations: int
-    transforms: int
-    history: list[float] = field(default_factory=list)
-    apart: bool = False
-    """the surfaces moved away from each other without end"""
 
 
 @dataclass
@@ -114,7 +96,8 @@ class Adhesive:
         self.inverse = 1.0 / np.sqrt(self.stiffness**2 + level**2) if self.periodic else 1.0 / self.stiffness
         #: of a rigid body of the size of the grid
         self.punch = math.sqrt(math.prod(self.shape))
-        self.transforms = 0
+        self.transforms = self.iterations = 0
+        self.history: list[float] = []
         self.workers = team.threads if math.prod(self.padded) >= 1 << 17 else 1
 
     def forward(self, x: Array) -> Array:
@@ -126,10 +109,6 @@ class Adhesive:
         self.transforms += 1
         self.team.run(kernels.multiply, spectrum.shape[0], spectrum, symbol)
         return np.asarray(sfft.irfft2(spectrum, s=self.padded, workers=self.workers, overwrite_x=True))
-
-    def quadratic(self, spectrum: Array) -> float:
-        part = self.team.table(kernels.quadratic_form, spectrum.shape[0], 1, spectrum, self.stiffness, self.padded[1])
-        return float(part.sum()) / math.prod(self.padded)
 
     def sums(self, kernel: Any, columns: int, *args: Any) -> list[float]:
         return self.team.table(kernel, self.padded[0], columns, *args).sum(axis=0).tolist()
@@ -191,20 +170,20 @@ class Adhesive:
         energy, terms = 0.5 * up + attracted + work, abs(0.5 * up) + abs(attracted) + abs(work)
         return Iterate(x, rise, spectrum, p, mean, r, energy, terms, error, excess, shift, count, contact, fresh)
 
-    def minimise(self, x: Array, rise: float, tolerance: float, limit: int) -> Found:
+    def minimise(self, x: Array, rise: float, tolerance: float, limit: int) -> Iterate:
         """The minimum below the gap ``x`` (padded) at the approach ``rise``. Never raises for lack of convergence."""
         here = self.evaluate(x, rise)
         d, before = np.zeros(self.padded), np.zeros(self.padded)
-        history, size, ds, restart, iteration, before_excess = [min(here.error, 1e300)], 0.0, 0.0, True, 0, 0.0
-        apart = False
-        while iteration < limit:
+        self.history.append(min(here.error, 1e300))
+        size, ds, restart, before_excess = 0.0, 0.0, True, 0.0
+        while self.iterations < limit:
             if here.error <= tolerance:
                 if here.fresh:
                     break
                 # the spectrum was a sum of those of the steps
                 here = self.evaluate(here.x, here.rise)
                 continue
-            iteration += 1
+            self.iterations += 1
             z = self.backward(self.forward(here.r), self.inverse)
             shift = here.open_sum
             rz, bz, zs = self.sums(cohesion.products, 3, here.r, before, z, shift)
@@ -228,26 +207,10 @@ class Adhesive:
                 continue
             restart = False
             here = there
-            history.append(min(here.error, 1e300))
-            if self._gone(here):
-                apart = True
+            self.history.append(min(here.error, 1e300))
+            if self.parted(here):
                 break
-        nx, ny = self.shape
-        approach = here.rise
-        if self.periodic:
-            approach = -float(self.h.mean()) - float(here.x[:nx, :ny].mean())
-        return Found(
-            unknown=here.x,
-            gap=np.ascontiguousarray(here.x[:nx, :ny]),
-            traction=np.ascontiguousarray(here.p[:nx, :ny]) + here.mean,
-            approach=approach,
-            error=here.error,
-            converged=here.error <= tolerance,
-            iterations=iteration,
-            transforms=self.transforms,
-            history=history,
-            apart=apart,
-        )
+        return here
 
     def step(self, here: Iterate, d: Array, ds: float, slope: float) -> Iterate | None:
         """The lowest point along the direction; None if none is lower."""
@@ -258,7 +221,8 @@ class Adhesive:
             whole = d.copy()
             whole[: self.shape[0], : self.shape[1]] += ds
         spectrum = self.forward(whole)
-        curvature = self.quadratic(spectrum)
+        part = self.team.table(kernels.quadratic_form, spectrum.shape[0], 1, spectrum, self.stiffness, self.padded[1])
+        curvature = float(part.sum()) / math.prod(self.padded)
         x, law, shape = here.x, self.law, self.shape
         change, second = self.sums(cohesion.along, 2, x, d, 0.0, law, shape)
         length = -slope / (curvature + second if curvature + second > 0.1 * curvature else curvature or -slope)
@@ -297,7 +261,7 @@ class Adhesive:
             _, total, count = self.sums(cohesion.move, 3, x, d, length, shift, self.shape, out)
         return out, shift
 
-    def _gone(self, here: Iterate) -> bool:
+    def parted(self, here: Iterate) -> bool:
         """Whether a pull has parted the surfaces: no contact, and next to no attraction left."""
         if self.pressure is None or self.pressure >= 0 or here.contact:
             return False

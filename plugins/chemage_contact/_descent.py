@@ -233,7 +233,9 @@ class Descent:
         grid = self.grid
         scope = grid.everywhere if self.evaluated or not self.split else self.active
         total, count = grid.sums(2)
-        few = grid.offset_fixed is None and (not count or self._yields(count))
+        # where nearly all of the load is where the contact yields, free pixels say little of the offset
+        borne = math.inf if grid.hardness is None else count * float(grid.hardness)
+        few = grid.offset_fixed is None and (not count or borne < FEW_FREE * grid.load)
         mean = -total / count if count and grid.offset_fixed is None else 0.0
         s = self._measured(scope, self._offset_of_few() if few else mean, count)
         if few and count and not s.penetration:
@@ -258,12 +260,6 @@ class Descent:
         rms = math.sqrt(squares / free) if free else 0.0
         deepest = float(grid.residual_part[:, 1].max())
         return Standing(offset, rms, deepest, pixels, residual_sum, math.sqrt(norm), squares + through)
-
-    def _yields(self, free: float) -> bool:
-        """Whether nearly all of the load is where the contact yields, so that few free pixels say little of the
-        offset."""
-        hardness = self.grid.hardness
-        return hardness is not None and free * float(hardness) < FEW_FREE * self.grid.load
 
     def _offset_of_few(self) -> float:
         """The offset where no pixel, or hardly one, is free: as many gaps are negative as pixels at the hardness would

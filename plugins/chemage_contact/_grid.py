@@ -231,7 +231,7 @@ class Split:
             coarse = (fast_length(math.ceil(nx / RATIO)), fast_length(math.ceil(ny / RATIO)))
             self._axes = _axis(nx, coarse[0], np.dtype(dtype)), _axis(ny, coarse[1], np.dtype(dtype))
         self._transforms = Transforms(coarse, coarse, library, team.threads)
-        far = _pixel_symbol(body.regrid(coarse), body, inverse) * _far(body.shape, coarse)
+        far = body.regrid(coarse).in_pixels(body, inverse) * _far(body.shape, coarse)
         #: of the inverse operator for a uniform displacement
         self.stiffness = float(far[0, 0])
         if floating:
@@ -267,11 +267,6 @@ def _axis(fine: int, coarse: int, dtype: Any) -> kernels.Interpolation:
     return kernels.Interpolation(lower, (lower + 1) % coarse, ((place - lower * fine) / fine).astype(dtype))
 
 
-def _pixel_symbol(body: Substrate, fine: Substrate, inverse: bool) -> Floats:
-    """The symbol or its inverse in units of the pixels of ``fine``."""
-    return body.inverse() * fine.unit if inverse else body.symbol() / fine.unit
-
-
 def _whole(quarter: Array, rows: int) -> Array:
     """A symbol on all rows of a half spectrum."""
     if quarter.shape[0] == rows:
@@ -299,10 +294,10 @@ def _stencil(window: Substrate, inverse: bool) -> Floats:
     That of a half-space is the same on all grids."""
     half = SAMPLE // 2 + 1
     q = 2.0 * np.pi / SAMPLE * np.arange(half)
-    full = _whole(_whole(_pixel_symbol(window, window, inverse), SAMPLE)[:half], half)
+    full = _whole(_whole(window.in_pixels(window, inverse), SAMPLE)[:half], half)
     # The coarse spectrum repeats on the fine one.
     m = SAMPLE // RATIO
-    far = _pixel_symbol(window.regrid((m, m)), window, inverse) * _far((SAMPLE, SAMPLE), (m, m))
+    far = window.regrid((m, m)).in_pixels(window, inverse) * _far((SAMPLE, SAMPLE), (m, m))
     index = np.arange(half) % m
     index = np.minimum(index, m - index)
     rest = full - far[np.ix_(index, index)] * np.outer(_hat(q), _hat(q)) ** 2

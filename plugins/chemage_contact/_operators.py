@@ -47,14 +47,12 @@ class Team:
         if self._pool is not None:
             self._pool.shutdown()
 
-    def even(self, count: int) -> list[int]:
-        """Edges of about equal shares of ``count`` rows; a single share if the rows are few."""
-        shares = 1 if count < FEW else self.threads
-        return [count * k // shares for k in range(shares + 1)]
-
     def run(self, kernel: Callable[..., None], share: int | Sequence[int], *args: Any) -> None:
         """Call ``kernel(lo, hi, *args)`` so that the ranges cover 0 … ``share``, or between the edges given."""
-        edges = self.even(share) if isinstance(share, int) else share
+        edges = share
+        if isinstance(edges, int):  # about equal shares; a single one if the rows are few
+            shares = 1 if edges < FEW else self.threads
+            edges = [edges * k // shares for k in range(shares + 1)]
         if len(edges) == 2:
             kernel(edges[0], edges[1], *args)
             return
@@ -121,6 +119,10 @@ class Substrate(ABC):
         """(nx, ny//2+1) or (nx//2+1, ny//2+1) values > 0: approximately 1/symbol on the unpadded grid, for
         preconditioning. Here that of a half-space."""
         return 0.5 * wave_numbers(self.shape, self.pixel)
+
+    def in_pixels(self, fine: Substrate, inverse: bool) -> Floats:
+        """The symbol or its inverse in units of the pixels of ``fine``."""
+        return self.inverse() * fine.unit if inverse else self.symbol() / fine.unit
 
     def regrid(self, shape: tuple[int, int]) -> Self:
         """The same body on another grid of the same extent."""

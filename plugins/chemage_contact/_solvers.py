@@ -25,6 +25,13 @@ class HalfSpaceSolver(ContactSolver, ABC):
     """contact modulus E* = E/(1−ν²) of the elastic body (or of both, combined), GPa; or their young
     and poisson"""
 
+    #: options that an identity has only where they are given, as it had before there were these options
+    later: ClassVar[tuple[str, ...]] = ()
+
+    def identity(self) -> dict[str, Any]:
+        """As for every component; without :attr:`later` options that are not given."""
+        return {name: value for name, value in super().identity().items() if value or name not in self.later}
+
     def is_nominally_flat(self, periodic: bool) -> bool:
         """See :meth:`chemage.plugin.ContactSolver.is_nominally_flat`; ``boundary`` may make it periodic, or free."""
         boundary = getattr(self, "boundary", "auto")

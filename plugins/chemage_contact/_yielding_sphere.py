@@ -121,7 +121,7 @@ class YieldingSphere:
     def gap(self, r: Array) -> Array:
         """u - approach + r²/2R: negative by the plastic displacement where the sphere yields, 0 up to the edge."""
         shape, x = r.shape, np.ravel(r) / self.edge
-        core = self.core / self.edge
+        core, level = self.core / self.edge, self.approach * self.radius / self.edge**2
         found = np.zeros(x.size)
         # finer towards c and a, where the gap begins
         towards = np.linspace(1.0, 0.0, RADII) ** 2
@@ -130,13 +130,9 @@ class YieldingSphere:
             (x > 1.0, 1.0 + max(float(x.max(initial=1.0)) - 1.0, 0.0) * towards[::-1]),
         ):
             if where.any():
-                u = self.ring.displacement(table) - self._level + 0.5 * table**2
+                u = self.ring.displacement(table) - level + 0.5 * table**2
                 found[where] = np.interp(x[where], table, u)
         return found.reshape(shape) * (self.edge**2 / self.radius)
-
-    @property
-    def _level(self) -> float:
-        return self.approach * self.radius / self.edge**2
 
 
 def yielding_sphere(load: float, radius: float, modulus: float, hardness: float) -> YieldingSphere | None:

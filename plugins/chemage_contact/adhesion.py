@@ -188,6 +188,8 @@ class AdhesiveSphere(SphereSolver, ABC):
         )
 
     def _solution(self, surface: Surface, radius: float, state: AdhesiveState, load: float) -> ContactSolution:
+        from scipy import ndimage
+
         size = surface.pixel_size
         x, y = self.edges(surface)
         pressure = self._forces(radius, state, x, y) / size**2
@@ -196,8 +198,13 @@ class AdhesiveSphere(SphereSolver, ABC):
         centre = self.distances(surface)
         # a contact smaller than a pixel is the pixel in the middle
         touching = centre < max(state.edge, float(centre.min()) * (1 + 1e-9))
-        if state.outer == state.edge:
-            pressure = _gathered(pressure, touching)
+        if state.outer == state.edge:  # that of pixels outside is shared by their eight neighbours in contact
+            around = np.ones((3, 3))
+            count = ndimage.convolve(touching.astype(np.float64), around, mode="constant")
+            moves = ~touching & (count > 0)
+            share = np.where(moves, pressure / np.maximum(count, 1.0), 0.0)
+            gained = ndimage.convolve(share, around, mode="constant")
+            pressure = np.where(moves, 0.0, pressure) + np.where(touching, gained, 0.0)
         carries = self._carries(radius)
         scale = float(np.abs(pressure).sum()) * size**2
         force_error = 0.0 if carries or not scale else abs(float(pressure.sum()) * size**2 - load) / scale
@@ -465,18 +472,6 @@ def _solved(function: Callable[[float, float], float], strength: float, value: f
     while function(first, strength) < value:
         first *= 0.5
     return float(brentq(lambda angle: function(angle, strength) - value, first, last, xtol=1e-300, rtol=1e-14))  # pyright: ignore[reportArgumentType]
-
-
-def _gathered(pressure: np.ndarray, touching: np.ndarray) -> np.ndarray:
-    """The pressure with that of pixels outside the contact shared by those of their eight neighbours that are in it."""
-    from scipy import ndimage
-
-    around = np.ones((3, 3))
-    count = ndimage.convolve(touching.astype(np.float64), around, mode="constant")
-    moves = ~touching & (count > 0)
-    share = np.where(moves, pressure / np.maximum(count, 1.0), 0.0)
-    gained = ndimage.convolve(share, around, mode="constant")
-    return np.where(moves, 0.0, pressure) + np.where(touching, gained, 0.0)
 
 
 def _corner_punch(x: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ from pydantic import Field
 
 from chemage import ContactSolution, InputError, Surface
 from chemage.plugin import ConvergenceError, Length, Unit, convert, threads
-from chemage_contact._attraction import Adhesive, Found
+from chemage_contact._attraction import Adhesive, Iterate
 from chemage_contact._cohesion import CohesiveLaw
 from chemage_contact._operators import FreeHalfSpace, PeriodicHalfSpace, Substrate, Team
 from chemage_contact._solvers import GRID, HalfSpaceSolver
@@ -196,7 +196,9 @@ class AdhesiveBEM(HalfSpaceSolver):
         pixel = (size, size)
         flat = self.is_nominally_flat(surface.periodic)
         body: Substrate = (PeriodicHalfSpace if flat else FreeHalfSpace)(surface.shape, pixel)
-        law = self._law(size)
+        # a stress that falls to zero over its own elastic deformation of a pixel leaves no pixel the choice of two gaps
+        work, reach = self.work_of_adhesion / modulus / size, self.range / size
+        law = CohesiveLaw(self.law == "exponential", work, reach, 0.5 * work / reach)
         if load is not None and not math.isfinite(load / surface.nominal_area / modulus):
             raise InputError.of("load", load, "leaves the range of numbers when spread over the surface")
         if load is not None and "radius" in surface.provenance:
@@ -208,7 +210,7 @@ class AdhesiveBEM(HalfSpaceSolver):
             if approach is not None:
                 x, rise = problem.placed(x, rise, approach / size)
             found = problem.minimise(x, rise, self.tolerance, self.max_iterations)
-        if found.apart:
+        if problem.parted(found):
             raise InputError.of(
                 "load",
                 load,
@@ -216,13 +218,9 @@ class AdhesiveBEM(HalfSpaceSolver):
                 f"{self.work_of_adhesion:g} J/m²",
                 "give a load above the pull-off force, which loop() finds, or start = 'contact'",
             )
-        return self._solution(surface, found, load, law, coarse), (found.unknown, found.approach)
-
-    def _law(self, size: float) -> CohesiveLaw:
-        """The attraction in pixels of ``size`` nm and contact moduli; a stress that falls to zero over its own elastic
-        deformation of a pixel leaves no pixel the choice of two gaps."""
-        work, reach = self.work_of_adhesion / self.modulus / size, self.range / size
-        return CohesiveLaw(self.law == "exponential", work, reach, 0.5 * work / reach)
+        nx, ny = surface.shape
+        rise = -float(heights.mean()) - float(found.x[:nx, :ny].mean()) if flat else found.rise
+        return self._solution(surface, problem, found, load, rise, coarse), (found.x, rise)
 
     def _begin(self, surface: Surface, problem: Adhesive, load: float | None) -> _Before:
         x, rise = np.zeros(problem.padded), 0.0
@@ -239,23 +237,30 @@ class AdhesiveBEM(HalfSpaceSolver):
         return x, 0.0 if problem.periodic else rise
 
     def _solution(
-        self, surface: Surface, found: Found, load: float | None, law: CohesiveLaw, coarse: str
+        self, surface: Surface, problem: Adhesive, found: Iterate, load: float | None, rise: float, coarse: str
     ) -> ContactSolution:
-        size, area = surface.pixel_size, surface.pixel_size**2
-        pressure, gap, touching = found.traction * self.modulus, found.gap * size, found.gap <= 0
+        size, area, law = surface.pixel_size, surface.pixel_size**2, problem.law
+        nx, ny = surface.shape
+        reduced = np.ascontiguousarray(found.x[:nx, :ny])
+        pressure = (np.ascontiguousarray(found.p[:nx, :ny]) + found.mean) * self.modulus
         force = float(pressure.sum()) * area
         borne = float(np.abs(pressure).sum()) * area
+        converged = found.error <= self.tolerance
         notes = [coarse] if coarse else []
-        if not found.converged:
-            message = self._failure(found)
+        if not converged:
+            why, remedy = "no step lowers the energy any more", "accept a larger tolerance"
+            if problem.iterations >= self.max_iterations:
+                why, remedy = "the iteration limit was reached", "raise max_iterations, or accept a larger tolerance"
+            message = (
+                f"adhesive-bem: {why} after {problem.iterations} iterations with a relative stress of "
+                f"{found.error:.3g} out of balance (tolerance {self.tolerance:g}): {remedy}"
+            )
             if self.on_failure == "raise":
-                raise ConvergenceError(message, history=found.history, residual=found.error, tolerance=self.tolerance)
+                raise ConvergenceError(message, history=problem.history, residual=found.error, tolerance=self.tolerance)
             notes.append(message)
         if not self.is_nominally_flat(surface.periodic):
             # beyond the outermost pixels nothing acts
-            nearest = min(
-                float(edge.min()) for edge in (found.gap[0], found.gap[-1], found.gap[:, 0], found.gap[:, -1])
-            )
+            nearest = min(float(edge.min()) for edge in (reduced[0], reduced[-1], reduced[:, 0], reduced[:, -1]))
             reach = law.range * -math.log(AT_EDGE) if law.exponential else law.range
             if nearest <= 0:
                 notes.append("contact at the edge of the grid, beyond which nothing carries load")
@@ -267,29 +272,19 @@ class AdhesiveBEM(HalfSpaceSolver):
         return self.solution(
             surface,
             pressure=pressure,
-            touching=touching,
-            gap=gap if self.gap else None,
+            touching=reduced <= 0,
+            gap=reduced * size if self.gap else None,
             load=force if load is None else load,
-            displacement=found.approach * size,
-            converged=found.converged,
+            displacement=rise * size,
+            converged=converged,
             residual=found.error,
-            iterations=found.iterations,
+            iterations=problem.iterations,
             convergence={
                 "tolerance": self.tolerance,
                 "pressure_error": found.error,
                 "force_error": abs(force - load) / borne if load is not None and borne else 0.0,
-                "transforms": found.transforms,
-                "history": found.history,
+                "transforms": problem.transforms,
+                "history": problem.history,
             },
             notes=tuple(notes),
-        )
-
-    def _failure(self, found: Found) -> str:
-        if found.iterations >= self.max_iterations:
-            why, remedy = "the iteration limit was reached", "raise max_iterations, or accept a larger tolerance"
-        else:
-            why, remedy = "no step lowers the energy any more", "accept a larger tolerance"
-        return (
-            f"adhesive-bem: {why} after {found.iterations} iterations with a relative stress of {found.error:.3g} out "
-            f"of balance (tolerance {self.tolerance:g}): {remedy}"
         )

@@ -55,6 +55,7 @@ class Hertz(SphereSolver):
     )
     bibtex: ClassVar[tuple[str, ...]] = (_HERTZ, _JOHNSON)
     general: ClassVar[str] = "fft-bem"
+    later: ClassVar[tuple[str, ...]] = ("gap", "hardness")
 
     hardness: Pressure | None = None
     """largest pressure, GPa: the material flows where it is reached, and the contact grows; default: elastic"""
@@ -65,10 +66,6 @@ class Hertz(SphereSolver):
     def declared_error(self) -> float:  # pyright: ignore[reportIncompatibleVariableOverride]
         """More where the sphere may yield: its pressure is a step at the rim, which pixels are inside of or not."""
         return 0.01 if self.hardness is None else 0.05
-
-    def identity(self) -> dict[str, Any]:
-        """As for every component; without ``gap`` and ``hardness`` where there are none, as before these options."""
-        return {name: value for name, value in super().identity().items() if value or name not in ("gap", "hardness")}
 
     def expected(self, surface: Mapping[str, float], load: float) -> dict[str, float]:
         """Area fraction πa²/A0 where the radius is known, and memory of the gap."""
@@ -89,7 +86,10 @@ class Hertz(SphereSolver):
         self, shape: tuple[int, int], size: float, radius: float, load: float
     ) -> tuple[float, YieldingSphere | None]:
         """Radius of the contact, nm, and where the sphere yields, its contact."""
-        edge = self._elastic_edge(shape, size, radius, load)
+        edge = math.cbrt(0.75 * load * radius / self.modulus)
+        self.require_room(edge, shape, size, load)
+        if load > 0 and not (edge > 1e-60 * size and 1e-290 < load / size**2 < 1e100):
+            raise InputError.of("load", load, f"leaves the range of numbers on pixels of {size:g} nm", "give nN and nm")
         if self.hardness is None or not load > 0:
             return edge, None
         room, least = 0.5 * min(shape) * size, math.sqrt(load / self.hardness / math.pi)
@@ -105,14 +105,6 @@ class Hertz(SphereSolver):
         if sphere is not None:
             self.require_room(sphere.edge, shape, size, load)
         return (edge if sphere is None else sphere.edge), sphere
-
-    def _elastic_edge(self, shape: tuple[int, int], size: float, radius: float, load: float) -> float:
-        """Radius of the elastic contact, nm."""
-        edge = math.cbrt(0.75 * load * radius / self.modulus)
-        self.require_room(edge, shape, size, load)
-        if load > 0 and not (edge > 1e-60 * size and 1e-290 < load / size**2 < 1e100):
-            raise InputError.of("load", load, f"leaves the range of numbers on pixels of {size:g} nm", "give nN and nm")
-        return edge
 
     def _solve(self, surface: Surface, load: float, start: ContactSolution | None) -> ContactSolution:
         radius, size = self.radius(surface.provenance), surface.pixel_size
@@ -339,14 +331,13 @@ class Persson(ContactTheory):
         """Standard deviation of the pressure before it is absorbed, of which that at full contact is ``full``; GPa."""
         if self.kappa is None or not 0 < mean < 1e3 * full:
             return full
-        return full * math.sqrt(_spread(min(full / mean, 1e100) ** 2, 8 / math.pi / self.kappa**2))
+        return full * math.sqrt(self._spread(min(full / mean, 1e100) ** 2, self.kappa))
 
     def _statistics(self, roughness: Roughness, load: float) -> ContactStatistics:
         if "radius" in roughness.provenance:
             raise InputError(_SMOOTH)
         mean = load / roughness.nominal_area
-        sigma = self._deviation(mean, 0.5 * self.modulus * roughness.rms_slope)
-        pressure, share = _classes(mean, sigma)
+        pressure, share = self._classes(mean, 0.5 * self.modulus * roughness.rms_slope)
         return ContactStatistics(
             pressure=pressure,
             area=share * roughness.nominal_area,
@@ -363,49 +354,50 @@ class Persson(ContactTheory):
             provenance=self.provenance(roughness),
         )
 
+    def _spread(self, variance: float, kappa: float) -> float:
+        """By which part of ``variance`` (of full contact, over p̄²) the pressure has spread.
 
-def _spread(variance: float, least: float) -> float:
-    """By which part of ``variance`` (of full contact, over p̄²) the pressure has spread.
+        w with dw/dv = γ + (1 − γ) f², where f = erf(1/√(2w)) is the share in contact and γ is ``least``; integrated
+        over w.
+        """
+        from scipy import special
 
-    w with dw/dv = γ + (1 − γ) f², where f = erf(1/√(2w)) is the share in contact and γ is ``least``; integrated over w.
-    """
-    from scipy import special
+        least = 8 / math.pi / kappa**2
+        nodes, weights = np.polynomial.legendre.leggauss(200)
 
-    nodes, weights = np.polynomial.legendre.leggauss(200)
+        def excess(part: float) -> float:
+            """How much more variance than ``variance`` the part needs, relatively."""
+            # below the first limit all is in contact, far below the last one is nothing of the sum
+            last = math.log(part * variance)
+            first = max(math.log(0.01), last - 40)
+            if last <= first:
+                return part - 1
+            w = np.exp(0.5 * (last - first) * (nodes + 1) + first)
+            rate = least + (1 - least) * special.erf(1 / np.sqrt(2 * w)) ** 2
+            return (math.exp(first) + 0.5 * (last - first) * float(np.sum(weights * (w / rate)))) / variance - 1
 
-    def excess(part: float) -> float:
-        """How much more variance than ``variance`` the part needs, relatively."""
-        # below the first limit all is in contact, far below the last one is nothing of the sum
-        last = math.log(part * variance)
-        first = max(math.log(0.01), last - 40)
-        if last <= first:
-            return part - 1
-        w = np.exp(0.5 * (last - first) * (nodes + 1) + first)
-        rate = least + (1 - least) * special.erf(1 / np.sqrt(2 * w)) ** 2
-        return (math.exp(first) + 0.5 * (last - first) * float(np.sum(weights * (w / rate)))) / variance - 1
+        low, high = min(least, 1.0), max(least, 1.0)
+        for _ in range(52):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if excess(middle) < 0 else (low, middle)
+        return 0.5 * (low + high)
 
-    low, high = min(least, 1.0), max(least, 1.0)
-    for _ in range(52):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if excess(middle) < 0 else (low, middle)
-    return 0.5 * (low + high)
-
-
-def _classes(mean: float, sigma: float) -> tuple[np.ndarray, np.ndarray]:
-    """Mean pressure of each class, GPa, and its share of the nominal area."""
-    if not mean > 0:
-        return np.zeros(0), np.zeros(0)
-    if sigma <= 1e-12 * mean:
-        return np.array([mean]), np.array([1.0])
-    edges = np.linspace(max(mean - REACH * sigma, 0.0), mean + REACH * sigma, CLASSES + 1)
-    nodes, weights = np.polynomial.legendre.leggauss(8)
-    half = 0.5 * np.diff(edges)
-    points = 0.5 * (edges[1:] + edges[:-1])[:, None] + half[:, None] * nodes
-    # the density of the theory for a modulus of 2 GPa and a slope of sigma
-    density = theory.persson_pressure_density(points, mean, 2.0, sigma) * (half[:, None] * weights)
-    share = density.sum(axis=1)
-    there = share > 0
-    pressure = (density * points).sum(axis=1)[there] / share[there]
-    total = float(np.sum(pressure * share[there]))
-    # what is beyond the last class, 1e-14 of the load, is distributed in proportion
-    return pressure * (mean / total) if math.isfinite(total) and total > 0 else pressure, share[there]
+    def _classes(self, mean: float, full: float) -> tuple[np.ndarray, np.ndarray]:
+        """Mean pressure of each class, GPa, and its share of the nominal area."""
+        if not mean > 0:
+            return np.zeros(0), np.zeros(0)
+        sigma = self._deviation(mean, full)
+        if sigma <= 1e-12 * mean:
+            return np.array([mean]), np.array([1.0])
+        edges = np.linspace(max(mean - REACH * sigma, 0.0), mean + REACH * sigma, CLASSES + 1)
+        nodes, weights = np.polynomial.legendre.leggauss(8)
+        half = 0.5 * np.diff(edges)
+        points = 0.5 * (edges[1:] + edges[:-1])[:, None] + half[:, None] * nodes
+        # the density of the theory for a modulus of 2 GPa and a slope of sigma
+        density = theory.persson_pressure_density(points, mean, 2.0, sigma) * (half[:, None] * weights)
+        share = density.sum(axis=1)
+        there = share > 0
+        pressure = (density * points).sum(axis=1)[there] / share[there]
+        total = float(np.sum(pressure * share[there]))
+        # what is beyond the last class, 1e-14 of the load, is distributed in proportion
+        return pressure * (mean / total) if math.isfinite(total) and total > 0 else pressure, share[there]

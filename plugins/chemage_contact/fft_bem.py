@@ -83,6 +83,7 @@ class FFTBEM(HalfSpaceSolver):
 
     kind = "fft-bem"
     implemented_properties: ClassVar[tuple[str, ...]] = ("pressure", "gap", "displacement")
+    later: ClassVar[tuple[str, ...]] = ("hardness", "substrate")
     speed_only: ClassVar[tuple[str, ...]] = ("threads",)
     trade: ClassVar[Mapping[str, tuple[Any, ...]]] = {
         "precision": ("single", "mixed", "double"),
@@ -124,11 +125,6 @@ class FFTBEM(HalfSpaceSolver):
     """Fourier transform library; all but scipy must be installed separately (note their licences)"""
     threads: int | None = Field(default=None, ge=1)
     """threads of one solve; default: all processors available to this process"""
-
-    def identity(self) -> dict[str, Any]:
-        """As for every component; without ``hardness`` and ``substrate`` where they are not given, as before."""
-        later = ("hardness", "substrate")
-        return {name: value for name, value in super().identity().items() if name not in later or value is not None}
 
     @property
     def declared_error(self) -> float | None:  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -399,7 +395,7 @@ class FFTBEM(HalfSpaceSolver):
         result = iteration.solve(body, heights, team=team, **goal)
         values = result.pressure
         area = surface.pixel_size**2
-        flow = None if hardness is None else _flow(result, hardness, unit)
+        flow = None if hardness is None else self._flow(result, hardness, unit)
         total, weighted, least = sums(values, result.gap, team)
         complementarity = weighted / total / result.scale if weighted else 0.0
         # The factor is a power of two: nothing is rounded.
@@ -443,6 +439,14 @@ class FFTBEM(HalfSpaceSolver):
             ),
             notes=tuple(notes),
         )
+
+    def _flow(self, result: GridSolution, hardness: float, unit: float) -> np.ndarray:
+        """The overlap where the pressure is the hardness, in nm; it is taken from the gap, which is then closed."""
+        values = result.pressure
+        flow = np.where(values >= bounded(hardness, values.dtype.type), np.maximum(-result.gap, 0), 0)
+        result.gap += flow
+        flow *= unit
+        return flow
 
     def _full(self, surface: Surface, result: GridSolution, flow: np.ndarray | None) -> list[str]:
         """Notes of a contact in which every pixel touches."""
@@ -508,15 +512,6 @@ class FFTBEM(HalfSpaceSolver):
             f"(rms gap {result.rms_gap:.3g}, penetration {result.penetration:.3g}; tolerance {self.tolerance:g}): "
             f"{remedy}"
         )
-
-
-def _flow(result: GridSolution, hardness: float, unit: float) -> np.ndarray:
-    """The overlap where the pressure is the hardness, in nm; it is taken from the gap, which is then closed."""
-    values = result.pressure
-    flow = np.where(values >= bounded(hardness, values.dtype.type), np.maximum(-result.gap, 0), 0)
-    result.gap += flow
-    flow *= unit
-    return flow
 
 
 def _dimensionless(surface: Surface, strain: float, team: Team) -> tuple[Heights, float]:

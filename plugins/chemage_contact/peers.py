@@ -71,7 +71,7 @@ class Peer(HalfSpaceSolver):
     @property
     def limit(self) -> float | None:
         """Largest pressure, GPa; None: the body is elastic at any pressure."""
-        return None
+        return getattr(self, "hardness", None)
 
     @abstractmethod
     def _answer(self, library: Any, heights: Floats, stiffness: float, ceiling: float, periodic: bool) -> PeerSolution:
@@ -193,11 +193,6 @@ class Tamaas(Peer):
     """periodic: repeat also a surface that is not periodic; auto: refuse one"""
     hardness: Annotated[float, Unit("GPa", gt=0)] | None = None
     """largest pressure, GPa; default: the body is elastic at any pressure"""
-
-    @property
-    def limit(self) -> float | None:
-        """See :attr:`Peer.limit`."""
-        return self.hardness
 
     def is_nominally_flat(self, periodic: bool) -> bool:
         """It is: others are refused."""

@@ -26,7 +26,6 @@ from chemage_surfaces._maps import (
     stated,
     surface_of,
 )
-from chemage_surfaces.readers import Unitless
 from chemage_surfaces.steps import (
     cropped,
     filled,
@@ -81,7 +80,7 @@ def _read(maker: FromFile, reader: Reader, stamp: FileStamp) -> Surface:
     if maker.pixel_size is not None:
         sides = (maker.pixel_size, maker.pixel_size)
         same_pixels(image, sides)
-    unit = maker.height_unit or image.height_unit or (1.0 if isinstance(reader, Unitless) else None)
+    unit = maker.height_unit or image.height_unit or getattr(reader, "default_unit", None)
     surface = surface_of(replace(image, height_unit=unit, pixel_size=sides))
     heights = surface.heights
     if maker.detrend != "none":

@@ -64,42 +64,40 @@ class X3p(Instrument):
 
     def height_map(self, path: str | PathLike[str]) -> HeightMap:
         """The image as it is; points marked invalid, or not finite, are missing."""
+        source = str(path)
         with _content(path) as data, zipfile.ZipFile(io.BytesIO(data)) as archive:
-            return self._image(archive, len(data), str(path))
-
-    def _image(self, archive: zipfile.ZipFile, size: int, source: str) -> HeightMap:
-        if archive.getinfo("main.xml").file_size > LARGEST_XML:
-            raise ValueError("main.xml has more than a list of points needs; store them in bindata/data.bin")
-        record = archive.read("main.xml").replace(b"\0", b"")
-        if b"<!DOCTYPE" in record or b"<!ENTITY" in record:
-            raise ValueError("its XML defines entities")
-        root = ElementTree.fromstring(record)
-        fields = {"/".join(names): (node.text or "").strip() for names, node in _nodes(root)}
-        if fields.get("Record1/FeatureType") not in ("SUR", None):
-            raise InputError(f"{source} holds no image, but {fields['Record1/FeatureType']!r} (SUR is an image)")
-        count = [int(fields[f"Record3/MatrixDimension/Size{axis}"]) for axis in "XYZ"]
-        nx, ny = count[:2]
-        if min(count) < 1 or count[2] != 1:
-            raise ValueError(f"{nx} x {ny} x {count[2]} points")
-        if any(fields[f"Record1/Axes/C{axis}/AxisType"] != "I" for axis in "XY"):
-            raise InputError(f"{source} holds points that are no grid; grid them in the program of the instrument")
-        dtype = _TYPES[fields["Record1/Axes/CZ/DataType"]]
-        container.check_unpacked(8 * nx * ny, size, source)
-        if (link := fields.get("Record3/DataLink/PointDataLink")) is not None:
-            data = _member(archive, link, nx * ny * np.dtype(dtype).itemsize)
-            heights = np.frombuffer(data, dtype).astype(np.float64)
-            if (valid := fields.get("Record3/DataLink/ValidPointsLink")) is not None:
-                marks = np.frombuffer(_member(archive, valid, -(-nx * ny // 8)), np.uint8)
-                heights[np.unpackbits(marks, bitorder="little")[: nx * ny] == 0] = np.nan
-        else:
-            points = [node.text or "" for node in root.iter("Datum")]
-            if len(points) != nx * ny:
-                raise ValueError(f"{len(points)} points of {nx * ny}")
-            heights = np.array([float(point.split(";")[-1]) if point.strip() else math.nan for point in points])
-        heights = heights * float(fields.get("Record1/Axes/CZ/Increment") or 1)
-        heights = heights + float(fields.get("Record1/Axes/CZ/Offset") or 0)
-        sides = tuple(f"{float(fields[f'Record1/Axes/C{axis}/Increment']) * _METRE!r} nm" for axis in "XY")
-        return as_map(heights.reshape(ny, nx).T, source, stated=sides, unit="m", notes={"format": "x3p"})
+            if archive.getinfo("main.xml").file_size > LARGEST_XML:
+                raise ValueError("main.xml has more than a list of points needs; store them in bindata/data.bin")
+            record = archive.read("main.xml").replace(b"\0", b"")
+            if b"<!DOCTYPE" in record or b"<!ENTITY" in record:
+                raise ValueError("its XML defines entities")
+            root = ElementTree.fromstring(record)
+            fields = {"/".join(names): (node.text or "").strip() for names, node in _nodes(root)}
+            if fields.get("Record1/FeatureType") not in ("SUR", None):
+                raise InputError(f"{source} holds no image, but {fields['Record1/FeatureType']!r} (SUR is an image)")
+            count = [int(fields[f"Record3/MatrixDimension/Size{axis}"]) for axis in "XYZ"]
+            nx, ny = count[:2]
+            if min(count) < 1 or count[2] != 1:
+                raise ValueError(f"{nx} x {ny} x {count[2]} points")
+            if any(fields[f"Record1/Axes/C{axis}/AxisType"] != "I" for axis in "XY"):
+                raise InputError(f"{source} holds points that are no grid; grid them in the program of the instrument")
+            dtype = _TYPES[fields["Record1/Axes/CZ/DataType"]]
+            container.check_unpacked(8 * nx * ny, len(data), source)
+            if (link := fields.get("Record3/DataLink/PointDataLink")) is not None:
+                stored = _member(archive, link, nx * ny * np.dtype(dtype).itemsize)
+                heights = np.frombuffer(stored, dtype).astype(np.float64)
+                if (valid := fields.get("Record3/DataLink/ValidPointsLink")) is not None:
+                    marks = np.frombuffer(_member(archive, valid, -(-nx * ny // 8)), np.uint8)
+                    heights[np.unpackbits(marks, bitorder="little")[: nx * ny] == 0] = np.nan
+            else:
+                points = [node.text or "" for node in root.iter("Datum")]
+                if len(points) != nx * ny:
+                    raise ValueError(f"{len(points)} points of {nx * ny}")
+                heights = np.array([float(point.split(";")[-1]) if point.strip() else math.nan for point in points])
+            heights = heights * float(fields.get("Record1/Axes/CZ/Increment") or 1)
+            heights = heights + float(fields.get("Record1/Axes/CZ/Offset") or 0)
+            sides = tuple(f"{float(fields[f'Record1/Axes/C{axis}/Increment']) * _METRE!r} nm" for axis in "XY")
+            return as_map(heights.reshape(ny, nx).T, source, stated=sides, unit="m", notes={"format": "x3p"})
 
 
 def _nodes(
@@ -189,7 +187,23 @@ class Gwy(Instrument):
         """The image as it is, of the channel that is asked for, or the first one whose values are lengths."""
         with _content(path) as data:
             number, maps, content = self._maps(data, path)
-            return self._map(*maps[number], content.get(f"{number}/mask"), str(path))
+            (title, field), mask = maps[number], content.get(f"{number}/mask")
+            nx, ny = int(field["xres"]), int(field["yres"])
+            if min(nx, ny) < 1 or field["data"].dtype != np.float64:
+                raise ValueError(f"{nx} x {ny} points")
+            heights = field["data"].reshape(ny, nx).T
+            if isinstance(mask, dict):
+                heights = np.where(mask["data"].reshape(ny, nx).T > 0.5, np.nan, heights)
+            lateral = _unit(field, "si_unit_xy")
+            # Gwyddion takes sides without their sign, and 0 for 1
+            sides = tuple(abs(float(field[name])) or 1.0 for name in ("xreal", "yreal"))
+            stated = (
+                None
+                if lateral is None
+                else tuple(f"{side / n!r} {lateral}" for side, n in zip(sides, (nx, ny), strict=True))
+            )
+            notes = {"format": "gwy", "channel": title}
+            return as_map(heights, str(path), stated=stated, unit=_unit(field, "si_unit_z"), notes=notes)
 
     def retrace(self, path: str | PathLike[str]) -> Gwy | None:
         """The reader of the same channel in the other direction of the scan lines; None where the file has none."""
@@ -216,24 +230,6 @@ class Gwy(Instrument):
             titles = ", ".join(title for title, _ in maps.values()) or "none"
             raise InputError(f"channel = {self.channel!r}: {path} has no such channel of heights ({titles})")
         return number, maps, content
-
-    def _map(self, title: str, field: Mapping[str, Any], mask: Any, source: str) -> HeightMap:
-        nx, ny = int(field["xres"]), int(field["yres"])
-        if min(nx, ny) < 1 or field["data"].dtype != np.float64:
-            raise ValueError(f"{nx} x {ny} points")
-        heights = field["data"].reshape(ny, nx).T
-        if isinstance(mask, dict):
-            heights = np.where(mask["data"].reshape(ny, nx).T > 0.5, np.nan, heights)
-        lateral = _unit(field, "si_unit_xy")
-        # Gwyddion takes sides without their sign, and 0 for 1
-        sides = tuple(abs(float(field[name])) or 1.0 for name in ("xreal", "yreal"))
-        stated = (
-            None
-            if lateral is None
-            else tuple(f"{side / n!r} {lateral}" for side, n in zip(sides, (nx, ny), strict=True))
-        )
-        notes = {"format": "gwy", "channel": title}
-        return as_map(heights, source, stated=stated, unit=_unit(field, "si_unit_z"), notes=notes)
 
 
 def _unit(field: Mapping[str, Any], name: str) -> str | None:

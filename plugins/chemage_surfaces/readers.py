@@ -82,6 +82,9 @@ def stated_length(value: Any, source: str) -> float:
 class Instrument(Reader):
     """A reader of images whose files state their units."""
 
+    #: nm per unit of heights where the file states none; None: it must
+    default_unit: ClassVar[float | None] = None
+
     def read(self, path: str | PathLike[str]) -> Surface:
         """The surface, if the image is complete, its pixels are square and its units are known.
 
@@ -90,31 +93,22 @@ class Instrument(Reader):
         StoreError
             The file is missing, truncated or not in this format.
         InputError
-            Heights are missing, units are not stated, pixels are not square, or there is no such channel of heights.
+            Heights are missing, units are not stated, pixels are not square, or it is unclear or wrong which heights of
+            the file are meant.
         PluginError
             A library that the format needs is not installed.
         """
-        return surface_of(self.height_map(path))
+        image = self.height_map(path)
+        return surface_of(replace(image, height_unit=image.height_unit or self.default_unit))
 
 
-class Unitless(Reader):
-    """A reader of arrays in a unit that the file need not state."""
+class Unitless(Instrument):
+    """A reader of arrays in a unit that the file need not state: else heights are in nm."""
+
+    default_unit = 1.0
 
     pixel_size: Length | None = None
     """edge of a pixel, nm"""
-
-    def read(self, path: str | PathLike[str]) -> Surface:
-        """Read the surface, heights in nm if the file states no unit; it is periodic if the file says so.
-
-        Raises
-        ------
-        StoreError
-            The file is missing, truncated, or not a map of real numbers in this format.
-        InputError
-            The pixel size is unknown, heights are not finite, or it is unclear which array is meant.
-        """
-        image = self.height_map(path)
-        return surface_of(replace(image, height_unit=image.height_unit or 1.0))
 
 
 class Npy(Unitless):

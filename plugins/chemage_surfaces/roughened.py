@@ -26,7 +26,7 @@ from chemage.plugin import (
 )
 from chemage_surfaces._maps import Floats, provenance, stream
 from chemage_surfaces.generated import JACOBS, half_spectrum, heights_of
-from chemage_surfaces.spectra import Binned, PowerLaw, binned, fit_power_law, wavenumbers
+from chemage_surfaces.spectra import Binned, PowerLaw, wavenumbers
 from chemage_surfaces.trusted import TO_PIXELS, trusted
 
 if TYPE_CHECKING:
@@ -157,7 +157,7 @@ class Roughened(SurfaceMaker):
             lost = plan.lost()
             random = np.random.Generator(np.random.Philox(stream(seed, _STREAM, 0)))
             series[: len(lost)] = np.where(lost > 0, lost * random.standard_normal(lost.shape), series[: len(lost)])
-            heights = _cosines(series, measured.pixel_size, plan.shape, self.pixel_size)
+            heights = plan.cosines(series, plan.shape, self.pixel_size)
         added = heights_of(half, plan.shape[1])
         heights = added if heights is None else heights + added
         heights.setflags(write=False)
@@ -184,7 +184,7 @@ class Roughened(SurfaceMaker):
                 f"resolution = {self.resolution:g} nm: shorter than two pixels of the image, {2 * side:g} nm; "
                 "give at least this"
             )
-        spectrum = binned(measured)
+        spectrum = Binned.of(measured)
         part = trusted(measured, self.resolution, self.tip_radius)
         if not len(part.data.q):
             raise InputError(
@@ -208,7 +208,7 @@ class Roughened(SurfaceMaker):
                 f"{2 * math.pi / cut:.4g} nm; give this resolution"
             )
         try:
-            law = fit_power_law(data, self.hurst)
+            law = data.power_law(self.hurst)
         except ValueError as error:
             raise InputError(
                 f"fit_from = {longest:g} nm, resolution = {resolution:g} nm: no power law can be fitted to the "
@@ -328,6 +328,14 @@ class _Plan(NamedTuple):
         qx, qy = (np.arange(float(n)) * (math.pi / self.measured.pixel_size / n) for n in self.measured.shape)
         return np.hypot(qx[:, None], qy)
 
+    def cosines(self, series: Floats, shape: tuple[int, int], pixel_size: float) -> Floats:
+        """The sum of cosines with these amplitudes at the centres of the pixels of another grid."""
+        at_x, at_y = (
+            np.cos(np.outer((np.arange(m) + 0.5) * pixel_size, np.pi * np.arange(n) / (n * self.measured.pixel_size)))
+            for n, m in zip(series.shape, shape, strict=True)
+        )
+        return at_x @ series @ at_y.T
+
     def lost(self) -> Floats:
         """Standard deviations (nm) of the amplitudes that the alignment of scan lines took from the image, by its
         density at other directions: those that hardly change along a line, (waves along x, ny); 0 where the image has
@@ -353,7 +361,7 @@ class _Plan(NamedTuple):
             return roughness.rms_slope(low, self.measured.pixel_size, True)
         series, lost = self.series(), self.lost()
         series[: len(lost)][lost > 0] = 0.0
-        low = _cosines(series, self.measured.pixel_size, self.measured.shape, self.measured.pixel_size)
+        low = self.cosines(series, self.measured.shape, self.measured.pixel_size)
         q = self.cosine_waves()[: len(lost)]
         share = np.where(np.arange(len(lost))[:, None] == 0, 2.0, 4.0)
         return math.hypot(
@@ -375,12 +383,3 @@ class _Plan(NamedTuple):
             "measured_pixel_size": self.measured.pixel_size,
             "spectrum": {"q": spectrum.q[positive].tolist(), "density": spectrum.density[positive].tolist()},
         }
-
-
-def _cosines(series: Floats, side: float, shape: tuple[int, int], pixel_size: float) -> Floats:
-    """The sum of cosines with these amplitudes at the centres of the pixels of another grid."""
-    at_x, at_y = (
-        np.cos(np.outer((np.arange(m) + 0.5) * pixel_size, np.pi * np.arange(n) / (n * side)))
-        for n, m in zip(series.shape, shape, strict=True)
-    )
-    return at_x @ series @ at_y.T

@@ -12,7 +12,7 @@ from scipy.integrate import trapezoid
 from chemage import InputError, Surface
 from chemage.plugin import checked_count, convert
 from chemage_surfaces.generated import SelfAffine
-from chemage_surfaces.spectra import FEWEST, Binned, fit_power_law, rolled
+from chemage_surfaces.spectra import FEWEST, Binned
 from chemage_surfaces.trusted import trusted
 
 #: χ² per degree of freedom from which a fit is doubtful, and from which it makes no surface
@@ -203,11 +203,11 @@ def fit_roughness(
             )
         parts.append(part)
     data = Binned.together([part.data for part in parts])
-    roll, interval, law = rolled(data)
+    roll, interval, law = data.rolled()
     error = law.hurst_error
     for which in range(max(len(part.corrections) for part in parts)):  # as much as each is uncertain
         others = [part.without(which) for part in parts]
-        error = math.hypot(error, fit_power_law(Binned.together(others), roll=roll or 0.0).hurst - law.hurst)
+        error = math.hypot(error, Binned.together(others).power_law(roll=roll or 0.0).hurst - law.hurst)
     highest = float(data.q[-1])
     finest = max(parts, key=lambda part: part.data.q[-1])
     largest = max(surfaces, key=lambda one: max(one.shape) * one.pixel_size)
