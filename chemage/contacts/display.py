@@ -18,7 +18,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 #: pixels around the largest patch that are drawn, at least, and the size of what is drawn over that of the patch
-_LEAST, _MARGIN = 64, 2.0
+_WINDOW = 64, 2.0
+#: the same of an only patch
+_ONLY = 8, 1.3
 
 PRESSURE = Declared("pressure", "GPa", "contact pressure")
 PRESSURES = Curve("pressures", "1/GPa", "density over the contact", axis_of=PRESSURE)
@@ -97,7 +99,7 @@ class ContactDisplay(OfContact[ContactSolution]):
         panel = partial(Panel, size=(4.9, 3.9), is_map=True)
         if contact.patches == 1:
             caption = "Contact pressure; what is not in contact is blank."
-            only = panel(self._draw_only_patch, caption, alt, name="whole")
+            only = panel(self._draw_largest_patch, caption, alt, name="whole")
             return {"pressure": Picture((only,), (6.0, 4.6))}
         whole = panel(
             self._draw_pressure,
@@ -128,16 +130,12 @@ class ContactDisplay(OfContact[ContactSolution]):
         (x0, x1), (y0, y1) = np.multiply(self._around_largest_patch(), contact.pixel_size)
         axes.add_patch(Rectangle((x0, y0), x1 - x0, y1 - y0, fill=False, edgecolor=BLUE, linewidth=1.2))
 
-    def _draw_only_patch(self, axes: Axes, medium: Medium) -> None:
-        self._draw_largest_patch(axes, medium, least=8, margin=1.3)
-        axes.set_title(f"1 patch, A/A$_0$ = {self.record.area_fraction:.3g}")
-
-    def _draw_largest_patch(self, axes: Axes, medium: Medium, least: int = _LEAST, margin: float = _MARGIN) -> None:
+    def _draw_largest_patch(self, axes: Axes, medium: Medium) -> None:
         from matplotlib.collections import LineCollection
 
         contact = self.record
         a = contact.pixel_size
-        (x0, x1), (y0, y1) = self._around_largest_patch(least, margin)
+        (x0, x1), (y0, y1) = self._around_largest_patch()
         part = contact.contact[x0:x1, y0:y1]
         extent = (x0 * a, x1 * a, y0 * a, y1 * a)
         self._draw_blocks(axes, slice(x0, x1), slice(y0, y1), medium.pixels, extent)
@@ -150,7 +148,8 @@ class ContactDisplay(OfContact[ContactSolution]):
         level = np.stack([np.stack([i, j + 1], -1), np.stack([i + 1, j + 1], -1)], 1)
         edges = (np.concatenate([upright, level]) + np.array([x0, y0])) * a
         axes.add_collection(LineCollection(list(edges), colors=GREEN, linewidths=width, capstyle="round"))
-        axes.set_title("around the largest patch")
+        only = f"1 patch, A/A$_0$ = {contact.area_fraction:.3g}"
+        axes.set_title(only if contact.patches == 1 else "around the largest patch")
 
     def _draw_blocks(
         self, axes: Axes, rows: slice, columns: slice, most: int, extent: tuple[float, float, float, float]
@@ -164,16 +163,15 @@ class ContactDisplay(OfContact[ContactSolution]):
         style = {"cmap": pressure_colours(), "vmin": low if low < top else 0.0, "vmax": top}
         draw_map(axes, blocks, extent, "pressure (GPa)", **style)
 
-    def _around_largest_patch(
-        self, least: int = _LEAST, margin: float = _MARGIN
-    ) -> tuple[tuple[int, int], tuple[int, int]]:
-        """Pixels of a window ``margin`` times the size of the largest patch, at least ``least``: (x0, x1), (y0, y1)."""
+    def _around_largest_patch(self) -> tuple[tuple[int, int], tuple[int, int]]:
+        """Pixels of a window around the largest patch, which is closer about an only one: (x0, x1), (y0, y1)."""
         from scipy import ndimage
 
         nx, ny = self.record.shape
         labels, count = ndimage.label(self.record.contact, structure=np.ones((3, 3)))  # pyright: ignore[reportGeneralTypeIssues]
         largest = int(np.bincount(labels.ravel(), minlength=count + 1)[1:].argmax()) + 1
         box = ndimage.find_objects(labels, max_label=largest)[largest - 1]
+        least, margin = _ONLY if self.record.patches == 1 else _WINDOW
         side = max(least, math.ceil(margin * max(part.stop - part.start for part in box)))
         window = []
         for part, n in zip(box, (nx, ny), strict=True):

@@ -11,7 +11,7 @@ as for every barrier at or below zero. The integrated hazard has a closed form t
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -129,10 +129,8 @@ class UnderForce(Rupture):
     """A law for bonds under a force that grows at a constant rate, each over its own breaking barrier."""
 
     states = True
-    figures: ClassVar[Mapping[str, str]] = {
-        "rupture-forces": "Distribution of the rupture forces of the bonds there are at the last hold time."
-    }
-    outputs: ClassVar[Mapping[str, Output]] = {
+    figures = {"rupture-forces": "Distribution of the rupture forces of the bonds there are at the last hold time."}
+    outputs = {
         "mean_bond_force": Output(("hold_time",), "nN", "mean rupture force of a bond, 0 without bonds"),
         "bond_force_grid": Output(("bond_force",), "nN", "forces at which the distribution is given"),
         "bond_force_density": Output(

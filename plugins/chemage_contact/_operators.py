@@ -230,7 +230,7 @@ class FreeHalfSpace(Substrate):
     Hockney, Methods Comput. Phys. 9, 135 (1970)).
     """
 
-    periodic: ClassVar[bool] = False
+    periodic = False
 
     @property
     def padded(self) -> tuple[int, int]:

@@ -78,11 +78,11 @@ class AdhesiveSphere(SphereSolver, ABC):
     under a pull the stable one is given.
     """
 
-    adheres: ClassVar[bool] = True
-    implemented_properties: ClassVar[tuple[str, ...]] = ("pressure", "displacement")
+    adheres = True
+    implemented_properties = ("pressure", "displacement")
     #: Tabor's parameters between which the law holds
     tabor: ClassVar[tuple[float, float]] = (0.0, math.inf)
-    general: ClassVar[str] = "adhesive-bem"
+    general = "adhesive-bem"
 
     work_of_adhesion: Adhesion = Field(examples=["50 mJ/m^2"])
     """work of adhesion w of the two surfaces, J/m² (the same number in nN/nm)"""
@@ -263,10 +263,8 @@ class JKR(AdhesiveSphere):
 
     kind = "jkr"
     tabor = (5.0, math.inf)
-    cite: ClassVar[tuple[str, ...]] = (
-        "K. L. Johnson, K. Kendall, A. D. Roberts, Proc. R. Soc. Lond. A 324, 301 (1971)",
-    )
-    bibtex: ClassVar[tuple[str, ...]] = (_JKR,)
+    cite = ("K. L. Johnson, K. Kendall, A. D. Roberts, Proc. R. Soc. Lond. A 324, 301 (1971)",)
+    bibtex = (_JKR,)
 
     def pull_off(self, radius: float) -> float:
         """(3/2)πwR."""
@@ -313,10 +311,8 @@ class DMT(AdhesiveSphere):
 
     kind = "dmt"
     tabor = (0.0, 0.1)
-    cite: ClassVar[tuple[str, ...]] = (
-        "B. V. Derjaguin, V. M. Muller, Yu. P. Toporov, J. Colloid Interface Sci. 53, 314 (1975)",
-    )
-    bibtex: ClassVar[tuple[str, ...]] = (_DMT,)
+    cite = ("B. V. Derjaguin, V. M. Muller, Yu. P. Toporov, J. Colloid Interface Sci. 53, 314 (1975)",)
+    bibtex = (_DMT,)
 
     def pull_off(self, radius: float) -> float:
         """2πwR."""
@@ -354,8 +350,8 @@ class Maugis(AdhesiveSphere):
     """
 
     kind = "maugis"
-    cite: ClassVar[tuple[str, ...]] = ("D. Maugis, J. Colloid Interface Sci. 150, 243 (1992)",)
-    bibtex: ClassVar[tuple[str, ...]] = (_MAUGIS,)
+    cite = ("D. Maugis, J. Colloid Interface Sci. 150, 243 (1992)",)
+    bibtex = (_MAUGIS,)
 
     range: Length = Field(examples=["0.3 nm"])
     """gap z₀ up to which the surfaces attract each other, nm; the stress is w/z₀"""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
@@ -60,15 +60,15 @@ class AdhesiveBEM(HalfSpaceSolver):
     """
 
     kind = "adhesive-bem"
-    adheres: ClassVar[bool] = True
-    implemented_properties: ClassVar[tuple[str, ...]] = ("pressure", "gap", "displacement")
-    speed_only: ClassVar[tuple[str, ...]] = ("threads",)
-    trade: ClassVar[Mapping[str, tuple[Any, ...]]] = {"tolerance": (1e-2, 1e-3, 1e-4, 1e-6)}
-    cite: ClassVar[tuple[str, ...]] = (
+    adheres = True
+    implemented_properties = ("pressure", "gap", "displacement")
+    speed_only = ("threads",)
+    trade = {"tolerance": (1e-2, 1e-3, 1e-4, 1e-6)}
+    cite = (
         "L. Bugnicourt, P. Sainsot, D. Dureisseix, C. Gauthier, A. A. Lubrecht, Tribol. Lett. 66, 29 (2018)",
         "V. Rey, G. Anciaux, J.-F. Molinari, Comput. Mech. 60, 69 (2017)",
     )
-    bibtex: ClassVar[tuple[str, ...]] = (_BUGNICOURT, _REY)
+    bibtex = (_BUGNICOURT, _REY)
 
     work_of_adhesion: Annotated[float, Unit("J/m**2", ge=0)] = Field(examples=["50 mJ/m^2"])
     """work of adhesion w of the two surfaces, J/m² (the same number in nN/nm)"""

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from pydantic import Field
@@ -48,14 +48,14 @@ class Hertz(SphereSolver):
     """
 
     kind = "hertz"
-    implemented_properties: ClassVar[tuple[str, ...]] = ("pressure", "gap", "displacement")
-    cite: ClassVar[tuple[str, ...]] = (
+    implemented_properties = ("pressure", "gap", "displacement")
+    cite = (
         "H. Hertz, J. reine angew. Math. 92, 156 (1881)",
         "K. L. Johnson, Contact Mechanics, Cambridge University Press (1985), ch. 4",
     )
-    bibtex: ClassVar[tuple[str, ...]] = (_HERTZ, _JOHNSON)
-    general: ClassVar[str] = "fft-bem"
-    later: ClassVar[tuple[str, ...]] = ("gap", "hardness")
+    bibtex = (_HERTZ, _JOHNSON)
+    general = "fft-bem"
+    later = ("gap", "hardness")
 
     hardness: Pressure | None = None
     """largest pressure, GPa: the material flows where it is reached, and the contact grows; default: elastic"""
@@ -284,13 +284,13 @@ class Persson(ContactTheory):
     """
 
     kind = "persson"
-    declared_error: ClassVar[float | None] = LARGEST_ERROR
-    cite: ClassVar[tuple[str, ...]] = (
+    declared_error = LARGEST_ERROR
+    cite = (
         "B. N. J. Persson, J. Chem. Phys. 115, 3840 (2001)",
         "W. Manners, J. A. Greenwood, Wear 261, 600 (2006)",
         "B. N. J. Persson, J. Phys.: Condens. Matter 20, 312001 (2008)",
     )
-    bibtex: ClassVar[tuple[str, ...]] = (_PERSSON, _MANNERS, _PERSSON_ENERGY)
+    bibtex = (_PERSSON, _MANNERS, _PERSSON_ENERGY)
 
     modulus: ContactModulus
     """contact modulus E* = E/(1−ν²) of the elastic body (or of both, combined), GPa; or their young

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -82,19 +82,19 @@ class FFTBEM(HalfSpaceSolver):
     """
 
     kind = "fft-bem"
-    implemented_properties: ClassVar[tuple[str, ...]] = ("pressure", "gap", "displacement")
-    later: ClassVar[tuple[str, ...]] = ("hardness", "substrate")
-    speed_only: ClassVar[tuple[str, ...]] = ("threads",)
-    trade: ClassVar[Mapping[str, tuple[Any, ...]]] = {
+    implemented_properties = ("pressure", "gap", "displacement")
+    later = ("hardness", "substrate")
+    speed_only = ("threads",)
+    trade = {
         "precision": ("single", "mixed", "double"),
         "tolerance": (1e-3, 1e-4, 1e-5, 1e-6, 1e-8, 1e-10),
     }
-    cite: ClassVar[tuple[str, ...]] = (
+    cite = (
         "I. A. Polonsky, L. M. Keer, Wear 231, 206 (1999)",
         "L. Bugnicourt, P. Sainsot, D. Dureisseix, C. Gauthier, A. A. Lubrecht, Tribol. Lett. 66, 29 (2018)",
         "E. A. H. Vollebregt, J. Optim. Theory Appl. 162, 931 (2014)",
     )
-    bibtex: ClassVar[tuple[str, ...]] = (_POLONSKY, _BUGNICOURT, _VOLLEBREGT)
+    bibtex = (_POLONSKY, _BUGNICOURT, _VOLLEBREGT)
 
     hardness: Pressure | None = None
     """largest pressure, GPa: the material flows where it is reached, and the load spreads; default: elastic"""

@@ -5,7 +5,9 @@ from __future__ import annotations
 
 import math
 import operator
+from abc import abstractmethod
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import numpy as np
@@ -17,6 +19,7 @@ from chemage import InputError, Surface
 from chemage.plugin import (
     Choice,
     FilePath,
+    FileStamp,
     HeightMap,
     Length,
     Reader,
@@ -28,6 +31,7 @@ from chemage.plugin import (
     file_hash,
     file_stamp,
     memory,
+    reader_for,
 )
 
 #: heights, or numbers of wave vectors
@@ -121,6 +125,27 @@ class ImageMaker(SurfaceMaker):
     """kind of the reader, or a table with its ``kind`` and options, such as the channel; None: selected by the ending
     of the file"""
 
+    @abstractmethod
+    def from_file(self, reader: Reader, stamp: FileStamp) -> Surface | str:
+        """The surface in the file, or why it needs a step that was not asked for."""
+
+    def make(self, seed: Seed = 0) -> Surface:
+        """The surface, made once as long as the file does not change. ``seed`` is ignored.
+
+        Raises
+        ------
+        StoreError
+            The file is missing, truncated or not in the format of the reader, or no reader accepts its ending.
+        InputError
+            Several readers accept the ending, heights are not finite, units or the pixel size are not stated, a step is
+            needed that was not asked for, or an option does not fit the image.
+        """
+        reader: Any = self.reader or reader_for(self.path)
+        made = _made(self, reader, file_stamp(self.path))
+        if isinstance(made, str):
+            raise InputError(made)
+        return made
+
     def content(self) -> dict[str, str]:
         """A hash of the content of the file, so that an edited file is another surface.
 
@@ -143,6 +168,12 @@ class ImageMaker(SurfaceMaker):
     def scatter(self, contact: Mapping[str, float]) -> Scatter:
         """None: the seed is ignored."""
         return Scatter(0.0)
+
+
+@lru_cache(maxsize=2)
+def _made(maker: ImageMaker, reader: Reader, stamp: FileStamp) -> Surface | str:
+    """Those that were made last are kept: for the estimate of a scene, and for every contact of a sweep."""
+    return maker.from_file(reader, stamp)
 
 
 def stated(

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, ClassVar, Self
+from typing import Annotated, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,11 +51,11 @@ class SelfAffine(SurfaceMaker):
     """
 
     kind = "self-affine"
-    cite: ClassVar[tuple[str, ...]] = (
+    cite = (
         "Z. Li, L. Pastewka, I. Szlufarska, Phys. Rev. E 98, 023001 (2018)",
         "T. D. B. Jacobs, T. Junge, L. Pastewka, Surf. Topogr.: Metrol. Prop. 5, 013001 (2017)",
     )
-    bibtex: ClassVar[tuple[str, ...]] = ("", JACOBS)
+    bibtex = ("", JACOBS)
 
     pixels: Pixels
     """grid: one number for a square, or [nx, ny]"""

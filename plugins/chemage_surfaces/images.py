@@ -6,14 +6,13 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import model_validator
 
 from chemage import InputError, Surface
-from chemage.plugin import FileStamp, Length, Reader, Seed, Unit, file_hash, file_stamp, memory, reader_for
+from chemage.plugin import FileStamp, Length, Reader, Unit, file_hash, memory, reader_for
 from chemage_surfaces._maps import (
     SQUARE,
     Floats,
@@ -57,48 +56,33 @@ class FromFile(ImageMaker):
     periodic: bool | None = None
     """whether the map is periodic; None: as the file states, else not"""
 
-    def make(self, seed: Seed = 0) -> Surface:
-        """The surface in the file, which is read once as long as it does not change. ``seed`` is ignored.
-
-        Raises
-        ------
-        StoreError
-            The file is missing, truncated or not in the format of the reader, or no reader accepts its ending.
-        InputError
-            Several readers accept the ending, the pixel size is unknown, or heights are not finite.
-        """
-        reader = self.reader or reader_for(self.path)
-        return _read(self, reader, file_stamp(self.path))  # pyright: ignore[reportArgumentType]
-
-
-@lru_cache(maxsize=1)
-def _read(maker: FromFile, reader: Reader, stamp: FileStamp) -> Surface:
-    """The surface that was read last is kept: for the estimate of a scene, and for every contact of a sweep."""
-    content = file_hash(maker.path, stamp)
-    image = reader.height_map(maker.path)
-    sides = image.pixel_size
-    if maker.pixel_size is not None:
-        sides = (maker.pixel_size, maker.pixel_size)
-        same_pixels(image, sides)
-    unit = maker.height_unit or image.height_unit or getattr(reader, "default_unit", None)
-    surface = surface_of(replace(image, height_unit=unit, pixel_size=sides))
-    heights = surface.heights
-    if maker.detrend != "none":
-        with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused below
-            centred = heights - heights.mean(dtype=np.float64)
-            # on a full grid the two tilts and the mean are orthogonal, so that each is a separate projection
-            for axis, count in enumerate(heights.shape if maker.detrend == "plane" else ()):
-                x = np.arange(count) - 0.5 * (count - 1)
-                if count > 1:
-                    tilt = (x @ centred.mean(axis=1 - axis)) / (x @ x)
-                    centred -= (tilt * x)[:, None] if axis == 0 else (tilt * x)[None, :]
-            heights = centred.astype(heights.dtype, copy=False)
-    return Surface(
-        heights=heights,
-        pixel_size=surface.pixel_size,
-        periodic=surface.periodic if maker.periodic is None else maker.periodic,
-        provenance={**provenance(maker), "reader": reader.kind, "file_blake2b": content},
-    )
+    def from_file(self, reader: Reader, stamp: FileStamp) -> Surface:
+        """See :meth:`ImageMaker.from_file`."""
+        content = file_hash(self.path, stamp)
+        image = reader.height_map(self.path)
+        sides = image.pixel_size
+        if self.pixel_size is not None:
+            sides = (self.pixel_size, self.pixel_size)
+            same_pixels(image, sides)
+        unit = self.height_unit or image.height_unit or getattr(reader, "default_unit", None)
+        surface = surface_of(replace(image, height_unit=unit, pixel_size=sides))
+        heights = surface.heights
+        if self.detrend != "none":
+            with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused below
+                centred = heights - heights.mean(dtype=np.float64)
+                # on a full grid the two tilts and the mean are orthogonal, so that each is a separate projection
+                for axis, count in enumerate(heights.shape if self.detrend == "plane" else ()):
+                    x = np.arange(count) - 0.5 * (count - 1)
+                    if count > 1:
+                        tilt = (x @ centred.mean(axis=1 - axis)) / (x @ x)
+                        centred -= (tilt * x)[:, None] if axis == 0 else (tilt * x)[None, :]
+                heights = centred.astype(heights.dtype, copy=False)
+        return Surface(
+            heights=heights,
+            pixel_size=surface.pixel_size,
+            periodic=surface.periodic if self.periodic is None else self.periodic,
+            provenance={**provenance(self), "reader": reader.kind, "file_blake2b": content},
+        )
 
 
 #: an image is a grid of at least this many pixels along each side
@@ -166,21 +150,14 @@ class Measured(ImageMaker):
             )
         return self
 
-    def make(self, seed: Seed = 0) -> Surface:
-        """The surface, made once as long as the file does not change. ``seed`` is ignored.
-
-        Raises
-        ------
-        StoreError
-            The file is missing, truncated or not in the format of the reader, or no reader accepts its ending.
-        InputError
-            The image needs a step that was not asked for, or units that are not stated; or an option does not fit it.
-        """
-        reader: Any = self.reader or reader_for(self.path)
-        surface, fault = _made(self, reader, file_stamp(self.path))
-        if surface is None:
-            raise InputError(fault)
-        return surface
+    def from_file(self, reader: Reader, stamp: FileStamp) -> Surface | str:
+        """See :meth:`ImageMaker.from_file`."""
+        image = self._prepared(reader)
+        if image.faults:
+            return image.faults[0]
+        image.heights.setflags(write=False)
+        made = {"reader": reader.kind, "file_blake2b": file_hash(self.path, stamp), "steps": image.steps}
+        return image.surface(**provenance(self), **made)
 
     def image(self) -> Image:
         """The image after all steps that it allows: also where heights are missing, spikes are left or pixels are not
@@ -375,15 +352,3 @@ class Image:
             UserWarning,
             stacklevel=2,
         )
-
-
-@lru_cache(maxsize=2)
-def _made(maker: Measured, reader: Reader, stamp: FileStamp) -> tuple[Surface | None, str]:
-    """The surface, or None and the reason. Those that were made last are kept: for the estimate of a scene, and for
-    every contact of a sweep."""
-    image = maker._prepared(reader)
-    if image.faults:
-        return None, image.faults[0]
-    image.heights.setflags(write=False)
-    made = {"reader": reader.kind, "file_blake2b": file_hash(maker.path, stamp), "steps": image.steps}
-    return image.surface(**provenance(maker), **made), ""

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from os import PathLike
-from typing import Any, ClassVar
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -18,7 +18,7 @@ import numpy as np
 from chemage import InputError
 from chemage.plugin import HeightMap, Length, StoreError, UnitError, container, convert, open_file, tables
 from chemage_surfaces._maps import HeightUnit, opposite
-from chemage_surfaces.readers import Instrument, as_map, coordinate_side, unpacked
+from chemage_surfaces.readers import Instrument, as_map, coordinate_side, plain, unpacked
 
 #: containers in containers of a file of Gwyddion, and parts in parts of XML
 DEEPEST = 20
@@ -49,7 +49,7 @@ class X3p(Instrument):
     """An image in X3P (ISO 25178-72): a ZIP archive with ``main.xml`` and binary heights, all lengths in metres."""
 
     kind = "x3p"
-    suffixes: ClassVar[tuple[str, ...]] = (".x3p",)
+    suffixes = (".x3p",)
 
     @classmethod
     def claims(cls, head: bytes, path: str | PathLike[str]) -> bool:
@@ -177,8 +177,8 @@ class Gwy(Instrument):
     """An image in a file of Gwyddion (its user guide, section "Gwyddion Native Format"); masked points are missing."""
 
     kind = "gwy"
-    suffixes: ClassVar[tuple[str, ...]] = (".gwy",)
-    marks: ClassVar[tuple[bytes, ...]] = (b"GWYP",)
+    suffixes = (".gwy",)
+    marks = (b"GWYP",)
 
     channel: str | None = None
     """title of the channel; None: the first with heights"""
@@ -270,8 +270,8 @@ class NetCdf(Instrument):
     others of the CF conventions, and pixels from its coordinates. NetCDF-4 is HDF5."""
 
     kind = "netcdf"
-    suffixes: ClassVar[tuple[str, ...]] = (".cdf",)
-    marks: ClassVar[tuple[bytes, ...]] = (b"CDF\x01", b"CDF\x02")
+    suffixes = (".cdf",)
+    marks = (b"CDF\x01", b"CDF\x02")
 
     variable: str | None = None
     """name of the variable; None: the only one with two dimensions"""
@@ -284,7 +284,7 @@ class NetCdf(Instrument):
         with _content(path) as data, netcdf_file(_Metered(data), "r", mmap=False) as file:
             for name, one in file.variables.items():
                 values = np.array(one[:] if one.dimensions else one[()])
-                attributes = {key: _plain(value) for key, value in one._attributes.items()}
+                attributes = {key: plain(value) for key, value in one._attributes.items()}
                 attributes.setdefault("units", attributes.get("unit"))
                 variables[name] = (one.dimensions, values, attributes)
         maps = [name for name, (dimensions, _, _) in variables.items() if len(dimensions) == 2]
@@ -313,12 +313,6 @@ class NetCdf(Instrument):
         return as_map(heights, source, stated=stated, periodic=periodic, unit=attributes["units"], notes=notes)
 
 
-def _plain(value: Any) -> Any:
-    if isinstance(value, np.ndarray | np.generic):
-        value = value.item() if value.size == 1 else value.tolist()
-    return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
-
-
 # -- points ------------------------------------------------------------------------------------------------------------
 
 
@@ -329,7 +323,7 @@ class Xyz(Instrument):
     """
 
     kind = "xyz"
-    suffixes: ClassVar[tuple[str, ...]] = (".xyz",)
+    suffixes = (".xyz",)
 
     unit: HeightUnit | None = None
     """unit of all three columns, such as "um", or a factor that converts them to nm"""

@@ -115,8 +115,8 @@ class Npy(Unitless):
     """A two-dimensional array saved with ``numpy.save``, which has no pixel size."""
 
     kind = "npy"
-    suffixes: ClassVar[tuple[str, ...]] = (".npy",)
-    marks: ClassVar[tuple[bytes, ...]] = (b"\x93NUMPY",)
+    suffixes = (".npy",)
+    marks = (b"\x93NUMPY",)
 
     def height_map(self, path: str | PathLike[str]) -> HeightMap:
         """The array as it is; its unit is not stated."""
@@ -142,7 +142,7 @@ class Hdf5(Unitless):
     """
 
     kind = "hdf5"
-    suffixes: ClassVar[tuple[str, ...]] = (".h5", ".hdf5", ".hdf", ".nc")
+    suffixes = (".h5", ".hdf5", ".hdf", ".nc")
 
     @classmethod
     def claims(cls, head: bytes, path: str | PathLike[str]) -> bool | None:
@@ -262,14 +262,18 @@ def coordinate_side(places: np.ndarray, unit: Any) -> str | None:
     return f"{abs(step)!r} {unit}" if step and np.all(np.abs(steps - step) < 1e-3 * abs(step)) else None
 
 
+def plain(value: Any) -> Any:
+    """An attribute as a number, a text or a list."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.item() if value.size == 1 else value.tolist()
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
+
+
 def _single(value: Any, attribute: str, source: str) -> Any:
     """An attribute that is one number or text; None if it is not there."""
-    if isinstance(value, np.ndarray | np.generic):
-        if value.size != 1:
-            raise StoreError(f"{source} has a {attribute} of {value.size} values; give one")
-        value = value.item()
-    if isinstance(value, bytes):
-        value = value.decode("utf-8", "replace")
+    if isinstance(value, np.ndarray) and value.size != 1:
+        raise StoreError(f"{source} has a {attribute} of {value.size} values; give one")
+    value = plain(value)
     if value is not None and not isinstance(value, bool | int | float | str):
         raise StoreError(f"{source} has a {attribute} of {type(value).__name__}; give a number or a text")
     return value

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, Self
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,11 +55,9 @@ class Roughened(SurfaceMaker):
     """
 
     kind = "roughened"
-    cite: ClassVar[tuple[str, ...]] = (
-        "T. D. B. Jacobs, T. Junge, L. Pastewka, Surf. Topogr.: Metrol. Prop. 5, 013001 (2017)",
-    )
-    bibtex: ClassVar[tuple[str, ...]] = (JACOBS,)
-    figures: ClassVar[Mapping[str, str]] = {
+    cite = ("T. D. B. Jacobs, T. Junge, L. Pastewka, Surf. Topogr.: Metrol. Prop. 5, 013001 (2017)",)
+    bibtex = (JACOBS,)
+    figures = {
         "roughened-spectrum": "Power spectral density of the measured image (points) and of the surface carried on to "
         "smaller wavelengths (line). Dashed: the power law that was fitted; the vertical line is the shortest "
         "wavelength taken from the image."

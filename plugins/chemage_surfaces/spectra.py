@@ -83,6 +83,13 @@ def _weighted(design: Floats, values: Floats, variance: Floats) -> tuple[Floats,
     return fit, covariance, misfit
 
 
+def wavenumbers(shape: tuple[int, int], pixel_size: float) -> Floats:
+    """|q| of the half spectrum, 1/nm, (nx, ny//2 + 1)."""
+    qx = 2 * np.pi * np.fft.fftfreq(shape[0], pixel_size)
+    qy = 2 * np.pi * np.fft.rfftfreq(shape[1], pixel_size)
+    return np.hypot(qx[:, None], qy[None, :])
+
+
 @dataclass(frozen=True)
 class Binned:
     """The density of a surface in logarithmic bins: wavenumber (1/nm), density (nm⁴), independent wave vectors."""
@@ -163,13 +170,6 @@ class Binned:
         with np.errstate(divide="ignore", invalid="ignore"):
             drops = np.nonzero(~(self.density[1:] > CUT * self.density[:-1]))[0]
         return float(self.q[drops[0]]) if drops.size else None
-
-
-def wavenumbers(shape: tuple[int, int], pixel_size: float) -> Floats:
-    """|q| of the half spectrum, 1/nm, (nx, ny//2 + 1)."""
-    qx = 2 * np.pi * np.fft.fftfreq(shape[0], pixel_size)
-    qy = 2 * np.pi * np.fft.rfftfreq(shape[1], pixel_size)
-    return np.hypot(qx[:, None], qy[None, :])
 
     def power_law(self, hurst: float | None = None, roll: float = 0.0) -> PowerLaw:
         """Fit Hurst exponent (unless given) and density to all bins; below ``roll`` (1/nm) the density is that

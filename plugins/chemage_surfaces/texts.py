@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from os import PathLike
-from typing import Any, ClassVar
+from typing import Any
 
 from pydantic import ValidationInfo, field_validator
 
@@ -49,7 +49,7 @@ class Text(Unitless):
     """
 
     kind = "text"
-    suffixes: ClassVar[tuple[str, ...]] = (".txt", ".dat", ".csv", ".tsv", ".asc")
+    suffixes = (".txt", ".dat", ".csv", ".tsv", ".asc")
 
     @classmethod
     def claims(cls, head: bytes, path: str | PathLike[str]) -> bool | None:

@@ -96,8 +96,8 @@ class Sphere(_Body):
     """
 
     kind = "sphere"
-    cite: ClassVar[tuple[str, ...]] = ("K. L. Johnson, Contact Mechanics, Cambridge University Press (1985), ch. 4",)
-    bibtex: ClassVar[tuple[str, ...]] = (_JOHNSON,)
+    cite = ("K. L. Johnson, Contact Mechanics, Cambridge University Press (1985), ch. 4",)
+    bibtex = (_JOHNSON,)
 
     @model_validator(mode="after")
     def _check(self) -> Self:

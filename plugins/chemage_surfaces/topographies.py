@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from os import PathLike
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -44,10 +44,10 @@ class Topography(Instrument):
     """
 
     kind = "topography"
-    general: ClassVar[bool] = True
-    cite: ClassVar[tuple[str, ...]] = ("M. C. Röttger et al., Surf. Topogr.: Metrol. Prop. 10, 035032 (2022)",)
-    bibtex: ClassVar[tuple[str, ...]] = (_ROETTGER,)
-    suffixes: ClassVar[tuple[str, ...]] = tuple(f".{name}" for name in _ENDINGS.split())
+    general = True
+    cite = ("M. C. Röttger et al., Surf. Topogr.: Metrol. Prop. 10, 035032 (2022)",)
+    bibtex = (_ROETTGER,)
+    suffixes = tuple(f".{name}" for name in _ENDINGS.split())
 
     channel: str | None = None
     """name of the channel of heights; None: the default channel of the format"""
