@@ -18,7 +18,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 #: pixels around the largest patch that are drawn, at least, and the size of what is drawn over that of the patch
-_LEAST, _MARGIN = 64, 2.0
+_WINDOW = 64, 2.0
+#: the same of an only patch
+_ONLY = 8, 1.3
 
 PRESSURE = Declared("pressure", "GPa", "contact pressure")
 PRESSURES = Curve("pressures", "1/GPa", "density over the contact", axis_of=PRESSURE)
@@ -97,22 +99,85 @@ class ContactDisplay(OfContact[ContactSolution]):
         panel = partial(Panel, size=(4.9, 3.9), is_map=True)
         if contact.patches == 1:
             caption = "Contact pressure; what is not in contact is blank."
-            only = panel(partial(_draw_only_patch, contact=contact), caption, alt, name="whole")
+            only = panel(self._draw_largest_patch, caption, alt, name="whole")
             return {"pressure": Picture((only,), (6.0, 4.6))}
         whole = panel(
-            partial(draw_pressure, zoom=True, contact=contact),
+            self._draw_pressure,
             "Contact pressure, the largest in each block of pixels; what is not in contact is blank. Blue: the part "
             "that is drawn around the largest patch.",
             alt,
             name="whole",
         )
         largest = panel(
-            partial(_draw_largest_patch, contact=contact),
+            self._draw_largest_patch,
             "Pressure around the largest contact patch, outlined in green.",
             f"Map of the contact pressure around the largest of {contact.patches:g} patches.",
             name="largest-patch",
         )
         return {"pressure": Picture((whole, largest), (10.5, 4.8))}
+
+    def _draw_pressure(self, axes: Axes, medium: Medium) -> None:
+        """Draw the pressure as a map, each block of pixels that can be seen with its largest pressure, and the box of
+        what is drawn around the largest patch."""
+        from matplotlib.patches import Rectangle
+
+        contact = self.record
+        nx, ny = contact.shape
+        extent = (0.0, nx * contact.pixel_size, 0.0, ny * contact.pixel_size)
+        most = min(medium.pixels, seen_blocks(axes))
+        self._draw_blocks(axes, slice(None), slice(None), most, extent)
+        axes.set_title(f"{contact.patches} patches, A/A$_0$ = {contact.area_fraction:.3g}")
+        (x0, x1), (y0, y1) = np.multiply(self._around_largest_patch(), contact.pixel_size)
+        axes.add_patch(Rectangle((x0, y0), x1 - x0, y1 - y0, fill=False, edgecolor=BLUE, linewidth=1.2))
+
+    def _draw_largest_patch(self, axes: Axes, medium: Medium) -> None:
+        from matplotlib.collections import LineCollection
+
+        contact = self.record
+        a = contact.pixel_size
+        (x0, x1), (y0, y1) = self._around_largest_patch()
+        part = contact.contact[x0:x1, y0:y1]
+        extent = (x0 * a, x1 * a, y0 * a, y1 * a)
+        self._draw_blocks(axes, slice(x0, x1), slice(y0, y1), medium.pixels, extent)
+        # thinner where pixels are small, so that outlines leave the pressure to be seen
+        width = min(0.8, 160 / max(part.shape))
+        # the pixel edges between contact and gap
+        i, j = np.nonzero(np.diff(part, axis=0))
+        upright = np.stack([np.stack([i + 1, j], -1), np.stack([i + 1, j + 1], -1)], 1)
+        i, j = np.nonzero(np.diff(part, axis=1))
+        level = np.stack([np.stack([i, j + 1], -1), np.stack([i + 1, j + 1], -1)], 1)
+        edges = (np.concatenate([upright, level]) + np.array([x0, y0])) * a
+        axes.add_collection(LineCollection(list(edges), colors=GREEN, linewidths=width, capstyle="round"))
+        only = f"1 patch, A/A$_0$ = {contact.area_fraction:.3g}"
+        axes.set_title(only if contact.patches == 1 else "around the largest patch")
+
+    def _draw_blocks(
+        self, axes: Axes, rows: slice, columns: slice, most: int, extent: tuple[float, float, float, float]
+    ) -> None:
+        """Draw the largest pressure in each block of a part of the map, blank where there is no contact."""
+        contact = self.record
+        within = contact.pressure if contact.touching is None else contact.pressure[contact.touching]
+        low, top = float(within.min(initial=np.inf)), float(within.max(initial=0.0)) or 1.0
+        pressure = np.where(contact.contact[rows, columns], contact.pressure[rows, columns], -np.inf)
+        blocks = np.ma.masked_equal(pooled(pressure, np.max, most), -np.inf)
+        style = {"cmap": pressure_colours(), "vmin": low if low < top else 0.0, "vmax": top}
+        draw_map(axes, blocks, extent, "pressure (GPa)", **style)
+
+    def _around_largest_patch(self) -> tuple[tuple[int, int], tuple[int, int]]:
+        """Pixels of a window around the largest patch, which is closer about an only one: (x0, x1), (y0, y1)."""
+        from scipy import ndimage
+
+        nx, ny = self.record.shape
+        labels, count = ndimage.label(self.record.contact, structure=np.ones((3, 3)))  # pyright: ignore[reportGeneralTypeIssues]
+        largest = int(np.bincount(labels.ravel(), minlength=count + 1)[1:].argmax()) + 1
+        box = ndimage.find_objects(labels, max_label=largest)[largest - 1]
+        least, margin = _ONLY if self.record.patches == 1 else _WINDOW
+        side = max(least, math.ceil(margin * max(part.stop - part.start for part in box)))
+        window = []
+        for part, n in zip(box, (nx, ny), strict=True):
+            low = max(0, min((part.start + part.stop - side) // 2, n - side))
+            window.append((low, min(n, low + side)))
+        return window[0], window[1]
 
 
 @displays(ContactStatistics)
@@ -144,83 +209,3 @@ class StatisticsDisplay(OfContact[ContactStatistics]):
         axes.set_title(f"A/A$_0$ = {contact.area_fraction:.3g}")
         axes.set_xlim(left=0)
         from_zero(axes)
-
-
-# -- maps -------------------------------------------------------------------------------------------------------------
-
-
-def draw_pressure(axes: Axes, medium: Medium, contact: ContactSolution, *, zoom: bool = False) -> None:
-    """Draw the pressure as a map, each block of pixels that can be seen with its largest pressure; ``zoom``: with the
-    box of what is drawn around the largest patch."""
-    nx, ny = contact.shape
-    extent = (0.0, nx * contact.pixel_size, 0.0, ny * contact.pixel_size)
-    most = min(medium.pixels, seen_blocks(axes))
-    draw_map(axes, _blocks(contact, slice(None), slice(None), most), extent, "pressure (GPa)", **_style(contact))
-    axes.set_title(f"{contact.patches} patches, A/A$_0$ = {contact.area_fraction:.3g}")
-    if zoom:
-        from matplotlib.patches import Rectangle
-
-        (x0, x1), (y0, y1) = np.multiply(_around_largest_patch(contact), contact.pixel_size)
-        axes.add_patch(Rectangle((x0, y0), x1 - x0, y1 - y0, fill=False, edgecolor=BLUE, linewidth=1.2))
-
-
-def _blocks(contact: ContactSolution, rows: slice, columns: slice, most: int) -> np.ma.MaskedArray:
-    """The largest pressure of the contact in each block of a part of the map, masked where there is no contact."""
-    pressure = np.where(contact.contact[rows, columns], contact.pressure[rows, columns], -np.inf)
-    return np.ma.masked_equal(pooled(pressure, np.max, most), -np.inf)
-
-
-def _style(contact: ContactSolution) -> dict[str, Any]:
-    within = contact.pressure if contact.touching is None else contact.pressure[contact.touching]
-    low, top = float(within.min(initial=np.inf)), float(within.max(initial=0.0)) or 1.0
-    return {"cmap": pressure_colours(), "vmin": low if low < top else 0.0, "vmax": top}
-
-
-def _draw_only_patch(axes: Axes, medium: Medium, contact: ContactSolution) -> None:
-    _draw_largest_patch(axes, medium, contact, least=8, margin=1.3)
-    axes.set_title(f"1 patch, A/A$_0$ = {contact.area_fraction:.3g}")
-
-
-def _draw_largest_patch(
-    axes: Axes, medium: Medium, contact: ContactSolution, least: int = _LEAST, margin: float = _MARGIN
-) -> None:
-    a = contact.pixel_size
-    (x0, x1), (y0, y1) = _around_largest_patch(contact, least, margin)
-    part = contact.contact[x0:x1, y0:y1]
-    extent = (x0 * a, x1 * a, y0 * a, y1 * a)
-    blocks = _blocks(contact, slice(x0, x1), slice(y0, y1), medium.pixels)
-    draw_map(axes, blocks, extent, "pressure (GPa)", **_style(contact))
-    # thinner where pixels are small, so that outlines leave the pressure to be seen
-    width = min(0.8, 160 / max(part.shape))
-    axes.add_collection(_outlines(part, x0, y0, a, width))
-    axes.set_title("around the largest patch")
-
-
-def _outlines(contact: np.ndarray, x0: int, y0: int, pixel: float, width: float) -> Any:
-    """The pixel edges between contact and gap in a (nx, ny) map whose corner is pixel (x0, y0)."""
-    from matplotlib.collections import LineCollection
-
-    i, j = np.nonzero(np.diff(contact, axis=0))
-    upright = np.stack([np.stack([i + 1, j], -1), np.stack([i + 1, j + 1], -1)], 1)
-    i, j = np.nonzero(np.diff(contact, axis=1))
-    level = np.stack([np.stack([i, j + 1], -1), np.stack([i + 1, j + 1], -1)], 1)
-    edges = (np.concatenate([upright, level]) + np.array([x0, y0])) * pixel
-    return LineCollection(list(edges), colors=GREEN, linewidths=width, capstyle="round")
-
-
-def _around_largest_patch(
-    contact: ContactSolution, least: int = _LEAST, margin: float = _MARGIN
-) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Pixels of a window ``margin`` times the size of the largest patch, and at least ``least``: (x0, x1), (y0, y1)."""
-    from scipy import ndimage
-
-    nx, ny = contact.shape
-    labels, count = ndimage.label(contact.contact, structure=np.ones((3, 3)))  # pyright: ignore[reportGeneralTypeIssues]
-    largest = int(np.bincount(labels.ravel(), minlength=count + 1)[1:].argmax()) + 1
-    box = ndimage.find_objects(labels, max_label=largest)[largest - 1]
-    side = max(least, math.ceil(margin * max(part.stop - part.start for part in box)))
-    window = []
-    for part, n in zip(box, (nx, ny), strict=True):
-        low = max(0, min((part.start + part.stop - side) // 2, n - side))
-        window.append((low, min(n, low + side)))
-    return window[0], window[1]

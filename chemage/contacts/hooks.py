@@ -118,12 +118,14 @@ class _Contact(Stage):
 
     def rows(self, parts: Parts, stated: Stated) -> Mapping[str, str]:
         """Kind, load, nominal pressure where there is one, and contact modulus, in words."""
-        from chemage.contacts.options import force_text, modulus_in, pressure_text
+        from chemage.contacts.options import force_text, modulus_in
 
         solver, load, area = parts[self.section], parts["contact.load"], stated[self.section]["nominal_area"]
         text = f"{solver.kind} at {force_text(load)}"
         if area > 0 and solver.is_nominally_flat(stated["surface"].get("periodic", 1.0) != 0):
-            text += f", nominal pressure {pressure_text(load / area)}"
+            pressure = load / area
+            text += ", nominal pressure "
+            text += f"{pressure:.4g} GPa" if abs(pressure) >= 0.1 else f"{1e3 * pressure:.4g} MPa"
         if (modulus := modulus_in(solver)) is not None:
             text += f", E* {modulus:.6g} GPa"
         return {self.section: text + ("" if "pixels" in stated[self.section] else ", a theory: statistics and no map")}

@@ -90,11 +90,6 @@ def force_text(force: float) -> str:
     return f"{force:.4g} nN"
 
 
-def pressure_text(pressure: float) -> str:
-    """A nominal pressure (GPa) with the unit in which it is usually given."""
-    return f"{pressure:.4g} GPa" if abs(pressure) >= 0.1 else f"{1e3 * pressure:.4g} MPa"
-
-
 def beyond_elasticity(modulus: float, slope: float, mean: float, most: float = 0.0) -> str:
     """Why linear elasticity with small slopes does not hold, in words; "" where it does: rms ``slope``, ``mean`` and
     ``most``, the largest, of the pressure over the contact (GPa); nan: not known."""
@@ -173,39 +168,6 @@ def indentation_modulus(c11: QuantityLike, c13: QuantityLike, c33: QuantityLike,
     return in_range(2 * math.sqrt(squared), "GPa")
 
 
-def modulus_of(constants: Mapping[Any, Any]) -> float:
-    """The contact modulus (GPa) of a table with the entries ``young`` and ``poisson``: one number each for an elastic
-    body against a rigid one, lists of two for two bodies. Or with ``c11``, ``c13``, ``c33`` and ``c44`` of a body for
-    which see :func:`indentation_modulus`; ``young`` and ``poisson`` are then those of the counter-body.
-
-    Raises
-    ------
-    InputError
-        Entries are missing, unknown, of unlike number or out of range.
-    """
-    crystal = CRYSTAL if any(name in constants for name in CRYSTAL) else ()
-    bodies = CONSTANTS if not crystal or any(name in constants for name in CONSTANTS) else ()
-    known, form = (*crystal, *CONSTANTS), _FORM_CRYSTAL if crystal else _FORM
-    if unknown := [name for name in constants if name not in known]:
-        raise InputError(f"{shown(unknown[0])}: no such elastic constant{nearest(str(unknown[0]), known)}; {form}")
-    if missing := [name for name in (*crystal, *bodies) if name not in constants]:
-        raise InputError(f"{missing[0]} is missing; {form}")
-    if crystal:
-        own = indentation_modulus(*(constants[name] for name in CRYSTAL))
-        if not bodies:
-            return own
-        return in_range(
-            1 / (1 / own + _compliance("young", constants["young"], "poisson", constants["poisson"])), "GPa"
-        )
-    young, poisson = (
-        list(value) if isinstance(value, list | tuple) else [value]
-        for value in (constants["young"], constants["poisson"])
-    )
-    if not len(young) == len(poisson) <= 2 or not young:
-        raise InputError(f"young has {len(young)} entries and poisson {len(poisson)}; {_FORM}")
-    return contact_modulus(young[0], poisson[0], *young[1:], *poisson[1:])
-
-
 class _ModulusUnit(Unit):
     """A contact modulus: a number in GPa, a string with its unit, or a table of elastic constants."""
 
@@ -238,7 +200,34 @@ class _ModulusUnit(Unit):
         )
 
     def _read(self, value: object) -> float:
-        return modulus_of(value) if isinstance(value, Mapping) else super()._read(value)
+        """The modulus (GPa) of a number or a string, or of a table with the entries ``young`` and ``poisson``: one
+        number each for an elastic body against a rigid one, lists of two for two bodies. Or with ``c11``, ``c13``,
+        ``c33`` and ``c44`` of a body for which see :func:`indentation_modulus`; ``young`` and ``poisson`` are then
+        those of the counter-body."""
+        if not isinstance(value, Mapping):
+            return super()._read(value)
+        constants: Mapping[Any, Any] = value
+        crystal = CRYSTAL if any(name in constants for name in CRYSTAL) else ()
+        bodies = CONSTANTS if not crystal or any(name in constants for name in CONSTANTS) else ()
+        known, form = (*crystal, *CONSTANTS), _FORM_CRYSTAL if crystal else _FORM
+        if unknown := [name for name in constants if name not in known]:
+            raise InputError(f"{shown(unknown[0])}: no such elastic constant{nearest(str(unknown[0]), known)}; {form}")
+        if missing := [name for name in (*crystal, *bodies) if name not in constants]:
+            raise InputError(f"{missing[0]} is missing; {form}")
+        if crystal:
+            own = indentation_modulus(*(constants[name] for name in CRYSTAL))
+            if not bodies:
+                return own
+            return in_range(
+                1 / (1 / own + _compliance("young", constants["young"], "poisson", constants["poisson"])), "GPa"
+            )
+        young, poisson = (
+            list(value) if isinstance(value, list | tuple) else [value]
+            for value in (constants["young"], constants["poisson"])
+        )
+        if not len(young) == len(poisson) <= 2 or not young:
+            raise InputError(f"young has {len(young)} entries and poisson {len(poisson)}; {_FORM}")
+        return contact_modulus(young[0], poisson[0], *young[1:], *poisson[1:])
 
     def __repr__(self) -> str:
         return "ContactModulus"

@@ -396,11 +396,12 @@ class ContactSolution(PixelMap, Contact):
         if not (same and math.isclose(surface.rms_height, self.rms_height, rel_tol=1e-6, abs_tol=1e-300)):
             raise InputError(f"surface: {surface!r} is not the one of {self!r}; give the surface that was solved")
         made = {name: value for name, value in surface.provenance.items() if name != "radius"}  # no sphere any more
+        solver = {name: self.provenance[name] for name in ("kind", "options") if name in self.provenance}
         return Surface(
             heights=surface.heights - self.plastic_displacement.astype(surface.heights.dtype),
             pixel_size=surface.pixel_size,
             periodic=surface.periodic,
-            provenance={**made, "flowed": [*made.get("flowed", []), {"load": self.load, **_solver(self.provenance)}]},
+            provenance={**made, "flowed": [*made.get("flowed", []), {"load": self.load, **solver}]},
         )
 
     @property
@@ -410,11 +411,6 @@ class ContactSolution(PixelMap, Contact):
 
     def __repr__(self) -> str:
         return f"<ContactSolution {self.load:g} nN, area fraction {self.area_fraction:.4g}, {self.patches} patches>"
-
-
-def _solver(provenance: dict[str, Any]) -> dict[str, Any]:
-    """Kind and options of the solver of a contact."""
-    return {name: provenance[name] for name in ("kind", "options") if name in provenance}
 
 
 class ContactStatistics(Contact):

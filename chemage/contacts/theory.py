@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from typing import ClassVar
 
 import numpy as np
 
@@ -24,8 +23,8 @@ class ContactTheory(ContactSolver, ABC):
 
     exact = False
     error_of = "the contact area"
-    implemented_properties: ClassVar[tuple[str, ...]] = ()
-    gives_map: ClassVar[bool] = False
+    implemented_properties = ()
+    gives_map = False
 
     @abstractmethod
     def _statistics(self, roughness: Roughness, load: float) -> ContactStatistics:

@@ -99,13 +99,18 @@ class _Rupture(Stage):
             return ""
         return f"{problem}; give one force in nN, not negative, for each hold time"
 
+    def _known(self, parts: Parts, stated: Stated) -> dict[str, Any]:
+        """What the estimates of a rupture law are offered: the hold times, s, and the mean pressure in contact, GPa."""
+        pressure = stated.get("chemistry", {}).get("pressure", 0.0)
+        return {"times": parts["hold"].hold_times, "pressure": pressure}
+
     def estimate(self, parts: Parts, stated: Stated) -> Mapping[str, float]:
         from chemage.foundation.components import call_with
 
         sites = stated.get("chemistry", {}).get("sites")
         if sites is None or "hold" not in parts:
             return {}
-        hold, known = parts["hold"], _known(parts, stated)
+        hold, known = parts["hold"], self._known(parts, stated)
         known |= {"chemistry": parts["chemistry"], "temperature": hold.temperature}
         return call_with(parts[self.section].expected, sites, hold.hold_times.size, hold.replicas, **known)
 
@@ -120,7 +125,7 @@ class _Rupture(Stage):
         from chemage.foundation.components import call_with
 
         if self.section in parts and "hold" in parts:
-            known = {"sites": stated.get("chemistry", {}).get("sites"), **_known(parts, stated)}
+            known = {"sites": stated.get("chemistry", {}).get("sites"), **self._known(parts, stated)}
             check = parts[self.section].check
             for text in call_with(check, parts["chemistry"], parts["hold"].temperature, **known) or ():
                 yield Doubt("parts", text)
@@ -133,12 +138,6 @@ class _Rupture(Stage):
                 f"bonds break at {force:g} nN at every temperature, as no [rupture] says otherwise: the temperature "
                 "changes their number alone; choose a law by which bonds break under force",
             )
-
-
-def _known(parts: Parts, stated: Stated) -> dict[str, Any]:
-    """What is offered to the estimates of a rupture law: the hold times, s, and the mean pressure in contact, GPa."""
-    pressure = stated.get("chemistry", {}).get("pressure", 0.0)
-    return {"times": parts["hold"].hold_times, "pressure": pressure}
 
 
 STAGES = (

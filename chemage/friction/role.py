@@ -175,12 +175,11 @@ def rupture_bonds(bonded: Bonded, rupture: Rupture | None = None) -> RuptureForc
     force, plugins, recorded = registry.current().answer(
         "chemage_rupture_bonds", np.ndarray, rupture=rupture, bonded=bonded
     )
-    took_part = providers(*([] if rupture is None else [rupture])) | plugins
+    laws = [] if rupture is None else [rupture]
     rupture_force = RuptureForce(
         hold_times=bonded.hold_times,
         force=force,
         law="" if rupture is None else rupture.kind,
         provenance={} if rupture is None else {"rupture": rupture.todict()},
     )
-    approximate = [] if rupture is None else approximations(rupture)
-    return rupture_force.noting(took_part, approximate, kept(rupture_force, recorded))
+    return rupture_force.noting(providers(*laws) | plugins, approximations(*laws), kept(rupture_force, recorded))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -35,45 +34,41 @@ class SurfaceDisplay(OfRecord[Surface]):
 
     def pictures(self) -> dict[str, Picture]:
         heights = Panel(
-            partial(draw_heights, surface=self.record),
+            self._draw_heights,
             "Heights of the surface; higher points are nearer to the counter-body.",
             f"Map of the heights of the surface, {self.record.shape[0]} x {self.record.shape[1]} pixels.",
             (4.9, 3.9),
             is_map=True,
             name="heights",
         )
-        return {
-            "surface": Picture(
-                (heights, Panel(partial(_draw_spectrum, surface=self.record), name="spectrum")), (10.5, 4.2)
-            )
-        }
+        return {"surface": Picture((heights, Panel(self._draw_spectrum, name="spectrum")), (10.5, 4.2))}
+
+    def _draw_heights(self, axes: Axes, medium: Medium) -> None:
+        """Draw the heights as a map."""
+        surface = self.record
+        nx, ny = surface.shape
+        extent = (0.0, nx * surface.pixel_size, 0.0, ny * surface.pixel_size)
+        draw_map(axes, pooled(surface.heights, np.mean, medium.pixels), extent, "height (nm)", cmap="cividis")
+        if medium is not CELL:  # where the rows are beside it
+            axes.set_title(f"rms height {surface.rms_height:.3g} nm, rms slope {surface.rms_slope:.3g}")
+
+    def _draw_spectrum(self, axes: Axes, medium: Medium) -> None:
+        """Draw the power spectral density of a periodic surface, or else a profile."""
+        surface = self.record
+        nx, ny = surface.shape
+        if surface.periodic and surface.rms_height > 0 and min(nx, ny) > 3:
+            q, density = surface.psd()
+            drawn = density > density.max() * 1e-14
+            axes.loglog(q[drawn], density[drawn], color=BLUE, marker=".", ms=3, lw=1)
+            axes.set(xlabel="wavenumber q (1/nm)", ylabel="power spectral density C(q) (nm$^4$)")
+            decades_only(axes.yaxis)
+        else:
+            x = (np.arange(nx) + 0.5) * surface.pixel_size
+            axes.plot(x, surface.heights[:, ny // 2], color=BLUE, marker="." if nx < 3 else None)
+            axes.set(xlabel="x (nm)", ylabel="height (nm)", title="through the middle")
 
     def maps(self) -> dict[str, Any]:
         return {"surface": self.record}
 
     def made_by(self) -> dict[str, Any]:
         return {"scene": {}, "contact": {"surface": self.record.provenance}}
-
-
-def draw_heights(axes: Axes, medium: Medium, surface: Surface) -> None:
-    """Draw the heights as a map."""
-    nx, ny = surface.shape
-    extent = (0.0, nx * surface.pixel_size, 0.0, ny * surface.pixel_size)
-    draw_map(axes, pooled(surface.heights, np.mean, medium.pixels), extent, "height (nm)", cmap="cividis")
-    if medium is not CELL:  # where the rows are beside it
-        axes.set_title(f"rms height {surface.rms_height:.3g} nm, rms slope {surface.rms_slope:.3g}")
-
-
-def _draw_spectrum(axes: Axes, medium: Medium, surface: Surface) -> None:
-    """Draw the power spectral density of a periodic surface, or else a profile."""
-    nx, ny = surface.shape
-    if surface.periodic and surface.rms_height > 0 and min(nx, ny) > 3:
-        q, density = surface.psd()
-        drawn = density > density.max() * 1e-14
-        axes.loglog(q[drawn], density[drawn], color=BLUE, marker=".", ms=3, lw=1)
-        axes.set(xlabel="wavenumber q (1/nm)", ylabel="power spectral density C(q) (nm$^4$)")
-        decades_only(axes.yaxis)
-    else:
-        x = (np.arange(nx) + 0.5) * surface.pixel_size
-        axes.plot(x, surface.heights[:, ny // 2], color=BLUE, marker="." if nx < 3 else None)
-        axes.set(xlabel="x (nm)", ylabel="height (nm)", title="through the middle")

@@ -118,14 +118,13 @@ def reader_for(path: str | PathLike[str]) -> Reader:
         Several do, and none comes first.
     """
     ending = Path(path).suffix.lower()
-    readers = _readers()
-    kinds = _first(_able(path, readers, ending))[0]
+    readers, general = _readers()
+    kinds = _first(_able(path, readers, general, ending))[0]
     if not kinds:
         if not regular_file(path).st_size:
             raise StoreError(f"{path} is empty, or a file of the system without a size; name another file")
         known_endings = ", ".join(sorted(readers)) or "nothing"
         what = f"files ending in {ending!r}" if ending else "a file without ending"
-        general = [kind for kinds in readers.values() for kind in kinds if _general(kind)]
         name = f'"{min(general)}", which says why it cannot read it' if general else "..."
         raise StoreError(
             f"path = {str(path)!r}: no reader for {what} (there are readers for {known_endings}), nor for its content; "
@@ -146,13 +145,12 @@ def reader_for(path: str | PathLike[str]) -> Reader:
 
 
 def _able(
-    path: str | PathLike[str], readers: dict[str, dict[str, PluginRecord]], ending: str
+    path: str | PathLike[str], readers: dict[str, dict[str, PluginRecord]], general: set[str], ending: str
 ) -> dict[str, PluginRecord]:
     """The readers of the first group that has any, in the order that :func:`reader_for` states."""
     plugins = registry.current()
     of_ending = readers.get(ending, {})
     everyone = {kind: record for kinds in readers.values() for kind, record in kinds.items()}
-    general = {kind for kind in everyone if _general(kind)}
     try:
         head = _head(path, file_stamp(path))
     except StoreError:  # the reader of the ending says so
@@ -164,14 +162,10 @@ def _able(
         return claiming | {kind: record for kind, record in open_.items() if record.name in context.preference()}
     if open_:
         return open_
-    for kind in general:
+    for kind in general & everyone.keys():
         said[kind] = kind in of_ending or (head and plugins.component("reader", kind).claims(head, path))
-    by_general = {kind: everyone[kind] for kind in general if said[kind]}
+    by_general = {kind: everyone[kind] for kind in general if said.get(kind)}
     return by_general or of_ending
-
-
-def _general(kind: str) -> bool:
-    return registry.current().component("reader", kind).general
 
 
 @lru_cache(maxsize=8)
@@ -181,18 +175,21 @@ def _head(path: str | PathLike[str], stamp: FileStamp) -> bytes:
         return file.read(HEAD)
 
 
-def _readers() -> dict[str, dict[str, PluginRecord]]:
-    """Ending -> kind of each reader that accepts it -> the plugin it is from."""
+def _readers() -> tuple[dict[str, dict[str, PluginRecord]], set[str]]:
+    """Ending -> kind of each reader that accepts it -> the plugin it is from; and the kinds of general readers."""
     plugins = registry.current()
     readers: dict[str, dict[str, PluginRecord]] = {}
+    general: set[str] = set()
     for kind in plugins.kinds("reader"):
         try:
             cls = plugins.component("reader", kind)
         except PluginError:
             continue
+        if cls.general:
+            general.add(kind)
         for ending in cls.suffixes:
             readers.setdefault(ending, {})[kind] = plugins.offers("reader", kind)[0]
-    return readers
+    return readers, general
 
 
 def _first(kinds: dict[str, PluginRecord]) -> tuple[dict[str, PluginRecord], str]:
@@ -209,8 +206,9 @@ def _first(kinds: dict[str, PluginRecord]) -> tuple[dict[str, PluginRecord], str
 def shared_endings() -> list[str]:
     """A sentence for each file ending that several readers accept: which is used, and how to change that."""
     said = []
-    for ending, kinds in sorted(_readers().items()):
-        kinds = {kind: kinds[kind] for kind in kinds if not registry.current().component("reader", kind).general}
+    readers, general = _readers()
+    for ending, kinds in sorted(readers.items()):
+        kinds = {kind: record for kind, record in kinds.items() if kind not in general}
         if len(kinds) < 2:
             continue
         first, why = _first(kinds)

@@ -67,31 +67,28 @@ def rms_slope(heights: np.ndarray, pixel_size: float, periodic: bool = True) -> 
     ends and a sine series of what deviates from it (odd mirror images at the edges), so that a plane is exact; waves of
     2.2 pixels on N pixels err by about 0.3/N of the slope.
     """
+    from scipy import fft
+
     scaled, scale = _centred(heights)
     if periodic:
         qx, qy = _wavenumbers(scaled.shape)
         power = _power(scaled)
         squared = float(qx**2 @ power.sum(axis=1)) + float(power.sum(axis=0) @ qy**2)
     else:
-        squared = sum(_squared_slope(rows) for rows in (scaled.T, scaled))
+        squared = 0.0
+        for rows in (scaled.T, scaled):
+            steps = rows.shape[1] - 1
+            if steps < 1:
+                continue
+            slope = line = (rows[:, -1:] - rows[:, :1]) / steps
+            if steps > 1:
+                waves = np.zeros(rows.shape)
+                waves[:, 1:-1] = rows[:, 1:-1] - rows[:, :1] - line * np.arange(1, steps)
+                waves[:, 1:-1] = np.asarray(fft.dst(waves[:, 1:-1], type=1, axis=1, workers=available()))
+                waves *= 0.5 * np.pi / steps**2 * np.arange(steps + 1)
+                slope = line + fft.dct(waves, type=1, axis=1, overwrite_x=True, workers=available())
+            squared += float(np.mean(np.square(slope)))
     return math.sqrt(squared) * (scale / pixel_size)
-
-
-def _squared_slope(rows: np.ndarray) -> float:
-    """Mean square derivative along the rows (n, m) of what does not repeat, per pixel²."""
-    from scipy import fft
-
-    steps = rows.shape[1] - 1
-    if steps < 1:
-        return 0.0
-    line = (rows[:, -1:] - rows[:, :1]) / steps
-    if steps == 1:
-        return float(np.mean(np.square(line)))
-    waves = np.zeros(rows.shape)
-    waves[:, 1:-1] = rows[:, 1:-1] - rows[:, :1] - line * np.arange(1, steps)
-    waves[:, 1:-1] = np.asarray(fft.dst(waves[:, 1:-1], type=1, axis=1, workers=available()))
-    waves *= 0.5 * np.pi / steps**2 * np.arange(steps + 1)
-    return float(np.mean(np.square(line + fft.dct(waves, type=1, axis=1, overwrite_x=True, workers=available()))))
 
 
 def taper(heights: np.ndarray) -> None:

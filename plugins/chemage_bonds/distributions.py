@@ -158,17 +158,6 @@ def _named_unit(value: Any) -> Any:
 Numbers = Annotated[tuple[float, ...], BeforeValidator(_listed)]
 
 
-def read_columns(path: str | Path) -> np.ndarray:
-    """The numbers of a text file, (rows, columns); see :func:`parse_columns`.
-
-    Raises
-    ------
-    StoreError
-        The file is missing, cannot be read, or does not hold such a table.
-    """
-    return parse_columns(tables.read_text(path), str(path))
-
-
 def parse_columns(text: str, source: str) -> np.ndarray:
     """The numbers of a text table, (rows, columns).
 
@@ -181,7 +170,12 @@ def parse_columns(text: str, source: str) -> np.ndarray:
         ``source`` holds no numbers, something that is not a number, or rows of different lengths; names the line.
     """
     lines = tables.data_lines(text)
-    if lines and not _numbers_in(lines[0][1]):
+    first = lines[0][1].replace(",", " ").replace(";", " ").split() if lines else []
+    try:
+        found = [float(word) for word in first]
+    except ValueError:
+        found = []
+    if not found:
         lines = lines[1:]
     if not lines:
         raise StoreError(f"{source} holds no numbers; give one column (samples) or two (energy, density)")
@@ -190,13 +184,6 @@ def parse_columns(text: str, source: str) -> np.ndarray:
         if not np.isfinite(row).all():
             raise StoreError(f"{source}, line {number}: {line[:60].strip()!r} holds a value that is not finite")
     return rows
-
-
-def _numbers_in(line: str) -> bool:
-    try:
-        return bool([float(word) for word in line.replace(",", " ").replace(";", " ").split()])
-    except ValueError:
-        return False
 
 
 def _finite(name: str, values: Doubles) -> None:
@@ -360,7 +347,7 @@ class Tabulated(Barriers):
             return options
         if any(options.get(name) is not None for name in ("energies", "weights", "samples")):
             return options  # refused below
-        columns = read_columns(path).T
+        columns = parse_columns(tables.read_text(path), str(path)).T
         if len(columns) > 2:
             raise ValueError(f"path: {path} has {len(columns)} columns; give one (samples) or two (energies, weights)")
         names = ("samples",) if len(columns) == 1 else ("energies", "weights")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field
@@ -50,7 +50,7 @@ class ElasticPairs(Interaction):
     """
 
     kind = "elastic-pairs"
-    cite: ClassVar[tuple[str, ...]] = ("Z. Li, L. Pastewka, I. Szlufarska, Phys. Rev. E 98, 023001 (2018)",)
+    cite = ("Z. Li, L. Pastewka, I. Szlufarska, Phys. Rev. E 98, 023001 (2018)",)
 
     strength: Annotated[Energy, Unit("eV", ge=0, le=1e6)]
     """I_b, the strength of the interaction, eV"""

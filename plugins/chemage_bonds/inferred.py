@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -18,56 +17,27 @@ from chemage_inference import Inference
 _GAP, _WIDTH = 0.5, 0.1
 
 
-class _Table(NamedTuple):
-    """The densities of a file."""
-
-    content: str
-    #: (n,) eV
-    energies: np.ndarray
-    #: (n,) and (members, n) 1/eV
-    mean: np.ndarray
-    samples: np.ndarray
-
-
 @lru_cache(maxsize=8)
-def _read(path: str, stamp: FileStamp) -> _Table:
-    """The densities in a file, which is read once as long as its stamp stays."""
+def _read(path: str, stamp: FileStamp) -> tuple[Inference, str]:
+    """The densities in a file and the hash of its content, read once as long as its stamp stays."""
     result = read(path)
     if not isinstance(result, Inference):
         raise InputError(f"{path} holds a {type(result).__name__}, not an inference; `chemage infer` makes such files")
-    return _Table(file_hash(path, stamp), result.energies, result.density, result.samples)
-
-
-class _Distribution:
-    """A piecewise linear density whose integral is at most 1; what is missing lies far above its last energy."""
-
-    def __init__(self, energies: np.ndarray, density: np.ndarray) -> None:
-        integral = float(np.trapezoid(density, energies))
-        self.share = min(integral, 1.0)
-        self.inside = PiecewiseLinearDensity(energies, density) if integral > 0 else None
-        self.first = float(energies[-1]) + _GAP
-
-    def quantile(self, uniform: np.ndarray) -> np.ndarray:
-        u, share = doubles(uniform), self.share
-        beyond = self.first + _WIDTH * np.clip((u - share) / max(1 - share, 1e-300), 0.0, 1.0)
-        if self.inside is None:
-            return beyond
-        return np.where(u < share, self.inside.quantile(np.minimum(u / share, 1.0)), beyond)
-
-    def density(self, energy: np.ndarray) -> np.ndarray:
-        e = doubles(energy, "eV")
-        beyond = np.where((e >= self.first) & (e <= self.first + _WIDTH), (1 - self.share) / _WIDTH, 0.0)
-        return beyond if self.inside is None else self.share * self.inside.density(e) + beyond
+    return result, file_hash(path, stamp)
 
 
 @lru_cache(maxsize=64)
-def _distribution(path: str, stamp: FileStamp, member: int) -> _Distribution:
-    table = _read(path, stamp)
+def _distribution(path: str, stamp: FileStamp, member: int) -> tuple[PiecewiseLinearDensity | None, float, float]:
+    """A density, None where it is zero; its integral, at most 1; and the energy above which the rest lies."""
+    table, _ = _read(path, stamp)
     if member > len(table.samples):
         raise InputError(
             f"member = {member}: {path} has members 1 to {len(table.samples)}; 0 is the mean of the posterior"
         )
-    return _Distribution(table.energies, table.mean if member == 0 else table.samples[member - 1])
+    density = table.density if member == 0 else table.samples[member - 1]
+    integral = float(np.trapezoid(density, table.energies))
+    inside = PiecewiseLinearDensity(table.energies, density) if integral > 0 else None
+    return inside, min(integral, 1.0), float(table.energies[-1]) + _GAP
 
 
 class Inferred(Barriers):
@@ -94,23 +64,31 @@ class Inferred(Barriers):
         StoreError
             The file cannot be read.
         """
-        return {"file_blake2b": _read(self.path, file_stamp(self.path)).content}
+        return {"file_blake2b": _read(self.path, file_stamp(self.path))[1]}
 
     def members(self, count: int) -> Sequence[Inferred]:
         """Members evenly spaced among the samples; none of a member."""
         if self.member != 0:
             return ()
-        there = len(_read(self.path, file_stamp(self.path)).samples)
+        there = len(_read(self.path, file_stamp(self.path))[0].samples)
         count = min(count, there)
         return [self.replace(member=int((number + 0.5) * there / count) + 1) for number in range(count)]
 
     def quantile(self, uniform: np.ndarray) -> np.ndarray:
         """Barriers (eV) at the probabilities ``uniform``, same shape."""
-        return self._in_use().quantile(uniform)
+        inside, share, first = self._in_use()
+        u = doubles(uniform)
+        beyond = first + _WIDTH * np.clip((u - share) / max(1 - share, 1e-300), 0.0, 1.0)
+        if inside is None:
+            return beyond
+        return np.where(u < share, inside.quantile(np.minimum(u / share, 1.0)), beyond)
 
     def density(self, energy: np.ndarray) -> np.ndarray:
         """Probability density (1/eV) at ``energy`` (eV), same shape."""
-        return self._in_use().density(energy)
+        inside, share, first = self._in_use()
+        e = doubles(energy, "eV")
+        beyond = np.where((e >= first) & (e <= first + _WIDTH), (1 - share) / _WIDTH, 0.0)
+        return beyond if inside is None else share * inside.density(e) + beyond
 
-    def _in_use(self) -> _Distribution:
+    def _in_use(self) -> tuple[PiecewiseLinearDensity | None, float, float]:
         return _distribution(self.path, file_stamp(self.path), self.member)

@@ -11,7 +11,7 @@ as for every barrier at or below zero. The integrated hazard has a closed form t
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -75,10 +75,11 @@ class Ramp(NamedTuple):
 
     def force(self, lowered: np.ndarray) -> np.ndarray:
         """The force in units of k_BT/Δx that lowers the barriers (n, ...) by so many k_BT."""
-        barrier = np.maximum(_column(self.barrier, lowered), 1e-300)
-        share = -np.expm1(self.exponent * np.log1p(-np.minimum(lowered / barrier, 1.0 - 1e-16)))
-        full = np.where(lowered >= barrier, 1.0, share)
-        return _column(self.barrier, lowered) / self.exponent * full
+        barrier = self.barrier.reshape(-1, *(1,) * (np.ndim(lowered) - 1))
+        part = lowered / np.maximum(barrier, 1e-300)
+        share = -np.expm1(self.exponent * np.log1p(-np.minimum(part, 1.0 - 1e-16)))
+        full = np.where(part >= 1.0, 1.0, share)
+        return barrier / self.exponent * full
 
     def hazard(self, force: np.ndarray) -> np.ndarray:
         """The hazard (n, f) collected up to ``force`` (f,), in units of k_BT/Δx."""
@@ -124,18 +125,12 @@ class Ramp(NamedTuple):
         )
 
 
-def _column(values: np.ndarray, like: np.ndarray) -> np.ndarray:
-    return values.reshape(values.shape + (1,) * (np.ndim(like) - values.ndim))
-
-
 class UnderForce(Rupture):
     """A law for bonds under a force that grows at a constant rate, each over its own breaking barrier."""
 
     states = True
-    figures: ClassVar[Mapping[str, str]] = {
-        "rupture-forces": "Distribution of the rupture forces of the bonds there are at the last hold time."
-    }
-    outputs: ClassVar[Mapping[str, Output]] = {
+    figures = {"rupture-forces": "Distribution of the rupture forces of the bonds there are at the last hold time."}
+    outputs = {
         "mean_bond_force": Output(("hold_time",), "nN", "mean rupture force of a bond, 0 without bonds"),
         "bond_force_grid": Output(("bond_force",), "nN", "forces at which the distribution is given"),
         "bond_force_density": Output(

@@ -122,15 +122,6 @@ class Standing:
         return max(self.rms_gap, self.penetration)
 
 
-@dataclass
-class Kept:
-    """The best pressure so far, as the pixels in contact."""
-
-    error: float
-    pixels: Array
-    values: Array
-
-
 class Descent:
     """The iteration from a pressure p (nx, ny, state precision, changed in place) until both errors are below
     ``tolerance``.
@@ -152,7 +143,8 @@ class Descent:
         self.steepest = True
         self.iteration = self.best_iteration = self.since_evaluation = 0
         self.best = self.evaluated_error = math.inf
-        self.kept: Kept | None = None
+        #: the best pressure so far, as the pixels in contact: its error, their places and values
+        self.kept: tuple[float, Array, Array] | None = None
         self.standing = Standing()
         self.active = grid.everywhere
         self.state = DescentState(p, np.empty(p.shape, grid.state))
@@ -241,7 +233,9 @@ class Descent:
         grid = self.grid
         scope = grid.everywhere if self.evaluated or not self.split else self.active
         total, count = grid.sums(2)
-        few = grid.offset_fixed is None and (not count or self._yields(count))
+        # where nearly all of the load is where the contact yields, free pixels say little of the offset
+        borne = math.inf if grid.hardness is None else count * float(grid.hardness)
+        few = grid.offset_fixed is None and (not count or borne < FEW_FREE * grid.load)
         mean = -total / count if count and grid.offset_fixed is None else 0.0
         s = self._measured(scope, self._offset_of_few() if few else mean, count)
         if few and count and not s.penetration:
@@ -266,12 +260,6 @@ class Descent:
         rms = math.sqrt(squares / free) if free else 0.0
         deepest = float(grid.residual_part[:, 1].max())
         return Standing(offset, rms, deepest, pixels, residual_sum, math.sqrt(norm), squares + through)
-
-    def _yields(self, free: float) -> bool:
-        """Whether nearly all of the load is where the contact yields, so that few free pixels say little of the
-        offset."""
-        hardness = self.grid.hardness
-        return hardness is not None and free * float(hardness) < FEW_FREE * self.grid.load
 
     def _offset_of_few(self) -> float:
         """The offset where no pixel, or hardly one, is free: as many gaps are negative as pixels at the hardness would
@@ -325,17 +313,17 @@ class Descent:
         error = self.standing.error
         if not self.final or (self.iteration < KEEP_FROM and self.limit > KEEP_FROM):
             return
-        if math.isfinite(error) and (self.kept is None or error < 0.9 * self.kept.error):
+        if math.isfinite(error) and (self.kept is None or error < 0.9 * self.kept[0]):
             pixels = np.flatnonzero(self.state.p)
-            self.kept = Kept(error, pixels, self.state.p.ravel()[pixels])
+            self.kept = error, pixels, self.state.p.ravel()[pixels]
 
     def _outcome(self, rounding: bool = False) -> GridSolution:
         """The present solution, or the best one kept if the iteration ended without reaching the tolerance."""
         target = self.tolerance * self._scale()
         kept = self.kept
-        if self.standing.error >= target and kept is not None and not self.standing.error <= kept.error:
+        if self.standing.error >= target and kept is not None and not self.standing.error <= kept[0]:
             self.state.p.fill(0)
-            self.state.p.ravel()[kept.pixels] = kept.values
+            self.state.p.ravel()[kept[1]] = kept[2]
             self._evaluate_gap(self._reporting_operator())
             self._assess()
         s = self.standing
@@ -404,10 +392,15 @@ class Descent:
             ):
                 break
         self.standing = s
-        if before == (0.0, 0.0):
-            total = [(1.0 + rest) * norm if rest < REDUCED else norm for norm in norms]
-        else:
-            total = [_extrapolated(old, new) for old, new in zip(before, norms, strict=True)]
+        total = []
+        for old, new in zip(before, norms, strict=True):
+            limit = new
+            if before == (0.0, 0.0):
+                limit *= 1.0 + rest if rest < REDUCED else 1.0
+            elif 0.0 < old < new:
+                ratio = min((new - old) / old, LARGEST_RATIO)
+                limit += (new - old) * ratio / (1.0 - ratio)
+            total.append(limit)
         floor = float(np.finfo(grid.state).eps)
         return math.hypot(total[0] / s.norm, floor), math.hypot(total[1] / highest, floor)
 
@@ -485,7 +478,7 @@ class Descent:
             return grid.stiffness * grid.sums(1)[0]
         spectrum = grid.operator.spectrum(search.d)
         curvature = grid.stiffness * grid.operator.energy(spectrum)
-        self.search = search._replace(y=self._displacement(spectrum))
+        self.search = search._replace(y=grid.operator.displacement(spectrum))
         return curvature
 
     def _move(self, slope: float, largest: float) -> None:
@@ -508,10 +501,14 @@ class Descent:
         left_out = math.sqrt(squares) + abs(scale - 1.0) * self.standing.norm
         if grid.stiffness * left_out > NEGLIGIBLE * self.standing.error:
             factor = grid.stiffness
-            y = near.apply(d, self.active, y, grid.part) if near else self._displacement(grid.operator.spectrum(d))
+            y = (
+                near.apply(d, self.active, y, grid.part)
+                if near
+                else grid.operator.displacement(grid.operator.spectrum(d))
+            )
         else:
             factor = grid.stiffness * step
-            y = y if near else self._displacement(spectrum)
+            y = y if near else grid.operator.displacement(spectrum)
         scope: Active = self.active if self.split else grid.everywhere
         grid.run(kernels.advance, scope, self.state, y, factor, grid.hardness, grid.part)
         self.search = search._replace(y=y)
@@ -568,14 +565,3 @@ class Descent:
         shift = shift_to(q, grid.load - float(p.sum(where=~moved, dtype=np.float64)), float(grid.hardness))
         grid.run(kernels.projection, *args, shift, grid.hardness, grid.part)
         return shift, 1.0, grid.sums(3)[2]
-
-    def _displacement(self, spectrum: Array) -> Array:
-        return self.grid.operator.displacement(spectrum)
-
-
-def _extrapolated(before: float, now: float) -> float:
-    """The limit of a norm that a step of conjugate gradients took from ``before`` to ``now``."""
-    if not 0.0 < before < now:
-        return now
-    ratio = min((now - before) / before, LARGEST_RATIO)
-    return now + (now - before) * ratio / (1.0 - ratio)

@@ -61,17 +61,44 @@ class Transforms:
         self.shape, self.padded, self.library = shape, padded, library
         self.workers = workers if padded[0] * padded[1] >= SHARED else 1
         self.count = 0
-        self._forward, self._backward, self._in_place = _functions(library)
+        if library == "scipy":
+            self._module: Any = sfft
+            return
+        name = "ducc0.fft" if library == "ducc0" else f"{library}.interfaces.scipy_fft"
+        try:
+            self._module = importlib.import_module(name)
+            if library == "pyfftw":
+                importlib.import_module("pyfftw.interfaces.cache").enable()
+        except ImportError as error:
+            remedy = f"pip install {PACKAGES[library]}, or choose 'scipy', which is always available"
+            raise InputError.of("fft", library, f"cannot be imported ({error})", remedy) from error
 
     def forward(self, x: Array) -> Array:
         """Half spectrum of x, which is not changed."""
         self.count += 1
-        return self._forward(x, self.padded, self.workers)
+        if self.library == "scipy":
+            # Axis by axis: rows that are only padding are never transformed, and the second pass is in place.
+            rows = sfft.rfft(x, n=self.padded[1], axis=1, workers=self.workers)
+            return np.asarray(sfft.fft(rows, n=self.padded[0], axis=0, overwrite_x=True, workers=self.workers))
+        if x.shape != self.padded:
+            x = np.pad(x, [(0, most - n) for most, n in zip(self.padded, x.shape, strict=True)])
+        if self.library == "ducc0":
+            return self._module.r2c(x, axes=(0, 1), nthreads=self.workers)
+        return np.ascontiguousarray(self._module.rfft2(x, workers=self.workers))
 
     def backward(self, spectrum: Array) -> Array:
         """The real array of a half spectrum, cropped to ``shape``; the spectrum is destroyed."""
         self.count += 1
-        return self._backward(spectrum, self.shape, self.padded, self.workers)
+        (nx, ny), columns = self.shape, self.padded[1]
+        if self.library == "scipy":
+            rows = np.asarray(sfft.ifft(spectrum, axis=0, overwrite_x=True, workers=self.workers))[:nx]
+            x = np.asarray(sfft.irfft(rows, n=columns, axis=1, overwrite_x=True, workers=self.workers))
+        elif self.library == "ducc0":
+            options = {"lastsize": columns, "forward": False, "inorm": 2, "nthreads": self.workers}
+            x = self._module.c2r(spectrum, axes=(0, 1), **options)
+        else:
+            x = self._module.irfft2(spectrum, s=self.padded, workers=self.workers)
+        return np.ascontiguousarray(x[:nx, :ny])
 
     def in_place(self, z: Array, forward: bool) -> Array:
         """The complex transform of z, or the inverse one, in the memory of z if the library can; use the return value.
@@ -80,72 +107,11 @@ class Transforms:
         memory for a spectrum, which would take longer to allocate than a pass over it.
         """
         self.count += 1
-        return self._in_place(z, forward, self.workers)
-
-
-def _scipy_forward(x: Array, padded: tuple[int, int], workers: int) -> Array:
-    # Axis by axis: rows that are only padding are never transformed, and the second pass is in place.
-    rows = sfft.rfft(x, n=padded[1], axis=1, workers=workers)
-    return np.asarray(sfft.fft(rows, n=padded[0], axis=0, overwrite_x=True, workers=workers))
-
-
-def _scipy_backward(s: Array, shape: tuple[int, int], padded: tuple[int, int], workers: int) -> Array:
-    columns = np.asarray(sfft.ifft(s, axis=0, overwrite_x=True, workers=workers))[: shape[0]]
-    x = np.asarray(sfft.irfft(columns, n=padded[1], axis=1, overwrite_x=True, workers=workers))
-    return np.ascontiguousarray(x[:, : shape[1]])
-
-
-def _scipy_in_place(z: Array, forward: bool, workers: int) -> Array:
-    return np.asarray((sfft.fft2 if forward else sfft.ifft2)(z, overwrite_x=True, workers=workers))
-
-
-def _pad(x: Array, padded: tuple[int, int]) -> Array:
-    if x.shape == padded:
-        return x
-    full = np.zeros(padded, dtype=x.dtype)
-    full[: x.shape[0], : x.shape[1]] = x
-    return full
-
-
-def _functions(library: str) -> tuple[Callable[..., Array], Callable[..., Array], Callable[..., Array]]:
-    if library == "scipy":
-        return _scipy_forward, _scipy_backward, _scipy_in_place
-    try:
-        if library == "ducc0":
-            ducc = importlib.import_module("ducc0.fft")
-
-            def forward(x: Array, padded: tuple[int, int], workers: int) -> Array:
-                return ducc.r2c(_pad(x, padded), axes=(0, 1), nthreads=workers)
-
-            def backward(s: Array, shape: tuple[int, int], padded: tuple[int, int], workers: int) -> Array:
-                x = ducc.c2r(s, axes=(0, 1), lastsize=padded[1], forward=False, inorm=2, nthreads=workers)
-                return np.ascontiguousarray(x[: shape[0], : shape[1]])
-
-            def in_place(z: Array, forward: bool, workers: int) -> Array:
-                norm = 0 if forward else 2
-                return ducc.c2c(z, axes=(0, 1), forward=forward, inorm=norm, out=z, nthreads=workers)
-
-            return forward, backward, in_place
-        name = "pyfftw.interfaces.scipy_fft" if library == "pyfftw" else "mkl_fft.interfaces.scipy_fft"
-        module = importlib.import_module(name)
-        if library == "pyfftw":
-            importlib.import_module("pyfftw.interfaces.cache").enable()
-    except ImportError as error:
-        remedy = f"pip install {PACKAGES[library]}, or choose 'scipy', which is always available"
-        raise InputError.of("fft", library, f"cannot be imported ({error})", remedy) from error
-
-    def forward2(x: Array, padded: tuple[int, int], workers: int) -> Array:
-        return np.ascontiguousarray(module.rfft2(_pad(x, padded), workers=workers))
-
-    def backward2(s: Array, shape: tuple[int, int], padded: tuple[int, int], workers: int) -> Array:
-        x = module.irfft2(s, s=padded, workers=workers)
-        return np.ascontiguousarray(x[: shape[0], : shape[1]])
-
-    def in_place2(z: Array, forward: bool, workers: int) -> Array:
-        transform = module.fft2 if forward else module.ifft2
-        return np.ascontiguousarray(transform(z, overwrite_x=True, workers=workers))
-
-    return forward2, backward2, in_place2
+        if self.library == "ducc0":
+            norm = 0 if forward else 2
+            return self._module.c2c(z, axes=(0, 1), forward=forward, inorm=norm, out=z, nthreads=self.workers)
+        transform = self._module.fft2 if forward else self._module.ifft2
+        return np.ascontiguousarray(transform(z, overwrite_x=True, workers=self.workers))
 
 
 class Convolution:
@@ -265,7 +231,7 @@ class Split:
             coarse = (fast_length(math.ceil(nx / RATIO)), fast_length(math.ceil(ny / RATIO)))
             self._axes = _axis(nx, coarse[0], np.dtype(dtype)), _axis(ny, coarse[1], np.dtype(dtype))
         self._transforms = Transforms(coarse, coarse, library, team.threads)
-        far = _pixel_symbol(body.regrid(coarse), body, inverse) * _far(body.shape, coarse)
+        far = body.regrid(coarse).in_pixels(body, inverse) * _far(body.shape, coarse)
         #: of the inverse operator for a uniform displacement
         self.stiffness = float(far[0, 0])
         if floating:
@@ -301,19 +267,6 @@ def _axis(fine: int, coarse: int, dtype: Any) -> kernels.Interpolation:
     return kernels.Interpolation(lower, (lower + 1) % coarse, ((place - lower * fine) / fine).astype(dtype))
 
 
-def _pixel_symbol(body: Substrate, fine: Substrate, inverse: bool) -> Floats:
-    """The symbol or its inverse in units of the pixels of ``fine``."""
-    return body.inverse() * fine.unit if inverse else body.symbol() / fine.unit
-
-
-@lru_cache(maxsize=64)
-def _stencil(window: Substrate, inverse: bool) -> Floats:
-    """The stencil of a body. That of a half-space is the same on all grids."""
-    small = (SAMPLE // RATIO, SAMPLE // RATIO)
-    coarse = _pixel_symbol(window.regrid(small), window, inverse)
-    return _fitted(_pixel_symbol(window, window, inverse), coarse * _far((SAMPLE, SAMPLE), small))
-
-
 def _whole(quarter: Array, rows: int) -> Array:
     """A symbol on all rows of a half spectrum."""
     if quarter.shape[0] == rows:
@@ -335,13 +288,16 @@ def _far(fine: tuple[int, int], coarse: tuple[int, int]) -> Floats:
     return np.exp(-(SPREAD**2) * (qx**2 + qy**2)) / hats**2
 
 
-def _fitted(symbol: Floats, far: Floats) -> Floats:
-    """Stencil (REACH + 1, REACH + 1) that best adds what the coarse grid leaves out, in the relative sense."""
+@lru_cache(maxsize=64)
+def _stencil(window: Substrate, inverse: bool) -> Floats:
+    """Stencil (REACH + 1, REACH + 1) of a body that best adds what the coarse grid leaves out, in the relative sense.
+    That of a half-space is the same on all grids."""
     half = SAMPLE // 2 + 1
     q = 2.0 * np.pi / SAMPLE * np.arange(half)
-    full = _whole(_whole(symbol, SAMPLE)[:half], half)
+    full = _whole(_whole(window.in_pixels(window, inverse), SAMPLE)[:half], half)
     # The coarse spectrum repeats on the fine one.
     m = SAMPLE // RATIO
+    far = window.regrid((m, m)).in_pixels(window, inverse) * _far((SAMPLE, SAMPLE), (m, m))
     index = np.arange(half) % m
     index = np.minimum(index, m - index)
     rest = full - far[np.ix_(index, index)] * np.outer(_hat(q), _hat(q)) ** 2
@@ -350,22 +306,15 @@ def _fitted(symbol: Floats, far: Floats) -> Floats:
     # Rows and columns of the quarter stand for two, except the first and last.
     twice = np.where((np.arange(half) % (half - 1)) == 0, 1.0, 2.0)
     weight *= np.sqrt(np.outer(twice, twice))
-    pairs = [
-        (a, b)
-        for a in range(kernels.REACH + 1)
-        for b in range(kernels.REACH + 1)
-        if np.hypot(a, b) <= kernels.REACH + 0.3
-    ]
-    cosine = (
-        np.cos(np.outer(np.arange(kernels.REACH + 1), q)) * np.where(np.arange(kernels.REACH + 1) == 0, 1, 2)[:, None]
-    )
+    reach = np.arange(kernels.REACH + 1)
+    pairs = np.argwhere(np.hypot(reach[:, None], reach) <= kernels.REACH + 0.3)
+    cosine = np.cos(np.outer(reach, q)) * np.where(reach == 0, 1, 2)[:, None]
     matrix = np.stack([(np.outer(cosine[a], cosine[b]) * weight).ravel() for a, b in pairs], axis=1)
     # Without BLAS, whose sums differ between processors.
     normal = np.einsum("ka,kb->ab", matrix, matrix)
     values = algebra.solve(normal, np.einsum("ka,k->a", matrix, (rest * weight).ravel()))
-    stencil = np.zeros((kernels.REACH + 1, kernels.REACH + 1))
-    for (a, b), value in zip(pairs, values, strict=True):
-        stencil[a, b] = value
+    stencil = np.zeros((reach.size, reach.size))
+    stencil[tuple(pairs.T)] = values
     return stencil
 
 
@@ -551,12 +500,3 @@ def dimensionless(heights: Heights, dtype: Any, team: Team) -> Array:
     out = np.empty(heights.values.shape, dtype)
     team.run(kernels.standardise, len(out), heights, out)
     return out
-
-
-def regridded(heights: Heights, shape: tuple[int, int], dtype: Any, periodic: bool, team: Team) -> Heights:
-    """The dimensionless heights on another grid."""
-    sampled = resampled(heights.values, shape, np.float64, periodic, team)
-    sampled.setflags(write=False)  # as those of a surface, or numba compiles kernels for both
-    values = dimensionless(Heights(sampled, heights.top, heights.factor), dtype, team)
-    values.setflags(write=False)
-    return Heights(values)

@@ -29,6 +29,7 @@ once, on no rows and on arrays of one pixel.
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -40,7 +41,7 @@ from numpy.typing import NDArray
 from . import _kernels as kernels
 from ._bounds import projected, restored
 from ._descent import Descent, GridSolution
-from ._grid import PRECISIONS, GridProblem, Settings, dimensionless, divides, grids, regridded, resampled, suits, sums
+from ._grid import PRECISIONS, GridProblem, Settings, dimensionless, divides, grids, resampled, suits, sums
 from ._kernels import DescentState, Heights
 from ._operators import Substrate, Team
 
@@ -78,7 +79,12 @@ def solve(
     for shape in reversed(shapes):
         finest = shape == substrate.shape
         here = substrate if finest else substrate.regrid(shape)
-        h = heights if finest else regridded(heights, shape, state, substrate.periodic, team)
+        h = heights
+        if not finest:
+            sampled = resampled(heights.values, shape, np.float64, substrate.periodic, team)
+            sampled.setflags(write=False)  # as those of a surface, or numba compiles kernels for both
+            h = Heights(dimensionless(heights._replace(values=sampled), state, team))
+            h.values.setflags(write=False)
         # Displacements are counted in pixels of the grid at hand.
         pixels = here.pixel[0] * here.pixel[1] / (substrate.pixel[0] * substrate.pixel[1])
         grid = GridProblem(here, h, stiffness * math.sqrt(pixels), mean, offset, settings, team, finest, hardness)
@@ -102,8 +108,12 @@ def solve(
 def _solve_on(grid: GridProblem, p: Array | None, finest: bool) -> GridSolution:
     """Solve on one grid, from the pressure on a coarser one (or on this one), or from none."""
     body, settings, load_given = grid.substrate, grid.settings, grid.offset_fixed is None
-    if p is None:
-        p = _first_guess(grid)
+    if p is None and load_given:
+        # the admissible pressure nearest to the one that presses the heights flat
+        p = projected(_flattening(grid) + grid.mean, grid.mean, grid.hardness).astype(grid.state)
+    elif p is None:
+        q = dimensionless(grid.heights, grid.work, grid.team) - grid.work(grid.offset_fixed)
+        p = np.maximum(grid.operator.precondition(q), 0.0).astype(grid.state) / grid.state(grid.stiffness)
     elif p.shape != body.shape:
         p = resampled(p, body.shape, grid.state, body.periodic, grid.team, kernels.resample_pressure, grid.hardness)
     if grid.hardness is not None:
@@ -158,15 +168,6 @@ def _full_contact(grid: GridProblem) -> GridSolution | None:
     return GridSolution(p, r, correction, offset, scale, rms, 0.0, True, 0, [], True, (eps, eps))
 
 
-def _first_guess(grid: GridProblem) -> Array:
-    """The admissible pressure nearest to the one that presses the heights flat."""
-    if grid.offset_fixed is None:
-        return projected(_flattening(grid) + grid.mean, grid.mean, grid.hardness).astype(grid.state)
-    scaled = dimensionless(grid.heights, grid.work, grid.team)
-    q = grid.operator.precondition(scaled - grid.work(grid.offset_fixed))
-    return np.maximum(q, 0.0).astype(grid.state) / grid.state(grid.stiffness)
-
-
 def compile_kernels(body: Substrate, settings: Settings, heights: Any = np.float64, bounded: bool = False) -> None:
     """Compile what a solve on ``body`` calls, the last kernel first.
 
@@ -178,85 +179,67 @@ def compile_kernels(body: Substrate, settings: Settings, heights: Any = np.float
         kernel(0, 0, *args)
 
 
-def _frozen(dtype: Any) -> Array:
-    array = np.zeros((1, 1), dtype)
-    array.setflags(write=False)
-    return array
-
-
 def _calls(body: Substrate, settings: Settings, heights: Any, bounded: bool) -> Iterator[Call]:
-    """The kernels of a solve with their arguments, in the order in which they are first called."""
-    state, work = PRECISIONS[settings.precision]
-    bound = state(1) if bounded else None
-    shapes = grids(body.shape, settings.levels)
-    part = np.zeros((1, 7))
-    surface = kernels.Heights(_frozen(heights), 0.0, 1.0)
-    yield kernels.moments, (surface.values, 0.0, 1.0, part)
-    axis = kernels.Interpolation(np.zeros(1, np.int64), np.zeros(1, np.int64), np.zeros(1))
-    if len(shapes) > 1:
-        yield kernels.resample, (surface.values, axis, axis, np.zeros((1, 1)))
-    p = np.zeros((1, 1), state)
-    for number, shape in enumerate(reversed(shapes)):
-        finest = shape == body.shape
-        here = body if finest else body.regrid(shape)
-        if number:
-            yield kernels.resample_pressure, (p, axis, axis, bound, p)
-        else:
-            yield from _convolution(here, state)
-        yield kernels.totals, (p, p, part)
-        yield kernels.scale, (p, state(1), bound, part)
-        yield from _descent(here, settings, surface if finest else kernels.Heights(_frozen(state)), bound, part)
-    if state != work:
-        yield from _convolution(body, state)
-        yield kernels.subtract, (*_blocks(), p, surface, 1.0, 0.0, kernels.DescentState(p, p), bound, part)
-    yield kernels.correct, (*_blocks(), _search(work), np.zeros((1, 1), work), 1.0, 1.0, part)
+    """The kernels of a solve with their arguments, in the order in which they are first called.
 
-
-def _blocks() -> tuple[kernels.Blocks]:
-    return (kernels.Blocks(16, 1, np.zeros(1, np.uint8)),)
-
-
-def _search(work: Any) -> kernels.Search:
-    return kernels.Search(*(np.zeros((1, 1), work) for _ in range(5)))
-
-
-def _convolution(body: Substrate, dtype: Any) -> Iterator[Call]:
-    """What a convolution in ``dtype`` calls."""
-    spectrum = np.zeros((1, 1), np.result_type(dtype, np.complex64))
-    periodic = body.padded == body.shape
-    if periodic and body.shape[1] % 2 == 0:
-        yield kernels.multiply_packed, (spectrum, np.zeros((1, 1), dtype), spectrum[0])
-    else:
-        yield kernels.multiply, (spectrum, np.zeros((1, 1), dtype))
-
-
-def _descent(body: Substrate, settings: Settings, heights: kernels.Heights, bound: Any, part: Array) -> Iterator[Call]:
-    """The kernels of the iteration on one grid."""
+    What an argument is follows from its name: one of ``known``, arrays of one pixel among them, else a number.
+    """
     state, work = PRECISIONS[settings.precision]
     p, pixel = np.zeros((1, 1), state), np.zeros((1, 1), work)
-    both, search, blocks = kernels.DescentState(p, p), _search(work), _blocks()
-    yield from _convolution(body, work)
-    yield kernels.subtract, (*blocks, pixel, heights, 1.0, 0.0, both, bound, part)
-    yield kernels.residual, (*blocks, both, 0.0, bound, pixel, part)
-    yield kernels.indicator, (*blocks, pixel, pixel, True)
-    split = suits(body, settings.any_size)
-    if split:
-        axis = kernels.Interpolation(np.zeros(1, np.int64), np.zeros(1, np.int64), np.zeros(1, work))
-        if divides(body.shape):
-            yield kernels.restrict, (*blocks, pixel, pixel)
-            yield kernels.local, (*blocks, pixel, pixel, pixel, pixel, part)
+    place, source = np.zeros(1, np.int64), np.zeros((1, 1), heights)
+    source.setflags(write=False)  # as the heights of a surface
+    axis, work_axis = (kernels.Interpolation(place, place, np.zeros(1, dtype)) for dtype in (np.float64, work))
+    known: dict[str, Any] = {"blocks": kernels.Blocks(16, 1, np.zeros(1, np.uint8)), "state": DescentState(p, p)}
+    known |= {"search": kernels.Search(pixel, pixel, pixel, pixel, pixel), "hardness": state(1) if bounded else None}
+    known |= {"rows": work_axis, "columns": work_axis, "part": np.zeros((1, 7)), "ny": 1, "clear": True, "terms": True}
+    known |= dict.fromkeys(("u", "v", "d", "e", "y", "x", "out", "coarse", "stencil"), pixel) | {"p": p, "r": p}
+
+    def call(kernel: Any, **others: Any) -> Call:
+        names = list(inspect.signature(kernel).parameters)[2:]
+        return kernel, tuple((known | others).get(name, 1.0) for name in names)
+
+    def spectral(kernel: Any, dtype: Any = work) -> Call:
+        spectrum = np.zeros((1, 1), np.result_type(dtype, np.complex64))
+        return call(kernel, symbol=np.zeros((1, 1), dtype), spectrum=spectrum, z=spectrum, turn=spectrum[0])
+
+    yield call(kernels.moments, heights=source)
+    shapes, convolution = grids(body.shape, settings.levels), kernels.multiply
+    if len(shapes) > 1:
+        yield call(kernels.resample, source=source, rows=axis, columns=axis, target=np.zeros((1, 1)))
+    for shape in reversed(shapes):
+        here, surface = body, Heights(source)
+        if shape != body.shape:
+            values = np.zeros((1, 1), state)
+            values.setflags(write=False)
+            here, surface = body.regrid(shape), Heights(values)
+        convolution = kernels.multiply_packed if body.periodic and shape[1] % 2 == 0 else kernels.multiply
+        split = suits(here, settings.any_size)
+        if shape == shapes[-1]:
+            yield spectral(convolution, state)
         else:
-            yield kernels.restrict_between, (*blocks, pixel, axis, axis, pixel)
-            yield kernels.local_between, (*blocks, pixel, pixel, pixel, axis, axis, pixel, part)
-    else:
-        yield from _convolution(body, work)
-    yield kernels.products, (*blocks, search, 1.0, 1.0, part)
-    yield kernels.direction, (*blocks, search, 1.0, 1.0, True, True, part)
-    spectrum = np.zeros((1, 1), np.result_type(work, np.complex64))
-    if not split:
-        yield kernels.quadratic_form, (spectrum, pixel, 1, part)
-    yield kernels.projection, (*blocks, p, pixel, 1.0, 1.0, bound, part)
-    yield kernels.move, (*blocks, p, pixel, 1.0, 1.0, 1.0, bound, part)
-    if not split:
-        yield kernels.multiply, (spectrum, pixel)
-    yield kernels.advance, (*blocks, both, pixel, 1.0, bound, part)
+            yield call(kernels.resample_pressure, source=p, rows=axis, columns=axis, target=p)
+        yield call(kernels.totals)
+        yield call(kernels.scale, factor=state(1))
+        yield spectral(convolution)
+        yield call(kernels.subtract, heights=surface)
+        yield call(kernels.residual)
+        yield call(kernels.indicator)
+        if split and divides(shape):
+            yield call(kernels.restrict)
+            yield call(kernels.local)
+        elif split:
+            yield call(kernels.restrict_between)
+            yield call(kernels.local_between)
+        yield call(kernels.products)
+        yield call(kernels.direction)
+        if not split:
+            yield spectral(kernels.quadratic_form)
+        yield call(kernels.projection)
+        yield call(kernels.move)
+        if not split:
+            yield spectral(kernels.multiply)
+        yield call(kernels.advance)
+    if state != work:
+        yield spectral(convolution, state)
+        yield call(kernels.subtract, u=p, heights=Heights(source))
+    yield call(kernels.correct)

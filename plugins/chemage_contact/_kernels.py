@@ -422,12 +422,6 @@ def scale(lo, hi, p, factor, hardness, part):
         part[i, 0] = total
 
 
-def extremes(lo, hi, heights, part):
-    """part[row] = (least, largest height). Reads heights twice; once per solve."""
-    np.min(heights[lo:hi], axis=1, out=part[lo:hi, 0])
-    np.max(heights[lo:hi], axis=1, out=part[lo:hi, 1])
-
-
 @kernel(**_OPTIONS)
 def moments(lo, hi, heights, top, factor, part):
     """part[row] = (mean, Σ (x - mean)²) of x = (heights - top)·factor. Reads heights, twice but from cache."""

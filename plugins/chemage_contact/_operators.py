@@ -47,14 +47,12 @@ class Team:
         if self._pool is not None:
             self._pool.shutdown()
 
-    def even(self, count: int) -> list[int]:
-        """Edges of about equal shares of ``count`` rows; a single share if the rows are few."""
-        shares = 1 if count < FEW else self.threads
-        return [count * k // shares for k in range(shares + 1)]
-
     def run(self, kernel: Callable[..., None], share: int | Sequence[int], *args: Any) -> None:
         """Call ``kernel(lo, hi, *args)`` so that the ranges cover 0 … ``share``, or between the edges given."""
-        edges = self.even(share) if isinstance(share, int) else share
+        edges = share
+        if isinstance(edges, int):  # about equal shares; a single one if the rows are few
+            shares = 1 if edges < FEW else self.threads
+            edges = [edges * k // shares for k in range(shares + 1)]
         if len(edges) == 2:
             kernel(edges[0], edges[1], *args)
             return
@@ -120,7 +118,11 @@ class Substrate(ABC):
     def inverse(self) -> Floats:
         """(nx, ny//2+1) or (nx//2+1, ny//2+1) values > 0: approximately 1/symbol on the unpadded grid, for
         preconditioning. Here that of a half-space."""
-        return 0.5 * _regularised(wave_numbers(self.shape, self.pixel))
+        return 0.5 * wave_numbers(self.shape, self.pixel)
+
+    def in_pixels(self, fine: Substrate, inverse: bool) -> Floats:
+        """The symbol or its inverse in units of the pixels of ``fine``."""
+        return self.inverse() * fine.unit if inverse else self.symbol() / fine.unit
 
     def regrid(self, shape: tuple[int, int]) -> Self:
         """The same body on another grid of the same extent."""
@@ -144,15 +146,12 @@ def fast_length(n: int) -> int:
 
 
 def wave_numbers(shape: tuple[int, int], pixel: tuple[float, float]) -> Floats:
-    """|q| in 1/nm on the quarter (nx//2+1, ny//2+1) of the spectrum that symmetry leaves."""
+    """|q| in 1/nm on the quarter (nx//2+1, ny//2+1) of the spectrum that symmetry leaves; half of its smallest other
+    value instead of zero (1 on a grid of one pixel)."""
     qx = 2.0 * math.pi / (shape[0] * pixel[0]) * np.arange(shape[0] // 2 + 1)
     qy = 2.0 * math.pi / (shape[1] * pixel[1]) * np.arange(shape[1] // 2 + 1)
     q = np.add.outer(qx * qx, qy * qy)
-    return np.sqrt(q, out=q)
-
-
-def _regularised(q: Floats) -> Floats:
-    """|q|, changed in place: half of its smallest other value instead of zero (1 on a grid of one pixel)."""
+    np.sqrt(q, out=q)
     others = [float(edge.min()) for edge in (q[1:, 0], q[0, 1:]) if edge.size]
     q[0, 0] = 0.5 * min(others, default=2.0)
     return q
@@ -163,7 +162,7 @@ class PeriodicHalfSpace(Substrate):
     """Elastic half-space under a periodic pressure: symbol 2/|q|, zero at q = 0 (the mean plane is the reference)."""
 
     def symbol(self) -> Floats:
-        q = _regularised(wave_numbers(self.shape, self.pixel))
+        q = wave_numbers(self.shape, self.pixel)
         values = np.divide(2.0, q, out=q)
         values[0, 0] = 0.0
         return values
@@ -199,9 +198,14 @@ class PeriodicLayer(Substrate):
         sech = 2.0 * np.exp(-x) / (1.0 + np.exp(-2.0 * x))
         both, even = k * (1.0 + a) * (1.0 + b), 2.0 * k * k * a + k * (a - 1.0) * (b - 1.0) + 2.0 * b
         odd = 4.0 * k * k * a + k * (a - 1.0) * (b - 3.0) + 2.0 * (b - 1.0)
-        numerator = both + even * _sinh_less_x(x, sech) + odd * x * sech
+        # (sinh x - x)/cosh x and (cosh x - 1 - x²/2)/cosh x
+        less_x = np.tanh(x) - x * sech
+        _by_series(less_x, x, sech, 0.3, x * np.square(x) / 6.0, (20.0, 42.0, 72.0, 110.0, 156.0))
+        less_parabola = 1.0 - (1.0 + 0.5 * x * x) * sech
+        _by_series(less_parabola, x, sech, 0.5, np.square(x) ** 2 / 24.0, (30.0, 56.0, 90.0, 132.0, 182.0))
+        numerator = both + even * less_x + odd * x * sech
         thin = (1.0 + b) * (1.0 + b + 0.5 * (k * (a - 1.0) + 2.0) * x * x)
-        values = 2.0 / q * numerator / (even * _cosh_less_parabola(x, sech) + thin * sech + both * np.tanh(x))
+        values = 2.0 / q * numerator / (even * less_parabola + thin * sech + both * np.tanh(x))
         nu = self.poisson
         values[0, 0] = self.thickness * (1.0 - 2.0 * nu) / (1.0 - nu) ** 2 if k == 0.0 else 0.0
         return values
@@ -226,7 +230,7 @@ class FreeHalfSpace(Substrate):
     Hockney, Methods Comput. Phys. 9, 135 (1970)).
     """
 
-    periodic: ClassVar[bool] = False
+    periodic = False
 
     @property
     def padded(self) -> tuple[int, int]:
@@ -238,38 +242,25 @@ class FreeHalfSpace(Substrate):
         x = np.arange(px, dtype=np.float64)
         y = np.arange(py, dtype=np.float64)
         kernel = _love(np.minimum(x, px - x)[: px // 2 + 1], np.minimum(y, py - y)[: py // 2 + 1], self.pixel)
-        half = _cosine(kernel, py, 1)
-        full = _cosine(half, px, 0)
+        for n, axis in ((py, 1), (px, 0)):  # an even array, of which there are the first n//2 + 1 entries
+            rest = np.flip(np.take(kernel, np.arange(1, (n + 1) // 2), axis=axis), axis=axis)
+            mirrored = np.concatenate([kernel, rest], axis=axis)
+            spectrum = np.asarray(sfft.rfft(mirrored, axis=axis, overwrite_x=True), np.complex128)
+            kernel = np.ascontiguousarray(spectrum.real)
         # The truncated kernel is positive definite on the unpadded pixels; negative values are rounding errors.
-        return np.maximum(full, 0.0)
+        return np.maximum(kernel, 0.0)
 
 
-def _sinh_less_x(x: Floats, sech: Floats) -> Floats:
-    """(sinh x - x)/cosh x; by its series where the difference would cancel."""
-    values = np.tanh(x) - x * sech
-    small = x < 0.3
+def _by_series(
+    values: Floats, x: Floats, sech: Floats, below: float, leading: Floats, divisors: Sequence[float]
+) -> None:
+    """Put ``leading`` (1 + y/d₁ (1 + y/d₂ …)) sech, y = x², into ``values`` where x is small and they cancel."""
+    small = x < below
     y = np.square(x[small])
-    series = 1.0 + y / 20.0 * (1.0 + y / 42.0 * (1.0 + y / 72.0 * (1.0 + y / 110.0 * (1.0 + y / 156.0))))
-    values[small] = x[small] * y / 6.0 * series * sech[small]
-    return values
-
-
-def _cosh_less_parabola(x: Floats, sech: Floats) -> Floats:
-    """(cosh x - 1 - x²/2)/cosh x; by its series where the difference would cancel."""
-    values = 1.0 - (1.0 + 0.5 * x * x) * sech
-    small = x < 0.5
-    y = np.square(x[small])
-    series = 1.0 + y / 30.0 * (1.0 + y / 56.0 * (1.0 + y / 90.0 * (1.0 + y / 132.0 * (1.0 + y / 182.0))))
-    values[small] = y * y / 24.0 * series * sech[small]
-    return values
-
-
-def _cosine(half: Floats, n: int, axis: int) -> Floats:
-    """Transform along one axis of an even array of length n, of which ``half`` holds the first n//2 + 1 entries."""
-    rest = np.flip(np.take(half, np.arange(1, (n + 1) // 2), axis=axis), axis=axis)
-    mirrored = np.concatenate([half, rest], axis=axis)
-    spectrum: NDArray[np.complex128] = np.asarray(sfft.rfft(mirrored, axis=axis, overwrite_x=True), np.complex128)
-    return np.ascontiguousarray(spectrum.real)
+    series = np.ones(y.shape)
+    for divisor in reversed(divisors):
+        series = 1.0 + y / divisor * series
+    values[small] = leading[small] * series * sech[small]
 
 
 def _love(x: Floats, y: Floats, pixel: tuple[float, float]) -> Floats:

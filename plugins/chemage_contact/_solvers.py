@@ -25,6 +25,13 @@ class HalfSpaceSolver(ContactSolver, ABC):
     """contact modulus E* = E/(1−ν²) of the elastic body (or of both, combined), GPa; or their young
     and poisson"""
 
+    #: options that an identity has only where they are given, as it had before there were these options
+    later: ClassVar[tuple[str, ...]] = ()
+
+    def identity(self) -> dict[str, Any]:
+        """As for every component; without :attr:`later` options that are not given."""
+        return {name: value for name, value in super().identity().items() if value or name not in self.later}
+
     def is_nominally_flat(self, periodic: bool) -> bool:
         """See :meth:`chemage.plugin.ContactSolver.is_nominally_flat`; ``boundary`` may make it periodic, or free."""
         boundary = getattr(self, "boundary", "auto")
@@ -78,14 +85,24 @@ class SphereSolver(HalfSpaceSolver, ABC):
         """The contact of a sphere of ``radius`` under ``load``, if it is one and within a grid of pixels of ``size``
         (nm)."""
 
+    def require_room(
+        self, edge: float, shape: tuple[int, int], size: float, load: float, what: str = "the contact has"
+    ) -> None:
+        """Refuse a contact of radius ``edge`` (nm) on a surface that reaches less far from the apex."""
+        room = 0.5 * min(shape) * size
+        if edge > room:
+            raise InputError.of(
+                "load",
+                load,
+                f"{what} a radius of {edge:.4g} nm, but the surface reaches only {room:.4g} nm from the apex",
+                "use more pixels or a smaller load",
+            )
 
-def require_room(edge: float, shape: tuple[int, int], size: float, load: float, what: str = "the contact has") -> None:
-    """Refuse a contact of radius ``edge`` (nm) on a surface that reaches less far from the apex."""
-    room = 0.5 * min(shape) * size
-    if edge > room:
-        raise InputError.of(
-            "load",
-            load,
-            f"{what} a radius of {edge:.4g} nm, but the surface reaches only {room:.4g} nm from the apex",
-            "use more pixels or a smaller load",
-        )
+    def edges(self, surface: Surface) -> list[np.ndarray]:
+        """The edges of the pixels along both sides, (nx + 1,) and (ny + 1,) nm, from the middle of the grid."""
+        return [(np.arange(n + 1) - 0.5 * n) * surface.pixel_size for n in surface.shape]
+
+    def distances(self, surface: Surface) -> np.ndarray:
+        """Distances of the centres of pixels from the apex, nm."""
+        x, y = self.edges(surface)
+        return np.hypot((0.5 * (x[1:] + x[:-1]))[:, None], 0.5 * (y[1:] + y[:-1]))

@@ -91,15 +91,9 @@ class Ring:
         ) * (math.pi / FINE)
         inner, outer = np.minimum(r[:, None], s), np.maximum(r[:, None], s)
         rest = np.abs(r[:, None] - s) * (inner + outer) / outer**2
-        values = special.ellipe(1.0 - rest) - np.where(r[:, None] > s, rest * _finite_k(rest), 0.0)
+        second = rest * special.ellipkm1(np.maximum(rest, 1e-300))  # finite where it is multiplied by zero
+        values = special.ellipe(1.0 - rest) - np.where(r[:, None] > s, second, 0.0)
         return (4.0 / math.pi) * np.einsum("ij,j->i", outer * values, density)
-
-
-def _finite_k(rest: Array) -> Array:
-    """K for 1 - k² = ``rest``, finite where it is multiplied by zero."""
-    from scipy import special
-
-    return special.ellipkm1(np.maximum(rest, 1e-300))
 
 
 @dataclass(frozen=True)
@@ -127,7 +121,7 @@ class YieldingSphere:
     def gap(self, r: Array) -> Array:
         """u - approach + r²/2R: negative by the plastic displacement where the sphere yields, 0 up to the edge."""
         shape, x = r.shape, np.ravel(r) / self.edge
-        core = self.core / self.edge
+        core, level = self.core / self.edge, self.approach * self.radius / self.edge**2
         found = np.zeros(x.size)
         # finer towards c and a, where the gap begins
         towards = np.linspace(1.0, 0.0, RADII) ** 2
@@ -136,13 +130,9 @@ class YieldingSphere:
             (x > 1.0, 1.0 + max(float(x.max(initial=1.0)) - 1.0, 0.0) * towards[::-1]),
         ):
             if where.any():
-                u = self.ring.displacement(table) - self._level + 0.5 * table**2
+                u = self.ring.displacement(table) - level + 0.5 * table**2
                 found[where] = np.interp(x[where], table, u)
         return found.reshape(shape) * (self.edge**2 / self.radius)
-
-    @property
-    def _level(self) -> float:
-        return self.approach * self.radius / self.edge**2
 
 
 def yielding_sphere(load: float, radius: float, modulus: float, hardness: float) -> YieldingSphere | None:

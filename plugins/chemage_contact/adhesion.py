@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
@@ -13,8 +13,8 @@ from pydantic import Field
 
 from chemage import ContactSolution, InputError, Surface
 from chemage.plugin import Length, Unit, convert
-from chemage_contact._solvers import GRID, SphereSolver, require_room
-from chemage_contact.closed_forms import _corner_force, _distances, _edges, _pixels
+from chemage_contact._solvers import GRID, SphereSolver
+from chemage_contact.closed_forms import _corner_force, _pixels
 
 #: work of adhesion: 1 J/m² is 1 nN/nm
 Adhesion = Annotated[float, Unit("J/m**2", gt=0)]
@@ -78,11 +78,11 @@ class AdhesiveSphere(SphereSolver, ABC):
     under a pull the stable one is given.
     """
 
-    adheres: ClassVar[bool] = True
-    implemented_properties: ClassVar[tuple[str, ...]] = ("pressure", "displacement")
+    adheres = True
+    implemented_properties = ("pressure", "displacement")
     #: Tabor's parameters between which the law holds
     tabor: ClassVar[tuple[float, float]] = (0.0, math.inf)
-    general: ClassVar[str] = "adhesive-bem"
+    general = "adhesive-bem"
 
     work_of_adhesion: Adhesion = Field(examples=["50 mJ/m^2"])
     """work of adhesion w of the two surfaces, J/m² (the same number in nN/nm)"""
@@ -154,7 +154,7 @@ class AdhesiveSphere(SphereSolver, ABC):
                 f"give a load of at least {-pull:.6g} nN",
             )
         state = self.at_load(radius, max(load, -pull))
-        require_room(state.outer, shape, size, load, "contact and attraction have")
+        self.require_room(state.outer, shape, size, load, "contact and attraction have")
         if not state.edge > 1e-60 * size:
             raise InputError.of("load", load, "leaves the range of numbers: no contact is left", "give nN and nm")
         return state
@@ -188,16 +188,23 @@ class AdhesiveSphere(SphereSolver, ABC):
         )
 
     def _solution(self, surface: Surface, radius: float, state: AdhesiveState, load: float) -> ContactSolution:
+        from scipy import ndimage
+
         size = surface.pixel_size
-        x, y = (_edges(n, size) for n in surface.shape)
+        x, y = self.edges(surface)
         pressure = self._forces(radius, state, x, y) / size**2
         nearest = [np.minimum(np.abs(edges[1:]), np.abs(edges[:-1])) * (edges[1:] * edges[:-1] > 0) for edges in (x, y)]
         pressure[np.hypot(nearest[0][:, None], nearest[1]) >= state.outer] = 0.0  # else rounding errors
-        centre = _distances(surface)
+        centre = self.distances(surface)
         # a contact smaller than a pixel is the pixel in the middle
         touching = centre < max(state.edge, float(centre.min()) * (1 + 1e-9))
-        if state.outer == state.edge:
-            pressure = _gathered(pressure, touching)
+        if state.outer == state.edge:  # that of pixels outside is shared by their eight neighbours in contact
+            around = np.ones((3, 3))
+            count = ndimage.convolve(touching.astype(np.float64), around, mode="constant")
+            moves = ~touching & (count > 0)
+            share = np.where(moves, pressure / np.maximum(count, 1.0), 0.0)
+            gained = ndimage.convolve(share, around, mode="constant")
+            pressure = np.where(moves, 0.0, pressure) + np.where(touching, gained, 0.0)
         carries = self._carries(radius)
         scale = float(np.abs(pressure).sum()) * size**2
         force_error = 0.0 if carries or not scale else abs(float(pressure.sum()) * size**2 - load) / scale
@@ -256,10 +263,8 @@ class JKR(AdhesiveSphere):
 
     kind = "jkr"
     tabor = (5.0, math.inf)
-    cite: ClassVar[tuple[str, ...]] = (
-        "K. L. Johnson, K. Kendall, A. D. Roberts, Proc. R. Soc. Lond. A 324, 301 (1971)",
-    )
-    bibtex: ClassVar[tuple[str, ...]] = (_JKR,)
+    cite = ("K. L. Johnson, K. Kendall, A. D. Roberts, Proc. R. Soc. Lond. A 324, 301 (1971)",)
+    bibtex = (_JKR,)
 
     def pull_off(self, radius: float) -> float:
         """(3/2)πwR."""
@@ -306,10 +311,8 @@ class DMT(AdhesiveSphere):
 
     kind = "dmt"
     tabor = (0.0, 0.1)
-    cite: ClassVar[tuple[str, ...]] = (
-        "B. V. Derjaguin, V. M. Muller, Yu. P. Toporov, J. Colloid Interface Sci. 53, 314 (1975)",
-    )
-    bibtex: ClassVar[tuple[str, ...]] = (_DMT,)
+    cite = ("B. V. Derjaguin, V. M. Muller, Yu. P. Toporov, J. Colloid Interface Sci. 53, 314 (1975)",)
+    bibtex = (_DMT,)
 
     def pull_off(self, radius: float) -> float:
         """2πwR."""
@@ -347,8 +350,8 @@ class Maugis(AdhesiveSphere):
     """
 
     kind = "maugis"
-    cite: ClassVar[tuple[str, ...]] = ("D. Maugis, J. Colloid Interface Sci. 150, 243 (1992)",)
-    bibtex: ClassVar[tuple[str, ...]] = (_MAUGIS,)
+    cite = ("D. Maugis, J. Colloid Interface Sci. 150, 243 (1992)",)
+    bibtex = (_MAUGIS,)
 
     range: Length = Field(examples=["0.3 nm"])
     """gap z₀ up to which the surfaces attract each other, nm; the stress is w/z₀"""
@@ -363,12 +366,12 @@ class Maugis(AdhesiveSphere):
     def pull_off(self, radius: float) -> float:
         """Of the least load of all contacts, nN."""
         force, _, _, strength = self.units(radius)
-        return -force * _load(_weakest(strength), strength)
+        return -force * _load(_lowest(_load, strength), strength)
 
     def at_load(self, radius: float, load: float) -> AdhesiveState:
         """See :meth:`AdhesiveSphere.at_load`."""
         force, _, _, strength = self.units(radius)
-        return self._state(radius, _solved(lambda angle: _load(angle, strength), load / force, _weakest(strength)))
+        return self._state(radius, _solved(_load, strength, load / force, _lowest(_load, strength)))
 
     def _state(self, radius: float, angle: float) -> AdhesiveState:
         force, unit, depth, strength = self.units(radius)
@@ -380,12 +383,12 @@ class Maugis(AdhesiveSphere):
         """See :meth:`AdhesiveSphere.at_approach`: surfaces apart jump into contact where their bulge has closed the
         gap, or at once where the attraction begins at a gap z₀."""
         _, _, depth, strength = self.units(radius)
-        last = _last(strength)
+        last = _lowest(_approach, strength)
         if displacement < _approach(last, strength) * depth:
             return None
         if not touching and displacement < self._touch(radius):
             return None
-        return self._state(radius, _solved(lambda angle: _approach(angle, strength), displacement / depth, last))
+        return self._state(radius, _solved(_approach, strength, displacement / depth, last))
 
     def _touch(self, radius: float) -> float:
         """Approach (nm, negative) at which surfaces that were apart touch: a disc of radius c under the stress w/z₀
@@ -437,53 +440,34 @@ def _approach(angle: float, strength: float) -> float:
     return (outer * math.cos(angle)) ** 2 - 4 / 3 * strength * outer * math.sin(angle)
 
 
-def _weakest(strength: float) -> float:
-    """The angle of the least load, ½π where the contact vanishes before."""
-    return _lowest(lambda angle: _load(angle, strength))
-
-
-def _last(strength: float) -> float:
-    """The angle of the least approach."""
-    return _lowest(lambda angle: _approach(angle, strength))
-
-
-def _lowest(function: Any) -> float:
+def _lowest(function: Callable[[float, float], float], strength: float) -> float:
+    """The angle at which load or approach is least, ½π where the contact vanishes before."""
     from scipy.optimize import minimize_scalar
 
     angles = np.append(np.geomspace(1e-9, 1.5, _ANGLES), 0.5 * math.pi - np.geomspace(0.07, 1e-12, _ANGLES // 4))
     angles = np.append(angles, 0.5 * math.pi)
-    values = np.array([function(angle) for angle in angles])
+    values = np.array([function(angle, strength) for angle in angles])
     # the first minimum is that of the stable branch
     at = int(np.argmax(np.append(np.diff(values) >= 0, True)))
     low, high = angles[max(at - 1, 0)], angles[min(at + 1, angles.size - 1)]
     if at == angles.size - 1:
         return float(angles[at])
-    found: Any = minimize_scalar(function, bounds=(low, high), method="bounded", options={"xatol": 1e-12 * high})
+    found: Any = minimize_scalar(
+        function, bounds=(low, high), args=(strength,), method="bounded", options={"xatol": 1e-12 * high}
+    )
     return float(found.x)
 
 
-def _solved(function: Any, value: float, last: float) -> float:
-    """The angle below ``last`` at which the falling ``function`` has ``value``."""
+def _solved(function: Callable[[float, float], float], strength: float, value: float, last: float) -> float:
+    """The angle below ``last`` at which the falling load or approach has ``value``."""
     from scipy.optimize import brentq
 
-    if value <= function(last):
+    if value <= function(last, strength):
         return last
     first = last
-    while function(first) < value:
+    while function(first, strength) < value:
         first *= 0.5
-    return float(brentq(lambda angle: function(angle) - value, first, last, xtol=1e-300, rtol=1e-14))  # pyright: ignore[reportArgumentType]
-
-
-def _gathered(pressure: np.ndarray, touching: np.ndarray) -> np.ndarray:
-    """The pressure with that of pixels outside the contact shared by those of their eight neighbours that are in it."""
-    from scipy import ndimage
-
-    around = np.ones((3, 3))
-    count = ndimage.convolve(touching.astype(np.float64), around, mode="constant")
-    moves = ~touching & (count > 0)
-    share = np.where(moves, pressure / np.maximum(count, 1.0), 0.0)
-    gained = ndimage.convolve(share, around, mode="constant")
-    return np.where(moves, 0.0, pressure) + np.where(touching, gained, 0.0)
+    return float(brentq(lambda angle: function(angle, strength) - value, first, last, xtol=1e-300, rtol=1e-14))  # pyright: ignore[reportArgumentType]
 
 
 def _corner_punch(x: np.ndarray, y: np.ndarray) -> np.ndarray:

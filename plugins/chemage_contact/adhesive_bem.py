@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
 
 from chemage import ContactSolution, InputError, Surface
 from chemage.plugin import ConvergenceError, Length, Unit, convert, threads
-from chemage_contact._attraction import Adhesive, Found, Prescribed, minimise
+from chemage_contact._attraction import Adhesive, Iterate
 from chemage_contact._cohesion import CohesiveLaw
 from chemage_contact._operators import FreeHalfSpace, PeriodicHalfSpace, Substrate, Team
 from chemage_contact._solvers import GRID, HalfSpaceSolver
@@ -39,12 +38,8 @@ _REY = """@article{rey2017,
 }"""
 
 
-@dataclass(frozen=True)
-class _Before:
-    """Where an iteration begins: the unknown on the padded grid and the approach, in pixels."""
-
-    x: np.ndarray
-    rise: float
+#: where an iteration begins: the unknown on the padded grid and the approach, in pixels
+_Before = tuple[np.ndarray, float]
 
 
 class AdhesiveBEM(HalfSpaceSolver):
@@ -65,15 +60,15 @@ class AdhesiveBEM(HalfSpaceSolver):
     """
 
     kind = "adhesive-bem"
-    adheres: ClassVar[bool] = True
-    implemented_properties: ClassVar[tuple[str, ...]] = ("pressure", "gap", "displacement")
-    speed_only: ClassVar[tuple[str, ...]] = ("threads",)
-    trade: ClassVar[Mapping[str, tuple[Any, ...]]] = {"tolerance": (1e-2, 1e-3, 1e-4, 1e-6)}
-    cite: ClassVar[tuple[str, ...]] = (
+    adheres = True
+    implemented_properties = ("pressure", "gap", "displacement")
+    speed_only = ("threads",)
+    trade = {"tolerance": (1e-2, 1e-3, 1e-4, 1e-6)}
+    cite = (
         "L. Bugnicourt, P. Sainsot, D. Dureisseix, C. Gauthier, A. A. Lubrecht, Tribol. Lett. 66, 29 (2018)",
         "V. Rey, G. Anciaux, J.-F. Molinari, Comput. Mech. 60, 69 (2017)",
     )
-    bibtex: ClassVar[tuple[str, ...]] = (_BUGNICOURT, _REY)
+    bibtex = (_BUGNICOURT, _REY)
 
     work_of_adhesion: Annotated[float, Unit("J/m**2", ge=0)] = Field(examples=["50 mJ/m^2"])
     """work of adhesion w of the two surfaces, J/m² (the same number in nN/nm)"""
@@ -201,20 +196,21 @@ class AdhesiveBEM(HalfSpaceSolver):
         pixel = (size, size)
         flat = self.is_nominally_flat(surface.periodic)
         body: Substrate = (PeriodicHalfSpace if flat else FreeHalfSpace)(surface.shape, pixel)
-        law = self._law(size)
+        # a stress that falls to zero over its own elastic deformation of a pixel leaves no pixel the choice of two gaps
+        work, reach = self.work_of_adhesion / modulus / size, self.range / size
+        law = CohesiveLaw(self.law == "exponential", work, reach, 0.5 * work / reach)
         if load is not None and not math.isfinite(load / surface.nominal_area / modulus):
             raise InputError.of("load", load, "leaves the range of numbers when spread over the surface")
         if load is not None and "radius" in surface.provenance:
             self._bearable(float(surface.provenance["radius"]), load)
         pressure = None if load is None else load / surface.nominal_area / modulus
-        goal = Prescribed(pressure, None if approach is None else approach / size)
         with Team(self.threads or threads.available()) as team:
-            problem = Adhesive(body, heights, law, goal, team)
-            begin = before or self._begin(surface, problem, load)
-            if goal.approach is not None:
-                begin = _placed(problem, begin, goal.approach)
-            found = minimise(problem, begin.x, begin.rise, self.tolerance, self.max_iterations)
-        if found.apart:
+            problem = Adhesive(body, heights, law, pressure, None if approach is None else approach / size, team)
+            x, rise = before or self._begin(surface, problem, load)
+            if approach is not None:
+                x, rise = problem.placed(x, rise, approach / size)
+            found = problem.minimise(x, rise, self.tolerance, self.max_iterations)
+        if problem.parted(found):
             raise InputError.of(
                 "load",
                 load,
@@ -222,19 +218,15 @@ class AdhesiveBEM(HalfSpaceSolver):
                 f"{self.work_of_adhesion:g} J/m²",
                 "give a load above the pull-off force, which loop() finds, or start = 'contact'",
             )
-        return self._solution(surface, found, load, law, coarse), _Before(found.unknown, found.approach)
-
-    def _law(self, size: float) -> CohesiveLaw:
-        """The attraction in pixels of ``size`` nm and contact moduli; a stress that falls to zero over its own elastic
-        deformation of a pixel leaves no pixel the choice of two gaps."""
-        work, reach = self.work_of_adhesion / self.modulus / size, self.range / size
-        return CohesiveLaw(self.law == "exponential", work, reach, 0.5 * work / reach)
+        nx, ny = surface.shape
+        rise = -float(heights.mean()) - float(found.x[:nx, :ny].mean()) if flat else found.rise
+        return self._solution(surface, problem, found, load, rise, coarse), (found.x, rise)
 
     def _begin(self, surface: Surface, problem: Adhesive, load: float | None) -> _Before:
         x, rise = np.zeros(problem.padded), 0.0
         nx, ny = surface.shape
         if self.start == "contact" and load is not None:
-            return _Before(x, rise)
+            return x, rise
         if load is not None and load > 0:
             plain = self._plain().solve(surface, load)
             assert plain.gap is not None  # asked for
@@ -242,81 +234,57 @@ class AdhesiveBEM(HalfSpaceSolver):
             rise = (plain.displacement or 0.0) / surface.pixel_size
         else:
             x[:nx, :ny] = -problem.h
-        return _Before(x, 0.0 if problem.periodic else rise)
+        return x, 0.0 if problem.periodic else rise
 
     def _solution(
-        self, surface: Surface, found: Found, load: float | None, law: CohesiveLaw, coarse: str
+        self, surface: Surface, problem: Adhesive, found: Iterate, load: float | None, rise: float, coarse: str
     ) -> ContactSolution:
-        size, area = surface.pixel_size, surface.pixel_size**2
-        pressure, gap, touching = found.traction * self.modulus, found.gap * size, found.gap <= 0
+        size, area, law = surface.pixel_size, surface.pixel_size**2, problem.law
+        nx, ny = surface.shape
+        reduced = np.ascontiguousarray(found.x[:nx, :ny])
+        pressure = (np.ascontiguousarray(found.p[:nx, :ny]) + found.mean) * self.modulus
         force = float(pressure.sum()) * area
         borne = float(np.abs(pressure).sum()) * area
+        converged = found.error <= self.tolerance
         notes = [coarse] if coarse else []
-        if not found.converged:
-            message = self._failure(found)
+        if not converged:
+            why, remedy = "no step lowers the energy any more", "accept a larger tolerance"
+            if problem.iterations >= self.max_iterations:
+                why, remedy = "the iteration limit was reached", "raise max_iterations, or accept a larger tolerance"
+            message = (
+                f"adhesive-bem: {why} after {problem.iterations} iterations with a relative stress of "
+                f"{found.error:.3g} out of balance (tolerance {self.tolerance:g}): {remedy}"
+            )
             if self.on_failure == "raise":
-                raise ConvergenceError(message, history=found.history, residual=found.error, tolerance=self.tolerance)
+                raise ConvergenceError(message, history=problem.history, residual=found.error, tolerance=self.tolerance)
             notes.append(message)
         if not self.is_nominally_flat(surface.periodic):
-            notes += _at_edge(found.gap, law)
+            # beyond the outermost pixels nothing acts
+            nearest = min(float(edge.min()) for edge in (reduced[0], reduced[-1], reduced[:, 0], reduced[:, -1]))
+            reach = law.range * -math.log(AT_EDGE) if law.exponential else law.range
+            if nearest <= 0:
+                notes.append("contact at the edge of the grid, beyond which nothing carries load")
+            elif law.work and nearest <= reach:
+                notes.append(
+                    "the surfaces attract each other at the edge of the grid, beyond which nothing acts: use more "
+                    "pixels"
+                )
         return self.solution(
             surface,
             pressure=pressure,
-            touching=touching,
-            gap=gap if self.gap else None,
+            touching=reduced <= 0,
+            gap=reduced * size if self.gap else None,
             load=force if load is None else load,
-            displacement=found.approach * size,
-            converged=found.converged,
+            displacement=rise * size,
+            converged=converged,
             residual=found.error,
-            iterations=found.iterations,
+            iterations=problem.iterations,
             convergence={
                 "tolerance": self.tolerance,
                 "pressure_error": found.error,
                 "force_error": abs(force - load) / borne if load is not None and borne else 0.0,
-                "transforms": found.transforms,
-                "history": found.history,
+                "transforms": problem.transforms,
+                "history": problem.history,
             },
             notes=tuple(notes),
         )
-
-    def _failure(self, found: Found) -> str:
-        if found.iterations >= self.max_iterations:
-            why, remedy = "the iteration limit was reached", "raise max_iterations, or accept a larger tolerance"
-        else:
-            why, remedy = "no step lowers the energy any more", "accept a larger tolerance"
-        return (
-            f"adhesive-bem: {why} after {found.iterations} iterations with a relative stress of {found.error:.3g} out "
-            f"of balance (tolerance {self.tolerance:g}): {remedy}"
-        )
-
-
-def _placed(problem: Adhesive, before: _Before, approach: float) -> _Before:
-    """The surfaces moved to another approach with the elastic body as it is, but not into each other."""
-    nx, ny = problem.shape
-    x = before.x.copy()
-    inside = x[:nx, :ny]
-    if not problem.periodic:
-        np.maximum(inside - (approach - before.rise), 0.0, out=inside)
-        return _Before(x, approach)
-    wanted = -float(problem.h.mean()) - approach
-    if not wanted > 0:
-        raise InputError.of(
-            "displacement", approach, "is one at which the surfaces touch everywhere", "give a smaller approach"
-        )
-    low, high = -wanted - float(inside.max()), float(inside.max())
-    for _ in range(200):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if float(np.maximum(inside - middle, 0.0).mean()) > wanted else (low, middle)
-    np.maximum(inside - 0.5 * (low + high), 0.0, out=inside)
-    return _Before(x, 0.0)
-
-
-def _at_edge(gap: np.ndarray, law: CohesiveLaw) -> list[str]:
-    """A note of contact or attraction on the outermost pixels of a free surface, beyond which nothing acts."""
-    nearest = min(float(edge.min()) for edge in (gap[0], gap[-1], gap[:, 0], gap[:, -1]))
-    if nearest <= 0:
-        return ["contact at the edge of the grid, beyond which nothing carries load"]
-    reach = law.range * -math.log(AT_EDGE) if law.exponential else law.range
-    if not law.work or nearest > reach:
-        return []
-    return ["the surfaces attract each other at the edge of the grid, beyond which nothing acts: use more pixels"]

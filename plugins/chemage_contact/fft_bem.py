@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -82,18 +82,19 @@ class FFTBEM(HalfSpaceSolver):
     """
 
     kind = "fft-bem"
-    implemented_properties: ClassVar[tuple[str, ...]] = ("pressure", "gap", "displacement")
-    speed_only: ClassVar[tuple[str, ...]] = ("threads",)
-    trade: ClassVar[Mapping[str, tuple[Any, ...]]] = {
+    implemented_properties = ("pressure", "gap", "displacement")
+    later = ("hardness", "substrate")
+    speed_only = ("threads",)
+    trade = {
         "precision": ("single", "mixed", "double"),
         "tolerance": (1e-3, 1e-4, 1e-5, 1e-6, 1e-8, 1e-10),
     }
-    cite: ClassVar[tuple[str, ...]] = (
+    cite = (
         "I. A. Polonsky, L. M. Keer, Wear 231, 206 (1999)",
         "L. Bugnicourt, P. Sainsot, D. Dureisseix, C. Gauthier, A. A. Lubrecht, Tribol. Lett. 66, 29 (2018)",
         "E. A. H. Vollebregt, J. Optim. Theory Appl. 162, 931 (2014)",
     )
-    bibtex: ClassVar[tuple[str, ...]] = (_POLONSKY, _BUGNICOURT, _VOLLEBREGT)
+    bibtex = (_POLONSKY, _BUGNICOURT, _VOLLEBREGT)
 
     hardness: Pressure | None = None
     """largest pressure, GPa: the material flows where it is reached, and the load spreads; default: elastic"""
@@ -124,11 +125,6 @@ class FFTBEM(HalfSpaceSolver):
     """Fourier transform library; all but scipy must be installed separately (note their licences)"""
     threads: int | None = Field(default=None, ge=1)
     """threads of one solve; default: all processors available to this process"""
-
-    def identity(self) -> dict[str, Any]:
-        """As for every component; without ``hardness`` and ``substrate`` where they are not given, as before."""
-        later = ("hardness", "substrate")
-        return {name: value for name, value in super().identity().items() if name not in later or value is not None}
 
     @property
     def declared_error(self) -> float | None:  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -281,9 +277,15 @@ class FFTBEM(HalfSpaceSolver):
             return self._untouched(surface, 0.0)
         pressure = load / surface.nominal_area
         quantum = _power_of_two(pressure)
+        # Growing the contact takes longer than shrinking it; where coarse grids are the better start is measured
+        # (``docs/contact.md``).
+        near = start is not None and start.shape == surface.shape and 0.8 * start.load <= load <= 1.05 * start.load
         with Team(self.threads or threads.available()) as team:
             heights, unit = _dimensionless(surface, pressure / self.modulus, team)
-            goal: dict[str, Any] = {"mean": pressure / quantum, "start": _usable(start, surface, load)}
+            goal: dict[str, Any] = {
+                "mean": pressure / quantum,
+                "start": start.pressure if start is not None and near else None,
+            }
             return self._solved(surface, self._body(surface), heights, unit, quantum, load, team, goal)
 
     def sweep(self, surface: Surface, loads: Sequence[float | str]) -> list[ContactSolution]:
@@ -370,7 +372,7 @@ class FFTBEM(HalfSpaceSolver):
             plastic_displacement=None if self.hardness is None else np.zeros_like(pressure),
             load=0.0,
             displacement=approach,
-            convergence=_report(self, None, force_error=0.0, complementarity=0.0, scale=0.0),
+            convergence=self._report(None, force_error=0.0, complementarity=0.0, scale=0.0),
             notes=NO_LOAD if approach == 0 else (),
         )
 
@@ -393,7 +395,7 @@ class FFTBEM(HalfSpaceSolver):
         result = iteration.solve(body, heights, team=team, **goal)
         values = result.pressure
         area = surface.pixel_size**2
-        flow = None if hardness is None else _flow(result, hardness, unit)
+        flow = None if hardness is None else self._flow(result, hardness, unit)
         total, weighted, least = sums(values, result.gap, team)
         complementarity = weighted / total / result.scale if weighted else 0.0
         # The factor is a power of two: nothing is rounded.
@@ -429,8 +431,7 @@ class FFTBEM(HalfSpaceSolver):
             converged=result.converged,
             residual=result.error,
             iterations=result.iterations,
-            convergence=_report(
-                self,
+            convergence=self._report(
                 result,
                 force_error=force_error,
                 complementarity=complementarity,
@@ -438,6 +439,14 @@ class FFTBEM(HalfSpaceSolver):
             ),
             notes=tuple(notes),
         )
+
+    def _flow(self, result: GridSolution, hardness: float, unit: float) -> np.ndarray:
+        """The overlap where the pressure is the hardness, in nm; it is taken from the gap, which is then closed."""
+        values = result.pressure
+        flow = np.where(values >= bounded(hardness, values.dtype.type), np.maximum(-result.gap, 0), 0)
+        result.gap += flow
+        flow *= unit
+        return flow
 
     def _full(self, surface: Surface, result: GridSolution, flow: np.ndarray | None) -> list[str]:
         """Notes of a contact in which every pixel touches."""
@@ -471,6 +480,21 @@ class FFTBEM(HalfSpaceSolver):
         where = "contact at the edge of the grid, beyond which nothing carries load"
         return [f"{where}: {100 * share:.2g} % of the load is on the outermost pixels, as at the edge of a punch"]
 
+    def _report(self, result: GridSolution | None, **errors: float) -> dict[str, Any]:
+        """The errors of the solution and how it was found: plain values."""
+        numbers: dict[str, Any] = {
+            "tolerance": self.tolerance,
+            "precision": self.precision,
+            "rms_gap": result.rms_gap if result else 0.0,
+            "penetration": result.penetration if result else 0.0,
+            "pressure_error": result.pressure_error[0] if result else 0.0,
+            "pressure_error_max": result.pressure_error[1] if result else 0.0,
+            "transforms": result.transforms if result else 0,
+            "history": [[float(rms), float(deepest)] for rms, deepest in result.history] if result else [],
+            "levels": [{"pixels": list(shape), "iterations": n} for shape, n in result.levels] if result else [],
+        }
+        return numbers | errors
+
     def _failure(self, result: GridSolution) -> str:
         larger = "accept a larger tolerance"
         if result.iterations >= self.max_iterations:
@@ -490,31 +514,6 @@ class FFTBEM(HalfSpaceSolver):
         )
 
 
-def _flow(result: GridSolution, hardness: float, unit: float) -> np.ndarray:
-    """The overlap where the pressure is the hardness, in nm; it is taken from the gap, which is then closed."""
-    values = result.pressure
-    flow = np.where(values >= bounded(hardness, values.dtype.type), np.maximum(-result.gap, 0), 0)
-    result.gap += flow
-    flow *= unit
-    return flow
-
-
-def _report(solver: FFTBEM, result: GridSolution | None, **errors: float) -> dict[str, Any]:
-    """The errors of the solution and how it was found: plain values."""
-    numbers: dict[str, Any] = {
-        "tolerance": solver.tolerance,
-        "precision": solver.precision,
-        "rms_gap": result.rms_gap if result else 0.0,
-        "penetration": result.penetration if result else 0.0,
-        "pressure_error": result.pressure_error[0] if result else 0.0,
-        "pressure_error_max": result.pressure_error[1] if result else 0.0,
-        "transforms": result.transforms if result else 0,
-        "history": [[float(rms), float(deepest)] for rms, deepest in result.history] if result else [],
-        "levels": [{"pixels": list(shape), "iterations": n} for shape, n in result.levels] if result else [],
-    }
-    return numbers | errors
-
-
 def _dimensionless(surface: Surface, strain: float, team: Team) -> tuple[Heights, float]:
     """Heights below the highest point in units of their rms value, and that unit in nm.
 
@@ -523,9 +522,8 @@ def _dimensionless(surface: Surface, strain: float, team: Team) -> tuple[Heights
     """
     heights = surface.heights
     nx, ny = heights.shape
-    part = team.table(kernels.extremes, nx, 2, heights)
-    top = float(part[:, 1].max())
-    unit = top - float(part[:, 0].min())
+    top = float(heights.max())
+    unit = top - float(heights.min())
     if unit <= max(8.0 * float(np.finfo(heights.dtype).eps) * abs(top), 1e-290):
         return Heights(heights, top, 0.0), strain * max(nx, ny) * surface.pixel_size
     # Relative to the largest value, so that squares of 1e-200 nm do not underflow.
@@ -537,13 +535,3 @@ def _dimensionless(surface: Surface, strain: float, team: Team) -> tuple[Heights
 def _power_of_two(value: float) -> float:
     """The largest power of two that does not exceed a positive value; at least the smallest normal number."""
     return math.ldexp(1.0, max(math.frexp(value)[1] - 1, -1022))
-
-
-def _usable(start: ContactSolution | None, surface: Surface, load: float) -> np.ndarray | None:
-    """The pressure of a neighbouring solution if it is a better start than coarse grids: same grid, similar load.
-
-    Growing the contact takes longer than shrinking it; the break-even ratios are measured (``docs/contact.md``).
-    """
-    if start is None or start.shape != surface.shape or not 0.8 * start.load <= load <= 1.05 * start.load:
-        return None
-    return start.pressure if start.load > 0 else None

@@ -71,7 +71,7 @@ class Peer(HalfSpaceSolver):
     @property
     def limit(self) -> float | None:
         """Largest pressure, GPa; None: the body is elastic at any pressure."""
-        return None
+        return getattr(self, "hardness", None)
 
     @abstractmethod
     def _answer(self, library: Any, heights: Floats, stiffness: float, ceiling: float, periodic: bool) -> PeerSolution:
@@ -113,21 +113,28 @@ class Peer(HalfSpaceSolver):
             raise InputError(
                 f"contact {self.kind!r} needs two pixels along each side and heights that differ; use contact 'fft-bem'"
             )
-        answer, failed = PeerSolution(np.zeros(surface.shape), 0, True), ""
+        answer = PeerSolution(np.zeros(surface.shape), 0, True)
         measures = {"tolerance": self.tolerance, "rms_gap": 0.0, "penetration": 0.0}
         if load > 0:
             stiffness = self.modulus * unit / (size * nominal)
             ceiling = math.inf if self.limit is None else self.limit / nominal
             answer = self._answer(library, heights / unit, stiffness, ceiling, periodic)
             measures |= _gap_errors(answer.pressure, heights / unit, stiffness, ceiling, periodic)
-            failed = self._failure(answer, measures)
-        if failed:
+        worst = max(measures["rms_gap"], measures["penetration"])
+        said = answer.converged if answer.converged is not None else worst < MARGIN * self.tolerance
+        if not said or not math.isfinite(worst):
             raise ConvergenceError(
-                failed, history=[], residual=max(measures["rms_gap"], measures["penetration"]), tolerance=self.tolerance
+                f"{self.kind}: {self.library} did not reach the tolerance of {self.tolerance:g} in at most "
+                f"{self.max_iterations} iterations (rms gap {measures['rms_gap']:.3g}, penetration "
+                f"{measures['penetration']:.3g}): raise max_iterations, or accept a larger tolerance",
+                history=[],
+                residual=worst,
+                tolerance=self.tolerance,
             )
         pressure = answer.pressure * nominal
         if self.limit is not None:
             np.minimum(pressure, self.limit, out=pressure)
+        version = str(getattr(library, "__version__", "")).partition("+")[0] or "of unknown version"
         force = float(pressure.sum()) * size**2
         if load > 0 and not abs(force / load - 1.0) < 1e-3:
             raise ConvergenceError(f"{self.kind}: the pressure adds up to {force:.6g} nN, the load is {load:.6g} nN")
@@ -135,27 +142,12 @@ class Peer(HalfSpaceSolver):
             surface,
             pressure=pressure,
             load=load,
-            residual=max(measures["rms_gap"], measures["penetration"]),
+            residual=worst,
             iterations=answer.iterations,
             convergence=measures | {"force_error": abs(force / load - 1.0) if load > 0 else 0.0},
             notes=() if load > 0 else NO_LOAD,
-            provenance=self.provenance(surface) | {"library": f"{self.library} {_version(library)}"},
+            provenance=self.provenance(surface) | {"library": f"{self.library} {version}"},
         )
-
-    def _failure(self, answer: PeerSolution, measures: Mapping[str, float]) -> str:
-        worst = max(measures["rms_gap"], measures["penetration"])
-        said = answer.converged if answer.converged is not None else worst < MARGIN * self.tolerance
-        if said and math.isfinite(worst):
-            return ""
-        return (
-            f"{self.kind}: {self.library} did not reach the tolerance of {self.tolerance:g} in at most "
-            f"{self.max_iterations} iterations (rms gap {measures['rms_gap']:.3g}, penetration "
-            f"{measures['penetration']:.3g}): raise max_iterations, or accept a larger tolerance"
-        )
-
-
-def _version(library: Any) -> str:
-    return str(getattr(library, "__version__", "")).partition("+")[0] or "of unknown version"
 
 
 def _gap_errors(
@@ -187,20 +179,13 @@ class Tamaas(Peer):
     kind = "tamaas"
     library = "tamaas"
     module = "tamaas"
-    cite: ClassVar[tuple[str, ...]] = (
-        "L. Frérot, G. Anciaux, V. Rey, S. Pham-Ba, J.-F. Molinari, J. Open Source Softw. 5, 2121 (2020)",
-    )
-    bibtex: ClassVar[tuple[str, ...]] = (_TAMAAS,)
+    cite = ("L. Frérot, G. Anciaux, V. Rey, S. Pham-Ba, J.-F. Molinari, J. Open Source Softw. 5, 2121 (2020)",)
+    bibtex = (_TAMAAS,)
 
     boundary: Literal["auto", "periodic"] = "auto"
     """periodic: repeat also a surface that is not periodic; auto: refuse one"""
     hardness: Annotated[float, Unit("GPa", gt=0)] | None = None
     """largest pressure, GPa; default: the body is elastic at any pressure"""
-
-    @property
-    def limit(self) -> float | None:
-        """See :attr:`Peer.limit`."""
-        return self.hardness
 
     def is_nominally_flat(self, periodic: bool) -> bool:
         """It is: others are refused."""
@@ -257,8 +242,8 @@ class ContactMechanics(Peer):
     kind = "contactmechanics"
     library = "ContactMechanics"
     module = "ContactMechanics"
-    cite: ClassVar[tuple[str, ...]] = ("M. C. Röttger et al., Surf. Topogr.: Metrol. Prop. 10, 035032 (2022)",)
-    bibtex: ClassVar[tuple[str, ...]] = (_ROETTGER,)
+    cite = ("M. C. Röttger et al., Surf. Topogr.: Metrol. Prop. 10, 035032 (2022)",)
+    bibtex = (_ROETTGER,)
 
     boundary: Literal["auto", "periodic", "free"] = "auto"
     """periodic or free (an isolated contact on an infinite half-space); auto: periodic if the surface is"""

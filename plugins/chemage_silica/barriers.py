@@ -46,11 +46,11 @@ class MDSilica(Barriers):
     """
 
     kind = "md-silica"
-    cite: ClassVar[tuple[str, ...]] = (
+    cite = (
         "Z. Li, L. Pastewka, I. Szlufarska, Phys. Rev. E 98, 023001 (2018)",
         "Y. Liu, I. Szlufarska, Phys. Rev. Lett. 109, 186102 (2012)",
     )
-    bibtex: ClassVar[tuple[str, ...]] = ("", _LIU)
+    bibtex = ("", _LIU)
     #: number of members: ``member`` is from 0 to one less
     MEMBERS: ClassVar[int] = _MEMBERS
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 
 import math
 import operator
+from abc import abstractmethod
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import numpy as np
@@ -17,6 +19,7 @@ from chemage import InputError, Surface
 from chemage.plugin import (
     Choice,
     FilePath,
+    FileStamp,
     HeightMap,
     Length,
     Reader,
@@ -28,6 +31,7 @@ from chemage.plugin import (
     file_hash,
     file_stamp,
     memory,
+    reader_for,
 )
 
 #: heights, or numbers of wave vectors
@@ -40,39 +44,34 @@ DIFFERENT = 1e-3
 MOST_PIXELS = 2**43
 
 
-def _count(side: Any) -> int:
-    if isinstance(side, bool):
-        raise TypeError
-    # 2.5e3 is a whole number, too
-    if isinstance(side, float):
-        if not side.is_integer():
-            raise TypeError
-        return int(side)
-    return operator.index(side)
-
-
-def _each(value: Any) -> tuple[Any, ...]:
+def _sides(value: Any, *, give: str = "lengths; give one, or two: [along x, along y]") -> tuple[Any, Any]:
     """Along x and y, from one value or two."""
-    return tuple(value) if isinstance(value, list | tuple | np.ndarray) else (value, value)
+    sides = tuple(value) if isinstance(value, list | tuple | np.ndarray) else (value, value)
+    if len(sides) != 2:
+        raise ValueError(f"{len(sides)} {give}")
+    return sides
 
 
 def _grid(value: Any) -> tuple[int, int]:
+    sides = _sides(value, give="numbers; give one whole number of pixels, or two: [nx, ny]")
+    # 2.5e3 is a whole number, too
+    whole = [int(side) if isinstance(side, float) and side.is_integer() else side for side in sides]
     try:
-        counts = [_count(side) for side in _each(value)]
+        if bool in map(type, sides):
+            raise TypeError
+        nx, ny = map(operator.index, whole)
     except TypeError:
         raise ValueError("give a whole number of pixels, or two: [nx, ny]") from None
-    if len(counts) != 2:
-        raise ValueError(f"{len(counts)} numbers; give one whole number of pixels, or two: [nx, ny]")
-    if min(counts) < 1:
-        raise ValueError(f"a grid of {counts[0]} x {counts[1]} pixels is empty; give at least 1")
-    if counts[0] * counts[1] > MOST_PIXELS:
+    if min(nx, ny) < 1:
+        raise ValueError(f"a grid of {nx} x {ny} pixels is empty; give at least 1")
+    if nx * ny > MOST_PIXELS:
         there = memory.capacity() or 8 * MOST_PIXELS
         side = math.isqrt(int(there / 8))
         raise ValueError(
-            f"a grid of {counts[0]} x {counts[1]} pixels is too large; the {memory.readable(there)} of memory of this "
-            f"machine hold the heights of at most {side} x {side}"
+            f"a grid of {nx} x {ny} pixels is too large; the {memory.readable(there)} of memory of this machine hold "
+            f"the heights of at most {side} x {side}"
         )
-    return counts[0], counts[1]
+    return nx, ny
 
 
 #: (nx, ny), from one number (a square) or two
@@ -109,13 +108,6 @@ def _named_unit(value: Any) -> Any:
     return f"1 {value}" if isinstance(value, str) and value[:1].isalpha() else value
 
 
-def _sides(value: Any) -> tuple[Any, Any]:
-    sides = _each(value)
-    if len(sides) != 2:
-        raise ValueError(f"{len(sides)} lengths; give one, or two: [along x, along y]")
-    return sides[0], sides[1]
-
-
 #: nm per unit of heights, from a number or the name of a unit
 HeightUnit = Annotated[float, Unit("nm", gt=0), BeforeValidator(_named_unit)]
 #: edges of a pixel along x and y, nm, from one length (a square) or two
@@ -132,6 +124,27 @@ class ImageMaker(SurfaceMaker):
     reader: Choice[Reader] | None = None
     """kind of the reader, or a table with its ``kind`` and options, such as the channel; None: selected by the ending
     of the file"""
+
+    @abstractmethod
+    def from_file(self, reader: Reader, stamp: FileStamp) -> Surface | str:
+        """The surface in the file, or why it needs a step that was not asked for."""
+
+    def make(self, seed: Seed = 0) -> Surface:
+        """The surface, made once as long as the file does not change. ``seed`` is ignored.
+
+        Raises
+        ------
+        StoreError
+            The file is missing, truncated or not in the format of the reader, or no reader accepts its ending.
+        InputError
+            Several readers accept the ending, heights are not finite, units or the pixel size are not stated, a step is
+            needed that was not asked for, or an option does not fit the image.
+        """
+        reader: Any = self.reader or reader_for(self.path)
+        made = _made(self, reader, file_stamp(self.path))
+        if isinstance(made, str):
+            raise InputError(made)
+        return made
 
     def content(self) -> dict[str, str]:
         """A hash of the content of the file, so that an edited file is another surface.
@@ -155,6 +168,12 @@ class ImageMaker(SurfaceMaker):
     def scatter(self, contact: Mapping[str, float]) -> Scatter:
         """None: the seed is ignored."""
         return Scatter(0.0)
+
+
+@lru_cache(maxsize=2)
+def _made(maker: ImageMaker, reader: Reader, stamp: FileStamp) -> Surface | str:
+    """Those that were made last are kept: for the estimate of a scene, and for every contact of a sweep."""
+    return maker.from_file(reader, stamp)
 
 
 def stated(

@@ -67,14 +67,13 @@ def roughness(
     detrend = detrend or ("mean" if periodic else "plane")
     given = locals()
     from chemage_surfaces.images import Measured
-    from chemage_surfaces.measures import measure
-    from chemage_surfaces.roughness_fit import section
+    from chemage_surfaces.measures import Measures
 
     # options of the surface have its names
     options = {name: given[name] for name in Measured.model_fields if given.get(name) is not None}
     makers = [Measured(path=str(path), **options) for path in paths]
     images = [maker.image() for maker in makers]
-    measures = [measure(image.heights, image.sides) for image in images]
+    measures = [Measures.of(image.heights, image.sides) for image in images]
     for path, image, found in zip(paths, images, measures, strict=True):
         if len(paths) > 1:
             typer.echo(f"{path}:")
@@ -98,7 +97,7 @@ def roughness(
     if fit.fault:
         typer.echo(f"no section [surface]: {fit.fault}")
     else:
-        typer.echo(section(fit.maker(pixel_size=spacing, cutoff=cutoff)))
+        typer.echo(fit.section(spacing, cutoff))
 
 
 def _fitted(

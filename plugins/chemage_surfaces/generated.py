@@ -10,8 +10,8 @@ Source: Z. Li, L. Pastewka, I. Szlufarska, Phys. Rev. E 98, 023001 (2018), Eq. 1
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from typing import Annotated, ClassVar, Self
+from collections.abc import Mapping
+from typing import Annotated, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,11 +51,11 @@ class SelfAffine(SurfaceMaker):
     """
 
     kind = "self-affine"
-    cite: ClassVar[tuple[str, ...]] = (
+    cite = (
         "Z. Li, L. Pastewka, I. Szlufarska, Phys. Rev. E 98, 023001 (2018)",
         "T. D. B. Jacobs, T. Junge, L. Pastewka, Surf. Topogr.: Metrol. Prop. 5, 013001 (2017)",
     )
-    bibtex: ClassVar[tuple[str, ...]] = ("", JACOBS)
+    bibtex = ("", JACOBS)
 
     pixels: Pixels
     """grid: one number for a square, or [nx, ny]"""
@@ -112,7 +112,7 @@ class SelfAffine(SurfaceMaker):
         """
         nx, ny = self.pixels
         longest = max(nx, ny) * self.pixel_size
-        ratio = 2 * np.pi / longest * np.sqrt(_moment(self, 3.0) / _moment(self, 1.0))
+        ratio = 2 * np.pi / longest * np.sqrt(self._moment(3.0) / self._moment(1.0))
         slope = self.rms_slope if self.rms_slope is not None else (self.rms_height or 0.0) * ratio
         height = self.rms_height if self.rms_height is not None else slope / ratio
         return Roughness(
@@ -183,9 +183,21 @@ class SelfAffine(SurfaceMaker):
         5 to 20 % off on five others.
         """
         nx, ny = self.pixels
-        curvature = math.sqrt(_moment(self, 5.0) / _moment(self, 3.0)) * 2 * math.pi / (max(nx, ny) * self.pixel_size)
+        curvature = math.sqrt(self._moment(5.0) / self._moment(3.0)) * 2 * math.pi / (max(nx, ny) * self.pixel_size)
         area = area if area > 0 else 0.01
         return 2.79 * curvature * area**-0.083 * (self.zeta / self.eta) ** -0.172 * math.exp(-0.703 * self.hurst)
+
+    def _moment(self, power: float) -> float:
+        """∫ q^power C(q) dq between the cut-offs, q in units of q_L and C = 1 on the plateau."""
+        plateau = (self.eta ** (power + 1) - 1) / (power + 1)
+        decay = power - 2 - 2 * self.hurst
+        if abs(decay + 1) < 1e-9:
+            tail = np.log(self.zeta / self.eta)
+        else:
+            tail = (self.zeta ** (decay + 1) - self.eta ** (decay + 1)) / (decay + 1)
+        moment = plateau + self.eta ** (2 + 2 * self.hurst) * tail
+        # a spectrum of one wavenumber
+        return float(moment) if moment > 0 else 1.0
 
     def make(self, seed: Seed = 0) -> Surface:
         """Make the surface of ``seed``: heights (nx, ny) float64 nm with zero mean, reproducible to the last bit.
@@ -199,10 +211,7 @@ class SelfAffine(SurfaceMaker):
         nx, ny = self.pixels
         longest = max(nx, ny)
 
-        def amplitude(q: Floats) -> Floats:
-            return np.sqrt(spectral_density(q, hurst=self.hurst, q_roll=self.eta, q_long=1.0, q_short=self.zeta))
-
-        half = _half_spectrum(nx, ny, self.zeta, seed, amplitude)
+        half = half_spectrum(self.pixels, seed, hurst=self.hurst, roll=self.eta, long=1.0, short=self.zeta)
         power = half.real**2 + half.imag**2
         power *= roughness.multiplicity(ny)[: half.shape[1]]
         if self.rms_slope is not None:
@@ -229,72 +238,20 @@ def heights_of(half: NDArray[np.complex128], ny: int) -> Floats:
     return np.ascontiguousarray(heights)
 
 
-def _moment(maker: SelfAffine, power: float) -> float:
-    """∫ q^power C(q) dq between the cut-offs, q in units of q_L and C = 1 on the plateau."""
-    plateau = (maker.eta ** (power + 1) - 1) / (power + 1)
-    decay = power - 2 - 2 * maker.hurst
-    if abs(decay + 1) < 1e-9:
-        tail = np.log(maker.zeta / maker.eta)
-    else:
-        tail = (maker.zeta ** (decay + 1) - maker.eta ** (decay + 1)) / (decay + 1)
-    moment = plateau + maker.eta ** (2 + 2 * maker.hurst) * tail
-    # a spectrum of one wavenumber
-    return float(moment) if moment > 0 else 1.0
-
-
-def spectral_density(q: Floats, *, hurst: float, q_roll: float, q_long: float, q_short: float) -> Floats:
-    """Shape of the power spectral density, Eq. 1 of the paper, normalised to 1 on the plateau.
-
-    ``q`` (any shape) and the cut-offs have the same unit, 1/nm or 2π/λ_L. The density is constant for
-    ``q_long <= q < q_roll``, falls as ``(q/q_roll)**(-2-2*hurst)`` for ``q_roll <= q <= q_short``, and is zero
-    elsewhere. The cut-offs are inclusive to within rounding (1e-9).
-    """
-    slack = 1e-9
-    density = (np.maximum(q, q_roll) / q_roll) ** (-2.0 - 2.0 * hurst)
-    density[(q < q_long * (1.0 - slack)) | (q > q_short * (1.0 + slack))] = 0.0
-    return density
-
-
-def continuation(
-    shape: tuple[int, int],
-    pixel_size: float,
-    *,
-    hurst: float,
-    density: float,
-    join: float,
-    cutoff: float,
-    seed: Seed,
+def half_spectrum(
+    shape: tuple[int, int], seed: Seed, *, hurst: float, roll: float, long: float, short: float, scale: float = 1.0
 ) -> NDArray[np.complex128]:
-    """Half spectrum of random heights with C(q) = density·(q/join)**(-2-2·hurst) for join <= q <= cutoff, else 0.
+    """Complex white noise of mean square 2 times ``scale`` and the root of a density, with Hermitian symmetry: rows in
+    FFT order, columns 0 … top along y.
 
-    ``density`` is in nm⁴, ``join`` and ``cutoff`` in 1/nm, C(q) as in :func:`chemage.plugin.roughness.psd`. Rows are in
-    FFT order, columns 0 … top along y; an inverse transform of length ny along y gives heights in nm. Amplitudes are
-    those of a Gaussian surface, not scaled to meet a roughness, so that the spectrum has its natural scatter.
+    The density is that of Eq. 1 of the paper, 1 on the plateau: constant for ``long <= q < roll``, ``(q/roll)**(-2 -
+    2·hurst)`` for ``roll <= q <= short``, and zero elsewhere; q and these cut-offs, which are inclusive to within
+    rounding (1e-9), are in units of 2π over the longer side.
     """
     nx, ny = shape
-    longest = 2.0 * math.pi / (max(nx, ny) * pixel_size)
-    # noise has a mean square of 2
-    scale = math.sqrt(0.5 * density * nx * ny) / pixel_size
-
-    def amplitude(q: Floats) -> Floats:
-        power = spectral_density(q, hurst=hurst, q_roll=join / longest, q_long=join / longest, q_short=cutoff / longest)
-        return scale * np.sqrt(power)
-
-    return _half_spectrum(nx, ny, cutoff / longest, seed, amplitude)
-
-
-def _half_spectrum(
-    nx: int,
-    ny: int,
-    zeta: float,
-    seed: Seed,
-    amplitude: Callable[[Floats], Floats],
-) -> NDArray[np.complex128]:
-    """Complex white noise of mean square 2 times ``amplitude`` of q/q_L, with Hermitian symmetry, up to ``zeta``: rows
-    in FFT order, columns 0 … top along y."""
     longest = max(nx, ny)
-    top_x = min(math.floor(zeta * nx / longest * (1.0 + 1e-12)), nx // 2)
-    top_y = min(math.floor(zeta * ny / longest * (1.0 + 1e-12)), ny // 2)
+    top_x = min(math.floor(short * nx / longest * (1.0 + 1e-12)), nx // 2)
+    top_y = min(math.floor(short * ny / longest * (1.0 + 1e-12)), ny // 2)
     rng = np.random.Generator(np.random.Philox(stream(seed)))
     # noise[i, j] has kx = i - top_x, ky = j
     noise = np.zeros((2 * top_x + 1, top_y + 1), dtype=np.complex128)
@@ -310,18 +267,17 @@ def _half_spectrum(
             noise[top_x - kx : top_x + kx + 1, s] = draw[middle - kx : middle + kx + 1]
     kx_all = np.arange(-top_x, top_x + 1)
     q = np.hypot(kx_all[:, None] * (longest / nx), np.arange(top_y + 1) * (longest / ny))
-    noise *= amplitude(q)
+    slack = 1e-9
+    density = (np.maximum(q, roll) / roll) ** (-2.0 - 2.0 * hurst)
+    density[(q < long * (1.0 - slack)) | (q > short * (1.0 + slack))] = 0.0
+    noise *= scale * np.sqrt(density)
     half = np.zeros((nx, top_y + 1), dtype=np.complex128)
     half[kx_all % nx] = noise  # for even nx and top_x = nx/2 the first and the last share a row, which keeps the last
-    for column in (0, ny // 2) if ny % 2 == 0 and top_y == ny // 2 and ny > 1 else (0,):
-        _make_hermitian(half[:, column])
+    # columns that are their own conjugate mirror images, from their positive halves; real entries keep their variance
+    for j in (0, ny // 2) if ny % 2 == 0 and top_y == ny // 2 and ny > 1 else (0,):
+        column = half[:, j]
+        positive = column[1 : (nx + 1) // 2]
+        column[nx - positive.size :] = positive[::-1].conj()
+        for i in (0, nx // 2) if nx % 2 == 0 else (0,):
+            column[i] = math.sqrt(2.0) * column[i].real
     return half
-
-
-def _make_hermitian(column: NDArray[np.complex128]) -> None:
-    """Make a column its own conjugate mirror image from its positive half; real entries keep their variance."""
-    n = column.size
-    positive = column[1 : (n + 1) // 2]
-    column[n - positive.size :] = positive[::-1].conj()
-    for i in (0, n // 2) if n % 2 == 0 else (0,):
-        column[i] = math.sqrt(2.0) * column[i].real

@@ -6,14 +6,13 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import model_validator
 
 from chemage import InputError, Surface
-from chemage.plugin import FileStamp, Length, Reader, Seed, Unit, file_hash, file_stamp, memory, reader_for
+from chemage.plugin import FileStamp, Length, Reader, Unit, file_hash, memory, reader_for
 from chemage_surfaces._maps import (
     SQUARE,
     Floats,
@@ -26,7 +25,6 @@ from chemage_surfaces._maps import (
     stated,
     surface_of,
 )
-from chemage_surfaces.readers import Unitless
 from chemage_surfaces.steps import (
     cropped,
     filled,
@@ -34,7 +32,6 @@ from chemage_surfaces.steps import (
     find_spikes,
     hann,
     line_offsets,
-    mirrored,
     resampled,
     trend,
 )
@@ -59,54 +56,33 @@ class FromFile(ImageMaker):
     periodic: bool | None = None
     """whether the map is periodic; None: as the file states, else not"""
 
-    def make(self, seed: Seed = 0) -> Surface:
-        """The surface in the file, which is read once as long as it does not change. ``seed`` is ignored.
-
-        Raises
-        ------
-        StoreError
-            The file is missing, truncated or not in the format of the reader, or no reader accepts its ending.
-        InputError
-            Several readers accept the ending, the pixel size is unknown, or heights are not finite.
-        """
-        reader = self.reader or reader_for(self.path)
-        return _read(self, reader, file_stamp(self.path))  # pyright: ignore[reportArgumentType]
-
-
-@lru_cache(maxsize=1)
-def _read(maker: FromFile, reader: Reader, stamp: FileStamp) -> Surface:
-    """The surface that was read last is kept: for the estimate of a scene, and for every contact of a sweep."""
-    content = file_hash(maker.path, stamp)
-    image = reader.height_map(maker.path)
-    sides = image.pixel_size
-    if maker.pixel_size is not None:
-        sides = (maker.pixel_size, maker.pixel_size)
-        same_pixels(image, sides)
-    unit = maker.height_unit or image.height_unit or (1.0 if isinstance(reader, Unitless) else None)
-    surface = surface_of(replace(image, height_unit=unit, pixel_size=sides))
-    heights = surface.heights
-    if maker.detrend != "none":
-        with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused below
-            heights = _without_trend(heights, plane=maker.detrend == "plane")
-    return Surface(
-        heights=heights,
-        pixel_size=surface.pixel_size,
-        periodic=surface.periodic if maker.periodic is None else maker.periodic,
-        provenance={**provenance(maker), "reader": reader.kind, "file_blake2b": content},
-    )
-
-
-def _without_trend(heights: np.ndarray, *, plane: bool) -> np.ndarray:
-    """Subtract the mean of the heights, or their least-squares plane."""
-    result = heights - heights.mean(dtype=np.float64)
-    if plane:
-        # on a full grid the two tilts and the mean are orthogonal, so that each is a separate projection
-        for axis, count in enumerate(heights.shape):
-            x = np.arange(count) - 0.5 * (count - 1)
-            if count > 1:
-                tilt = (x @ result.mean(axis=1 - axis)) / (x @ x)
-                result -= (tilt * x)[:, None] if axis == 0 else (tilt * x)[None, :]
-    return result.astype(heights.dtype, copy=False)
+    def from_file(self, reader: Reader, stamp: FileStamp) -> Surface:
+        """See :meth:`ImageMaker.from_file`."""
+        content = file_hash(self.path, stamp)
+        image = reader.height_map(self.path)
+        sides = image.pixel_size
+        if self.pixel_size is not None:
+            sides = (self.pixel_size, self.pixel_size)
+            same_pixels(image, sides)
+        unit = self.height_unit or image.height_unit or getattr(reader, "default_unit", None)
+        surface = surface_of(replace(image, height_unit=unit, pixel_size=sides))
+        heights = surface.heights
+        if self.detrend != "none":
+            with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused below
+                centred = heights - heights.mean(dtype=np.float64)
+                # on a full grid the two tilts and the mean are orthogonal, so that each is a separate projection
+                for axis, count in enumerate(heights.shape if self.detrend == "plane" else ()):
+                    x = np.arange(count) - 0.5 * (count - 1)
+                    if count > 1:
+                        tilt = (x @ centred.mean(axis=1 - axis)) / (x @ x)
+                        centred -= (tilt * x)[:, None] if axis == 0 else (tilt * x)[None, :]
+                heights = centred.astype(heights.dtype, copy=False)
+        return Surface(
+            heights=heights,
+            pixel_size=surface.pixel_size,
+            periodic=surface.periodic if self.periodic is None else self.periodic,
+            provenance={**provenance(self), "reader": reader.kind, "file_blake2b": content},
+        )
 
 
 #: an image is a grid of at least this many pixels along each side
@@ -174,30 +150,24 @@ class Measured(ImageMaker):
             )
         return self
 
-    def make(self, seed: Seed = 0) -> Surface:
-        """The surface, made once as long as the file does not change. ``seed`` is ignored.
-
-        Raises
-        ------
-        StoreError
-            The file is missing, truncated or not in the format of the reader, or no reader accepts its ending.
-        InputError
-            The image needs a step that was not asked for, or units that are not stated; or an option does not fit it.
-        """
-        surface, fault = _made(self, *self._opened())  # pyright: ignore[reportArgumentType]
-        if surface is None:
-            raise InputError(fault)
-        return surface
+    def from_file(self, reader: Reader, stamp: FileStamp) -> Surface | str:
+        """See :meth:`ImageMaker.from_file`."""
+        image = self._prepared(reader)
+        if image.faults:
+            return image.faults[0]
+        image.heights.setflags(write=False)
+        made = {"reader": reader.kind, "file_blake2b": file_hash(self.path, stamp), "steps": image.steps}
+        return image.surface(**provenance(self), **made)
 
     def image(self) -> Image:
         """The image after all steps that it allows: also where heights are missing, spikes are left or pixels are not
         square, so that it makes no surface. Errors as of :meth:`make`, but for these."""
-        return _prepared(self, *self._opened())
+        return self._prepared(self.reader or reader_for(self.path))
 
     def retrace(self) -> Surface | None:
         """The image of the other direction of the scan lines after the same steps; None where the file has none that
         makes a surface. Its difference is the noise."""
-        find = getattr(self._opened()[0], "retrace", None)
+        find = getattr(self.reader or reader_for(self.path), "retrace", None)
         other = None if find is None else find(self.path)
         if other is None:
             return None
@@ -206,9 +176,148 @@ class Measured(ImageMaker):
             return None
         return image.surface(channel=image.steps[0].get("channel", ""))
 
-    def _opened(self) -> tuple[Reader, FileStamp]:
-        reader: Any = self.reader or reader_for(self.path)
-        return reader, file_stamp(self.path)
+    def _prepared(self, reader: Reader) -> Image:
+        read = reader.height_map(self.path)
+        if self.pixel_size is not None:
+            same_pixels(read, self.pixel_size)
+        unit, sides = stated(read, self.height_unit or read.height_unit, self.pixel_size or read.pixel_size)
+        memory.require(12 * 8.0 * read.heights.size, read.source, "crop the file in the program that wrote it")
+        periodic = read.periodic if self.periodic is None else self.periodic
+        image = Image(in_nm(read.heights.astype(np.float64), unit), sides, periodic, read.source, [])
+        image.did("read", reader=reader.kind, height_unit_nm=unit, pixel_size_nm=list(sides), **read.notes)
+        image.heights[~np.isfinite(image.heights)] = np.nan
+        what = image.source
+        if self.crop is not None:
+            what = f"crop = {list(self.crop)}"
+            try:
+                image.heights, taken = cropped(image.heights, sides, self.crop)
+            except ValueError as error:
+                raise InputError(f"{what}: {error}") from None
+            image.periodic = periodic and image.heights.shape == read.heights.shape
+            image.did("crop", first_pixel=taken[:2], pixels=taken[2:])
+        nx, ny = image.heights.shape
+        if min(nx, ny) < FEWEST:
+            image.faults.append(
+                f"{what}: {nx} x {ny} pixels are no image; give an image of at least {FEWEST} x {FEWEST} pixels"
+            )
+            return image
+        self._align(image)
+        self._complete(image)
+        if self.detrend != "none":
+            if image.periodic and self.detrend != "mean":
+                raise InputError(
+                    f"detrend = {self.detrend!r}: {image.source} is periodic, and without this trend its edges would "
+                    'not fit; give "mean" or "none", or periodic = false'
+                )
+            subtracted = trend(image.heights, _DEGREES[self.detrend])
+            image.heights = image.heights - subtracted
+            image.did("detrend", trend=self.detrend, range_nm=float(np.ptp(subtracted)))
+        self._square(image)
+        if self.window != "none" and image.periodic:
+            raise InputError(f"window = {self.window!r}: {image.source} is periodic already; leave it out")
+        if image.faults:
+            return image
+        if self.window != "none":
+            if self.window == "hann":
+                image.heights = hann(image.heights)
+            else:  # mirror images beyond two edges: (2 nx, 2 ny), periodic without a step
+                nx, ny = image.heights.shape
+                image.heights = np.pad(image.heights, ((0, nx), (0, ny)), mode="symmetric")
+            image.periodic = True
+            image.did("window", window=self.window)
+        surface = image.surface()
+        slope = surface.rms_slope
+        if slope and not SLOPES[0] <= slope <= SLOPES[1]:
+            image.faults.append(
+                f"{image.source}: an rms slope of {slope:.3g} (heights of {surface.rms_height:.3g} nm rms on pixels of "
+                f"{image.sides[0]:.3g} nm) is not that of a surface; one of the units is wrong: give height_unit and "
+                "pixel_size"
+            )
+        return image
+
+    def _align(self, image: Image) -> None:
+        """Align scan lines and remove scars, as far as this was asked for."""
+        if self.lines != "none":
+            if image.periodic:
+                raise InputError(
+                    f"lines = {self.lines!r}: {image.source} is periodic, and aligned lines would not fit at its "
+                    "edges; leave it out, or give periodic = false"
+                )
+            offsets = line_offsets(image.heights, {"constant": 0, "linear": 1, "quadratic": 2}.get(self.lines))
+            image.heights = image.heights - offsets
+            image.did("lines", lines=self.lines, rms_nm=float(offsets.std()))
+        if self.scars == "interpolate":
+            scars = find_scars(image.heights)
+            image.heights = np.where(scars, np.nan, image.heights)
+            image.did("scars", pixels=int(scars.sum()))
+
+    def _complete(self, image: Image) -> None:
+        """Interpolate spikes and gaps; those that are to be refused stay, with a fault."""
+        count = image.heights.size
+        scars = sum(step["pixels"] for step in image.steps if step["step"] == "scars")
+        gaps = ~np.isfinite(image.heights)
+        # scars were asked for
+        missing = int(gaps.sum()) - scars
+        left = missing > {"refuse": 0, "few": FEW_MISSING * count}.get(self.missing, math.inf)
+        if missing + scars > MOST_MISSING * count:
+            left = True
+            image.faults.append(
+                f"{image.source}: {missing + scars} of {count} heights are missing, which is too many to interpolate; "
+                "crop the image to a part that was measured"
+            )
+        elif left:
+            first = tuple(np.argwhere(gaps)[0].tolist())
+            image.faults.append(
+                f"{image.source}: {missing} of {count} heights are missing, the first at pixel {first}; "
+                'give missing = "interpolate", or crop the image'
+            )
+        elif missing > 0 and self.missing == "few":
+            image.warn_of_repair(missing, "missing", "heights are missing")
+        if self.spikes != "keep" and not gaps.all():
+            spikes = find_spikes(image.heights, self.spike_threshold, image.periodic)
+            found = int(spikes.sum())
+            if found > {"refuse": 0, "few": FEW_SPIKES * count}.get(self.spikes, math.inf):
+                first = tuple(np.argwhere(spikes)[0].tolist())
+                image.faults.append(
+                    f"{image.source}: {found} of {count} pixels are spikes, the first at pixel {first}, "
+                    f"more than {self.spike_threshold:g} robust standard deviations from the median around it; give "
+                    'spikes = "interpolate" to replace them, or spikes = "keep" if they are part of the surface'
+                )
+            elif found:
+                if self.spikes == "few":
+                    image.warn_of_repair(found, "spikes", "pixels are spikes")
+                image.heights = np.where(spikes, np.nan, image.heights)
+                image.did("spikes", replaced=found)
+        if left:
+            return
+        if missing > 0:
+            image.did("missing", interpolated=missing)
+        try:
+            image.heights = filled(image.heights, image.periodic)
+        except ValueError as error:
+            raise InputError(f"{image.source}: {error}") from None
+
+    def _square(self, image: Image) -> None:
+        """Make pixels square, or leave them with a fault."""
+        dx, dy = image.sides
+        side = self.resample
+        if side is None:
+            if abs(dx - dy) > SQUARE * dx:
+                image.faults.append(
+                    f"{image.source}: pixels of {dx:.6g} x {dy:.6g} nm are not square; give resample = "
+                    f'"{min(dx, dy):.6g} nm", or pixel_size if these lengths are wrong'
+                )
+            return
+        if image.faults:
+            return
+        pixels = image.heights.shape[0] * dx * image.heights.shape[1] * dy / side**2
+        memory.require(8 * 8.0 * pixels, f"resample = {side:g} nm", "give larger pixels")
+        try:
+            image.heights = resampled(image.heights, image.sides, side, image.periodic)
+        except ValueError as error:
+            raise InputError(f"resample = {side:g} nm: {error}") from None
+        image.sides = (side, side)
+        image.did("resample", pixel_size_nm=side, pixels=list(image.heights.shape))
 
 
 @dataclass(eq=False)
@@ -235,172 +344,11 @@ class Image:
         """Record a step."""
         self.steps.append({"step": step, **numbers})
 
-
-@lru_cache(maxsize=2)
-def _made(maker: Measured, reader: Reader, stamp: FileStamp) -> tuple[Surface | None, str]:
-    """The surface, or None and the reason. Those that were made last are kept: for the estimate of a scene, and for
-    every contact of a sweep."""
-    image = _prepared(maker, reader, stamp)
-    if image.faults:
-        return None, image.faults[0]
-    image.heights.setflags(write=False)
-    made = {"reader": reader.kind, "file_blake2b": file_hash(maker.path, stamp), "steps": image.steps}
-    return image.surface(**provenance(maker), **made), ""
-
-
-def _prepared(maker: Measured, reader: Reader, stamp: FileStamp) -> Image:
-    read = reader.height_map(maker.path)
-    if maker.pixel_size is not None:
-        same_pixels(read, maker.pixel_size)
-    unit, sides = stated(read, maker.height_unit or read.height_unit, maker.pixel_size or read.pixel_size)
-    memory.require(12 * 8.0 * read.heights.size, read.source, "crop the file in the program that wrote it")
-    periodic = read.periodic if maker.periodic is None else maker.periodic
-    image = Image(in_nm(read.heights.astype(np.float64), unit), sides, periodic, read.source, [])
-    image.did("read", reader=reader.kind, height_unit_nm=unit, pixel_size_nm=list(sides), **read.notes)
-    image.heights[~np.isfinite(image.heights)] = np.nan
-    what = image.source
-    if maker.crop is not None:
-        what = f"crop = {list(maker.crop)}"
-        try:
-            image.heights, taken = cropped(image.heights, sides, maker.crop)
-        except ValueError as error:
-            raise InputError(f"{what}: {error}") from None
-        image.periodic = periodic and image.heights.shape == read.heights.shape
-        image.did("crop", first_pixel=taken[:2], pixels=taken[2:])
-    nx, ny = image.heights.shape
-    if min(nx, ny) < FEWEST:
-        image.faults.append(
-            f"{what}: {nx} x {ny} pixels are no image; give an image of at least {FEWEST} x {FEWEST} pixels"
+    def warn_of_repair(self, count: int, option: str, what: str) -> None:
+        """Warn that ``count`` heights were interpolated that the user may not know of."""
+        warnings.warn(
+            f"{self.source}: {count} of {self.heights.size} {what}, and interpolated; "
+            f'{option} = "interpolate" says that this is meant',
+            UserWarning,
+            stacklevel=2,
         )
-        return image
-    _align(maker, image)
-    _complete(maker, image)
-    if maker.detrend != "none":
-        if image.periodic and maker.detrend != "mean":
-            raise InputError(
-                f"detrend = {maker.detrend!r}: {image.source} is periodic, and without this trend its edges would not "
-                'fit; give "mean" or "none", or periodic = false'
-            )
-        subtracted = trend(image.heights, _DEGREES[maker.detrend])
-        image.heights = image.heights - subtracted
-        image.did("detrend", trend=maker.detrend, range_nm=float(np.ptp(subtracted)))
-    _square(maker, image)
-    if maker.window != "none" and image.periodic:
-        raise InputError(f"window = {maker.window!r}: {image.source} is periodic already; leave it out")
-    if image.faults:
-        return image
-    if maker.window != "none":
-        image.heights = hann(image.heights) if maker.window == "hann" else mirrored(image.heights)
-        image.periodic = True
-        image.did("window", window=maker.window)
-    surface = image.surface()
-    slope = surface.rms_slope
-    if slope and not SLOPES[0] <= slope <= SLOPES[1]:
-        image.faults.append(
-            f"{image.source}: an rms slope of {slope:.3g} (heights of {surface.rms_height:.3g} nm rms on pixels of "
-            f"{image.sides[0]:.3g} nm) is not that of a surface; one of the units is wrong: give height_unit and "
-            "pixel_size"
-        )
-    return image
-
-
-def _align(maker: Measured, image: Image) -> None:
-    """Align scan lines and remove scars, as far as this was asked for."""
-    if maker.lines != "none":
-        if image.periodic:
-            raise InputError(
-                f"lines = {maker.lines!r}: {image.source} is periodic, and aligned lines would not fit at its edges; "
-                "leave it out, or give periodic = false"
-            )
-        offsets = line_offsets(image.heights, {"constant": 0, "linear": 1, "quadratic": 2}.get(maker.lines))
-        image.heights = image.heights - offsets
-        image.did("lines", lines=maker.lines, rms_nm=float(offsets.std()))
-    if maker.scars == "interpolate":
-        scars = find_scars(image.heights)
-        image.heights = np.where(scars, np.nan, image.heights)
-        image.did("scars", pixels=int(scars.sum()))
-
-
-def _complete(maker: Measured, image: Image) -> None:
-    """Interpolate spikes and gaps; those that are to be refused stay, with a fault."""
-    count = image.heights.size
-    scars = sum(step["pixels"] for step in image.steps if step["step"] == "scars")
-    gaps = ~np.isfinite(image.heights)
-    # scars were asked for
-    missing = int(gaps.sum()) - scars
-    left = missing > 0 and _refused(maker.missing, missing, FEW_MISSING * count)
-    if missing + scars > MOST_MISSING * count:
-        left = True
-        image.faults.append(
-            f"{image.source}: {missing + scars} of {count} heights are missing, which is too many to interpolate; "
-            "crop the image to a part that was measured"
-        )
-    elif left:
-        image.faults.append(
-            f"{image.source}: {missing} of {count} heights are missing, the first at pixel {_first(gaps)}; "
-            'give missing = "interpolate", or crop the image'
-        )
-    elif missing > 0 and maker.missing == "few":
-        _say_repaired(image, missing, "missing", "heights are missing")
-    if maker.spikes != "keep" and not gaps.all():
-        spikes = find_spikes(image.heights, maker.spike_threshold, image.periodic)
-        found = int(spikes.sum())
-        if _refused(maker.spikes, found, FEW_SPIKES * count):
-            image.faults.append(
-                f"{image.source}: {found} of {count} pixels are spikes, the first at pixel {_first(spikes)}, "
-                f"more than {maker.spike_threshold:g} robust standard deviations from the median around it; give "
-                'spikes = "interpolate" to replace them, or spikes = "keep" if they are part of the surface'
-            )
-        elif found:
-            if maker.spikes == "few":
-                _say_repaired(image, found, "spikes", "pixels are spikes")
-            image.heights = np.where(spikes, np.nan, image.heights)
-            image.did("spikes", replaced=found)
-    if left:
-        return
-    if missing > 0:
-        image.did("missing", interpolated=missing)
-    try:
-        image.heights = filled(image.heights, image.periodic)
-    except ValueError as error:
-        raise InputError(f"{image.source}: {error}") from None
-
-
-def _refused(action: str, count: int, few: float) -> bool:
-    return count > {"refuse": 0, "few": few}.get(action, math.inf)
-
-
-def _first(where: np.ndarray) -> tuple[int, ...]:
-    return tuple(np.argwhere(where)[0].tolist())
-
-
-def _say_repaired(image: Image, count: int, option: str, what: str) -> None:
-    warnings.warn(
-        f"{image.source}: {count} of {image.heights.size} {what}, and interpolated; "
-        f'{option} = "interpolate" says that this is meant',
-        UserWarning,
-        stacklevel=2,
-    )
-
-
-def _square(maker: Measured, image: Image) -> None:
-    """Make pixels square, or leave them with a fault."""
-    dx, dy = image.sides
-    side = maker.resample
-    if side is None:
-        if abs(dx - dy) > SQUARE * dx:
-            image.faults.append(
-                f"{image.source}: pixels of {dx:.6g} x {dy:.6g} nm are not square; give resample = "
-                f'"{min(dx, dy):.6g} nm", or pixel_size if these lengths are wrong'
-            )
-        return
-    if image.faults:
-        return
-    pixels = image.heights.shape[0] * dx * image.heights.shape[1] * dy / side**2
-    memory.require(8 * 8.0 * pixels, f"resample = {side:g} nm", "give larger pixels")
-    try:
-        image.heights = resampled(image.heights, image.sides, side, image.periodic)
-    except ValueError as error:
-        raise InputError(f"resample = {side:g} nm: {error}") from None
-    image.sides = (side, side)
-    image.did("resample", pixel_size_nm=side, pixels=list(image.heights.shape))

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from os import PathLike
-from typing import Any, ClassVar
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -18,7 +18,7 @@ import numpy as np
 from chemage import InputError
 from chemage.plugin import HeightMap, Length, StoreError, UnitError, container, convert, open_file, tables
 from chemage_surfaces._maps import HeightUnit, opposite
-from chemage_surfaces.readers import Instrument, as_map, coordinate_side, unpacked
+from chemage_surfaces.readers import Instrument, as_map, coordinate_side, plain, unpacked
 
 #: containers in containers of a file of Gwyddion, and parts in parts of XML
 DEEPEST = 20
@@ -49,7 +49,7 @@ class X3p(Instrument):
     """An image in X3P (ISO 25178-72): a ZIP archive with ``main.xml`` and binary heights, all lengths in metres."""
 
     kind = "x3p"
-    suffixes: ClassVar[tuple[str, ...]] = (".x3p",)
+    suffixes = (".x3p",)
 
     @classmethod
     def claims(cls, head: bytes, path: str | PathLike[str]) -> bool:
@@ -64,42 +64,40 @@ class X3p(Instrument):
 
     def height_map(self, path: str | PathLike[str]) -> HeightMap:
         """The image as it is; points marked invalid, or not finite, are missing."""
+        source = str(path)
         with _content(path) as data, zipfile.ZipFile(io.BytesIO(data)) as archive:
-            return self._image(archive, len(data), str(path))
-
-    def _image(self, archive: zipfile.ZipFile, size: int, source: str) -> HeightMap:
-        if archive.getinfo("main.xml").file_size > LARGEST_XML:
-            raise ValueError("main.xml has more than a list of points needs; store them in bindata/data.bin")
-        record = archive.read("main.xml").replace(b"\0", b"")
-        if b"<!DOCTYPE" in record or b"<!ENTITY" in record:
-            raise ValueError("its XML defines entities")
-        root = ElementTree.fromstring(record)
-        fields = {"/".join(names): (node.text or "").strip() for names, node in _nodes(root)}
-        if fields.get("Record1/FeatureType") not in ("SUR", None):
-            raise InputError(f"{source} holds no image, but {fields['Record1/FeatureType']!r} (SUR is an image)")
-        count = [int(fields[f"Record3/MatrixDimension/Size{axis}"]) for axis in "XYZ"]
-        nx, ny = count[:2]
-        if min(count) < 1 or count[2] != 1:
-            raise ValueError(f"{nx} x {ny} x {count[2]} points")
-        if any(fields[f"Record1/Axes/C{axis}/AxisType"] != "I" for axis in "XY"):
-            raise InputError(f"{source} holds points that are no grid; grid them in the program of the instrument")
-        dtype = _TYPES[fields["Record1/Axes/CZ/DataType"]]
-        container.check_unpacked(8 * nx * ny, size, source)
-        if (link := fields.get("Record3/DataLink/PointDataLink")) is not None:
-            data = _member(archive, link, nx * ny * np.dtype(dtype).itemsize)
-            heights = np.frombuffer(data, dtype).astype(np.float64)
-            if (valid := fields.get("Record3/DataLink/ValidPointsLink")) is not None:
-                marks = np.frombuffer(_member(archive, valid, -(-nx * ny // 8)), np.uint8)
-                heights[np.unpackbits(marks, bitorder="little")[: nx * ny] == 0] = np.nan
-        else:
-            points = [node.text or "" for node in root.iter("Datum")]
-            if len(points) != nx * ny:
-                raise ValueError(f"{len(points)} points of {nx * ny}")
-            heights = np.array([float(point.split(";")[-1]) if point.strip() else math.nan for point in points])
-        heights = heights * float(fields.get("Record1/Axes/CZ/Increment") or 1)
-        heights = heights + float(fields.get("Record1/Axes/CZ/Offset") or 0)
-        sides = tuple(f"{float(fields[f'Record1/Axes/C{axis}/Increment']) * _METRE!r} nm" for axis in "XY")
-        return as_map(heights.reshape(ny, nx).T, source, stated=sides, unit="m", notes={"format": "x3p"})
+            if archive.getinfo("main.xml").file_size > LARGEST_XML:
+                raise ValueError("main.xml has more than a list of points needs; store them in bindata/data.bin")
+            record = archive.read("main.xml").replace(b"\0", b"")
+            if b"<!DOCTYPE" in record or b"<!ENTITY" in record:
+                raise ValueError("its XML defines entities")
+            root = ElementTree.fromstring(record)
+            fields = {"/".join(names): (node.text or "").strip() for names, node in _nodes(root)}
+            if fields.get("Record1/FeatureType") not in ("SUR", None):
+                raise InputError(f"{source} holds no image, but {fields['Record1/FeatureType']!r} (SUR is an image)")
+            count = [int(fields[f"Record3/MatrixDimension/Size{axis}"]) for axis in "XYZ"]
+            nx, ny = count[:2]
+            if min(count) < 1 or count[2] != 1:
+                raise ValueError(f"{nx} x {ny} x {count[2]} points")
+            if any(fields[f"Record1/Axes/C{axis}/AxisType"] != "I" for axis in "XY"):
+                raise InputError(f"{source} holds points that are no grid; grid them in the program of the instrument")
+            dtype = _TYPES[fields["Record1/Axes/CZ/DataType"]]
+            container.check_unpacked(8 * nx * ny, len(data), source)
+            if (link := fields.get("Record3/DataLink/PointDataLink")) is not None:
+                stored = _member(archive, link, nx * ny * np.dtype(dtype).itemsize)
+                heights = np.frombuffer(stored, dtype).astype(np.float64)
+                if (valid := fields.get("Record3/DataLink/ValidPointsLink")) is not None:
+                    marks = np.frombuffer(_member(archive, valid, -(-nx * ny // 8)), np.uint8)
+                    heights[np.unpackbits(marks, bitorder="little")[: nx * ny] == 0] = np.nan
+            else:
+                points = [node.text or "" for node in root.iter("Datum")]
+                if len(points) != nx * ny:
+                    raise ValueError(f"{len(points)} points of {nx * ny}")
+                heights = np.array([float(point.split(";")[-1]) if point.strip() else math.nan for point in points])
+            heights = heights * float(fields.get("Record1/Axes/CZ/Increment") or 1)
+            heights = heights + float(fields.get("Record1/Axes/CZ/Offset") or 0)
+            sides = tuple(f"{float(fields[f'Record1/Axes/C{axis}/Increment']) * _METRE!r} nm" for axis in "XY")
+            return as_map(heights.reshape(ny, nx).T, source, stated=sides, unit="m", notes={"format": "x3p"})
 
 
 def _nodes(
@@ -179,8 +177,8 @@ class Gwy(Instrument):
     """An image in a file of Gwyddion (its user guide, section "Gwyddion Native Format"); masked points are missing."""
 
     kind = "gwy"
-    suffixes: ClassVar[tuple[str, ...]] = (".gwy",)
-    marks: ClassVar[tuple[bytes, ...]] = (b"GWYP",)
+    suffixes = (".gwy",)
+    marks = (b"GWYP",)
 
     channel: str | None = None
     """title of the channel; None: the first with heights"""
@@ -189,7 +187,23 @@ class Gwy(Instrument):
         """The image as it is, of the channel that is asked for, or the first one whose values are lengths."""
         with _content(path) as data:
             number, maps, content = self._maps(data, path)
-            return self._map(*maps[number], content.get(f"{number}/mask"), str(path))
+            (title, field), mask = maps[number], content.get(f"{number}/mask")
+            nx, ny = int(field["xres"]), int(field["yres"])
+            if min(nx, ny) < 1 or field["data"].dtype != np.float64:
+                raise ValueError(f"{nx} x {ny} points")
+            heights = field["data"].reshape(ny, nx).T
+            if isinstance(mask, dict):
+                heights = np.where(mask["data"].reshape(ny, nx).T > 0.5, np.nan, heights)
+            lateral = _unit(field, "si_unit_xy")
+            # Gwyddion takes sides without their sign, and 0 for 1
+            sides = tuple(abs(float(field[name])) or 1.0 for name in ("xreal", "yreal"))
+            stated = (
+                None
+                if lateral is None
+                else tuple(f"{side / n!r} {lateral}" for side, n in zip(sides, (nx, ny), strict=True))
+            )
+            notes = {"format": "gwy", "channel": title}
+            return as_map(heights, str(path), stated=stated, unit=_unit(field, "si_unit_z"), notes=notes)
 
     def retrace(self, path: str | PathLike[str]) -> Gwy | None:
         """The reader of the same channel in the other direction of the scan lines; None where the file has none."""
@@ -216,24 +230,6 @@ class Gwy(Instrument):
             titles = ", ".join(title for title, _ in maps.values()) or "none"
             raise InputError(f"channel = {self.channel!r}: {path} has no such channel of heights ({titles})")
         return number, maps, content
-
-    def _map(self, title: str, field: Mapping[str, Any], mask: Any, source: str) -> HeightMap:
-        nx, ny = int(field["xres"]), int(field["yres"])
-        if min(nx, ny) < 1 or field["data"].dtype != np.float64:
-            raise ValueError(f"{nx} x {ny} points")
-        heights = field["data"].reshape(ny, nx).T
-        if isinstance(mask, dict):
-            heights = np.where(mask["data"].reshape(ny, nx).T > 0.5, np.nan, heights)
-        lateral = _unit(field, "si_unit_xy")
-        # Gwyddion takes sides without their sign, and 0 for 1
-        sides = tuple(abs(float(field[name])) or 1.0 for name in ("xreal", "yreal"))
-        stated = (
-            None
-            if lateral is None
-            else tuple(f"{side / n!r} {lateral}" for side, n in zip(sides, (nx, ny), strict=True))
-        )
-        notes = {"format": "gwy", "channel": title}
-        return as_map(heights, source, stated=stated, unit=_unit(field, "si_unit_z"), notes=notes)
 
 
 def _unit(field: Mapping[str, Any], name: str) -> str | None:
@@ -274,8 +270,8 @@ class NetCdf(Instrument):
     others of the CF conventions, and pixels from its coordinates. NetCDF-4 is HDF5."""
 
     kind = "netcdf"
-    suffixes: ClassVar[tuple[str, ...]] = (".cdf",)
-    marks: ClassVar[tuple[bytes, ...]] = (b"CDF\x01", b"CDF\x02")
+    suffixes = (".cdf",)
+    marks = (b"CDF\x01", b"CDF\x02")
 
     variable: str | None = None
     """name of the variable; None: the only one with two dimensions"""
@@ -288,7 +284,7 @@ class NetCdf(Instrument):
         with _content(path) as data, netcdf_file(_Metered(data), "r", mmap=False) as file:
             for name, one in file.variables.items():
                 values = np.array(one[:] if one.dimensions else one[()])
-                attributes = {key: _plain(value) for key, value in one._attributes.items()}
+                attributes = {key: plain(value) for key, value in one._attributes.items()}
                 attributes.setdefault("units", attributes.get("unit"))
                 variables[name] = (one.dimensions, values, attributes)
         maps = [name for name, (dimensions, _, _) in variables.items() if len(dimensions) == 2]
@@ -317,12 +313,6 @@ class NetCdf(Instrument):
         return as_map(heights, source, stated=stated, periodic=periodic, unit=attributes["units"], notes=notes)
 
 
-def _plain(value: Any) -> Any:
-    if isinstance(value, np.ndarray | np.generic):
-        value = value.item() if value.size == 1 else value.tolist()
-    return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
-
-
 # -- points ------------------------------------------------------------------------------------------------------------
 
 
@@ -333,7 +323,7 @@ class Xyz(Instrument):
     """
 
     kind = "xyz"
-    suffixes: ClassVar[tuple[str, ...]] = (".xyz",)
+    suffixes = (".xyz",)
 
     unit: HeightUnit | None = None
     """unit of all three columns, such as "um", or a factor that converts them to nm"""
@@ -348,27 +338,25 @@ class Xyz(Instrument):
         points = tables.numbers(lines, str(path), tables.separator_of(lines[0][1]))
         if points.shape[1] != 3:
             raise StoreError(f"{path} holds {points.shape[1]} columns; a list of points has three: x, y and height")
-        (nx, dx, i), (ny, dy, j) = (_grid_of(points[:, axis], "xy"[axis], str(path)) for axis in (0, 1))
+        spacings, places = [], []
+        for values, name in zip(points.T, "xy", strict=False):
+            there = np.unique(values)
+            # rounding in the file makes no new places
+            steps = np.diff(there)
+            step = float(np.median(steps[steps > 1e-6 * np.ptp(there)])) if len(there) > 1 else 0.0
+            if not (step > 0 and math.isfinite(step)):
+                raise StoreError(f"{path}: all points have one {name}; it is no image")
+            place = (values - there[0]) / step
+            if np.abs(place - np.rint(place)).max() > EVEN * max(1.0, 0.1 * place.max()):
+                raise StoreError(f"{path}: the points along {name} are not evenly spaced; grid them in another program")
+            places.append(np.rint(place).astype(np.int64))
+            spacings.append(float(np.ptp(there)) / int(places[-1].max()))
+        nx, ny = (int(place.max()) + 1 for place in places)
         if nx * ny > SPARSE * len(points):
             raise StoreError(f"{path}: {len(points)} points are no grid of {nx} x {ny}; grid them in another program")
         heights = np.full((nx, ny), np.nan)
-        heights[i, j] = points[:, 2]
-        sides = None if self.unit is None else (dx * self.unit, dy * self.unit)
+        heights[tuple(places)] = points[:, 2]
+        sides = None if self.unit is None else (spacings[0] * self.unit, spacings[1] * self.unit)
         if self.pixel_size is not None:
             sides = (self.pixel_size, self.pixel_size)
         return HeightMap(heights, self.unit, sides, source=str(path), notes={"format": "xyz"})
-
-
-def _grid_of(values: np.ndarray, name: str, source: str) -> tuple[int, float, np.ndarray]:
-    """Number and spacing of the places along an axis, and the place of each point."""
-    there = np.unique(values)
-    # rounding in the file makes no new places
-    steps = np.diff(there)
-    step = float(np.median(steps[steps > 1e-6 * np.ptp(there)])) if len(there) > 1 else 0.0
-    if not (step > 0 and math.isfinite(step)):
-        raise StoreError(f"{source}: all points have one {name}; it is no image")
-    place = (values - there[0]) / step
-    if np.abs(place - np.rint(place)).max() > EVEN * max(1.0, 0.1 * place.max()):
-        raise StoreError(f"{source}: the points along {name} are not evenly spaced; grid them in another program")
-    index = np.rint(place).astype(np.int64)
-    return int(index.max()) + 1, float(np.ptp(there)) / int(index.max()), index

@@ -42,6 +42,29 @@ class Profile:
     #: how many of them are independent, about
     independent: Floats
 
+    @classmethod
+    def along(cls, heights: Floats, side: float, scale: float) -> Profile:
+        """Along the first axis of heights in units of ``scale``."""
+        count = len(heights)
+        most = max(int(LONGEST * count), 1)
+        lags = sorted(lag for k in range(64) for lag in (2**k, 3 * 2**k) if lag <= most and lag < count)
+        rows = []
+        for lag in lags:
+            first = heights[lag:] - heights[:-lag]
+            second = first[lag:] - first[:-lag]
+            first, second = first[np.isfinite(first)], second[np.isfinite(second)]
+            rms = math.sqrt(float(np.mean(np.square(first)))) if first.size else math.nan
+            if second.size:
+                second = second - second.mean()
+                square = float(np.mean(np.square(second)))
+                skewness = float(np.mean(second**3)) / square**1.5 if square > 0 else math.nan
+                curvature = math.sqrt(square) / (lag * side) ** 2 * scale
+            else:
+                skewness = curvature = math.nan
+            rows.append((lag * side, rms * scale, curvature, skewness, second.size / (2.0 * lag) ** 2))
+        columns = np.array(rows, dtype=np.float64).reshape(len(rows), 5).T
+        return cls(*columns)
+
     @property
     def slope(self) -> Floats:
         """rms slope over each distance."""
@@ -61,6 +84,32 @@ class Measures:
     rms_height: float
     x: Profile
     y: Profile
+
+    @classmethod
+    def of(cls, heights: Floats, sides: tuple[float, float]) -> Measures:
+        """Measures of heights (nx, ny) in nm, nan where they are missing, on pixels of ``sides``.
+
+        Raises
+        ------
+        InputError
+            All heights are missing.
+        """
+        there = np.isfinite(heights)
+        if not there.any():
+            raise InputError("heights: all of them are missing")
+        middle = float(heights[there].mean())
+        # so that neither the unit nor a large mean spoils a sum of squares
+        scale = float(np.abs(heights[there] - middle).max()) or 1.0
+        scaled = (heights - middle) / scale
+        nx, ny = heights.shape
+        return cls(
+            shape=(nx, ny),
+            sides=sides,
+            missing=int(heights.size - there.sum()),
+            rms_height=scale * math.sqrt(float(np.mean(np.square(scaled[there])))),
+            x=Profile.along(scaled, sides[0], scale),
+            y=Profile.along(scaled.T, sides[1], scale),
+        )
 
     def tip_radius(self) -> float:
         """Radius (nm) of the tip that leaves valleys as much sharper than peaks as they are along x; 0 if they are not
@@ -94,8 +143,12 @@ class Measures:
             f"pixels              {self.shape[0]} x {self.shape[1]} of {self.sides[0]:.4g} x {self.sides[1]:.4g} nm"
             + (f", {self.missing} heights are missing" if self.missing else ""),
             f"rms height          {self.rms_height:.4g} nm",
-            f"profile slope       {_pair(self.x.slope, self.y.slope)} along x and y, rms over a pixel",
-            f"profile curvature   {_pair(self.x.curvature, self.y.curvature)} 1/nm along x and y, rms over a pixel",
+        ]
+        for name, unit in (("slope", ""), ("curvature", " 1/nm")):
+            each = (getattr(axis, name) for axis in (self.x, self.y))
+            first = " and ".join(_number(values[0]) if len(values) else "not available" for values in each)
+            lines.append(f"{'profile ' + name:<19} {first}{unit} along x and y, rms over a pixel")
+        lines += [
             "",
             "distance (nm)       rms difference (nm)    profile slope          profile curvature (1/nm)",
             "along x and y       x          y           x          y           x          y",
@@ -111,58 +164,5 @@ class Measures:
         return "\n".join(lines)
 
 
-def _pair(x: Floats, y: Floats) -> str:
-    return " and ".join(_number(values[0]) if len(values) else "not available" for values in (x, y))
-
-
 def _number(value: float) -> str:
     return "-" if math.isnan(value) else f"{value:.4g}"
-
-
-def measure(heights: Floats, sides: tuple[float, float]) -> Measures:
-    """Measures of heights (nx, ny) in nm, nan where they are missing, on pixels of ``sides``.
-
-    Raises
-    ------
-    InputError
-        All heights are missing.
-    """
-    there = np.isfinite(heights)
-    if not there.any():
-        raise InputError("heights: all of them are missing")
-    middle = float(heights[there].mean())
-    # so that neither the unit nor a large mean spoils a sum of squares
-    scale = float(np.abs(heights[there] - middle).max()) or 1.0
-    scaled = (heights - middle) / scale
-    nx, ny = heights.shape
-    return Measures(
-        shape=(nx, ny),
-        sides=sides,
-        missing=int(heights.size - there.sum()),
-        rms_height=scale * math.sqrt(float(np.mean(np.square(scaled[there])))),
-        x=_profile(scaled, sides[0], scale),
-        y=_profile(scaled.T, sides[1], scale),
-    )
-
-
-def _profile(heights: Floats, side: float, scale: float) -> Profile:
-    """Along the first axis."""
-    count = len(heights)
-    most = max(int(LONGEST * count), 1)
-    lags = sorted(lag for k in range(64) for lag in (2**k, 3 * 2**k) if lag <= most and lag < count)
-    rows = []
-    for lag in lags:
-        first = heights[lag:] - heights[:-lag]
-        second = first[lag:] - first[:-lag]
-        first, second = first[np.isfinite(first)], second[np.isfinite(second)]
-        rms = math.sqrt(float(np.mean(np.square(first)))) if first.size else math.nan
-        if second.size:
-            second = second - second.mean()
-            square = float(np.mean(np.square(second)))
-            skewness = float(np.mean(second**3)) / square**1.5 if square > 0 else math.nan
-            curvature = math.sqrt(square) / (lag * side) ** 2 * scale
-        else:
-            skewness = curvature = math.nan
-        rows.append((lag * side, rms * scale, curvature, skewness, second.size / (2.0 * lag) ** 2))
-    columns = np.array(rows, dtype=np.float64).reshape(len(rows), 5).T
-    return Profile(*columns)

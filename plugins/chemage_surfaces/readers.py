@@ -82,6 +82,9 @@ def stated_length(value: Any, source: str) -> float:
 class Instrument(Reader):
     """A reader of images whose files state their units."""
 
+    #: nm per unit of heights where the file states none; None: it must
+    default_unit: ClassVar[float | None] = None
+
     def read(self, path: str | PathLike[str]) -> Surface:
         """The surface, if the image is complete, its pixels are square and its units are known.
 
@@ -90,39 +93,30 @@ class Instrument(Reader):
         StoreError
             The file is missing, truncated or not in this format.
         InputError
-            Heights are missing, units are not stated, pixels are not square, or there is no such channel of heights.
+            Heights are missing, units are not stated, pixels are not square, or it is unclear or wrong which heights of
+            the file are meant.
         PluginError
             A library that the format needs is not installed.
         """
-        return surface_of(self.height_map(path))
+        image = self.height_map(path)
+        return surface_of(replace(image, height_unit=image.height_unit or self.default_unit))
 
 
-class Unitless(Reader):
-    """A reader of arrays in a unit that the file need not state."""
+class Unitless(Instrument):
+    """A reader of arrays in a unit that the file need not state: else heights are in nm."""
+
+    default_unit = 1.0
 
     pixel_size: Length | None = None
     """edge of a pixel, nm"""
-
-    def read(self, path: str | PathLike[str]) -> Surface:
-        """Read the surface, heights in nm if the file states no unit; it is periodic if the file says so.
-
-        Raises
-        ------
-        StoreError
-            The file is missing, truncated, or not a map of real numbers in this format.
-        InputError
-            The pixel size is unknown, heights are not finite, or it is unclear which array is meant.
-        """
-        image = self.height_map(path)
-        return surface_of(replace(image, height_unit=image.height_unit or 1.0))
 
 
 class Npy(Unitless):
     """A two-dimensional array saved with ``numpy.save``, which has no pixel size."""
 
     kind = "npy"
-    suffixes: ClassVar[tuple[str, ...]] = (".npy",)
-    marks: ClassVar[tuple[bytes, ...]] = (b"\x93NUMPY",)
+    suffixes = (".npy",)
+    marks = (b"\x93NUMPY",)
 
     def height_map(self, path: str | PathLike[str]) -> HeightMap:
         """The array as it is; its unit is not stated."""
@@ -148,7 +142,7 @@ class Hdf5(Unitless):
     """
 
     kind = "hdf5"
-    suffixes: ClassVar[tuple[str, ...]] = (".h5", ".hdf5", ".hdf", ".nc")
+    suffixes = (".h5", ".hdf5", ".hdf", ".nc")
 
     @classmethod
     def claims(cls, head: bytes, path: str | PathLike[str]) -> bool | None:
@@ -173,11 +167,21 @@ class Hdf5(Unitless):
             name = f"{path}:{node.name}"
             own = {key: _single(node.attrs[key], key, name) for key in _PACKED if key in node.attrs}
             heights = unpacked(node[()], own, name)
-            scales = [_scale(node, axis) for axis in range(node.ndim)] if node.ndim == 2 else []
+            sides = []
+            for scales in node.dims if node.ndim == 2 else ():  # dimension scales (HDF5, NetCDF-4)
+                if not len(scales):
+                    continue
+                container.check_dataset(scales[0], node.name)
+                unit = _single(scales[0].attrs.get("units"), "units", str(node.name))
+                sides.append(coordinate_side(scales[0][()], unit))
         stated = None if self.pixel_size is not None else _single(attributes.get("pixel_size"), "pixel_size", name)
-        if stated is None and self.pixel_size is None and scales and None not in scales:
-            stated = tuple(scales)
-        periodic = _flag(_single(attributes.get("periodic"), "periodic", name), name)
+        if stated is None and self.pixel_size is None and len(sides) == 2 and None not in sides:
+            stated = tuple(sides)
+        flag = _single(attributes.get("periodic"), "periodic", name)
+        try:
+            periodic = flag is not None and _BOOLEAN.validate_python(flag.strip() if isinstance(flag, str) else flag)
+        except ValidationError:
+            raise StoreError(f"{name} has periodic = {errors.shown(flag)}; expected true or false") from None
         return as_map(
             heights, name, pixel_size=self.pixel_size, stated=stated, periodic=periodic, unit=own.get("units")
         )
@@ -258,32 +262,18 @@ def coordinate_side(places: np.ndarray, unit: Any) -> str | None:
     return f"{abs(step)!r} {unit}" if step and np.all(np.abs(steps - step) < 1e-3 * abs(step)) else None
 
 
-def _scale(node: Any, axis: int) -> str | None:
-    """The edge of a pixel from the dimension scale of a dataset (HDF5, NetCDF-4)."""
-    scales = node.dims[axis]
-    if not len(scales):
-        return None
-    scale = scales[0]
-    container.check_dataset(scale, node.name)
-    return coordinate_side(scale[()], _single(scale.attrs.get("units"), "units", node.name))
+def plain(value: Any) -> Any:
+    """An attribute as a number, a text or a list."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.item() if value.size == 1 else value.tolist()
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
 
 
 def _single(value: Any, attribute: str, source: str) -> Any:
     """An attribute that is one number or text; None if it is not there."""
-    if isinstance(value, np.ndarray | np.generic):
-        if value.size != 1:
-            raise StoreError(f"{source} has a {attribute} of {value.size} values; give one")
-        value = value.item()
-    if isinstance(value, bytes):
-        value = value.decode("utf-8", "replace")
+    if isinstance(value, np.ndarray) and value.size != 1:
+        raise StoreError(f"{source} has a {attribute} of {value.size} values; give one")
+    value = plain(value)
     if value is not None and not isinstance(value, bool | int | float | str):
         raise StoreError(f"{source} has a {attribute} of {type(value).__name__}; give a number or a text")
     return value
-
-
-def _flag(value: Any, source: str) -> bool:
-    """Whether the attribute ``periodic`` says yes."""
-    try:
-        return value is not None and _BOOLEAN.validate_python(value.strip() if isinstance(value, str) else value)
-    except ValidationError:
-        raise StoreError(f"{source} has periodic = {errors.shown(value)}; expected true or false") from None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, Self
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,8 +25,8 @@ from chemage.plugin import (
     threads,
 )
 from chemage_surfaces._maps import Floats, provenance, stream
-from chemage_surfaces.generated import JACOBS, continuation, heights_of
-from chemage_surfaces.spectra import Binned, PowerLaw, binned, fit_power_law, wavenumbers
+from chemage_surfaces.generated import JACOBS, half_spectrum, heights_of
+from chemage_surfaces.spectra import Binned, PowerLaw, wavenumbers
 from chemage_surfaces.trusted import TO_PIXELS, trusted
 
 if TYPE_CHECKING:
@@ -55,11 +55,9 @@ class Roughened(SurfaceMaker):
     """
 
     kind = "roughened"
-    cite: ClassVar[tuple[str, ...]] = (
-        "T. D. B. Jacobs, T. Junge, L. Pastewka, Surf. Topogr.: Metrol. Prop. 5, 013001 (2017)",
-    )
-    bibtex: ClassVar[tuple[str, ...]] = (JACOBS,)
-    figures: ClassVar[Mapping[str, str]] = {
+    cite = ("T. D. B. Jacobs, T. Junge, L. Pastewka, Surf. Topogr.: Metrol. Prop. 5, 013001 (2017)",)
+    bibtex = (JACOBS,)
+    figures = {
         "roughened-spectrum": "Power spectral density of the measured image (points) and of the surface carried on to "
         "smaller wavelengths (line). Dashed: the power law that was fitted; the vertical line is the shortest "
         "wavelength taken from the image."
@@ -116,7 +114,7 @@ class Roughened(SurfaceMaker):
             "pixel_size": self.pixel_size,
             "periodic": float(measured.periodic),
             "shortest_wavelength": self.shortest,
-            "rms_slope": math.hypot(_kept_slope(measured, plan), plan.added_slope(self.shortest)),
+            "rms_slope": math.hypot(plan.kept_slope(), plan.added_slope(self.shortest)),
         }
 
     def scatter(self, contact: Mapping[str, float]) -> Scatter:
@@ -137,24 +135,27 @@ class Roughened(SurfaceMaker):
         memory.require(
             6 * 8.0 * plan.shape[0] * plan.shape[1], f"pixel_size = {self.pixel_size:g} nm", "give larger pixels"
         )
-        half = continuation(
+        # amplitudes are those of a Gaussian surface, not scaled to meet a roughness; noise has a mean square of 2
+        nx, ny = plan.shape
+        longest = 2.0 * math.pi / (max(nx, ny) * self.pixel_size)
+        half = half_spectrum(
             plan.shape,
-            self.pixel_size,
+            stream(seed, _STREAM),
             hurst=plan.law.hurst,
-            density=float(plan.law(plan.join)),
-            join=plan.join,
-            cutoff=2 * math.pi / self.shortest,
-            seed=stream(seed, _STREAM),
+            roll=plan.join / longest,
+            long=plan.join / longest,
+            short=2 * math.pi / self.shortest / longest,
+            scale=math.sqrt(0.5 * float(plan.law(plan.join)) * nx * ny) / self.pixel_size,
         )
         heights = None
         if measured.periodic:
-            half = _with_image(half, measured, plan)
+            half = plan.with_image(half)
         else:
-            series = _series(measured, plan)
-            lost = _lost(measured, plan)
+            series = plan.series()
+            lost = plan.lost()
             random = np.random.Generator(np.random.Philox(stream(seed, _STREAM, 0)))
             series[: len(lost)] = np.where(lost > 0, lost * random.standard_normal(lost.shape), series[: len(lost)])
-            heights = _cosines(series, measured.pixel_size, plan.shape, self.pixel_size)
+            heights = plan.cosines(series, plan.shape, self.pixel_size)
         added = heights_of(half, plan.shape[1])
         heights = added if heights is None else heights + added
         heights.setflags(write=False)
@@ -165,7 +166,7 @@ class Roughened(SurfaceMaker):
             provenance={
                 **provenance(self, seed),
                 "measured": measured.provenance,
-                "roughened": _record(measured, plan),
+                "roughened": plan.record(),
             },
         )
 
@@ -181,7 +182,7 @@ class Roughened(SurfaceMaker):
                 f"resolution = {self.resolution:g} nm: shorter than two pixels of the image, {2 * side:g} nm; "
                 "give at least this"
             )
-        spectrum = binned(measured)
+        spectrum = Binned.of(measured)
         part = trusted(measured, self.resolution, self.tip_radius)
         if not len(part.data.q):
             raise InputError(
@@ -194,7 +195,7 @@ class Roughened(SurfaceMaker):
                 f"cutoff = {self.shortest:g} nm: the image has waves down to {resolution:g} nm, so that nothing is "
                 "left to add; give a shorter cutoff"
             )
-        shape = _fine_shape(measured, self.pixel_size)
+        shape = self._fine_shape(measured)
         join = 2 * math.pi / resolution
         longest = FIT_RANGE * resolution if self.fit_from is None else self.fit_from
         data = part.data.part(2 * math.pi / longest, join * (1 + 1e-9))
@@ -205,7 +206,7 @@ class Roughened(SurfaceMaker):
                 f"{2 * math.pi / cut:.4g} nm; give this resolution"
             )
         try:
-            law = fit_power_law(data, self.hurst)
+            law = data.power_law(self.hurst)
         except ValueError as error:
             raise InputError(
                 f"fit_from = {longest:g} nm, resolution = {resolution:g} nm: no power law can be fitted to the "
@@ -217,7 +218,22 @@ class Roughened(SurfaceMaker):
                 f"{law.hurst_error:.2f}, which is not self-affine (0 to 1); give a resolution longer than what the "
                 "instrument blurs, another fit_from, or hurst"
             )
-        return _Plan(shape, join, law, spectrum, part.data.part(0, join))
+        return _Plan(measured, shape, join, law, spectrum, part.data.part(0, join))
+
+    def _fine_shape(self, measured: Surface) -> tuple[int, int]:
+        """Pixels of the fine grid: all that fit into the image; into the period they must fit exactly."""
+        counts = []
+        for name, count in zip("xy", measured.shape, strict=True):
+            length = count * measured.pixel_size
+            exact = length / self.pixel_size
+            near = round(exact)
+            if abs(exact - near) > FITS and measured.periodic:
+                raise InputError(
+                    f"pixel_size = {self.pixel_size:g} nm: the period along {name}, {length:.8g} nm, is no whole "
+                    f'number of pixels; give pixel_size = "{length / near:.8g} nm"'
+                )
+            counts.append(near if abs(exact - near) <= FITS else math.floor(exact))
+        return counts[0], counts[1]
 
     def draw(self, figure: str, axes: Axes, results: Sequence[Any]) -> None:
         """The spectra before and after, of one result or of several."""
@@ -243,7 +259,7 @@ class Roughened(SurfaceMaker):
 
 
 def _recorded(result: Any) -> dict[str, Any] | None:
-    """What :func:`_record` noted with the surface of a result or its contact, or with a part of a tip; None where
+    """What a plan noted with the surface of a result or its contact, or with a part of a tip; None where
     neither has it."""
     records = [result.surface.provenance] if result.surface is not None else []
     if result.contact is not None:
@@ -259,8 +275,9 @@ def _recorded(result: Any) -> dict[str, Any] | None:
 
 
 class _Plan(NamedTuple):
-    """What a continuation adds to an image."""
+    """What a continuation adds to an image, and what it takes from it."""
 
+    measured: Surface
     #: of the fine grid
     shape: tuple[int, int]
     #: wavenumber from which on the image is not used, 1/nm
@@ -278,115 +295,89 @@ class _Plan(NamedTuple):
         integral = math.log(ratio) if power < 1e-9 else (ratio**power - 1) / power
         return math.sqrt(float(self.law(self.join)) * self.join**4 * integral / (2 * math.pi))
 
+    def waves(self) -> tuple[NDArray[np.complex128], NDArray[np.bool_]]:
+        """The half spectrum of a periodic image, and which of its waves stay."""
+        half = np.asarray(sfft.rfft2(self.measured.heights.astype(np.float64), workers=threads.available()))
+        return half, wavenumbers(self.measured.shape, self.measured.pixel_size) < self.join * (1 - 1e-9)
 
-def _fine_shape(measured: Surface, pixel_size: float) -> tuple[int, int]:
-    """Pixels of the fine grid: all that fit into the image; into the period they must fit exactly."""
-    counts = []
-    for name, count in zip("xy", measured.shape, strict=True):
-        length = count * measured.pixel_size
-        exact = length / pixel_size
-        near = round(exact)
-        if abs(exact - near) > FITS and measured.periodic:
-            raise InputError(
-                f"pixel_size = {pixel_size:g} nm: the period along {name}, {length:.8g} nm, is no whole number of "
-                f'pixels; give pixel_size = "{length / near:.8g} nm"'
-            )
-        counts.append(near if abs(exact - near) <= FITS else math.floor(exact))
-    return counts[0], counts[1]
+    def with_image(self, half: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        """The half spectrum of the continuation and the waves of a periodic image that stay."""
+        (nx, ny), (mx, my) = self.measured.shape, self.shape
+        image, kept = self.waves()
+        width = max(half.shape[1], image.shape[1])
+        result = np.zeros((mx, width), dtype=np.complex128)
+        result[:, : half.shape[1]] = half
+        rows = np.rint(np.fft.fftfreq(nx) * nx).astype(np.int64) % mx
+        x, y = np.nonzero(kept)
+        result[rows[x], y] = image[x, y] * (mx * my / (nx * ny))
+        return result
 
+    def series(self) -> Floats:
+        """Amplitudes of the cosine series of an image, waves from ``join`` on left out."""
+        heights = self.measured.heights.astype(np.float64)
+        series = np.asarray(sfft.dctn(heights, type=2, norm="forward", workers=threads.available()))
+        series[1:] *= 2
+        series[:, 1:] *= 2
+        series[self.cosine_waves() >= self.join * (1 - 1e-9)] = 0.0
+        return series
 
-def _waves(measured: Surface, plan: _Plan) -> tuple[NDArray[np.complex128], NDArray[np.bool_]]:
-    """The half spectrum of a periodic image, and which of its waves stay."""
-    half = np.asarray(sfft.rfft2(measured.heights.astype(np.float64), workers=threads.available()))
-    return half, wavenumbers(measured.shape, measured.pixel_size) < plan.join * (1 - 1e-9)
+    def cosine_waves(self) -> Floats:
+        """Wavenumbers of the cosines, (nx, ny) 1/nm."""
+        qx, qy = (np.arange(float(n)) * (math.pi / self.measured.pixel_size / n) for n in self.measured.shape)
+        return np.hypot(qx[:, None], qy)
 
+    def cosines(self, series: Floats, shape: tuple[int, int], pixel_size: float) -> Floats:
+        """The sum of cosines with these amplitudes at the centres of the pixels of another grid."""
+        at_x, at_y = (
+            np.cos(np.outer((np.arange(m) + 0.5) * pixel_size, np.pi * np.arange(n) / (n * self.measured.pixel_size)))
+            for n, m in zip(series.shape, shape, strict=True)
+        )
+        return at_x @ series @ at_y.T
 
-def _with_image(half: NDArray[np.complex128], measured: Surface, plan: _Plan) -> NDArray[np.complex128]:
-    """The half spectrum of the continuation and the waves of a periodic image that stay."""
-    (nx, ny), (mx, my) = measured.shape, plan.shape
-    image, kept = _waves(measured, plan)
-    width = max(half.shape[1], image.shape[1])
-    result = np.zeros((mx, width), dtype=np.complex128)
-    result[:, : half.shape[1]] = half
-    rows = np.rint(np.fft.fftfreq(nx) * nx).astype(np.int64) % mx
-    x, y = np.nonzero(kept)
-    result[rows[x], y] = image[x, y] * (mx * my / (nx * ny))
-    return result
+    def lost(self) -> Floats:
+        """Standard deviations (nm) of the amplitudes that the alignment of scan lines took from the image, by its
+        density at other directions: those that hardly change along a line, (waves along x, ny); 0 where the image has
+        them."""
+        steps = self.measured.provenance.get("steps", ())
+        lines = next((step["lines"] for step in steps if step["step"] == "lines"), None)
+        rows = {None: 0, "linear": 2, "quadratic": 3}.get(lines, 1)
+        q = self.cosine_waves()[:rows]
+        density = np.exp(np.interp(np.log(np.maximum(q, 1e-300)), np.log(self.data.q), np.log(self.data.density)))
+        area = self.measured.nominal_area
+        # a cosine along both axes has four wave vectors, one along an axis two that others share
+        variance = density / area * np.where(np.arange(rows)[:, None] == 0, 1.0, 4.0)
+        variance[q >= self.join * (1 - 1e-9)] = 0.0
+        variance[:, 0] = 0.0
+        return np.sqrt(variance)
 
+    def kept_slope(self) -> float:
+        """rms slope of the waves of the image that stay, with what was lost between its lines."""
+        if self.measured.periodic:
+            half, kept = self.waves()
+            half[~kept] = 0.0
+            low = np.asarray(sfft.irfft2(half, s=self.measured.shape, workers=threads.available()))
+            return roughness.rms_slope(low, self.measured.pixel_size, True)
+        series, lost = self.series(), self.lost()
+        series[: len(lost)][lost > 0] = 0.0
+        low = self.cosines(series, self.measured.shape, self.measured.pixel_size)
+        q = self.cosine_waves()[: len(lost)]
+        share = np.where(np.arange(len(lost))[:, None] == 0, 2.0, 4.0)
+        return math.hypot(
+            roughness.rms_slope(low, self.measured.pixel_size, False), math.sqrt(float((lost**2 * q**2 / share).sum()))
+        )
 
-def _series(measured: Surface, plan: _Plan) -> Floats:
-    """Amplitudes of the cosine series of an image, waves from ``join`` on left out."""
-    heights = measured.heights.astype(np.float64)
-    series = np.asarray(sfft.dctn(heights, type=2, norm="forward", workers=threads.available()))
-    series[1:] *= 2
-    series[:, 1:] *= 2
-    qx, qy = _half_waves(measured)
-    series[np.hypot(qx[:, None], qy) >= plan.join * (1 - 1e-9)] = 0.0
-    return series
-
-
-def _half_waves(measured: Surface) -> tuple[Floats, Floats]:
-    """Wavenumbers of the cosines along both axes, 1/nm."""
-    nx, ny = measured.shape
-    step = math.pi / measured.pixel_size
-    return np.arange(float(nx)) * (step / nx), np.arange(float(ny)) * (step / ny)
-
-
-def _lost(measured: Surface, plan: _Plan) -> Floats:
-    """Standard deviations (nm) of the amplitudes that the alignment of scan lines took from the image, by its density
-    at other directions: those that hardly change along a line, (waves along x, ny); 0 where the image has them."""
-    steps = measured.provenance.get("steps", ())
-    lines = next((step["lines"] for step in steps if step["step"] == "lines"), None)
-    qx, qy = _half_waves(measured)
-    rows = {None: 0, "linear": 2, "quadratic": 3}.get(lines, 1)
-    q = np.hypot(qx[:rows, None], qy)
-    density = np.exp(np.interp(np.log(np.maximum(q, 1e-300)), np.log(plan.data.q), np.log(plan.data.density)))
-    area = measured.nominal_area
-    # a cosine along both axes has four wave vectors, one along an axis two that others share
-    variance = density / area * np.where(np.arange(rows)[:, None] == 0, 1.0, 4.0)
-    variance[(q >= plan.join * (1 - 1e-9)) | (qy == 0.0)] = 0.0
-    return np.sqrt(variance)
-
-
-def _cosines(series: Floats, side: float, shape: tuple[int, int], pixel_size: float) -> Floats:
-    """The sum of cosines with these amplitudes at the centres of the pixels of another grid."""
-    at_x, at_y = (
-        np.cos(np.outer((np.arange(m) + 0.5) * pixel_size, np.pi * np.arange(n) / (n * side)))
-        for n, m in zip(series.shape, shape, strict=True)
-    )
-    return at_x @ series @ at_y.T
-
-
-def _kept_slope(measured: Surface, plan: _Plan) -> float:
-    """rms slope of the waves of the image that stay, with what was lost between its lines."""
-    if measured.periodic:
-        half, kept = _waves(measured, plan)
-        half[~kept] = 0.0
-        low = np.asarray(sfft.irfft2(half, s=measured.shape, workers=threads.available()))
-        return roughness.rms_slope(low, measured.pixel_size, True)
-    series, lost = _series(measured, plan), _lost(measured, plan)
-    series[: len(lost)][lost > 0] = 0.0
-    low = _cosines(series, measured.pixel_size, measured.shape, measured.pixel_size)
-    qx, qy = _half_waves(measured)
-    q = np.hypot(qx[: len(lost), None], qy)
-    share = np.where(np.arange(len(lost))[:, None] == 0, 2.0, 4.0)
-    return math.hypot(
-        roughness.rms_slope(low, measured.pixel_size, False), math.sqrt(float((lost**2 * q**2 / share).sum()))
-    )
-
-
-def _record(measured: Surface, plan: _Plan) -> dict[str, Any]:
-    """Plain JSON values: what was fitted, and the spectrum of the image."""
-    law, spectrum = plan.law, plan.spectrum
-    positive = spectrum.density > 0
-    return {
-        "hurst": law.hurst,
-        "hurst_error": law.hurst_error,
-        "density": float(law(plan.join)),
-        "density_relative_error": law.density_error,
-        "join": plan.join,
-        "fit_from_q": law.lowest,
-        "misfit": law.misfit,
-        "measured_pixel_size": measured.pixel_size,
-        "spectrum": {"q": spectrum.q[positive].tolist(), "density": spectrum.density[positive].tolist()},
-    }
+    def record(self) -> dict[str, Any]:
+        """Plain JSON values: what was fitted, and the spectrum of the image."""
+        law, spectrum = self.law, self.spectrum
+        positive = spectrum.density > 0
+        return {
+            "hurst": law.hurst,
+            "hurst_error": law.hurst_error,
+            "density": float(law(self.join)),
+            "density_relative_error": law.density_error,
+            "join": self.join,
+            "fit_from_q": law.lowest,
+            "misfit": law.misfit,
+            "measured_pixel_size": self.measured.pixel_size,
+            "spectrum": {"q": spectrum.q[positive].tolist(), "density": spectrum.density[positive].tolist()},
+        }

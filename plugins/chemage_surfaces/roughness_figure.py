@@ -13,7 +13,7 @@ from chemage.plugin import figures
 from chemage_surfaces.images import Image
 from chemage_surfaces.measures import Measures
 from chemage_surfaces.roughness_fit import RoughnessFit
-from chemage_surfaces.spectra import binned
+from chemage_surfaces.spectra import Binned
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,7 +29,7 @@ def roughness_figure(
         label = figures.plain(name)
         if not image.faults:
             try:
-                data = binned(image.surface())
+                data = Binned.of(image.surface())
                 left.loglog(data.q, data.density, "o", ms=3, mfc="none", color=color, label=label)
             except InputError:  # too few pixels
                 pass

@@ -12,7 +12,7 @@ from scipy.integrate import trapezoid
 from chemage import InputError, Surface
 from chemage.plugin import checked_count, convert
 from chemage_surfaces.generated import SelfAffine
-from chemage_surfaces.spectra import FEWEST, Binned, fit_power_law, rolled, together
+from chemage_surfaces.spectra import FEWEST, Binned
 from chemage_surfaces.trusted import trusted
 
 #: χ² per degree of freedom from which a fit is doubtful, and from which it makes no surface
@@ -126,6 +126,14 @@ class RoughnessFit:
             rms_slope=float(f"{self.slope(longest, shortest):.4g}"),
         )
 
+    def section(self, pixel_size: str | None, cutoff: str | None) -> str:
+        """The section ``[surface]`` of a scene, TOML, of :meth:`maker`."""
+        maker = self.maker(pixel_size=pixel_size, cutoff=cutoff)
+        lines = ["[surface]", f'kind = "{maker.kind}"', f"pixels = {max(maker.pixels)}"]
+        lines.append(f'pixel_size = "{maker.pixel_size:.10g} nm"')
+        lines += [f"{name} = {getattr(maker, name):.10g}" for name in ("rms_slope", "hurst", "zeta", "eta")]
+        return "\n".join([*lines, "seed = 1"])
+
     def text(self) -> str:
         """What was found, one line each."""
         roll = "none: the power law goes on to the longest wavelength"
@@ -147,14 +155,6 @@ class RoughnessFit:
         if self.misfit > DOUBTFUL:
             rows["warning:"] = f"this is no good fit (above {DOUBTFUL:g}); the errors are enlarged by it"
         return "\n".join(f"{name:<19} {text}" for name, text in rows.items())
-
-
-def section(maker: SelfAffine) -> str:
-    """The section ``[surface]`` of a scene, TOML."""
-    lines = ["[surface]", f'kind = "{maker.kind}"', f"pixels = {max(maker.pixels)}"]
-    lines.append(f'pixel_size = "{maker.pixel_size:.10g} nm"')
-    lines += [f"{name} = {getattr(maker, name):.10g}" for name in ("rms_slope", "hurst", "zeta", "eta")]
-    return "\n".join([*lines, "seed = 1"])
 
 
 def fit_roughness(
@@ -202,12 +202,12 @@ def fit_roughness(
                 + "; give a larger image"
             )
         parts.append(part)
-    data = together([part.data for part in parts])
-    roll, interval, law = rolled(data)
+    data = Binned.together([part.data for part in parts])
+    roll, interval, law = data.rolled()
     error = law.hurst_error
     for which in range(max(len(part.corrections) for part in parts)):  # as much as each is uncertain
         others = [part.without(which) for part in parts]
-        error = math.hypot(error, fit_power_law(together(others), roll=roll or 0.0).hurst - law.hurst)
+        error = math.hypot(error, Binned.together(others).power_law(roll=roll or 0.0).hurst - law.hurst)
     highest = float(data.q[-1])
     finest = max(parts, key=lambda part: part.data.q[-1])
     largest = max(surfaces, key=lambda one: max(one.shape) * one.pixel_size)

@@ -43,36 +43,6 @@ CROSS = 2
 
 
 @dataclass(frozen=True)
-class Binned:
-    """The density of a surface in logarithmic bins: wavenumber (1/nm), density (nm⁴), independent wave vectors."""
-
-    q: Floats
-    density: Floats
-    modes: Floats
-
-    def part(self, lowest: float, highest: float) -> Binned:
-        """The bins with lowest <= q <= highest."""
-        inside = (self.q >= lowest) & (self.q <= highest)
-        return Binned(self.q[inside], self.density[inside], self.modes[inside])
-
-    def first(self, count: int) -> Binned:
-        """The first ``count`` bins."""
-        return Binned(self.q[:count], self.density[:count], self.modes[:count])
-
-    @property
-    def rms(self) -> float:
-        """rms height of the waves in the bins, nm: h² = ∫ C q dq/(2π)."""
-        return math.sqrt(float(trapezoid(self.density * self.q**2, np.log(self.q))) / (2 * math.pi))
-
-    @property
-    def cut(self) -> float | None:
-        """The highest q before a sudden end of the spectrum; None if there is none."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            drops = np.nonzero(~(self.density[1:] > CUT * self.density[:-1]))[0]
-        return float(self.q[drops[0]]) if drops.size else None
-
-
-@dataclass(frozen=True)
 class PowerLaw:
     """C(q) = density·(q/at)**(-2-2·hurst), fitted between two wavenumbers (1/nm); errors are standard errors."""
 
@@ -89,56 +59,6 @@ class PowerLaw:
 
     def __call__(self, q: Floats | float) -> Floats:
         return self.density * (np.asarray(q) / self.at) ** (-2.0 - 2.0 * self.hurst)
-
-
-def binned(surface: Surface) -> Binned:
-    """The density of ``surface`` in narrow bins, from the period to the Nyquist wavenumber.
-
-    Of a surface that is not periodic the least-squares plane is subtracted, and it is tapered with a Hann window, which
-    correlates neighbouring wave vectors; waves of up to two periods along an axis are left out.
-    """
-    heights = surface.heights.astype(np.float64)
-    if not surface.periodic:
-        heights = hann(heights - trend(heights, 1))
-    nx, ny = heights.shape
-    spectrum: Any = sfft.rfft2(heights, workers=threads.available())
-    power = (spectrum.real**2 + spectrum.imag**2) * (surface.pixel_size**2 / heights.size)
-    q = wavenumbers((nx, ny), surface.pixel_size)
-    # conjugate pairs are both in the first column
-    weight = np.broadcast_to(0.5 * roughness.multiplicity(ny), power.shape)
-    nyquist = math.pi / surface.pixel_size
-    # a window spreads the mean and the trend over the first two waves
-    lowest = (1.0 if surface.periodic else 2.5) * 2 * math.pi / (max(nx, ny) * surface.pixel_size)
-    inside = (q >= lowest * (1 - 1e-9)) & (q < nyquist * (1 - 1e-9))
-    if not surface.periodic:
-        inside[np.abs(np.fft.fftfreq(nx, 1 / nx)) <= CROSS + 0.5] = False
-        inside[:, : CROSS + 1] = False
-    if not inside.any():
-        raise InputError(f"{surface!r} has too few pixels for a power spectrum")
-    q, power, weight = q[inside], power[inside], weight[inside]
-    which = np.floor(BINS * np.log(q / lowest) + 1e-6).astype(np.int64)
-    count = np.bincount(which, weight)
-    filled = count > 0
-    # the wavenumber at which a density of a typical slope has the mean of the bin
-    slope = 3.5
-    mean_q = (np.bincount(which, weight * q**-slope)[filled] / count[filled]) ** (-1 / slope)
-    density = np.bincount(which, weight * power)[filled] / count[filled]
-    return Binned(mean_q, density, np.maximum(count[filled] * (1.0 if surface.periodic else HANN_SHARE), 0.5))
-
-
-def wavenumbers(shape: tuple[int, int], pixel_size: float) -> Floats:
-    """|q| of the half spectrum, 1/nm, (nx, ny//2 + 1)."""
-    qx = 2 * np.pi * np.fft.fftfreq(shape[0], pixel_size)
-    qy = 2 * np.pi * np.fft.rfftfreq(shape[1], pixel_size)
-    return np.hypot(qx[:, None], qy[None, :])
-
-
-def logs(data: Binned) -> tuple[Floats, Floats, float]:
-    """Logarithms of the densities without their bias, their variances, and the wavenumber in the middle of them."""
-    variance: Any = polygamma(1, data.modes)
-    bias: Any = digamma(data.modes)
-    values: Any = np.log(data.density) - bias + np.log(data.modes)
-    return values, variance, math.exp(float(np.average(np.log(data.q), weights=1 / variance)))
 
 
 def _weighted(design: Floats, values: Floats, variance: Floats) -> tuple[Floats, Floats, float]:
@@ -163,58 +83,135 @@ def _weighted(design: Floats, values: Floats, variance: Floats) -> tuple[Floats,
     return fit, covariance, misfit
 
 
-def fit_power_law(data: Binned, hurst: float | None = None, roll: float = 0.0) -> PowerLaw:
-    """Fit Hurst exponent (unless given) and density to all bins of ``data``; below ``roll`` (1/nm) the density is that
-    at ``roll``.
-
-    Raises
-    ------
-    ValueError
-        There are too few bins, or some are empty of power.
-    """
-    if len(data.q) < (FEWEST_BINS if hurst is None else 1):
-        raise ValueError(f"only {len(data.q)} bins of wavenumbers; fit a wider range")
-    if not (data.density > 0).all():
-        raise ValueError("the spectrum is zero in this range")
-    values, variance, at = logs(data)
-    x = np.log(np.maximum(data.q, roll) / at)
-    if hurst is None:
-        design = np.stack([np.ones_like(x), -2 * x], axis=1)
-        fit, covariance, misfit = _weighted(design, values + 2 * x, variance)
-        exponent, error = float(fit[1]), math.sqrt(covariance[1, 1])
-    else:
-        fit, covariance, misfit = _weighted(np.ones((len(x), 1)), values + (2 + 2 * hurst) * x, variance)
-        exponent, error = hurst, 0.0
-    return PowerLaw(
-        hurst=exponent,
-        hurst_error=error,
-        density=math.exp(float(fit[0])),
-        density_error=math.sqrt(covariance[0, 0]),
-        at=at,
-        lowest=float(data.q[0]),
-        highest=float(data.q[-1]),
-        misfit=misfit,
-    )
+def wavenumbers(shape: tuple[int, int], pixel_size: float) -> Floats:
+    """|q| of the half spectrum, 1/nm, (nx, ny//2 + 1)."""
+    qx = 2 * np.pi * np.fft.fftfreq(shape[0], pixel_size)
+    qy = 2 * np.pi * np.fft.rfftfreq(shape[1], pixel_size)
+    return np.hypot(qx[:, None], qy[None, :])
 
 
-def together(parts: Sequence[Binned]) -> Binned:
-    columns = np.concatenate([np.stack([part.q, part.density, part.modes]) for part in parts], axis=1)
-    return Binned(*columns[:, np.argsort(columns[0], kind="stable")])
+@dataclass(frozen=True)
+class Binned:
+    """The density of a surface in logarithmic bins: wavenumber (1/nm), density (nm⁴), independent wave vectors."""
 
+    q: Floats
+    density: Floats
+    modes: Floats
 
-def rolls(data: Binned, count: int) -> Floats:
-    """Wavenumbers at which a roll-off is tried."""
-    return np.exp(np.linspace(math.log(data.q[0]), math.log(data.q[-FEWEST]), count))
+    def part(self, lowest: float, highest: float) -> Binned:
+        """The bins with lowest <= q <= highest."""
+        inside = (self.q >= lowest) & (self.q <= highest)
+        return Binned(self.q[inside], self.density[inside], self.modes[inside])
 
+    def first(self, count: int) -> Binned:
+        """The first ``count`` bins."""
+        return Binned(self.q[:count], self.density[:count], self.modes[:count])
 
-def rolled(data: Binned) -> tuple[float | None, tuple[float, float] | None, PowerLaw]:
-    """The roll-off of the best fit (1/nm) with its interval, both None without one; and the power law beyond."""
-    without = fit_power_law(data)
-    candidates = rolls(data, 12 * len(data.q))
-    laws = [fit_power_law(data, roll=float(roll)) for roll in candidates]
-    loss = np.array([law.misfit for law in laws]) * max(len(data.q) - 2, 1)
-    best = int(np.argmin(loss))
-    allowed = candidates[loss <= loss[best] + max(laws[best].misfit, 1.0)]
-    if without.misfit * max(len(data.q) - 2, 1) - loss[best] < SIGNIFICANT * max(laws[best].misfit, 1.0):
-        return None, None, without
-    return float(candidates[best]), (float(allowed[0]), float(allowed[-1])), laws[best]
+    @classmethod
+    def of(cls, surface: Surface) -> Binned:
+        """The density of ``surface`` in narrow bins, from the period to the Nyquist wavenumber.
+
+        Of a surface that is not periodic the least-squares plane is subtracted, and it is tapered with a Hann window,
+        which correlates neighbouring wave vectors; waves of up to two periods along an axis are left out.
+        """
+        heights = surface.heights.astype(np.float64)
+        if not surface.periodic:
+            heights = hann(heights - trend(heights, 1))
+        nx, ny = heights.shape
+        spectrum: Any = sfft.rfft2(heights, workers=threads.available())
+        power = (spectrum.real**2 + spectrum.imag**2) * (surface.pixel_size**2 / heights.size)
+        q = wavenumbers((nx, ny), surface.pixel_size)
+        # conjugate pairs are both in the first column
+        weight = np.broadcast_to(0.5 * roughness.multiplicity(ny), power.shape)
+        nyquist = math.pi / surface.pixel_size
+        # a window spreads the mean and the trend over the first two waves
+        lowest = (1.0 if surface.periodic else 2.5) * 2 * math.pi / (max(nx, ny) * surface.pixel_size)
+        inside = (q >= lowest * (1 - 1e-9)) & (q < nyquist * (1 - 1e-9))
+        if not surface.periodic:
+            inside[np.abs(np.fft.fftfreq(nx, 1 / nx)) <= CROSS + 0.5] = False
+            inside[:, : CROSS + 1] = False
+        if not inside.any():
+            raise InputError(f"{surface!r} has too few pixels for a power spectrum")
+        q, power, weight = q[inside], power[inside], weight[inside]
+        which = np.floor(BINS * np.log(q / lowest) + 1e-6).astype(np.int64)
+        count = np.bincount(which, weight)
+        filled = count > 0
+        # the wavenumber at which a density of a typical slope has the mean of the bin
+        slope = 3.5
+        mean_q = (np.bincount(which, weight * q**-slope)[filled] / count[filled]) ** (-1 / slope)
+        density = np.bincount(which, weight * power)[filled] / count[filled]
+        return cls(mean_q, density, np.maximum(count[filled] * (1.0 if surface.periodic else HANN_SHARE), 0.5))
+
+    @classmethod
+    def together(cls, parts: Sequence[Binned]) -> Binned:
+        """The bins of several surfaces, by their wavenumbers."""
+        columns = np.concatenate([np.stack([part.q, part.density, part.modes]) for part in parts], axis=1)
+        return cls(*columns[:, np.argsort(columns[0], kind="stable")])
+
+    def rolls(self, count: int) -> Floats:
+        """Wavenumbers at which a roll-off is tried."""
+        return np.exp(np.linspace(math.log(self.q[0]), math.log(self.q[-FEWEST]), count))
+
+    def logs(self) -> tuple[Floats, Floats, float]:
+        """Logarithms of the densities without their bias, their variances, and the wavenumber in the middle of them."""
+        variance: Any = polygamma(1, self.modes)
+        bias: Any = digamma(self.modes)
+        values: Any = np.log(self.density) - bias + np.log(self.modes)
+        return values, variance, math.exp(float(np.average(np.log(self.q), weights=1 / variance)))
+
+    @property
+    def rms(self) -> float:
+        """rms height of the waves in the bins, nm: h² = ∫ C q dq/(2π)."""
+        return math.sqrt(float(trapezoid(self.density * self.q**2, np.log(self.q))) / (2 * math.pi))
+
+    @property
+    def cut(self) -> float | None:
+        """The highest q before a sudden end of the spectrum; None if there is none."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            drops = np.nonzero(~(self.density[1:] > CUT * self.density[:-1]))[0]
+        return float(self.q[drops[0]]) if drops.size else None
+
+    def power_law(self, hurst: float | None = None, roll: float = 0.0) -> PowerLaw:
+        """Fit Hurst exponent (unless given) and density to all bins; below ``roll`` (1/nm) the density is that
+        at ``roll``.
+
+        Raises
+        ------
+        ValueError
+            There are too few bins, or some are empty of power.
+        """
+        if len(self.q) < (FEWEST_BINS if hurst is None else 1):
+            raise ValueError(f"only {len(self.q)} bins of wavenumbers; fit a wider range")
+        if not (self.density > 0).all():
+            raise ValueError("the spectrum is zero in this range")
+        values, variance, at = self.logs()
+        x = np.log(np.maximum(self.q, roll) / at)
+        if hurst is None:
+            design = np.stack([np.ones_like(x), -2 * x], axis=1)
+            fit, covariance, misfit = _weighted(design, values + 2 * x, variance)
+            exponent, error = float(fit[1]), math.sqrt(covariance[1, 1])
+        else:
+            fit, covariance, misfit = _weighted(np.ones((len(x), 1)), values + (2 + 2 * hurst) * x, variance)
+            exponent, error = hurst, 0.0
+        return PowerLaw(
+            hurst=exponent,
+            hurst_error=error,
+            density=math.exp(float(fit[0])),
+            density_error=math.sqrt(covariance[0, 0]),
+            at=at,
+            lowest=float(self.q[0]),
+            highest=float(self.q[-1]),
+            misfit=misfit,
+        )
+
+    def rolled(self) -> tuple[float | None, tuple[float, float] | None, PowerLaw]:
+        """The roll-off of the best fit (1/nm) with its interval, both None without one; and the power law beyond."""
+        without = self.power_law()
+        candidates = self.rolls(12 * len(self.q))
+        laws = [self.power_law(roll=float(roll)) for roll in candidates]
+        loss = np.array([law.misfit for law in laws]) * max(len(self.q) - 2, 1)
+        best = int(np.argmin(loss))
+        allowed = candidates[loss <= loss[best] + max(laws[best].misfit, 1.0)]
+        if without.misfit * max(len(self.q) - 2, 1) - loss[best] < SIGNIFICANT * max(laws[best].misfit, 1.0):
+            return None, None, without
+        return float(candidates[best]), (float(allowed[0]), float(allowed[-1])), laws[best]

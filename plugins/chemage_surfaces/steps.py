@@ -230,6 +230,8 @@ def resampled(heights: Floats, pixel_size: tuple[float, float], side: float, per
     ValueError
         The image repeats, and its period is no whole number of pixels; or fewer than four pixels would remain.
     """
+    from scipy.interpolate import CubicSpline
+
     for axis, old in enumerate(pixel_size):
         count = heights.shape[axis]
         exact = count * old / side
@@ -245,22 +247,17 @@ def resampled(heights: Floats, pixel_size: tuple[float, float], side: float, per
             raise ValueError(f"leaves {new} pixels of {side:g} nm along {'xy'[axis]}; give smaller pixels")
         if new == count and fits:
             continue
-        heights = _averaged(np.moveaxis(heights, axis, 0), old, side, new, periodic)
-        heights = np.moveaxis(heights, 0, axis)
+        rows = np.moveaxis(heights, axis, 0)
+        level = rows.mean(axis=0)
+        integral = np.zeros((count + 1, *rows.shape[1:]))
+        np.cumsum((rows - level) * old, axis=0, out=integral[1:])
+        if periodic:
+            integral[-1] = 0.0  # to the last bit
+        ends = "periodic" if periodic else "not-a-knot"
+        spline = CubicSpline(np.arange(count + 1) * old, integral, bc_type=ends)
+        edges = np.minimum(np.arange(new + 1) * side, count * old)
+        heights = np.moveaxis(np.diff(spline(edges), axis=0) / side + level, 0, axis)
     return np.ascontiguousarray(heights)
-
-
-def _averaged(rows: Floats, old: float, side: float, count: int, periodic: bool) -> Floats:
-    from scipy.interpolate import CubicSpline
-
-    level = rows.mean(axis=0)
-    integral = np.zeros((rows.shape[0] + 1, *rows.shape[1:]))
-    np.cumsum((rows - level) * old, axis=0, out=integral[1:])
-    if periodic:
-        integral[-1] = 0.0  # to the last bit
-    spline = CubicSpline(np.arange(rows.shape[0] + 1) * old, integral, bc_type="periodic" if periodic else "not-a-knot")
-    edges = np.minimum(np.arange(count + 1) * side, rows.shape[0] * old)
-    return np.diff(spline(edges), axis=0) / side + level
 
 
 def hann(heights: Floats) -> Floats:
@@ -268,9 +265,3 @@ def hann(heights: Floats) -> Floats:
     result = heights - heights.mean()
     roughness.taper(result)
     return result
-
-
-def mirrored(heights: Floats) -> Floats:
-    """The image and its mirror images beyond both edges, (2 nx, 2 ny): periodic without a step."""
-    wide = np.concatenate([heights, heights[::-1]], axis=0)
-    return np.concatenate([wide, wide[:, ::-1]], axis=1)

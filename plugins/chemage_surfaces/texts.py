@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from os import PathLike
-from typing import Any, ClassVar
+from typing import Any
 
 from pydantic import ValidationInfo, field_validator
 
@@ -38,18 +38,6 @@ _HEADER = re.compile(r"\s*[a-z][\w ()>-]*=", re.IGNORECASE)
 _DECIMAL_COMMA = re.compile(r"\s*[+-]?\d+,\d+(?:e[+-]?\d+)?\s*?(?P<separator>[;\t])", re.IGNORECASE)
 
 
-def _text(path: str | PathLike[str]) -> str:
-    """The text of the file, in UTF-16 where its mark says so."""
-    with open_file(path) as file:
-        data = file.read()
-    if data[:2] not in UTF16:
-        return tables.read_text(path)
-    try:
-        return data.decode("utf-16")
-    except UnicodeDecodeError:
-        raise StoreError(f"{path} is not a text file") from None
-
-
 class Text(Unitless):
     """A table of heights with one row of pixels per line: line i, column j is pixel (i, j).
 
@@ -61,7 +49,7 @@ class Text(Unitless):
     """
 
     kind = "text"
-    suffixes: ClassVar[tuple[str, ...]] = (".txt", ".dat", ".csv", ".tsv", ".asc")
+    suffixes = (".txt", ".dat", ".csv", ".tsv", ".asc")
 
     @classmethod
     def claims(cls, head: bytes, path: str | PathLike[str]) -> bool | None:
@@ -88,7 +76,12 @@ class Text(Unitless):
 
     def height_map(self, path: str | PathLike[str]) -> HeightMap:
         """The array as it is, with its unit if the header states it."""
-        text = _text(path)
+        with open_file(path) as file:
+            data = file.read()
+        try:
+            text = data.decode("utf-16") if data[:2] in UTF16 else tables.read_text(path)
+        except UnicodeDecodeError:
+            raise StoreError(f"{path} is not a text file") from None
         lines = tables.data_lines(text, self.comments)
         # the header of an instrument has no comment character
         first = next((place for place, (_, line) in enumerate(lines) if not _HEADER.match(line)), len(lines))

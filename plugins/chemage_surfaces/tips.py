@@ -34,6 +34,9 @@ _Seed = Annotated[int, Field(ge=0)]
 class _Body(SurfaceMaker):
     """A smooth body of revolution with its apex at height 0 in the middle of the grid; the seed is ignored."""
 
+    #: whether the contact at any load is taken for that of a sphere of this radius
+    hertzian: ClassVar[bool] = True
+
     radius: Length
     """radius of curvature R of the apex, nm"""
     pixels: Pixels
@@ -50,14 +53,10 @@ class _Body(SurfaceMaker):
         """Distance of the corners of the grid from the apex, nm."""
         return math.hypot(*(0.5 * (count - 1) * self.pixel_size for count in self.pixels))
 
-    def _is_hertzian(self) -> bool:
-        """Whether the contact at any load is taken for that of a sphere of this radius."""
-        return True
-
     def expected(self) -> dict[str, float]:
         """The grid and the radius."""
         nx, ny = self.pixels
-        radius = {"radius": self.radius} if self._is_hertzian() else {}
+        radius = {"radius": self.radius} if self.hertzian else {}
         return {"nx": nx, "ny": ny, "pixel_size": self.pixel_size, **radius, "periodic": 0.0} | {
             "cpu_seconds": 1e-8 * nx * ny
         }
@@ -76,7 +75,7 @@ class _Body(SurfaceMaker):
         across, along = (((np.arange(count) - 0.5 * (count - 1)) * self.pixel_size) ** 2 for count in self.pixels)
         heights = self._heights(across, along)
         heights.setflags(write=False)
-        radius = {"radius": self.radius} if self._is_hertzian() else {}
+        radius = {"radius": self.radius} if self.hertzian else {}
         return Surface(
             heights=heights,
             pixel_size=self.pixel_size,
@@ -97,8 +96,8 @@ class Sphere(_Body):
     """
 
     kind = "sphere"
-    cite: ClassVar[tuple[str, ...]] = ("K. L. Johnson, Contact Mechanics, Cambridge University Press (1985), ch. 4",)
-    bibtex: ClassVar[tuple[str, ...]] = (_JOHNSON,)
+    cite = ("K. L. Johnson, Contact Mechanics, Cambridge University Press (1985), ch. 4",)
+    bibtex = (_JOHNSON,)
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -118,6 +117,7 @@ class SphericalCap(_Body):
     """A true sphere, not the paraboloid of ``sphere``, on a grid whose corners are less than R from the apex."""
 
     kind = "spherical-cap"
+    hertzian = False
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -127,9 +127,6 @@ class SphericalCap(_Body):
                 'the sphere; use fewer pixels, or kind = "sphere" (a paraboloid) or "cone"'
             )
         return self
-
-    def _is_hertzian(self) -> bool:
-        return False
 
     def _heights(self, x: Floats, y: Floats) -> Floats:
         return _cap(x[:, None] + y, self.radius)
@@ -142,6 +139,7 @@ class Cone(_Body):
     """
 
     kind = "cone"
+    hertzian = False
 
     half_angle: Annotated[float, Unit("deg", gt=0, lt=90)]
     """angle α between the axis and the side, degrees"""
@@ -151,9 +149,6 @@ class Cone(_Body):
         if self._corner / math.tan(math.radians(self.half_angle)) > 1e250:
             raise ValueError(f"half_angle = {self.half_angle:g} degrees: heights are out of range; give a blunter cone")
         return self
-
-    def _is_hertzian(self) -> bool:
-        return False
 
     def _heights(self, x: Floats, y: Floats) -> Floats:
         angle = math.radians(self.half_angle)
@@ -220,13 +215,15 @@ class Tip(SurfaceMaker):
     def expected(self) -> dict[str, float]:
         """What the body expects; of a tip that is not smooth on a flat, only the grid and the time."""
         expected = self.body.expected()
-        parts = [part.expected() for part in (self.own_roughness, self.counterface) if part is not None]
-        if not parts:
+        seconds, smooth = expected.get("cpu_seconds", 0.0), True
+        for name, maker in (("own_roughness", self.own_roughness), ("counterface", self.counterface)):
+            if maker is not None:
+                part, smooth = maker.expected(), False
+                self._check_part(name, expected, part)
+                seconds += part.get("cpu_seconds", 0.0)
+        if smooth:
             return expected
         known = {name: expected[name] for name in ("nx", "ny", "pixel_size") if name in expected}
-        for name, part in zip(self._names, parts, strict=True):
-            self._check_part(name, expected, part)
-        seconds = sum(each.get("cpu_seconds", 0.0) for each in (expected, *parts))
         return {**known, "periodic": 0.0, "cpu_seconds": seconds}
 
     def scatter(self, contact: Mapping[str, float]) -> Scatter:
@@ -265,10 +262,6 @@ class Tip(SurfaceMaker):
             provenance={**provenance(self, seed if self._drawn else None), "tip": record, **radius},
         )
 
-    @property
-    def _names(self) -> list[str]:
-        return [name for name in ("own_roughness", "counterface") if getattr(self, name) is not None]
-
     def _check_part(self, name: str, body: Mapping[str, float], part: Mapping[str, float]) -> None:
         """Refuse a part whose pixels differ from those of the body, or which is smaller."""
         known = {"nx", "ny", "pixel_size"}
@@ -296,7 +289,8 @@ class Tip(SurfaceMaker):
         record: dict[str, Any],
     ) -> Floats:
         """The part of ``surface`` under the body at ``place``, or at a random one."""
-        self._check_part(name, _grid(body), _grid(surface))
+        grids = [{"nx": one.shape[0], "ny": one.shape[1], "pixel_size": one.pixel_size} for one in (body, surface)]
+        self._check_part(name, *grids)
         rng = np.random.Generator(np.random.Philox(stream))
         first = []
         for axis, (count, width) in enumerate(zip(surface.shape, body.shape, strict=True)):
@@ -314,7 +308,3 @@ class Tip(SurfaceMaker):
         record[name]["place"] = [(x + 0.5 * nx) * body.pixel_size, (y + 0.5 * ny) * body.pixel_size]
         rows, columns = (np.arange(s, s + n) % c for s, n, c in zip(first, body.shape, surface.shape, strict=True))
         return surface.heights[np.ix_(rows, columns)].astype(np.float64)
-
-
-def _grid(surface: Surface) -> dict[str, float]:
-    return {"nx": surface.shape[0], "ny": surface.shape[1], "pixel_size": surface.pixel_size}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from os import PathLike
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -44,10 +44,10 @@ class Topography(Instrument):
     """
 
     kind = "topography"
-    general: ClassVar[bool] = True
-    cite: ClassVar[tuple[str, ...]] = ("M. C. Röttger et al., Surf. Topogr.: Metrol. Prop. 10, 035032 (2022)",)
-    bibtex: ClassVar[tuple[str, ...]] = (_ROETTGER,)
-    suffixes: ClassVar[tuple[str, ...]] = tuple(f".{name}" for name in _ENDINGS.split())
+    general = True
+    cite = ("M. C. Röttger et al., Surf. Topogr.: Metrol. Prop. 10, 035032 (2022)",)
+    bibtex = (_ROETTGER,)
+    suffixes = tuple(f".{name}" for name in _ENDINGS.split())
 
     channel: str | None = None
     """name of the channel of heights; None: the default channel of the format"""
@@ -77,7 +77,13 @@ class Topography(Instrument):
             with warnings.catch_warnings(action="ignore"), library.open_topography(str(path)) as file:
                 own = self._channel(file, str(path))
                 for other in file.channels:
-                    if other.is_height_channel and other.dim == 2 and _directions(own, other):
+                    if not (other.is_height_channel and other.dim == 2):
+                        continue
+                    # trace and retrace of one quantity, by their names or by what the format says
+                    info = [one.info.get("raw_metadata", {}) for one in (own, other)]
+                    ways = sorted(str(each.get("line direction", "")).lower() for each in info)
+                    scans = str(own.name) == str(other.name) and ways == ["retrace", "trace"]
+                    if scans or opposite(str(own.channel_id), str(other.channel_id)):
                         return self.replace(channel=str(other.channel_id))
         except ChemageError:
             raise
@@ -108,7 +114,7 @@ class Topography(Instrument):
                 "" if "Detect" in type(error).__name__ else f" ({errors.shortened(' '.join(str(error).split()), 200)})"
             )
             raise StoreError(f"{name} is in no format that SurfaceTopography reads, or is damaged{reason}") from None
-        unit = _in_nm(topography.unit, name) if self.unit is None else self.unit
+        unit = self._unit(topography.unit, name)
         sides = None
         if self.pixel_size is not None:
             sides = (self.pixel_size, self.pixel_size)
@@ -119,6 +125,20 @@ class Topography(Instrument):
         heights.setflags(write=False)
         notes = {"format": kind, "channel": label}
         return HeightMap(heights, unit, sides, bool(topography.is_periodic), source=name, notes=notes)
+
+    def _unit(self, stated: str | None, name: str) -> float | None:
+        """nm per unit of lengths in the file; None where neither file nor user states it."""
+        from SurfaceTopography.Support.UnitConversion import get_unit_conversion_factor, mangle_length_unit_utf8
+
+        if self.unit is not None or stated is None:
+            return self.unit
+        try:
+            return float(get_unit_conversion_factor(mangle_length_unit_utf8(stated), "nm"))
+        except ValueError:
+            raise InputError(
+                f"{name} states lengths in {errors.shortened(str(stated), 40)!r}, which is no unit of length; give the "
+                'unit of the reader, such as reader = { kind = "topography", unit = "um" }'
+            ) from None
 
     def _channel(self, file: Any, name: str) -> Any:
         """The channel to read, which holds heights on a grid."""
@@ -138,14 +158,6 @@ class Topography(Instrument):
         return maps[self.channel]
 
 
-def _directions(one: Any, other: Any) -> bool:
-    """Whether two channels are trace and retrace of one quantity, by their names or by what the format says."""
-    if opposite(str(one.channel_id), str(other.channel_id)):
-        return True
-    ways = [str(channel.info.get("raw_metadata", {}).get("line direction", "")).lower() for channel in (one, other)]
-    return str(one.name) == str(other.name) and sorted(ways) == ["retrace", "trace"]
-
-
 def _library(name: str) -> Any:
     try:
         with warnings.catch_warnings(action="ignore"):  # that there is no MPI
@@ -156,18 +168,3 @@ def _library(name: str) -> Any:
             f"{name}: the reader 'topography' needs the library SurfaceTopography, which {why}; {INSTALL}"
         ) from None
     return IO
-
-
-def _in_nm(unit: str | None, name: str) -> float | None:
-    """nm per unit of the file; None where it states none."""
-    from SurfaceTopography.Support.UnitConversion import get_unit_conversion_factor, mangle_length_unit_utf8
-
-    if unit is None:
-        return None
-    try:
-        return float(get_unit_conversion_factor(mangle_length_unit_utf8(unit), "nm"))
-    except ValueError:
-        raise InputError(
-            f"{name} states lengths in {errors.shortened(str(unit), 40)!r}, which is no unit of length; give the unit "
-            'of the reader, such as reader = { kind = "topography", unit = "um" }'
-        ) from None

@@ -12,7 +12,7 @@ from scipy.optimize import least_squares, minimize_scalar
 
 from chemage import InputError, Surface
 from chemage_surfaces._maps import Floats
-from chemage_surfaces.measures import measure
+from chemage_surfaces.measures import Measures
 from chemage_surfaces.spectra import (
     CROSS,
     FEWEST,
@@ -20,11 +20,6 @@ from chemage_surfaces.spectra import (
     ROBUST,
     SIGNIFICANT,
     Binned,
-    binned,
-    fit_power_law,
-    logs,
-    rolled,
-    rolls,
 )
 from chemage_surfaces.steps import hann, trend
 
@@ -46,7 +41,7 @@ TO_PIXELS = "two pixels"
 
 def _noise(data: Binned) -> float:
     """The density of white noise, nm⁴, fitted together with roll-off and power law; 0 where none is seen."""
-    values, variance, at = logs(data)
+    values, variance, at = data.logs()
     deviation = np.sqrt(variance)
 
     def fitted(roll: float) -> Any:
@@ -59,8 +54,8 @@ def _noise(data: Binned) -> float:
         bounds = ([-np.inf, -1.0, values[-1] - 12], [np.inf, 3.0, values[-1] + 1])
         return least_squares(residuals, start, loss="huber", f_scale=ROBUST, bounds=bounds)
 
-    best = min((fitted(roll) for roll in (0.0, *rolls(data, ROLLS))), key=lambda one: one.cost)
-    _, _, without = rolled(data)
+    best = min((fitted(roll) for roll in (0.0, *data.rolls(ROLLS))), key=lambda one: one.cost)
+    _, _, without = data.rolled()
     degrees = max(len(data.q) - 3, 1)
     gain = without.misfit * max(len(data.q) - 2, 1) - 2 * best.cost
     return math.exp(best.x[2]) if gain > SIGNIFICANT * max(2 * best.cost / degrees, 1.0) else 0.0
@@ -133,7 +128,7 @@ def trusted(
     """What to trust of the spectrum of ``surface``: wavelengths above ``resolution`` (nm) if it is given; else above
     two pixels (three of an image that does not repeat), those that a tip has changed too much to correct, those at
     which noise has 25 % of the density, and the end of the spectrum. Noise is white, unless ``retrace`` shows it."""
-    data, limit = binned(surface), TO_PIXELS
+    data, limit = Binned.of(surface), TO_PIXELS
     if resolution is not None:
         return Trusted(data.part(0, 2 * math.pi / resolution), "as given")
     folded = np.zeros(len(data.q))
@@ -143,7 +138,7 @@ def trusted(
     elif not surface.periodic:
         data, limit = data.part(0, SAMPLED * math.pi / surface.pixel_size), "waves shorter than two pixels"
         folded = _folded(data, math.pi / surface.pixel_size)
-    measures = measure(surface.heights.astype(np.float64), (surface.pixel_size, surface.pixel_size))
+    measures = Measures.of(surface.heights.astype(np.float64), (surface.pixel_size, surface.pixel_size))
     radius = measures.tip_radius() if tip_radius is None else tip_radius
     tip = measures.tip_share(radius, data.q) if radius else np.zeros(len(data.q))
     changed = np.nonzero(np.isinf(tip))[0]
@@ -157,7 +152,7 @@ def trusted(
     noise, rms = np.zeros(len(data.q)), 0.0
     if retrace is not None:
         difference = noise_between(surface, retrace)
-        found = binned(difference)
+        found = Binned.of(difference)
         noise, rms = found.density[: len(data.q)], found.rms
     elif len(data.q) >= 3 * FEWEST and (data.density > 0).all():
         # folded waves are no noise
@@ -184,7 +179,7 @@ def _folded(data: Binned, nyquist: float) -> Floats:
     """The share of the density that is of waves shorter than two pixels, if the power law went on: Σ C(|q + G|)/C(q)
     over the eight nearest reciprocal vectors G of the pixels, averaged over directions. An instrument that averages
     over its pixels has less of it, so that half is corrected."""
-    law = fit_power_law(data.part(0, 0.5 * nyquist)) if (data.q < 0.5 * nyquist).sum() >= FEWEST_BINS else None
+    law = data.part(0, 0.5 * nyquist).power_law() if (data.q < 0.5 * nyquist).sum() >= FEWEST_BINS else None
     if law is None or not math.isfinite(law.hurst):
         return np.zeros(len(data.q))
     angle = (np.arange(16) + 0.5) * math.pi / 32

@@ -31,7 +31,7 @@ from scipy import fft as sfft
 
 import chemage as ca
 from chemage_surfaces.roughness_fit import fit_roughness
-from chemage_surfaces.spectra import binned, rolled
+from chemage_surfaces.spectra import Binned
 
 FINE = 2
 
@@ -148,7 +148,7 @@ def by_library(truth: dict[str, float], image: np.ndarray, true: Any) -> dict[st
 def of_itself(truth: dict[str, float], true: Any, shortest: float) -> dict[str, float]:
     """What the same waves of the surface itself give: the limit of any scan."""
     data = true.part(0, 2 * math.pi / shortest)
-    roll, _, law = rolled(data)
+    roll, _, law = data.rolled()
     low, high = float(data.q[0]), float(data.q[-1])
     q = np.geomspace(low, high, 500)
     fitted = law(np.maximum(q, roll or 0.0))
@@ -190,7 +190,7 @@ def main() -> None:
         began = time.process_time()
         truth, true, image = scan(case)
         surface = ca.Surface(heights=true, pixel_size=truth["side"] / FINE, periodic=False)
-        density = binned(surface)
+        density = Binned.of(surface)
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "scan.npy"
             np.save(path, image)

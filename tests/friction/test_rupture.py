@@ -150,6 +150,15 @@ def test_the_mean_force_is_what_there_was_without_a_law():
     np.testing.assert_array_equal(own.bonds, plain.bonds)
 
 
+def test_without_a_law_the_force_is_that_of_the_chemistry_times_the_bonds():
+    """ΔF = N ⟨f⟩ × front factor, here 7 and 40 bonds of 2.5 nN of which three in ten carry load at once."""
+    lattice, history = lattice_of_two(7)
+    bonded = ca.plugin.Bonded(contact(), chemistry(bond_force=2.5, front_factor=0.3), lattice, history)
+    found = ca.plugin.rupture_bonds(bonded)
+    np.testing.assert_allclose(found.force, [0.0, 5.25, 30.0], rtol=1e-15)
+    assert (found.law, found.provenance.get("rupture")) == ("", None)
+
+
 # -- the stage --------------------------------------------------------------------------------------------------------
 
 

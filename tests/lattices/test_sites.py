@@ -409,15 +409,15 @@ def test_a_scene_whose_sites_do_not_fit_is_refused_before_it_runs(command, tmp_p
 
 def test_pressure_and_gap_at_the_rim_of_hertz_have_one_factor():
     """p = B √d inside and gap = 4B/(3E*) d^(3/2) outside, which the reconstruction takes for every rim."""
-    from chemage_contact.closed_forms import _gap
+    from chemage_contact import Hertz
 
-    radius, edge = 30.0, 6.0
+    hertz, radius, edge = Hertz(modulus=35.3), 30.0, 6.0
     peak = 2 * 35.3 * edge / (math.pi * radius)
     for distance in (1e-2, 1e-3):
         line = ca.Surface(heights=np.zeros((1, 2)), pixel_size=2 * (edge + distance), periodic=False)
         factor = peak * math.sqrt(1 - (1 - distance / edge) ** 2) / math.sqrt(distance)
         gap = 4 * factor / (3 * 35.3) * distance**1.5
-        assert _gap(line, edge, radius) == pytest.approx(gap, rel=2 * distance / edge)
+        assert hertz._open_gap(line, edge, radius) == pytest.approx(gap, rel=2 * distance / edge)
 
 
 def test_a_stored_contact_without_gap_is_aged_and_says_so(contacts, tmp_path):

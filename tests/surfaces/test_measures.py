@@ -13,8 +13,8 @@ import chemage as ca
 from chemage import InputError, Surface
 from chemage_surfaces import fit_roughness
 from chemage_surfaces._maps import opposite
-from chemage_surfaces.measures import measure
-from chemage_surfaces.spectra import binned
+from chemage_surfaces.measures import Measures
+from chemage_surfaces.spectra import Binned
 from chemage_surfaces.steps import find_scars, line_offsets, trend
 from chemage_surfaces.trusted import noise_between
 
@@ -46,11 +46,11 @@ def test_a_tilted_parabola_on_oblong_pixels_has_its_slopes_and_curvatures(gaps):
     curved = heights + 0.01 * x**2 * np.sign(y - 57.5)
     if gaps:
         curved[RANDOM.random(curved.shape) < 0.3] = np.nan
-    found = measure(curved, (2.0, 5.0))
+    found = Measures.of(curved, (2.0, 5.0))
     assert found.missing == np.isnan(curved).sum()
     # ± half of the area each
     np.testing.assert_allclose(found.x.curvature, 0.02, rtol=0.1 if gaps else 1e-9)
-    plane = measure(np.where(np.isnan(curved), np.nan, heights), (2.0, 5.0))
+    plane = Measures.of(np.where(np.isnan(curved), np.nan, heights), (2.0, 5.0))
     np.testing.assert_allclose(plane.x.slope, 0.3, rtol=1e-12)
     np.testing.assert_allclose(plane.y.slope, 0.1, rtol=1e-12)
     np.testing.assert_allclose(plane.y.difference, 0.1 * plane.y.distance, rtol=1e-12)
@@ -61,7 +61,7 @@ def test_a_wave_has_its_height_difference_function():
     side, length = 0.5, 32
     x = np.arange(16 * length)[:, None] * side
     heights = np.broadcast_to(3 * np.sin(2 * np.pi * x / (length * side)), (16 * length, 8))
-    found = measure(heights, (side, side))
+    found = Measures.of(heights, (side, side))
     assert found.rms_height == pytest.approx(3 / math.sqrt(2))
     # whole periods of pairs at distances of at most a period
     few = found.x.distance <= length * side / 4
@@ -73,15 +73,15 @@ def test_a_wave_has_its_height_difference_function():
 @pytest.mark.parametrize("scale", [1e-250, 1.0, 1e250])
 def test_measures_know_no_unit_and_no_level(scale):
     heights = RANDOM.standard_normal((32, 32))
-    found, plain = measure(scale * (heights + 1e3), (1.0, 1.0)), measure(heights, (1.0, 1.0))
+    found, plain = Measures.of(scale * (heights + 1e3), (1.0, 1.0)), Measures.of(heights, (1.0, 1.0))
     assert found.rms_height / scale == pytest.approx(plain.rms_height, rel=1e-9)
     np.testing.assert_allclose(found.x.curvature / scale, plain.x.curvature, rtol=1e-9)
 
 
 def test_nothing_is_measured_of_nothing():
     with pytest.raises(InputError, match="all of them are missing"):
-        measure(np.full((5, 5), np.nan), (1.0, 1.0))
-    one = measure(np.array([[1.0, 2.0, np.nan]]), (1.0, 1.0))
+        Measures.of(np.full((5, 5), np.nan), (1.0, 1.0))
+    one = Measures.of(np.array([[1.0, 2.0, np.nan]]), (1.0, 1.0))
     assert one.rms_height == 0.5
     assert "not available and 1" in one.text()
 
@@ -148,7 +148,7 @@ def test_offset_lines_do_not_change_the_fit():
 def test_the_effect_of_a_tip_is_seen_corrected_and_stated(radius):
     true = ca.surface("self-affine", pixels=512, pixel_size=2.0, rms_slope=0.2, hurst=0.7, zeta=256).make(5)
     image = Surface(heights=dilated(true.heights, 2.0, radius), pixel_size=2.0)
-    assert measure(true.heights, (2.0, 2.0)).tip_radius() == 0
+    assert Measures.of(true.heights, (2.0, 2.0)).tip_radius() == 0
     fit = fit_roughness(image)
     assert fit.tip_radius == pytest.approx(radius, rel=0.5)
     assert fit.resolution > 4.0
@@ -265,8 +265,8 @@ def test_noise_is_the_difference_of_trace_and_retrace():
     for seed in range(4):
         (trace, retrace), own, side = scanned(seed)
         one, other, alone = (Surface(heights=h, pixel_size=side, periodic=False) for h in (trace, retrace, own))
-        difference = binned(noise_between(one, other))
-        found.append(difference.density / binned(alone).density)
+        difference = Binned.of(noise_between(one, other))
+        found.append(difference.density / Binned.of(alone).density)
     ratio = np.mean(found, axis=0)
     short = 2 * np.pi / difference.q < 100
     # a ratio of two means over independent wave vectors
