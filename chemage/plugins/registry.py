@@ -248,29 +248,34 @@ class Registry:
         stage = next((stage for stage in self.stages() if hook in stage.hooks), None)
 
         def check(answer: Any, who: str) -> None:
-            if not who:
-                component, who = self._own(stage, arguments)
-                there = recorded.keys() | getattr(answer, "observables", {}).keys()
-                if missing := getattr(component, "outputs", {}).keys() - there:
-                    raise PluginError(f"{who} declares the output {min(missing)!r} and does not record it")
-            if not isinstance(answer, expected):
-                found = f"{type(answer).__name__}; expected {expected.__name__} or None"
-                raise PluginError(f"{who} answered {hook} with {found}")
-            if stage is not None and (fault := stage.fault(answer, arguments)):
-                raise PluginError(f"{who}: {hook}: {fault}")
+            component = None if who else self._own(stage, arguments)
+            there = recorded.keys() | getattr(answer, "observables", {}).keys()
+            problem = ""
+            if missing := getattr(component, "outputs", {}).keys() - there:
+                problem = f" declares the output {min(missing)!r} and does not record it"
+            elif not isinstance(answer, expected):
+                problem = f" answered {hook} with {type(answer).__name__}; expected {expected.__name__} or None"
+            elif stage is not None and (fault := stage.fault(answer, arguments)):
+                problem = f": {hook}: {fault}"
+            if problem:
+                raise PluginError((who or self._named(component)) + problem)
 
         with recording() as recorded, taking_part(check) as plugins:
             result = getattr(self._in_order(context.preference()).hook, hook)(**arguments)
         return result, dict(plugins), recorded
 
-    def _own(self, stage: Stage | None, arguments: Mapping[str, Any]) -> tuple[Any, str]:
-        """The component whose method chemage calls where no plugin answers, and its name with the plugin that provides
-        it."""
+    def _own(self, stage: Stage | None, arguments: Mapping[str, Any]) -> Any:
+        """The component whose method chemage calls where no plugin answers."""
         role = (stage is not None and stage.role) or None
-        component = next((part for part in arguments.values() if getattr(part, "role", "") == role), None)
+        return next((part for part in arguments.values() if getattr(part, "role", "") == role), None)
+
+    def _named(self, component: Any) -> str:
+        """A component with the plugin that provides it."""
+        if component is None:
+            return "chemage"
         cls, record = type(component), self.provider(type(component))
         whose = full_name(record) if record else f"{cls.__qualname__} {source_version(cls)}"
-        return component, "chemage" if component is None else f"{role} {component.kind!r} of {whose}"
+        return f"{component.role} {component.kind!r} of {whose}"
 
     def check_preference(self, names: Iterable[str], where: str) -> None:
         """Raise an InputError if one of these plugins, named in ``where``, is not in use."""

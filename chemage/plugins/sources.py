@@ -7,11 +7,13 @@ not listed.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
+from operator import methodcaller
 from typing import Any
 
 import pluggy
 
+from chemage.foundation.components import Component
 from chemage.foundation.errors import ChemageError, InputError, PluginError
 from chemage.foundation.outputs import kept, recording
 from chemage.foundation.records import approximation_made_by, merged_approximations
@@ -21,26 +23,30 @@ from chemage.plugins.loading import add_specifications, full_name
 from chemage.plugins.registry import Registry, current, source_version
 
 
-def components_in(value: Any) -> Iterator[Any]:
-    """The components in a component, a list or a mapping, at any depth; a component before its parts."""
-    if hasattr(type(value), "kind") and hasattr(type(value), "model_fields"):
-        if value.role:
-            yield value
-        for name in type(value).model_fields:
-            yield from components_in(getattr(value, name))
-    elif isinstance(value, Mapping):
-        for item in value.values():
-            yield from components_in(item)
-    elif isinstance(value, list | tuple):
-        for item in value:
-            yield from components_in(item)
+def components_in(*values: Any) -> list[Any]:
+    """The components in components, lists and mappings, at any depth; a component before its parts."""
+    found: list[Any] = []
+    ahead = [*reversed(values)]
+    while ahead:
+        value = ahead.pop()
+        parts: Iterable[Any] = ()
+        if isinstance(value, Component):
+            if value.role:
+                found.append(value)
+            parts = [getattr(value, name) for name in type(value).model_fields]
+        elif isinstance(value, Mapping):
+            parts = value.values()
+        elif isinstance(value, list | tuple):
+            parts = value
+        ahead += reversed([*parts])
+    return found
 
 
 def providers(*components: Any) -> Plugins:
     """The plugins other than chemage that provide the components and their parts: name -> source."""
     plugins = current()
     sources: Plugins = {}
-    for part in components_in(components):
+    for part in components_in(*components):
         cls = type(part)
         record = plugins.provider(cls)
         if record is None:
@@ -52,7 +58,7 @@ def providers(*components: Any) -> Plugins:
 
 def approximations(*components: Any) -> list[dict[str, Any]]:
     """What is approximate about the components and their parts, as :mod:`chemage.foundation.records` has it."""
-    return merged_approximations(*(approximation_made_by(part) for part in components_in(components)))
+    return merged_approximations(*(approximation_made_by(part) for part in components_in(*components)))
 
 
 def approximation_of(role: str, kind: str) -> list[dict[str, Any]]:
@@ -90,7 +96,7 @@ def run_stage(stage: Stage, inputs: StageInputs) -> Any:
         raise PluginError(f"{who}: {fault}")
     took_part = {record.name: plugins.source_in_use(record), **took_part, **providers(options)}
     made = made.noting(took_part, approximations(options), kept(made, block))
-    said = stage.todict({stage.section: options}, lambda component: component.todict())
+    said = stage.todict({stage.section: options}, methodcaller("todict"))
     return made.model_copy(update={"provenance": {**made.provenance, **said}})
 
 
