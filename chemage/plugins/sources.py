@@ -23,23 +23,28 @@ from chemage.plugins.loading import add_specifications, full_name
 from chemage.plugins.registry import Registry, current, source_version
 
 
-def components_in(*values: Any) -> list[Any]:
-    """The components in components, lists and mappings, at any depth; a component before its parts."""
-    found: list[Any] = []
-    ahead = [*reversed(values)]
+def nested(value: Any, path: str = "") -> list[tuple[str, Any]]:
+    """The components in a component, a list or a mapping, at any depth, a component before its parts: (path,
+    component)."""
+    found: list[tuple[str, Any]] = []
+    ahead = [(path, value)]
     while ahead:
-        value = ahead.pop()
-        parts: Iterable[Any] = ()
+        path, value = ahead.pop()
+        items: Iterable[tuple[Any, Any]] = ()
         if isinstance(value, Component):
-            if value.role:
-                found.append(value)
-            parts = [getattr(value, name) for name in type(value).model_fields]
+            found.append((path, value))
+            items = [(name, getattr(value, name)) for name in type(value).model_fields]
         elif isinstance(value, Mapping):
-            parts = value.values()
+            items = value.items()
         elif isinstance(value, list | tuple):
-            parts = value
-        ahead += reversed([*parts])
+            items = enumerate(value)
+        ahead += reversed([(f"{path}.{name}", part) for name, part in items])
     return found
+
+
+def components_in(*values: Any) -> list[Any]:
+    """The components with a role in components, lists and mappings, as :func:`nested` finds them."""
+    return [component for _, component in nested(values) if component.role]
 
 
 def providers(*components: Any) -> Plugins:

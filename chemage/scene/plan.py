@@ -20,8 +20,8 @@ from chemage.foundation.threads import available
 from chemage.foundation.units import unit_of
 from chemage.lattices.site_grid import BYTES_PER_SITE
 from chemage.plugins import registry
-from chemage.plugins.hooks import KEYS, Doubt, Stated
-from chemage.scene.provenance import nested
+from chemage.plugins.hooks import KEYS, Doubt, Parts, Stated
+from chemage.plugins.sources import nested
 from chemage.scene.scene import Scene
 
 #: resident memory of Python with the libraries that a run uses, and of what it writes, bytes
@@ -67,6 +67,8 @@ class Plan:
     """Estimates of what a scene needs; what no component states is None, or absent."""
 
     scene: Scene
+    #: :attr:`Scene.solved_parts`
+    parts: Parts
     #: section -> what its stage states beforehand, seconds on the machine on which components were calibrated
     stated: Stated
     #: how much slower this machine is
@@ -195,7 +197,7 @@ class Plan:
         InputError
             With the numbers and the remedy.
         """
-        scene, grids, hold = self.scene, self.scene.site_grids, self.scene.hold
+        scene, grids, hold = self.scene, self.parts["grids"], self.scene.hold
         grid = f"{self.surface.get('nx', 0):.0f} x {self.surface.get('ny', 0):.0f} pixels"
         most = max(self.contact_bytes or 0.0, BYTES_PER_PIXEL * self.pixels)
         require(most, f"[surface] {grid}", "use fewer pixels")
@@ -204,11 +206,12 @@ class Plan:
         if grids and (scene.load > 0 or scene.contact.adheres):  # a contact has one pixel at least
             least = grids[1][0] * grids[1][1] / (grids[0][0] * grids[0][1])
             require(BYTES_PER_SITE * least, f"[chemistry] {least:.3g} sites per pixel", "use a smaller site_density")
+        times = hold.hold_times.size
         on = f" on {grids[1][0]} x {grids[1][1]} sites" if grids and grids[1] != grids[0] else ""
         remedy = "ask for fewer replicas, or fewer hold times" + (", or use a smaller site_density" if on else "")
-        most = kept_bytes(hold.replicas, hold.hold_times.size) + (self.replica_bytes or 0.0) * self.at_once
+        most = kept_bytes(hold.replicas, times) + (self.replica_bytes or 0.0) * self.at_once
         most += self.rupture_bytes
-        require(most, f"[hold] {hold.replicas} replicas at {hold.hold_times.size} hold times{on}", remedy)
+        require(most, f"[hold] {hold.replicas} replicas at {times} hold times{on}", remedy)
 
     def doubts(self) -> list[Doubt]:
         """Everything to warn of before the scene runs.
@@ -219,10 +222,9 @@ class Plan:
             A part of the scene would refuse it during the run.
         """
         doubts = [Doubt("long", text)] if (text := self._long_run()) else []
-        parts = self.scene.solved_parts
         for stage in registry.current().stages():
             try:
-                doubts += stage.doubts(parts, self.stated)
+                doubts += stage.doubts(self.parts, self.stated)
             except InputError as error:
                 error.add_note(f"in the stage {stage.section!r} of scene {self.scene.name!r}")
                 raise
@@ -242,11 +244,10 @@ class Plan:
 
     def _units(self) -> Iterator[Doubt]:
         """Quantities of a size that nothing has."""
-        sections = self.scene.sections()
-        for section, part in {**self.scene.parts, **sections}.items():
-            if isinstance(part, Component):
-                for path, component in nested(part, section) if section in sections else [(section, part)]:
-                    yield from _unusual(path, component, bonds=section not in sections)
+        for section, part in self.parts.items():
+            is_chemistry = isinstance(part, Component) and not part.role  # its parts are sections of their own
+            for path, component in [(section, part)] if is_chemistry else nested(part, section):
+                yield from _unusual(path, component, bonds=is_chemistry)
 
     # -- what is shown ------------------------------------------------------------------------------------------------
 
@@ -258,13 +259,13 @@ class Plan:
     @cached_property
     def stages(self) -> dict[str, str]:
         """What is modelled and what is not, in words."""
-        scene, parts = self.scene, self.scene.solved_parts
+        scene = self.scene
         rows: dict[str, str] = {}
         for stage in registry.current().stages():
             if scene.material and not stage.required:
                 values = ", ".join(f"{value.path} = {value.text}" for value in scene.from_material)
                 rows.setdefault("material", f"{scene.material}: {values or 'the scene gives every value itself'}")
-            rows |= stage.rows(parts, self.stated)
+            rows |= stage.rows(self.parts, self.stated)
         return rows
 
     @cached_property
@@ -360,7 +361,7 @@ def cost(scene: Scene, *, here: bool = True) -> Plan:
                 raise
         if "pixels" not in stated["contact"]:
             stated["surface"] = {name: value for name, value in stated["surface"].items() if name not in _MAP}
-        return Plan(scene, stated, slowness() if here else 1.0)
+        return Plan(scene, parts, stated, slowness() if here else 1.0)
 
 
 def plan(scene: Scene) -> Plan:
@@ -380,9 +381,10 @@ def plan(scene: Scene) -> Plan:
 
 def _unusual(path: str, component: Component, *, bonds: bool) -> Iterator[Doubt]:
     for name, info in type(component).model_fields.items():
-        value, unit = getattr(component, name), unit_of(info)
+        value = getattr(component, name)
         if isinstance(value, bool) or not isinstance(value, int | float) or not value:
             continue
+        unit = unit_of(info)
         usual = BOND_FORCES if unit == "nN" and bonds else USUAL.get(unit)
         if usual is None:
             continue

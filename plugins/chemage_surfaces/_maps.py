@@ -66,7 +66,7 @@ def _grid(value: Any) -> tuple[int, int]:
     if min(counts) < 1:
         raise ValueError(f"a grid of {counts[0]} x {counts[1]} pixels is empty; give at least 1")
     if counts[0] * counts[1] > MOST_PIXELS:
-        there = memory.capacity() or 8 * MOST_PIXELS
+        there = min(memory.capacity(), 8 * MOST_PIXELS)
         side = math.isqrt(int(there / 8))
         raise ValueError(
             f"a grid of {counts[0]} x {counts[1]} pixels is too large; the {memory.readable(there)} of memory of this "
