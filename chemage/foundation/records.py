@@ -263,14 +263,15 @@ class Record(Frozen):
     ) -> Self:
         """This record, with the plugins that took part in it (name -> version), and the approximations on the way to
         it, added to its ``provenance``; and with the fields ``kept``, see :func:`chemage.foundation.outputs.kept`."""
-        approximate_parts = merged_approximations(self.approximate, approximate)
-        provenance: dict[str, Any] = dict(getattr(self, "provenance", {}))
+        before: dict[str, Any] = getattr(self, "provenance", {})
+        provenance = dict(before)
         if plugins:
             provenance["plugins"] = {**self.plugins, **plugins}
-        if approximate_parts:
-            provenance["approximate"] = approximate_parts
-        update: dict[str, Any] = {"provenance": provenance} if plugins or approximate_parts else {}
-        update |= kept or {}
+        if entries := merged_approximations(self.approximate, approximate):
+            provenance["approximate"] = entries
+        update = dict(kept or {})
+        if provenance != before:
+            update["provenance"] = provenance
         return self.model_copy(update=update) if update else self
 
     def __copy__(self) -> Self:

@@ -12,14 +12,14 @@ from chemage.contacts.solution import ContactSolution
 from chemage.foundation.checks import Seed, check_times, checked_seed, expect, temperature_value
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
-from chemage.foundation.outputs import kept, recording
+from chemage.foundation.outputs import recording
 from chemage.foundation.units import QuantityLike
 from chemage.kinetics.history import BondHistory, checked_start, counters_of
 from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.lattice import ReactionLattice
 from chemage.plugins import registry
 from chemage.plugins.options import Choice
-from chemage.plugins.sources import approximation_of, approximations, providers
+from chemage.plugins.sources import approximation_of, noted
 
 
 class Engine(Component, ABC):
@@ -129,7 +129,7 @@ class Engine(Component, ABC):
         if isinstance(start, BondHistory):
             # an engine hands on the counters that it does not know
             history = history.model_copy(update={"resume": {**counters_of(start.resume), **history.resume}})
-        return history.noting({}, (), kept(history, recorded)) if recorded else history
+        return noted(history, recorded, {})
 
     def checked(
         self, lattice: ReactionLattice, hold_times: Sequence[float] | np.ndarray, temperature: QuantityLike, start: Any
@@ -235,4 +235,4 @@ def _answered(engine: Engine, **arguments: Any) -> BondHistory:
     )
     # an engine that selects another one, and a plugin that answers with one, record which
     used = approximation_of("engine", history.engine) if history.engine != engine.kind else []
-    return history.noting(providers(engine) | plugins, [*approximations(engine), *used], kept(history, recorded))
+    return noted(history, recorded, plugins, engine).noting({}, used)

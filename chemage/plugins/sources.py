@@ -9,18 +9,20 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from operator import methodcaller
-from typing import Any
+from typing import Any, TypeVar
 
 import pluggy
 
 from chemage.foundation.components import Component
 from chemage.foundation.errors import ChemageError, InputError, PluginError
-from chemage.foundation.outputs import kept, recording
-from chemage.foundation.records import approximation_made_by, merged_approximations
+from chemage.foundation.outputs import Block, kept, recording
+from chemage.foundation.records import Record, approximation_made_by, merged_approximations
 from chemage.plugins.context import Plugins, taking_part
 from chemage.plugins.hooks import Stage, StageInputs, hookimpl
 from chemage.plugins.loading import add_specifications, full_name
 from chemage.plugins.registry import Registry, current, source_version
+
+R = TypeVar("R", bound=Record)
 
 
 def nested(value: Any, path: str = "") -> list[tuple[str, Any]]:
@@ -30,14 +32,15 @@ def nested(value: Any, path: str = "") -> list[tuple[str, Any]]:
     ahead = [(path, value)]
     while ahead:
         path, value = ahead.pop()
-        items: Iterable[tuple[Any, Any]] = ()
         if isinstance(value, Component):
             found.append((path, value))
-            items = [(name, getattr(value, name)) for name in type(value).model_fields]
+            items: Iterable[tuple[Any, Any]] = [(name, getattr(value, name)) for name in type(value).model_fields]
         elif isinstance(value, Mapping):
             items = value.items()
         elif isinstance(value, list | tuple):
             items = enumerate(value)
+        else:
+            continue
         ahead += reversed([(f"{path}.{name}", part) for name, part in items])
     return found
 
@@ -64,6 +67,12 @@ def providers(*components: Any) -> Plugins:
 def approximations(*components: Any) -> list[dict[str, Any]]:
     """What is approximate about the components and their parts, as :mod:`chemage.foundation.records` has it."""
     return merged_approximations(*(approximation_made_by(part) for part in components_in(*components)))
+
+
+def noted(record: R, block: Block, plugins: Plugins, *components: Any) -> R:
+    """``record`` with what was recorded beside it, and with who took part in it: ``plugins``, and those that provide
+    its ``components``; and what is approximate about these."""
+    return record.noting(providers(*components) | plugins, approximations(*components), kept(record, block))
 
 
 def approximation_of(role: str, kind: str) -> list[dict[str, Any]]:
@@ -99,8 +108,7 @@ def run_stage(stage: Stage, inputs: StageInputs) -> Any:
     maker = next(each for each in plugins.stages() if each.makes == stage.makes and not each.changes)
     if fault := maker.fault_of(made, inputs):
         raise PluginError(f"{who}: {fault}")
-    took_part = {record.name: plugins.source_in_use(record), **took_part, **providers(options)}
-    made = made.noting(took_part, approximations(options), kept(made, block))
+    made = noted(made, block, {record.name: plugins.source_in_use(record), **took_part}, options)
     said = stage.todict({stage.section: options}, methodcaller("todict"))
     return made.model_copy(update={"provenance": {**made.provenance, **said}})
 
