@@ -60,6 +60,7 @@ def arrange(figure: Figure) -> None:
             width, height = figure.get_size_inches()
             figure.set_size_inches(width, height + lost / figure.dpi)
             _lay_out(figure)
+    _thin_ticks(figure)
     figure.set_layout_engine("none")  # it is laid out
 
 
