@@ -312,13 +312,8 @@ class Registry:
 
     def implementing(self, *hook_names: str) -> Plugins:
         """The plugins, other than chemage's own rooms, that implement any of these hooks: name -> source, sorted."""
-        names = {
-            implementation.plugin_name
-            for name in hook_names
-            for implementation in getattr(self.manager.hook, name).get_hookimpls()
-        }
-        records = [record for record in sorted(self.records, key=lambda r: r.name) if full_name(record) in names]
-        return {record.name: self.source_in_use(record) for record in records}
+        records = {record.name: record for hook in hook_names for record, _ in self.functions(hook)}
+        return {name: self.source_in_use(record) for name, record in sorted(records.items())}
 
     def functions(self, hook: str) -> list[tuple[PluginRecord, Any]]:
         """Each plugin that implements ``hook``, with its function, sorted by the name of the plugin."""
@@ -386,11 +381,12 @@ class Registry:
     def provider(self, cls: type) -> PluginRecord | None:
         """The plugin whose component ``cls`` is; None for a class that is not registered."""
         role, kind = getattr(cls, "role", ""), getattr(cls, "kind", "")
-        for record in self.offers(role, kind):
+        offers = self.offers(role, kind)
+        for record in offers:
             if record.component is cls or record.kinds[role][kind] == f"{cls.__module__}:{cls.__qualname__}":
                 return record
         # a package may give its class under another path
-        return next(iter(self.offers(role, kind)), None) if self._classes.get((role, kind)) is cls else None
+        return offers[0] if offers and self._classes.get((role, kind)) is cls else None
 
     def stage_hooks(self) -> list[str]:
         """The hooks of which one answer is used: those of the stages."""

@@ -53,11 +53,11 @@ class LongRunWarning(PlanWarning):
     """A run will take hours."""
 
 
-def _stated(section: str, name: str) -> property:
-    """A number that the stage of a section states; None where it does not."""
+def _stated(section: str, name: str, otherwise: float | None = None) -> property:
+    """A number that the stage of a section states; ``otherwise`` where it does not."""
 
     def number(plan: Plan) -> float | None:
-        return plan.stated.get(section, {}).get(name)
+        return plan.stated.get(section, {}).get(name, otherwise)
 
     return property(number)
 
@@ -81,21 +81,18 @@ class Plan:
         """What the maker of the surface states: nx, ny, pixel_size, rms_slope, ..."""
         return self.stated["surface"]
 
-    @property
-    def pixels(self) -> float:
-        """Number of pixels; 0 where it is not stated, and for a contact without a map."""
-        return self.stated["contact"].get("pixels", 0.0)
-
+    #: number of pixels; 0 where it is not stated, and for a contact without a map
+    pixels = _stated("contact", "pixels", 0.0)
     #: expected contact area over the nominal area
     area_fraction = _stated("contact", "area_fraction")
     #: expected mean of the pressure in contact, GPa
     mean_pressure = _stated("contact", "mean_pressure")
     #: bonds formed and broken per site of a replica
     events = _stated("chemistry", "events")
-    #: the share of the sites that is bonded at the last hold time
-    bonded = _stated("chemistry", "bonded")
     #: peak memory of the contact, and of one replica, bytes
     contact_bytes, replica_bytes = _stated("contact", "bytes"), _stated("ageing", "bytes")
+    #: of the gap, if the contact has one, and of the rupture law for all replicas, bytes
+    gap_bytes, rupture_bytes = _stated("contact", "gap_bytes", 0.0), _stated("rupture", "bytes", 0.0)
 
     @property
     def sites(self) -> float | None:
@@ -103,16 +100,6 @@ class Plan:
         if "chemistry" in self.stated:
             return self.stated["chemistry"].get("sites")
         return self.area_fraction * self.pixels if self.area_fraction is not None and self.pixels else None
-
-    @property
-    def gap_bytes(self) -> float:
-        """Of the gap, if the contact has one."""
-        return self.stated["contact"].get("gap_bytes", 0.0)
-
-    @property
-    def rupture_bytes(self) -> float:
-        """Of the rupture law, for all replicas."""
-        return self.stated.get("rupture", {}).get("bytes", 0.0)
 
     @property
     def contact_file(self) -> float:

@@ -46,10 +46,12 @@ def versions(scene: Scene | None = None, results: tuple[Record | None, ...] = ()
     records = {record.name: record for record in registry.current().records}
     for name, source in sorted(taking_part.items()):
         record = records.get(name)
-        numbers.setdefault((record and record.distribution) or name, (record and record.version) or source)
-        numbers |= (
-            {library: numbers.get(library, version) for library, version in record.libraries.items()} if record else {}
-        )
+        if record is None:
+            numbers.setdefault(name, source)
+            continue
+        numbers.setdefault(record.distribution or name, record.version or source)
+        for library, version in record.libraries.items():
+            numbers.setdefault(library, version)
     return numbers
 
 

@@ -54,6 +54,8 @@ if TYPE_CHECKING:
 
 #: called with (stage, done, total); total is 0 where a stage does not report how far it is
 Progress = Callable[[str, int, int], None]
+#: what a file holds of a run beside its records
+_ATTRIBUTES = ("scene", "timings", "versions", "keys", "cite")
 
 
 @dataclass(frozen=True)
@@ -222,17 +224,17 @@ class Run:
 
     def attributes(self) -> dict[str, str]:
         """The attributes of the root of the file."""
-        return {name: json.dumps(getattr(self, name)) for name in ("scene", "timings", "versions", "keys", "cite")}
+        return {name: json.dumps(getattr(self, name)) for name in _ATTRIBUTES}
 
     @classmethod
     def from_parts(cls, parts: Mapping[str, Any], attributes: Mapping[str, Any]) -> Run:
         """The inverse of :meth:`parts` and :meth:`attributes`."""
-        missing = [name for name in ("scene", "timings", "versions", "keys", "cite") if name not in attributes]
+        missing = [name for name in _ATTRIBUTES if name not in attributes]
         contact = parts.get("contact") or parts.get("statistics")
         if missing or contact is None:
             raise StoreError(f"not a complete run: without {', '.join(missing) or 'a contact'}")
         try:
-            fields = {name: json.loads(attributes[name]) for name in ("scene", "timings", "versions", "keys", "cite")}
+            fields = {name: json.loads(attributes[name]) for name in _ATTRIBUTES}
         except (ValueError, TypeError, RecursionError) as error:
             raise StoreError(f"not a complete run: {error}") from error
         if wrong := [name for name, value in fields.items() if not _is_sound(name, value)]:
@@ -337,8 +339,9 @@ def _run(
     made = compute_stages(scene, ("contact", "aging"), progress, timings, threads, checkpoints, **given)
     solved, aging = made["contact"], made.get("aging")
     if members and aging is not None and scene.chemistry is not None and scene.chemistry.forming.members(1):
+        how = arguments_of(scene.parts) | {"threads": threads, "progress": progress and partial(progress, BARRIERS)}
         with _timed(BARRIERS, scene, timings, progress):
-            aging = _with_members(scene, solved, aging, threads, progress and partial(progress, BARRIERS))
+            aging = with_members(aging, solved, scene.chemistry, **how)
     took_part = versions(scene, (solved, aging))
     keys = run_keys(scene, solved, aging)
     return Run(scene.todict(), solved, made.get("surface"), aging, timings, took_part, keys, tuple(scene.cite()))
@@ -395,20 +398,6 @@ def aged(scene: Scene, contact: ContactSolution | ContactStatistics, **changes: 
     assert scene.chemistry is not None
     with scene.in_use():
         return age(contact, scene.chemistry, **(arguments_of(scene.parts) | changes))
-
-
-def _with_members(
-    scene: Scene,
-    contact: ContactSolution | ContactStatistics,
-    aging: Aging,
-    threads: int | None,
-    progress: Callable[[int, int], None] | None,
-) -> Aging:
-    """The ageing with the error of its barriers."""
-    assert scene.chemistry is not None
-    how = arguments_of(scene.parts) | {"threads": threads, "progress": progress}
-    with scene.in_use():
-        return with_members(aging, contact, scene.chemistry, **how)
 
 
 def run_keys(scene: Scene, contact: ContactSolution | ContactStatistics, aging: Aging | None) -> dict[str, str]:
