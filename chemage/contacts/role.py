@@ -16,7 +16,7 @@ from chemage.foundation.progress import logged, of_plugins
 from chemage.foundation.units import QuantityLike
 from chemage.plugins import registry
 from chemage.plugins.options import Choice
-from chemage.plugins.sources import approximation_of, approximations, noted, providers
+from chemage.plugins.sources import approximation_of, approximations, providers
 from chemage.surfaces.surface import Roughness, Surface
 
 
@@ -133,7 +133,7 @@ class ContactSolver(Component, ABC):
             expect("start", start, ContactSolution, "give a solution of a neighbouring load")
         with recording() as recorded:
             solution = self._solve(surface, self.normal_force(load, surface), start)
-        return noted(solution, recorded, {})
+        return solution.model_copy(update=kept(solution, recorded)) if recorded else solution
 
 
 class WrappedSolver(ContactSolver):

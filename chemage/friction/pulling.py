@@ -15,7 +15,7 @@ from chemage.foundation.checks import Seed, check_times, checked_seed, expect, t
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
 from chemage.foundation.figures import BLUE, from_zero
-from chemage.foundation.outputs import recording
+from chemage.foundation.outputs import kept, recording
 from chemage.foundation.records import Doubles, Flags, Indices, Number, Plain
 from chemage.foundation.result import Medium, OfRecord, Panel, Picture, Rows, displays
 from chemage.foundation.units import Force, Length, QuantityLike, Unit
@@ -295,7 +295,7 @@ class Pulling(Component, ABC):
             )
         if isinstance(start, Followed):
             pulled = pulled.model_copy(update={"resume": {**counters_of(start.resume), **pulled.resume}})
-        return noted(pulled, recorded, {})
+        return pulled.model_copy(update=kept(pulled, recorded)) if recorded else pulled
 
 
 def pulling(kind: str, **options: Any) -> Any:

@@ -12,7 +12,7 @@ from chemage.contacts.solution import ContactSolution
 from chemage.foundation.checks import Seed, check_times, checked_seed, expect, temperature_value
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
-from chemage.foundation.outputs import recording
+from chemage.foundation.outputs import kept, recording
 from chemage.foundation.units import QuantityLike
 from chemage.kinetics.history import BondHistory, checked_start, counters_of
 from chemage.lattices.chemistry import Chemistry
@@ -129,7 +129,7 @@ class Engine(Component, ABC):
         if isinstance(start, BondHistory):
             # an engine hands on the counters that it does not know
             history = history.model_copy(update={"resume": {**counters_of(start.resume), **history.resume}})
-        return noted(history, recorded, {})
+        return history.model_copy(update=kept(history, recorded)) if recorded else history
 
     def checked(
         self, lattice: ReactionLattice, hold_times: Sequence[float] | np.ndarray, temperature: QuantityLike, start: Any
