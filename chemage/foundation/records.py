@@ -96,7 +96,7 @@ def frozen(array: Any, *dtypes: type[np.generic]) -> np.ndarray:
         require(8.0 * values.size, f"an array of shape {values.shape}", "give a smaller one")
     if values.dtype.kind not in "fiubc":
         raise ValueError(f"expected numbers, not {_kind(values)}")
-    if dtypes and values.dtype not in [np.dtype(kind) for kind in dtypes]:
+    if dtypes and values.dtype not in dtypes:
         target = np.dtype(dtypes[0])
         mixed = values.size and (values.dtype.kind == "c" or (values.dtype.kind == "b") != (target.kind == "b"))
         if mixed and not (target.kind == "b" and _is_zero_or_one(values)):
@@ -267,7 +267,7 @@ class Record(Frozen):
         provenance = dict(before)
         if plugins:
             provenance["plugins"] = {**self.plugins, **plugins}
-        if entries := merged_approximations(self.approximate, approximate):
+        if entries := merged_approximations(before.get("approximate"), approximate):
             provenance["approximate"] = entries
         update = dict(kept or {})
         if provenance != before:

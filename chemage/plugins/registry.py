@@ -381,12 +381,13 @@ class Registry:
     def provider(self, cls: type) -> PluginRecord | None:
         """The plugin whose component ``cls`` is; None for a class that is not registered."""
         role, kind = getattr(cls, "role", ""), getattr(cls, "kind", "")
-        offers = self.offers(role, kind)
-        for record in offers:
-            if record.component is cls or record.kinds[role][kind] == f"{cls.__module__}:{cls.__qualname__}":
+        is_imported = self._classes.get((role, kind)) is cls  # perhaps under another path than its own
+        for record in self.records:
+            offered = record.kinds.get(role, {}).get(kind)
+            own = record.component is cls or offered == f"{cls.__module__}:{cls.__qualname__}"
+            if offered is not None and (own or is_imported):
                 return record
-        # a package may give its class under another path
-        return offers[0] if offers and self._classes.get((role, kind)) is cls else None
+        return None
 
     def stage_hooks(self) -> list[str]:
         """The hooks of which one answer is used: those of the stages."""

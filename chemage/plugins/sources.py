@@ -34,14 +34,11 @@ def nested(value: Any, path: str = "") -> list[tuple[str, Any]]:
         path, value = ahead.pop()
         if isinstance(value, Component):
             found.append((path, value))
-            items: Iterable[tuple[Any, Any]] = [(name, getattr(value, name)) for name in type(value).model_fields]
-        elif isinstance(value, Mapping):
-            items = value.items()
+            value = {name: getattr(value, name) for name in type(value).model_fields}
         elif isinstance(value, list | tuple):
-            items = enumerate(value)
-        else:
-            continue
-        ahead += reversed([(f"{path}.{name}", part) for name, part in items])
+            value = dict(enumerate(value))
+        if isinstance(value, Mapping) and value:
+            ahead += [(f"{path}.{name}", value[name]) for name in reversed([*value])]
     return found
 
 
@@ -52,9 +49,13 @@ def components_in(*values: Any) -> list[Any]:
 
 def providers(*components: Any) -> Plugins:
     """The plugins other than chemage that provide the components and their parts: name -> source."""
+    return _providers(components_in(*components))
+
+
+def _providers(parts: Iterable[Any]) -> Plugins:
     plugins = current()
     sources: Plugins = {}
-    for part in components_in(*components):
+    for part in parts:
         cls = type(part)
         record = plugins.provider(cls)
         if record is None:
@@ -66,13 +67,15 @@ def providers(*components: Any) -> Plugins:
 
 def approximations(*components: Any) -> list[dict[str, Any]]:
     """What is approximate about the components and their parts, as :mod:`chemage.foundation.records` has it."""
-    return merged_approximations(*(approximation_made_by(part) for part in components_in(*components)))
+    return merged_approximations(*map(approximation_made_by, components_in(*components)))
 
 
 def noted(record: R, block: Block, plugins: Plugins, *components: Any) -> R:
     """``record`` with what was recorded beside it, and with who took part in it: ``plugins``, and those that provide
     its ``components``; and what is approximate about these."""
-    return record.noting(providers(*components) | plugins, approximations(*components), kept(record, block))
+    parts = components_in(*components)
+    approximate = [entry for part in parts for entry in approximation_made_by(part)]
+    return record.noting(_providers(parts) | plugins, approximate, kept(record, block))
 
 
 def approximation_of(role: str, kind: str) -> list[dict[str, Any]]:
