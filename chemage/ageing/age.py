@@ -187,7 +187,7 @@ def _recorded(method: AgeingMethod, aged: AgedBonds, block: Block) -> dict[str, 
 
 def _not_kept(request: AgeingRequest, method: AgeingMethod, aged: AgedBonds) -> tuple[str, ...]:
     """A note of what components would record of the replicas, which the method does not give."""
-    parts = components_in([request.engine, request.rupture])
+    parts = components_in(request.engine, request.rupture)
     missed = [name for part in parts for name in part.outputs if name not in aged.observables]
     return (f"ageing {method.kind!r} does not keep what replicas record: {', '.join(missed)}",) if missed else ()
 

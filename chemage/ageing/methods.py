@@ -137,7 +137,7 @@ class AgeingRequest:
         """``task`` of every replica, several at a time; reports the progress."""
         # threads inside a run take their processors away from the other replicas
         at_once = max(1, min(self.replicas, self.threads // self.engine.concurrency()))
-        return list(in_order(task, self.replicas, at_once, self.progress))
+        return in_order(task, self.replicas, at_once, self.progress)
 
 
 @dataclass(frozen=True)
@@ -287,7 +287,7 @@ def wants_states(engine: Engine, rupture: Rupture | None, observe: Sequence[Obse
     """
     asking = [
         f"{part.role} {part.kind!r}"
-        for part in components_in([rupture, *observe])
+        for part in components_in(rupture, *observe)
         if isinstance(part, Rupture | Observable) and part.states
     ]
     if asking and not engine.restart:
@@ -321,8 +321,10 @@ def check_contact(contact: str, has_map: bool, method: AgeingMethod, chemistry: 
 
 def left_out_plugins(method: AgeingMethod, took_part: Plugins) -> tuple[str, ...]:
     """A note of the plugins that would see the sites of a replica and did not."""
+    if method.shows_sites:
+        return ()
     missed = [name for name in implementing(*_SITE_HOOKS) if name not in took_part]
-    if method.shows_sites or not missed:
+    if not missed:
         return ()
     return (
         f"ageing {method.kind!r} does not give the sites of a replica to plugins: {', '.join(missed)} took no part",

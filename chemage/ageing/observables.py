@@ -116,7 +116,7 @@ def output_problems(*components: Any) -> Iterator[tuple[Component, str]]:
     reason in words."""
     by_name: dict[str, Component] = {}
     dims: dict[str, Component] = {}
-    for part in components_in(components):
+    for part in components_in(*components):
         who = _called(part)
         if problems := declaration_problems(part.outputs):
             yield part, f"{who}: {problems[0]}"

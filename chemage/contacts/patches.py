@@ -30,14 +30,15 @@ def label_patches(contact: np.ndarray, periodic: bool, *, corners: bool = True) 
     if contact.ndim != 2:
         raise InputError.of("contact", contact.shape, "must have two dimensions (nx, ny)")
     from scipy import ndimage
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
 
     labels = np.zeros(contact.shape, dtype=np.int32)
     structure = ndimage.generate_binary_structure(2, 2 if corners else 1)
     count = int(ndimage.label(contact, structure=structure, output=labels))  # pyright: ignore[reportArgumentType]
     if not periodic or count == 0:
         return labels, count
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
     pairs = []
     for first, second in ((labels[0], labels[-1]), (labels[:, 0], labels[:, -1])):
         for shift in (-1, 0, 1) if corners else (0,):

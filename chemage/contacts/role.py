@@ -132,7 +132,7 @@ class ContactSolver(Component, ABC):
             expect("start", start, ContactSolution, "give a solution of a neighbouring load")
         with recording() as recorded:
             solution = self._solve(surface, self.normal_force(load, surface), start)
-        return solution.noting({}, (), kept(solution, recorded)) if recorded else solution
+        return solution.model_copy(update=kept(solution, recorded)) if recorded else solution
 
 
 def contact(kind: str, **options: Any) -> Any:

@@ -295,8 +295,7 @@ def check_unpacked(size: float, stored: float, name: str) -> None:
 
 
 def _check_size(size: float, name: str) -> None:
-    there = capacity()
-    if there is not None and size > there:
+    if size > (there := capacity()):
         raise StoreError(f"{name} has {readable(size)} of data, but there are {readable(there)} of memory")
 
 

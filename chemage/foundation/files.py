@@ -299,7 +299,7 @@ def _checked(status: os.stat_result, shown: str, most: float | None) -> os.stat_
     if not stat.S_ISREG(status.st_mode):
         raise StoreError(f"{shown} is a device or a socket; name an ordinary file")
     limit = most if most is not None else capacity()
-    if limit is not None and status.st_size > limit:
+    if status.st_size > limit:
         raise StoreError(f"{shown} has {readable(status.st_size)}, more than the {readable(limit)} that can be read")
     return status
 

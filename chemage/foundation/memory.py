@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from pathlib import Path
@@ -16,8 +17,8 @@ _UNITS = {"": 1.0, "k": 1e3, "m": 1e6, "g": 1e9, "t": 1e12}
 _REMEDY = f"If this machine has more than chemage finds, set {VARIABLE}, such as {VARIABLE}='512 GB'"
 
 
-def capacity() -> float | None:
-    """Bytes that this process can have at most: of the machine, its control group and its limits; None: not known.
+def capacity() -> float:
+    """Bytes that this process can have at most: of the machine, its control group and its limits; inf: not known.
 
     Raises
     ------
@@ -29,8 +30,7 @@ def capacity() -> float | None:
         if match is None:
             raise InputError.of(VARIABLE, text, "is no amount of memory", "write it as '64 GB'")
         return float(match[1]) * _UNITS[match[2]]
-    limits = (_of_machine(), _of_group(), _of_process())
-    return min((limit for limit in limits if limit is not None), default=None)
+    return min(_of_machine(), _of_group(), _of_process())
 
 
 def require(size: float, what: str, remedy: str) -> None:
@@ -41,8 +41,7 @@ def require(size: float, what: str, remedy: str) -> None:
     InputError
         With both numbers.
     """
-    there = capacity()
-    if there is not None and size > there:
+    if size > (there := capacity()):
         raise InputError(
             f"{what}: about {readable(size)} of memory needed, but there are {readable(there)}; {remedy}. {_REMEDY}"
         )
@@ -57,7 +56,7 @@ def require_address_space() -> None:
         The limit is below :data:`LIBRARIES`.
     """
     limit = _of_process()
-    if limit is not None and limit < LIBRARIES:
+    if limit < LIBRARIES:
         raise InputError(
             f"the address space of this process is limited to {readable(limit)}, and the libraries of chemage take "
             f"{readable(LIBRARIES)}; raise the limit (ulimit -v)"
@@ -73,19 +72,19 @@ def readable(size: float) -> str:
     return f"{size:.4g} TB"
 
 
-def _of_machine() -> float | None:
+def _of_machine() -> float:
     try:
         return float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
     except (AttributeError, ValueError, OSError):  # no such call on this system
-        return None
+        return math.inf
 
 
-def _of_group() -> float | None:
+def _of_group() -> float:
     """The limit of the control group (version 2, else 1), as in containers and batch jobs."""
     try:
         lines = Path("/proc/self/cgroup").read_text().splitlines()
     except (OSError, UnicodeDecodeError):
-        return None
+        return math.inf
     limits: list[float] = []
     for line in lines:
         if line.count(":") < 2:
@@ -106,13 +105,13 @@ def _of_group() -> float | None:
                 continue
             if text.isdigit():
                 limits.append(float(text))
-    return min(limits, default=None)
+    return min(limits, default=math.inf)
 
 
-def _of_process() -> float | None:
+def _of_process() -> float:
     try:
         import resource
     except ImportError:  # not on this system
-        return None
+        return math.inf
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
-    return float(limit) if limit not in (resource.RLIM_INFINITY, -1) else None
+    return float(limit) if limit not in (resource.RLIM_INFINITY, -1) else math.inf

@@ -121,6 +121,8 @@ def kept(record: Any, block: Mapping[str, Recorded]) -> dict[str, Any]:
     PluginError
         A name is taken, or values do not fit their declaration.
     """
+    if not block:
+        return {}
     times: np.ndarray | None = getattr(record, "hold_times", None)
     observables, outputs = dict(record.observables), dict(record.outputs)
     checkers: dict[str, Checker] = {}

@@ -260,8 +260,11 @@ def logged(stage: str, what: str = "begins") -> Iterator[Callable[[str], None]]:
     )
 
 
-def counted(stage: str, unit: str, progress: Callable[[int, int], None] | None) -> Callable[[int, int], None]:
-    """A function to report (done, total) with: it logs them, and passes them on to ``progress``."""
+def counted(stage: str, unit: str, progress: Callable[[int, int], None] | None) -> Callable[[int, int], None] | None:
+    """A function to report (done, total) with: it logs them, and passes them on to ``progress``; None where nobody
+    reads either."""
+    if progress is None and not LOGGER.isEnabledFor(logging.INFO):
+        return None
 
     def report(done: int, total: int) -> None:
         LOGGER.info("%s: %s %d/%d", stage, unit, done, total)

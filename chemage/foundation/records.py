@@ -96,7 +96,7 @@ def frozen(array: Any, *dtypes: type[np.generic]) -> np.ndarray:
         require(8.0 * values.size, f"an array of shape {values.shape}", "give a smaller one")
     if values.dtype.kind not in "fiubc":
         raise ValueError(f"expected numbers, not {_kind(values)}")
-    if dtypes and values.dtype not in [np.dtype(kind) for kind in dtypes]:
+    if dtypes and values.dtype not in dtypes:
         target = np.dtype(dtypes[0])
         mixed = values.size and (values.dtype.kind == "c" or (values.dtype.kind == "b") != (target.kind == "b"))
         if mixed and not (target.kind == "b" and _is_zero_or_one(values)):
@@ -263,14 +263,15 @@ class Record(Frozen):
     ) -> Self:
         """This record, with the plugins that took part in it (name -> version), and the approximations on the way to
         it, added to its ``provenance``; and with the fields ``kept``, see :func:`chemage.foundation.outputs.kept`."""
-        approximate_parts = merged_approximations(self.approximate, approximate)
-        provenance: dict[str, Any] = dict(getattr(self, "provenance", {}))
+        before: dict[str, Any] = getattr(self, "provenance", {})
+        provenance = dict(before)
         if plugins:
             provenance["plugins"] = {**self.plugins, **plugins}
-        if approximate_parts:
-            provenance["approximate"] = approximate_parts
-        update: dict[str, Any] = {"provenance": provenance} if plugins or approximate_parts else {}
-        update |= kept or {}
+        if entries := merged_approximations(before.get("approximate"), approximate):
+            provenance["approximate"] = entries
+        update = dict(kept or {})
+        if provenance != before:
+            update["provenance"] = provenance
         return self.model_copy(update=update) if update else self
 
     def __copy__(self) -> Self:

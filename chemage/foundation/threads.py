@@ -57,23 +57,23 @@ def environment(threads: int) -> dict[str, str]:
 
 def in_order(
     task: Callable[[int], T], count: int, threads: int, progress: Callable[[int, int], None] | None
-) -> Iterator[T]:
+) -> list[T]:
     """Results of ``task(0 … count−1)`` in that order, ``threads`` at a time; the first failure stops the rest.
 
     ``progress`` is called with (tasks done, ``count``).
     """
+    results: dict[int, T] = {}
     if threads == 1:
         for number in range(count):
-            yield task(number)
+            results[number] = task(number)
             if progress:
                 progress(number + 1, count)
-        return
+        return [*results.values()]
     pool = ThreadPoolExecutor(threads, thread_name_prefix="chemage-replica")
     try:
         running: dict[Future[T], int] = {}
-        results: dict[int, T] = {}
-        begun = yielded = 0
-        while yielded < count:
+        begun = 0
+        while len(results) < count:
             # one more for each thread, so that none waits; not all, because there may be 10^9
             while begun < count and len(running) < 2 * threads:
                 # options of plugins are context variables, which the threads would not see
@@ -83,10 +83,8 @@ def in_order(
             for future in finished:
                 results[running.pop(future)] = future.result()
             if progress:
-                progress(begun - len(running), count)
-            while yielded in results:
-                yield results.pop(yielded)
-                yielded += 1
+                progress(len(results), count)
+        return [results[number] for number in range(count)]
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
 

@@ -203,6 +203,8 @@ def array_in(value: Any, unit: str = "") -> np.ndarray:
     UnitError
         It is no array, values are masked, or their dimension is another than that of ``unit``.
     """
+    if type(value) is np.ndarray:  # neither masked nor of another library
+        return value
     if (data := carried(value)) is not None:
         return plain_array(magnitudes(data, unit))
     if isinstance(value, list | tuple) and any(carried(item) is not None for item in value):

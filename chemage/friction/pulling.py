@@ -24,7 +24,7 @@ from chemage.lattices.chemistry import Chemistry, effective_forming
 from chemage.lattices.lattice import ReactionLattice
 from chemage.lattices.role import Barriers
 from chemage.plugins import registry
-from chemage.plugins.sources import approximations, providers
+from chemage.plugins.sources import noted
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -295,7 +295,7 @@ class Pulling(Component, ABC):
             )
         if isinstance(start, Followed):
             pulled = pulled.model_copy(update={"resume": {**counters_of(start.resume), **pulled.resume}})
-        return pulled.noting({}, (), kept(pulled, recorded)) if recorded else pulled
+        return pulled.model_copy(update=kept(pulled, recorded)) if recorded else pulled
 
 
 def pulling(kind: str, **options: Any) -> Any:
@@ -344,7 +344,7 @@ def pull(
         contact=contact,
         chemistry=chemistry,
     )
-    return pulled.noting(providers(engine) | plugins, approximations(engine), kept(pulled, recorded))
+    return noted(pulled, recorded, plugins, engine)
 
 
 @displays(PullHistory)

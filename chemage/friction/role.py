@@ -14,13 +14,13 @@ from chemage.contacts.solution import ContactSolution
 from chemage.foundation.checks import Seed, expect
 from chemage.foundation.components import Component
 from chemage.foundation.errors import PluginError
-from chemage.foundation.outputs import Observing, kept
+from chemage.foundation.outputs import Observing
 from chemage.foundation.records import Doubles, Named, Record
 from chemage.kinetics.history import BondHistory
 from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.lattice import ReactionLattice
 from chemage.plugins import registry
-from chemage.plugins.sources import approximations, providers
+from chemage.plugins.sources import noted
 
 
 @dataclass(frozen=True)
@@ -175,11 +175,10 @@ def rupture_bonds(bonded: Bonded, rupture: Rupture | None = None) -> RuptureForc
     force, plugins, recorded = registry.current().answer(
         "chemage_rupture_bonds", np.ndarray, rupture=rupture, bonded=bonded
     )
-    laws = [] if rupture is None else [rupture]
     rupture_force = RuptureForce(
         hold_times=bonded.hold_times,
         force=force,
         law="" if rupture is None else rupture.kind,
         provenance={} if rupture is None else {"rupture": rupture.todict()},
     )
-    return rupture_force.noting(providers(*laws) | plugins, approximations(*laws), kept(rupture_force, recorded))
+    return noted(rupture_force, recorded, plugins, rupture)

@@ -18,7 +18,7 @@ from chemage.kinetics.history import BondHistory, checked_start, counters_of
 from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.lattice import ReactionLattice
 from chemage.plugins import registry
-from chemage.plugins.sources import approximation_of, approximations, providers
+from chemage.plugins.sources import approximation_of, noted
 
 
 class Engine(Component, ABC):
@@ -128,7 +128,7 @@ class Engine(Component, ABC):
         if isinstance(start, BondHistory):
             # an engine hands on the counters that it does not know
             history = history.model_copy(update={"resume": {**counters_of(start.resume), **history.resume}})
-        return history.noting({}, (), kept(history, recorded)) if recorded else history
+        return history.model_copy(update=kept(history, recorded)) if recorded else history
 
     def checked(
         self, lattice: ReactionLattice, hold_times: Sequence[float] | np.ndarray, temperature: QuantityLike, start: Any
@@ -204,4 +204,4 @@ def _answered(engine: Engine, **arguments: Any) -> BondHistory:
     )
     # an engine that selects another one, and a plugin that answers with one, record which
     used = approximation_of("engine", history.engine) if history.engine != engine.kind else []
-    return history.noting(providers(engine) | plugins, [*approximations(engine), *used], kept(history, recorded))
+    return noted(history, recorded, plugins, engine).noting({}, used)

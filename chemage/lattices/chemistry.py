@@ -14,7 +14,6 @@ from chemage.foundation import random
 from chemage.foundation.checks import Seed, checked_seed, expect
 from chemage.foundation.components import Component, call_with
 from chemage.foundation.errors import InputError
-from chemage.foundation.outputs import kept
 from chemage.foundation.records import frozen
 from chemage.foundation.threads import OncePerObject
 from chemage.foundation.units import EV_PER_GPA_NM3, KB, Force, Frequency, Pressure, Unit, UnitOrWord, Volume
@@ -23,7 +22,7 @@ from chemage.lattices.role import Barriers, Interaction
 from chemage.lattices.site_grid import ONE_PER_PIXEL, ContactSites, Density, contact_sites
 from chemage.plugins import registry
 from chemage.plugins.options import Choice
-from chemage.plugins.sources import approximations, providers
+from chemage.plugins.sources import noted
 
 #: sites per nm²: hydroxyl groups of fully hydroxylated amorphous silica, the arithmetic mean of Zhuravlev, Colloids
 #: Surf. A 173, 1 (2000); least squares give 4.6 there
@@ -302,4 +301,4 @@ def build_lattice(
     lattice, plugins, recorded = registry.current().answer(
         "chemage_build_lattice", ReactionLattice, chemistry=chemistry, contact=contact, seed=seed, sites=sites
     )
-    return lattice.noting(providers(chemistry) | plugins, approximations(chemistry), kept(lattice, recorded))
+    return noted(lattice, recorded, plugins, chemistry)

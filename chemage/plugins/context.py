@@ -33,7 +33,7 @@ def preference() -> tuple[str, ...]:
     names = _prefer.get()
     if names is not None:
         return names
-    return tuple(filter(None, (name.strip() for name in os.environ.get(PREFER, "").split(","))))
+    return tuple(filter(None, map(str.strip, os.environ.get(PREFER, "").split(","))))
 
 
 @contextmanager

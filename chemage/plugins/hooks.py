@@ -208,11 +208,11 @@ class Stage:
 
     def todict(self, parts: Parts, options_of: Callable[[Any], dict[str, Any]]) -> dict[str, Any]:
         """Its sections as plain data; ``options_of`` gives the options of a component."""
-        data = {name: options_of(parts[name]) for name in self.parts if name in parts}
         if (value := parts.get(self.section)) is None:
-            return data
+            return {}
         if self.many:
-            return {self.section: [options_of(component) for component in value]}
+            return {self.section: [*map(options_of, value)]}
+        data = {name: options_of(parts[name]) for name in self.parts if name in parts}
         if hasattr(value, "identity"):
             options = options_of(value)
         else:

@@ -248,29 +248,34 @@ class Registry:
         stage = next((stage for stage in self.stages() if hook in stage.hooks), None)
 
         def check(answer: Any, who: str) -> None:
-            if not who:
-                component, who = self._own(stage, arguments)
-                there = recorded.keys() | getattr(answer, "observables", {}).keys()
-                if missing := getattr(component, "outputs", {}).keys() - there:
-                    raise PluginError(f"{who} declares the output {min(missing)!r} and does not record it")
-            if not isinstance(answer, expected):
-                found = f"{type(answer).__name__}; expected {expected.__name__} or None"
-                raise PluginError(f"{who} answered {hook} with {found}")
-            if stage is not None and (fault := stage.fault(answer, arguments)):
-                raise PluginError(f"{who}: {hook}: {fault}")
+            component = None if who else self._own(stage, arguments)
+            there = recorded.keys() | getattr(answer, "observables", {}).keys()
+            problem = ""
+            if missing := getattr(component, "outputs", {}).keys() - there:
+                problem = f" declares the output {min(missing)!r} and does not record it"
+            elif not isinstance(answer, expected):
+                problem = f" answered {hook} with {type(answer).__name__}; expected {expected.__name__} or None"
+            elif stage is not None and (fault := stage.fault(answer, arguments)):
+                problem = f": {hook}: {fault}"
+            if problem:
+                raise PluginError((who or self._named(component)) + problem)
 
         with recording() as recorded, taking_part(check) as plugins:
             result = getattr(self._in_order(context.preference()).hook, hook)(**arguments)
         return result, dict(plugins), recorded
 
-    def _own(self, stage: Stage | None, arguments: Mapping[str, Any]) -> tuple[Any, str]:
-        """The component whose method chemage calls where no plugin answers, and its name with the plugin that provides
-        it."""
+    def _own(self, stage: Stage | None, arguments: Mapping[str, Any]) -> Any:
+        """The component whose method chemage calls where no plugin answers."""
         role = (stage is not None and stage.role) or None
-        component = next((part for part in arguments.values() if getattr(part, "role", "") == role), None)
+        return next((part for part in arguments.values() if getattr(part, "role", "") == role), None)
+
+    def _named(self, component: Any) -> str:
+        """A component with the plugin that provides it."""
+        if component is None:
+            return "chemage"
         cls, record = type(component), self.provider(type(component))
         whose = full_name(record) if record else f"{cls.__qualname__} {source_version(cls)}"
-        return component, "chemage" if component is None else f"{role} {component.kind!r} of {whose}"
+        return f"{component.role} {component.kind!r} of {whose}"
 
     def check_preference(self, names: Iterable[str], where: str) -> None:
         """Raise an InputError if one of these plugins, named in ``where``, is not in use."""
@@ -307,13 +312,8 @@ class Registry:
 
     def implementing(self, *hook_names: str) -> Plugins:
         """The plugins, other than chemage's own rooms, that implement any of these hooks: name -> source, sorted."""
-        names = {
-            implementation.plugin_name
-            for name in hook_names
-            for implementation in getattr(self.manager.hook, name).get_hookimpls()
-        }
-        records = [record for record in sorted(self.records, key=lambda r: r.name) if full_name(record) in names]
-        return {record.name: self.source_in_use(record) for record in records}
+        records = {record.name: record for hook in hook_names for record, _ in self.functions(hook)}
+        return {name: self.source_in_use(record) for name, record in sorted(records.items())}
 
     def functions(self, hook: str) -> list[tuple[PluginRecord, Any]]:
         """Each plugin that implements ``hook``, with its function, sorted by the name of the plugin."""
@@ -376,11 +376,13 @@ class Registry:
     def provider(self, cls: type) -> PluginRecord | None:
         """The plugin whose component ``cls`` is; None for a class that is not registered."""
         role, kind = getattr(cls, "role", ""), getattr(cls, "kind", "")
-        for record in self.offers(role, kind):
-            if record.component is cls or record.kinds[role][kind] == f"{cls.__module__}:{cls.__qualname__}":
+        is_imported = self._classes.get((role, kind)) is cls  # perhaps under another path than its own
+        for record in self.records:
+            offered = record.kinds.get(role, {}).get(kind)
+            own = record.component is cls or offered == f"{cls.__module__}:{cls.__qualname__}"
+            if offered is not None and (own or is_imported):
                 return record
-        # a package may give its class under another path
-        return next(iter(self.offers(role, kind)), None) if self._classes.get((role, kind)) is cls else None
+        return None
 
     def stage_hooks(self) -> list[str]:
         """The hooks of which one answer is used: those of the stages."""

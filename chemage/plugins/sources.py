@@ -7,40 +7,55 @@ not listed.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from typing import Any
+from collections.abc import Iterable, Mapping
+from operator import methodcaller
+from typing import Any, TypeVar
 
 import pluggy
 
+from chemage.foundation.components import Component
 from chemage.foundation.errors import ChemageError, PluginError
-from chemage.foundation.outputs import kept, recording
-from chemage.foundation.records import approximation_made_by, merged_approximations
+from chemage.foundation.outputs import Block, kept, recording
+from chemage.foundation.records import Record, approximation_made_by, merged_approximations
 from chemage.plugins.context import Plugins, taking_part
 from chemage.plugins.hooks import Stage, StageInputs, hookimpl
 from chemage.plugins.loading import add_specifications, full_name
 from chemage.plugins.registry import Registry, current, source_version
 
+R = TypeVar("R", bound=Record)
 
-def components_in(value: Any) -> Iterator[Any]:
-    """The components in a component, a list or a mapping, at any depth; a component before its parts."""
-    if hasattr(type(value), "kind") and hasattr(type(value), "model_fields"):
-        if value.role:
-            yield value
-        for name in type(value).model_fields:
-            yield from components_in(getattr(value, name))
-    elif isinstance(value, Mapping):
-        for item in value.values():
-            yield from components_in(item)
-    elif isinstance(value, list | tuple):
-        for item in value:
-            yield from components_in(item)
+
+def nested(value: Any, path: str = "") -> list[tuple[str, Any]]:
+    """The components in a component, a list or a mapping, at any depth, a component before its parts: (path,
+    component)."""
+    found: list[tuple[str, Any]] = []
+    ahead = [(path, value)]
+    while ahead:
+        path, value = ahead.pop()
+        if isinstance(value, Component):
+            found.append((path, value))
+            value = {name: getattr(value, name) for name in type(value).model_fields}
+        elif isinstance(value, list | tuple):
+            value = dict(enumerate(value))
+        if isinstance(value, Mapping) and value:
+            ahead += [(f"{path}.{name}", value[name]) for name in reversed([*value])]
+    return found
+
+
+def components_in(*values: Any) -> list[Any]:
+    """The components with a role in components, lists and mappings, as :func:`nested` finds them."""
+    return [component for _, component in nested(values) if component.role]
 
 
 def providers(*components: Any) -> Plugins:
     """The plugins other than chemage that provide the components and their parts: name -> source."""
+    return _providers(components_in(*components))
+
+
+def _providers(parts: Iterable[Any]) -> Plugins:
     plugins = current()
     sources: Plugins = {}
-    for part in components_in(components):
+    for part in parts:
         cls = type(part)
         record = plugins.provider(cls)
         if record is None:
@@ -52,7 +67,15 @@ def providers(*components: Any) -> Plugins:
 
 def approximations(*components: Any) -> list[dict[str, Any]]:
     """What is approximate about the components and their parts, as :mod:`chemage.foundation.records` has it."""
-    return merged_approximations(*(approximation_made_by(part) for part in components_in(components)))
+    return merged_approximations(*map(approximation_made_by, components_in(*components)))
+
+
+def noted(record: R, block: Block, plugins: Plugins, *components: Any) -> R:
+    """``record`` with what was recorded beside it, and with who took part in it: ``plugins``, and those that provide
+    its ``components``; and what is approximate about these."""
+    parts = components_in(*components)
+    approximate = [entry for part in parts for entry in approximation_made_by(part)]
+    return record.noting(_providers(parts) | plugins, approximate, kept(record, block))
 
 
 def approximation_of(role: str, kind: str) -> list[dict[str, Any]]:
@@ -84,9 +107,8 @@ def run_stage(stage: Stage, inputs: StageInputs) -> Any:
     maker = next(each for each in plugins.stages() if each.makes == stage.makes and not each.changes)
     if fault := maker.fault_of(made, inputs):
         raise PluginError(f"{who}: {fault}")
-    took_part = {record.name: plugins.source_in_use(record), **took_part, **providers(options)}
-    made = made.noting(took_part, approximations(options), kept(made, block))
-    said = stage.todict({stage.section: options}, lambda component: component.todict())
+    made = noted(made, block, {record.name: plugins.source_in_use(record), **took_part}, options)
+    said = stage.todict({stage.section: options}, methodcaller("todict"))
     return made.model_copy(update={"provenance": {**made.provenance, **said}})
 
 

@@ -20,8 +20,8 @@ from chemage.foundation.threads import available
 from chemage.foundation.units import unit_of
 from chemage.lattices.site_grid import BYTES_PER_SITE
 from chemage.plugins import registry
-from chemage.plugins.hooks import KEYS, Doubt, Stated
-from chemage.scene.provenance import nested
+from chemage.plugins.hooks import KEYS, Doubt, Parts, Stated
+from chemage.plugins.sources import nested
 from chemage.scene.scene import Scene
 
 #: resident memory of Python with the libraries that a run uses, and of what it writes, bytes
@@ -53,11 +53,11 @@ class LongRunWarning(PlanWarning):
     """A run will take hours."""
 
 
-def _stated(section: str, name: str) -> property:
-    """A number that the stage of a section states; None where it does not."""
+def _stated(section: str, name: str, otherwise: float | None = None) -> property:
+    """A number that the stage of a section states; ``otherwise`` where it does not."""
 
     def number(plan: Plan) -> float | None:
-        return plan.stated.get(section, {}).get(name)
+        return plan.stated.get(section, {}).get(name, otherwise)
 
     return property(number)
 
@@ -67,6 +67,8 @@ class Plan:
     """Estimates of what a scene needs; what no component states is None, or absent."""
 
     scene: Scene
+    #: :attr:`Scene.solved_parts`
+    parts: Parts
     #: section -> what its stage states beforehand, seconds on the machine on which components were calibrated
     stated: Stated
     #: how much slower this machine is
@@ -79,21 +81,18 @@ class Plan:
         """What the maker of the surface states: nx, ny, pixel_size, rms_slope, ..."""
         return self.stated["surface"]
 
-    @property
-    def pixels(self) -> float:
-        """Number of pixels; 0 where it is not stated, and for a contact without a map."""
-        return self.stated["contact"].get("pixels", 0.0)
-
+    #: number of pixels; 0 where it is not stated, and for a contact without a map
+    pixels = _stated("contact", "pixels", 0.0)
     #: expected contact area over the nominal area
     area_fraction = _stated("contact", "area_fraction")
     #: expected mean of the pressure in contact, GPa
     mean_pressure = _stated("contact", "mean_pressure")
     #: bonds formed and broken per site of a replica
     events = _stated("chemistry", "events")
-    #: the share of the sites that is bonded at the last hold time
-    bonded = _stated("chemistry", "bonded")
     #: peak memory of the contact, and of one replica, bytes
     contact_bytes, replica_bytes = _stated("contact", "bytes"), _stated("ageing", "bytes")
+    #: of the gap, if the contact has one, and of the rupture law for all replicas, bytes
+    gap_bytes, rupture_bytes = _stated("contact", "gap_bytes", 0.0), _stated("rupture", "bytes", 0.0)
 
     @property
     def sites(self) -> float | None:
@@ -101,16 +100,6 @@ class Plan:
         if "chemistry" in self.stated:
             return self.stated["chemistry"].get("sites")
         return self.area_fraction * self.pixels if self.area_fraction is not None and self.pixels else None
-
-    @property
-    def gap_bytes(self) -> float:
-        """Of the gap, if the contact has one."""
-        return self.stated["contact"].get("gap_bytes", 0.0)
-
-    @property
-    def rupture_bytes(self) -> float:
-        """Of the rupture law, for all replicas."""
-        return self.stated.get("rupture", {}).get("bytes", 0.0)
 
     @property
     def contact_file(self) -> float:
@@ -195,8 +184,8 @@ class Plan:
         InputError
             With the numbers and the remedy.
         """
-        scene, grids, hold = self.scene, self.scene.site_grids, self.scene.hold
-        asked = [stage for stage in registry.current().stages() if stage.asked(scene.parts)]
+        scene, grids, hold = self.scene, self.parts["grids"], self.scene.hold
+        asked = [stage for stage in registry.current().stages() if stage.asked(self.parts)]
         made = {stage.makes for stage in asked if not stage.changes}
         for stage in asked:
             if stage.changes and stage.makes not in made:
@@ -210,11 +199,12 @@ class Plan:
         if grids and (scene.load > 0 or scene.contact.adheres):  # a contact has one pixel at least
             least = grids[1][0] * grids[1][1] / (grids[0][0] * grids[0][1])
             require(BYTES_PER_SITE * least, f"[chemistry] {least:.3g} sites per pixel", "use a smaller site_density")
+        times = hold.hold_times.size
         on = f" on {grids[1][0]} x {grids[1][1]} sites" if grids and grids[1] != grids[0] else ""
         remedy = "ask for fewer replicas, or fewer hold times" + (", or use a smaller site_density" if on else "")
-        most = kept_bytes(hold.replicas, hold.hold_times.size) + (self.replica_bytes or 0.0) * self.at_once
+        most = kept_bytes(hold.replicas, times) + (self.replica_bytes or 0.0) * self.at_once
         most += self.rupture_bytes
-        require(most, f"[hold] {hold.replicas} replicas at {hold.hold_times.size} hold times{on}", remedy)
+        require(most, f"[hold] {hold.replicas} replicas at {times} hold times{on}", remedy)
 
     def doubts(self) -> list[Doubt]:
         """Everything to warn of before the scene runs.
@@ -225,10 +215,9 @@ class Plan:
             A part of the scene would refuse it during the run.
         """
         doubts = [Doubt("long", text)] if (text := self._long_run()) else []
-        parts = self.scene.solved_parts
         for stage in registry.current().stages():
             try:
-                doubts += stage.doubts(parts, self.stated)
+                doubts += stage.doubts(self.parts, self.stated)
             except InputError as error:
                 error.add_note(f"in the stage {stage.section!r} of scene {self.scene.name!r}")
                 raise
@@ -248,11 +237,10 @@ class Plan:
 
     def _units(self) -> Iterator[Doubt]:
         """Quantities of a size that nothing has."""
-        sections = self.scene.sections()
-        for section, part in {**self.scene.parts, **sections}.items():
-            if isinstance(part, Component):
-                for path, component in nested(part, section) if section in sections else [(section, part)]:
-                    yield from _unusual(path, component, bonds=section not in sections)
+        for section, part in self.parts.items():
+            is_chemistry = isinstance(part, Component) and not part.role  # its parts are sections of their own
+            for path, component in [(section, part)] if is_chemistry else nested(part, section):
+                yield from _unusual(path, component, bonds=is_chemistry)
 
     # -- what is shown ------------------------------------------------------------------------------------------------
 
@@ -264,13 +252,13 @@ class Plan:
     @cached_property
     def stages(self) -> dict[str, str]:
         """What is modelled and what is not, in words."""
-        scene, parts = self.scene, self.scene.solved_parts
+        scene = self.scene
         rows: dict[str, str] = {}
         for stage in registry.current().stages():
             if scene.material and not stage.required:
                 values = ", ".join(f"{value.path} = {value.text}" for value in scene.from_material)
                 rows.setdefault("material", f"{scene.material}: {values or 'the scene gives every value itself'}")
-            rows |= stage.rows(parts, self.stated)
+            rows |= stage.rows(self.parts, self.stated)
         return rows
 
     @cached_property
@@ -366,7 +354,7 @@ def cost(scene: Scene, *, here: bool = True) -> Plan:
                 raise
         if "pixels" not in stated["contact"]:
             stated["surface"] = {name: value for name, value in stated["surface"].items() if name not in _MAP}
-        return Plan(scene, stated, slowness() if here else 1.0)
+        return Plan(scene, parts, stated, slowness() if here else 1.0)
 
 
 def plan(scene: Scene) -> Plan:
@@ -386,9 +374,10 @@ def plan(scene: Scene) -> Plan:
 
 def _unusual(path: str, component: Component, *, bonds: bool) -> Iterator[Doubt]:
     for name, info in type(component).model_fields.items():
-        value, unit = getattr(component, name), unit_of(info)
+        value = getattr(component, name)
         if isinstance(value, bool) or not isinstance(value, int | float) or not value:
             continue
+        unit = unit_of(info)
         usual = BOND_FORCES if unit == "nN" and bonds else USUAL.get(unit)
         if usual is None:
             continue

@@ -22,7 +22,7 @@ from chemage.foundation.machine import processor
 from chemage.foundation.names import __version__
 from chemage.foundation.records import Record
 from chemage.plugins import registry
-from chemage.plugins.sources import providers
+from chemage.plugins.sources import nested, providers
 from chemage.scene.scene import Scene
 from chemage.surfaces.role import Scatter, SurfaceMaker
 
@@ -46,10 +46,12 @@ def versions(scene: Scene | None = None, results: tuple[Record | None, ...] = ()
     records = {record.name: record for record in registry.current().records}
     for name, source in sorted(taking_part.items()):
         record = records.get(name)
-        numbers.setdefault((record and record.distribution) or name, (record and record.version) or source)
-        numbers |= (
-            {library: numbers.get(library, version) for library, version in record.libraries.items()} if record else {}
-        )
+        if record is None:
+            numbers.setdefault(name, source)
+            continue
+        numbers.setdefault(record.distribution or name, record.version or source)
+        for library, version in record.libraries.items():
+            numbers.setdefault(library, version)
     return numbers
 
 
@@ -108,20 +110,6 @@ def _installed(role: str, options: Mapping[str, Any]) -> Component | None:
         return registry.current().fromdict(role, options)
     except ChemageError:  # another version of the plugin, or none
         return None
-
-
-def nested(component: Component, path: str) -> Iterator[tuple[str, Component]]:
-    """``component`` and the components that are options of it, at any depth: (path, component)."""
-    yield path, component
-    for name in type(component).model_fields:
-        value = getattr(component, name)
-        places: dict[str, Any] = {f"{path}.{name}": value}
-        if isinstance(value, Mapping | list | tuple):
-            items = value.items() if isinstance(value, Mapping) else enumerate(value)
-            places = {f"{path}.{name}.{key}": part for key, part in items}
-        for place, part in places.items():
-            if isinstance(part, Component):
-                yield from nested(part, place)
 
 
 #: the paper that describes the model

@@ -54,6 +54,8 @@ if TYPE_CHECKING:
 
 #: called with (stage, done, total); total is 0 where a stage does not report how far it is
 Progress = Callable[[str, int, int], None]
+#: what a file holds of a run beside its records
+_ATTRIBUTES = ("scene", "timings", "versions", "keys", "cite")
 
 
 @dataclass(frozen=True)
@@ -222,17 +224,17 @@ class Run:
 
     def attributes(self) -> dict[str, str]:
         """The attributes of the root of the file."""
-        return {name: json.dumps(getattr(self, name)) for name in ("scene", "timings", "versions", "keys", "cite")}
+        return {name: json.dumps(getattr(self, name)) for name in _ATTRIBUTES}
 
     @classmethod
     def from_parts(cls, parts: Mapping[str, Any], attributes: Mapping[str, Any]) -> Run:
         """The inverse of :meth:`parts` and :meth:`attributes`."""
-        missing = [name for name in ("scene", "timings", "versions", "keys", "cite") if name not in attributes]
+        missing = [name for name in _ATTRIBUTES if name not in attributes]
         contact = parts.get("contact") or parts.get("statistics")
         if missing or contact is None:
             raise StoreError(f"not a complete run: without {', '.join(missing) or 'a contact'}")
         try:
-            fields = {name: json.loads(attributes[name]) for name in ("scene", "timings", "versions", "keys", "cite")}
+            fields = {name: json.loads(attributes[name]) for name in _ATTRIBUTES}
         except (ValueError, TypeError, RecursionError) as error:
             raise StoreError(f"not a complete run: {error}") from error
         if wrong := [name for name, value in fields.items() if not _is_sound(name, value)]:
@@ -332,15 +334,14 @@ def _run(
     checkpoints: Path | None,
     members: bool,
 ) -> Run:
-    report = progress or (lambda stage, done, total: None)
     timings: dict[str, float] = {}
-    wanted: tuple[str, ...] = ("contact", "aging")
     given: dict[str, Any] = {"surface": surface, "contact": contact}
-    made = compute_stages(scene, wanted, report, timings, threads, checkpoints, **given)
+    made = compute_stages(scene, ("contact", "aging"), progress, timings, threads, checkpoints, **given)
     solved, aging = made["contact"], made.get("aging")
     if members and aging is not None and scene.chemistry is not None and scene.chemistry.forming.members(1):
-        with _timed(BARRIERS, scene, timings, report):
-            aging = _with_members(scene, solved, aging, threads, partial(report, BARRIERS))
+        how = arguments_of(scene.parts) | {"threads": threads, "progress": progress and partial(progress, BARRIERS)}
+        with _timed(BARRIERS, scene, timings, progress):
+            aging = with_members(aging, solved, scene.chemistry, **how)
     took_part = versions(scene, (solved, aging))
     keys = run_keys(scene, solved, aging)
     return Run(scene.todict(), solved, made.get("surface"), aging, timings, took_part, keys, tuple(scene.cite()))
@@ -349,7 +350,7 @@ def _run(
 def compute_stages(
     scene: Scene,
     wanted: Collection[str],
-    report: Progress = lambda stage, done, total: None,
+    report: Progress | None = None,
     timings: dict[str, float] | None = None,
     threads: int | None = None,
     checkpoints: Path | None = None,
@@ -360,7 +361,7 @@ def compute_stages(
     made = {name: record for name, record in given.items() if record is not None}
     parts = scene.solved_parts
     for stage in _needed(parts, set(wanted), made):
-        progress = partial(report, stage.section)
+        progress = report and partial(report, stage.section)
         inputs = StageInputs(parts, made, threads, checkpoints, progress)
         with _timed(stage.section, scene, {} if timings is None else timings, report):
             kept = checkpoints is not None and stage.makes == "contact" and "surface" in made and not stage.changes
@@ -399,20 +400,6 @@ def aged(scene: Scene, contact: ContactSolution | ContactStatistics, **changes: 
         return age(contact, scene.chemistry, **(arguments_of(scene.parts) | changes))
 
 
-def _with_members(
-    scene: Scene,
-    contact: ContactSolution | ContactStatistics,
-    aging: Aging,
-    threads: int | None,
-    progress: Callable[[int, int], None],
-) -> Aging:
-    """The ageing with the error of its barriers."""
-    assert scene.chemistry is not None
-    how = arguments_of(scene.parts) | {"threads": threads, "progress": progress}
-    with scene.in_use():
-        return with_members(aging, contact, scene.chemistry, **how)
-
-
 def run_keys(scene: Scene, contact: ContactSolution | ContactStatistics, aging: Aging | None) -> dict[str, str]:
     """The keys of the stages of a finished run, in which the plugins that took part enter."""
     below = contact.provenance.get("surface")
@@ -422,9 +409,10 @@ def run_keys(scene: Scene, contact: ContactSolution | ContactStatistics, aging: 
 
 
 @contextmanager
-def _timed(stage: str, scene: Scene, timings: dict[str, float], report: Progress) -> Iterator[None]:
+def _timed(stage: str, scene: Scene, timings: dict[str, float], report: Progress | None) -> Iterator[None]:
     """Report the begin and end of a stage, note its wall seconds, and name it in errors."""
-    report(stage, 0, 0)
+    if report:
+        report(stage, 0, 0)
     begin = time.perf_counter()
     try:
         yield
@@ -432,7 +420,8 @@ def _timed(stage: str, scene: Scene, timings: dict[str, float], report: Progress
         error.add_note(f"in the stage {stage!r} of scene {scene.name!r}")
         raise
     timings[stage] = time.perf_counter() - begin
-    report(stage, 1, 1)
+    if report:
+        report(stage, 1, 1)
 
 
 def _kept(stage: Stage, scene: Scene, inputs: StageInputs) -> ContactSolution:
@@ -443,7 +432,7 @@ def _kept(stage: Stage, scene: Scene, inputs: StageInputs) -> ContactSolution:
     path, key = folder / "contact.h5", scene.keys()["contact"]
     other = f"{folder} holds checkpoints of another scene; choose another folder"
     how = {"run": key, "before": surface.plugins, "hooks": stage.hooks}
-    call = {"solver": scene.solver, "surface": surface, "load": scene.load, "start": None}
+    call = {"solver": inputs.parts["contact"], "surface": surface, "load": scene.load, "start": None}
     solution = resumed(path, "contact", ContactSolution, key, other, **how, **call)
     if solution is None:
         solution = stage.run(inputs)

@@ -15,6 +15,7 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
+from operator import attrgetter, methodcaller
 from typing import Any, Self
 
 import numpy as np
@@ -250,7 +251,7 @@ class Scene(Section):
         for stage in registry.current().stages():
             value = getattr(self, stage.section) if stage.section in Scene.model_fields else None
             value = self.others.get(stage.section) if value is None else value
-            if value is None or value == () or value == {}:
+            if value is None or (isinstance(value, tuple | Mapping) and not value):
                 continue
             if stage.only_with and getattr(self, stage.only_with) is None:
                 continue
@@ -276,7 +277,8 @@ class Scene(Section):
     def components(self) -> list[Component]:
         """Every component of the scene, those of the chemistry last."""
         chemical = {name for stage in registry.current().stages() for name in stage.parts}
-        return [part for _, part in sorted(self.sections().items(), key=lambda item: item[0] in chemical)]
+        sections = self.sections()
+        return [sections[path] for path in sorted(sections, key=chemical.__contains__)]
 
     def unit(self, path: str) -> str:
         """The unit of the option at ``path``, such as ``contact.load``; "" where it is no quantity."""
@@ -294,15 +296,11 @@ class Scene(Section):
 
     def todict(self) -> dict[str, Any]:
         """The scene as plain TOML-like data, every option spelled out; :func:`parse_scene` reads it back."""
-
-        def options_of(component: Component) -> dict[str, Any]:
-            return component.todict()
-
         data: dict[str, Any] = {"name": self.name, **({"title": self.title} if self.title else {})}
-        data |= _sections(self.parts, options_of)
+        data |= _sections(self.parts, methodcaller("todict"))
         if self.plugins or self.prefer:
             prefer = {"prefer": list(self.prefer)} if self.prefer else {}
-            data["plugins"] = prefer | {name: options_of(options) for name, options in self.plugins.items()}
+            data["plugins"] = prefer | {name: options.todict() for name, options in self.plugins.items()}
         return _without_none(data)
 
     def cite(self) -> list[str]:
@@ -343,13 +341,15 @@ class Scene(Section):
     @property
     def solver(self) -> ContactSolver:
         """The contact solver, with the gap where sites are smaller than pixels."""
-        grids = self.site_grids
-        return self.contact.with_gap() if grids and site_rule(*grids) == "reconstructed" else self.contact
+        return self.solved_parts["contact"]
 
     @property
     def solved_parts(self) -> dict[str, Any]:
         """:attr:`parts` with the :attr:`solver` for the contact, and the :attr:`site_grids` as ``grids``."""
-        return {**self.parts, "contact": self.solver, "grids": self.site_grids}
+        parts, grids = self.parts, self.site_grids
+        if grids and site_rule(*grids) == "reconstructed":
+            parts["contact"] = self.contact.with_gap()
+        return parts | {"grids": grids}
 
     def in_use(self) -> AbstractContextManager[None]:
         """A block in which plugins have the options that this scene sets, and come in its order."""
@@ -409,12 +409,9 @@ class Scene(Section):
 
     def _keys(self, extra: Mapping[str, Any]) -> dict[str, str]:
         stages, parts = registry.current().stages(), self.solved_parts
-        sections = _without_none(_sections(parts, lambda component: component.identity()))
+        sections = _without_none(_sections(parts, methodcaller("identity")))
         content: dict[str, list[Any]] = {key: [] for key in KEYS}
-        for stage in (
-            *(stage for stage in stages if stage.always_in_key),
-            *(stage for stage in stages if not stage.always_in_key),
-        ):
+        for stage in sorted(stages, key=attrgetter("always_in_key"), reverse=True):
             if stage.key:
                 content[stage.key] += stage.key_entries(sections)
         for stage in stages:
@@ -434,7 +431,7 @@ class Scene(Section):
 def _sections(parts: Mapping[str, Any], options_of: Callable[[Component], dict[str, Any]]) -> dict[str, Any]:
     """Every section that is there, lists of tables last; ``options_of`` gives the options of a component."""
     data: dict[str, Any] = {}
-    for stage in sorted(registry.current().stages(), key=lambda stage: stage.many):
+    for stage in sorted(registry.current().stages(), key=attrgetter("many")):
         data |= stage.todict(parts, options_of)
     return data
 

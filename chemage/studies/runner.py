@@ -303,8 +303,7 @@ class Runner:
         self._running: dict[Future[Answer], Piece] = {}
         self._suspects: deque[Piece] = deque()
         self._clock = _Clock()
-        memory = capacity() if pool.here else None
-        self._memory = math.inf if memory is None else memory - PROGRAM
+        self._memory = capacity() - PROGRAM if pool.here else math.inf
 
     @property
     def unsolved(self) -> int:

@@ -11,11 +11,10 @@ from typing import Any, Self
 from chemage.foundation.checks import Seed, expect
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
-from chemage.foundation.outputs import kept
 from chemage.foundation.progress import logged, of_plugins
 from chemage.foundation.text import percent
 from chemage.plugins import registry
-from chemage.plugins.sources import approximations, providers
+from chemage.plugins.sources import noted
 from chemage.surfaces.surface import Roughness, Surface
 
 
@@ -108,6 +107,6 @@ def make_surface(maker: SurfaceMaker, seed: Seed = 0) -> Surface:
     expect("maker", maker, SurfaceMaker, 'make one with chemage.surface("sphere", ...)')
     with logged("surface", maker.kind) as outcome:
         answer, plugins, recorded = registry.current().answer("chemage_make_surface", Surface, maker=maker, seed=seed)
-        answer = answer.noting(providers(maker) | plugins, approximations(maker), kept(answer, recorded))
+        answer = noted(answer, recorded, plugins, maker)
         outcome(f"{answer.shape[0]} x {answer.shape[1]} pixels; {of_plugins(answer.plugins)}")
     return answer

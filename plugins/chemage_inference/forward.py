@@ -150,7 +150,7 @@ class Condition:
             mean = expected[group, :, left] * (1 - part)[:, None] + expected[group, :, left + 1] * part[:, None]
             return bonds - mean[inside].sum(axis=0), barrier.size
 
-        replicas = list(processors.in_order(replica, len(lattices), threads or processors.available(), None))
+        replicas = processors.in_order(replica, len(lattices), threads or processors.available(), None)
         sizes = np.array([size for _, size in replicas], dtype=float)
         surplus = np.stack([difference for difference, _ in replicas])
         excess = surplus.sum(axis=0) / sizes.sum()

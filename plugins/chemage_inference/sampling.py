@@ -436,12 +436,12 @@ def sample(
     workers = min(threads or processors.available(), CHAINS)
     warm = min(WARM, sweeps)
     total, done, more = warm + sweeps, 0, min(2 * each, max(sweeps, each))
-    list(processors.in_order(lambda number: chains[number].warm(warm), CHAINS, workers, None))
+    processors.in_order(lambda number: chains[number].warm(warm), CHAINS, workers, None)
     while True:
         if progress:
             progress(warm + done, total)
         more = min(more, sweeps - done) if done else more
-        list(processors.in_order(lambda number, more=more: chains[number].run(more), CHAINS, workers, None))
+        processors.in_order(lambda number, more=more: chains[number].run(more), CHAINS, workers, None)
         done += more
         kept = np.linspace(0, done - 1, each).round().astype(int)
         every = np.stack([np.array(chain.densities) for chain in chains])

@@ -119,7 +119,7 @@ class DensityCurves:
             def aged(number: int) -> list[np.ndarray]:
                 return [_aged(scene, densities[number], draws, conditions[at]) for at in chosen]  # noqa: B023
 
-            values[:, chosen] = list(threads.in_order(aged, len(densities), threads.available(), None))
+            values[:, chosen] = threads.in_order(aged, len(densities), threads.available(), None)
         return values
 
     def _scene(self, seed: int, slope: float) -> Scene:

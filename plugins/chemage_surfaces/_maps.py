@@ -65,7 +65,7 @@ def _grid(value: Any) -> tuple[int, int]:
     if min(nx, ny) < 1:
         raise ValueError(f"a grid of {nx} x {ny} pixels is empty; give at least 1")
     if nx * ny > MOST_PIXELS:
-        there = memory.capacity() or 8 * MOST_PIXELS
+        there = min(memory.capacity(), 8 * MOST_PIXELS)
         side = math.isqrt(int(there / 8))
         raise ValueError(
             f"a grid of {nx} x {ny} pixels is too large; the {memory.readable(there)} of memory of this machine hold "

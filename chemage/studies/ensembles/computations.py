@@ -162,10 +162,9 @@ def estimated(scene: Scene, factor: int) -> Computation:
 
 def fitting(computation: Computation, workers: int) -> int:
     """How many surfaces are computed at the same time: ``workers``, or as many as the memory of this machine holds."""
-    there = capacity()
-    if there is None or not computation.bytes:
+    if not computation.bytes:
         return workers
-    return max(1, min(workers, int((there - PROGRAM) // computation.bytes)))
+    return max(1, int(min(workers, (capacity() - PROGRAM) / computation.bytes)))
 
 
 def replicas_of_difference(fine: Computation, coarse: Computation) -> int:

@@ -334,7 +334,7 @@ def _add(result: Survey, point: int, scene: Scene) -> None:
     result.means = scene.is_ensemble
     result.classes |= registered_classes(scene.components())
     costs.check()
-    varied, parts = {path for axis in result.grid.axes for path in axis.paths}, scene.solved_parts
+    varied, parts = {path for axis in result.grid.axes for path in axis.paths}, costs.parts
     of_sweep = [doubt for stage in registry.current().stages() for doubt in stage.doubts_of_sweep(parts, varied)]
     for doubt in [*costs.doubts(), *of_sweep]:
         text, first, count = result.doubts.get(doubt.kind, (doubt.text, point, 0))

@@ -29,9 +29,10 @@ from chemage.foundation.errors import ChemageError
 from chemage.foundation.records import content_hash
 from chemage.foundation.text import jsonable
 from chemage.plugins import registry
+from chemage.plugins.sources import nested
 from chemage.scene.files import override, parse_scene
 from chemage.scene.plan import cost
-from chemage.scene.provenance import nested, versions
+from chemage.scene.provenance import versions
 from chemage.scene.run import Run, aged, contact_of
 from chemage.scene.scene import Scene, coarser
 from chemage.scene.warm_up import form, warm_up
