@@ -55,7 +55,7 @@ def _sides(value: Any, *, give: str = "lengths; give one, or two: [along x, alon
 def _grid(value: Any) -> tuple[int, int]:
     sides = _sides(value, give="numbers; give one whole number of pixels, or two: [nx, ny]")
     # 2.5e3 is a whole number, too
-    whole = [int(side) if isinstance(side, float) and side.is_integer() else side for side in sides]
+    whole: Any = [int(side) if isinstance(side, float) and side.is_integer() else side for side in sides]
     try:
         if bool in map(type, sides):
             raise TypeError
@@ -141,7 +141,7 @@ class ImageMaker(SurfaceMaker):
             needed that was not asked for, or an option does not fit the image.
         """
         reader: Any = self.reader or reader_for(self.path)
-        made = _made(self, reader, file_stamp(self.path))
+        made = _made(self, reader, file_stamp(self.path))  # pyright: ignore[reportArgumentType]: hashable it is
         if isinstance(made, str):
             raise InputError(made)
         return made

@@ -171,8 +171,9 @@ class Hdf5(Unitless):
             for scales in node.dims if node.ndim == 2 else ():  # dimension scales (HDF5, NetCDF-4)
                 if not len(scales):
                     continue
-                container.check_dataset(scales[0], node.name)
-                unit = _single(scales[0].attrs.get("units"), "units", str(node.name))
+                place = str(node.name)
+                container.check_dataset(scales[0], place)
+                unit = _single(scales[0].attrs.get("units"), "units", place)
                 sides.append(coordinate_side(scales[0][()], unit))
         stated = None if self.pixel_size is not None else _single(attributes.get("pixel_size"), "pixel_size", name)
         if stated is None and self.pixel_size is None and len(sides) == 2 and None not in sides:
