@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,16 +25,11 @@ from chemage.studies.sweeps.grid import Survey, cpu_seconds, shown
 from chemage.studies.sweeps.points import expected_seconds
 from chemage.studies.sweeps.result import NOT_DONE, SweepResult, collect_sweep, count, in_words, load_sweep
 from chemage.studies.sweeps.running import Report, SweepProgress, read_grid, room_for, show_progress, survey_of, sweep
-from chemage.studies.sweeps.shares import ShareCost, agreed_points, shares_cost
+from chemage.studies.sweeps.shares import agreed_points, shares_cost
 from chemage.studies.sweeps.views import swept_rows
 
 if TYPE_CHECKING:
     from chemage.scene.scene import Scene
-
-
-def samples_of(path: Path) -> Path:
-    """The folder of the samples of a result file."""
-    return path.with_name(f"{path.stem}-samples")
 
 
 def run_ensemble(
@@ -56,7 +51,7 @@ def run_ensemble(
     from chemage.scene.warm_up import compiled_ahead
     from chemage.studies.ensembles.running import CORRECTING, SAMPLING, SKETCHING, Sampler
 
-    folder = samples_of(path)
+    folder = path.with_name(f"{path.stem}-samples")
     preflight_result(path, force=force, figures=figures)
     if folder.exists() and not folder.is_dir():
         raise user_error(f"{folder}, the folder for the samples, is a file; choose another --out")
@@ -250,22 +245,15 @@ def check_sweep(scene: str, changes: dict[str, Any], *, yes: bool, as_json: bool
     rows.append(
         ("expected disk space", f"{numbers['disk'] / 1e6:.3g} MB of {numbers['disk_free'] / 1e6:.3g} MB free here")
     )
-    rows += _share_rows(each)
+    if each:
+        points = [share.points for share in each]
+        costs = [share.cpu_seconds for share in each if share.cpu_seconds is not None]
+        rows.append((f"points in each of {len(each)} shares", f"{min(points)} to {max(points)}"))
+        if len(costs) == len(each):
+            rows.append(("CPU time of a share", f"{_duration(min(costs))} to {_duration(max(costs))}"))
     output.show_rows(f"{scene} is valid at every point", (), rows)
     for text in survey.warnings():
         output.say(f"warning: {text}")
-
-
-def _share_rows(each: Sequence[ShareCost]) -> list[tuple[str, str]]:
-    """What the smallest and the largest of the shares cost."""
-    if not each:
-        return []
-    points = [share.points for share in each]
-    costs = [share.cpu_seconds for share in each if share.cpu_seconds is not None]
-    rows = [(f"points in each of {len(each)} shares", f"{min(points)} to {max(points)}")]
-    if len(costs) == len(each):
-        rows.append(("CPU time of a share", f"{_duration(min(costs))} to {_duration(max(costs))}"))
-    return rows
 
 
 def _numbers(survey: Survey) -> dict[str, Any]:

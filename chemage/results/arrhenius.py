@@ -188,7 +188,12 @@ class ArrheniusDisplay(Result):
         if energies:
             title = f"bars: {self._sure}; activation energy at"
             legend(axes, title=title, loc="upper left", alignment="left")
-            _kelvins(axes, self.energies.temperatures)
+            # the temperatures along the upper edge
+            upper = axes.secondary_xaxis("top")
+            kelvins = self.energies.temperatures
+            chosen = kelvins[:: max(1, math.ceil(kelvins.size / 7))]
+            upper.set_xticks(1e3 / chosen, [f"{kelvin:g}" for kelvin in chosen])
+            upper.set_xlabel("T (K)")
 
     @property
     def _sure(self) -> str:
@@ -206,12 +211,3 @@ class ArrheniusDisplay(Result):
         axes.set_title(f"bars: {self._sure}")
         span = max(float(np.ptp(ends[np.isfinite(ends)])) if np.isfinite(ends).any() else 0.0, KB * 300)
         axes.set_ylim(energies.mean() - span, energies.mean() + span)
-
-
-def _kelvins(axes: Axes, temperatures: np.ndarray) -> None:
-    """Write the temperatures along the upper edge."""
-    upper = axes.secondary_xaxis("top")
-    step = max(1, math.ceil(temperatures.size / 7))
-    chosen = temperatures[::step]
-    upper.set_xticks(1e3 / chosen, [f"{kelvin:g}" for kelvin in chosen])
-    upper.set_xlabel("T (K)")
