@@ -234,9 +234,9 @@ def _print_comparison(joined: Comparison) -> None:
         chosen = slice(first, first + 4)
         output.show_rows("", ("", *names[chosen]), ((label, *texts[chosen]) for label, texts in rows))
     output.remark(joined.statement())
-    for different in joined.chemistry_differences():
-        values = ("none" if value is None else f"{value}" for value in different.values)
-        output.remark(f"  {different.path}: {' | '.join(values)}")
+    for path, values in joined.chemistry_differences().items():
+        texts = ("none" if value is None else f"{value}" for value in values)
+        output.remark(f"  {path}: {' | '.join(texts)}")
     output.show_tables(joined.tables())
     for name, model, reason in joined.not_fitted():
         output.say(f"{name}: {model} not fitted: {reason}")
