@@ -122,7 +122,10 @@ def scenes(targets: Sequence[str], seeds: Sequence[int], pixels: int | None = No
         studies = [study for study in studies_for(targets) if STUDIES[study].base == base]
         if studies:
             columns = _columns(studies, seeds if BASES[base].rough else ())
-            sweeps[base] = {**_data(base, pixels), "sweep": {"zip": [columns]}}
+            data, _ = scene_data(BASES[base].scene)
+            coarser = coarse(pixels) if base == "rough" and pixels is not None else {}
+            data = override(data, {"name": f"reproduction-{base}", **BASES[base].changes, **coarser})
+            sweeps[base] = {**data, "sweep": {"zip": [columns]}}
     return sweeps
 
 
@@ -136,12 +139,6 @@ def _columns(studies: Sequence[str], seeds: Sequence[int]) -> dict[str, list[Any
             if name not in points or points[name][REPLICAS] < member[REPLICAS]:
                 points[name] = member | surface
     return {path: [point[path] for point in points.values()] for path in next(iter(points.values()))}
-
-
-def _data(base: str, pixels: int | None) -> dict[str, Any]:
-    data, _ = scene_data(BASES[base].scene)
-    changes = coarse(pixels) if base == "rough" and pixels is not None else {}
-    return override(data, {"name": f"reproduction-{base}", **BASES[base].changes, **changes})
 
 
 def coarse(pixels: int) -> dict[str, Any]:
@@ -248,6 +245,10 @@ class PointSet(list[StudyPoint]):
             key = tuple(point.changes[path] for path in paths)
             groups.setdefault(key if len(paths) > 1 else key[0], PointSet()).append(point)
         return groups
+
+    def by_load(self) -> dict[float, PointSet]:
+        """Group the points by the load in µN."""
+        return {load / 1000: group for load, group in self.by(LOAD).items()}
 
     def by_volume(self) -> dict[float, PointSet]:
         """Group the points by the activation volume in Å³."""
