@@ -334,7 +334,6 @@ def cite(
     from chemage.results.kinds import components, load
     from chemage.scene.files import parse_scene, scene_data
     from chemage.scene.provenance import bibtex, references, text
-    from chemage.studies.sweeps.display import components_of_grid
     from chemage.studies.sweeps.grid import Grid
 
     if fmt not in ("bibtex", "text"):
@@ -347,7 +346,7 @@ def cite(
     else:
         data, source = scene_data(what)
         grid = Grid.read(data, source) if "sweep" in data else None
-        parts = components_of_grid(grid) if grid is not None else parse_scene(data, source).components()
+        parts = grid.components() if grid is not None else parse_scene(data, source).components()
     texts = texts or [entry for component in parts for entry in component.cite]
     publications = references(texts, parts, **({"version": version} if version else {}))
     print(bibtex(publications) if fmt == "bibtex" else text(publications), end="")

@@ -145,6 +145,13 @@ class Folder:
             raise StoreError(f"{self.manifest} does not describe a sweep: {in_lines(error.problems[:1])}") from None
         return data
 
+    def intact_manifest(self) -> dict[str, Any] | None:
+        """Read ``sweep.json``; None if it is missing or damaged."""
+        try:
+            return self.read_manifest() if self.manifest.exists() else None
+        except DamagedError:
+            return None
+
     def state(self, key: str) -> str:
         """Find whether a point is ``done``, ``failed``, ``missing`` or ``damaged``."""
         path = self.point(key)

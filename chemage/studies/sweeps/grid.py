@@ -7,6 +7,7 @@ whole section given as an inline table, or ``false`` for a section to be left ou
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -19,6 +20,7 @@ from pydantic import TypeAdapter
 
 from chemage.contacts.options import nominal_pressure
 from chemage.contacts.theory import no_map
+from chemage.foundation.components import Component
 from chemage.foundation.errors import ChemageError, InputError, PluginError, SceneError, nearest
 from chemage.foundation.records import content_hash, text_hash
 from chemage.plugins import registry
@@ -26,7 +28,9 @@ from chemage.plugins.sources import implementing, stage_hooks
 from chemage.scene.files import override, parse_scene, required_sections, section_names
 from chemage.scene.materials import filled_sections
 from chemage.scene.plan import cost
+from chemage.scene.provenance import versions
 from chemage.scene.scene import Scene
+from chemage.studies.folder import FORMAT
 from chemage.studies.tasks import Task, ageing_seconds, registered_classes
 
 
@@ -112,14 +116,24 @@ class Grid:
         changes = dict(sorted(self.changes(point).items(), key=lambda item: item[0].count(".")))
         # a material would fill what is removed here; there, a section that is false is left out
         kept = filled_sections() if changes.get("material", self.base.get("material")) else ()
-        return override(
-            self.base,
-            {path: value if path in kept else _without_false(path, value) for path, value in changes.items()},
-        )
+        for path in section_names():
+            if changes.get(path) is False and path not in (*kept, *required_sections()):
+                changes[path] = None
+        return override(self.base, changes)
 
     def scene(self, point: int) -> Scene:
         """The validated scene of ``point``."""
         return parse_scene(self.data(point), self.source)
+
+    def components(self) -> list[Component]:
+        """The components of all points; only an axis of kinds or of whole sections changes them."""
+        varied = []
+        for axis in self.axes:
+            kinds = any(path.endswith("kind") for path in axis.paths)
+            sections = any(isinstance(value, dict | bool) for row in axis.values for value in row)
+            varied.append(range(len(axis)) if kinds or sections else (0,))
+        points = [int(np.ravel_multi_index(places, self.shape)) for places in itertools.product(*varied)]
+        return [component for point in points for component in self.scene(point).components()]
 
     def todict(self) -> dict[str, Any]:
         """Plain JSON values, from which :meth:`fromdict` makes an equal grid."""
@@ -190,10 +204,6 @@ def _wrong_path(path: str) -> str | None:
     return None
 
 
-def _without_false(path: str, value: Any) -> Any:
-    return None if value is False and path in section_names() and path not in required_sections() else value
-
-
 # -- validation of all points -----------------------------------------------------------------------------------------
 
 
@@ -222,6 +232,121 @@ class Survey:
     #: what to warn of: kind -> (text of the first point that it concerns, this point, number of points)
     doubts: dict[str, tuple[str, int, int]] = field(default_factory=dict)
 
+    @classmethod
+    def of(cls, grid: Grid, progress: Callable[[int, int], None] | None = None) -> Survey:
+        """Validate every point of ``grid``; ``progress`` receives (points validated, number of points).
+
+        Raises
+        ------
+        SceneError
+            Points are not valid; for each error the message names the path, the first point, and the values of that
+            point.
+        """
+        result = cls(grid, hooks=implementing(*stage_hooks()))
+        result.resolved = [[[None] * len(axis.paths) for _ in axis.values] for axis in grid.axes]
+        wrong: dict[tuple[str, str], list[int]] = {}
+        for point in range(grid.size):
+            try:
+                scene = grid.scene(point)
+            except PluginError:
+                raise
+            except ChemageError as error:
+                for problem in getattr(error, "problems", None) or [("", str(error))]:
+                    first = wrong.setdefault(problem, [point, 0])
+                    first[1] += 1
+                continue
+            finally:
+                if progress is not None:
+                    progress(point + 1, grid.size)
+            if wrong:
+                continue
+            try:
+                result.add(point, scene)
+            except InputError as error:
+                error.add_note(f"at point {point} of {grid.source}")
+                raise
+            places = grid.positions(point)
+            for axis, place in enumerate(places):
+                if not any(places[:axis] + places[axis + 1 :]):  # the first point with this place
+                    result.resolve(axis, place, scene)
+        if wrong:
+            raise SceneError(grid.source, [_located(grid, problem, *where) for problem, where in wrong.items()])
+        result.digest = text_hash("".join([json.dumps([[axis.paths for axis in grid.axes], []]), *result.keys]))
+        return result
+
+    def add(self, point: int, scene: Scene) -> None:
+        """Make the task of the next point, and estimate what it costs."""
+        if not scene.contact.gives_map:
+            raise InputError(no_map(scene.contact, "a sweep has no contact to store; run each scene by itself"))
+        costs = cost(scene)
+        if point and scene.is_ensemble != self.means:
+            raise InputError(
+                "accuracy, ensemble: some points are means over surfaces and others are not; make two sweeps"
+            )
+        self.means = scene.is_ensemble
+        self.classes |= registered_classes(scene.components())
+        costs.check()
+        varied, parts = {path for axis in self.grid.axes for path in axis.paths}, scene.solved_parts
+        of_sweep = [doubt for stage in registry.current().stages() for doubt in stage.doubts_of_sweep(parts, varied)]
+        for doubt in [*costs.doubts(), *of_sweep]:
+            text, first, count = self.doubts.get(doubt.kind, (doubt.text, point, 0))
+            self.doubts[doubt.kind] = text, first, count + 1
+        task = Task.of(
+            scene,
+            number=point,
+            changes=self.grid.changes(point),
+            contact_seconds=_or_nan(costs.contact_cpu_seconds),
+            ageing_seconds=_or_nan(costs.kinetics_cpu_seconds),
+        )
+        # only what makes the scene is kept, since there may be very many
+        key = mean_key(scene) if self.means else task.key
+        task = replace(task, key=key, source=partial(self.grid.scene, point))
+        self.tasks.append(task)
+        needed = [costs.contact_bytes]
+        if task.contact not in self.contacts:
+            self.contacts[task.contact] = task
+            self.bytes += 3000 + costs.contact_file
+        self.bytes += 5000
+        if scene.hold is not None:
+            self.bytes += scene.hold.hold_times.size * (90 + 11 * scene.hold.replicas)
+            needed.append(costs.replica_bytes)
+        self.memory = float(np.max([self.memory, *map(_or_nan, needed)]))
+
+    def resolve(self, axis: int, place: int, scene: Scene) -> None:
+        """Record the validated values of one position: "20 uN" is 20000.0 nN."""
+        data = scene.todict()
+        for number, path in enumerate(self.grid.axes[axis].paths):
+            written = self.grid.axes[axis].values[place][number]
+            if path == "contact.load" and (pressure := nominal_pressure(written)) is not None:
+                # the force differs where the size of the surface is swept as well
+                self.resolved[axis][place][number], self.units[path] = pressure, "GPa"
+                continue
+            value: Any = data
+            for name in path.split("."):
+                value = value.get(name) if isinstance(value, Mapping) else None
+            if isinstance(written, Mapping) or value is None or isinstance(value, Mapping | list):
+                value = written
+            self.resolved[axis][place][number] = value
+            if path not in self.units:
+                self.units[path] = scene.unit(path)
+
+    def manifest(self) -> dict[str, Any]:
+        """What the file of a sweep in its folder says."""
+        numbers = {key: number for number, key in enumerate(self.contacts)}
+        return {
+            "format": FORMAT,
+            "digest": self.digest,
+            "versions": versions(self.tasks[0].scene),
+            "asked": self.hooks,
+            "grid": self.grid.todict(),
+            "resolved": self.resolved,
+            "units": self.units,
+            "contacts": list(numbers),
+            "contact_of": [numbers[task.contact] for task in self.tasks],
+            "keys": self.keys,
+            **({"means": True} if self.means else {}),
+        }
+
     def task(self, point: int, **changes: Any) -> Task:
         """The task of a point, with the memory that is enough for every one."""
         return replace(self.tasks[point], bytes=0.0 if math.isnan(self.memory) else self.memory, **changes)
@@ -249,47 +374,6 @@ def cpu_seconds(tasks: Sequence[Task]) -> float | None:
     """CPU time of all contacts and kinetics of tasks, each once, s; None if a component gives no estimate."""
     seconds = ageing_seconds(tasks) + sum({task.contact: task.contact_seconds for task in tasks}.values())
     return None if math.isnan(seconds) else seconds
-
-
-def survey(grid: Grid, progress: Callable[[int, int], None] | None = None) -> Survey:
-    """Validate every point of ``grid``; ``progress`` receives (points validated, number of points).
-
-    Raises
-    ------
-    SceneError
-        Points are not valid; for each error the message names the path, the first point, and the values of that point.
-    """
-    result = Survey(grid, hooks=implementing(*stage_hooks()))
-    result.resolved = [[[None] * len(axis.paths) for _ in axis.values] for axis in grid.axes]
-    wrong: dict[tuple[str, str], list[int]] = {}
-    for point in range(grid.size):
-        try:
-            scene = grid.scene(point)
-        except PluginError:
-            raise
-        except ChemageError as error:
-            for problem in getattr(error, "problems", None) or [("", str(error))]:
-                first = wrong.setdefault(problem, [point, 0])
-                first[1] += 1
-            continue
-        finally:
-            if progress is not None:
-                progress(point + 1, grid.size)
-        if wrong:
-            continue
-        try:
-            _add(result, point, scene)
-        except InputError as error:
-            error.add_note(f"at point {point} of {grid.source}")
-            raise
-        places = grid.positions(point)
-        for axis, place in enumerate(places):
-            if not any(places[:axis] + places[axis + 1 :]):  # the first point with this place
-                _resolve(result, axis, place, scene)
-    if wrong:
-        raise SceneError(grid.source, [_located(grid, problem, *where) for problem, where in wrong.items()])
-    result.digest = text_hash("".join([json.dumps([[axis.paths for axis in grid.axes], []]), *result.keys]))
-    return result
 
 
 def mean_key(scene: Scene) -> str:
@@ -325,74 +409,5 @@ def shown(value: Any) -> str:
     return value if isinstance(value, str) else json.dumps(value)
 
 
-def _add(result: Survey, point: int, scene: Scene) -> None:
-    if not scene.contact.gives_map:
-        raise InputError(no_map(scene.contact, "a sweep has no contact to store; run each scene by itself"))
-    costs = cost(scene)
-    if point and scene.is_ensemble != result.means:
-        raise InputError("accuracy, ensemble: some points are means over surfaces and others are not; make two sweeps")
-    result.means = scene.is_ensemble
-    result.classes |= registered_classes(scene.components())
-    costs.check()
-    varied, parts = {path for axis in result.grid.axes for path in axis.paths}, scene.solved_parts
-    of_sweep = [doubt for stage in registry.current().stages() for doubt in stage.doubts_of_sweep(parts, varied)]
-    for doubt in [*costs.doubts(), *of_sweep]:
-        text, first, count = result.doubts.get(doubt.kind, (doubt.text, point, 0))
-        result.doubts[doubt.kind] = text, first, count + 1
-    task = Task.of(
-        scene,
-        number=point,
-        changes=result.grid.changes(point),
-        contact_seconds=_or_nan(costs.contact_cpu_seconds),
-        ageing_seconds=_or_nan(costs.kinetics_cpu_seconds),
-    )
-    # only what makes the scene is kept, since there may be very many
-    key = mean_key(scene) if result.means else task.key
-    task = replace(task, key=key, source=partial(result.grid.scene, point))
-    result.tasks.append(task)
-    needed = [costs.contact_bytes]
-    if task.contact not in result.contacts:
-        result.contacts[task.contact] = task
-        result.bytes += 3000 + costs.contact_file
-    result.bytes += 5000
-    if scene.hold is not None:
-        result.bytes += scene.hold.hold_times.size * (90 + 11 * scene.hold.replicas)
-        needed.append(costs.replica_bytes)
-    result.memory = float(np.max([result.memory, *map(_or_nan, needed)]))
-
-
 def _or_nan(estimate: float | None) -> float:
     return math.nan if estimate is None else estimate
-
-
-def _resolve(result: Survey, axis: int, place: int, scene: Scene) -> None:
-    """Record the validated values of one position: "20 uN" is 20000.0 nN."""
-    data = scene.todict()
-    for number, path in enumerate(result.grid.axes[axis].paths):
-        written = result.grid.axes[axis].values[place][number]
-        if path == "contact.load" and (pressure := nominal_pressure(written)) is not None:
-            # the force differs where the size of the surface is swept as well
-            result.resolved[axis][place][number], result.units[path] = pressure, "GPa"
-            continue
-        value: Any = data
-        for name in path.split("."):
-            value = value.get(name) if isinstance(value, Mapping) else None
-        if isinstance(written, Mapping) or value is None or isinstance(value, Mapping | list):
-            value = written
-        result.resolved[axis][place][number] = value
-        if path not in result.units:
-            result.units[path] = scene.unit(path)
-
-
-def check_base(data: Any, source: str) -> dict[str, Any]:
-    """Check that scene data are plain JSON values, and return them as such.
-
-    Raises
-    ------
-    InputError
-        They contain something else.
-    """
-    try:
-        return json.loads(json.dumps(data))
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{source}: a scene may hold numbers, strings, lists and tables only: {error}") from None

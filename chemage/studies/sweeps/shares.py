@@ -59,14 +59,6 @@ def agreed_points(selection: Selection, folder: Folder, digest: str, count: int)
 # -- division of all points --------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class _Piece:
-    """Groups of points that one share computes together."""
-
-    cost: float
-    points: tuple[int, ...]
-
-
 def partition(survey: Survey, count: int) -> list[int]:
     """Divide the points of a sweep into shares of about equal CPU time.
 
@@ -94,20 +86,22 @@ def partition(survey: Survey, count: int) -> list[int]:
     return best[1]
 
 
-def _dealt(pieces: Sequence[_Piece], count: int, points: int) -> tuple[float, list[int]]:
-    """Deal pieces to shares: the longest time of a share, s, and for each point its share."""
+def _dealt(pieces: Sequence[tuple[float, Sequence[int]]], count: int, points: int) -> tuple[float, list[int]]:
+    """Deal pieces, each with its cost and its points, to shares: the longest time of a share, s, and for each point
+    its share."""
     loads = [(0.0, share) for share in range(1, count + 1)]
     of = [0] * points
-    for piece in sorted(pieces, key=lambda piece: -piece.cost):
+    for cost, together in sorted(pieces, key=lambda piece: -piece[0]):
         load, share = loads[0]
-        for point in piece.points:
+        for point in together:
             of[point] = share
-        heapq.heapreplace(loads, (load + piece.cost, share))
+        heapq.heapreplace(loads, (load + cost, share))
     return max(loads)[0], of
 
 
-def _pieces(survey: Survey, count: int) -> list[_Piece]:
-    """Groups of points with one contact, none longer than a ``count``-th of all where it can be divided."""
+def _pieces(survey: Survey, count: int) -> list[tuple[float, list[int]]]:
+    """The cost and the points of groups of points with one contact, none longer than a ``count``-th of all where it can
+    be divided."""
     is_known = cpu_seconds(survey.tasks) is not None
 
     def seconds(estimate: float) -> float:
@@ -124,9 +118,9 @@ def _pieces(survey: Survey, count: int) -> list[_Piece]:
         parts = min(len(ageings), max(1, math.ceil(whole * count / total - 1e-9)))
         for part in range(parts):
             chosen = slice(part * len(ageings) // parts, (part + 1) * len(ageings) // parts)
-            points = tuple(task.number for tasks in ageings[chosen] for task in tasks)
+            points = [task.number for tasks in ageings[chosen] for task in tasks]
             # each process solves the contact, rather than wait for another one
-            pieces.append(_Piece(contact + sum(kinetics[chosen]), points))
+            pieces.append((contact + sum(kinetics[chosen]), points))
     return pieces
 
 
@@ -186,20 +180,15 @@ def agree(folder: Folder, survey: Survey, count: int) -> None:
             folder.place(path, content)  # it was damaged, or that of a sweep that was replaced
 
 
-def agreed(folder: Folder) -> list[int]:
-    """The numbers of shares into which processes have divided this sweep."""
-    names = [_FILE.fullmatch(path.name) for path in (folder.path / PLACE).glob("of-*")]
-    return sorted(int(match[1]) for match in names if match is not None)
-
-
 def remedies(folder: Folder, points: Sequence[int], digest: str, count: int) -> list[str]:
     """Selections of which each computes a part of ``points``, and the last all of them.
 
     These are shares, if processes have divided this sweep of ``count`` points once; and numbers of points.
     """
     texts = [in_ranges(points)] if points else []
-    if len(divisions := agreed(folder)) == 1:
-        of = read_partition(folder, divisions[0], digest, count)
-        if of is not None:
-            texts = [f"{share}/{divisions[0]}" for share in sorted({of[point] for point in points})] + texts
+    names = [_FILE.fullmatch(path.name) for path in (folder.path / PLACE).glob("of-*")]
+    divisions = [int(match[1]) for match in names if match is not None]
+    of = read_partition(folder, divisions[0], digest, count) if len(divisions) == 1 else None
+    if of is not None:
+        texts = [f"{share}/{divisions[0]}" for share in sorted({of[point] for point in points})] + texts
     return texts
