@@ -32,7 +32,6 @@ from concurrent.futures import (
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
-from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -40,7 +39,7 @@ from chemage.foundation import threads as thread_budget
 from chemage.foundation.checks import checked_count
 from chemage.foundation.errors import ExecutorError, InputError, WorkerLost, nearest
 from chemage.foundation.memory import capacity
-from chemage.studies.clusters import is_lost, open_client, seconds
+from chemage.studies.clusters import open_client, seconds
 from chemage.studies.folder import RESUME
 from chemage.studies.tasks import (
     RETRIES,
@@ -224,15 +223,15 @@ def open_pool(
             workers, threads = shares(workers, threads)
         with open_client(detail, workers, threads or 1, limit) as client:
             pool = client.get_executor(pure=False)
-            width, lost = partial(_width, client), partial(is_lost, client)
-            yield Pool(pool, name, threads or 1, width, here=False, lost=lost)
 
+            def concurrent() -> int:
+                with suppress(OSError, RuntimeError, AttributeError):  # the scheduler is busy; or gone: its tasks fail
+                    return max(1, sum(client.nthreads().values()))
+                return 1
 
-def _width(client: Any) -> int:
-    """Present number of threads of all workers of Dask, at least 1."""
-    with suppress(OSError, RuntimeError, AttributeError):  # the scheduler is busy; or gone, and then its tasks fail
-        return max(1, sum(client.nthreads().values()))
-    return 1
+            # what waits in a client that has given up its scheduler may not be told
+            given_up = ("closing", "closed")
+            yield Pool(pool, name, threads or 1, concurrent, here=False, lost=lambda: client.status in given_up)
 
 
 def shares(workers: int | None, threads: int | None) -> tuple[int, int]:
@@ -423,20 +422,20 @@ class Runner:
 
     def _settle(self, piece: Piece, future: Future[Answer], told: Told) -> None:
         try:
-            answer = future.result()
+            seconds, outcomes = future.result()
         except Exception as error:
             lost = self._death(error)
             piece.deaths += piece.alone
             if piece.deaths <= (RETRIES if piece.alone else 0):
                 self._suspects.append(piece)  # perhaps it only ran beside the piece that killed the worker
                 return
-            answer = self._lost(piece, lost)
+            outcomes = self._lost(piece, lost)
         else:
-            self._clock.add(piece.weight, answer.seconds)
+            self._clock.add(piece.weight, seconds)
         for task in piece.tasks:
-            told(task, answer.outcomes[task.key])
+            told(task, outcomes[task.key])
         if piece.solves:
-            self._after_contact(piece, answer, told)
+            self._after_contact(piece, outcomes[piece.tasks[0].key], told)
 
     def _death(self, error: Exception) -> WorkerLost:
         """The death of a worker, as the executor reports it; any other error is raised."""
@@ -460,10 +459,9 @@ class Runner:
             raise ExecutorError(f"{error}; {RESUME}") from error
         raise error
 
-    def _after_contact(self, piece: Piece, answer: Answer, told: Told) -> None:
+    def _after_contact(self, piece: Piece, outcome: Outcome, told: Told) -> None:
         """Let those begin that waited for a contact; if it cannot be solved, they fail as well."""
         behind = self._behind.pop(piece.tasks[0].contact)
-        outcome = answer.outcomes[piece.tasks[0].key]
         if outcome.error is None or outcome.stage != "contact":
             self._ready.extend(behind)
             return
@@ -471,13 +469,13 @@ class Runner:
             self._record(task, outcome)
             told(task, outcome)
 
-    def _lost(self, piece: Piece, error: WorkerLost) -> Answer:
+    def _lost(self, piece: Piece, error: WorkerLost) -> dict[str, Outcome]:
         """What is known of tasks whose worker died each time."""
         there = not piece.solves or self._is_there(piece.tasks[0])
         outcome = Outcome(error=error, stage="ageing" if there else "contact")
         for task in piece.tasks:
             self._record(task, outcome)
-        return Answer(outcomes=dict.fromkeys((task.key for task in piece.tasks), outcome))
+        return dict.fromkeys((task.key for task in piece.tasks), outcome)
 
     def _record(self, task: Task, outcome: Outcome) -> None:
         """Write that a task failed, which no worker could."""

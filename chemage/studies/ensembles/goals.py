@@ -243,6 +243,24 @@ class Scatters:
     #: how that between surfaces is known, in words
     source: str
 
+    @classmethod
+    def of(cls, request: Request, costs: Plan, contact: Mapping[str, float]) -> Scatters:
+        """The scatter of what ``request`` averages, of which ``costs`` are the estimates and ``contact`` the expected
+        measures of the contact."""
+        quantities, scene = request.quantities, request.scene
+        curves = quantities.curve.stop
+        surfaces, source = np.full(quantities.count, np.nan), ""
+        if not request.random:
+            surfaces[:] = 0.0
+        elif (scatter := scene.surface.scatter(contact)) is not None:
+            source = scatter.source
+            if scatter.relative is not None:
+                # the friction drop scatters as much as β does
+                surfaces[:curves] = scatter.relative
+        replicas = np.zeros(quantities.count)
+        replicas[:curves] = _replicas(scene, costs, request)
+        return cls(surfaces, replicas, source)
+
     def sample(self, replicas: int) -> np.ndarray:
         """(quantities,) between samples of ``replicas`` on each surface."""
         return np.sqrt(self.surfaces**2 + self.replicas**2 / replicas)
@@ -251,24 +269,6 @@ class Scatters:
 def is_about_zero(scatter: np.ndarray | float) -> np.ndarray | bool:
     """Whether a mean of this relative scatter is that of too few bonds for one in each of the first samples."""
     return scatter**2 > stages.FIRST
-
-
-def scatters(request: Request, costs: Plan, contact: Mapping[str, float]) -> Scatters:
-    """The scatter of what ``request`` averages, of which ``known`` are the estimates and ``contact`` the expected
-    measures of the contact."""
-    quantities, scene = request.quantities, request.scene
-    curves = quantities.curve.stop
-    surfaces, source = np.full(quantities.count, np.nan), ""
-    if not request.random:
-        surfaces[:] = 0.0
-    elif (scatter := scene.surface.scatter(contact)) is not None:
-        source = scatter.source
-        if scatter.relative is not None:
-            # the friction drop scatters as much as β does
-            surfaces[:curves] = scatter.relative
-    replicas = np.zeros(quantities.count)
-    replicas[:curves] = _replicas(scene, costs, request)
-    return Scatters(surfaces, replicas, source)
 
 
 def _replicas(scene: Scene, costs: Plan, request: Request) -> np.ndarray:

@@ -31,7 +31,7 @@ from chemage.studies.ensembles.computations import (
     replicas_of_difference,
     sketched,
 )
-from chemage.studies.ensembles.goals import Request, Scatters, is_about_zero, scatters, time_text
+from chemage.studies.ensembles.goals import Request, Scatters, is_about_zero, time_text
 from chemage.studies.ensembles.quantities import RECORDED, limit, recorded_measures
 from chemage.studies.ensembles.running import Sampler
 
@@ -320,7 +320,10 @@ class EnsemblePlan:
             if seen.intervals:
                 texts = [f"{name} ± {percent(half)}" for name, half in seen.intervals.items()]
                 rows.append(("expected interval", ", ".join(texts)))
-            rows.append(("expected cost", _cost(seen)))
+            low, high = seen.cpu_range
+            spread = f" ({time_text(low)} to {time_text(high)})" if high > 1.3 * low else ""
+            cpu, wall = time_text(seen.cpu_seconds), time_text(seen.wall_seconds)
+            rows.append(("expected cost", f"about {cpu} of CPU time{spread}, {wall} on this machine"))
         if self.memory is not None:
             at_once = self._at_once(self.computations[0])
             rows.append(("expected memory", f"about {self.memory / 1e9:.2g} GB, {at_once} at the same time"))
@@ -352,12 +355,6 @@ class EnsemblePlan:
         return rows
 
 
-def _cost(seen: Expectation) -> str:
-    low, high = seen.cpu_range
-    spread = f" ({time_text(low)} to {time_text(high)})" if high > 1.3 * low else ""
-    return f"about {time_text(seen.cpu_seconds)} of CPU time{spread}, {time_text(seen.wall_seconds)} on this machine"
-
-
 def plan(scene: Scene) -> EnsemblePlan:
     """Foresee the ensemble that ``scene`` asks for.
 
@@ -377,7 +374,7 @@ def plan(scene: Scene) -> EnsemblePlan:
             replicas = replicas_of_difference(here[-1], here[0])
             levels.append(tuple(part.with_replicas(replicas) for part in (here[-1], here[0])))
         costs = estimate.cost(scene)
-        expected = scatters(request, costs, single.numbers)
+        expected = Scatters.of(request, costs, single.numbers)
         seen, reason = _expectation(sampler, costs, expected, first)
         if seen is not None:
             cpu, wall = seen.cpu_seconds * first.scale, seen.wall_seconds * first.scale

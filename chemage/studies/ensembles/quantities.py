@@ -68,7 +68,10 @@ class SurfaceSample:
             aging = from_json(Aging, content["aging"]) if content["aging"] else None
             measures, plugins = content["summary"] | _recorded(content["summary"]["observables"]), content["plugins"]
             approximate = content.get("approximate", ()) if aging is None else aging.approximate
-        numbers = {name: float(value) for name, value in measures.items() if _is_number(value)}
+        numbers = {}
+        for name, value in measures.items():
+            if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value):
+                numbers[name] = float(value)
         if aging is None:
             return cls(np.zeros((1, 0)), numbers, plugins, approximate)
         drop = np.asarray(aging.friction_drop, dtype=np.float64)
@@ -88,10 +91,6 @@ def _recorded(observables: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     """The means over replicas by the names of quantities, from the summaries of what was recorded."""
     means = {name: np.ravel(output["mean"]) for name, output in observables.items() if "mean" in output}
     return {f"{RECORDED}{name}": mean[-1] for name, mean in means.items() if mean.size and mean[-1] is not None}
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 @dataclass(frozen=True)
@@ -221,25 +220,25 @@ class Spread:
     #: degrees of freedom of the variance
     freedom: int
 
+    @classmethod
+    def of(cls, rows: np.ndarray, chosen: int, freedom: int, regressed: bool = False) -> Spread:
+        """The spread of a level from its samples: that of the first ``chosen``, or of all of them where it is larger.
 
-def spread_of(rows: np.ndarray, chosen: int, freedom: int, regressed: bool = False) -> Spread:
-    """The spread of a level from its samples: that of the first ``chosen``, or of all of them where it is larger.
-
-    Parameters
-    ----------
-    rows
-        (samples, quantities)
-    regressed
-        Whether the rows are what remains of a regression, whose coefficient takes a degree of freedom and adds its own
-        error to the mean (Cochran, Sampling Techniques, 3rd ed. (1977), section 12.6).
-    """
-    parts = []
-    for part in (rows[:chosen], rows):
-        count, variance = len(part), part.var(axis=0, ddof=1)
-        if regressed and count > 3:
-            variance = variance * (count - 1) / (count - 2) * (1 + 1 / (count - 3))
-        parts.append(variance)
-    return Spread(np.maximum(*parts), max(1, freedom - 1) if regressed else freedom)
+        Parameters
+        ----------
+        rows
+            (samples, quantities)
+        regressed
+            Whether the rows are what remains of a regression, whose coefficient takes a degree of freedom and adds its
+            own error to the mean (Cochran, Sampling Techniques, 3rd ed. (1977), section 12.6).
+        """
+        parts = []
+        for part in (rows[:chosen], rows):
+            count, variance = len(part), part.var(axis=0, ddof=1)
+            if regressed and count > 3:
+                variance = variance * (count - 1) / (count - 2) * (1 + 1 / (count - 3))
+            parts.append(variance)
+        return cls(np.maximum(*parts), max(1, freedom - 1) if regressed else freedom)
 
 
 def regressed(values: list[np.ndarray]) -> list[np.ndarray]:
