@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 import sys
-from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,7 +20,7 @@ from chemage.foundation.progress import LOGGER, progress_bars, reported
 from chemage.foundation.result import result_of
 from chemage.studies.runner import PROGRAM
 from chemage.studies.study import Selection, in_ranges
-from chemage.studies.sweeps.grid import Survey, cpu_seconds, shown
+from chemage.studies.sweeps.grid import cpu_seconds, listed
 from chemage.studies.sweeps.points import expected_seconds
 from chemage.studies.sweeps.result import NOT_DONE, SweepResult, collect_sweep, count, in_words, load_sweep
 from chemage.studies.sweeps.running import Report, SweepProgress, read_grid, room_for, show_progress, survey_of, sweep
@@ -219,7 +218,21 @@ def check_sweep(scene: str, changes: dict[str, Any], *, yes: bool, as_json: bool
     """Validate every point and estimate the cost of the sweep, and of its shares, without computing anything."""
     with show_progress() as report:
         survey = survey_of(read_grid(scene, changes), progress=report, confirm=confirm(yes))
-    numbers = _numbers(survey)
+    notes = survey.warnings()
+    numbers = {
+        "name": survey.grid.base.get("name", "scene"),
+        "points": survey.grid.size,
+        "axes": {axis.name: len(axis) for axis in survey.grid.axes},
+        "contacts": len(survey.contacts),
+        "surfaces": survey.surfaces,
+        "hooks": survey.hooks,
+        "cpu_seconds": expected_seconds(survey) if survey.means else cpu_seconds(survey.tasks),
+        "memory": None if math.isnan(survey.memory) else PROGRAM + survey.memory,
+        "disk": survey.bytes,
+        "disk_free": room_for(Path.cwd()),
+        "digest": survey.digest,
+        "notes": notes,
+    }
     each = [] if shares is None or survey.means else shares_cost(survey, shares)
     if each:
         numbers["shares"] = [vars(share) for share in each]
@@ -233,10 +246,8 @@ def check_sweep(scene: str, changes: dict[str, Any], *, yes: bool, as_json: bool
         rows.append(("each point", "a mean over surfaces; points have surfaces in common where they can"))
     else:
         rows.append(("contacts to solve", f"{len(survey.contacts)} on {survey.surfaces} surfaces"))
-    if survey.hooks:
-        rows.append(
-            ("plugins that implement hooks", ", ".join(f"{name} ({source})" for name, source in survey.hooks.items()))
-        )
+    if hooks := ", ".join(f"{name} ({source})" for name, source in survey.hooks.items()):
+        rows.append(("plugins that implement hooks", hooks))
     cost, memory = numbers["cpu_seconds"], numbers["memory"]
     time = "unknown" if cost is None else f"about {_duration(cost)} of CPU time once kernels are compiled"
     rows.append(("expected cost", time))
@@ -252,25 +263,8 @@ def check_sweep(scene: str, changes: dict[str, Any], *, yes: bool, as_json: bool
         if len(costs) == len(each):
             rows.append(("CPU time of a share", f"{_duration(min(costs))} to {_duration(max(costs))}"))
     output.show_rows(f"{scene} is valid at every point", (), rows)
-    for text in survey.warnings():
+    for text in notes:
         output.say(f"warning: {text}")
-
-
-def _numbers(survey: Survey) -> dict[str, Any]:
-    return {
-        "name": survey.grid.base.get("name", "scene"),
-        "points": survey.grid.size,
-        "axes": {axis.name: len(axis) for axis in survey.grid.axes},
-        "contacts": len(survey.contacts),
-        "surfaces": survey.surfaces,
-        "hooks": survey.hooks,
-        "cpu_seconds": expected_seconds(survey) if survey.means else cpu_seconds(survey.tasks),
-        "memory": None if math.isnan(survey.memory) else PROGRAM + survey.memory,
-        "disk": survey.bytes,
-        "disk_free": room_for(Path.cwd()),
-        "digest": survey.digest,
-        "notes": survey.warnings(),
-    }
 
 
 def _duration(seconds: float) -> str:
@@ -290,7 +284,7 @@ def status(folder: Path, *, as_json: bool) -> None:
     rows = []
     for axis in state["axes"]:
         for row in axis["rows"]:
-            rows.append((_in_words(row["values"]), *(str(row[count]) for count in counts)))
+            rows.append((listed(row["values"]), *(str(row[count]) for count in counts)))
     rows.append(("all", *(str(state[count]) for count in counts)))
     contacts = [str(state[f"contacts{which}"]) for which in ("", "_done", "_damaged")]
     rows.append(("contacts", *contacts[:2], "", "", contacts[2]))
@@ -298,13 +292,9 @@ def status(folder: Path, *, as_json: bool) -> None:
     _print_failures(state)
 
 
-def _in_words(values: Mapping[str, Any]) -> str:
-    return ", ".join(f"{path} = {shown(value)}" for path, value in values.items())
-
-
 def _print_failures(state: dict[str, Any]) -> None:
     for failed in state["failures"][:_LISTED]:
-        where = _in_words(failed["changes"])
-        output.say(f"failed: point {failed['point']} ({where}): {failed['error']}", file=sys.stderr)
+        what = f"point {failed['point']} ({listed(failed['changes'])})"
+        output.say(f"failed: {what}: {failed['error']}", file=sys.stderr)
     if (more := len(state["failures"]) - _LISTED) > 0:
         output.say(f"failed: {more} more points; `chemage status --json` lists them all", file=sys.stderr)

@@ -20,7 +20,7 @@ from chemage.foundation.result import Medium, Panel, Picture, Result, Rows, Tabl
 from chemage.foundation.units import KB
 from chemage.results.files import read
 from chemage.studies.arrhenius import SYMBOLS, Arrhenius, Level, activation_energies
-from chemage.studies.sweeps.grid import shown
+from chemage.studies.sweeps.grid import listed, shown
 from chemage.studies.sweeps.result import SweepResult, load_sweep
 
 if TYPE_CHECKING:
@@ -98,8 +98,7 @@ def _of_sweep(
         raise InputError(f"{result.folder}: {_TEMPERATURE} is not swept; swept are {', '.join(result.swept)}")
     points = result.where(where) if where else list(result)
     if not points:
-        chosen = ", ".join(f"{path} = {shown(value)}" for path, value in (where or {}).items())
-        raise InputError(f"{result.folder}: no point has {chosen}")
+        raise InputError(f"{result.folder}: no point has {listed(where or {})}")
     others = [path for path in result.swept if path not in (_TEMPERATURE, *_MAY_VARY) and path not in (where or {})]
     for path in others:
         values = list(dict.fromkeys(shown(point.values[path]) for point in points))

@@ -157,6 +157,14 @@ class Comparison:
         """Whether the errors of the results have different meanings, so that it must be said what each contains."""
         return len({result.errors for result in self.results}) > 1
 
+    def errors_in_words(self) -> str:
+        """What the errors of the results are."""
+        names: dict[str, list[str]] = {}
+        for entry in self.results:
+            names.setdefault(entry.errors, []).append(entry.name)
+        every = [(f" of {', '.join(of)}" if len(names) > 1 else "", text) for text, of in names.items() if text]
+        return " ".join(f"Errors{of} are {text}." for of, text in every)
+
     def chemistry_differences(self) -> dict[str, tuple[Any, ...]]:
         """The fields in which the chemistry of the aged results differs, each with its values in the order of the
         results, None where it is absent; empty if it is the same."""
@@ -320,7 +328,7 @@ class Comparison:
         models: tuple[Model, Model] = ("line", "curve")
         for data in self.measured:
             for model in models:
-                fit = self._measured_fit(data, model)
+                fit = self.measured_fit(data, model)
                 yield data.name, model, fit
                 if isinstance(fit, str):
                     continue
@@ -330,12 +338,8 @@ class Comparison:
                     if result.ageing.fit is not None:
                         yield result.name, model, result.ageing.fit(model, window, data.quantity)
 
-    def measured_fit(self, data: Measurements, model: Model) -> Fit | None:
-        """Fit a model to measurements; None if there are too few."""
-        fit = self._measured_fit(data, model)
-        return fit if isinstance(fit, Fit) else None
-
-    def _measured_fit(self, data: Measurements, model: Model) -> Fit | str:
+    def measured_fit(self, data: Measurements, model: Model) -> Fit | str:
+        """Fit a model to measurements, or say why it cannot be fitted."""
         # the line over the window of the results if it contains enough measurements, else over all of them
         reason = ""
         for window in [self.results[0].ageing.window, None] if model == "line" else [None]:

@@ -345,7 +345,7 @@ def _measurements(comparison: Comparison, quantity: str) -> list[tuple[Measureme
     load = loads.pop() if len(loads) == 1 else None
     found = [original.as_quantity(quantity, load) for original in comparison.measured]  # pyright: ignore[reportArgumentType]
     fits = [(data, comparison.measured_fit(data, "line")) for data in found if data is not None]
-    return [(data, fit if fit is not None and fit.drawable else None) for data, fit in fits]
+    return [(data, fit if isinstance(fit, Fit) and fit.drawable else None) for data, fit in fits]
 
 
 def _draw_measurements(

@@ -131,19 +131,8 @@ def html(files: Sequence[str | Path], *, measured: Sequence[str | Path] = ()) ->
         sources=[entry.source for entry in comparison.results],
         sections=sections,
         version=__version__,
-        errors=_errors(comparison),
+        errors=comparison.errors_in_words(),
     )
-
-
-def _errors(comparison: Comparison) -> str:
-    """What the errors of the page are, in words."""
-    names: dict[str, list[str]] = {}
-    for entry in comparison.results:
-        names.setdefault(entry.errors, []).append(entry.name)
-    meanings = [text for text in names if text]
-    if len(names) == 1:
-        return "".join(f"Errors are {text}." for text in meanings)
-    return " ".join(f"Errors of {', '.join(names[text])} are {text}." for text in meanings)
 
 
 # -- sections ---------------------------------------------------------------------------------------------------------

@@ -301,7 +301,8 @@ class Runner:
         self._behind: dict[str, list[Piece]] = {}
         self._running: dict[Future[Answer], Piece] = {}
         self._suspects: deque[Piece] = deque()
-        self._clock = _Clock()
+        #: wall time, s, number and weights of the pieces that have ended
+        self._seconds, self._ended, self._weight = 0.0, 0, 0.0
         memory = capacity() if pool.here else None
         self._memory = math.inf if memory is None else memory - PROGRAM
 
@@ -351,7 +352,13 @@ class Runner:
         waiting = [*self._ready, *(piece for pieces in (*self._contacts, *self._behind.values()) for piece in pieces)]
         weights = [piece.weight for piece in waiting]
         weights += [piece.weight / 2 for piece in (*self._running.values(), *self._suspects)]
-        return self._clock.remaining(weights, self.width)
+        if not self._ended:
+            return None
+        each = self._seconds / self._ended / max(1, self.width)
+        total = sum(weights)
+        if math.isfinite(self._weight + total) and self._weight > 0:
+            return each * total * self._ended / self._weight
+        return each * len(weights)
 
     # -- pieces -------------------------------------------------------------------------------------------------------
 
@@ -431,7 +438,9 @@ class Runner:
                 return
             outcomes = self._lost(piece, lost)
         else:
-            self._clock.add(piece.weight, seconds)
+            self._seconds += seconds
+            self._weight += piece.weight
+            self._ended += 1
         for task in piece.tasks:
             told(task, outcomes[task.key])
         if piece.solves:
@@ -445,7 +454,7 @@ class Runner:
             return WorkerLost(str(error))
         if isinstance(error, BrokenProcessPool) and isinstance(self._pool.executor, Processes):
             codes = re.findall(r"[A-Z]+\(-?[1-9]\d*\)", str(error))
-            if codes or self._clock.count:
+            if codes or self._ended:
                 status = ", ".join(codes) or "exit status 0"
                 return WorkerLost(
                     f"the worker process died at this task: {status} (SIGKILL: most often, memory ran out)"
@@ -481,28 +490,3 @@ class Runner:
         """Write that a task failed, which no worker could."""
         if self._whole is not None and outcome.error is not None:
             self._whole.write_point(task.key, failure(task, outcome.stage, outcome.error))
-
-
-@dataclass
-class _Clock:
-    """Estimates the remaining time from the duration of the pieces that have ended."""
-
-    seconds: float = 0.0
-    weight: float = 0.0
-    count: int = 0
-    #: whether every weight is known
-    known: bool = True
-
-    def add(self, weight: float, seconds: float) -> None:
-        self.seconds += seconds
-        self.count += 1
-        self.known = self.known and math.isfinite(weight)
-        self.weight += weight if math.isfinite(weight) else 0.0
-
-    def remaining(self, weights: Sequence[float], width: int) -> float | None:
-        if not self.count:
-            return None
-        total = sum(weights)
-        if self.known and math.isfinite(total) and self.weight > 0:
-            return self.seconds / self.weight * total / max(1, width)
-        return self.seconds / self.count * len(weights) / max(1, width)

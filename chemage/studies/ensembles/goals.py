@@ -12,9 +12,8 @@ import numpy as np
 
 from chemage.contacts.solution import MEASURES
 from chemage.foundation.checks import checked_count
-from chemage.foundation.errors import ChemageError, InputError
+from chemage.foundation.errors import InputError
 from chemage.foundation.threads import available
-from chemage.foundation.units import convert
 from chemage.lattices.independent import expected_kinetics, rough_pressures, smooth_pressures
 from chemage.scene.plan import Plan, cost, in_hours
 from chemage.scene.scene import LEAST, SURFACES_LIMIT, EnsembleOptions, Scene, accuracies, budget_seconds, is_random
@@ -95,7 +94,7 @@ class Request:
             raise InputError.of("surfaces", surfaces, problem, "use replicas, or an accuracy")
         quantities = Quantities.of(scene, (*MEASURES, *recorded_measures(scene)))
         wishes = [
-            AccuracyGoal(name, column_of(name, quantities), value) for name, value in accuracies(scene.accuracy).items()
+            AccuracyGoal(name, quantities.asked(name), value) for name, value in accuracies(scene.accuracy).items()
         ]
         if scene.load == 0 and wishes:
             raise InputError(f"accuracy.{wishes[0].name}: the load is 0, so that its mean is 0; ask at a load")
@@ -220,16 +219,6 @@ def with_request(
     wish = EnsembleOptions(**options)
     nothing = scene.ensemble is None and wish == EnsembleOptions()
     return scene.model_copy(update={"ensemble": None if nothing else wish, "accuracy": goals})
-
-
-def column_of(text: str, quantities: Quantities) -> int:
-    """The column of a quantity written as ``name`` or ``name@time``."""
-    name, at, time = text.partition("@")
-    try:
-        when = convert(time.strip(), "s") if at else None
-    except ChemageError as error:
-        raise InputError(f"accuracy.{text}: {error}") from None
-    return quantities.column(name.strip(), when)
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ optimal allocation of multilevel Monte Carlo (Giles, Acta Numer. 24, 259 (2015))
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -51,14 +51,11 @@ class _ExpectedLevel:
     deviation: np.ndarray
     #: (quantities,) with what the levels of a surface have in common
     correlation: np.ndarray
-    #: takes the wall time of samples
-    spend: Callable[[float], None]
     name: str = ""
     parts: tuple[Any, ...] = ()
 
     def sample(self, begin: int, end: int) -> np.ndarray:
         """See :class:`chemage.studies.ensembles.stages.Level`."""
-        self.spend(self.cost * (end - begin))
         number = np.arange(begin, end)[:, None]
         common, own = 1 - 2 * (number % 2), 1 - 2 * (number // 2 % 2)
         return self.mean + self.deviation * (self.correlation * common + np.sqrt(1 - self.correlation**2) * own)
@@ -103,27 +100,24 @@ def _expected_of(
 ) -> Expectation:
     """What the rule does with samples that scatter exactly as is expected; ``mean`` (quantities,) is what errors of
     coarse grids may depend on."""
-    columns, wall = sorted(request.asked), [0.0]
+    columns = sorted(request.asked)
     scatter = expected.sample(routes[0].levels[0].parts[0].computation.replicas)[columns]
-
-    def spend(seconds: float) -> None:
-        wall[0] += seconds / workers
-
     none, one = np.zeros(len(columns)), np.ones(1)
     correlation = CORRELATION * expected.surfaces[columns] / scatter
-    first = _ExpectedLevel(routes[0].levels[0].cost, 1.0, scatter, correlation, spend)
+    first = _ExpectedLevel(routes[0].levels[0].cost, 1.0, scatter, correlation)
     drawn = []
     for route in routes:
         levels = [first]
         for correction in route.levels[1:]:
             per_surface = 1 + REPLICA_SHARE / correction.parts[0].computation.replicas
             change = DIFFERENCE * math.sqrt(per_surface / (1 + REPLICA_SHARE / DIFFERENCE_REPLICAS))
-            levels.append(_ExpectedLevel(correction.cost, 0.0, np.full(len(columns), change), none, spend))
+            levels.append(_ExpectedLevel(correction.cost, 0.0, np.full(len(columns), change), none))
         known, control = route.known(mean)[columns], None
         if route.control is not None:
-            control = _ExpectedLevel(route.control.cost, 1.0, one, one, spend)
+            control = _ExpectedLevel(route.control.cost, 1.0, one, one)
         drawn.append(stages.Route(route.name, tuple(levels), lambda _, known=known: known, control))
-    clock = stages.Clock(budget, now=lambda: wall[0])
+    clock = stages.Clock(budget, now=lambda: 0.0)
+    clock.now = lambda: clock.cost / workers
     accuracy, reason = request.accuracy()[columns], ""
     try:
         state = stages.run_stages(drawn, accuracy, most=request.most, clock=clock)
@@ -133,7 +127,7 @@ def _expected_of(
         state, reason = error.state, error.reason
         counts = error.needed or state.counts
     # what was tried and left costs, too
-    cpu = max(workers * wall[0], sum(count * cost for count, cost in zip(counts, state.costs, strict=True)))
+    cpu = max(clock.cost, sum(count * cost for count, cost in zip(counts, state.costs, strict=True)))
     freedom = state.sampled[0].freedom
     # the number of samples goes with the variance, as it is measured with these degrees of freedom
     shares = 2 * special.gammaincinv(freedom / 2, TAILS) / freedom if reason != "time" else np.ones(2)

@@ -27,6 +27,7 @@ from chemage.foundation.outputs import HOLD_TIME, RECORDED
 from chemage.foundation.quantities import ONE, Quantity
 from chemage.foundation.records import merged_approximations
 from chemage.foundation.statistics import student_limit, student_limits
+from chemage.foundation.units import convert
 from chemage.plugins.sources import components_in
 from chemage.scene.scene import Scene
 from chemage.studies.tasks import Outcome
@@ -193,6 +194,11 @@ class Quantities:
         if time is not None:
             raise InputError(f"accuracy.{name}: does not depend on the hold time; leave out the part after @")
         return 0 if name == "beta" else self.curve.stop + self.measures.index(name)
+
+    def asked(self, text: str) -> int:
+        """The column of a quantity written as ``name`` or ``name@time``."""
+        name, at, time = text.partition("@")
+        return self.column(name.strip(), convert(time.strip(), "s", f"accuracy.{text}") if at else None)
 
     def _moment(self, name: str, time: float | None) -> int:
         if time is None:

@@ -396,9 +396,14 @@ def mean_key(scene: Scene) -> str:
 
 def _located(grid: Grid, problem: tuple[str, str], point: int, count: int) -> tuple[str, str]:
     path, message = problem
-    values = ", ".join(f"{name} = {shown(value)}" for name, value in grid.changes(point).items())
+    values = listed(grid.changes(point))
     others = f" and at {count - 1} more of {grid.size}" if count > 1 else ""
     return path, f"{message} [at point {point}: {values}{others}]"
+
+
+def listed(values: Mapping[str, Any]) -> str:
+    """Format dotted paths with their values as one line of text."""
+    return ", ".join(f"{path} = {shown(value)}" for path, value in values.items())
 
 
 def shown(value: Any) -> str:

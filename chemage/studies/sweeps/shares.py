@@ -7,7 +7,6 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from chemage.foundation.container import read_json, sealed_json
 from chemage.foundation.errors import DamagedError, InputError
@@ -146,15 +145,10 @@ def shares_cost(survey: Survey, count: int) -> list[ShareCost]:
 # -- the division that processes agreed on ----------------------------------------------------------------------------
 
 
-def _partition_file(folder: Folder, count: int) -> Path:
-    return folder.path / PLACE / f"of-{count}.json"
-
-
 def read_partition(folder: Folder, count: int, digest: str, points: int) -> list[int] | None:
     """The division of the ``points`` points of a sweep into ``count`` shares, if it is in the folder."""
-    path = _partition_file(folder, count)
     try:
-        content = read_json(path)
+        content = read_json(folder.path / PLACE / f"of-{count}.json")
     except (OSError, DamagedError):
         return None
     of = content.get("shares")
@@ -173,7 +167,7 @@ def agree(folder: Folder, survey: Survey, count: int) -> None:
         return read_partition(folder, count, survey.digest, len(survey.tasks)) is not None
 
     if not there():
-        path = _partition_file(folder, count)
+        path = folder.path / PLACE / f"of-{count}.json"
         path.parent.mkdir(parents=True, exist_ok=True)
         content = sealed_json({"digest": survey.digest, "shares": partition(survey, count)})
         if not folder.place(path, content, over=False) and not there():
