@@ -22,7 +22,7 @@ from chemage.studies.runner import PROGRAM
 from chemage.studies.study import Selection, in_ranges
 from chemage.studies.sweeps.grid import cpu_seconds, listed
 from chemage.studies.sweeps.points import expected_seconds
-from chemage.studies.sweeps.result import NOT_DONE, SweepResult, collect_sweep, count, in_words, load_sweep
+from chemage.studies.sweeps.result import SweepResult, collect_sweep, count, in_words, load_sweep
 from chemage.studies.sweeps.running import Report, SweepProgress, read_grid, room_for, show_progress, survey_of, sweep
 from chemage.studies.sweeps.shares import agreed_points, shares_cost
 from chemage.studies.sweeps.views import swept_rows
@@ -138,7 +138,7 @@ def _print_whole(result: SweepResult, state: dict[str, Any], *, as_json: bool) -
         output.say_json({**state, "results": tables})
     else:
         output.show_result(result_of(result))
-        _print_failures(state)
+        print_failures(state)
         output.say("\n".join(f"results  {file}" for file in tables.values()))
     if state["failed"]:
         raise typer.Exit(1)
@@ -175,7 +175,7 @@ def _print_share(result: SweepResult, folder: Path, chosen: Selection, *, as_jso
             f"{chosen.describe()}: {counts['done']} of {len(points)} points done{left and ', '}{left} in {folder}"
         )
         output.say(f"when all are done: chemage sweep --collect {folder}")
-        _print_failures({"failures": failures})
+        print_failures({"failures": failures})
     if counts["done"] < len(points):
         raise typer.Exit(1)
 
@@ -190,7 +190,7 @@ def collect(folder: Path, *, as_json: bool) -> None:
         output.say_json({**state, "results": None})
         raise typer.Exit(1)
     say = partial(output.say, file=sys.stderr)
-    _print_failures(state)
+    print_failures(state)
     for word, numbers in (("missing", survey.missing), ("damaged", survey.damaged)):
         if numbers:
             say(f"{len(numbers)} of {state['points']} points are {word} in {folder}; no tables were written")
@@ -273,26 +273,7 @@ def _duration(seconds: float) -> str:
     return f"{seconds / 60:.3g} min" if seconds < 7200 else f"{seconds / 3600:.3g} h"
 
 
-def status(folder: Path, *, as_json: bool) -> None:
-    """Print the number of points in each state, in total and for each value of each axis."""
-    state = load_sweep(folder).status()
-    if as_json:
-        output.say_json(state)
-        return
-
-    counts = ("points", "done", *NOT_DONE)
-    rows = []
-    for axis in state["axes"]:
-        for row in axis["rows"]:
-            rows.append((listed(row["values"]), *(str(row[count]) for count in counts)))
-    rows.append(("all", *(str(state[count]) for count in counts)))
-    contacts = [str(state[f"contacts{which}"]) for which in ("", "_done", "_damaged")]
-    rows.append(("contacts", *contacts[:2], "", "", contacts[2]))
-    output.show_rows(f"{state['name']} in {folder}", ("", *counts), rows)
-    _print_failures(state)
-
-
-def _print_failures(state: dict[str, Any]) -> None:
+def print_failures(state: dict[str, Any]) -> None:
     for failed in state["failures"][:_LISTED]:
         what = f"point {failed['point']} ({listed(failed['changes'])})"
         output.say(f"failed: {what}: {failed['error']}", file=sys.stderr)

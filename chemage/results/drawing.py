@@ -253,9 +253,10 @@ def _draw_curves(axes: Axes, comparison: Comparison, name: str, curves: Sequence
     alone, few = len(comparison.results) == 1, len(comparison.results) <= _FITTED
     measured = _measurements(comparison, name)
     words, common = _fit_words(comparison, name, measured) if not alone else ({}, "")
-    styles = {
-        entry.name: style for entry, style in zip(comparison.results, _styles(len(comparison.results)), strict=True)
-    }
+    styles = {}
+    for number, entry in enumerate(comparison.results):
+        marker = _MARKERS[number % len(_MARKERS)]
+        styles[entry.name] = {"color": PALETTE[number % len(PALETTE)], "marker": marker}
     last = [
         _draw_curve(axes, comparison, entry, curve, styles[entry.name], words.get(entry.name, ""))
         for entry, curve in curves
@@ -304,11 +305,6 @@ def _fit_words(
         return words, ""
     over = f", {spans.pop()}" if len(spans) == 1 else ""
     return words, f"β per decade: fitted lines{over}"
-
-
-def _styles(count: int) -> list[dict[str, Any]]:
-    """Colour and marker of each curve."""
-    return [{"color": PALETTE[i % len(PALETTE)], "marker": _MARKERS[i % len(_MARKERS)]} for i in range(count)]
 
 
 def _draw_curve(
@@ -388,12 +384,12 @@ def brought_figures(results: Sequence[Entry], size: tuple[float, float] = _SIZE)
         return Maps(**results[number].whole().maps())
 
     sources = []
-    for number, (entry, style) in enumerate(zip(results, _styles(len(results)), strict=True)):
+    for number, entry in enumerate(results):
         chemistry = None
         with suppress(KeyError, ChemageError):  # without provenance, or without the plugins that made it
             chemistry = Chemistry.fromdict(entry.aging.provenance["chemistry"]) if entry.aging is not None else None
         more: Mapping[str, Any] = {"scene": entry.scene, "load_maps": partial(maps, number)}
-        plotted = PlottedResult(entry.legend_name, entry.aging, chemistry, style["color"], **more)
+        plotted = PlottedResult(entry.legend_name, entry.aging, chemistry, PALETTE[number % len(PALETTE)], **more)
         sources.append((entry, plotted))
     drawn: dict[str, tuple[Figure, str]] = {}
     owners = dict.fromkeys(CORE, "chemage itself")

@@ -324,7 +324,8 @@ class Runner:
         ExecutorError
             The workers cannot be started, or have ended.
         """
-        self._divide(list(tasks))
+        for ageings in by_contact(tasks):  # in an order in which successive contacts share a surface
+            self._divide(ageings)
         reported = 0.0
         try:
             while self._ready or self._contacts or self._running or self._suspects:
@@ -362,12 +363,8 @@ class Runner:
 
     # -- pieces -------------------------------------------------------------------------------------------------------
 
-    def _divide(self, tasks: Sequence[Task]) -> None:
-        """Divide tasks into pieces, in an order in which successive contacts share a surface."""
-        for ageings in by_contact(tasks):
-            self._divide_contact(ageings)
-
-    def _divide_contact(self, ageings: list[list[Task]]) -> None:
+    def _divide(self, ageings: list[list[Task]]) -> None:
+        """Divide the tasks of a contact into pieces."""
         first = ageings[0][0]
         if self._whole is None:
             ageings = self._joined(ageings)

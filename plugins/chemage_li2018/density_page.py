@@ -61,15 +61,6 @@ def frontier(study: DensityStudy) -> tuple[np.ndarray, np.ndarray]:
     return times[order], np.minimum.accumulate(chi[order])
 
 
-def _admitted(study: DensityStudy) -> tuple[float, float]:
-    """Twice ln of the likelihood below the largest: of the rates alone, and where 95 % of the weight ends."""
-    likelihood = study.prior.log_likelihood(fit.PAPER, study.surface).max(axis=(1, 2))
-    rates_alone = study.rates_alone.reported.log_likelihood(fit.PAPER, study.surface).max()
-    order = np.argsort(-likelihood)
-    last = order[np.searchsorted(np.cumsum(study.weight.sum(axis=(1, 2))[order]), 0.95)]
-    return float(2 * (likelihood.max() - rates_alone)), float(2 * (likelihood.max() - likelihood[last]))
-
-
 def write_study(out: Path, *, quick: bool = False, force: bool = False) -> list[Path]:
     """Run the study, write page, figures and the table of densities into ``out``, and return their paths.
 
@@ -100,8 +91,13 @@ def write_study(out: Path, *, quick: bool = False, force: bool = False) -> list[
 def page(study: DensityStudy) -> str:
     """Write the study as Markdown."""
     beta = np.array([density.beta for density in study.members])
-    alone = study.tips.misfit
-    low, high = np.exp(fit.interval(study.prior.reported.beta[:, OURS, :6], study.weight.sum(axis=(1, 2))))
+    alone, of_draws = study.tips.misfit, study.weight.sum(axis=(1, 2))
+    low, high = np.exp(fit.interval(study.prior.reported.beta[:, OURS, :6], of_draws))
+    # ln of the likelihood: of the rates alone, and where 95 % of the weight ends
+    likelihood = study.prior.log_likelihood(fit.PAPER, study.surface).max(axis=(1, 2))
+    rates_alone = study.rates_alone.reported.log_likelihood(fit.PAPER, study.surface).max()
+    order = np.argsort(-likelihood)
+    end = likelihood[order[np.searchsorted(np.cumsum(of_draws[order]), 0.95)]]
     times, chi = frontier(study)
     last = np.searchsorted(times, _LEVELS) - 1
     return render(
@@ -123,7 +119,7 @@ def page(study: DensityStudy) -> str:
         high=high,
         largest=float(np.abs(beta[0] / PUBLISHED - 1).max()),
         band=beta.max(axis=0) / beta.min(axis=0) - 1,
-        admitted=_admitted(study),
+        admitted=[float(2 * (likelihood.max() - one)) for one in (rates_alone, end)],
         families=_families(study),
         frontier=[(level, chi[at]) for level, at in zip(_LEVELS, last, strict=True) if at >= 0],
         surface=np.sqrt(np.diag(study.surface))[:3],

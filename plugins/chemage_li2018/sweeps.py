@@ -37,32 +37,10 @@ MEMBER, REPLICAS, KELVIN, RADIUS = "forming.member", "hold.replicas", "hold.temp
 HYDROXYLATION, FRONT, STRENGTH = "chemistry.hydroxylation", "chemistry.front_factor", "interaction.strength"
 
 
-@dataclass(frozen=True)
-class BaseScene:
-    """A scene whose options the studies of one sweep vary."""
-
-    scene: str
-    #: dotted path -> value of the reference; every point has a value for each
-    reference: dict[str, Any]
-    #: what all of its points change about the scene
-    changes: dict[str, Any]
-    #: whether each surface seed gives another surface
-    rough: bool = True
-
-
-@dataclass(frozen=True)
-class PaperStudy:
-    """The points that a panel needs, for one surface."""
-
-    base: str
-    #: dotted path -> values that change together; axes are combined, the last one fastest
-    axes: list[dict[str, list[Any]]]
-    #: number of surface seeds at most; 0: all that are asked for
-    surfaces: int = 0
-
-
-BASES = {name: BaseScene(**base) for name, base in DATA["bases"].items()}
-STUDIES = {name: PaperStudy(**study) for name, study in DATA["studies"].items()}
+#: scenes whose options the studies of one sweep vary, and studies: the points that a panel needs, for one surface; as
+#: reproduction.toml describes them
+BASES: dict[str, dict[str, Any]] = DATA["bases"]
+STUDIES: dict[str, dict[str, Any]] = DATA["studies"]
 #: the studies of each figure or table
 TARGETS: dict[str, list[str]] = DATA["targets"]
 
@@ -92,9 +70,9 @@ def studies_for(targets: Iterable[str]) -> list[str]:
 def members(study: str) -> list[dict[str, Any]]:
     """List the points of a study for one surface seed: dotted path -> value, with all varied paths in each."""
     panel, points = STUDIES[study], []
-    paths = [path for axis in panel.axes for path in axis]
-    for parts in product(*(zip(*axis.values(), strict=True) for axis in panel.axes)):
-        points.append(BASES[panel.base].reference | dict(zip(paths, chain(*parts), strict=True)))
+    paths = [path for axis in panel["axes"] for path in axis]
+    for parts in product(*(zip(*axis.values(), strict=True) for axis in panel["axes"])):
+        points.append(BASES[panel["base"]]["reference"] | dict(zip(paths, chain(*parts), strict=True)))
     return points
 
 
@@ -118,14 +96,14 @@ def scenes(targets: Sequence[str], seeds: Sequence[int], pixels: int | None = No
             "pixels", pixels, "cannot resolve the shortest wavelength (ζ = 150)", f"give {FEWEST_PIXELS} or more"
         )
     sweeps = {}
-    for base in BASES:
-        studies = [study for study in studies_for(targets) if STUDIES[study].base == base]
+    for name, base in BASES.items():
+        studies = [study for study in studies_for(targets) if STUDIES[study]["base"] == name]
         if studies:
-            columns = _columns(studies, seeds if BASES[base].rough else ())
-            data, _ = scene_data(BASES[base].scene)
-            coarser = coarse(pixels) if base == "rough" and pixels is not None else {}
-            data = override(data, {"name": f"reproduction-{base}", **BASES[base].changes, **coarser})
-            sweeps[base] = {**data, "sweep": {"zip": [columns]}}
+            columns = _columns(studies, seeds if base.get("rough", True) else ())
+            data, _ = scene_data(base["scene"])
+            coarser = coarse(pixels) if name == "rough" and pixels is not None else {}
+            data = override(data, {"name": f"reproduction-{name}", **base["changes"], **coarser})
+            sweeps[name] = {**data, "sweep": {"zip": [columns]}}
     return sweeps
 
 
@@ -133,7 +111,7 @@ def _columns(studies: Sequence[str], seeds: Sequence[int]) -> dict[str, list[Any
     """The points of ``studies`` as columns by path; of equal points that with the most replicas is computed."""
     points: dict[str, dict[str, Any]] = {}
     for study in studies:
-        surfaces = [{SEED: seed} for seed in seeds[: STUDIES[study].surfaces or None]] or [{}]
+        surfaces = [{SEED: seed} for seed in seeds[: STUDIES[study].get("surfaces")]] or [{}]
         for surface, member in product(surfaces, members(study)):
             name = f"{surface} {content(member)}"
             if name not in points or points[name][REPLICAS] < member[REPLICAS]:
@@ -356,5 +334,5 @@ def studies_of(points: Iterable[StudyPoint], targets: Iterable[str]) -> Studies:
     for study in studies_for(targets):
         found = studies[study] = PointSet()
         for member in members(study):
-            found += by_content[content(member)][: STUDIES[study].surfaces or None]
+            found += by_content[content(member)][: STUDIES[study].get("surfaces")]
     return studies

@@ -28,8 +28,6 @@ from chemage.studies.ensembles.computations import (
     REPLICA_SHARE,
     Computation,
     fitting,
-    replicas_of_difference,
-    sketched,
 )
 from chemage.studies.ensembles.goals import Request, Scatters, is_about_zero, time_text
 from chemage.studies.ensembles.quantities import RECORDED, limit, recorded_measures
@@ -156,6 +154,8 @@ class EnsemblePlan:
     computations: tuple[Computation, ...]
     #: what is computed for a sample of the first level, and for a correction to it where there may be one
     levels: tuple[tuple[Computation, ...], ...]
+    #: the computation of the area of the contact of a sketch, where there may be one
+    control: Computation | None
     #: scatter that is expected
     scatters: Scatters
     #: what the rule is expected to do; None: not known before the first samples are computed
@@ -261,8 +261,7 @@ class EnsemblePlan:
     def sketch(self) -> tuple[Computation, int] | None:
         """The control, and how many samples of it are expected; None where it is not expected to pay."""
         count = 0 if self.foreseen is None else self.foreseen.sketches
-        sketch = sketched(self.computations[0]) if count else None
-        return None if sketch is None else (sketch.here(), count)
+        return (self.control, count) if self.control is not None and count else None
 
     def not_computed(self) -> list[str]:
         """What an ensemble leaves out of a run of its scene, and why, in words."""
@@ -363,25 +362,25 @@ def plan(scene: Scene) -> EnsemblePlan:
         request = sampler.request
         first, *_ = stated = request.computations()
         here = tuple(computation.here() for computation in stated)
-        levels = [here[:1]]
-        if len(here) > 1:
-            replicas = replicas_of_difference(here[-1], here[0])
-            levels.append(tuple(part.with_replicas(replicas) for part in (here[-1], here[0])))
+        routes = sampler.possible_routes()
+        levels = tuple(tuple(part.computation.here() for part in level.parts) for level in routes[-1].levels)
+        control = routes[0].control
+        sketch = None if control is None else control.parts[0].computation.here()
         costs = estimate.cost(scene)
         expected = Scatters.of(request, costs, single.numbers)
-        seen, reason = _expectation(sampler, costs, expected, first)
+        seen, reason = _expectation(request, routes, costs, expected, first)
         if seen is not None:
             cpu, wall = seen.cpu_seconds * first.scale, seen.wall_seconds * first.scale
             seen = replace(seen, cpu_seconds=cpu, wall_seconds=wall)
-    return EnsemblePlan(single, request, here, tuple(levels), expected, seen, reason)
+    return EnsemblePlan(single, request, here, levels, sketch, expected, seen, reason)
 
 
 def _expectation(
-    sampler: Sampler, costs: Plan, expected: Scatters, first: Computation
+    request: Request, routes: Sequence[stages.Route], costs: Plan, expected: Scatters, first: Computation
 ) -> tuple[Expectation | None, str]:
     """What the rule is expected to do, and how that is known; ``first`` is the cheapest computation, in whose seconds
     all times are."""
-    request, workers = sampler.request, available()
+    workers = available()
     scatter = expected.sample(first.replicas)[sorted(request.asked)]
     if (count := request.surfaces) is not None:
         half = limit(count - 1) * float(scatter[0]) / math.sqrt(count)
@@ -400,7 +399,7 @@ def _expectation(
         measures = [costs.area_fraction if name == "area_fraction" else None for name in request.quantities.measures]
         ones = [1.0] * (request.quantities.count - len(measures))  # of which only the relative scatter counts
         mean = np.array([*ones, *measures], dtype=np.float64)
-        return _expected_of(request, sampler.possible_routes(), expected, mean, workers, budget), why
+        return _expected_of(request, routes, expected, mean, workers, budget), why
     if request.budget is not None and not request.goals:
         return Expectation.counted(timed, first.seconds, workers), "as many as the time allows"
     over = "surfaces" if request.random else "replicas"
