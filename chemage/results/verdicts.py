@@ -118,24 +118,25 @@ def verdict(data: Measurements, name: str, ageing: Ageing, curves: Mapping[str, 
     if inside.sum() < 3:
         return Verdict(data.name, name, f"not compared: only {inside.sum()} hold times in common, which needs 3")
     times, values, mean = (array[inside] for array in (data.hold_times, data.values, model.mean))
+    stated = data.error is not None
     own = np.full(times.size, math.nan) if data.error is None else data.error[inside]
     known, places = model.known[np.ix_(inside, inside)], model.places[inside]
     noise, chance, error = np.diag(own**2) + known, math.nan, None
-    if model.samples and data.error is not None:
+    if model.samples and stated:
         error, chance = agreement(model.samples, model.curve, values, noise, places)
     elif model.samples:
         error = CurveError.of(model.samples, model.curve)
     covariance = known if error is None else known + places @ error.matrix() @ places.T
     model_errors = np.sqrt(np.diag(covariance))
-    weight = 1 / np.hypot(own, model_errors) if data.error is not None else np.ones(times.size)
+    weight = 1 / np.hypot(own, model_errors) if stated else np.ones(times.size)
     design = np.stack([np.ones(times.size), mean], axis=1) * weight[:, None]
     inverse = np.linalg.pinv(design.T @ design)
     offset, slope = inverse @ design.T @ (values * weight)
     left = float(np.sum((values * weight - design @ (offset, slope)) ** 2)) / max(times.size - 2, 1)
-    errors = np.sqrt(np.diag(inverse) * (max(left, 1.0) if data.error is not None else left))
+    errors = np.sqrt(np.diag(inverse) * (max(left, 1.0) if stated else left))
     line = (float(offset), float(errors[0])), (float(slope), float(errors[1]))
     found = Verdict(data.name, name, "", data.quantity, times, values, mean, own, model_errors, *line)
-    if data.error is None:
+    if not stated:
         away = float(np.sqrt(np.mean((values - mean) ** 2)))
         text = f"{found.trend()}; r.m.s. difference {away:.3g} {UNIT[data.quantity]}".rstrip()
         return replace(found, verdict=f"{text}; the measurements state no errors")

@@ -289,9 +289,8 @@ def read_points(path: Path) -> tuple[PointSet, dict[str, Any]]:
     for at, (changes, summary) in enumerate(zip(about.pop("changes"), about.pop("summaries"), strict=True)):
         rows = {name: values[at][~np.isnan(values[at])].astype("f8") for name, values in columns.items()}
         times, drop, error = (rows.pop(name) for name in ("times", "drop", "error"))
-        points.append(
-            StudyPoint(changes, summary, times, drop, error, {name: row for name, row in rows.items() if row.size})
-        )
+        observed = {name: row for name, row in rows.items() if row.size}
+        points.append(StudyPoint(changes, summary, times, drop, error, observed))
     return points, about
 
 
