@@ -350,12 +350,7 @@ class Worker:
     def run(self, task: Task) -> Run:
         """The run of a task's scene, which has its ageing in common with the task before if that was the same."""
         if self._run is not None and self._ageing == task.ageing:
-            # the scene differs in its fit and in the limits of its material only
-            scene, same = task.scene, self._run
-            same = replace(same, scene=scene.todict(), keys=run_keys(scene, same.contact, same.aging))
-            if same.aging is not None and scene.chemistry is not None:
-                same = replace(same, aging=with_limits_of(same.aging, same.contact, scene.chemistry))
-            return same
+            return _fitted_again(self._run, task.scene)
         if self._error is not None and self._ageing == task.ageing:
             raise self._error
         self._ageing, self._run, self._error = task.ageing, None, None
@@ -396,6 +391,14 @@ class Worker:
             except Exception:  # another process can receive its text alone
                 error = ExecutorError(f"{type(error).__name__}: {error}")
         return Outcome(error=error, stage=self.stage)
+
+
+def _fitted_again(before: Run, scene: Scene) -> Run:
+    """The run of a scene that differs from that of ``made`` in its fit and in the limits of its material only."""
+    before = replace(before, scene=scene.todict(), keys=run_keys(scene, before.contact, before.aging))
+    if before.aging is not None and scene.chemistry is not None:
+        before = replace(before, aging=with_limits_of(before.aging, before.contact, scene.chemistry))
+    return before
 
 
 # -- what a folder has of a task --------------------------------------------------------------------------------------

@@ -261,7 +261,7 @@ class Survey:
             if wrong:
                 continue
             try:
-                result.add(point, scene)
+                _add(result, point, scene)
             except InputError as error:
                 error.add_note(f"at point {point} of {grid.source}")
                 raise
@@ -273,44 +273,6 @@ class Survey:
             raise SceneError(grid.source, [_located(grid, problem, *where) for problem, where in wrong.items()])
         result.digest = text_hash("".join([json.dumps([[axis.paths for axis in grid.axes], []]), *result.keys]))
         return result
-
-    def add(self, point: int, scene: Scene) -> None:
-        """Make the task of the next point, and estimate what it costs."""
-        if not scene.contact.gives_map:
-            raise InputError(no_map(scene.contact, "a sweep has no contact to store; run each scene by itself"))
-        costs = cost(scene)
-        if point and scene.is_ensemble != self.means:
-            raise InputError(
-                "accuracy, ensemble: some points are means over surfaces and others are not; make two sweeps"
-            )
-        self.means = scene.is_ensemble
-        self.classes |= registered_classes(scene.components())
-        costs.check()
-        varied, parts = {path for axis in self.grid.axes for path in axis.paths}, scene.solved_parts
-        of_sweep = [doubt for stage in registry.current().stages() for doubt in stage.doubts_of_sweep(parts, varied)]
-        for doubt in [*costs.doubts(), *of_sweep]:
-            text, first, count = self.doubts.get(doubt.kind, (doubt.text, point, 0))
-            self.doubts[doubt.kind] = text, first, count + 1
-        task = Task.of(
-            scene,
-            number=point,
-            changes=self.grid.changes(point),
-            contact_seconds=_or_nan(costs.contact_cpu_seconds),
-            ageing_seconds=_or_nan(costs.kinetics_cpu_seconds),
-        )
-        # only what makes the scene is kept, since there may be very many
-        key = mean_key(scene) if self.means else task.key
-        task = replace(task, key=key, source=partial(self.grid.scene, point))
-        self.tasks.append(task)
-        needed = [costs.contact_bytes]
-        if task.contact not in self.contacts:
-            self.contacts[task.contact] = task
-            self.bytes += 3000 + costs.contact_file
-        self.bytes += 5000
-        if scene.hold is not None:
-            self.bytes += scene.hold.hold_times.size * (90 + 11 * scene.hold.replicas)
-            needed.append(costs.replica_bytes)
-        self.memory = float(np.max([self.memory, *map(_or_nan, needed)]))
 
     def resolve(self, axis: int, place: int, scene: Scene) -> None:
         """Record the validated values of one position: "20 uN" is 20000.0 nN."""
@@ -412,6 +374,42 @@ def shown(value: Any) -> str:
         rest = {name: item for name, item in value.items() if name != "kind"}
         return " ".join([str(value.get("kind", "")), *(f"{name}={shown(item)}" for name, item in rest.items())]).strip()
     return value if isinstance(value, str) else json.dumps(value)
+
+
+def _add(result: Survey, point: int, scene: Scene) -> None:
+    if not scene.contact.gives_map:
+        raise InputError(no_map(scene.contact, "a sweep has no contact to store; run each scene by itself"))
+    costs = cost(scene)
+    if point and scene.is_ensemble != result.means:
+        raise InputError("accuracy, ensemble: some points are means over surfaces and others are not; make two sweeps")
+    result.means = scene.is_ensemble
+    result.classes |= registered_classes(scene.components())
+    costs.check()
+    varied, parts = {path for axis in result.grid.axes for path in axis.paths}, scene.solved_parts
+    of_sweep = [doubt for stage in registry.current().stages() for doubt in stage.doubts_of_sweep(parts, varied)]
+    for doubt in [*costs.doubts(), *of_sweep]:
+        text, first, count = result.doubts.get(doubt.kind, (doubt.text, point, 0))
+        result.doubts[doubt.kind] = text, first, count + 1
+    task = Task.of(
+        scene,
+        number=point,
+        changes=result.grid.changes(point),
+        contact_seconds=_or_nan(costs.contact_cpu_seconds),
+        ageing_seconds=_or_nan(costs.kinetics_cpu_seconds),
+    )
+    # only what makes the scene is kept, since there may be very many
+    key = mean_key(scene) if result.means else task.key
+    task = replace(task, key=key, source=partial(result.grid.scene, point))
+    result.tasks.append(task)
+    needed = [costs.contact_bytes]
+    if task.contact not in result.contacts:
+        result.contacts[task.contact] = task
+        result.bytes += 3000 + costs.contact_file
+    result.bytes += 5000
+    if scene.hold is not None:
+        result.bytes += scene.hold.hold_times.size * (90 + 11 * scene.hold.replicas)
+        needed.append(costs.replica_bytes)
+    result.memory = float(np.max([result.memory, *map(_or_nan, needed)]))
 
 
 def _or_nan(estimate: float | None) -> float:
