@@ -167,7 +167,7 @@ def _all_commands() -> Any:
 
 def main() -> None:
     """Run the command line; a :class:`chemage.ChemageError` is printed as one message on stderr."""
-    begin = time.perf_counter()
+    begin, status = time.perf_counter(), 0
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:  # the caller has closed it; no file that is opened later takes its number
             setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115
@@ -187,9 +187,8 @@ def main() -> None:
         with commands.make_context("chemage", sys.argv[1:]) as context:
             commands.invoke(context)
         sys.stdout.flush()
-        _leave(0, begin)
     except typer.Exit as end:
-        _leave(end.exit_code, begin)
+        status = end.exit_code
     except (KeyboardInterrupt, typer.Abort) as stop:
         word, status = output.stopped()
         text = f"{word}; {str(stop) or 'nothing was written'}"
@@ -197,10 +196,7 @@ def main() -> None:
         LOGGER.error("%s", text)
         os._exit(status)  # without waiting for threads that may still be in a compiled kernel
     except Exception as error:
-        _leave(_explain(error), begin)
-
-
-def _leave(status: int, begin: float) -> None:
+        status = _explain(error)
     LOGGER.info("ended with status %d after %.2f s", status, time.perf_counter() - begin)
     output.end()
     sys.exit(status)
@@ -214,12 +210,6 @@ def _complain(text: str) -> None:
     loaded()
     with contextlib.suppress(OSError, ValueError):
         print(printable(text), file=sys.stderr, flush=True)
-
-
-def _discard_output() -> None:
-    """Send what stdout still holds nowhere, so that the interpreter does not fail on it at its end."""
-    with contextlib.suppress(OSError, ValueError, AttributeError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _plain_warnings() -> None:
@@ -250,11 +240,12 @@ def _explain(error: Exception) -> int:
     if show_usage is not None:
         show_usage()
         return int(getattr(error, "exit_code", 2))
-    if isinstance(error, BrokenPipeError):  # the reader of the pipe has closed it
-        _discard_output()
-        return 0
     if isinstance(error, OSError):
-        _discard_output()  # a full disk behind stdout would be reported again at the end
+        # what stdout still holds goes nowhere: the interpreter would report a closed pipe or a full disk again
+        with contextlib.suppress(OSError, ValueError, AttributeError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if isinstance(error, BrokenPipeError):  # the reader of the pipe has closed it
+            return 0
         _complain(f"chemage: {error}")
         return 2
     if isinstance(error, MemoryError):

@@ -18,7 +18,7 @@ def scenes(incomplete: str) -> list[str]:
     """Installed scenes, and scene files of this folder; nothing for a path, which the shell completes."""
     from chemage.plugins import registry
 
-    return _beginning(incomplete, [*registry.current().scenes(), *_files(incomplete, ".toml")])
+    return _beginning(incomplete, registry.current().scenes(), "*.toml")
 
 
 def installed_scenes(incomplete: str) -> list[str]:
@@ -30,13 +30,12 @@ def installed_scenes(incomplete: str) -> list[str]:
 
 def results(incomplete: str) -> list[str]:
     """Result files of this folder, and folders of sweeps."""
-    sweeps = [] if _is_path(incomplete) else [entry.parent.name for entry in Path().glob("*/sweep.json")]
-    return _beginning(incomplete, [*_files(incomplete, ".h5"), *_files(incomplete, ".hdf5"), *sweeps])
+    return _beginning(incomplete, (), "*.h5", "*.hdf5", "*/sweep.json")
 
 
 def sweeps(incomplete: str) -> list[str]:
     """Folders of sweeps in this folder."""
-    return _beginning(incomplete, [entry.parent.name for entry in Path().glob("*/sweep.json")])
+    return _beginning(incomplete, (), "*/sweep.json")
 
 
 def fields(incomplete: str) -> list[str]:
@@ -69,16 +68,10 @@ def one_of(*words: str) -> Callable[[str], list[str]]:
     return offered
 
 
-def _beginning(incomplete: str, words: Iterable[str]) -> list[str]:
-    return sorted(word for word in words if word.startswith(incomplete))
-
-
-def _is_path(incomplete: str) -> bool:
-    return "/" in incomplete or incomplete.startswith(("~", "."))
-
-
-def _files(incomplete: str, ending: str) -> list[str]:
-    return [] if _is_path(incomplete) else [entry.name for entry in Path().glob(f"*{ending}")]
+def _beginning(incomplete: str, words: Iterable[str], *patterns: str) -> list[str]:
+    """The words, and what of this folder matches ``patterns``, that begin with what is typed."""
+    found = {path.parts[0] for pattern in patterns for path in Path().glob(pattern)}
+    return sorted(word for word in {*words, *found} if word.startswith(incomplete))
 
 
 def _scene() -> Mapping[str, Any]:

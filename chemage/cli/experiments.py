@@ -293,9 +293,24 @@ def status(
 
     The numbers are given in total and for each value of each axis.
     """
-    from chemage.cli import studies
+    from chemage.cli.studies import print_failures
+    from chemage.studies.sweeps.grid import listed
+    from chemage.studies.sweeps.result import NOT_DONE, load_sweep
 
-    studies.status(folder, as_json=as_json)
+    state = load_sweep(folder).status()
+    if as_json:
+        output.say_json(state)
+        return
+    counts = ("points", "done", *NOT_DONE)
+    rows = []
+    for axis in state["axes"]:
+        for row in axis["rows"]:
+            rows.append((listed(row["values"]), *(str(row[count]) for count in counts)))
+    rows.append(("all", *(str(state[count]) for count in counts)))
+    contacts = [str(state[f"contacts{which}"]) for which in ("", "_done", "_damaged")]
+    rows.append(("contacts", *contacts[:2], "", "", contacts[2]))
+    output.show_rows(f"{state['name']} in {folder}", ("", *counts), rows)
+    print_failures(state)
 
 
 def init(

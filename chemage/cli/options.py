@@ -9,16 +9,14 @@ from typing import Annotated, Any
 import typer
 
 from chemage.cli import completion
+from chemage.foundation.errors import InputError
 
 #: endings of the files that chemage writes
 RESULTS, FIGURES, PAGES = (".h5", ".hdf5"), (".png", ".pdf", ".svg"), (".html", ".htm")
 
 
-def user_error(message: str) -> Exception:
-    """Make an error that is printed as one message and ends the program with status 2."""
-    from chemage.foundation.errors import InputError
-
-    return InputError(message)
+#: an error that is printed as one message and ends the program with status 2
+user_error = InputError
 
 
 def _known_format(name: str) -> str:

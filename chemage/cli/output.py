@@ -31,8 +31,6 @@ from chemage.foundation.errors import printable
 from chemage.foundation.progress import LOGGER
 
 if TYPE_CHECKING:
-    from rich.table import Table as Grid
-
     from chemage.foundation.result import Result, Table
     from chemage.scene.scene import Scene
 
@@ -69,15 +67,15 @@ def begin() -> None:
     _state.log = None
     progress.silence(False)
     _state.terminated = False
+
+    def terminate(number: int, frame: Any) -> None:
+        """End as Ctrl-C does, for schedulers; a second signal ends the process at once."""
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        _state.terminated = True
+        raise KeyboardInterrupt
+
     if threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
-        _state.before = signal.signal(signal.SIGTERM, _terminate)
-
-
-def _terminate(number: int, frame: Any) -> None:
-    """End as Ctrl-C does, for schedulers; a second signal ends the process at once."""
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    _state.terminated = True
-    raise KeyboardInterrupt
+        _state.before = signal.signal(signal.SIGTERM, terminate)
 
 
 def stopped() -> tuple[str, int]:
@@ -97,28 +95,18 @@ def end() -> None:
     LOGGER.setLevel(logging.NOTSET)
 
 
-def _be_quiet(context: typer.Context, given: bool) -> None:
-    if given and not context.resilient_parsing:
-        _state.quiet = True
-        progress.silence(True)
-        _check()
-
-
-def _be_verbose(context: typer.Context, given: bool) -> None:
-    if given and not _state.verbose and not context.resilient_parsing:
-        _state.verbose = True
-        progress.silence(True)  # the lines say more, and bars between them would be torn
-        _check()
-        handler = logging.StreamHandler(sys.stderr)
-        handler.addFilter(lambda record: record.levelno < logging.WARNING)  # warnings are printed in any case
-        handler.setFormatter(_Printable("%(asctime)s %(message)s", "%H:%M:%S"))
-        _attach(handler)
-        _describe(handler)
-
-
-def _check() -> None:
+def _set_loudness(context: typer.Context, option: typer.CallbackParam, given: bool) -> None:
+    """``--quiet`` and ``--verbose``."""
+    if not given or getattr(_state, str(option.name)) or context.resilient_parsing:
+        return
+    setattr(_state, str(option.name), True)
     if _state.quiet and _state.verbose:
         raise user_error("--quiet and --verbose: choose one")
+    progress.silence(True)  # lines of --verbose say more, and bars between them would be torn
+    if _state.verbose:
+        handler = logging.StreamHandler(sys.stderr)
+        handler.addFilter(lambda record: record.levelno < logging.WARNING)  # warnings are printed in any case
+        _start_log(handler, "%(asctime)s %(message)s", "%H:%M:%S")
 
 
 def _write_log(context: typer.Context, path: Path | None) -> None:
@@ -133,9 +121,7 @@ def _write_log(context: typer.Context, path: Path | None) -> None:
     except (OSError, ValueError) as error:
         raise user_error(f"--log {path}: {getattr(error, 'strerror', None) or error}; choose another file") from None
     _state.log = path
-    handler.setFormatter(_Printable("%(asctime)s %(levelname)-7s %(message)s", "%Y-%m-%d %H:%M:%S%z"))
-    _attach(handler)
-    _describe(handler)
+    _start_log(handler, "%(asctime)s %(levelname)-7s %(message)s", "%Y-%m-%d %H:%M:%S%z")
     handler.begun = True
 
 
@@ -164,20 +150,18 @@ class _LogFile(logging.FileHandler):
             super().close()
 
 
-def _attach(handler: logging.Handler) -> None:
-    LOGGER.addHandler(handler)
-    LOGGER.setLevel(logging.INFO)
-    _state.handlers.append(handler)
-
-
-def _describe(handler: logging.Handler) -> None:
-    """Log the command, the versions, the plugins and where kernels are kept, to one handler alone."""
+def _start_log(handler: logging.Handler, form: str, dates: str) -> None:
+    """Log to a handler, and to it alone the command, the versions, the plugins and where kernels are kept."""
     from importlib import metadata
 
     from chemage.foundation import machine
     from chemage.foundation.names import __version__
     from chemage.plugins import registry
 
+    handler.setFormatter(_Printable(form, dates))
+    LOGGER.addHandler(handler)
+    LOGGER.setLevel(logging.INFO)
+    _state.handlers.append(handler)
     libraries = {}
     for name in ("numpy", "scipy", "numba"):
         try:
@@ -203,7 +187,7 @@ QuietOpt = Annotated[
     typer.Option(
         "--quiet",
         "-q",
-        callback=_be_quiet,
+        callback=_set_loudness,
         expose_value=False,
         is_eager=True,
         help="print only errors, warnings and the names of written files",
@@ -214,7 +198,7 @@ VerboseOpt = Annotated[
     typer.Option(
         "--verbose",
         "-v",
-        callback=_be_verbose,
+        callback=_set_loudness,
         expose_value=False,
         is_eager=True,
         help="print what each stage does, how long it takes, and which plugins take part",
@@ -237,16 +221,14 @@ def _carrier(quiet: QuietOpt = False, verbose: VerboseOpt = False, log: LogOpt =
     pass
 
 
-def add_to(command: Any) -> None:
+def add_to(command: Any, options: Sequence[Any] = ()) -> None:
     """Add the options to a command, and to the commands of a group, where their names are free."""
-    carrier = typer.Typer(add_completion=False)
-    carrier.command()(_carrier)
-    _add(command, typer.main.get_command(carrier).params)
-
-
-def _add(command: Any, options: Sequence[Any]) -> None:
+    if not options:
+        carrier = typer.Typer(add_completion=False)
+        carrier.command()(_carrier)
+        options = typer.main.get_command(carrier).params
     for one in getattr(command, "commands", {}).values():
-        _add(one, options)
+        add_to(one, options)
     taken = {word for parameter in command.params for word in (*getattr(parameter, "opts", ()), parameter.name)}
     for option in options:
         if option.name in taken or option.opts[0] in taken:
@@ -258,22 +240,6 @@ def _add(command: Any, options: Sequence[Any]) -> None:
 
 #: characters of a line where stdout is not a terminal
 WIDTH = 110
-
-
-def table(title: str, columns: Sequence[str] = ()) -> Grid:
-    """Make an empty table with the headings ``columns``, or with two columns that have none."""
-    from rich import box
-    from rich.table import Table as Grid
-
-    class Harmless(Grid):
-        def add_row(self, *cells: Any, **options: Any) -> None:
-            super().add_row(*(printable(cell) if isinstance(cell, str) else cell for cell in cells), **options)
-
-    heading = printable(title) or None
-    grid = Harmless(title=heading, title_justify="left", box=box.SIMPLE, show_header=bool(columns), pad_edge=False)
-    for name in columns or ("", ""):
-        grid.add_column(printable(name), overflow="fold")
-    return grid
 
 
 def say(text: object = "", end: str = "\n", file: Any = None) -> None:
@@ -294,31 +260,36 @@ def remark(text: object = "") -> None:
         say(text)
 
 
-def show(table: Grid, width: int = WIDTH) -> None:
-    """Print a table as wide as the terminal; ``width`` characters where stdout is not a terminal.
-
-    Nothing with ``--quiet``.
-    """
+def show_rows(
+    title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], width: int = WIDTH, dense: bool = False
+) -> None:
+    """Print a table of text as wide as the terminal; ``width`` characters where stdout is not a terminal. Nothing with
+    ``--quiet``."""
     if quiet():
         return
+    from rich import box
     from rich.console import Console
+    from rich.table import Table as Grid
 
     class Quiet(Console):
         def on_broken_pipe(self) -> None:  # rich's own exits with status 1
             raise
 
+    heading = printable(title) or None
+    grid = Grid(title=heading, title_justify="left", box=box.SIMPLE, show_header=bool(columns), pad_edge=False)
+    for name in columns:
+        grid.add_column(printable(name), overflow="fold")
+    for row in rows:
+        for _ in row[len(grid.columns) :]:  # without a heading
+            grid.add_column(overflow="fold")
+        grid.add_row(*map(printable, row))
+    if dense:
+        grid.padding = (0, 0)
+        grid.columns[0].min_width = 22
     # a title or a file name is text, never markup
     Quiet(
         file=sys.stdout, highlight=False, markup=False, emoji=False, width=None if sys.stdout.isatty() else width
-    ).print(table)
-
-
-def show_rows(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], width: int = WIDTH) -> None:
-    """Print a table of text; without ``columns`` of names and values."""
-    grid = table(title, columns)
-    for row in rows:
-        grid.add_row(*row)
-    show(grid, width)
+    ).print(grid)
 
 
 def show_result(result: Result) -> None:
@@ -334,14 +305,7 @@ def show_tables(tables: Iterable[Table], width: int = WIDTH) -> None:
     for part in tables:
         if part.in_detail:
             continue
-        grid = table(part.title, part.columns or ("",))
-        grid.show_header = bool(part.columns)
-        if part.dense:
-            grid.padding = (0, 0)
-            grid.columns[0].min_width = 22
-        for row in part.rows[: part.most]:
-            grid.add_row(*row)
-        show(grid, width)
+        show_rows(part.title, part.columns, part.rows[: part.most], width, part.dense)
         for text in part.remarks:
             remark(text)
 
@@ -412,15 +376,10 @@ def preflight_result(path: Path, *, force: bool, figures: bool, size: float = 0)
     if path.name:
         shutil.rmtree(_unfinished(figures_of(path)), ignore_errors=True)
     preflight(path, force=force, size=size)
-    if figures:
-        preflight_folder(figures_of(path), force)
-
-
-def preflight_folder(folder: Path, force: bool) -> None:
-    """Refuse a folder for figures that cannot be one, or that exists, unless ``force``."""
-    if folder.is_symlink():
+    folder = figures_of(path)
+    if figures and folder.is_symlink():
         raise user_error(f"{folder}, the folder for the figures, is a link; remove it, or choose another --out")
-    if not folder.exists():
+    if not figures or not folder.exists():
         return
     if not folder.is_dir():
         raise user_error(f"{folder}, the folder for the figures, is a file; choose another --out, or --no-figures")

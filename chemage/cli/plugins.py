@@ -26,18 +26,15 @@ def plugins_list(as_json: JsonOpt = False) -> None:
     from chemage.plugins import registry
 
     plugins = registry.current()
-    rows = [
-        {
-            "role": role,
-            "kind": kind,
-            "plugin": record.name,
-            "from": record.source + _needed(plugins, record, kind),
-            "target": record.kinds[role][kind],
-        }
-        for role in plugins.roles
-        for kind in plugins.kinds(role)
-        for record in plugins.offers(role, kind)
-    ]
+    rows = []
+    for role in plugins.roles:
+        for kind in plugins.kinds(role):
+            for record in plugins.offers(role, kind):
+                # optional libraries of kinds, with their licences
+                needs = getattr(plugins.implementation(record.name), "CHEMAGE_NEEDS", {})
+                source = f"{record.source}; needs {needs[kind]}" if kind in needs else record.source
+                about = {"plugin": record.name, "from": source, "target": record.kinds[role][kind]}
+                rows.append({"role": role, "kind": kind, **about})
     hooks = [
         {"plugin": record.name, "from": record.source, "hooks": names}
         for record in plugins.records
@@ -59,12 +56,6 @@ def plugins_list(as_json: JsonOpt = False) -> None:
     output.show_rows("", ("role", "kind", "plugin", "from"), lines)
     for item in broken:
         output.say(f"skipped: {item['plugin']} ({item['from']}): {item['error']}")
-
-
-def _needed(plugins: Registry, record: PluginRecord, kind: str) -> str:
-    """The optional library of a kind, with its licence, as the plugin states it in ``CHEMAGE_NEEDS``."""
-    needs = getattr(plugins.implementation(record.name), "CHEMAGE_NEEDS", {})
-    return f"; needs {needs[kind]}" if kind in needs else ""
 
 
 def _stage_hooks(plugins: Registry, record: PluginRecord) -> list[str]:
@@ -114,17 +105,8 @@ def plugins_show(
     shown = [_about_plugin(plugins, plugin)] if plugin is not None else []
     for name in roles:
         cls: Any = plugins.component(name, kind)
-        source = plugins.offers(name, kind)[0].source
-        shown.append(
-            {
-                "role": name,
-                "kind": kind,
-                "from": source,
-                "about": (cls.__doc__ or "").strip(),
-                "options": options_of(cls),
-                "cite": list(cls.cite),
-            }
-        )
+        about = {"role": name, "kind": kind, "from": plugins.offers(name, kind)[0].source}
+        shown.append({**about, "about": (cls.__doc__ or "").strip(), "options": options_of(cls), "cite": [*cls.cite]})
     if as_json:
         output.say_json(shown)
         return

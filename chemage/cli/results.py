@@ -30,13 +30,12 @@ from chemage.cli.options import (
 from chemage.foundation.progress import progress_bars, reported
 
 if TYPE_CHECKING:
-    from chemage.foundation.result import Result
     from chemage.results.comparison import Comparison
-    from chemage.scene.provenance import Reference
 
 
 def show(file: ResultArg, as_json: JsonOpt = False, as_csv: CsvOpt = False, every: AllOpt = False) -> None:
     """Print the main numbers of a result file, or of a sweep."""
+    from chemage.foundation.text import csv_text
     from chemage.results.kinds import load
 
     result = load(file)
@@ -45,21 +44,14 @@ def show(file: ResultArg, as_json: JsonOpt = False, as_csv: CsvOpt = False, ever
     if as_json:
         output.say_json(result.numbers())
     elif as_csv:
-        output.say(_csv(result), end="")
+        # many values, one column each, or the rows
+        columns = result.columns()
+        names, texts = zip(*result.rows(), strict=True)
+        text = csv_text(columns, zip(*columns.values(), strict=True)) if columns else csv_text(names, [texts])
+        output.say(text, end="")
     else:
         output.show_all(every)
         output.show_result(result)
-
-
-def _csv(result: Result) -> str:
-    """The many values of a result, one column each, or its rows."""
-    from chemage.foundation.text import csv_text
-
-    columns = result.columns()
-    if columns:
-        return csv_text(columns, zip(*columns.values(), strict=True))
-    names, texts = zip(*result.rows(), strict=True)
-    return csv_text(names, [texts])
 
 
 _XOpt = Annotated[
@@ -139,15 +131,19 @@ def plot(
     from chemage.results import drawing
     from chemage.results.kinds import load
 
-    choice: dict[str, Any] = {"x": x, "lines": lines, "y": y, "where": _fixed(where), "heat": heat}
+    fixed = dict(named_value("--where", text, "AXIS=VALUE, such as load=50") for text in where or [])
+    choice: dict[str, Any] = {"x": x, "lines": lines, "y": y, "where": fixed, "heat": heat}
     choice = {name: value for name, value in choice.items() if value}
     is_sweep = file.is_dir()
     if is_sweep and window is not None:
         raise user_error(f"--window: {file} is a sweep, which has no maps; plot a result file")
     if choice and not is_sweep:
         raise user_error(f"--{next(iter(choice))} is for sweeps, and {file} is a file; give the folder of a sweep")
-    beside = _near(file.resolve().with_name(f"{file.resolve().name}-figures")) if is_sweep else None
-    folder = out or beside or file.with_name(f"{file.stem}-figures")
+    folder = out or file.with_name(f"{file.stem}-figures")
+    if is_sweep and out is None:
+        folder = file.resolve().with_name(f"{file.resolve().name}-figures")
+        if folder.is_relative_to(Path.cwd()):
+            folder = folder.relative_to(Path.cwd())
     if window is not None and panel:
         raise user_error("--window and --panel: choose one")
     look = Look.of(width, font, style)
@@ -161,17 +157,6 @@ def plot(
         pictures = save_figures(drawn, folder, force=force, suffix=fmt, data=data)
     for picture in pictures:
         output.say(picture)
-
-
-def _fixed(where: list[str] | None) -> dict[str, str]:
-    """Read ``--where AXIS=VALUE``."""
-    return dict(named_value("--where", text, "AXIS=VALUE, such as load=50") for text in where or [])
-
-
-def _near(path: Path) -> Path:
-    """A path relative to the current folder where it is inside."""
-    here = Path.cwd()
-    return path.relative_to(here) if path.is_relative_to(here) else path
 
 
 def compare(
@@ -249,9 +234,9 @@ def _print_comparison(joined: Comparison) -> None:
         chosen = slice(first, first + 4)
         output.show_rows("", ("", *names[chosen]), ((label, *texts[chosen]) for label, texts in rows))
     output.remark(joined.statement())
-    for different in joined.chemistry_differences():
-        values = ("none" if value is None else f"{value}" for value in different.values)
-        output.remark(f"  {different.path}: {' | '.join(values)}")
+    for path, values in joined.chemistry_differences().items():
+        texts = ("none" if value is None else f"{value}" for value in values)
+        output.remark(f"  {path}: {' | '.join(texts)}")
     output.show_tables(joined.tables())
     for name, model, reason in joined.not_fitted():
         output.say(f"{name}: {model} not fitted: {reason}")
@@ -345,22 +330,14 @@ def cite(
 
     These are chemage, the paper of its model, and the publications of the components that were used.
     """
-    from chemage.scene.provenance import bibtex, text
-
-    if fmt not in ("bibtex", "text"):
-        raise user_error(f"--format {fmt}: choose bibtex or text")
-    publications = _references(what)
-    print(bibtex(publications) if fmt == "bibtex" else text(publications), end="")
-
-
-def _references(what: str) -> list[Reference]:
     from chemage.plugins import registry
     from chemage.results.kinds import components, load
     from chemage.scene.files import parse_scene, scene_data
-    from chemage.scene.provenance import references
-    from chemage.studies.sweeps.display import components_of_grid
+    from chemage.scene.provenance import bibtex, references, text
     from chemage.studies.sweeps.grid import Grid
 
+    if fmt not in ("bibtex", "text"):
+        raise user_error(f"--format {fmt}: choose bibtex or text")
     path, texts, version = Path(what), [], ""
     if path.is_dir() or (path.is_file() and path.suffix != ".toml" and what not in registry.current().scenes()):
         result = load(path, maps=False)
@@ -369,6 +346,7 @@ def _references(what: str) -> list[Reference]:
     else:
         data, source = scene_data(what)
         grid = Grid.read(data, source) if "sweep" in data else None
-        parts = components_of_grid(grid) if grid is not None else parse_scene(data, source).components()
-    texts = texts or [text for component in parts for text in component.cite]
-    return references(texts, parts, **({"version": version} if version else {}))
+        parts = grid.components() if grid is not None else parse_scene(data, source).components()
+    texts = texts or [entry for component in parts for entry in component.cite]
+    publications = references(texts, parts, **({"version": version} if version else {}))
+    print(bibtex(publications) if fmt == "bibtex" else text(publications), end="")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 import sys
-from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,20 +20,15 @@ from chemage.foundation.progress import LOGGER, progress_bars, reported
 from chemage.foundation.result import result_of
 from chemage.studies.runner import PROGRAM
 from chemage.studies.study import Selection, in_ranges
-from chemage.studies.sweeps.grid import Survey, cpu_seconds, shown
+from chemage.studies.sweeps.grid import cpu_seconds, listed
 from chemage.studies.sweeps.points import expected_seconds
-from chemage.studies.sweeps.result import NOT_DONE, SweepResult, collect_sweep, count, in_words, load_sweep
+from chemage.studies.sweeps.result import SweepResult, collect_sweep, count, in_words, load_sweep
 from chemage.studies.sweeps.running import Report, SweepProgress, read_grid, room_for, show_progress, survey_of, sweep
-from chemage.studies.sweeps.shares import ShareCost, agreed_points, shares_cost
+from chemage.studies.sweeps.shares import agreed_points, shares_cost
 from chemage.studies.sweeps.views import swept_rows
 
 if TYPE_CHECKING:
     from chemage.scene.scene import Scene
-
-
-def samples_of(path: Path) -> Path:
-    """The folder of the samples of a result file."""
-    return path.with_name(f"{path.stem}-samples")
 
 
 def run_ensemble(
@@ -56,7 +50,7 @@ def run_ensemble(
     from chemage.scene.warm_up import compiled_ahead
     from chemage.studies.ensembles.running import CORRECTING, SAMPLING, SKETCHING, Sampler
 
-    folder = samples_of(path)
+    folder = path.with_name(f"{path.stem}-samples")
     preflight_result(path, force=force, figures=figures)
     if folder.exists() and not folder.is_dir():
         raise user_error(f"{folder}, the folder for the samples, is a file; choose another --out")
@@ -144,7 +138,7 @@ def _print_whole(result: SweepResult, state: dict[str, Any], *, as_json: bool) -
         output.say_json({**state, "results": tables})
     else:
         output.show_result(result_of(result))
-        _print_failures(state)
+        print_failures(state)
         output.say("\n".join(f"results  {file}" for file in tables.values()))
     if state["failed"]:
         raise typer.Exit(1)
@@ -181,7 +175,7 @@ def _print_share(result: SweepResult, folder: Path, chosen: Selection, *, as_jso
             f"{chosen.describe()}: {counts['done']} of {len(points)} points done{left and ', '}{left} in {folder}"
         )
         output.say(f"when all are done: chemage sweep --collect {folder}")
-        _print_failures({"failures": failures})
+        print_failures({"failures": failures})
     if counts["done"] < len(points):
         raise typer.Exit(1)
 
@@ -196,7 +190,7 @@ def collect(folder: Path, *, as_json: bool) -> None:
         output.say_json({**state, "results": None})
         raise typer.Exit(1)
     say = partial(output.say, file=sys.stderr)
-    _print_failures(state)
+    print_failures(state)
     for word, numbers in (("missing", survey.missing), ("damaged", survey.damaged)):
         if numbers:
             say(f"{len(numbers)} of {state['points']} points are {word} in {folder}; no tables were written")
@@ -224,7 +218,21 @@ def check_sweep(scene: str, changes: dict[str, Any], *, yes: bool, as_json: bool
     """Validate every point and estimate the cost of the sweep, and of its shares, without computing anything."""
     with show_progress() as report:
         survey = survey_of(read_grid(scene, changes), progress=report, confirm=confirm(yes))
-    numbers = _numbers(survey)
+    notes = survey.warnings()
+    numbers = {
+        "name": survey.grid.base.get("name", "scene"),
+        "points": survey.grid.size,
+        "axes": {axis.name: len(axis) for axis in survey.grid.axes},
+        "contacts": len(survey.contacts),
+        "surfaces": survey.surfaces,
+        "hooks": survey.hooks,
+        "cpu_seconds": expected_seconds(survey) if survey.means else cpu_seconds(survey.tasks),
+        "memory": None if math.isnan(survey.memory) else PROGRAM + survey.memory,
+        "disk": survey.bytes,
+        "disk_free": room_for(Path.cwd()),
+        "digest": survey.digest,
+        "notes": notes,
+    }
     each = [] if shares is None or survey.means else shares_cost(survey, shares)
     if each:
         numbers["shares"] = [vars(share) for share in each]
@@ -238,10 +246,8 @@ def check_sweep(scene: str, changes: dict[str, Any], *, yes: bool, as_json: bool
         rows.append(("each point", "a mean over surfaces; points have surfaces in common where they can"))
     else:
         rows.append(("contacts to solve", f"{len(survey.contacts)} on {survey.surfaces} surfaces"))
-    if survey.hooks:
-        rows.append(
-            ("plugins that implement hooks", ", ".join(f"{name} ({source})" for name, source in survey.hooks.items()))
-        )
+    if hooks := ", ".join(f"{name} ({source})" for name, source in survey.hooks.items()):
+        rows.append(("plugins that implement hooks", hooks))
     cost, memory = numbers["cpu_seconds"], numbers["memory"]
     time = "unknown" if cost is None else f"about {_duration(cost)} of CPU time once kernels are compiled"
     rows.append(("expected cost", time))
@@ -250,39 +256,15 @@ def check_sweep(scene: str, changes: dict[str, Any], *, yes: bool, as_json: bool
     rows.append(
         ("expected disk space", f"{numbers['disk'] / 1e6:.3g} MB of {numbers['disk_free'] / 1e6:.3g} MB free here")
     )
-    rows += _share_rows(each)
+    if each:
+        points = [share.points for share in each]
+        costs = [share.cpu_seconds for share in each if share.cpu_seconds is not None]
+        rows.append((f"points in each of {len(each)} shares", f"{min(points)} to {max(points)}"))
+        if len(costs) == len(each):
+            rows.append(("CPU time of a share", f"{_duration(min(costs))} to {_duration(max(costs))}"))
     output.show_rows(f"{scene} is valid at every point", (), rows)
-    for text in survey.warnings():
+    for text in notes:
         output.say(f"warning: {text}")
-
-
-def _share_rows(each: Sequence[ShareCost]) -> list[tuple[str, str]]:
-    """What the smallest and the largest of the shares cost."""
-    if not each:
-        return []
-    points = [share.points for share in each]
-    costs = [share.cpu_seconds for share in each if share.cpu_seconds is not None]
-    rows = [(f"points in each of {len(each)} shares", f"{min(points)} to {max(points)}")]
-    if len(costs) == len(each):
-        rows.append(("CPU time of a share", f"{_duration(min(costs))} to {_duration(max(costs))}"))
-    return rows
-
-
-def _numbers(survey: Survey) -> dict[str, Any]:
-    return {
-        "name": survey.grid.base.get("name", "scene"),
-        "points": survey.grid.size,
-        "axes": {axis.name: len(axis) for axis in survey.grid.axes},
-        "contacts": len(survey.contacts),
-        "surfaces": survey.surfaces,
-        "hooks": survey.hooks,
-        "cpu_seconds": expected_seconds(survey) if survey.means else cpu_seconds(survey.tasks),
-        "memory": None if math.isnan(survey.memory) else PROGRAM + survey.memory,
-        "disk": survey.bytes,
-        "disk_free": room_for(Path.cwd()),
-        "digest": survey.digest,
-        "notes": survey.warnings(),
-    }
 
 
 def _duration(seconds: float) -> str:
@@ -291,32 +273,9 @@ def _duration(seconds: float) -> str:
     return f"{seconds / 60:.3g} min" if seconds < 7200 else f"{seconds / 3600:.3g} h"
 
 
-def status(folder: Path, *, as_json: bool) -> None:
-    """Print the number of points in each state, in total and for each value of each axis."""
-    state = load_sweep(folder).status()
-    if as_json:
-        output.say_json(state)
-        return
-
-    counts = ("points", "done", *NOT_DONE)
-    rows = []
-    for axis in state["axes"]:
-        for row in axis["rows"]:
-            rows.append((_in_words(row["values"]), *(str(row[count]) for count in counts)))
-    rows.append(("all", *(str(state[count]) for count in counts)))
-    contacts = [str(state[f"contacts{which}"]) for which in ("", "_done", "_damaged")]
-    rows.append(("contacts", *contacts[:2], "", "", contacts[2]))
-    output.show_rows(f"{state['name']} in {folder}", ("", *counts), rows)
-    _print_failures(state)
-
-
-def _in_words(values: Mapping[str, Any]) -> str:
-    return ", ".join(f"{path} = {shown(value)}" for path, value in values.items())
-
-
-def _print_failures(state: dict[str, Any]) -> None:
+def print_failures(state: dict[str, Any]) -> None:
     for failed in state["failures"][:_LISTED]:
-        where = _in_words(failed["changes"])
-        output.say(f"failed: point {failed['point']} ({where}): {failed['error']}", file=sys.stderr)
+        what = f"point {failed['point']} ({listed(failed['changes'])})"
+        output.say(f"failed: {what}: {failed['error']}", file=sys.stderr)
     if (more := len(state["failures"]) - _LISTED) > 0:
         output.say(f"failed: {more} more points; `chemage status --json` lists them all", file=sys.stderr)

@@ -20,8 +20,8 @@ from chemage.foundation.result import Medium, Panel, Picture, Result, Rows, Tabl
 from chemage.foundation.units import KB
 from chemage.results.files import read
 from chemage.studies.arrhenius import SYMBOLS, Arrhenius, Level, activation_energies
-from chemage.studies.sweeps.grid import shown
-from chemage.studies.sweeps.result import SweepResult, load_sweep
+from chemage.studies.sweeps.grid import listed, shown
+from chemage.studies.sweeps.result import Point, SweepResult, load_sweep
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -62,44 +62,38 @@ def arrhenius(
     StoreError
         A file cannot be read.
     """
-    agings, notes, limits = _collected(results, where)
-    limits = window or limits or FIT_WINDOW
-    energies = activation_energies(agings, levels, quantity=quantity, window=limits, confidence=confidence)
+    if isinstance(results, str | os.PathLike):
+        results = load_sweep(Path(results)) if Path(results).is_dir() else [results]
+    agings: list[Aging] = []
+    notes: list[str] = []
+    limits = FIT_WINDOW
+    if isinstance(results, SweepResult):
+        points, notes = _points(results, where)
+        fit = points[0].scene().fit
+        agings, limits = [point.aging() for point in points], (fit.start, fit.stop)
+    elif where:
+        raise InputError("where: chooses points of a sweep; give a sweep or its folder")
+    else:
+        for source in [results] if is_result(results) or not isinstance(results, Iterable) else results:
+            shown = result_of(read(source, maps=False) if isinstance(source, str | os.PathLike) else source)
+            aging = shown.made_by().get("aging")
+            if aging is None:
+                raise InputError(
+                    f"results: {shown.name} has no ageing curve; give runs or ageing curves at several temperatures"
+                )
+            limits = limits if agings else shown.ageing().window or FIT_WINDOW
+            agings.append(aging)
+    energies = activation_energies(agings, levels, quantity=quantity, window=window or limits, confidence=confidence)
     return replace(energies, notes=(*notes, *energies.notes)) if notes else energies
 
 
-def _collected(
-    results: Any, where: Mapping[str, Any] | None
-) -> tuple[list[Aging], list[str], tuple[float, float] | None]:
-    """The ageing curves, notes, and the fit window of the first."""
-    if isinstance(results, str | os.PathLike):
-        results = load_sweep(Path(results)) if Path(results).is_dir() else [results]
-    if isinstance(results, SweepResult):
-        return _of_sweep(results, where)
-    if where:
-        raise InputError("where: chooses points of a sweep; give a sweep or its folder")
-    agings, windows = [], []
-    for source in [results] if is_result(results) or not isinstance(results, Iterable) else results:
-        shown = result_of(read(source, maps=False) if isinstance(source, str | os.PathLike) else source)
-        aging = shown.made_by().get("aging")
-        if aging is None:
-            raise InputError(
-                f"results: {shown.name} has no ageing curve; give runs or ageing curves at several temperatures"
-            )
-        agings.append(aging)
-        windows.append(shown.ageing().window)
-    return agings, [], windows[0] if windows else None
-
-
-def _of_sweep(
-    result: SweepResult, where: Mapping[str, Any] | None
-) -> tuple[list[Aging], list[str], tuple[float, float] | None]:
+def _points(result: SweepResult, where: Mapping[str, Any] | None) -> tuple[list[Point], list[str]]:
+    """The points of a sweep that are done, and notes."""
     if _TEMPERATURE not in result.swept:
         raise InputError(f"{result.folder}: {_TEMPERATURE} is not swept; swept are {', '.join(result.swept)}")
     points = result.where(where) if where else list(result)
     if not points:
-        chosen = ", ".join(f"{path} = {shown(value)}" for path, value in (where or {}).items())
-        raise InputError(f"{result.folder}: no point has {chosen}")
+        raise InputError(f"{result.folder}: no point has {listed(where or {})}")
     others = [path for path in result.swept if path not in (_TEMPERATURE, *_MAY_VARY) and path not in (where or {})]
     for path in others:
         values = list(dict.fromkeys(shown(point.values[path]) for point in points))
@@ -113,8 +107,7 @@ def _of_sweep(
     notes = [f"{missing} of {len(points)} points are not done and left out"] if missing else []
     if not done:
         raise StoreError(f"{result.folder}: none of {len(points)} points is done; run the sweep first")
-    fit = done[0].scene().fit
-    return [point.aging() for point in done], notes, (fit.start, fit.stop)
+    return done, notes
 
 
 @displays(Arrhenius)
@@ -188,7 +181,12 @@ class ArrheniusDisplay(Result):
         if energies:
             title = f"bars: {self._sure}; activation energy at"
             legend(axes, title=title, loc="upper left", alignment="left")
-            _kelvins(axes, self.energies.temperatures)
+            # the temperatures along the upper edge
+            upper = axes.secondary_xaxis("top")
+            kelvins = self.energies.temperatures
+            chosen = kelvins[:: max(1, math.ceil(kelvins.size / 7))]
+            upper.set_xticks(1e3 / chosen, [f"{kelvin:g}" for kelvin in chosen])
+            upper.set_xlabel("T (K)")
 
     @property
     def _sure(self) -> str:
@@ -206,12 +204,3 @@ class ArrheniusDisplay(Result):
         axes.set_title(f"bars: {self._sure}")
         span = max(float(np.ptp(ends[np.isfinite(ends)])) if np.isfinite(ends).any() else 0.0, KB * 300)
         axes.set_ylim(energies.mean() - span, energies.mean() + span)
-
-
-def _kelvins(axes: Axes, temperatures: np.ndarray) -> None:
-    """Write the temperatures along the upper edge."""
-    upper = axes.secondary_xaxis("top")
-    step = max(1, math.ceil(temperatures.size / 7))
-    chosen = temperatures[::step]
-    upper.set_xticks(1e3 / chosen, [f"{kelvin:g}" for kelvin in chosen])
-    upper.set_xlabel("T (K)")

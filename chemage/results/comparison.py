@@ -21,6 +21,7 @@ from chemage.ageing.fitting import Fit, Model, fit_aging
 from chemage.ageing.measurements import Measurements, read_table
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError, printable
+from chemage.foundation.figures import plain
 from chemage.foundation.quantities import NONE, Curve, Quantity, Rank, by_name, headed
 from chemage.foundation.result import TIMES, Ageing, Result, Table, result_of
 from chemage.foundation.text import csv_text, jsonable
@@ -96,6 +97,11 @@ class Entry:
         )
 
     @property
+    def legend_name(self) -> str:
+        """The name, marked where the result is approximate, as a matplotlib label."""
+        return plain(f"{self.name} (approximate)" if self.approximation else self.name)
+
+    @property
     def ages(self) -> bool:
         """Whether it has a chemistry, and with it curves against hold time."""
         return bool(self.ageing.chemistry)
@@ -138,14 +144,6 @@ class Entry:
 
 
 @dataclass(frozen=True)
-class Difference:
-    """A field whose value differs between results; ``values`` in the order of the results, None where it is absent."""
-
-    path: str
-    values: tuple[Any, ...]
-
-
-@dataclass(frozen=True)
 class Comparison:
     """Several results, and measurements to compare with them."""
 
@@ -159,24 +157,31 @@ class Comparison:
         """Whether the errors of the results have different meanings, so that it must be said what each contains."""
         return len({result.errors for result in self.results}) > 1
 
-    def chemistry_differences(self) -> list[Difference]:
-        """Find the fields in which the chemistry of the aged results differs; empty if it is the same."""
+    def errors_in_words(self) -> str:
+        """What the errors of the results are."""
+        names: dict[str, list[str]] = {}
+        for entry in self.results:
+            names.setdefault(entry.errors, []).append(entry.name)
+        every = [(f" of {', '.join(of)}" if len(names) > 1 else "", text) for text, of in names.items() if text]
+        return " ".join(f"Errors{of} are {text}." for of, text in every)
+
+    def chemistry_differences(self) -> dict[str, tuple[Any, ...]]:
+        """The fields in which the chemistry of the aged results differs, each with its values in the order of the
+        results, None where it is absent; empty if it is the same."""
         return _differences([result.chemistry() for result in self.results if result.ages])
 
-    def other_differences(self) -> list[Difference]:
-        """Find the other fields in which the scenes differ, without options that exist for one kind only.
+    def other_differences(self) -> dict[str, tuple[Any, ...]]:
+        """The other fields in which the scenes differ, without options that exist for one kind only.
 
         A section that only some of the scenes have appears with its kind.
         """
         fields = _differences([result.elsewhere() for result in self.results if result.scene])
-        other_kinds = {result.path.removesuffix("kind") for result in fields if result.path.endswith(".kind")}
-        return [
-            result
-            for result in fields
-            if None not in result.values
-            or result.path.endswith(".kind")
-            or not result.path.startswith(tuple(other_kinds))
-        ]
+        other_kinds = tuple(path.removesuffix("kind") for path in fields if path.endswith(".kind"))
+        return {
+            path: values
+            for path, values in fields.items()
+            if None not in values or path.endswith(".kind") or not path.startswith(other_kinds)
+        }
 
     def statement(self) -> str:
         """State in one sentence whether the chemistry is the same."""
@@ -186,7 +191,7 @@ class Comparison:
         different = self.chemistry_differences()
         if not different:
             return "Chemistry: the same in all results."
-        return f"Chemistry: differs in {', '.join(result.path for result in different)}."
+        return f"Chemistry: differs in {', '.join(different)}."
 
     def table(self) -> list[tuple[str, list[str]]]:
         """The rows of the printed table: (quantity, text of each result)."""
@@ -254,8 +259,8 @@ class Comparison:
     def todict(self) -> dict[str, Any]:
         """The whole comparison as plain JSON values."""
 
-        def listed(differences: list[Difference]) -> list[dict[str, Any]]:
-            return [{"field": result.path, "values": jsonable(list(result.values))} for result in differences]
+        def listed(differences: dict[str, tuple[Any, ...]]) -> list[dict[str, Any]]:
+            return [{"field": path, "values": jsonable(list(values))} for path, values in differences.items()]
 
         different = self.chemistry_differences()
         return {
@@ -323,7 +328,7 @@ class Comparison:
         models: tuple[Model, Model] = ("line", "curve")
         for data in self.measured:
             for model in models:
-                fit = self._measured_fit(data, model)
+                fit = self.measured_fit(data, model)
                 yield data.name, model, fit
                 if isinstance(fit, str):
                     continue
@@ -333,12 +338,8 @@ class Comparison:
                     if result.ageing.fit is not None:
                         yield result.name, model, result.ageing.fit(model, window, data.quantity)
 
-    def measured_fit(self, data: Measurements, model: Model) -> Fit | None:
-        """Fit a model to measurements; None if there are too few."""
-        fit = self._measured_fit(data, model)
-        return fit if isinstance(fit, Fit) else None
-
-    def _measured_fit(self, data: Measurements, model: Model) -> Fit | str:
+    def measured_fit(self, data: Measurements, model: Model) -> Fit | str:
+        """Fit a model to measurements, or say why it cannot be fitted."""
         # the line over the window of the results if it contains enough measurements, else over all of them
         reason = ""
         for window in [self.results[0].ageing.window, None] if model == "line" else [None]:
@@ -449,17 +450,17 @@ def in_a_row(several: Sequence[Quantity | None]) -> tuple[str, list[str]]:
     ]
 
 
-def _differences(flats: Sequence[Mapping[str, Any]]) -> list[Difference]:
+def _differences(flats: Sequence[Mapping[str, Any]]) -> dict[str, tuple[Any, ...]]:
     """Find the fields that differ between flat mappings of dotted path -> value."""
     paths = dict.fromkeys(path for flat in flats for path in flat)
-    every = [Difference(path, tuple(flat.get(path) for flat in flats)) for path in paths]
-    return [result for result in every if not all(_same(result.values[0], value) for value in result.values[1:])]
+    every = {path: tuple(flat.get(path) for flat in flats) for path in paths}
 
+    def same(a: Any, b: Any) -> bool:
+        if isinstance(a, float | int) and isinstance(b, float | int) and not isinstance(a, bool):
+            return math.isclose(a, b, rel_tol=1e-9)
+        return a == b
 
-def _same(a: Any, b: Any) -> bool:
-    if isinstance(a, float | int) and isinstance(b, float | int) and not isinstance(a, bool):
-        return math.isclose(a, b, rel_tol=1e-9)
-    return a == b
+    return {path: values for path, values in every.items() if not all(same(values[0], value) for value in values[1:])}
 
 
 def _flat(data: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

@@ -53,21 +53,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from chemage.plugins.registry import PluginRecord
-
 #: a figure is saved as a file of its name
 _NAME = re.compile(r"\w[\w .+-]*")
 
 
 #: a result, and what is drawn of it
 Source = tuple[Entry, PlottedResult]
-
-
-class Brought(NamedTuple):
-    """A figure that a plugin has drawn, and its caption."""
-
-    figure: Figure
-    caption: str
 
 
 class _PlannedFigure(NamedTuple):
@@ -83,31 +74,25 @@ class _PlannedFigure(NamedTuple):
     draw: Callable[..., None]
     results: Sequence[PlottedResult]
 
-
-def _drawn(plan: _PlannedFigure, size: tuple[float, float]) -> Figure | None:
-    try:
-        with drawn_as():
-            figure, (axes,) = plots(*size)
-            plan.draw(axes, plan.results)
-            arrange(figure)
-            _rendered(figure)
-    except (Exception, SystemExit) as error:
-        if registry.current().strict:
-            raise
-        _warn(
-            f"the figure {plan.name!r} of {plan.bringer} was left out: it cannot be drawn: "
-            f"{type(error).__name__}: {error}"
-        )
-        return None
-    return figure if any(one.has_data() or one.texts for one in figure.axes) else None
-
-
-def _rendered(figure: Figure) -> None:
-    """Find what can only be found when a figure is rendered, such as a formula that is wrong; nothing is moved."""
-    layout = figure.get_layout_engine()
-    figure.set_layout_engine("none")
-    figure.draw_without_rendering()
-    figure.set_layout_engine(layout)
+    def drawn(self, size: tuple[float, float]) -> Figure | None:
+        """The figure; nothing where it cannot be drawn, or nothing is in it."""
+        try:
+            with drawn_as():
+                figure, (axes,) = plots(*size)
+                self.draw(axes, self.results)
+                arrange(figure)
+                # what is only found when a figure is rendered, such as a formula that is wrong; nothing is moved
+                layout = figure.get_layout_engine()
+                figure.set_layout_engine("none")
+                figure.draw_without_rendering()
+                figure.set_layout_engine(layout)
+        except (Exception, SystemExit) as error:
+            if registry.current().strict:
+                raise
+            what = f"the figure {self.name!r} of {self.bringer} was left out"
+            _warn(f"{what}: it cannot be drawn: {type(error).__name__}: {error}")
+            return None
+        return figure if any(one.has_data() or one.texts for one in figure.axes) else None
 
 
 def _warn(text: str) -> None:
@@ -128,7 +113,9 @@ def _of_components(sources: Sequence[Source]) -> Iterator[_PlannedFigure]:
     for (role, kind), components in groups.items():
         component = components[0][2]
         results = _results(sources, components)
-        bringer = f"{role} {kind!r}{_by(registry.current().provider(type(component)))}"
+        bringer, record = f"{role} {kind!r}", registry.current().provider(type(component))
+        if record is not None and record.distribution != "chemage":
+            bringer += f" (plugin {record.name}, {record.source})"
         figures = type(component).figures
         if not isinstance(figures, Mapping):
             _warn(f"the figures of {bringer} were left out: figures = {figures!r} does not map names to captions")
@@ -152,12 +139,6 @@ def _results(sources: Sequence[Source], components: Sequence[tuple[int, str, Com
         kind = Observed if component.role == "observable" else PlottedResult
         drawn.append(kind(**{**vars(result), **changes}))
     return drawn
-
-
-def _by(record: PluginRecord | None) -> str:
-    if record is None or record.distribution == "chemage":
-        return ""
-    return f" (plugin {record.name}, {record.source})"
 
 
 # -- of hooks ---------------------------------------------------------------------------------------------------------
@@ -222,13 +203,13 @@ def figures(thing: Any, panels: Sequence[str] = (), **choice: Any) -> dict[str, 
     if panels:
         return {name: drawn_picture(picture) for name, picture in single_panels(pictures, panels).items()}
     drawn = {name: drawn_picture(picture) for name, picture in pictures.items()}
-    return {**drawn, **{name: entry.figure for name, entry in brought_figures([Entry.of(result)], (5.4, 4.0)).items()}}
+    return drawn | {name: figure for name, (figure, _) in brought_figures([Entry.of(result)], (5.4, 4.0)).items()}
 
 
 def comparison_figures(comparison: Comparison) -> dict[str, Figure]:
     """Draw every figure of several results for which there are data, those of plugins last: name -> figure."""
     drawn = {name: drawn_picture(picture) for name, picture in curve_pictures(comparison).items()}
-    return {**drawn, **{name: entry.figure for name, entry in brought_figures(comparison.results).items()}}
+    return drawn | {name: figure for name, (figure, _) in brought_figures(comparison.results).items()}
 
 
 # -- curves of several results ----------------------------------------------------------------------------------------
@@ -271,13 +252,11 @@ def _draw_curves(axes: Axes, comparison: Comparison, name: str, curves: Sequence
     """Draw the curves; return the title of their legend, which says what is common to all."""
     alone, few = len(comparison.results) == 1, len(comparison.results) <= _FITTED
     measured = _measurements(comparison, name)
-    fits = {} if alone else {data.name: fit for data, fit in measured if fit is not None}
-    if few and not alone and name == "friction_coefficient_drop":
-        fits |= _fits(comparison)
-    words, common = _fit_words(fits)
-    styles = {
-        entry.name: style for entry, style in zip(comparison.results, _styles(len(comparison.results)), strict=True)
-    }
+    words, common = _fit_words(comparison, name, measured) if not alone else ({}, "")
+    styles = {}
+    for number, entry in enumerate(comparison.results):
+        marker = _MARKERS[number % len(_MARKERS)]
+        styles[entry.name] = {"color": PALETTE[number % len(PALETTE)], "marker": marker}
     last = [
         _draw_curve(axes, comparison, entry, curve, styles[entry.name], words.get(entry.name, ""))
         for entry, curve in curves
@@ -291,26 +270,31 @@ def _draw_curves(axes: Axes, comparison: Comparison, name: str, curves: Sequence
     for entry, _ in curves if few and name == "friction_coefficient_drop" else ():
         if entry.ageing.draw_fit is not None:
             # the legend has its β with the curve
-            how = ("", "") if alone else (_UNNAMED, _darker(styles[entry.name]["color"]))
-            entry.ageing.draw_fit(axes, *how)
+            color = styles[entry.name]["color"]
+            darker = "#" + "".join(f"{round(0.6 * int(color[at : at + 2], 16)):02X}" for at in (1, 3, 5))
+            entry.ageing.draw_fit(axes, *(("", "") if alone else (_UNNAMED, darker)))
     _draw_measurements(axes, measured, words)
-    _scale(axes, last)
+    positive = [value for value in last if value > 0]
+    if positive and max(positive) > 10 * min(positive):
+        axes.set_yscale("log")
+        axes.set_ylim(bottom=max(axes.get_ylim()[0], min(positive) / 300))
+    else:
+        axes.set_ylim(bottom=0)
     return common
 
 
-def _fits(comparison: Comparison) -> dict[str, Fit]:
-    """The line of β of each result that has one, by name."""
-    found = {}
-    for entry in comparison.results:
+def _fit_words(
+    comparison: Comparison, quantity: str, measured: Sequence[tuple[Measurements, Fit | None]]
+) -> tuple[dict[str, str], str]:
+    """β of the lines of measurements and of a few results, for the legend, and what all have in common for its
+    title."""
+    fits = {data.name: fit for data, fit in measured if fit is not None}
+    drawn = comparison.results if quantity == "friction_coefficient_drop" and len(comparison.results) <= _FITTED else []
+    for entry in drawn:
         ageing = entry.ageing
-        fit = ageing.fit("line", ageing.window, "friction_coefficient_drop") if ageing.fit is not None else ""
+        fit = ageing.fit("line", ageing.window, quantity) if ageing.fit is not None else ""
         if isinstance(fit, Fit) and fit.drawable:
-            found[entry.name] = fit
-    return found
-
-
-def _fit_words(fits: Mapping[str, Fit]) -> tuple[dict[str, str], str]:
-    """β of each line for the legend, and what all have in common for its title."""
+            fits[entry.name] = fit
     spans = {span_text(fit.span) for fit in fits.values()}
     words = {}
     for name, fit in fits.items():
@@ -323,16 +307,6 @@ def _fit_words(fits: Mapping[str, Fit]) -> tuple[dict[str, str], str]:
     return words, f"β per decade: fitted lines{over}"
 
 
-def _styles(count: int) -> list[dict[str, Any]]:
-    """Colour and marker of each curve."""
-    return [{"color": PALETTE[i % len(PALETTE)], "marker": _MARKERS[i % len(_MARKERS)]} for i in range(count)]
-
-
-def _legend_name(entry: Entry) -> str:
-    """The name, marked where the result is approximate, as a matplotlib label."""
-    return plain(f"{entry.name} (approximate)" if entry.approximation else entry.name)
-
-
 def _draw_curve(
     axes: Axes, comparison: Comparison, entry: Entry, curve: Curve, style: dict[str, Any], fitted: str
 ) -> float:
@@ -342,12 +316,12 @@ def _draw_curve(
         axes.stairs(curve.mean, curve.x, color=style["color"], lw=1.4)
         middles, every = 0.5 * (curve.x[1:] + curve.x[:-1]), max(1, curve.mean.size // 8)
         axes.plot(middles, curve.mean, ls="none", markevery=every, ms=3.5, **style)
-        axes.plot([], [], lw=1.4, ms=3.5, label=_legend_name(entry), **style)  # both in one entry of the legend
+        axes.plot([], [], lw=1.4, ms=3.5, label=entry.legend_name, **style)  # both in one entry of the legend
         return 0.0
     what = curve.over
     if comparison.has_several_errors and not curve.band and " replicas," in what:
         what = what.replace(" replicas,", " replicas on one surface,")
-    label, positive = ", ".join(filter(None, (_legend_name(entry), what))) + fitted, curve.x > 0
+    label, positive = ", ".join(filter(None, (entry.legend_name, what))) + fitted, curve.x > 0
     x, mean, half = (values[positive] if values.size else values for values in (curve.x, curve.mean, curve.half_width))
     error = np.nan_to_num(half)
     if curve.band:
@@ -359,22 +333,6 @@ def _draw_curve(
     return float(curve.mean[-1])
 
 
-def _scale(axes: Axes, last: Sequence[float]) -> None:
-    """Scale the axis, logarithmic if the curves end more than a decade apart."""
-    positive = [value for value in last if value > 0]
-    if positive and max(positive) > 10 * min(positive):
-        lowest = min(positive) / 300
-        axes.set_yscale("log")
-        axes.set_ylim(bottom=max(axes.get_ylim()[0], lowest))
-    else:
-        axes.set_ylim(bottom=0)
-
-
-def _darker(color: str) -> str:
-    """The colour of the line fitted to a curve of this colour."""
-    return "#" + "".join(f"{round(0.6 * int(color[at : at + 2], 16)):02X}" for at in (1, 3, 5))
-
-
 def _measurements(comparison: Comparison, quantity: str) -> list[tuple[Measurements, Fit | None]]:
     """Measurements of a quantity, or of another that one common load turns into it, and the line fitted to each."""
     if quantity not in DROPS:
@@ -383,7 +341,7 @@ def _measurements(comparison: Comparison, quantity: str) -> list[tuple[Measureme
     load = loads.pop() if len(loads) == 1 else None
     found = [original.as_quantity(quantity, load) for original in comparison.measured]  # pyright: ignore[reportArgumentType]
     fits = [(data, comparison.measured_fit(data, "line")) for data in found if data is not None]
-    return [(data, fit if fit is not None and fit.drawable else None) for data, fit in fits]
+    return [(data, fit if isinstance(fit, Fit) and fit.drawable else None) for data, fit in fits]
 
 
 def _draw_measurements(
@@ -414,7 +372,7 @@ def _draw_measurements(
 # -- of plugins -------------------------------------------------------------------------------------------------------
 
 
-def brought_figures(results: Sequence[Entry], size: tuple[float, float] = _SIZE) -> dict[str, Brought]:
+def brought_figures(results: Sequence[Entry], size: tuple[float, float] = _SIZE) -> dict[str, tuple[Figure, str]]:
     """Draw every figure that plugins bring to one result or several: name -> figure and caption.
 
     What leaves its axes empty, because these results do not hold what it shows, is no figure. A name that another
@@ -426,14 +384,14 @@ def brought_figures(results: Sequence[Entry], size: tuple[float, float] = _SIZE)
         return Maps(**results[number].whole().maps())
 
     sources = []
-    for number, (entry, style) in enumerate(zip(results, _styles(len(results)), strict=True)):
+    for number, entry in enumerate(results):
         chemistry = None
         with suppress(KeyError, ChemageError):  # without provenance, or without the plugins that made it
             chemistry = Chemistry.fromdict(entry.aging.provenance["chemistry"]) if entry.aging is not None else None
         more: Mapping[str, Any] = {"scene": entry.scene, "load_maps": partial(maps, number)}
-        plotted = PlottedResult(_legend_name(entry), entry.aging, chemistry, style["color"], **more)
+        plotted = PlottedResult(entry.legend_name, entry.aging, chemistry, PALETTE[number % len(PALETTE)], **more)
         sources.append((entry, plotted))
-    drawn: dict[str, Brought] = {}
+    drawn: dict[str, tuple[Figure, str]] = {}
     owners = dict.fromkeys(CORE, "chemage itself")
     for plan in (*_of_components(sources), *_of_hooks(sources)):
         if not _NAME.fullmatch(plan.name):
@@ -448,9 +406,9 @@ def brought_figures(results: Sequence[Entry], size: tuple[float, float] = _SIZE)
                 f"it is called {name!r} here"
             )
         owners[name] = plan.bringer
-        figure = _drawn(plan, size)
+        figure = plan.drawn(size)
         if figure is not None:
-            drawn[name] = Brought(figure, plan.caption)
+            drawn[name] = figure, plan.caption
     return drawn
 
 
@@ -472,7 +430,12 @@ def window_figure(path: Path, window: str | Sequence[float | str]) -> Figure:
     edges = window.split() if isinstance(window, str) else list(window)
     if len(edges) != 4:
         raise InputError.of("window", window, "is not four lengths", _EXPECTED)
-    lengths = [_length(edge) for edge in edges]
+    lengths = []
+    for edge in edges:
+        try:
+            lengths.append(float(edge))
+        except ValueError:
+            lengths.append(convert(edge, "nm"))
     with open_maps(path) as maps, drawn_as():
         figure, axes = plots(5.0 * len(maps) + 0.5, 4.4, len(maps), len(maps))
         for entry, (name, stored) in zip(axes, maps.items(), strict=True):
@@ -484,13 +447,6 @@ def window_figure(path: Path, window: str | Sequence[float | str]) -> Figure:
             entry.set_title(f"{part.shape[0]} x {part.shape[1]} pixels of {stored.pixel_size:g} nm")
         arrange(figure)
     return figure
-
-
-def _length(edge: float | str) -> float:
-    try:
-        return float(edge)
-    except ValueError:
-        return convert(edge, "nm")
 
 
 def _part(

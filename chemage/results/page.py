@@ -9,13 +9,16 @@ from __future__ import annotations
 import io
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
 from html import escape
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import jinja2
+import tomli_w
+from markupsafe import Markup
 
 from chemage.foundation.errors import InputError
 from chemage.foundation.figures import png
@@ -24,11 +27,10 @@ from chemage.foundation.looks import drawn_as
 from chemage.foundation.names import __version__
 from chemage.foundation.quantities import by_name
 from chemage.foundation.result import Panel, Picture, Result, Table, drawn_picture
-from chemage.results.comparison import Comparison, Difference, Entry, compare_files, in_a_row
+from chemage.results.comparison import Comparison, Entry, compare_files, in_a_row
 from chemage.results.drawing import brought_figures, curve_pictures
 
 if TYPE_CHECKING:
-    from jinja2 import Template
     from matplotlib.figure import Figure
 
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'"
@@ -120,34 +122,17 @@ def html(files: Sequence[str | Path], *, measured: Sequence[str | Path] = ()) ->
         sections.append(PageSection("cite", "References", [PagePart(items=list(cite))], [please]))
     style = resources.files("chemage.results").joinpath("report.css").read_text(encoding="utf-8")
     only = comparison.results[0]
-    return _template().render(
+    page = resources.files("chemage.results").joinpath("page.html.j2").read_text(encoding="utf-8")
+    template = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined).from_string(page)
+    return template.render(
         title=f"Comparison of {len(comparison.results)} results" if several else (only.title or only.name),
         policy=_POLICY,
-        style=_markup(style),
+        style=Markup(style),
         sources=[entry.source for entry in comparison.results],
         sections=sections,
         version=__version__,
-        errors=_errors(comparison),
+        errors=comparison.errors_in_words(),
     )
-
-
-@lru_cache
-def _template() -> Template:
-    import jinja2
-
-    text = resources.files("chemage.results").joinpath("page.html.j2").read_text(encoding="utf-8")
-    return jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined).from_string(text)
-
-
-def _errors(comparison: Comparison) -> str:
-    """What the errors of the page are, in words."""
-    names: dict[str, list[str]] = {}
-    for entry in comparison.results:
-        names.setdefault(entry.errors, []).append(entry.name)
-    meanings = [text for text in names if text]
-    if len(names) == 1:
-        return "".join(f"Errors are {text}." for text in meanings)
-    return " ".join(f"Errors of {', '.join(names[text])} are {text}." for text in meanings)
 
 
 # -- sections ---------------------------------------------------------------------------------------------------------
@@ -163,27 +148,22 @@ def _comparison(comparison: Comparison, name: str) -> PageSection:
             ("Differences in chemistry", comparison.chemistry_differences()),
             ("Other differences between the scenes, in internal units", comparison.other_differences()),
         ):
-            if differences:
-                tables.append(Table(caption, ["field", *names], [_difference_row(entry) for entry in differences]))
+            rows = []
+            for path, values in differences.items():
+                rows.append((path, *("none" if value is None else f"{value}" for value in values)))
+            if rows:
+                tables.append(Table(caption, ["field", *names], rows))
     tables += comparison.tables()
     drawn = [*_curves(comparison, "c"), *_brought(comparison, "c")]
     leading, others = PagePart(figures=drawn[:1]), drawn[1:]
-    leading.tables = [_main_table(comparison)] if several else []
+    if several:
+        every = [by_name(entry.first) for entry in comparison.results]
+        numbers = dict.fromkeys(number for one in every for number in one)
+        columns = [in_a_row([one.get(number) for one in every]) for number in numbers]
+        rows = [(entry, *(texts[place] for _, texts in columns)) for place, entry in enumerate(names)]
+        leading.tables = [Table("Main numbers", ["", *(label for label, _ in columns)], rows)]
     parts = [leading, PagePart(tables=tables), *([PagePart("Figures", figures=others)] if others else [])]
     return PageSection(name.lower(), name, parts, [comparison.statement()] if several else [])
-
-
-def _difference_row(entry: Difference) -> tuple[str, ...]:
-    return entry.path, *("none" if value is None else f"{value}" for value in entry.values)
-
-
-def _main_table(comparison: Comparison) -> Table:
-    """The main numbers of every result."""
-    every = [by_name(entry.first) for entry in comparison.results]
-    names = dict.fromkeys(name for numbers in every for name in numbers)
-    columns = [in_a_row([numbers.get(name) for numbers in every]) for name in names]
-    rows = [(entry.name, *(texts[number] for _, texts in columns)) for number, entry in enumerate(comparison.results)]
-    return Table("Main numbers", ["", *(label for label, _ in columns)], rows)
 
 
 def _parts(entry: Entry, result: Result, key: str) -> Iterator[PagePart]:
@@ -211,16 +191,11 @@ def _parts(entry: Entry, result: Result, key: str) -> Iterator[PagePart]:
     yield from below.values()
     about, scene = result.stated()
     if scene:
-        yield PagePart("Scene", paragraphs=[_with_code(about)], code=scene_toml(scene))
+        # what stands between backticks is code
+        marked = Markup(re.sub(r"`([^`]*)`", r"<code>\1</code>", escape(about, quote=False)))
+        yield PagePart("Scene", paragraphs=[marked], code=tomli_w.dumps(scene))
     provenance = [("file", entry.source), *result.provenance()]
     yield PagePart("Provenance", tables=[Table("", ["item", "value"], provenance)])
-
-
-def scene_toml(scene: Mapping[str, Any]) -> str:
-    """Format plain scene data as TOML, from which equal data can be read."""
-    import tomli_w
-
-    return tomli_w.dumps(scene)
 
 
 # -- figures ----------------------------------------------------------------------------------------------------------
@@ -249,29 +224,17 @@ def _curves(comparison: Comparison, key: str) -> list[tuple[Any, str]]:
 def _brought(comparison: Comparison, key: str) -> list[tuple[Any, str]]:
     """The figures of plugins."""
     drawn = []
-    for name, brought in brought_figures(comparison.results).items():
-        alt = f"{brought.caption} Curves for {', '.join(entry.name for entry in comparison.results)}."
+    for name, (figure, caption) in brought_figures(comparison.results).items():
+        alt = f"{caption} Curves for {', '.join(entry.name for entry in comparison.results)}."
         anchor = re.sub(r"[^\w-]", "-", f"{key}-{name}")
-        drawn.append((_markup(svg(brought.figure, alt, anchor)), brought.caption + _approximate(comparison)))
+        drawn.append((Markup(svg(figure, alt, anchor)), caption + _approximate(comparison)))
     return drawn
 
 
 def _panel(panel: Panel, anchor: str, approximate: str) -> tuple[Any, str]:
     figure = drawn_picture(Picture((panel,), panel.size))
     alt = panel.alt or panel.caption
-    return _markup(png(figure, alt) if panel.is_map else svg(figure, alt, anchor)), panel.caption + approximate
-
-
-def _markup(text: str) -> Any:
-    """Text that is markup already, so that it is not escaped."""
-    from markupsafe import Markup
-
-    return Markup(text)
-
-
-def _with_code(text: str) -> Any:
-    """A sentence in which what stands between backticks is code."""
-    return _markup(re.sub(r"`([^`]*)`", r"<code>\1</code>", escape(text, quote=False)))
+    return Markup(png(figure, alt) if panel.is_map else svg(figure, alt, anchor)), panel.caption + approximate
 
 
 def svg(figure: Figure, alt: str, key: str) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -52,6 +52,34 @@ class Verdict:
         """(m,) measured minus model over both errors together."""
         return (self.values - self.model) / np.hypot(self.measured_errors, self.model_errors)
 
+    def trend(self) -> str:
+        """How the measurements differ from the model, from offset and slope."""
+        (offset, offset_error), (slope, slope_error) = self.offset, self.slope
+        scaled, shifted = abs(slope - 1) > 2 * slope_error, abs(offset) > 2 * offset_error
+        factor = f"{plus_minus(slope, slope_error, '')} times the model"
+        side = "above" if offset > 0 else "below"
+        shift = f"{plus_minus(abs(offset), offset_error, UNIT[self.quantity])} {side} it"
+        if scaled and shifted:
+            return f"measured values are {factor} and {shift}"
+        if scaled:
+            return f"measured values are {factor}"
+        return f"measured values lie {shift}" if shifted else "neither an offset nor a factor between them"
+
+    def in_words(self, fitted: float) -> str:
+        """The verdict; ``fitted`` is the probability of the χ² of offset and slope."""
+        slope, error = self.slope
+        if self.chance >= AGREE:
+            if error > TELLS_NOTHING * max(abs(slope), 1.0):
+                return "the errors are too large to tell: any rise agrees"
+            return "agrees within the errors"
+        sure = "differs" if self.chance < DIFFER else "differs somewhat"
+        if fitted >= DIFFER and (trend := self.trend())[0] == "m":
+            return f"{sure}: the same shape, but {trend}"
+        worst = int(np.argmax(np.abs(self.residuals)))
+        where = f"{self.residuals[worst]:+.1f} standard errors at {power_text(self.hold_times[worst])} s"
+        largest = "model" if np.median(self.model_errors) > np.median(self.measured_errors) else "measurements"
+        return f"{sure} in shape: up to {where}; the errors are mainly those of the {largest}"
+
     def row(self) -> tuple[str, ...]:
         """Its line in a table."""
         if not self.values.size:
@@ -90,42 +118,39 @@ def verdict(data: Measurements, name: str, ageing: Ageing, curves: Mapping[str, 
     if inside.sum() < 3:
         return Verdict(data.name, name, f"not compared: only {inside.sum()} hold times in common, which needs 3")
     times, values, mean = (array[inside] for array in (data.hold_times, data.values, model.mean))
+    stated = data.error is not None
     own = np.full(times.size, math.nan) if data.error is None else data.error[inside]
     known, places = model.known[np.ix_(inside, inside)], model.places[inside]
     noise, chance, error = np.diag(own**2) + known, math.nan, None
-    if model.samples and data.error is not None:
+    if model.samples and stated:
         error, chance = agreement(model.samples, model.curve, values, noise, places)
     elif model.samples:
         error = CurveError.of(model.samples, model.curve)
     covariance = known if error is None else known + places @ error.matrix() @ places.T
     model_errors = np.sqrt(np.diag(covariance))
-    weight = 1 / np.hypot(own, model_errors) if data.error is not None else np.ones(times.size)
+    weight = 1 / np.hypot(own, model_errors) if stated else np.ones(times.size)
     design = np.stack([np.ones(times.size), mean], axis=1) * weight[:, None]
     inverse = np.linalg.pinv(design.T @ design)
     offset, slope = inverse @ design.T @ (values * weight)
     left = float(np.sum((values * weight - design @ (offset, slope)) ** 2)) / max(times.size - 2, 1)
-    errors = np.sqrt(np.diag(inverse) * (max(left, 1.0) if data.error is not None else left))
-    made: dict[str, Any] = {
-        "quantity": data.quantity, "hold_times": times, "values": values, "model": mean, "measured_errors": own,
-        "model_errors": model_errors, "offset": (float(offset), float(errors[0])),
-        "slope": (float(slope), float(errors[1])),
-    }  # fmt: skip
-    if data.error is None:
+    errors = np.sqrt(np.diag(inverse) * (max(left, 1.0) if stated else left))
+    line = (float(offset), float(errors[0])), (float(slope), float(errors[1]))
+    found = Verdict(data.name, name, "", data.quantity, times, values, mean, own, model_errors, *line)
+    if not stated:
         away = float(np.sqrt(np.mean((values - mean) ** 2)))
-        text = f"{_trend(made)}; r.m.s. difference {away:.3g} {UNIT[data.quantity]}".rstrip()
-        return Verdict(data.name, name, f"{text}; the measurements state no errors", **made)
+        text = f"{found.trend()}; r.m.s. difference {away:.3g} {UNIT[data.quantity]}".rstrip()
+        return replace(found, verdict=f"{text}; the measurements state no errors")
     from scipy.stats import chi2 as distribution
 
     residual = values - mean
     chi2 = float(residual @ np.linalg.solve(np.diag(own**2) + covariance, residual))
     if error is None:
         chance = float(distribution.sf(chi2, times.size))
-    made |= {"chi2": chi2, "chance": chance}
-    fitted = float(distribution.sf(left * max(times.size - 2, 1), max(times.size - 2, 1)))
-    text = _in_words(made, fitted)
+    found = replace(found, chi2=chi2, chance=chance)
+    text = found.in_words(float(distribution.sf(left * max(times.size - 2, 1), max(times.size - 2, 1))))
     if chance < AGREE and not covariance.any():
         text += "; the result has no error of its own, as a single replica has none: age several"
-    return Verdict(data.name, name, text, **made)
+    return replace(found, verdict=text)
 
 
 class _Model(NamedTuple):
@@ -140,6 +165,22 @@ class _Model(NamedTuple):
     samples: Sequence[np.ndarray]
     #: (j, m) takes the curve to the hold times of the measurements
     places: np.ndarray
+
+    @classmethod
+    def of(cls, curve: Curve, hold_times: np.ndarray) -> _Model:
+        """A curve at the hold times of measurements, linear in log t."""
+        positive = curve.x > 0
+        x, at = np.log(curve.x[positive]), np.log(np.maximum(hold_times, 1e-300))
+        places = np.stack([np.interp(at, x, one, left=math.nan, right=math.nan) for one in np.eye(x.size)], axis=1)
+        known = curve.known
+        if not known.size:
+            # of a curve without samples its interval is all that is known
+            alone = curve.half_width.size and not len(curve.samples)
+            known = curve.half_width / NORMAL_LIMIT if alone else np.zeros(curve.x.size)
+        # the errors that samples do not show are taken as one
+        shared, mean = places @ np.nan_to_num(known[positive]), curve.mean[positive]
+        samples = [values[:, positive] for values in curve.samples]
+        return cls(places @ mean, np.outer(shared, shared), mean, samples, places)
 
 
 def _model(data: Measurements, ageing: Ageing, curves: Mapping[str, Curve]) -> tuple[Measurements, _Model] | str:
@@ -160,57 +201,6 @@ def _model(data: Measurements, ageing: Ageing, curves: Mapping[str, Curve]) -> t
     for quantity in (data.quantity, *UNIT):
         there = data.as_quantity(quantity, ageing.load if np.isfinite(ageing.load) else None)  # pyright: ignore[reportArgumentType]
         curve = curves.get(quantity)
-        if there is None or curve is None:
-            continue
-        return there, _of_curve(curve, there.hold_times)
+        if there is not None and curve is not None:
+            return there, _Model.of(curve, there.hold_times)
     return "the result has no friction against hold time"
-
-
-def _of_curve(curve: Curve, hold_times: np.ndarray) -> _Model:
-    """A curve at the hold times of measurements, linear in log t."""
-    positive = curve.x > 0
-    x, at = np.log(curve.x[positive]), np.log(np.maximum(hold_times, 1e-300))
-    places = np.stack([np.interp(at, x, one, left=math.nan, right=math.nan) for one in np.eye(x.size)], axis=1)
-    known = curve.known
-    if not known.size:
-        # of a curve without samples its interval is all that is known
-        alone = curve.half_width.size and not len(curve.samples)
-        known = curve.half_width / NORMAL_LIMIT if alone else np.zeros(curve.x.size)
-    # the errors that samples do not show are taken as one
-    shared = places @ np.nan_to_num(known[positive])
-    mean = curve.mean[positive]
-    return _Model(
-        places @ mean, np.outer(shared, shared), mean, [values[:, positive] for values in curve.samples], places
-    )
-
-
-def _trend(made: dict[str, Any]) -> str:
-    """How the measurements differ from the model, from offset and slope."""
-    (offset, offset_error), (slope, slope_error) = made["offset"], made["slope"]
-    unit = UNIT[made["quantity"]]
-    scaled, shifted = abs(slope - 1) > 2 * slope_error, abs(offset) > 2 * offset_error
-    factor = f"{plus_minus(slope, slope_error, '')} times the model"
-    shift = f"{plus_minus(abs(offset), offset_error, unit)} {'above' if offset > 0 else 'below'} it"
-    if scaled and shifted:
-        return f"measured values are {factor} and {shift}"
-    if scaled:
-        return f"measured values are {factor}"
-    return f"measured values lie {shift}" if shifted else "neither an offset nor a factor between them"
-
-
-def _in_words(made: dict[str, Any], fitted: float) -> str:
-    """The verdict; ``fitted`` is the probability of the χ² of offset and slope."""
-    slope, error = made["slope"]
-    away = made["values"] - made["model"]
-    both = np.hypot(made["measured_errors"], made["model_errors"])
-    worst = int(np.argmax(np.abs(away / both)))
-    where = f"{(away / both)[worst]:+.1f} standard errors at {power_text(made['hold_times'][worst])} s"
-    if made["chance"] >= AGREE:
-        if error > TELLS_NOTHING * max(abs(slope), 1.0):
-            return "the errors are too large to tell: any rise agrees"
-        return "agrees within the errors"
-    sure = "differs" if made["chance"] < DIFFER else "differs somewhat"
-    if fitted >= DIFFER and (trend := _trend(made))[0] == "m":
-        return f"{sure}: the same shape, but {trend}"
-    largest = "model" if np.median(made["model_errors"]) > np.median(made["measured_errors"]) else "measurements"
-    return f"{sure} in shape: up to {where}; the errors are mainly those of the {largest}"

@@ -21,6 +21,17 @@ from chemage.foundation.units import convert
 ANSWER_TIME = 4.0
 #: loggers that show a traceback when a worker or the scheduler is lost
 _LOGGERS = ("distributed.client", "distributed.utils", "tornado.application", "asyncio")
+#: of a new cluster on this machine
+_LOCAL: dict[str, Any] = {
+    "threads_per_worker": 1,
+    "processes": True,
+    # the scheduler, its pages and its workers can be reached from this machine alone
+    "host": "127.0.0.1",
+    "dashboard_address": "127.0.0.1:0",
+    "silence_logs": logging.CRITICAL,
+    # Ctrl-C on the terminal is handled by this process; the workers end with the cluster
+    "preload": ["import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"],
+}
 
 
 @contextmanager
@@ -64,32 +75,24 @@ def open_client(detail: str, workers: int | None, threads: int, patience: float 
     with dask_config.set(settings), _quiet(), ExitStack() as stack:
         try:
             if not detail:
-                options = {"address": stack.enter_context(distributed.LocalCluster(**_local(workers)))}
+                cluster = distributed.LocalCluster(n_workers=workers, **_LOCAL)
+                options = {"address": stack.enter_context(cluster)}
             client = distributed.Client(**options, timeout=ANSWER_TIME, set_as_default=False)
         except (OSError, TimeoutError, ValueError, RuntimeError) as error:
             raise _unavailable(detail, error) from None
         try:
             if patience is not None:
-                _wait(client, patience)
+                try:
+                    client.wait_for_workers(1, timeout=patience)
+                except TimeoutError:
+                    raise ExecutorError(
+                        f"the Dask cluster has had no worker for {patience:g} s: look at its queue and its logs, or "
+                        "wait longer with --patience"
+                    ) from None
             yield client
         finally:
             with suppress(Exception):
                 client.close(timeout=5)
-
-
-def is_lost(client: Any) -> bool:
-    """Whether a client has given up its scheduler; what waits in it then may not be told."""
-    return client.status in ("closing", "closed")
-
-
-def _wait(client: Any, patience: float) -> None:
-    try:
-        client.wait_for_workers(1, timeout=patience)
-    except TimeoutError:
-        raise ExecutorError(
-            f"the Dask cluster has had no worker for {patience:g} s: look at its queue and its logs, or wait longer "
-            "with --patience"
-        ) from None
 
 
 def _address(detail: str) -> dict[str, Any]:
@@ -105,20 +108,6 @@ def _address(detail: str) -> dict[str, Any]:
             "start the cluster, for example with dask-jobqueue, and write dask:tcp://host:8786 or dask:scheduler.json",
         )
     return {"address": detail}
-
-
-def _local(workers: int | None) -> dict[str, Any]:
-    return {
-        "n_workers": workers,
-        "threads_per_worker": 1,
-        "processes": True,
-        # the scheduler, its pages and its workers can be reached from this machine alone
-        "host": "127.0.0.1",
-        "dashboard_address": "127.0.0.1:0",
-        "silence_logs": logging.CRITICAL,
-        # Ctrl-C on the terminal is handled by this process; the workers end with the cluster
-        "preload": ["import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"],
-    }
 
 
 def _unavailable(detail: str, error: Exception) -> ExecutorError:

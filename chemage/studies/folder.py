@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, Field, ValidationError, model_validator
 
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.container import archive, check_json, read, read_json, sealed_json
@@ -60,22 +60,18 @@ class CannotWrite(StoreError):
 _Key = Annotated[str, Field(pattern=r"^[0-9a-f]{32}$")]
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(strict=True)
-
-
-class _Axis(_Part):
+class _Axis(BaseModel):
     paths: list[str]
     values: list[list[Any]] = Field(min_length=1)
 
 
-class _Grid(_Part):
+class _Grid(BaseModel):
     axes: list[_Axis]
     base: dict[str, Any]
     source: str
 
 
-class _Manifest(_Part):
+class _Manifest(BaseModel):
     """What is checked of ``sweep.json`` before anything is read or written by the names in it."""
 
     digest: str
@@ -136,7 +132,7 @@ class Folder:
             if isinstance(layout := data.get("format"), int) and layout > FORMAT:
                 version = data["versions"]["chemage"]
                 raise StoreError(f"{self.path} was made by chemage {version}; update chemage to read it")
-            _Manifest.model_validate(data)
+            _Manifest.model_validate(data, strict=True)
         except FileNotFoundError:
             raise StoreError(f"{self.path} is not the folder of a sweep: it has no sweep.json") from None
         except ValidationError as error:
@@ -144,6 +140,13 @@ class Folder:
         except InputError as error:
             raise StoreError(f"{self.manifest} does not describe a sweep: {in_lines(error.problems[:1])}") from None
         return data
+
+    def intact_manifest(self) -> dict[str, Any] | None:
+        """Read ``sweep.json``; None if it is missing or damaged."""
+        try:
+            return self.read_manifest() if self.manifest.exists() else None
+        except DamagedError:
+            return None
 
     def state(self, key: str) -> str:
         """Find whether a point is ``done``, ``failed``, ``missing`` or ``damaged``."""

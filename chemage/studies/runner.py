@@ -32,7 +32,6 @@ from concurrent.futures import (
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
-from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -40,7 +39,7 @@ from chemage.foundation import threads as thread_budget
 from chemage.foundation.checks import checked_count
 from chemage.foundation.errors import ExecutorError, InputError, WorkerLost, nearest
 from chemage.foundation.memory import capacity
-from chemage.studies.clusters import is_lost, open_client, seconds
+from chemage.studies.clusters import open_client, seconds
 from chemage.studies.folder import RESUME
 from chemage.studies.tasks import (
     RETRIES,
@@ -224,15 +223,15 @@ def open_pool(
             workers, threads = shares(workers, threads)
         with open_client(detail, workers, threads or 1, limit) as client:
             pool = client.get_executor(pure=False)
-            width, lost = partial(_width, client), partial(is_lost, client)
-            yield Pool(pool, name, threads or 1, width, here=False, lost=lost)
 
+            def concurrent() -> int:
+                with suppress(OSError, RuntimeError, AttributeError):  # the scheduler is busy; or gone: its tasks fail
+                    return max(1, sum(client.nthreads().values()))
+                return 1
 
-def _width(client: Any) -> int:
-    """Present number of threads of all workers of Dask, at least 1."""
-    with suppress(OSError, RuntimeError, AttributeError):  # the scheduler is busy; or gone, and then its tasks fail
-        return max(1, sum(client.nthreads().values()))
-    return 1
+            # what waits in a client that has given up its scheduler may not be told
+            given_up = ("closing", "closed")
+            yield Pool(pool, name, threads or 1, concurrent, here=False, lost=lambda: client.status in given_up)
 
 
 def shares(workers: int | None, threads: int | None) -> tuple[int, int]:
@@ -302,7 +301,8 @@ class Runner:
         self._behind: dict[str, list[Piece]] = {}
         self._running: dict[Future[Answer], Piece] = {}
         self._suspects: deque[Piece] = deque()
-        self._clock = _Clock()
+        #: wall time, s, number and weights of the pieces that have ended
+        self._seconds, self._ended, self._weight = 0.0, 0, 0.0
         self._memory = capacity() - PROGRAM if pool.here else math.inf
 
     @property
@@ -323,7 +323,8 @@ class Runner:
         ExecutorError
             The workers cannot be started, or have ended.
         """
-        self._divide(list(tasks))
+        for ageings in by_contact(tasks):  # in an order in which successive contacts share a surface
+            self._divide(ageings)
         reported = 0.0
         try:
             while self._ready or self._contacts or self._running or self._suspects:
@@ -351,16 +352,18 @@ class Runner:
         waiting = [*self._ready, *(piece for pieces in (*self._contacts, *self._behind.values()) for piece in pieces)]
         weights = [piece.weight for piece in waiting]
         weights += [piece.weight / 2 for piece in (*self._running.values(), *self._suspects)]
-        return self._clock.remaining(weights, self.width)
+        if not self._ended:
+            return None
+        each = self._seconds / self._ended / max(1, self.width)
+        total = sum(weights)
+        if math.isfinite(self._weight + total) and self._weight > 0:
+            return each * total * self._ended / self._weight
+        return each * len(weights)
 
     # -- pieces -------------------------------------------------------------------------------------------------------
 
-    def _divide(self, tasks: Sequence[Task]) -> None:
-        """Divide tasks into pieces, in an order in which successive contacts share a surface."""
-        for ageings in by_contact(tasks):
-            self._divide_contact(ageings)
-
-    def _divide_contact(self, ageings: list[list[Task]]) -> None:
+    def _divide(self, ageings: list[list[Task]]) -> None:
+        """Divide the tasks of a contact into pieces."""
         first = ageings[0][0]
         if self._whole is None:
             ageings = self._joined(ageings)
@@ -422,20 +425,22 @@ class Runner:
 
     def _settle(self, piece: Piece, future: Future[Answer], told: Told) -> None:
         try:
-            answer = future.result()
+            seconds, outcomes = future.result()
         except Exception as error:
             lost = self._death(error)
             piece.deaths += piece.alone
             if piece.deaths <= (RETRIES if piece.alone else 0):
                 self._suspects.append(piece)  # perhaps it only ran beside the piece that killed the worker
                 return
-            answer = self._lost(piece, lost)
+            outcomes = self._lost(piece, lost)
         else:
-            self._clock.add(piece.weight, answer.seconds)
+            self._seconds += seconds
+            self._weight += piece.weight
+            self._ended += 1
         for task in piece.tasks:
-            told(task, answer.outcomes[task.key])
+            told(task, outcomes[task.key])
         if piece.solves:
-            self._after_contact(piece, answer, told)
+            self._after_contact(piece, outcomes[piece.tasks[0].key], told)
 
     def _death(self, error: Exception) -> WorkerLost:
         """The death of a worker, as the executor reports it; any other error is raised."""
@@ -445,7 +450,7 @@ class Runner:
             return WorkerLost(str(error))
         if isinstance(error, BrokenProcessPool) and isinstance(self._pool.executor, Processes):
             codes = re.findall(r"[A-Z]+\(-?[1-9]\d*\)", str(error))
-            if codes or self._clock.count:
+            if codes or self._ended:
                 status = ", ".join(codes) or "exit status 0"
                 return WorkerLost(
                     f"the worker process died at this task: {status} (SIGKILL: most often, memory ran out)"
@@ -459,10 +464,9 @@ class Runner:
             raise ExecutorError(f"{error}; {RESUME}") from error
         raise error
 
-    def _after_contact(self, piece: Piece, answer: Answer, told: Told) -> None:
+    def _after_contact(self, piece: Piece, outcome: Outcome, told: Told) -> None:
         """Let those begin that waited for a contact; if it cannot be solved, they fail as well."""
         behind = self._behind.pop(piece.tasks[0].contact)
-        outcome = answer.outcomes[piece.tasks[0].key]
         if outcome.error is None or outcome.stage != "contact":
             self._ready.extend(behind)
             return
@@ -470,40 +474,15 @@ class Runner:
             self._record(task, outcome)
             told(task, outcome)
 
-    def _lost(self, piece: Piece, error: WorkerLost) -> Answer:
+    def _lost(self, piece: Piece, error: WorkerLost) -> dict[str, Outcome]:
         """What is known of tasks whose worker died each time."""
         there = not piece.solves or self._is_there(piece.tasks[0])
         outcome = Outcome(error=error, stage="ageing" if there else "contact")
         for task in piece.tasks:
             self._record(task, outcome)
-        return Answer(outcomes=dict.fromkeys((task.key for task in piece.tasks), outcome))
+        return dict.fromkeys((task.key for task in piece.tasks), outcome)
 
     def _record(self, task: Task, outcome: Outcome) -> None:
         """Write that a task failed, which no worker could."""
         if self._whole is not None and outcome.error is not None:
             self._whole.write_point(task.key, failure(task, outcome.stage, outcome.error))
-
-
-@dataclass
-class _Clock:
-    """Estimates the remaining time from the duration of the pieces that have ended."""
-
-    seconds: float = 0.0
-    weight: float = 0.0
-    count: int = 0
-    #: whether every weight is known
-    known: bool = True
-
-    def add(self, weight: float, seconds: float) -> None:
-        self.seconds += seconds
-        self.count += 1
-        self.known = self.known and math.isfinite(weight)
-        self.weight += weight if math.isfinite(weight) else 0.0
-
-    def remaining(self, weights: Sequence[float], width: int) -> float | None:
-        if not self.count:
-            return None
-        total = sum(weights)
-        if self.known and math.isfinite(total) and self.weight > 0:
-            return self.seconds / self.weight * total / max(1, width)
-        return self.seconds / self.count * len(weights) / max(1, width)

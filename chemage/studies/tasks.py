@@ -29,7 +29,6 @@ from chemage.foundation.codec import to_json
 from chemage.foundation.errors import ChemageError, ExecutorError, InputError, StoreError
 from chemage.foundation.names import __version__
 from chemage.plugins import registry
-from chemage.plugins.loading import PluginRecord
 from chemage.plugins.sources import components_in, stage_hooks
 from chemage.scene.run import Run, contact_of, run, run_keys, surface_of
 from chemage.scene.scene import Scene
@@ -55,7 +54,9 @@ def for_workers(executor: str | Executor, classes: Iterable[type]) -> Known:
     InputError
         The executor uses other processes, and they cannot import one of them.
     """
-    if _same_process(executor):
+    context = getattr(executor, "_mp_context", None)  # forked workers are copies of this process
+    forked = context is not None and context.get_start_method() == "fork"
+    if executor == "serial" or isinstance(executor, ThreadPoolExecutor) or forked:
         return ()
     modules = []
     for cls in sorted(classes, key=lambda one: one.__qualname__):
@@ -80,13 +81,6 @@ def _refusal(what: str, module: str) -> str:
         "it into a module, a .py file on the import path, and register it from there; or compute in this process "
         '(executor="serial")'
     )
-
-
-def _same_process(executor: str | Executor) -> bool:
-    if isinstance(executor, str):
-        return executor == "serial"
-    context = getattr(executor, "_mp_context", None)  # forked workers are copies of this process
-    return isinstance(executor, ThreadPoolExecutor) or (context is not None and context.get_start_method() == "fork")
 
 
 def _importable(module: str, name: str, expected: Any) -> bool:
@@ -118,15 +112,14 @@ def learn(known: Known) -> None:
             raise ExecutorError(
                 f"a worker cannot import {target} ({error}); the module must be on the import path of every worker"
             ) from None
-        if not any(_is(record, name, component) for record in plugins.records):
-            if attribute:
-                plugins.register_class(component)
-            else:
-                plugins.register(component, name)
-
-
-def _is(record: PluginRecord, name: str, loaded: Any) -> bool:
-    return record.component is loaded if record.component is not None else record.name == name
+        classes = [record.component for record in plugins.records if record.component is not None]
+        others = [record.name for record in plugins.records if record.component is None]
+        if name in others or any(cls is component for cls in classes):
+            continue
+        if attribute:
+            plugins.register_class(component)
+        else:
+            plugins.register(component, name)
 
 
 T = TypeVar("T")
@@ -230,14 +223,8 @@ class Outcome:
     stage: str = ""
 
 
-@dataclass
-class Answer:
-    """What a worker sends back."""
-
-    #: wall time
-    seconds: float = 0.0
-    outcomes: dict[str, Outcome] = field(default_factory=dict)
-
+#: what a worker sends back: its wall time, s, and how each task ended, by its key
+Answer = tuple[float, dict[str, Outcome]]
 
 # -- what a process keeps in memory -----------------------------------------------------------------------------------
 
@@ -280,11 +267,6 @@ class Recent(Generic[T]):
 # 50 MB each at 2500 x 2500 pixels; tasks are computed in an order for which two of each are enough
 _surfaces: Recent[Surface] = Recent(2)
 _contacts: Recent[ContactSolution] = Recent(2)
-
-
-def _owner(path: str, digest: str) -> str:
-    """Names the study and the plugins in use, which may change between two studies of one process."""
-    return f"{path} {digest} {registry.current().state()}"
 
 
 def forget(path: str) -> None:
@@ -332,7 +314,7 @@ def compute(place: Place | None, tasks: Sequence[Task], threads: int, known: Kno
     learn(known)
     worker = Worker(place, threads, remote)
     outcomes = {task.key: worker.outcome(task) for task in tasks}
-    return Answer(time.perf_counter() - begin, outcomes)
+    return time.perf_counter() - begin, outcomes
 
 
 class Worker:
@@ -343,8 +325,8 @@ class Worker:
         self._folder = None if place is None else place.folder
         #: where contacts and failures are kept as well
         self._whole = None if place is None else place.whole
-        #: names the study in caches of this process
-        self.owner = _owner("", "") if place is None else _owner(place.path, place.digest)
+        #: in caches of this process: the study, and the plugins in use, which may change between two studies
+        self.owner = f"{'' if place is None else f'{place.path} {place.digest}'} {registry.current().state()}"
         #: the ageing that was computed last, and what came of it
         self._ageing, self._run, self._error = "", None, None
         #: the stage that runs, which an error is of
@@ -403,7 +385,12 @@ class Worker:
     def _failed(self, task: Task, error: BaseException) -> Outcome:
         if self._whole is not None:
             self._whole.write_point(task.key, failure(task, self.stage, error))
-        return Outcome(error=_sendable(error) if self._remote else error, stage=self.stage)
+        if self._remote:
+            try:
+                pickle.loads(pickle.dumps(error))
+            except Exception:  # another process can receive its text alone
+                error = ExecutorError(f"{type(error).__name__}: {error}")
+        return Outcome(error=error, stage=self.stage)
 
 
 def _fitted_again(before: Run, scene: Scene) -> Run:
@@ -412,15 +399,6 @@ def _fitted_again(before: Run, scene: Scene) -> Run:
     if before.aging is not None and scene.chemistry is not None:
         before = replace(before, aging=with_limits_of(before.aging, before.contact, scene.chemistry))
     return before
-
-
-def _sendable(error: BaseException) -> BaseException:
-    """An exception that another process can receive: the same, or its text."""
-    try:
-        pickle.loads(pickle.dumps(error))
-        return error
-    except Exception:
-        return ExecutorError(f"{type(error).__name__}: {error}")
 
 
 # -- what a folder has of a task --------------------------------------------------------------------------------------

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from itertools import pairwise
 from typing import NamedTuple
@@ -35,24 +34,12 @@ ABOUT = 3.0
 #: largest rms deviation from a line, relative to the values, that a figure shows as straight
 STRAIGHT = 0.05
 
-_Judge = Callable[[Studies], Iterable[Claim]]
-#: target -> what judges its claims
-_JUDGES: dict[str, list[_Judge]] = defaultdict(list)
-
-
-def _on(target: str) -> Callable[[_Judge], _Judge]:
-    def registered(judge: _Judge) -> _Judge:
-        _JUDGES[target].append(judge)
-        return judge
-
-    return registered
-
 
 def claims(studies: Studies, targets: Sequence[str]) -> list[Claim]:
     """Compare the claims of ``targets`` in the paper with the computed ``studies``."""
     found = []
     for target in targets:
-        for judge in _JUDGES.get(target, []):
+        for judge in _JUDGES.get(target, ()):
             found += [claim._replace(target=target) for claim in judge(studies)]
     return found
 
@@ -60,7 +47,6 @@ def claims(studies: Studies, targets: Sequence[str]) -> list[Claim]:
 # -- Fig. 2: load -----------------------------------------------------------------------------------------------------
 
 
-@_on("fig2")
 def _logarithmic(studies: Studies) -> Iterable[Claim]:
     chosen = studies["loads"].by(LOAD)[20000.0]
     statement = "ΔF grows with log t from 1 s to 1e5 s"
@@ -78,12 +64,11 @@ def _logarithmic(studies: Studies) -> Iterable[Claim]:
     )
 
 
-@_on("fig2")
 def _over_loads(studies: Studies) -> Iterable[Claim]:
-    groups = studies["loads"].by(LOAD)
+    groups = studies["loads"].by_load()
     # over loads and surfaces
-    drop = {load: group.at(1e3) / load for load, group in groups.items()}
-    low, high = (mean(drop[load] / drop[20e3]) for load in (50e3, 500e3))
+    drop = {load: group.at(1e3) / load / 1000 for load, group in groups.items()}
+    low, high = (mean(drop[load] / drop[20.0]) for load in (50.0, 500.0))
     yield Claim(
         "ΔF is linear in the load at small loads, and sublinear at large loads",
         f"ΔF/F_N at 50 µN is {low} of that at 20 µN, at 500 µN {high} (1e3 s)",
@@ -92,7 +77,7 @@ def _over_loads(studies: Studies) -> Iterable[Claim]:
     area = np.array([group.of("area_fraction") for group in groups.values()]).T
     force = np.array([group.at(1e3) for group in groups.values()]).T
     offset = mean(np.polyfit(x, y, 1)[1] / y.mean() for x, y in zip(area, force, strict=True))
-    power = shapes.exponent(area, force)
+    power = shapes.Exponent.of(area, force)
     # a single surface has no interval
     straight = power.within(1.0, STRAIGHT) if len(area) > 1 else abs(power.value - 1) <= STRAIGHT
     yield Claim(
@@ -101,13 +86,16 @@ def _over_loads(studies: Studies) -> Iterable[Claim]:
         bool(straight and abs(offset.value) < STRAIGHT),
     )
     means = {load: mean(values) for load, values in drop.items()}
-    small = np.array([one.value for load, one in means.items() if load <= 50e3])
+    small = np.array([one.value for load, one in means.items() if load <= 50])
     yield Claim(
         "Δμ is constant at small loads and falls at large loads",
-        ", ".join(f"{load / 1000:g} µN {of_load}" for load, of_load in means.items()) + " (1e3 s)",
-        bool(np.ptp(small) / small.mean() < 0.15 and means[500e3].value < small.min()),
+        ", ".join(f"{load:g} µN {of_load}" for load, of_load in means.items()) + " (1e3 s)",
+        bool(np.ptp(small) / small.mean() < 0.15 and means[500.0].value < small.min()),
     )
-    shares = {load / 1000: _cumulative(group) for load, group in groups.items()}
+    shares = {}
+    for load, group in groups.items():
+        density = group.observed("pressures")
+        shares[load] = np.cumsum(density, axis=1) / density.sum(axis=1, keepdims=True)
     distances = {load: mean(np.abs(share - shares[20.0]).max(axis=1)) for load, share in shares.items()}
     yield Claim(
         "the distribution of the contact pressure does not depend on the load at small loads",
@@ -118,15 +106,9 @@ def _over_loads(studies: Studies) -> Iterable[Claim]:
     )
 
 
-def _cumulative(points: PointSet) -> np.ndarray:
-    density = points.observed("pressures")
-    return np.cumsum(density, axis=1) / density.sum(axis=1, keepdims=True)
-
-
 # -- Fig. 3: roughness ------------------------------------------------------------------------------------------------
 
 
-@_on("fig3")
 def _trend(studies: Studies) -> Iterable[Claim]:
     parts, holds = [], []
     for volume, points in studies["rows"].by_volume().items():
@@ -157,7 +139,6 @@ def onsets(points: PointSet) -> np.ndarray:
     return shapes.first_reaching(points.times, slope, 0.5 * points.of("beta"))
 
 
-@_on("fig3")
 def _reversal(studies: Studies) -> Iterable[Claim]:
     found = {}
     for row, group in studies["rows"].by_volume()[6.4].by_row().items():
@@ -171,7 +152,6 @@ def _reversal(studies: Studies) -> Iterable[Claim]:
     )
 
 
-@_on("fig3")
 def _onset(studies: Studies) -> Iterable[Claim]:
     volumes = studies["rows"].by_volume()
     with_pressure, without = (mean(onsets(volumes[volume].circle().by(SLOPE)[0.1])) for volume in (6.4, 0.0))
@@ -192,12 +172,21 @@ class _AreaLine(NamedTuple):
     #: relative to the mean Δμ, over surface seeds
     offset: Mean
 
+    @staticmethod
+    def coordinates(points: PointSet, time: float) -> np.ndarray:
+        """A/A0 and Δμ at a hold time (s), means over the surfaces of each row and slope, (2, rows × slopes)."""
+        means = []
+        for group in points.by_row().values():
+            for of_slope in group.by(SLOPE).values():
+                means.append((of_slope.of("area_fraction").mean(), of_slope.coefficient_at(time).mean()))
+        return np.array(means).T
+
     @classmethod
     def of(cls, points: PointSet, time: float) -> _AreaLine:
-        area, drop = _against_area(points, time)
+        area, drop = cls.coordinates(points, time)
         offsets = []
         for group in points.by(SEED).values():
-            x, y = _against_area(group, time)
+            x, y = cls.coordinates(group, time)
             offsets.append(float(np.polyfit(x, y, 1)[1] / y.mean()))
         line = np.polynomial.Polynomial.fit(area, drop, 1)
         deviation = float(np.sqrt(np.mean((drop / line(area) - 1) ** 2)))
@@ -207,16 +196,6 @@ class _AreaLine(NamedTuple):
         return f"{self.deviation:.1%} (R² = {self.r2:.3f})"
 
 
-def _against_area(points: PointSet, time: float) -> np.ndarray:
-    """A/A0 and Δμ at a hold time (s), means over the surfaces of each row and slope, (2, rows × slopes)."""
-    means = []
-    for group in points.by_row().values():
-        for of_slope in group.by(SLOPE).values():
-            means.append((of_slope.of("area_fraction").mean(), of_slope.coefficient_at(time).mean()))
-    return np.array(means).T
-
-
-@_on("fig3")
 def _against_areas(studies: Studies) -> Iterable[Claim]:
     volumes = studies["rows"].by_volume()
     lines = {(volume, time): _AreaLine.of(volumes[volume], time) for volume in (6.4, 0.0) for time in (1.0, 1e3)}
@@ -255,7 +234,6 @@ def barrier_moments(edges: np.ndarray, density: np.ndarray) -> tuple[np.ndarray,
     return middle, np.sqrt((weights * (centre - middle[..., None]) ** 2).sum(axis=-1))
 
 
-@_on("fig4")
 def _distributions(studies: Studies) -> Iterable[Claim]:
     groups = studies["slopes"].by_volume()[6.4].by(SLOPE)
     pressures = [mean(group.of("mean_contact_pressure")) for group in groups.values()]
@@ -279,7 +257,6 @@ def morphology(points: PointSet) -> tuple[np.ndarray, np.ndarray]:
     return points.of("perimeter_to_area"), points.coefficient_at(1e3) / points.of("area_fraction")
 
 
-@_on("fig5")
 def _morphologies(studies: Studies) -> Iterable[Claim]:
     for slope, group in studies["rows"].by_volume()[0.0].by(SLOPE).items():
         x, y = morphology(group)
@@ -302,7 +279,6 @@ _MORE_PATCHES = {
 }
 
 
-@_on("table1")
 def _patches(studies: Studies) -> Iterable[Claim]:
     counts, ratios = {}, []
     for row, group in studies["table"].by_row().items():
@@ -328,7 +304,6 @@ def _patches(studies: Studies) -> Iterable[Claim]:
         )
 
 
-@_on("interaction")
 def _saturation(studies: Studies) -> Iterable[Claim]:
     groups = studies["interaction"].by(STRENGTH)
     drop = {strength: mean(group.at(1e3) / groups[0.0].at(1e3)) for strength, group in groups.items()}
@@ -359,7 +334,6 @@ def _summits(points: PointSet, value: Callable[[PointSet], np.ndarray]) -> Mean:
     return mean(summit(list(groups), values) for values in of_surfaces)
 
 
-@_on("temperature")
 def _temperature(studies: Studies) -> Iterable[Claim]:
     for study, name in (("warm rough", "rough contact"), ("warm tip", "tip")):
         top, early, late = (
@@ -384,7 +358,6 @@ def _kelvin(temperature: Mean) -> str:
     return f"{temperature if temperature.count > 1 else format(temperature.value, '.0f')} K"
 
 
-@_on("tips")
 def _tips(studies: Studies) -> Iterable[Claim]:
     for radius, group in studies["tips"].by(RADIUS).items():
         # half a 95 % interval is two standard errors
@@ -418,7 +391,6 @@ def _tips(studies: Studies) -> Iterable[Claim]:
 # -- the density, and what is not tested ------------------------------------------------------------------------------
 
 
-@_on("calibration")
 def _every_member(studies: Studies) -> Iterable[Claim]:
     failing = set()
     members = studies["members"].by(MEMBER)
@@ -438,10 +410,24 @@ def _every_member(studies: Studies) -> Iterable[Claim]:
     )
 
 
-@_on("estimates")
 def _untested(_: Studies) -> Iterable[Claim]:
     size = "not computed: a system of twice the size has 5000 × 5000 pixels per surface"
     yield Claim("larger systems give the same", size, None)
     assumed = "an assumption of the model: E_break does not depend on neighbours"
     yield Claim("the interaction has little effect on rupture", assumed, None)
     yield Claim("h' = 0.26 extrapolates to about 1", "about measured surfaces; h' is a given number here", None)
+
+
+#: target -> what judges its claims
+_JUDGES: dict[str, tuple[Callable[[Studies], Iterable[Claim]], ...]] = {
+    "fig2": (_logarithmic, _over_loads),
+    "fig3": (_trend, _reversal, _onset, _against_areas),
+    "fig4": (_distributions,),
+    "fig5": (_morphologies,),
+    "table1": (_patches,),
+    "interaction": (_saturation,),
+    "temperature": (_temperature,),
+    "tips": (_tips,),
+    "calibration": (_every_member,),
+    "estimates": (_untested,),
+}

@@ -68,7 +68,8 @@ def reproduce(
         write_file(folder / "patches.md", patches.page(counts, surfaces, pixels or 2500), force=True)
         typer.echo(folder / "patches.md")
     else:
-        _show(write(points, names, folder, seeds=surfaces, pixels=pixels or 2500))
+        for line in write(points, names, folder, seeds=surfaces, pixels=pixels or 2500).summary():
+            typer.echo(line)
         typer.echo(f"\n{folder / 'reproduction.md'}")
 
 
@@ -120,19 +121,6 @@ def _swept(scenes: Mapping[str, dict[str, Any]], folder: Path, executor: str, wo
         typer.echo(f"{len(failed)} points failed; rerun the same command to try them again", err=True)
         raise typer.Exit(1)
     return results
-
-
-def _show(results: Reproduction) -> None:
-    width = max((len(line.quantity) for line in results.lines), default=0)
-    for line in results.lines:
-        typer.echo(
-            f"{line.target:7} {line.quantity:{width}}  paper {line.paper.text:<8} ours {line.ours!s:18} "
-            f"{line.shown:>7}  {line.word}"
-        )
-    for claim in results.claims:
-        typer.echo(f"{claim.target:7} {claim.word}: {claim.statement}\n{'':8}{claim.ours}")
-    for estimate in results.estimates:
-        typer.echo(f"text    {estimate.word}: {estimate.statement}\n{'':8}{estimate.ours}")
 
 
 def write(

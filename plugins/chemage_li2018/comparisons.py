@@ -109,7 +109,7 @@ def lines(studies: Studies, targets: Sequence[str]) -> list[Line]:
 def _numbers(studies: Studies, target: str) -> Iterable[tuple[str, str, PointSet, str]]:
     """What is published, as it is printed; and the points that have it, in the summary by a name."""
     if target == "kappa":
-        by_load = {load / 1000: group for load, group in studies["loads"].by(LOAD).items()}
+        by_load = studies["loads"].by_load()
         for load, paper in published.AREA_FRACTION.items():
             yield f"A/A0 at {load:g} µN", paper, by_load[load], "area_fraction"
         yield "κ at 20 µN, h' = 0.1", published.KAPPA, by_load[20.0], "kappa"

@@ -38,6 +38,10 @@ class Size:
     cases: int = 40
     pixels: int = 2500
 
+    def parameters(self, family: fit.DensityFamily) -> np.ndarray:
+        """Parameters of the densities of a family that are computed, (n, k)."""
+        return family.design(self.design[len(family.bounds) - 1])
+
 
 QUICK = Size(SURFACES[:3], 1, (8, 12, 20), 4, 400)
 
@@ -108,7 +112,9 @@ def compute(rates: DensityCurves, size: Size) -> DensityStudy:
     barriers = [prior.barriers(at) for at in chosen]
     aged = rates.curves("members", barriers, size.surfaces)
     names = [prior.families[int(prior.family[at])].name for at in chosen]
-    tip = rates.curves("tip", [FREE_END.barriers(row) for row in _design(size, FREE_END)], [0], [TIP])[:, 0]
+    parameters = size.parameters(FREE_END)
+    tip = rates.curves("tip", [FREE_END.barriers(row) for row in parameters], [0], [TIP])[:, 0]
+    emulators = _emulated(rates, size, FREE_END), Emulator(FREE_END, parameters, tip)
     return DensityStudy(
         size,
         surface,
@@ -119,18 +125,12 @@ def compute(rates: DensityCurves, size: Size) -> DensityStudy:
         [_density(*row, surface) for row in zip(names, barriers, aged, strict=True)],
         prior.reported.beta[chosen, OURS, :6],
         _held(rates, size, search, prior, surface, shift),
-        _tips(
-            rates, _emulated(rates, size, FREE_END), Emulator(FREE_END, _design(size, FREE_END), tip), surface, shift
-        ),
+        _tips(rates, *emulators, surface, shift),
     )
 
 
-def _design(size: Size, family: fit.DensityFamily) -> np.ndarray:
-    return family.design(size.design[len(family.bounds) - 1])
-
-
 def _emulated(rates: DensityCurves, size: Size, family: fit.DensityFamily) -> Emulator:
-    parameters = _design(size, family)
+    parameters = size.parameters(family)
     barriers = [family.barriers(values) for values in parameters]
     curves = rates.curves(family.name, barriers, size.surfaces[: size.search], (*FITTED, *UNUSED))
     return Emulator(family, parameters, curves.mean(axis=1))
@@ -140,7 +140,7 @@ def _members(prior: DensityPrior, weight: np.ndarray) -> np.ndarray:
     """The draw of least misfit, and those that span what is open."""
     of_draws = weight.sum(axis=(1, 2))
     best = int(np.argmax(of_draws))
-    return fit.spanning(fit.predictions(prior.reported), of_draws, best, MDSilica.MEMBERS)
+    return fit.spanning(prior.reported.predictions(), of_draws, best, MDSilica.MEMBERS)
 
 
 def _density(name: str, barriers: chemage.plugin.Barriers, curves: np.ndarray, surface: np.ndarray) -> Density:
@@ -148,8 +148,8 @@ def _density(name: str, barriers: chemage.plugin.Barriers, curves: np.ndarray, s
     # β is the geometric mean over surfaces, as in the error model; times are those of the mean curve
     reported = Reported.of(curves.mean(axis=0)[None])._replace(beta=Reported.of(curves).beta.mean(axis=0)[None])
     errors = fit.covariance(surface, fit.PUBLISHED, fit.METHODS[0])
-    times = float(fit.misfit_of_times(reported, PAPER)[0, OURS])
-    return Density(name, barriers, reported, fit.chi_squared(reported, PAPER, errors)[0], times)
+    times = float(reported.misfit_of_times(PAPER)[0, OURS])
+    return Density(name, barriers, reported, reported.chi_squared(PAPER, errors)[0], times)
 
 
 def _held(
@@ -192,24 +192,22 @@ def _tips(rates: DensityCurves, rough: Emulator, tip: Emulator, surface: np.ndar
     """Fit a density whose lower end is free to the rough contacts, to a tip, and to both."""
     prior = DensityPrior.of([rough], shift)
     with_method = prior.chi_squared(PAPER, surface, 0.04)
-    of_rough = (with_method + fit.misfit_of_times(prior.reported, PAPER)).min(axis=1)
-    start, exponent = _growth(tip(np.array(prior.parameters))[:, 0])
-    of_both = of_rough + _misfit_of_tip(start, exponent)
-    best = [int(np.argmin(misfit)) for misfit in (of_rough, of_both - of_rough, of_both)]
+    of_rough = (with_method + prior.reported.misfit_of_times(PAPER)).min(axis=1)
+    _, of_tip = _growth(tip(np.array(prior.parameters))[:, 0])
+    best = [int(np.argmin(misfit)) for misfit in (of_rough, of_tip, of_rough + of_tip)]
     # the chosen ones are aged, because a curve between others has an error where few sites have reacted
-    start, exponent = _growth(rates.curves("tips", [prior.barriers(at) for at in best], [0], [TIP])[:, 0, 0])
-    misfit = np.stack([of_rough[best], _misfit_of_tip(start, exponent)], axis=1)
-    return Tips(np.array([prior.parameters[at] for at in best]), misfit, np.stack([np.exp(start), exponent], axis=1))
+    growth, of_tip = _growth(rates.curves("tips", [prior.barriers(at) for at in best], [0], [TIP])[:, 0, 0])
+    misfit = np.stack([of_rough[best], of_tip], axis=1)
+    return Tips(np.array([prior.parameters[at] for at in best]), misfit, growth)
 
 
 def _growth(curves: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """ln of the start of the logarithmic regime (s), and the exponent of the growth before, of curves (n, m)."""
+    """Start of the logarithmic regime (s) and exponent of the growth before, of curves (n, m) on a tip, (n, 2); and
+    their misfit, (n,)."""
     half = 0.5 * fit.slope(curves, (1.0, 1e3))
     first, last = TIP_LINEAR
     inside = (first <= TIMES) & (last >= TIMES)
     exponent = np.polyfit(np.log(TIMES[inside]), np.log(np.maximum(curves[:, inside], 1e-6)).T, 1)[0]
-    return np.log(first_reaching(TIMES, np.gradient(curves, np.log10(TIMES), axis=-1), half)), exponent
-
-
-def _misfit_of_tip(start: np.ndarray, exponent: np.ndarray) -> np.ndarray:
-    return ((start - np.log(TIP_ONSET)) / fit.ONSET_ERROR) ** 2 + ((exponent - 1) / (0.5 * TIP_EXPONENT)) ** 2
+    start = first_reaching(TIMES, np.gradient(curves, np.log10(TIMES), axis=-1), half)
+    misfit = (np.log(start / TIP_ONSET) / fit.ONSET_ERROR) ** 2 + ((exponent - 1) / (0.5 * TIP_EXPONENT)) ** 2
+    return np.stack([start, exponent], axis=1), misfit

@@ -142,6 +142,32 @@ class Reported(NamedTuple):
     #: hold time at which Δμ of h' = 0.05 passes that of h' = 0.2, with ΔV, s: (1,) or (n, 1)
     crossing: np.ndarray
 
+    def predictions(self) -> np.ndarray:
+        """What members are to span: ln β of :data:`FITTED` over all windows, and the times, (N, k)."""
+        beta = self.beta[:, :, :6]
+        return np.concatenate([beta.reshape(len(beta), -1), self.onsets[:, OURS], self.crossing], axis=1)
+
+    def misfit_of_times(self, paper: Reported) -> np.ndarray:
+        """χ² of the two onsets and the order of the slopes, (n, windows)."""
+        onsets = (((self.onsets - paper.onsets) / ONSET_ERROR) ** 2).sum(axis=-1)
+        return onsets + ((self.crossing - paper.crossing) / CROSSING_ERROR) ** 2
+
+    def chi_squared(self, paper: Reported, errors: np.ndarray) -> np.ndarray:
+        """χ² of the six rates over each window, (n, windows); ``errors`` are one covariance, or n."""
+        rest = paper.beta - self.beta[:, :, :6]
+        return (rest @ np.linalg.inv(errors) * rest).sum(axis=-1)
+
+    def log_likelihood(self, paper: Reported, surface: np.ndarray) -> np.ndarray:
+        """ln of the likelihood by rates and times, but for a constant: (n, windows, methods).
+
+        ``surface`` is (6, 6), or (n, 6, 6).
+        """
+        misfits = []
+        for method in METHODS:
+            errors = covariance(surface, np.exp(paper.beta), method)
+            misfits.append(self.chi_squared(paper, errors) + np.linalg.slogdet(errors)[1][..., None])
+        return -0.5 * (np.stack(misfits, axis=-1) + self.misfit_of_times(paper)[..., None])
+
     def times(self, at: int = 0, window: int = OURS) -> list[str]:
         """Onsets with ΔV and without, and the crossing, of one density, in s."""
         return [f"{value:.2g}" for value in np.exp([*self.onsets[at, window], *self.crossing[at]])]
@@ -175,12 +201,6 @@ ONSET_ERROR = 0.5 * np.log(ABOUT)
 def covariance(surface: np.ndarray, beta: np.ndarray, method: float) -> np.ndarray:
     """(6, 6) of ln β of one surface, printed with two digits, about the mean over surfaces with covariance (6, 6)."""
     return surface + np.diag(ROUNDING**2 / 3 / beta**2 + method**2)
-
-
-def misfit_of_times(reported: Reported, paper: Reported) -> np.ndarray:
-    """χ² of the two onsets and the order of the slopes of n densities, (n, windows)."""
-    onsets = (((reported.onsets - paper.onsets) / ONSET_ERROR) ** 2).sum(axis=-1)
-    return onsets + ((reported.crossing - paper.crossing) / CROSSING_ERROR) ** 2
 
 
 @dataclass(frozen=True)
@@ -256,35 +276,17 @@ class DensityPrior:
     def chi_squared(self, paper: Reported, surface: np.ndarray, method: float) -> np.ndarray:
         """χ² of six rates over each window, (N, windows)."""
         errors = covariance(surface, np.exp(paper.beta), method) + self.errors
-        return chi_squared(self.reported, paper, errors[self.family])
+        return self.reported.chi_squared(paper, errors[self.family])
 
     def log_likelihood(self, paper: Reported, surface: np.ndarray) -> np.ndarray:
-        """ln of the likelihood of every draw, (N, windows, methods); see :func:`log_likelihood`."""
-        return log_likelihood(self.reported, paper, (surface + self.errors)[self.family])
+        """ln of the likelihood of every draw, (N, windows, methods); see :meth:`Reported.log_likelihood`."""
+        return self.reported.log_likelihood(paper, (surface + self.errors)[self.family])
 
     def posterior(self, paper: Reported, surface: np.ndarray) -> np.ndarray:
         """Weights that sum to 1, (N, windows, methods)."""
         log = self.log_likelihood(paper, surface) + self.log_weight[:, None, None]
         weight = np.exp(log - log.max())
         return weight / weight.sum()
-
-
-def chi_squared(reported: Reported, paper: Reported, errors: np.ndarray) -> np.ndarray:
-    """χ² of the six rates of n densities over each window, (n, windows); ``errors`` are one covariance, or n."""
-    rest = paper.beta - reported.beta[:, :, :6]
-    return (rest @ np.linalg.inv(errors) * rest).sum(axis=-1)
-
-
-def log_likelihood(reported: Reported, paper: Reported, surface: np.ndarray) -> np.ndarray:
-    """ln of the likelihood of n densities by their rates and times, but for a constant: (n, windows, methods).
-
-    ``surface`` is (6, 6), or (n, 6, 6).
-    """
-    misfits = []
-    for method in METHODS:
-        errors = covariance(surface, np.exp(paper.beta), method)
-        misfits.append(chi_squared(reported, paper, errors) + np.linalg.slogdet(errors)[1][..., None])
-    return -0.5 * (np.stack(misfits, axis=-1) + misfit_of_times(reported, paper)[..., None])
 
 
 def range_weight(nodes: Nodes) -> float:
@@ -333,9 +335,3 @@ def spanning(values: np.ndarray, weight: np.ndarray, first: int, count: int) -> 
         near = np.abs(scaled[:, None] - scaled[chosen]).max(axis=2).min(axis=1) < _APART
         chosen.append(int(np.argmin(miss + 1e6 * near)))
     return candidates[chosen]
-
-
-def predictions(reported: Reported) -> np.ndarray:
-    """What members are to span: ln β of :data:`FITTED` over all windows, and the times, (N, k)."""
-    beta = reported.beta[:, :, :6]
-    return np.concatenate([beta.reshape(len(beta), -1), reported.onsets[:, OURS], reported.crossing], axis=1)

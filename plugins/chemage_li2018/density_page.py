@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from chemage.plugin import figures, progress, write_file
+from chemage.plugin import StoreError, figures, preflight, progress, write_file
 from chemage_li2018 import density_fit as fit
 from chemage_li2018.density import QUICK, Density, DensityStudy, Size, compute
 from chemage_li2018.density_fit import OURS, PUBLISHED, WINDOWS
 from chemage_li2018.density_rates import FITTED, UNUSED, DensityCurves
-from chemage_li2018.pages import free_folder, render
+from chemage_li2018.pages import render
 from chemage_li2018.published import SLOPES
 
 if TYPE_CHECKING:
@@ -25,15 +25,14 @@ if TYPE_CHECKING:
 _LEVELS = (0.5, 1, 2, 4, 8, 16, 32)
 
 
-def _window(window: tuple[float, float]) -> str:
-    return " to ".join(f"{time:g}" for time in window) + " s"
+_WINDOWS = [f"{first:g} to {last:g} s" for first, last in WINDOWS]
 
 
 def _families(study: DensityStudy) -> list[list[str]]:
     """Rows of the table of families."""
     prior, of_draws = study.prior, study.weight.sum(axis=(1, 2))
     chi = prior.chi_squared(fit.PAPER, study.surface, fit.METHODS[0])
-    times = fit.misfit_of_times(prior.reported, fit.PAPER)
+    times = prior.reported.misfit_of_times(fit.PAPER)
     rows = []
     for number, family in enumerate(prior.families):
         draws = np.flatnonzero(prior.family == number)
@@ -45,7 +44,7 @@ def _families(study: DensityStudy) -> list[list[str]]:
                 family.named(prior.parameters[at]),
                 f"{of_draws[draws].sum():.3f}",
                 f"{100 * np.sqrt(np.diag(prior.errors[number])).max():.1f}",
-                f"{chi[at, window]:.1f} ({_window(WINDOWS[window])})",
+                f"{chi[at, window]:.1f} ({_WINDOWS[window]})",
                 f"{times[at, window]:.1f}",
                 *prior.reported.times(at, window),
                 " ".join(f"{value:.0f}" for value in chi[draws].min(axis=0)),
@@ -57,18 +56,9 @@ def _families(study: DensityStudy) -> list[list[str]]:
 def frontier(study: DensityStudy) -> tuple[np.ndarray, np.ndarray]:
     """Misfit of the times, increasing, and the least χ² of the rates (error of the method 1 %) up to it."""
     chi = study.prior.chi_squared(fit.PAPER, study.surface, fit.METHODS[0]).ravel()
-    times = fit.misfit_of_times(study.prior.reported, fit.PAPER).ravel()
+    times = study.prior.reported.misfit_of_times(fit.PAPER).ravel()
     order = np.argsort(times)
     return times[order], np.minimum.accumulate(chi[order])
-
-
-def _admitted(study: DensityStudy) -> tuple[float, float]:
-    """Twice ln of the likelihood below the largest: of the rates alone, and where 95 % of the weight ends."""
-    likelihood = study.prior.log_likelihood(fit.PAPER, study.surface).max(axis=(1, 2))
-    rates_alone = fit.log_likelihood(study.rates_alone.reported, fit.PAPER, study.surface).max()
-    order = np.argsort(-likelihood)
-    last = order[np.searchsorted(np.cumsum(study.weight.sum(axis=(1, 2))[order]), 0.95)]
-    return float(2 * (likelihood.max() - rates_alone)), float(2 * (likelihood.max() - likelihood[last]))
 
 
 def write_study(out: Path, *, quick: bool = False, force: bool = False) -> list[Path]:
@@ -83,7 +73,12 @@ def write_study(out: Path, *, quick: bool = False, force: bool = False) -> list[
     """
     draw = {"density-densities": densities_figure, "density-trade": trade_figure}
     texts = ["barrier_density.md", "md_silica_barriers.csv"]
-    free_folder(out, [*texts, *(f"figures/{name}.png" for name in draw)], force=force)
+    try:
+        (out / "figures").mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StoreError(f"cannot make the folder {out}: {error.strerror}") from error
+    for name in (*texts, *(f"figures/{name}.png" for name in draw)):
+        preflight(out / name, force=force)
     size = QUICK if quick else Size()
     with progress.progress_bars() as report:
         study = compute(DensityCurves(out / "rates", report, size.pixels), size)
@@ -96,8 +91,13 @@ def write_study(out: Path, *, quick: bool = False, force: bool = False) -> list[
 def page(study: DensityStudy) -> str:
     """Write the study as Markdown."""
     beta = np.array([density.beta for density in study.members])
-    alone = study.tips.misfit
-    low, high = np.exp(fit.interval(study.prior.reported.beta[:, OURS, :6], study.weight.sum(axis=(1, 2))))
+    alone, of_draws = study.tips.misfit, study.weight.sum(axis=(1, 2))
+    low, high = np.exp(fit.interval(study.prior.reported.beta[:, OURS, :6], of_draws))
+    # ln of the likelihood: of the rates alone, and where 95 % of the weight ends
+    likelihood = study.prior.log_likelihood(fit.PAPER, study.surface).max(axis=(1, 2))
+    rates_alone = study.rates_alone.reported.log_likelihood(fit.PAPER, study.surface).max()
+    order = np.argsort(-likelihood)
+    end = likelihood[order[np.searchsorted(np.cumsum(of_draws[order]), 0.95)]]
     times, chi = frontier(study)
     last = np.searchsorted(times, _LEVELS) - 1
     return render(
@@ -110,7 +110,7 @@ def page(study: DensityStudy) -> str:
         conditions=FITTED,
         unused=UNUSED,
         published=PUBLISHED,
-        windows=[_window(window) for window in WINDOWS],
+        windows=_WINDOWS,
         methods=[f"{value:.0%}" for value in fit.METHODS],
         of_windows=study.weight.sum(axis=(0, 2)),
         of_methods=[f"{value:.2f}" for value in study.weight.sum(axis=(0, 1))],
@@ -119,7 +119,7 @@ def page(study: DensityStudy) -> str:
         high=high,
         largest=float(np.abs(beta[0] / PUBLISHED - 1).max()),
         band=beta.max(axis=0) / beta.min(axis=0) - 1,
-        admitted=_admitted(study),
+        admitted=[float(2 * (likelihood.max() - one)) for one in (rates_alone, end)],
         families=_families(study),
         frontier=[(level, chi[at]) for level, at in zip(_LEVELS, last, strict=True) if at >= 0],
         surface=np.sqrt(np.diag(study.surface))[:3],

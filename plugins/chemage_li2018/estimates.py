@@ -12,7 +12,7 @@ from chemage_li2018 import published
 from chemage_li2018.claims import STRAIGHT, crossings, onsets
 from chemage_li2018.comparisons import DISAGREES, PREDICTED, Estimate, Line, lines
 from chemage_li2018.published import SLOPES, PublishedNumber
-from chemage_li2018.shapes import exponent
+from chemage_li2018.shapes import Exponent
 from chemage_li2018.sweeps import (
     FRONT,
     LITERAL_VOLUME,
@@ -59,7 +59,17 @@ def estimates(studies: Studies) -> Iterable[Estimate]:
         "β of Fig. 6: h' = 0.4, half hydroxylated, detachment-front factor 0.15",
         Line("estimates", "β", PublishedNumber.of(published.MACROSCOPIC_BETA), beta).word,
     )
-    yield _inverse_slope(studies)
+    groups = {**studies["slopes"].by_volume()[6.4].by(SLOPE), 0.4: full}
+    slopes, betas = np.array(list(groups)), np.array([group.beta() for group in groups.values()])
+    power = Exponent.of(slopes, betas.T)
+    products = ", ".join(f"β h' = {mean(beta_h * h)} at h' = {h:g}" for h, beta_h in zip(slopes, betas, strict=True))
+    yield Estimate(
+        "β is proportional to 1/h'",
+        f"β ∝ h' to the power {power}: {products}",
+        "β over 10 to 1e4 s, fully hydroxylated, ΔV = 6.4 Å³; the power is −1 if the claim holds, to within "
+        f"{STRAIGHT:g}",
+        PREDICTED if abs(power.value + 1) + np.nan_to_num(power.half_width) <= STRAIGHT else DISAGREES,
+    )
     yield from rough_limit(full, half)
     yield Estimate(
         "2.6 OH/nm² instead of 4.9",
@@ -78,20 +88,6 @@ def estimates(studies: Studies) -> Iterable[Estimate]:
         "β at h' = 0.4 with half and with all of the sites; neighbours that are missing block no bond, so that half of "
         "the sites have more than half of the bonds",
         NONE,
-    )
-
-
-def _inverse_slope(studies: Studies) -> Estimate:
-    groups = {**studies["slopes"].by_volume()[6.4].by(SLOPE), 0.4: front(studies, 1.0)}
-    slopes, betas = np.array(list(groups)), np.array([group.beta() for group in groups.values()])
-    power = exponent(slopes, betas.T)
-    products = ", ".join(f"β h' = {mean(beta * h)} at h' = {h:g}" for h, beta in zip(slopes, betas, strict=True))
-    return Estimate(
-        "β is proportional to 1/h'",
-        f"β ∝ h' to the power {power}: {products}",
-        "β over 10 to 1e4 s, fully hydroxylated, ΔV = 6.4 Å³; the power is −1 if the claim holds, to within "
-        f"{STRAIGHT:g}",
-        PREDICTED if abs(power.value + 1) + np.nan_to_num(power.half_width) <= STRAIGHT else DISAGREES,
     )
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy import ndimage
 
 from chemage.plugin import figures as plots
 from chemage.plugin import theory
@@ -78,14 +79,17 @@ def _band(axes: Axes, x: np.ndarray, values: np.ndarray, *, steps: bool = False,
         axes.figure.supxlabel(_BETWEEN_SURFACES, fontsize=SMALL)
 
 
-def _barriers(axes: Axes, points: PointSet, **style: Any) -> None:
-    _band(axes, points[0].observables["barrier_edges"], points.observed("barriers_start"), steps=True, **style)
-    axes.set(xlabel="E$_{form}$(t = 0) (eV)", ylabel="density per site (1/eV)", ylim=(0, None))
+#: observable -> its edges, what it is a density of, and the unit of that
+_DENSITIES = {
+    "barriers_start": ("barrier_edges", "E$_{form}$(t = 0)", "eV"),
+    "pressures": ("pressure_edges", "pressure", "GPa"),
+}
 
 
-def _pressures(axes: Axes, points: PointSet, **style: Any) -> None:
-    _band(axes, points[0].observables["pressure_edges"], points.observed("pressures"), steps=True, **style)
-    axes.set(xlabel="pressure (GPa)", ylabel="density per site (1/GPa)", ylim=(0, None))
+def _density(axes: Axes, points: PointSet, name: str, **style: Any) -> None:
+    edges, label, unit = _DENSITIES[name]
+    _band(axes, points[0].observables[edges], points.observed(name), steps=True, **style)
+    axes.set(xlabel=f"{label} ({unit})", ylabel=f"density per site (1/{unit})", ylim=(0, None))
 
 
 def _at_times(
@@ -99,15 +103,6 @@ def _at_times(
     axes.set(xlabel=xlabel, ylabel="Δμ" if coefficient else "ΔF (µN)", ylim=(0, None))
 
 
-def _over_loads(studies: Studies) -> dict[float, PointSet]:
-    """The points by load in µN."""
-    return {load / 1000: group for load, group in studies["loads"].by(LOAD).items()}
-
-
-def _areas(groups: Iterable[PointSet]) -> list[float]:
-    return [group.of("area_fraction").mean() for group in groups]
-
-
 @_figure(3, width=4.8)
 def fig1(axes: Sequence[Axes], studies: Studies) -> None:
     """Draw the heights of the first surface, the contact on it, and a part of the contact."""
@@ -115,7 +110,11 @@ def fig1(axes: Sequence[Axes], studies: Studies) -> None:
     contact, scene = point.computed.contact(), point.computed.scene()
     scene.surface.make(scene.surface_seed).plot(axes[0])
     _contact(axes[1], contact)
-    corner, width = _densest(contact.contact), max(8, contact.shape[0] // 8)
+    # the square of an eighth of the width with the most contact
+    width = max(8, contact.shape[0] // 8)
+    share = ndimage.uniform_filter(contact.contact.astype(np.float32), width, mode="constant")
+    middle = np.array(np.unravel_index(int(np.argmax(share)), share.shape))
+    corner = np.clip(middle - width // 2, 0, np.array(contact.shape) - width)
     part = contact.pressure[corner[0] : corner[0] + width, corner[1] : corner[1] + width]
     x, y, size = (contact.pixel_size * pixels for pixels in (*corner, width))
     plots.draw_map(axes[2], np.ma.masked_equal(part, 0.0), (x, x + size, y, y + size), "pressure (GPa)", cmap="viridis")
@@ -123,16 +122,6 @@ def fig1(axes: Sequence[Axes], studies: Studies) -> None:
     axes[2].set_title("pressure in the square", fontsize=9)
     axes[0].set_title(f"surface, seed {point.changes[SEED]}", fontsize=9)
     axes[1].set_title(f"contact at 20 µN, A/A$_0$ = {contact.area_fraction:.4f}", fontsize=9)
-
-
-def _densest(contact: np.ndarray) -> np.ndarray:
-    """The first pixel of the square of an eighth of the width with the most contact."""
-    from scipy import ndimage
-
-    width = max(8, contact.shape[0] // 8)
-    share = ndimage.uniform_filter(contact.astype(np.float32), width, mode="constant")
-    middle = np.unravel_index(int(np.argmax(share)), share.shape)
-    return np.clip(np.array(middle) - width // 2, 0, np.array(contact.shape) - width)
 
 
 def _contact(axes: Axes, contact: Any) -> None:
@@ -146,10 +135,10 @@ def _contact(axes: Axes, contact: Any) -> None:
 @_figure(4, 2, 3.9, 3.4)
 def fig2(axes: Sequence[Axes], studies: Studies) -> None:
     """Draw barriers and pressures at three loads, and ΔF and Δμ against time, load and contact area."""
-    groups = _over_loads(studies)
+    groups = studies["loads"].by_load()
     for load, colour in zip((20.0, 100.0, 500.0), plots.PALETTE, strict=False):
-        _barriers(axes[0], groups[load], color=colour, label=f"E$_{{form}}$(0), {load:g} µN")
-        _pressures(axes[3], groups[load], color=colour, label=f"{load:g} µN")
+        _density(axes[0], groups[load], "barriers_start", color=colour, label=f"E$_{{form}}$(0), {load:g} µN")
+        _density(axes[3], groups[load], "pressures", color=colour, label=f"{load:g} µN")
     _intrinsic(axes[0], groups[20.0])
     axes[3].set(xlim=(0, 8))
     for (load, group), colour in zip(groups.items(), plots.PALETTE, strict=False):
@@ -157,7 +146,8 @@ def fig2(axes: Sequence[Axes], studies: Studies) -> None:
         _band(axes[2], group.times, group.coefficient, color=colour, lw=1)
     axes[1].set(xscale="log", yscale="log", xlabel="hold time (s)", ylabel="ΔF (µN)", ylim=(1e-2, None))
     axes[2].set(xscale="log", xlabel="hold time (s)", ylabel="Δμ", ylim=(0, None))
-    for place, (x, label) in enumerate(((list(groups), "load (µN)"), (_areas(groups.values()), "A/A$_0$"))):
+    area = [group.of("area_fraction").mean() for group in groups.values()]
+    for place, (x, label) in enumerate(((list(groups), "load (µN)"), (area, "A/A$_0$"))):
         _at_times(axes[4 + 2 * place], x, groups.values(), label)
         _at_times(axes[5 + 2 * place], x, groups.values(), label, coefficient=True)
     for axis, name in zip(axes, "abbcdddd", strict=True):
@@ -214,8 +204,8 @@ def fig3(axes: Sequence[Axes], studies: Studies) -> None:
 def fig4(axes: Sequence[Axes], studies: Studies) -> None:
     """Draw the distributions of local pressure and of E_form(t = 0) at three slopes."""
     for slope, group in studies["slopes"].by_volume()[6.4].by(SLOPE).items():
-        _pressures(axes[0], group, color=_COLOURS[slope], label=f"h' = {slope:g}")
-        _barriers(axes[1], group, color=_COLOURS[slope])
+        _density(axes[0], group, "pressures", color=_COLOURS[slope], label=f"h' = {slope:g}")
+        _density(axes[1], group, "barriers_start", color=_COLOURS[slope])
     axes[0].set(xlim=(0, 10))
     axes[1].set(xlim=(0.3, 1.5))
     for axis, name in zip(axes, "ab", strict=True):
@@ -268,7 +258,7 @@ def maps(axes: Sequence[Axes], studies: Studies) -> None:
 def areas(axes: Sequence[Axes], studies: Studies) -> None:
     """Draw the contact area against load."""
     (plot,) = axes
-    groups = _over_loads(studies)
+    groups = studies["loads"].by_load()
     _bars(plot, groups, [group.of("area_fraction") for group in groups.values()])
     paper = {load: float(value) for load, value in published.AREA_FRACTION.items()}
     plot.plot(list(paper), list(paper.values()), "s", ms=8, mfc="none", color=plots.PALETTE[1], label="paper")
@@ -280,9 +270,9 @@ def areas(axes: Sequence[Axes], studies: Studies) -> None:
 @_figure(2)
 def barriers(axes: Sequence[Axes], studies: Studies) -> None:
     """Draw the distribution of E_form(t = 0) at every load, and its mean against load."""
-    groups = _over_loads(studies)
+    groups = studies["loads"].by_load()
     for (load, group), colour in zip(groups.items(), plots.PALETTE, strict=False):
-        _barriers(axes[0], group, color=colour, label=f"{load:g} µN", lw=0.9)
+        _density(axes[0], group, "barriers_start", color=colour, label=f"{load:g} µN", lw=0.9)
     axes[0].set(xlim=(0.5, 1.45))
     edges = studies["loads"][0].observables["barrier_edges"]
     _bars(axes[1], groups, [barrier_moments(edges, group.observed("barriers_start"))[0] for group in groups.values()])
@@ -312,8 +302,13 @@ def table1(axes: Sequence[Axes], studies: Studies) -> None:
 def kappa(axes: Sequence[Axes], studies: Studies) -> None:
     """Draw contact area and κ against load with two theories, and κ of the rows of Table 1 and of Fig. 6."""
     left, middle, right = axes
-    groups = studies["loads"].by(LOAD)
-    x = np.array([_reduced(group) for group in groups.values()])
+    groups = studies["loads"].by_load()
+    # the nominal pressure over modulus and rms slope
+    reduced = {}
+    for load, group in groups.items():
+        summary = group[0].summary
+        reduced[load] = summary["nominal_pressure"] / (summary["modulus"] * summary["rms_slope"])
+    x = np.array(list(reduced.values()))
     for name, label, marker in (("area", "pixels in contact", "o"), ("corrected_area", "corrected for pixels", "s")):
         share = [group.of(name) / group.of("nominal_area") for group in groups.values()]
         style: dict[str, Any] = {"fmt": marker, "ms": 4, "mfc": "none" if name == "corrected_area" else None}
@@ -328,8 +323,7 @@ def kappa(axes: Sequence[Axes], studies: Studies) -> None:
         left.plot(fine, area(fine), color=colour, label=name)
         middle.axhline(limit, color=colour, lw=0.8)
     left.set(xlabel="p̄ / (E* h'$_{rms}$)", ylabel="A/A$_0$")
-    reference = _reduced(groups[20e3])
-    middle.plot(reference, float(published.KAPPA), "D", color=plots.GREY, ms=5, label="paper, 20 µN")
+    middle.plot(reduced[20.0], float(published.KAPPA), "D", color=plots.GREY, ms=5, label="paper, 20 µN")
     middle.set(xlabel="p̄ / (E* h'$_{rms}$)", ylabel="κ", ylim=(1.4, 3.0))
     span = published.PublishedNumber.of(published.KAPPA_ROWS)
     right.axhspan(span.low, span.high, color=plots.GREY, alpha=0.3, lw=0, label=f"paper, {span.text}")
@@ -338,12 +332,6 @@ def kappa(axes: Sequence[Axes], studies: Studies) -> None:
     _bars(right, range(len(named)), [group.of("kappa") for group in named.values()], fmt="o", ms=4)
     right.set_xticks(range(len(named)), list(named), rotation=40, ha="right", fontsize=7)
     right.set(ylabel="κ at 20 µN", ylim=(1.4, 3.0))
-
-
-def _reduced(points: PointSet) -> float:
-    """The nominal pressure over modulus and rms slope."""
-    summary = points[0].summary
-    return summary["nominal_pressure"] / (summary["modulus"] * summary["rms_slope"])
 
 
 @_figure(2, width=4.4)

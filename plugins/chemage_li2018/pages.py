@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import re
 from importlib import resources
-from pathlib import Path
 from typing import Any
-
-from chemage.plugin import StoreError, preflight
 
 
 def render(template: str, **values: Any) -> str:
@@ -18,19 +15,3 @@ def render(template: str, **values: Any) -> str:
     environment = jinja2.Environment(undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     page = environment.from_string(text).render(values)
     return re.sub(r"\n{3,}", "\n\n", page).strip() + "\n"
-
-
-def free_folder(out: Path, names: list[str], *, force: bool = False) -> None:
-    """Make a folder with one for figures, before anything is computed.
-
-    Raises
-    ------
-    StoreError
-        A file of these names exists and ``force`` is false, or ``out`` cannot be written.
-    """
-    try:
-        (out / "figures").mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise StoreError(f"cannot make the folder {out}: {error.strerror}") from error
-    for name in names:
-        preflight(out / name, force=force)

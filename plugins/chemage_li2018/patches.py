@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from chemage.plugin import label_patches
@@ -11,25 +9,24 @@ from chemage_li2018.pages import render
 from chemage_li2018.published import TABLE_1
 from chemage_li2018.sweeps import PointSet, mean
 
-
-def _large(contact: np.ndarray, least: int) -> int:
-    labels, count = label_patches(contact, True)
-    return int(np.count_nonzero(np.bincount(labels.ravel(), minlength=count + 1)[1:] >= least))
-
-
-def _above(pressure: np.ndarray, share: float) -> int:
-    return label_patches(pressure > share * pressure[pressure > 0].mean(), True)[1]
-
-
-COUNTS: dict[str, Callable[[np.ndarray], int]] = {
-    "as computed": lambda p: label_patches(p > 0, True)[1],
-    "4 neighbours": lambda p: label_patches(p > 0, True, corners=False)[1],
-    "cut at the edges": lambda p: label_patches(p > 0, False)[1],
-    "both": lambda p: label_patches(p > 0, False, corners=False)[1],
-    "without single pixels": lambda p: _large(p > 0, 2),
-    "p > 2 % of the mean": lambda p: _above(p, 0.02),
-    "p > 10 % of the mean": lambda p: _above(p, 0.1),
+#: way to count -> least pressure over its mean, whether the contact is periodic, whether pixels touch at corners, and
+#: least number of pixels of a patch
+COUNTS = {
+    "as computed": (0, True, True, 1),
+    "4 neighbours": (0, True, False, 1),
+    "cut at the edges": (0, False, True, 1),
+    "both": (0, False, False, 1),
+    "without single pixels": (0, True, True, 2),
+    "p > 2 % of the mean": (0.02, True, True, 1),
+    "p > 10 % of the mean": (0.1, True, True, 1),
 }
+
+
+def number(pressure: np.ndarray, share: float, periodic: bool, corners: bool, least: int) -> int:
+    """The number of patches, counted in a way of :data:`COUNTS`."""
+    contact = pressure > share * pressure[pressure > 0].mean()
+    labels, count = label_patches(contact, periodic, corners=corners)
+    return int(np.count_nonzero(np.bincount(labels.ravel(), minlength=count + 1)[1:] >= least))
 
 
 def counted(points: PointSet) -> np.ndarray:
@@ -37,7 +34,7 @@ def counted(points: PointSet) -> np.ndarray:
     counts = []
     for group in points.by_row().values():
         pressures = [point.computed.contact().pressure for point in group]
-        counts.append([[count(pressure) for pressure in pressures] for count in COUNTS.values()])
+        counts.append([[number(pressure, *way) for pressure in pressures] for way in COUNTS.values()])
     return np.array(counts).swapaxes(0, 1)
 
 

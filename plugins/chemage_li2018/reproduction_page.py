@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from chemage_li2018 import claims, comparisons, estimates, published
 from chemage_li2018.comparisons import COMMON, DISAGREES, Claim, Estimate, Line
 from chemage_li2018.estimates import Band
 from chemage_li2018.pages import render
-from chemage_li2018.shapes import EQUAL, ScalingLaw
+from chemage_li2018.shapes import EQUAL
 from chemage_li2018.sweeps import TARGETS, Mean, read_points, studies_of
 
 #: folder of the figures, relative to the page
@@ -36,6 +36,17 @@ class Reproduction:
     bands: list[Band] = field(default_factory=list)
     #: the least and the largest of times of Fig. 3 over the members, s
     times: dict[str, tuple[float, float]] = field(default_factory=dict)
+
+    def summary(self) -> Iterator[str]:
+        """What the terminal shows."""
+        width = max((len(line.quantity) for line in self.lines), default=0)
+        for line in self.lines:
+            numbers = f"paper {line.paper.text:<8} ours {line.ours!s:18} {line.shown:>7}"
+            yield f"{line.target:7} {line.quantity:{width}}  {numbers}  {line.word}"
+        for claim in self.claims:
+            yield f"{claim.target:7} {claim.word}: {claim.statement}\n{'':8}{claim.ours}"
+        for estimate in self.estimates:
+            yield f"text    {estimate.word}: {estimate.statement}\n{'':8}{estimate.ours}"
 
 
 def of_points(file: Path) -> tuple[Reproduction, str]:
@@ -73,21 +84,13 @@ def page(
         common=COMMON,
         equal=EQUAL,
         fig_6=float(published.FIG_6_BETA),
-        word=_word,
-        parameters=_parameters,
+        disagrees=DISAGREES,
+        degenerate=DEGENERATE,
         misses=[line for line in results.lines if line.word == DISAGREES],
         reasons={name: reason(name) for name in targets if name in REASONS},
         captions={name: CAPTIONS[name] for name in targets if name in CAPTIONS},
         folder=FIGURES,
     )
-
-
-def _word(one: Line | Claim | Estimate) -> str:
-    return f"**{one.word}**" if one.word == DISAGREES else one.word
-
-
-def _parameters(law: ScalingLaw) -> str:
-    return ", ".join(f"{number:.3g}" for number in law.parameters) or DEGENERATE
 
 
 def reason(target: str) -> str:

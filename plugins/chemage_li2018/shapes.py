@@ -33,6 +33,14 @@ class ScalingLaw(NamedTuple):
     chi_squared: float
     criterion: float
 
+    @classmethod
+    def of(
+        cls, name: str, parameters: Sequence[float] | np.ndarray, chi: float, count: int, numbers: int
+    ) -> ScalingLaw:
+        """A law with ``numbers`` fitted numbers and ``chi`` = χ² of ``count`` values."""
+        correction = 2.0 * numbers * (numbers + 1) / max(count - numbers - 1, 1)
+        return cls(name, tuple(float(value) for value in parameters), chi, chi + 2.0 * numbers + correction)
+
 
 class LawComparison(NamedTuple):
     """Laws of growth with time, the one with the least criterion first."""
@@ -97,7 +105,7 @@ def growth(times: np.ndarray, curves: np.ndarray, window: tuple[float, float]) -
         )
     }
     if abs(laws["power"].parameters[1]) * math.log(x[-1] / x[0]) < DEGENERATE:
-        laws["power"] = _law("power", (), laws["logarithm"].chi_squared, middle.size, 2)
+        laws["power"] = ScalingLaw.of("power", (), laws["logarithm"].chi_squared, middle.size, 2)
     decades = np.log10(x)
     return LawComparison(
         tuple(sorted(laws.values(), key=lambda law: law.criterion)),
@@ -126,13 +134,8 @@ def _fitted(laws: _Laws, y: np.ndarray, error: np.ndarray) -> tuple[ScalingLaw, 
 
         fits = [least_squares(rest, start, x_scale="jac", max_nfev=2000) for start in starts]
         best = min(fits, key=lambda fit: fit.cost)
-        fitted.append(_law(name, best.x, 2.0 * float(best.cost), y.size, best.x.size))
+        fitted.append(ScalingLaw.of(name, best.x, 2.0 * float(best.cost), y.size, best.x.size))
     return tuple(sorted(fitted, key=lambda law: law.criterion))
-
-
-def _law(name: str, parameters: Sequence[float] | np.ndarray, chi: float, count: int, numbers: int) -> ScalingLaw:
-    correction = 2.0 * numbers * (numbers + 1) / max(count - numbers - 1, 1)
-    return ScalingLaw(name, tuple(float(value) for value in parameters), chi, chi + 2.0 * numbers + correction)
 
 
 def of_load(load: np.ndarray, y: np.ndarray, error: np.ndarray, area: float = 2 / 3) -> tuple[ScalingLaw, ...]:
@@ -160,20 +163,20 @@ class Exponent(NamedTuple):
     value: float
     half_width: float
 
+    @classmethod
+    def of(cls, x: np.ndarray, y: np.ndarray) -> Exponent:
+        """That n of y ∝ xⁿ from curves y (k, m) of k independent surfaces at x (m,) or (k, m); one has no error."""
+        x = np.broadcast_to(x, y.shape)
+        slopes = np.array([np.polyfit(np.log(a), np.log(b), 1)[0] for a, b in zip(x, y, strict=True)])
+        half = statistics.student_limit(len(slopes) - 1) * statistics.standard_error(slopes)
+        return cls(float(slopes.mean()), float(half))
+
     def within(self, claim: float, distance: float) -> bool:
         """Whether all of the interval is at most ``distance`` from the claim: close, even if not equal to it."""
         return abs(self.value - claim) + self.half_width <= distance
 
     def __str__(self) -> str:
         return f"{self.value:.3f} ± {self.half_width:.3f}"
-
-
-def exponent(x: np.ndarray, y: np.ndarray) -> Exponent:
-    """The exponent n of y ∝ xⁿ from curves y (k, m) of k independent surfaces at x (m,) or (k, m); one has no error."""
-    x = np.broadcast_to(x, y.shape)
-    slopes = np.array([np.polyfit(np.log(a), np.log(b), 1)[0] for a, b in zip(x, y, strict=True)])
-    half = statistics.student_limit(len(slopes) - 1) * statistics.standard_error(slopes)
-    return Exponent(float(slopes.mean()), float(half))
 
 
 def first_reaching(times: np.ndarray, values: np.ndarray, level: np.ndarray) -> np.ndarray:

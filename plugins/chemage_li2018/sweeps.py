@@ -37,32 +37,10 @@ MEMBER, REPLICAS, KELVIN, RADIUS = "forming.member", "hold.replicas", "hold.temp
 HYDROXYLATION, FRONT, STRENGTH = "chemistry.hydroxylation", "chemistry.front_factor", "interaction.strength"
 
 
-@dataclass(frozen=True)
-class BaseScene:
-    """A scene whose options the studies of one sweep vary."""
-
-    scene: str
-    #: dotted path -> value of the reference; every point has a value for each
-    reference: dict[str, Any]
-    #: what all of its points change about the scene
-    changes: dict[str, Any]
-    #: whether each surface seed gives another surface
-    rough: bool = True
-
-
-@dataclass(frozen=True)
-class PaperStudy:
-    """The points that a panel needs, for one surface."""
-
-    base: str
-    #: dotted path -> values that change together; axes are combined, the last one fastest
-    axes: list[dict[str, list[Any]]]
-    #: number of surface seeds at most; 0: all that are asked for
-    surfaces: int = 0
-
-
-BASES = {name: BaseScene(**base) for name, base in DATA["bases"].items()}
-STUDIES = {name: PaperStudy(**study) for name, study in DATA["studies"].items()}
+#: scenes whose options the studies of one sweep vary, and studies: the points that a panel needs, for one surface; as
+#: reproduction.toml describes them
+BASES: dict[str, dict[str, Any]] = DATA["bases"]
+STUDIES: dict[str, dict[str, Any]] = DATA["studies"]
 #: the studies of each figure or table
 TARGETS: dict[str, list[str]] = DATA["targets"]
 
@@ -92,9 +70,9 @@ def studies_for(targets: Iterable[str]) -> list[str]:
 def members(study: str) -> list[dict[str, Any]]:
     """List the points of a study for one surface seed: dotted path -> value, with all varied paths in each."""
     panel, points = STUDIES[study], []
-    paths = [path for axis in panel.axes for path in axis]
-    for parts in product(*(zip(*axis.values(), strict=True) for axis in panel.axes)):
-        points.append(BASES[panel.base].reference | dict(zip(paths, chain(*parts), strict=True)))
+    paths = [path for axis in panel["axes"] for path in axis]
+    for parts in product(*(zip(*axis.values(), strict=True) for axis in panel["axes"])):
+        points.append(BASES[panel["base"]]["reference"] | dict(zip(paths, chain(*parts), strict=True)))
     return points
 
 
@@ -118,11 +96,14 @@ def scenes(targets: Sequence[str], seeds: Sequence[int], pixels: int | None = No
             "pixels", pixels, "cannot resolve the shortest wavelength (ζ = 150)", f"give {FEWEST_PIXELS} or more"
         )
     sweeps = {}
-    for base in BASES:
-        studies = [study for study in studies_for(targets) if STUDIES[study].base == base]
+    for name, base in BASES.items():
+        studies = [study for study in studies_for(targets) if STUDIES[study]["base"] == name]
         if studies:
-            columns = _columns(studies, seeds if BASES[base].rough else ())
-            sweeps[base] = {**_data(base, pixels), "sweep": {"zip": [columns]}}
+            columns = _columns(studies, seeds if base.get("rough", True) else ())
+            data, _ = scene_data(base["scene"])
+            coarser = coarse(pixels) if name == "rough" and pixels is not None else {}
+            data = override(data, {"name": f"reproduction-{name}", **base["changes"], **coarser})
+            sweeps[name] = {**data, "sweep": {"zip": [columns]}}
     return sweeps
 
 
@@ -130,18 +111,12 @@ def _columns(studies: Sequence[str], seeds: Sequence[int]) -> dict[str, list[Any
     """The points of ``studies`` as columns by path; of equal points that with the most replicas is computed."""
     points: dict[str, dict[str, Any]] = {}
     for study in studies:
-        surfaces = [{SEED: seed} for seed in seeds[: STUDIES[study].surfaces or None]] or [{}]
+        surfaces = [{SEED: seed} for seed in seeds[: STUDIES[study].get("surfaces")]] or [{}]
         for surface, member in product(surfaces, members(study)):
             name = f"{surface} {content(member)}"
             if name not in points or points[name][REPLICAS] < member[REPLICAS]:
                 points[name] = member | surface
     return {path: [point[path] for point in points.values()] for path in next(iter(points.values()))}
-
-
-def _data(base: str, pixels: int | None) -> dict[str, Any]:
-    data, _ = scene_data(BASES[base].scene)
-    changes = coarse(pixels) if base == "rough" and pixels is not None else {}
-    return override(data, {"name": f"reproduction-{base}", **BASES[base].changes, **changes})
 
 
 def coarse(pixels: int) -> dict[str, Any]:
@@ -249,6 +224,10 @@ class PointSet(list[StudyPoint]):
             groups.setdefault(key if len(paths) > 1 else key[0], PointSet()).append(point)
         return groups
 
+    def by_load(self) -> dict[float, PointSet]:
+        """Group the points by the load in µN."""
+        return {load / 1000: group for load, group in self.by(LOAD).items()}
+
     def by_volume(self) -> dict[float, PointSet]:
         """Group the points by the activation volume in Å³."""
         return {6.4 if volume else 0.0: group for volume, group in self.by(VOLUME).items()}
@@ -310,9 +289,8 @@ def read_points(path: Path) -> tuple[PointSet, dict[str, Any]]:
     for at, (changes, summary) in enumerate(zip(about.pop("changes"), about.pop("summaries"), strict=True)):
         rows = {name: values[at][~np.isnan(values[at])].astype("f8") for name, values in columns.items()}
         times, drop, error = (rows.pop(name) for name in ("times", "drop", "error"))
-        points.append(
-            StudyPoint(changes, summary, times, drop, error, {name: row for name, row in rows.items() if row.size})
-        )
+        observed = {name: row for name, row in rows.items() if row.size}
+        points.append(StudyPoint(changes, summary, times, drop, error, observed))
     return points, about
 
 
@@ -355,5 +333,5 @@ def studies_of(points: Iterable[StudyPoint], targets: Iterable[str]) -> Studies:
     for study in studies_for(targets):
         found = studies[study] = PointSet()
         for member in members(study):
-            found += by_content[content(member)][: STUDIES[study].surfaces or None]
+            found += by_content[content(member)][: STUDIES[study].get("surfaces")]
     return studies

@@ -30,7 +30,7 @@ from chemage.ageing.models import Interval
 from chemage.foundation.outputs import MeasuredOutput
 from chemage.plugin import KB, Output, statistics
 from chemage.studies.arrhenius import activation_energies
-from chemage.studies.ensembles.quantities import Spread, half_width, regressed, spread_of
+from chemage.studies.ensembles.quantities import Spread, half_width, regressed
 from chemage_ageing import _table
 from chemage_ageing._table import bonded_share
 from chemage_li2018.sweeps import mean
@@ -307,7 +307,7 @@ def sketched(rng: np.random.Generator, trials: int) -> Iterable[Held]:
                 surface, own = rng.standard_normal(counts[1]), rng.standard_normal(counts[0])
                 level = correlation * surface[: counts[0]] + np.sqrt(1 - correlation**2) * own
                 rows = regressed([level[:, None], surface[:, None]])
-                spreads = [spread_of(one, len(one), len(one) - 1, not number) for number, one in enumerate(rows)]
+                spreads = [Spread.of(one, len(one), len(one) - 1, not number) for number, one in enumerate(rows)]
                 half = half_width(spreads, list(counts), np.zeros(1))[0]
                 words = f"{counts[0]} of {counts[1]} sketches with kinetics, correlation {correlation:g}"
                 yield Held(f"ensemble, {words}", bool(abs(sum(float(one.mean()) for one in rows)) <= half))

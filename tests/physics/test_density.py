@@ -62,7 +62,7 @@ def test_a_common_factor_of_the_surface_is_cheap_and_a_ratio_is_not():
     at = Reported(np.broadcast_to(fit.PAPER.beta, (1, 5, 6)), np.zeros((1, 5, 2)), np.zeros((1, 1)))
 
     def shifted(by: np.ndarray | float) -> float:
-        return float(fit.chi_squared(at._replace(beta=at.beta + by), fit.PAPER, errors)[0, 0])
+        return float(at._replace(beta=at.beta + by).chi_squared(fit.PAPER, errors)[0, 0])
 
     assert shifted(0.0) == pytest.approx(0, abs=1e-12)
     assert shifted(0.05) < 2
@@ -103,10 +103,10 @@ def test_the_members_span_what_is_open_and_hold_the_truth():
     weight = prior.posterior(paper, SURFACE)
     assert weight.sum() == pytest.approx(1)
     of_draws = weight.sum(axis=(1, 2))
-    low, high = fit.interval(fit.predictions(prior.reported), of_draws)
-    members = fit.spanning(fit.predictions(prior.reported), of_draws, int(np.argmax(of_draws)), 16)
+    low, high = fit.interval(prior.reported.predictions(), of_draws)
+    members = fit.spanning(prior.reported.predictions(), of_draws, int(np.argmax(of_draws)), 16)
     assert len(set(members)) == 16
-    spanned = fit.predictions(prior.reported)[members]
+    spanned = prior.reported.predictions()[members]
     width = high - low
     assert (np.abs(spanned.min(axis=0) - low) <= 0.35 * width + 1e-9).all()
     assert (np.abs(spanned.max(axis=0) - high) <= 0.35 * width + 1e-9).all()

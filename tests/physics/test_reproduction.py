@@ -398,7 +398,7 @@ def test_ways_to_count_patches():
     pressure[2, 2] = pressure[3, 3] = 1.0
     pressure[6, 0] = pressure[6, 11] = 1.0
     pressure[9, 6] = 0.01
-    counted = {name: count(pressure) for name, count in patches.COUNTS.items()}
+    counted = {name: patches.number(pressure, *way) for name, way in patches.COUNTS.items()}
     assert counted == {
         "as computed": 3,
         "4 neighbours": 4,

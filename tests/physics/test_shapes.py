@@ -8,7 +8,7 @@ import pytest
 from chemage_li2018 import sweeps
 from chemage_li2018.claims import claims
 from chemage_li2018.comparisons import Claim
-from chemage_li2018.shapes import exponent, growth
+from chemage_li2018.shapes import Exponent, growth
 from chemage_li2018.sweeps import PointSet, StudyPoint
 
 TIMES = np.logspace(0, 5, 21)
@@ -66,9 +66,9 @@ def test_an_exponent_of_two_thirds_is_not_one():
     assert np.corrcoef(loads, loads ** (2 / 3))[0, 1] ** 2 > 0.95
     rng = np.random.default_rng(1)
     drop = loads ** (2 / 3) * rng.normal(1.0, 0.02, (8, 5))
-    power = exponent(loads, drop)
+    power = Exponent.of(loads, drop)
     assert abs(power.value - 2 / 3) < power.half_width < abs(power.value - 1)
-    line = exponent(loads, loads * rng.normal(1.0, 0.02, (8, 5)))
+    line = Exponent.of(loads, loads * rng.normal(1.0, 0.02, (8, 5)))
     assert abs(line.value - 1) < line.half_width < abs(line.value - 2 / 3)
 
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import os
 import re
-import tomllib
 from html.parser import HTMLParser
 
 import numpy as np
 import pytest
-from seen import report, scene_toml
+from seen import report
 
 import chemage as ca
 from chemage import InputError, parse_scene, write_report
@@ -154,18 +153,6 @@ def test_the_scene_on_the_page_is_a_scene_that_gives_the_same_result(one, files,
     run = ca.read(files[0])
     assert ca.load_scene(again).keys() == run.keys
     assert ca.load_scene(again).todict() == run.scene
-
-
-@pytest.mark.parametrize(
-    "data",
-    [
-        {"a": 1, "b": [1.5, -2], "c": {"x": True, "y": 'q"uo\\te\nline\ttab\x7f€'}, "d": [{"k": "v"}, {"k": 2}]},
-        {"odd key!": {"0": 1e-300, "dotted.key": [["a"], []]}, "empty": [], "none": {}},
-        {"s": {"inline": {"a": [1, {"b": 2}]}, "big": 10**15, "float": 1e22, "small": 1e-7}},
-    ],
-)
-def test_scene_data_survive_the_way_through_toml(data):
-    assert tomllib.loads(scene_toml(data)) == data
 
 
 def test_several_files_are_compared_and_each_has_its_section(several):

@@ -17,7 +17,6 @@ from chemage.foundation.drawn import drawn_data
 from chemage.foundation.result import Table, result_of
 from chemage.results.comparison import Comparison, Entry
 from chemage.results.drawing import comparison_figures, figures, window_figure
-from chemage.results.page import scene_toml
 from chemage.scene.display import published
 from chemage.scene.plan import plan
 from chemage.scene.scene import heading
@@ -49,7 +48,6 @@ __all__ = [
     "report",
     "result_of",
     "scene_schema",
-    "scene_toml",
     "show_progress",
     "survey_of",
     "swept_rows",

@@ -12,7 +12,7 @@ from chemage.ageing.display import ON_ONE_SURFACE
 from chemage.ageing.fitting import DROPS, short_doubt, span_text
 from chemage.foundation.figures import BLUE, GREY, ORANGE, from_zero, legend, plain
 from chemage.foundation.names import __version__
-from chemage.foundation.quantities import HOLD_TIME, Curve, ErrorPart, Quantity, Rank
+from chemage.foundation.quantities import HOLD_TIME, Curve, Quantity, Rank
 from chemage.foundation.result import FILE, Ageing, Medium, OfRecord, Panel, Picture, Rows, Table, displays
 from chemage.foundation.text import jsonable, percent
 from chemage.foundation.units import convert
@@ -84,7 +84,10 @@ class EnsembleDisplay(OfRecord[Ensemble]):
                 one = self.record.estimate(name, convert(time, "s"))
                 at_times.append(one.but(name=goal, label=f"{one.title} {one.of}", symbol="", of=""))
         # those of b are those of β
-        found = [one.but(errors=_in_words(one.errors) if one.name != "b" else {}) for one in self.record.numbers()]
+        found = []
+        for one in self.record.numbers():
+            errors = {SOURCES.get(cause, cause): part for cause, part in one.errors.items()}
+            found.append(one.but(errors=errors if one.name != "b" else {}))
         shown = [one if one.name in names or one.name in asked else one.but(rank=Rank.REST) for one in found]
         return [*shown, *at_times]
 
@@ -241,10 +244,6 @@ class EnsembleDisplay(OfRecord[Ensemble]):
         axes.set_xlim(left=0)
         title = f"{words}: 95 % interval ± {percent(estimate.relative)}" if math.isfinite(estimate.relative) else words
         axes.set(xlabel=f"standard error of {words} (%)", title=title)
-
-
-def _in_words(errors: Mapping[str, ErrorPart]) -> dict[str, ErrorPart]:
-    return {SOURCES.get(cause, cause): part for cause, part in errors.items()}
 
 
 def _words(name: str) -> str:

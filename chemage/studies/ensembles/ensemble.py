@@ -16,7 +16,7 @@ from chemage.foundation.quantities import HOLD_TIME, Curve, ErrorPart, Quantity,
 from chemage.foundation.records import Doubles, Named, Number, Plain, Record, approximations_in_words
 from chemage.foundation.result import draw_result, notebook_html
 from chemage.scene.scene import heading
-from chemage.studies.ensembles.quantities import Quantities, Spread, half_width, regressed, spread_of
+from chemage.studies.ensembles.quantities import Quantities, Spread, half_width, regressed
 
 if TYPE_CHECKING:
     import pandas
@@ -118,7 +118,7 @@ class Ensemble(Record):
         for number, (level, rows) in enumerate(zip(self.levels, self._terms, strict=True)):
             chosen = int(level.get("variance_of", len(rows)))
             freedom = int(level.get("freedom", chosen - 1))
-            spreads.append(spread_of(rows, chosen, freedom, self.controlled and not number))
+            spreads.append(Spread.of(rows, chosen, freedom, self.controlled and not number))
         return spreads
 
     @property

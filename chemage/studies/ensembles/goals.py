@@ -12,9 +12,8 @@ import numpy as np
 
 from chemage.contacts.solution import MEASURES
 from chemage.foundation.checks import checked_count
-from chemage.foundation.errors import ChemageError, InputError
+from chemage.foundation.errors import InputError
 from chemage.foundation.threads import available
-from chemage.foundation.units import convert
 from chemage.lattices.independent import expected_kinetics, rough_pressures, smooth_pressures
 from chemage.scene.plan import Plan, cost, in_hours
 from chemage.scene.scene import LEAST, SURFACES_LIMIT, EnsembleOptions, Scene, accuracies, budget_seconds, is_random
@@ -95,7 +94,7 @@ class Request:
             raise InputError.of("surfaces", surfaces, problem, "use replicas, or an accuracy")
         quantities = Quantities.of(scene, (*MEASURES, *recorded_measures(scene)))
         wishes = [
-            AccuracyGoal(name, column_of(name, quantities), value) for name, value in accuracies(scene.accuracy).items()
+            AccuracyGoal(name, quantities.asked(name), value) for name, value in accuracies(scene.accuracy).items()
         ]
         if scene.load == 0 and wishes:
             raise InputError(f"accuracy.{wishes[0].name}: the load is 0, so that its mean is 0; ask at a load")
@@ -222,16 +221,6 @@ def with_request(
     return scene.model_copy(update={"ensemble": None if nothing else wish, "accuracy": goals})
 
 
-def column_of(text: str, quantities: Quantities) -> int:
-    """The column of a quantity written as ``name`` or ``name@time``."""
-    name, at, time = text.partition("@")
-    try:
-        when = convert(time.strip(), "s") if at else None
-    except ChemageError as error:
-        raise InputError(f"accuracy.{text}: {error}") from None
-    return quantities.column(name.strip(), when)
-
-
 @dataclass(frozen=True)
 class Scatters:
     """Standard deviations over the mean that are expected, of each quantity; nan: not known."""
@@ -243,6 +232,24 @@ class Scatters:
     #: how that between surfaces is known, in words
     source: str
 
+    @classmethod
+    def of(cls, request: Request, costs: Plan, contact: Mapping[str, float]) -> Scatters:
+        """The scatter of what ``request`` averages, of which ``costs`` are the estimates and ``contact`` the expected
+        measures of the contact."""
+        quantities, scene = request.quantities, request.scene
+        curves = quantities.curve.stop
+        surfaces, source = np.full(quantities.count, np.nan), ""
+        if not request.random:
+            surfaces[:] = 0.0
+        elif (scatter := scene.surface.scatter(contact)) is not None:
+            source = scatter.source
+            if scatter.relative is not None:
+                # the friction drop scatters as much as β does
+                surfaces[:curves] = scatter.relative
+        replicas = np.zeros(quantities.count)
+        replicas[:curves] = _replicas(scene, costs, request)
+        return cls(surfaces, replicas, source)
+
     def sample(self, replicas: int) -> np.ndarray:
         """(quantities,) between samples of ``replicas`` on each surface."""
         return np.sqrt(self.surfaces**2 + self.replicas**2 / replicas)
@@ -251,24 +258,6 @@ class Scatters:
 def is_about_zero(scatter: np.ndarray | float) -> np.ndarray | bool:
     """Whether a mean of this relative scatter is that of too few bonds for one in each of the first samples."""
     return scatter**2 > stages.FIRST
-
-
-def scatters(request: Request, costs: Plan, contact: Mapping[str, float]) -> Scatters:
-    """The scatter of what ``request`` averages, of which ``known`` are the estimates and ``contact`` the expected
-    measures of the contact."""
-    quantities, scene = request.quantities, request.scene
-    curves = quantities.curve.stop
-    surfaces, source = np.full(quantities.count, np.nan), ""
-    if not request.random:
-        surfaces[:] = 0.0
-    elif (scatter := scene.surface.scatter(contact)) is not None:
-        source = scatter.source
-        if scatter.relative is not None:
-            # the friction drop scatters as much as β does
-            surfaces[:curves] = scatter.relative
-    replicas = np.zeros(quantities.count)
-    replicas[:curves] = _replicas(scene, costs, request)
-    return Scatters(surfaces, replicas, source)
 
 
 def _replicas(scene: Scene, costs: Plan, request: Request) -> np.ndarray:

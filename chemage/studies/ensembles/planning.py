@@ -7,7 +7,7 @@ optimal allocation of multilevel Monte Carlo (Giles, Acta Numer. 24, 259 (2015))
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -27,10 +27,8 @@ from chemage.studies.ensembles.computations import (
     REPLICA_SHARE,
     Computation,
     fitting,
-    replicas_of_difference,
-    sketched,
 )
-from chemage.studies.ensembles.goals import Request, Scatters, is_about_zero, scatters, time_text
+from chemage.studies.ensembles.goals import Request, Scatters, is_about_zero, time_text
 from chemage.studies.ensembles.quantities import RECORDED, declared_outputs, limit, recorded_measures
 from chemage.studies.ensembles.running import Sampler
 
@@ -50,14 +48,11 @@ class _ExpectedLevel:
     deviation: np.ndarray
     #: (quantities,) with what the levels of a surface have in common
     correlation: np.ndarray
-    #: takes the wall time of samples
-    spend: Callable[[float], None]
     name: str = ""
     parts: tuple[Any, ...] = ()
 
     def sample(self, begin: int, end: int) -> np.ndarray:
         """See :class:`chemage.studies.ensembles.stages.Level`."""
-        self.spend(self.cost * (end - begin))
         number = np.arange(begin, end)[:, None]
         common, own = 1 - 2 * (number % 2), 1 - 2 * (number // 2 % 2)
         return self.mean + self.deviation * (self.correlation * common + np.sqrt(1 - self.correlation**2) * own)
@@ -102,27 +97,24 @@ def _expected_of(
 ) -> Expectation:
     """What the rule does with samples that scatter exactly as is expected; ``mean`` (quantities,) is what errors of
     coarse grids may depend on."""
-    columns, wall = sorted(request.asked), [0.0]
+    columns = sorted(request.asked)
     scatter = expected.sample(routes[0].levels[0].parts[0].computation.replicas)[columns]
-
-    def spend(seconds: float) -> None:
-        wall[0] += seconds / workers
-
     none, one = np.zeros(len(columns)), np.ones(1)
     correlation = CORRELATION * expected.surfaces[columns] / scatter
-    first = _ExpectedLevel(routes[0].levels[0].cost, 1.0, scatter, correlation, spend)
+    first = _ExpectedLevel(routes[0].levels[0].cost, 1.0, scatter, correlation)
     drawn = []
     for route in routes:
         levels = [first]
         for correction in route.levels[1:]:
             per_surface = 1 + REPLICA_SHARE / correction.parts[0].computation.replicas
             change = DIFFERENCE * math.sqrt(per_surface / (1 + REPLICA_SHARE / DIFFERENCE_REPLICAS))
-            levels.append(_ExpectedLevel(correction.cost, 0.0, np.full(len(columns), change), none, spend))
+            levels.append(_ExpectedLevel(correction.cost, 0.0, np.full(len(columns), change), none))
         known, control = route.known(mean)[columns], None
         if route.control is not None:
-            control = _ExpectedLevel(route.control.cost, 1.0, one, one, spend)
+            control = _ExpectedLevel(route.control.cost, 1.0, one, one)
         drawn.append(stages.Route(route.name, tuple(levels), lambda _, known=known: known, control))
-    clock = stages.Clock(budget, now=lambda: wall[0])
+    clock = stages.Clock(budget, now=lambda: 0.0)
+    clock.now = lambda: clock.cost / workers
     accuracy, reason = request.accuracy()[columns], ""
     try:
         state = stages.run_stages(drawn, accuracy, most=request.most, clock=clock)
@@ -132,7 +124,7 @@ def _expected_of(
         state, reason = error.state, error.reason
         counts = error.needed or state.counts
     # what was tried and left costs, too
-    cpu = max(workers * wall[0], sum(count * cost for count, cost in zip(counts, state.costs, strict=True)))
+    cpu = max(clock.cost, sum(count * cost for count, cost in zip(counts, state.costs, strict=True)))
     freedom = state.sampled[0].freedom
     # the number of samples goes with the variance, as it is measured with these degrees of freedom
     shares = 2 * special.gammaincinv(freedom / 2, TAILS) / freedom if reason != "time" else np.ones(2)
@@ -161,6 +153,8 @@ class EnsemblePlan:
     computations: tuple[Computation, ...]
     #: what is computed for a sample of the first level, and for a correction to it where there may be one
     levels: tuple[tuple[Computation, ...], ...]
+    #: the computation of the area of the contact of a sketch, where there may be one
+    control: Computation | None
     #: scatter that is expected
     scatters: Scatters
     #: what the rule is expected to do; None: not known before the first samples are computed
@@ -266,8 +260,7 @@ class EnsemblePlan:
     def sketch(self) -> tuple[Computation, int] | None:
         """The control, and how many samples of it are expected; None where it is not expected to pay."""
         count = 0 if self.foreseen is None else self.foreseen.sketches
-        sketch = sketched(self.computations[0]) if count else None
-        return None if sketch is None else (sketch.here(), count)
+        return (self.control, count) if self.control is not None and count else None
 
     def not_computed(self) -> list[str]:
         """What an ensemble leaves out of a run of its scene, and why, in words."""
@@ -319,7 +312,10 @@ class EnsemblePlan:
             if seen.intervals:
                 texts = [f"{name} ± {percent(half)}" for name, half in seen.intervals.items()]
                 rows.append(("expected interval", ", ".join(texts)))
-            rows.append(("expected cost", _cost(seen)))
+            low, high = seen.cpu_range
+            spread = f" ({time_text(low)} to {time_text(high)})" if high > 1.3 * low else ""
+            cpu, wall = time_text(seen.cpu_seconds), time_text(seen.wall_seconds)
+            rows.append(("expected cost", f"about {cpu} of CPU time{spread}, {wall} on this machine"))
         if self.memory is not None:
             at_once = self._at_once(self.computations[0])
             rows.append(("expected memory", f"about {self.memory / 1e9:.2g} GB, {at_once} at the same time"))
@@ -351,12 +347,6 @@ class EnsemblePlan:
         return rows
 
 
-def _cost(seen: Expectation) -> str:
-    low, high = seen.cpu_range
-    spread = f" ({time_text(low)} to {time_text(high)})" if high > 1.3 * low else ""
-    return f"about {time_text(seen.cpu_seconds)} of CPU time{spread}, {time_text(seen.wall_seconds)} on this machine"
-
-
 def plan(scene: Scene) -> EnsemblePlan:
     """Foresee the ensemble that ``scene`` asks for.
 
@@ -371,25 +361,25 @@ def plan(scene: Scene) -> EnsemblePlan:
         request = sampler.request
         first, *_ = stated = request.computations()
         here = tuple(computation.here() for computation in stated)
-        levels = [here[:1]]
-        if len(here) > 1:
-            replicas = replicas_of_difference(here[-1], here[0])
-            levels.append(tuple(part.with_replicas(replicas) for part in (here[-1], here[0])))
+        routes = sampler.possible_routes()
+        levels = tuple(tuple(part.computation.here() for part in level.parts) for level in routes[-1].levels)
+        control = routes[0].control
+        sketch = None if control is None else control.parts[0].computation.here()
         costs = estimate.cost(scene)
-        expected = scatters(request, costs, single.numbers)
-        seen, reason = _expectation(sampler, costs, expected, first)
+        expected = Scatters.of(request, costs, single.numbers)
+        seen, reason = _expectation(request, routes, costs, expected, first)
         if seen is not None:
             cpu, wall = seen.cpu_seconds * first.scale, seen.wall_seconds * first.scale
             seen = replace(seen, cpu_seconds=cpu, wall_seconds=wall)
-    return EnsemblePlan(single, request, here, tuple(levels), expected, seen, reason)
+    return EnsemblePlan(single, request, here, levels, sketch, expected, seen, reason)
 
 
 def _expectation(
-    sampler: Sampler, costs: Plan, expected: Scatters, first: Computation
+    request: Request, routes: Sequence[stages.Route], costs: Plan, expected: Scatters, first: Computation
 ) -> tuple[Expectation | None, str]:
     """What the rule is expected to do, and how that is known; ``first`` is the cheapest computation, in whose seconds
     all times are."""
-    request, workers = sampler.request, available()
+    workers = available()
     scatter = expected.sample(first.replicas)[sorted(request.asked)]
     if (count := request.surfaces) is not None:
         half = limit(count - 1) * float(scatter[0]) / math.sqrt(count)
@@ -408,7 +398,7 @@ def _expectation(
         measures = [costs.area_fraction if name == "area_fraction" else None for name in request.quantities.measures]
         ones = [1.0] * (request.quantities.count - len(measures))  # of which only the relative scatter counts
         mean = np.array([*ones, *measures], dtype=np.float64)
-        return _expected_of(request, sampler.possible_routes(), expected, mean, workers, budget), why
+        return _expected_of(request, routes, expected, mean, workers, budget), why
     if request.budget is not None and not request.goals:
         return Expectation.counted(timed, first.seconds, workers), "as many as the time allows"
     over = "surfaces" if request.random else "replicas"

@@ -27,6 +27,7 @@ from chemage.foundation.outputs import HOLD_TIME, RECORDED, Output
 from chemage.foundation.quantities import ONE, Quantity
 from chemage.foundation.records import merged_approximations
 from chemage.foundation.statistics import student_limit, student_limits
+from chemage.foundation.units import convert
 from chemage.plugins.sources import components_in
 from chemage.scene.scene import Scene
 from chemage.studies.tasks import Outcome
@@ -68,7 +69,10 @@ class SurfaceSample:
             aging = from_json(Aging, content["aging"]) if content["aging"] else None
             measures, plugins = content["summary"] | _recorded(content["summary"]["observables"]), content["plugins"]
             approximate = content.get("approximate", ()) if aging is None else aging.approximate
-        numbers = {name: float(value) for name, value in measures.items() if _is_number(value)}
+        numbers = {}
+        for name, value in measures.items():
+            if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value):
+                numbers[name] = float(value)
         if aging is None:
             return cls(np.zeros((1, 0)), numbers, plugins, approximate)
         drop = np.asarray(aging.friction_drop, dtype=np.float64)
@@ -94,10 +98,6 @@ def _recorded(observables: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     """The means over replicas by the names of quantities, from the summaries of what was recorded."""
     means = {name: np.ravel(output["mean"]) for name, output in observables.items() if "mean" in output}
     return {f"{RECORDED}{name}": mean[-1] for name, mean in means.items() if mean.size and mean[-1] is not None}
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 @dataclass(frozen=True)
@@ -201,6 +201,11 @@ class Quantities:
             raise InputError(f"accuracy.{name}: does not depend on the hold time; leave out the part after @")
         return 0 if name == "beta" else self.curve.stop + self.measures.index(name)
 
+    def asked(self, text: str) -> int:
+        """The column of a quantity written as ``name`` or ``name@time``."""
+        name, at, time = text.partition("@")
+        return self.column(name.strip(), convert(time.strip(), "s", f"accuracy.{text}") if at else None)
+
     def _moment(self, name: str, time: float | None) -> int:
         if time is None:
             return self.hold_times.size - 1
@@ -227,25 +232,25 @@ class Spread:
     #: degrees of freedom of the variance
     freedom: int
 
+    @classmethod
+    def of(cls, rows: np.ndarray, chosen: int, freedom: int, regressed: bool = False) -> Spread:
+        """The spread of a level from its samples: that of the first ``chosen``, or of all of them where it is larger.
 
-def spread_of(rows: np.ndarray, chosen: int, freedom: int, regressed: bool = False) -> Spread:
-    """The spread of a level from its samples: that of the first ``chosen``, or of all of them where it is larger.
-
-    Parameters
-    ----------
-    rows
-        (samples, quantities)
-    regressed
-        Whether the rows are what remains of a regression, whose coefficient takes a degree of freedom and adds its own
-        error to the mean (Cochran, Sampling Techniques, 3rd ed. (1977), section 12.6).
-    """
-    parts = []
-    for part in (rows[:chosen], rows):
-        count, variance = len(part), part.var(axis=0, ddof=1)
-        if regressed and count > 3:
-            variance = variance * (count - 1) / (count - 2) * (1 + 1 / (count - 3))
-        parts.append(variance)
-    return Spread(np.maximum(*parts), max(1, freedom - 1) if regressed else freedom)
+        Parameters
+        ----------
+        rows
+            (samples, quantities)
+        regressed
+            Whether the rows are what remains of a regression, whose coefficient takes a degree of freedom and adds its
+            own error to the mean (Cochran, Sampling Techniques, 3rd ed. (1977), section 12.6).
+        """
+        parts = []
+        for part in (rows[:chosen], rows):
+            count, variance = len(part), part.var(axis=0, ddof=1)
+            if regressed and count > 3:
+                variance = variance * (count - 1) / (count - 2) * (1 + 1 / (count - 3))
+            parts.append(variance)
+        return cls(np.maximum(*parts), max(1, freedom - 1) if regressed else freedom)
 
 
 def regressed(values: list[np.ndarray]) -> list[np.ndarray]:

@@ -19,7 +19,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from chemage.studies.ensembles.quantities import Spread, allocated, half_width, optimal, regressed, spread_of
+from chemage.studies.ensembles.quantities import Spread, allocated, half_width, optimal, regressed
 
 #: samples of the first stage: of a level that is sampled often, and of one that corrects it
 FIRST, FIRST_DIFFERENCES = 6, 5
@@ -125,7 +125,7 @@ class SamplingState:
     def spreads(self) -> list[Spread]:
         """Of each of the terms: the variance that the interval is made of."""
         return [
-            spread_of(term, sampled.frozen or sampled.count, sampled.freedom, self.controlled and not number)
+            Spread.of(term, sampled.frozen or sampled.count, sampled.freedom, self.controlled and not number)
             for number, (term, sampled) in enumerate(zip(self.terms, self.sampled, strict=True))
         ]
 

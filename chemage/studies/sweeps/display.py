@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping, Sequence
 from functools import cached_property, partial
 from pathlib import Path
@@ -10,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
 from chemage.foundation.figures import BLUE, PALETTE, decades_only, from_zero, plain, shared_legend
 from chemage.foundation.looks import current
@@ -18,7 +16,6 @@ from chemage.foundation.names import __version__
 from chemage.foundation.quantities import headed
 from chemage.foundation.result import Medium, Panel, Picture, Result, Rows, Table, displays, result_of
 from chemage.foundation.text import jsonable
-from chemage.studies.sweeps.grid import Grid
 from chemage.studies.sweeps.result import Point, SweepResult, in_words
 from chemage.studies.sweeps.table import DECLARED
 from chemage.studies.sweeps.views import HOLD_TIME, SweepData, View, ViewedQuantity, swept_rows
@@ -104,7 +101,7 @@ class SweepDisplay(Result):
         return [], self.sweep.versions.get("chemage", __version__)
 
     def made_by(self) -> Mapping[str, Any]:
-        return {"components": components_of_grid(self.sweep.grid)}
+        return {"components": self.sweep.grid.components()}
 
     def pictures(
         self,
@@ -150,19 +147,6 @@ class SweepDisplay(Result):
         return pictures
 
 
-def components_of_grid(grid: Grid) -> list[Component]:
-    """The components of all points; only an axis of kinds or of whole sections changes them."""
-    varied = [
-        range(len(axis))
-        if any(path.endswith("kind") for path in axis.paths)
-        or any(isinstance(value, dict | bool) for row in axis.values for value in row)
-        else (0,)
-        for axis in grid.axes
-    ]
-    points = [int(np.ravel_multi_index(places, grid.shape)) for places in itertools.product(*varied)]
-    return [component for point in points for component in grid.scene(point).components()]
-
-
 @displays(Point)
 def point_display(point: Point) -> Result:
     """A point of a sweep as users see it."""
@@ -188,7 +172,7 @@ def _picture(data: SweepData, view: View, names: Sequence[str], heat: bool) -> t
     def finish(figure: Figure, plots: list[Axes]) -> None:
         if legend:
             handles, _ = plots[0].get_legend_handles_labels()
-            shared_legend(figure, handles, plain(_axis_label(data, view.lines or "")), beside=True)
+            shared_legend(figure, handles, plain(_label(data, view.lines or "")), beside=True)
         figure.suptitle(_title(data, view, quantities, bands=not as_map), parse_math=False)
 
     to = "-and-" if as_map else "-by-"
@@ -216,21 +200,16 @@ def _title(data: SweepData, view: View, found: Sequence[ViewedQuantity], *, band
     return f"{data.name}: {'; '.join(parts)}" if parts else data.name
 
 
-def _words(name: str, otherwise: str) -> str:
-    return DECLARED[name].title if name in DECLARED else plain(otherwise)
-
-
-def _axis_label(data: SweepData, name: str) -> str:
-    return headed(_words(name, name.replace("_", " ")), data.unit(name))
-
-
-def _label(data: SweepData, quantity: ViewedQuantity) -> str:
-    label = _words(quantity.name, quantity.meaning)
+def _label(data: SweepData, name: str, quantity: ViewedQuantity | None = None) -> str:
+    """The label of an axis of the sweep, or of a quantity."""
+    label = (
+        DECLARED[name].title if name in DECLARED else plain(quantity.meaning if quantity else name.replace("_", " "))
+    )
     times = data.table.hold_times
-    if quantity.at_last:
+    if quantity is not None and quantity.at_last:
         last = times[np.isfinite(times)].max() if times.ndim == 1 and times.size else None
         label += " at the last hold time" if last is None else f" at {last:g} s"
-    return headed(label, quantity.unit)
+    return headed(label, data.unit(name))
 
 
 def is_logarithmic(values: np.ndarray) -> bool:
@@ -260,17 +239,14 @@ def _draw_lines(axes: Axes, medium: Medium, data: SweepData, view: View, quantit
         _tick_values(axes.xaxis, x, "linear")
     else:
         axes.set_xscale("log" if is_logarithmic(x[order]) else "linear")
-    if is_logarithmic(np.concatenate([quantity.mean, quantity.low, quantity.high])) and not _reaches_zero(quantity):
+    # a logarithmic axis would cut a band that reaches zero
+    reaches_zero = (quantity.low[np.isfinite(quantity.low)] <= 0).any()
+    if is_logarithmic(np.concatenate([quantity.mean, quantity.low, quantity.high])) and not reaches_zero:
         axes.set_yscale("log")
     elif np.nanmin(quantity.mean, initial=0.0) >= 0:
         from_zero(axes)
-    axes.set(xlabel=_axis_label(data, view.x), ylabel=_label(data, quantity))
+    axes.set(xlabel=_label(data, view.x), ylabel=_label(data, quantity.name, quantity))
     axes.grid(alpha=0.25, lw=0.6)
-
-
-def _reaches_zero(quantity: ViewedQuantity) -> bool:
-    """Whether a band, which a logarithmic axis would cut, reaches zero."""
-    return bool((quantity.low[np.isfinite(quantity.low)] <= 0).any())
 
 
 def _colours(data: SweepData, view: View, number: int) -> list[Any]:
@@ -301,10 +277,10 @@ def _draw_heat(axes: Axes, medium: Medium, data: SweepData, view: View, quantity
     image = axes.pcolormesh(
         _edges(x[columns], scales[0]), _edges(y[rows], scales[1]), values, cmap="viridis", rasterized=True, **style
     )
-    axes.set(xscale=scales[0], yscale=scales[1], xlabel=_axis_label(data, view.x), ylabel=_axis_label(data, view.lines))
+    axes.set(xscale=scales[0], yscale=scales[1], xlabel=_label(data, view.x), ylabel=_label(data, view.lines))
     _tick_values(axes.xaxis, x[columns], scales[0])
     _tick_values(axes.yaxis, y[rows], scales[1])
-    axes.figure.colorbar(image, ax=axes).set_label(_label(data, quantity))
+    axes.figure.colorbar(image, ax=axes).set_label(_label(data, quantity.name, quantity))
     if values.mask.any():
         axes.set_title("grey: not done, or not defined")
 

@@ -7,6 +7,7 @@ whole section given as an inline table, or ``false`` for a section to be left ou
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -19,6 +20,7 @@ from pydantic import TypeAdapter
 
 from chemage.contacts.options import nominal_pressure
 from chemage.contacts.theory import no_map
+from chemage.foundation.components import Component
 from chemage.foundation.errors import ChemageError, InputError, PluginError, SceneError, nearest
 from chemage.foundation.records import content_hash, text_hash
 from chemage.plugins import registry
@@ -26,7 +28,9 @@ from chemage.plugins.sources import implementing, stage_hooks
 from chemage.scene.files import override, parse_scene, required_sections, section_names
 from chemage.scene.materials import filled_sections
 from chemage.scene.plan import cost
+from chemage.scene.provenance import versions
 from chemage.scene.scene import Scene
+from chemage.studies.folder import FORMAT
 from chemage.studies.tasks import Task, ageing_seconds, registered_classes
 
 
@@ -112,14 +116,24 @@ class Grid:
         changes = dict(sorted(self.changes(point).items(), key=lambda item: item[0].count(".")))
         # a material would fill what is removed here; there, a section that is false is left out
         kept = filled_sections() if changes.get("material", self.base.get("material")) else ()
-        return override(
-            self.base,
-            {path: value if path in kept else _without_false(path, value) for path, value in changes.items()},
-        )
+        for path in section_names():
+            if changes.get(path) is False and path not in (*kept, *required_sections()):
+                changes[path] = None
+        return override(self.base, changes)
 
     def scene(self, point: int) -> Scene:
         """The validated scene of ``point``."""
         return parse_scene(self.data(point), self.source)
+
+    def components(self) -> list[Component]:
+        """The components of all points; only an axis of kinds or of whole sections changes them."""
+        varied = []
+        for axis in self.axes:
+            kinds = any(path.endswith("kind") for path in axis.paths)
+            sections = any(isinstance(value, dict | bool) for row in axis.values for value in row)
+            varied.append(range(len(axis)) if kinds or sections else (0,))
+        points = [int(np.ravel_multi_index(places, self.shape)) for places in itertools.product(*varied)]
+        return [component for point in points for component in self.scene(point).components()]
 
     def todict(self) -> dict[str, Any]:
         """Plain JSON values, from which :meth:`fromdict` makes an equal grid."""
@@ -190,10 +204,6 @@ def _wrong_path(path: str) -> str | None:
     return None
 
 
-def _without_false(path: str, value: Any) -> Any:
-    return None if value is False and path in section_names() and path not in required_sections() else value
-
-
 # -- validation of all points -----------------------------------------------------------------------------------------
 
 
@@ -221,6 +231,83 @@ class Survey:
     digest: str = ""
     #: what to warn of: kind -> (text of the first point that it concerns, this point, number of points)
     doubts: dict[str, tuple[str, int, int]] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, grid: Grid, progress: Callable[[int, int], None] | None = None) -> Survey:
+        """Validate every point of ``grid``; ``progress`` receives (points validated, number of points).
+
+        Raises
+        ------
+        SceneError
+            Points are not valid; for each error the message names the path, the first point, and the values of that
+            point.
+        """
+        result = cls(grid, hooks=implementing(*stage_hooks()))
+        result.resolved = [[[None] * len(axis.paths) for _ in axis.values] for axis in grid.axes]
+        wrong: dict[tuple[str, str], list[int]] = {}
+        for point in range(grid.size):
+            try:
+                scene = grid.scene(point)
+            except PluginError:
+                raise
+            except ChemageError as error:
+                for problem in getattr(error, "problems", None) or [("", str(error))]:
+                    first = wrong.setdefault(problem, [point, 0])
+                    first[1] += 1
+                continue
+            finally:
+                if progress is not None:
+                    progress(point + 1, grid.size)
+            if wrong:
+                continue
+            try:
+                _add(result, point, scene)
+            except InputError as error:
+                error.add_note(f"at point {point} of {grid.source}")
+                raise
+            places = grid.positions(point)
+            for axis, place in enumerate(places):
+                if not any(places[:axis] + places[axis + 1 :]):  # the first point with this place
+                    result.resolve(axis, place, scene)
+        if wrong:
+            raise SceneError(grid.source, [_located(grid, problem, *where) for problem, where in wrong.items()])
+        result.digest = text_hash("".join([json.dumps([[axis.paths for axis in grid.axes], []]), *result.keys]))
+        return result
+
+    def resolve(self, axis: int, place: int, scene: Scene) -> None:
+        """Record the validated values of one position: "20 uN" is 20000.0 nN."""
+        data = scene.todict()
+        for number, path in enumerate(self.grid.axes[axis].paths):
+            written = self.grid.axes[axis].values[place][number]
+            if path == "contact.load" and (pressure := nominal_pressure(written)) is not None:
+                # the force differs where the size of the surface is swept as well
+                self.resolved[axis][place][number], self.units[path] = pressure, "GPa"
+                continue
+            value: Any = data
+            for name in path.split("."):
+                value = value.get(name) if isinstance(value, Mapping) else None
+            if isinstance(written, Mapping) or value is None or isinstance(value, Mapping | list):
+                value = written
+            self.resolved[axis][place][number] = value
+            if path not in self.units:
+                self.units[path] = scene.unit(path)
+
+    def manifest(self) -> dict[str, Any]:
+        """What the file of a sweep in its folder says."""
+        numbers = {key: number for number, key in enumerate(self.contacts)}
+        return {
+            "format": FORMAT,
+            "digest": self.digest,
+            "versions": versions(self.tasks[0].scene),
+            "asked": self.hooks,
+            "grid": self.grid.todict(),
+            "resolved": self.resolved,
+            "units": self.units,
+            "contacts": list(numbers),
+            "contact_of": [numbers[task.contact] for task in self.tasks],
+            "keys": self.keys,
+            **({"means": True} if self.means else {}),
+        }
 
     def task(self, point: int, **changes: Any) -> Task:
         """The task of a point, with the memory that is enough for every one."""
@@ -251,47 +338,6 @@ def cpu_seconds(tasks: Sequence[Task]) -> float | None:
     return None if math.isnan(seconds) else seconds
 
 
-def survey(grid: Grid, progress: Callable[[int, int], None] | None = None) -> Survey:
-    """Validate every point of ``grid``; ``progress`` receives (points validated, number of points).
-
-    Raises
-    ------
-    SceneError
-        Points are not valid; for each error the message names the path, the first point, and the values of that point.
-    """
-    result = Survey(grid, hooks=implementing(*stage_hooks()))
-    result.resolved = [[[None] * len(axis.paths) for _ in axis.values] for axis in grid.axes]
-    wrong: dict[tuple[str, str], list[int]] = {}
-    for point in range(grid.size):
-        try:
-            scene = grid.scene(point)
-        except PluginError:
-            raise
-        except ChemageError as error:
-            for problem in getattr(error, "problems", None) or [("", str(error))]:
-                first = wrong.setdefault(problem, [point, 0])
-                first[1] += 1
-            continue
-        finally:
-            if progress is not None:
-                progress(point + 1, grid.size)
-        if wrong:
-            continue
-        try:
-            _add(result, point, scene)
-        except InputError as error:
-            error.add_note(f"at point {point} of {grid.source}")
-            raise
-        places = grid.positions(point)
-        for axis, place in enumerate(places):
-            if not any(places[:axis] + places[axis + 1 :]):  # the first point with this place
-                _resolve(result, axis, place, scene)
-    if wrong:
-        raise SceneError(grid.source, [_located(grid, problem, *where) for problem, where in wrong.items()])
-    result.digest = text_hash("".join([json.dumps([[axis.paths for axis in grid.axes], []]), *result.keys]))
-    return result
-
-
 def mean_key(scene: Scene) -> str:
     """Content hash of everything on which the mean of a scene over surfaces depends.
 
@@ -312,9 +358,14 @@ def mean_key(scene: Scene) -> str:
 
 def _located(grid: Grid, problem: tuple[str, str], point: int, count: int) -> tuple[str, str]:
     path, message = problem
-    values = ", ".join(f"{name} = {shown(value)}" for name, value in grid.changes(point).items())
+    values = listed(grid.changes(point))
     others = f" and at {count - 1} more of {grid.size}" if count > 1 else ""
     return path, f"{message} [at point {point}: {values}{others}]"
+
+
+def listed(values: Mapping[str, Any]) -> str:
+    """Format dotted paths with their values as one line of text."""
+    return ", ".join(f"{path} = {shown(value)}" for path, value in values.items())
 
 
 def shown(value: Any) -> str:
@@ -363,36 +414,3 @@ def _add(result: Survey, point: int, scene: Scene) -> None:
 
 def _or_nan(estimate: float | None) -> float:
     return math.nan if estimate is None else estimate
-
-
-def _resolve(result: Survey, axis: int, place: int, scene: Scene) -> None:
-    """Record the validated values of one position: "20 uN" is 20000.0 nN."""
-    data = scene.todict()
-    for number, path in enumerate(result.grid.axes[axis].paths):
-        written = result.grid.axes[axis].values[place][number]
-        if path == "contact.load" and (pressure := nominal_pressure(written)) is not None:
-            # the force differs where the size of the surface is swept as well
-            result.resolved[axis][place][number], result.units[path] = pressure, "GPa"
-            continue
-        value: Any = data
-        for name in path.split("."):
-            value = value.get(name) if isinstance(value, Mapping) else None
-        if isinstance(written, Mapping) or value is None or isinstance(value, Mapping | list):
-            value = written
-        result.resolved[axis][place][number] = value
-        if path not in result.units:
-            result.units[path] = scene.unit(path)
-
-
-def check_base(data: Any, source: str) -> dict[str, Any]:
-    """Check that scene data are plain JSON values, and return them as such.
-
-    Raises
-    ------
-    InputError
-        They contain something else.
-    """
-    try:
-        return json.loads(json.dumps(data))
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{source}: a scene may hold numbers, strings, lists and tables only: {error}") from None

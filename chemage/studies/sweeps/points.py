@@ -24,7 +24,6 @@ from chemage.plugins.context import Plugins
 from chemage.plugins.sources import changed, implementing, providers, would_change
 from chemage.scene.run import aged, surface_of
 from chemage.scene.scene import Scene
-from chemage.studies.ensembles.ensemble import Ensemble
 from chemage.studies.ensembles.planning import plan
 from chemage.studies.ensembles.running import Sampler
 from chemage.studies.folder import Folder, SweepWarning
@@ -257,17 +256,15 @@ class Means(Points):
             self.failed.update(dict.fromkeys(points, str(error)))
             return
         assert mean is not None
-        self._folder.write_point(key, _content(mean.ensemble(), task))
+        ensemble = mean.ensemble()
+        content = {
+            "status": "done",
+            "point": task.number,
+            "changes": dict(task.changes),
+            "plugins": dict(ensemble.plugins),
+            "summary": jsonable(ensemble.summary()),
+            "aging": None,
+            "ensemble": to_json(ensemble),
+        }
+        self._folder.write_point(key, content)
         self.done += len(points)
-
-
-def _content(mean: Ensemble, task: Task) -> dict[str, Any]:
-    return {
-        "status": "done",
-        "point": task.number,
-        "changes": dict(task.changes),
-        "plugins": dict(mean.plugins),
-        "summary": jsonable(mean.summary()),
-        "aging": None,
-        "ensemble": to_json(mean),
-    }

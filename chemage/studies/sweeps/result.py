@@ -23,7 +23,7 @@ from chemage.scene.run import Run
 from chemage.scene.scene import Scene
 from chemage.studies.ensembles.ensemble import Ensemble
 from chemage.studies.folder import FORMAT, Folder, SweepWarning
-from chemage.studies.sweeps.grid import Axis, Grid, shown
+from chemage.studies.sweeps.grid import Axis, Grid, listed
 from chemage.studies.sweeps.shares import PLACE, remedies
 from chemage.studies.sweeps.table import SweepTable, error_text
 
@@ -157,7 +157,7 @@ class Point:
         )
 
     def __repr__(self) -> str:
-        return f"<Point {self.index}: {', '.join(f'{path} = {shown(value)}' for path, value in self.changes.items())}>"
+        return f"<Point {self.index}: {listed(self.changes)}>"
 
 
 #: the states of points that are not done

@@ -7,6 +7,7 @@ Progress of a sweep, reported while it runs.
 
 from __future__ import annotations
 
+import json
 import shutil
 import sys
 import time
@@ -28,10 +29,10 @@ from chemage.plugins.options import completed
 from chemage.scene.files import located, override, scene_data
 from chemage.scene.provenance import versions
 from chemage.scene.scene import Scene
-from chemage.studies.folder import FORMAT, Folder, SweepWarning, refuse_links
+from chemage.studies.folder import Folder, SweepWarning, refuse_links
 from chemage.studies.runner import Runner
 from chemage.studies.study import Part, Selection, Study
-from chemage.studies.sweeps.grid import Grid, Survey, check_base, survey
+from chemage.studies.sweeps.grid import Grid, Survey
 from chemage.studies.sweeps.points import SAMPLES, Means, Outdated, Points
 from chemage.studies.sweeps.result import SweepResult
 from chemage.studies.sweeps.shares import PLACE, agree, points_of
@@ -81,7 +82,17 @@ def show_progress(seconds: float = 5.0) -> Iterator[Report]:
         yield lambda state: None
         return
     if not sys.stderr.isatty():
-        yield _lines(seconds)
+        last, printed = time.perf_counter(), ""
+
+        def line(state: SweepProgress) -> None:
+            nonlocal last, printed
+            now, text = time.perf_counter(), str(state)
+            ended = state.stage == "computing" and state.done + state.failed == state.points and printed
+            if (now > last + seconds or ended) and text != printed:
+                last, printed = now, text
+                print(text, file=sys.stderr, flush=True)
+
+        yield line
         return
     with progress_bars({"validating": "points", "contacts": "", "points": ""}) as bar:
 
@@ -96,20 +107,6 @@ def show_progress(seconds: float = 5.0) -> Iterator[Report]:
             bar("points", state.done + state.failed, state.points, f"{failed}{left}")
 
         yield draw
-
-
-def _lines(seconds: float) -> Report:
-    last, printed = time.perf_counter(), ""
-
-    def line(state: SweepProgress) -> None:
-        nonlocal last, printed
-        now, text = time.perf_counter(), str(state)
-        ended = state.stage == "computing" and state.done + state.failed == state.points and printed
-        if (now > last + seconds or ended) and text != printed:
-            last, printed = now, text
-            print(text, file=sys.stderr, flush=True)
-
-    return line
 
 
 def _left(seconds: float | None) -> str:
@@ -154,7 +151,11 @@ def read_grid(
         data["sweep"] = in_words(axes)
     if "sweep" not in data:
         raise SceneError(source, [("sweep", "is missing: this scene is one point; use chemage.run, or give axes")])
-    return Grid.read(check_base(located(data, Path.cwd()), source), source)
+    try:
+        plain = json.loads(json.dumps(located(data, Path.cwd())))
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{source}: a scene may hold numbers, strings, lists and tables only: {error}") from None
+    return Grid.read(plain, source)
 
 
 def survey_of(grid: Grid, *, progress: Report | None = None, confirm: Confirm | None = None) -> Survey:
@@ -179,7 +180,7 @@ def survey_of(grid: Grid, *, progress: Report | None = None, confirm: Confirm | 
             left = (now - begin) * (total - validated) / validated
             progress(SweepProgress("validating", total, validated, 0, 0, 0, 1, now - begin, left))
 
-    return survey(grid, report)
+    return Survey.of(grid, report)
 
 
 def _require_confirmation(what: str, confirm: Confirm | None) -> None:
@@ -253,18 +254,10 @@ def _check_same(folder: Folder, survey: Survey, there: Mapping[str, Any]) -> Non
     raise StoreError(f"{folder.path} holds another sweep ({difference}); choose another folder")
 
 
-def _there(folder: Folder) -> dict[str, Any] | None:
-    """The manifest; None if there is none, or it is damaged."""
-    try:
-        return folder.read_manifest() if folder.manifest.exists() else None
-    except DamagedError:
-        return None
-
-
 def _outdated(folder: Folder, survey: Survey, *, whole: bool) -> Outdated | None:
     if not folder.manifest.exists():
         return None
-    stale = Outdated(folder, survey, _there(folder) or {})
+    stale = Outdated(folder, survey, folder.intact_manifest() or {})
     if not stale:
         return None
     if not whole:
@@ -276,21 +269,12 @@ def _outdated(folder: Folder, survey: Survey, *, whole: bool) -> Outdated | None
     return stale
 
 
-def _describe(folder: Folder, survey: Survey) -> None:
-    """Write the manifest, or note in it which plugins were asked about all that is complete."""
-    there = _there(folder)
-    if there is None:
-        folder.write_manifest(_manifest(survey))
-    elif there.get("asked", {}) != survey.hooks:
-        folder.write_manifest({**there, "asked": survey.hooks})
-
-
 def _describe_first(folder: Folder, survey: Survey) -> None:
     """Write the manifest unless another process has, whose manifest must be of this sweep."""
-    folder.write_manifest(_manifest(survey), first=True)
-    there = _there(folder)
+    folder.write_manifest(survey.manifest(), first=True)
+    there = folder.intact_manifest()
     if there is None:
-        folder.write_manifest(_manifest(survey))
+        folder.write_manifest(survey.manifest())
         return
     _check_same(folder, survey, there)
     if (version := there["versions"]["chemage"]) != __version__:
@@ -298,31 +282,6 @@ def _describe_first(folder: Folder, survey: Survey) -> None:
             f"{folder.path} was begun by chemage {version}, and this is {__version__}; compute all shares with one "
             "version, or finish it with one process (without --points)"
         )
-
-
-def _clear(folder: Folder) -> None:
-    """Remove the files of a sweep only; the manifest last, so that the folder stays recognisable as that of a sweep."""
-    for name in ("points", "contacts", SAMPLES, ".parts"):
-        shutil.rmtree(folder.path / name, ignore_errors=True)
-    for name in ("results.csv", "results.h5", "sweep.json"):
-        (folder.path / name).unlink(missing_ok=True)
-
-
-def _manifest(survey: Survey) -> dict[str, Any]:
-    numbers = {key: number for number, key in enumerate(survey.contacts)}
-    return {
-        "format": FORMAT,
-        "digest": survey.digest,
-        "versions": versions(survey.tasks[0].scene),
-        "asked": survey.hooks,
-        "grid": survey.grid.todict(),
-        "resolved": survey.resolved,
-        "units": survey.units,
-        "contacts": list(numbers),
-        "contact_of": [numbers[task.contact] for task in survey.tasks],
-        "keys": survey.keys,
-        **({"means": True} if survey.means else {}),
-    }
 
 
 # -- the sweep --------------------------------------------------------------------------------------------------------
@@ -357,9 +316,9 @@ def sweep(
         Each point is a mean over random surfaces to this accuracy, such as ``{"beta": "2 %"}``, as for
         :func:`chemage.ensemble`; in place of ``[accuracy]`` of the scene.
     executor, workers, threads, patience
-        Where to compute, the number of concurrent points, the threads of each, and how long to wait where no worker of
-        Dask runs, or for other shares; see :func:`chemage.studies.runner.open_pool`. Default: ``serial``,
-        and for means ``threads``. Results do not depend on them.
+        Where to compute (default: ``serial``, means: ``threads``), concurrent points, threads of each, and how long to
+        wait for workers of Dask or other shares, see :func:`chemage.studies.runner.open_pool`; results do not depend on
+        them.
     changes
         Dotted path -> value: changes to the scene before it is swept.
     progress
@@ -392,7 +351,9 @@ def sweep(
     begin = time.perf_counter()
     if accuracy is not None:
         changes = {**(changes or {}), "accuracy": dict(accuracy), "ensemble.surfaces": None}
-    selection = _selection(points, force)
+    if points is not None and force:
+        raise InputError("a part of the points cannot replace a sweep: give force (--force) without points (--points)")
+    selection = None if points is None else Selection.read(points)
     confirmed = (lambda text: True) if confirm is True else (confirm or None)
     with ExitStack() as stack:
         report = stack.enter_context(show_progress()) if progress is True else progress or None
@@ -405,22 +366,17 @@ def sweep(
         part = _part(selection, survey, folder, patience)
         design = _begin(stack, study, folder, survey, selection, force)
         study.carry_out(design, design.place, part, _watched(report, begin, design))
-        if selection is None:
-            _finish(folder)
-    return SweepResult(folder.path)
+        return _finished(folder, whole=selection is None)
 
 
-def _selection(points: str | None, force: bool) -> Selection | None:
-    if points is not None and force:
-        raise InputError("a part of the points cannot replace a sweep: give force (--force) without points (--points)")
-    return None if points is None else Selection.read(points)
-
-
-def _finish(folder: Folder) -> None:
-    """Write the tables of a whole sweep."""
-    SweepResult(folder.path).write_tables()
-    for name in (".parts", f"{SAMPLES}/.parts", PLACE):
-        shutil.rmtree(folder.path / name, ignore_errors=True)
+def _finished(folder: Folder, *, whole: bool) -> SweepResult:
+    """The results; of a whole sweep with its tables."""
+    result = SweepResult(folder.path)
+    if whole:
+        result.write_tables()
+        for name in (".parts", f"{SAMPLES}/.parts", PLACE):
+            shutil.rmtree(folder.path / name, ignore_errors=True)
+    return result
 
 
 def _part(selection: Selection | None, survey: Survey, folder: Folder, patience: float | str | None) -> Part | None:
@@ -446,12 +402,18 @@ def _begin(
         if selection.share is not None and not survey.means:
             agree(folder, survey, selection.share[1])
     else:
-        if force:
-            _clear(folder)
+        if force:  # only what is of a sweep; the manifest last, so that the folder stays recognisable as that of one
+            for name in ("points", "contacts", SAMPLES, ".parts"):
+                shutil.rmtree(folder.path / name, ignore_errors=True)
+            for name in ("results.csv", "results.h5", "sweep.json"):
+                (folder.path / name).unlink(missing_ok=True)
         folder.clear_parts()
         if stale is not None:
             stale.remove()
-        _describe(folder, survey)
+        there = folder.intact_manifest()
+        if there is None or there.get("asked", {}) != survey.hooks:
+            # which plugins were asked about all that is complete
+            folder.write_manifest(survey.manifest() if there is None else {**there, "asked": survey.hooks})
     design = _design(folder, survey, selection)
     design.warn_of_damage()
     return design

@@ -7,7 +7,6 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from chemage.foundation.container import read_json, sealed_json
 from chemage.foundation.errors import DamagedError, InputError
@@ -59,14 +58,6 @@ def agreed_points(selection: Selection, folder: Folder, digest: str, count: int)
 # -- division of all points --------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class _Piece:
-    """Groups of points that one share computes together."""
-
-    cost: float
-    points: tuple[int, ...]
-
-
 def partition(survey: Survey, count: int) -> list[int]:
     """Divide the points of a sweep into shares of about equal CPU time.
 
@@ -94,20 +85,22 @@ def partition(survey: Survey, count: int) -> list[int]:
     return best[1]
 
 
-def _dealt(pieces: Sequence[_Piece], count: int, points: int) -> tuple[float, list[int]]:
-    """Deal pieces to shares: the longest time of a share, s, and for each point its share."""
+def _dealt(pieces: Sequence[tuple[float, Sequence[int]]], count: int, points: int) -> tuple[float, list[int]]:
+    """Deal pieces, each with its cost and its points, to shares: the longest time of a share, s, and for each point
+    its share."""
     loads = [(0.0, share) for share in range(1, count + 1)]
     of = [0] * points
-    for piece in sorted(pieces, key=lambda piece: -piece.cost):
+    for cost, together in sorted(pieces, key=lambda piece: -piece[0]):
         load, share = loads[0]
-        for point in piece.points:
+        for point in together:
             of[point] = share
-        heapq.heapreplace(loads, (load + piece.cost, share))
+        heapq.heapreplace(loads, (load + cost, share))
     return max(loads)[0], of
 
 
-def _pieces(survey: Survey, count: int) -> list[_Piece]:
-    """Groups of points with one contact, none longer than a ``count``-th of all where it can be divided."""
+def _pieces(survey: Survey, count: int) -> list[tuple[float, list[int]]]:
+    """The cost and the points of groups of points with one contact, none longer than a ``count``-th of all where it can
+    be divided."""
     is_known = cpu_seconds(survey.tasks) is not None
 
     def seconds(estimate: float) -> float:
@@ -124,9 +117,9 @@ def _pieces(survey: Survey, count: int) -> list[_Piece]:
         parts = min(len(ageings), max(1, math.ceil(whole * count / total - 1e-9)))
         for part in range(parts):
             chosen = slice(part * len(ageings) // parts, (part + 1) * len(ageings) // parts)
-            points = tuple(task.number for tasks in ageings[chosen] for task in tasks)
+            points = [task.number for tasks in ageings[chosen] for task in tasks]
             # each process solves the contact, rather than wait for another one
-            pieces.append(_Piece(contact + sum(kinetics[chosen]), points))
+            pieces.append((contact + sum(kinetics[chosen]), points))
     return pieces
 
 
@@ -152,15 +145,10 @@ def shares_cost(survey: Survey, count: int) -> list[ShareCost]:
 # -- the division that processes agreed on ----------------------------------------------------------------------------
 
 
-def _partition_file(folder: Folder, count: int) -> Path:
-    return folder.path / PLACE / f"of-{count}.json"
-
-
 def read_partition(folder: Folder, count: int, digest: str, points: int) -> list[int] | None:
     """The division of the ``points`` points of a sweep into ``count`` shares, if it is in the folder."""
-    path = _partition_file(folder, count)
     try:
-        content = read_json(path)
+        content = read_json(folder.path / PLACE / f"of-{count}.json")
     except (OSError, DamagedError):
         return None
     of = content.get("shares")
@@ -179,17 +167,11 @@ def agree(folder: Folder, survey: Survey, count: int) -> None:
         return read_partition(folder, count, survey.digest, len(survey.tasks)) is not None
 
     if not there():
-        path = _partition_file(folder, count)
+        path = folder.path / PLACE / f"of-{count}.json"
         path.parent.mkdir(parents=True, exist_ok=True)
         content = sealed_json({"digest": survey.digest, "shares": partition(survey, count)})
         if not folder.place(path, content, over=False) and not there():
             folder.place(path, content)  # it was damaged, or that of a sweep that was replaced
-
-
-def agreed(folder: Folder) -> list[int]:
-    """The numbers of shares into which processes have divided this sweep."""
-    names = [_FILE.fullmatch(path.name) for path in (folder.path / PLACE).glob("of-*")]
-    return sorted(int(match[1]) for match in names if match is not None)
 
 
 def remedies(folder: Folder, points: Sequence[int], digest: str, count: int) -> list[str]:
@@ -198,8 +180,9 @@ def remedies(folder: Folder, points: Sequence[int], digest: str, count: int) -> 
     These are shares, if processes have divided this sweep of ``count`` points once; and numbers of points.
     """
     texts = [in_ranges(points)] if points else []
-    if len(divisions := agreed(folder)) == 1:
-        of = read_partition(folder, divisions[0], digest, count)
-        if of is not None:
-            texts = [f"{share}/{divisions[0]}" for share in sorted({of[point] for point in points})] + texts
+    names = [_FILE.fullmatch(path.name) for path in (folder.path / PLACE).glob("of-*")]
+    divisions = [int(match[1]) for match in names if match is not None]
+    of = read_partition(folder, divisions[0], digest, count) if len(divisions) == 1 else None
+    if of is not None:
+        texts = [f"{share}/{divisions[0]}" for share in sorted({of[point] for point in points})] + texts
     return texts

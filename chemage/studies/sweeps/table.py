@@ -193,9 +193,16 @@ class SweepTable:
             plugins = "; ".join(f"{name}: {source}" for name, source in summary.get("plugins", {}).items())
             for name, texts in marks.items():
                 texts[number] = plugins if name == "plugins" else summary.get(name) or ""
-            add(number, _with_b(summary))
-            if point["aging"] and (counts := _counts(point["aging"]["bonds"])).size:
-                bonds = _put(bonds, number, counts, -1)
+            add(number, summary)
+            counts = np.array(point["aging"]["bonds"] if point["aging"] else (), ndmin=2)
+            if counts.size:
+                bonds = _put(bonds, number, counts if counts.dtype.kind == "f" else counts.astype(np.int32), -1)
+        # limits of the material with which no point was compared, plastic flow where there is none, and what means over
+        # surfaces do not have
+        optional = SCALARS.keys() if means else {*ELASTIC_MEASURES, *FLOW_MEASURES} & SCALARS.keys()
+        for name in optional:
+            if np.isnan(results[name].values).all():
+                del results[name]
         longest = results[HOLD_TIME.name].values.shape[1:]
         for name, column in results.items():
             if column.values.ndim > 1:
@@ -205,7 +212,7 @@ class SweepTable:
             units=dict(units),
             status=status,
             error=error,
-            results={name: column for name, column in results.items() if not _unknown(name, column.values, means)},
+            results=results,
             bonds=_widened(bonds, (0, *longest), -1),
             processors=tuple(processors),
             marks={name: texts for name, texts in marks.items() if any(texts)},
@@ -352,6 +359,9 @@ class SweepTable:
 
 def _numbers(summary: Mapping[str, Any]) -> Iterator[tuple[str, str, str, Any]]:
     """Every number and curve in the summary of a point: name, unit, meaning, value."""
+    if "b" not in summary:  # it was written before there was b beside beta
+        betas = {name: summary.get(f"beta{name[1:]}") for name in ("b", "b_stderr", "b_half_width")}
+        summary = {**summary, **{name: value / LN10 for name, value in betas.items() if value is not None}}
     for name, (unit, meaning) in SCALARS.items():
         yield name, unit, meaning, summary.get(name)
     yield HOLD_TIME.name, HOLD_TIME.unit, HOLD_TIME.label, summary["hold_times"]
@@ -379,29 +389,9 @@ def _put(values: np.ndarray, row: int, numbers: np.ndarray, fill: float) -> np.n
     return values
 
 
-def _with_b(summary: Mapping[str, Any]) -> Mapping[str, Any]:
-    """The summary of a point with b, also of one that was written before there was b beside beta."""
-    if "b" in summary:
-        return summary
-    parts = {name: summary.get(f"beta{name[1:]}") for name in ("b", "b_stderr", "b_half_width")}
-    return {**summary, **{name: None if value is None else value / LN10 for name, value in parts.items()}}
-
-
-def _counts(bonds: Sequence[Any]) -> np.ndarray:
-    counts = np.array(bonds, ndmin=2)
-    return counts if counts.size and counts.dtype.kind == "f" else counts.astype(np.int32)
-
-
 def error_text(error: Mapping[str, Any] | None) -> str:
     """Format the error of a point as ``stage: type: message``; empty without one."""
     return f"{error['stage']}: {error['type']}: {error['message']}" if error else ""
-
-
-def _unknown(name: str, column: np.ndarray, means: bool) -> bool:
-    """Whether a column is left out: of a limit of the material with which no point was compared, of plastic flow where
-    there is none, or of what means over surfaces do not have."""
-    optional = name in ELASTIC_MEASURES or name in FLOW_MEASURES
-    return name in SCALARS and (means or optional) and bool(np.isnan(column).all())
 
 
 def _column(values: Sequence[Any]) -> np.ndarray:

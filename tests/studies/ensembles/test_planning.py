@@ -11,8 +11,8 @@ import pytest
 import chemage as ca
 from chemage.scene.plan import cost
 from chemage.studies.ensembles import computations, stages
-from chemage.studies.ensembles.goals import Request, with_request
-from chemage.studies.ensembles.planning import plan, scatters
+from chemage.studies.ensembles.goals import Request, Scatters, with_request
+from chemage.studies.ensembles.planning import plan
 
 DATA = {
     "name": "small",
@@ -112,7 +112,7 @@ def test_replicas_on_a_tip_scatter_as_sites_that_react_independently():
     assert found.request.counted == "replicas"
     asked = with_request(tip.completed(), accuracy={"friction_drop": 0.02})
     request = Request.of(asked)
-    expected = scatters(request, cost(tip), {}).replicas[request.goals[0].column]
+    expected = Scatters.of(request, cost(tip), {}).replicas[request.goals[0].column]
     drops = np.asarray(ca.run(ca.parse_scene({**TIP, "hold": {**TIP["hold"], "replicas": 200}})).aging.friction_drop)
     measured = drops[:, -1].std(ddof=1) / drops[:, -1].mean()
     assert expected == pytest.approx(measured, rel=0.3)

@@ -13,7 +13,7 @@ from seen import result_of
 import chemage as ca
 from chemage import Ensemble, ensemble
 from chemage.studies.ensembles import computations
-from chemage.studies.ensembles.quantities import Spread, allocated, half_width, regressed, spread_of
+from chemage.studies.ensembles.quantities import Spread, allocated, half_width, regressed
 from chemage.studies.ensembles.stages import CONTROLLED, FIRST, Clock, Route, SamplingState, Unreachable, run_stages
 
 # -- how many samples an accuracy needs: against closed forms and against a search of all numbers ---------------------
@@ -335,7 +335,7 @@ def test_the_variance_is_that_of_repeated_samplings():
     for seed in range(3000):
         numbers = Pair(seed, 0.9, 0.0)
         terms = regressed([numbers.level(numbers.upto(200))[:20, None], numbers.area(numbers.upto(200))[:, None]])
-        spreads = [spread_of(terms[0], 20, 19, True), spread_of(terms[1], 200, 199)]
+        spreads = [Spread.of(terms[0], 20, 19, True), Spread.of(terms[1], 200, 199)]
         means.append(sum(float(one.mean()) for one in terms))
         variances.append(spreads[0].variance[0] / 20 + spreads[1].variance[0] / 200)
     # 3000 variances of normal means have a relative standard error of 2.6 %
@@ -429,7 +429,7 @@ def test_an_ensemble_is_regressed_on_the_area_of_sketches(scene, made):
 def test_its_numbers_are_those_of_the_rule_and_come_back_from_a_file(scene, made, tmp_path):
     terms = regressed([made.rows[str(number)] for number in range(len(made.levels))])
     spreads = [
-        spread_of(term, level["variance_of"], level["freedom"], not number)
+        Spread.of(term, level["variance_of"], level["freedom"], not number)
         for number, (term, level) in enumerate(zip(terms, made.levels, strict=True))
     ]
     base = np.sqrt(sum((made.mean * known) ** 2 for known in made.known.values()) + np.zeros(made.mean.size))
