@@ -31,6 +31,7 @@ from chemage.ageing.models import (
     slopes_of,
     solve,
     student,
+    time_of,
 )
 from chemage.foundation.checks import within
 from chemage.foundation.errors import InputError
@@ -254,7 +255,7 @@ class Fit:
         """β with half of its interval in brackets, what was fitted, and what to doubt, for legends."""
         shape = "fitted line" if self.model == "line" else "fitted β log(1 + t/t_c)"
         text = f"{self.symbol_text()} per decade ({shape}, {span_text(self.span)})"
-        return f"{text}\n{short_doubt(self.doubt)}" if self.doubt else text
+        return f"{text}\n{self.doubt.partition(';')[0]}" if self.doubt else text
 
     def intervals_text(self) -> str:
         """How the intervals were found, in words."""
@@ -350,34 +351,33 @@ def fit_aging(
     use = _inside(data.hold_times, limits, model, least=SIMULATED if source.simulated else 3)
     t, curves = data.hold_times[use], source.curves[:, use]
     weight = source.weights(use)
-    estimate = _estimate(model, t, curves, weight, scatter=not source.simulated)
+    slope, slope_error, log_cutoff, cutoff_error, fitted = _estimate(model, t, curves, weight, not source.simulated)
     slopes = cutoffs = UNKNOWN
     if bootstrap is not None:
         options = {"confidence": confidence, "samples": samples, "seed": seed}
-        slopes, cutoffs = bootstrapped(bootstrap, model, t, curves, weight, estimate.fitted, **options)
+        slopes, cutoffs = bootstrapped(bootstrap, model, t, curves, weight, fitted, **options)
     elif not source.simulated or len(curves) > 1:
-        numbers = estimate.slope, estimate.slope_error, estimate.log_cutoff
-        slopes, cutoffs = student(model, t, curves, weight, *numbers, confidence)
-    unit, reason = source.scale, _no_cutoff(estimate.slope, estimate.log_cutoff, slopes, data.hold_times)
-    cutoff = math.nan if reason else _time(estimate.log_cutoff)
+        slopes, cutoffs = student(model, t, curves, weight, slope, slope_error, log_cutoff, confidence)
+    unit, reason = source.scale, _no_cutoff(slope, log_cutoff, slopes, data.hold_times)
+    cutoff = math.nan if reason else time_of(log_cutoff)
     forces = source.simulated or source.quantity == "friction_drop"  # curves of a simulated result are ΔF
     return Fit(
         model=model,
         quantity=source.quantity,
-        beta=estimate.slope * unit,
-        beta_stderr=estimate.slope_error * unit,
+        beta=slope * unit,
+        beta_stderr=slope_error * unit,
         cutoff_time=cutoff,
-        cutoff_time_stderr=cutoff * LN10 * estimate.cutoff_error,
+        cutoff_time_stderr=cutoff * LN10 * cutoff_error,
         cutoff_reason=reason,
-        log_cutoff=estimate.log_cutoff,
+        log_cutoff=log_cutoff,
         beta_interval=Interval(slopes.low * unit, slopes.high * unit),
         cutoff_interval=Interval(0.0, math.inf) if reason and math.isfinite(slopes.low) else cutoffs,
-        friction_rate=estimate.slope if forces else None,
-        friction_rate_stderr=estimate.slope_error if forces else None,
+        friction_rate=slope if forces else None,
+        friction_rate_stderr=slope_error if forces else None,
         window=limits,
         points=t.size,
         span=(float(t[t > 0].min()), float(t.max())),
-        rms_residual=float(np.sqrt(np.mean((curves.mean(axis=0) - estimate.fitted) ** 2))) * unit,
+        rms_residual=float(np.sqrt(np.mean((curves.mean(axis=0) - fitted) ** 2))) * unit,
         replicas=len(curves) if source.simulated else 0,
         bootstrap=bootstrap,
         samples=samples,
@@ -424,11 +424,6 @@ def few_hold_times(points: int, span: tuple[float, float]) -> str:
         return ""
     over = f"{decades:.2g} decade{'' if math.isclose(decades, 1) else 's'}"
     return f"β rests on {points} hold times over {over}; take at least six over two decades"
-
-
-def short_doubt(doubt: str) -> str:
-    """The doubt of a fit without its remedy, for legends."""
-    return doubt.partition(";")[0]
 
 
 def span_text(span: tuple[float, float]) -> str:
@@ -491,19 +486,11 @@ def why_not_fitted(times: np.ndarray, window: tuple[float, float]) -> str:
     return ""
 
 
-@dataclass(frozen=True)
-class _Estimate:
-    slope: float
-    slope_error: float
-    log_cutoff: float
-    cutoff_error: float
-    #: (m,)
-    fitted: np.ndarray
-
-
-def _estimate(model: Model, t: np.ndarray, curves: np.ndarray, weight: np.ndarray, *, scatter: bool) -> _Estimate:
-    """Least squares on the mean over replicas, with jackknife errors over replicas; ``scatter``: a single curve has
-    errors from its scatter about the fit."""
+def _estimate(
+    model: Model, t: np.ndarray, curves: np.ndarray, weight: np.ndarray, scatter: bool
+) -> tuple[float, float, float, float, np.ndarray]:
+    """Least squares on the mean over replicas: β and log10 t_c, each with its jackknife error over replicas, and the
+    fit, (m,); ``scatter``: a single curve has errors from its scatter about the fit."""
     mean, replicas = curves.mean(axis=0), len(curves)
     slope, log_cutoff = (float(values[0]) for values in solve(model, t, mean[None], weight[None]))
     if model == "line":
@@ -519,7 +506,7 @@ def _estimate(model: Model, t: np.ndarray, curves: np.ndarray, weight: np.ndarra
         errors = tuple(float(jackknife_error(values)) for values in solve(model, t, left_out, weight[None]))
     elif scatter:
         errors = _scatter(model, t, mean - fitted, weight, slope, log_cutoff)
-    return _Estimate(slope, errors[0], log_cutoff, errors[1], fitted)
+    return slope, errors[0], log_cutoff, errors[1], fitted
 
 
 def _scatter(
@@ -536,9 +523,3 @@ def _scatter(
     with np.errstate(divide="ignore", invalid="ignore"):
         spread = np.float64((weight * rest**2).sum()) / (t.size - 2) / (a * c - b * b)
         return float(np.sqrt(spread * c)), float(np.sqrt(spread * a)) / abs(slope)
-
-
-def _time(log_time: float) -> float:
-    """10**log_time, s; inf beyond the range of numbers, nan where nothing is known."""
-    with np.errstate(over="ignore"):
-        return float(np.power(10.0, log_time))

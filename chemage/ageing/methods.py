@@ -27,12 +27,9 @@ from chemage.lattices.chemistry import Chemistry, build_lattice
 from chemage.lattices.lattice import ReactionLattice
 from chemage.plugins import registry
 from chemage.plugins.context import Plugins
-from chemage.plugins.sources import components_in, implementing
+from chemage.plugins.sources import components_in
 
 T = TypeVar("T")
-
-#: hooks that see the sites of a replica
-_SITE_HOOKS = ("chemage_build_lattice", "chemage_run_kinetics", "chemage_rupture_bonds", "chemage_observe")
 
 
 class Origin(NamedTuple):
@@ -319,16 +316,6 @@ def check_contact(contact: str, has_map: bool, method: AgeingMethod, chemistry: 
         )
 
 
-def left_out_plugins(method: AgeingMethod, took_part: Plugins) -> tuple[str, ...]:
-    """A note of the plugins that would see the sites of a replica and did not."""
-    missed = [name for name in implementing(*_SITE_HOOKS) if name not in took_part]
-    if method.shows_sites or not missed:
-        return ()
-    return (
-        f"ageing {method.kind!r} does not give the sites of a replica to plugins: {', '.join(missed)} took no part",
-    )
-
-
 class Kinetics(AgeingMethod):
     """Every replica draws its disorder and runs its kinetics; its bonds are counted, broken and measured.
 
@@ -345,12 +332,15 @@ class Kinetics(AgeingMethod):
         """See :meth:`chemage.plugin.AgeingMethod.age`."""
         states = wants_states(request.engine, request.rupture, request.observe)
         replicas = request.each(lambda number: _replica(request, number, states))
+        mean, forces = request.chemistry.bond_force * request.chemistry.front_factor, None
+        if any(one.force is not None for one in replicas):
+            forces = np.stack([one.bonds * mean if one.force is None else one.force for one in replicas])
         return AgedBonds.of(
             [replica.origin for replica in replicas],
             bonds=np.stack([replica.bonds for replica in replicas]),
             sites=np.array([replica.sites for replica in replicas]),
             events=np.array([replica.events for replica in replicas]),
-            rupture_force=_forces(request, replicas),
+            rupture_force=forces,
             observables=stacked([replica.seen.values for replica in replicas]),
             outputs=replicas[0].seen.outputs,
         )
@@ -396,14 +386,6 @@ def _replica(request: AgeingRequest, number: int, states: bool) -> _Replica:
         seen=seen,
         origin=origin._replace(plugins=origin.plugins | seen.plugins),
     )
-
-
-def _forces(request: AgeingRequest, replicas: list[_Replica]) -> np.ndarray | None:
-    """(replicas, m) nN where a rupture law or a plugin gave the force of a replica."""
-    if all(replica.force is None for replica in replicas):
-        return None
-    mean = request.chemistry.bond_force * request.chemistry.front_factor
-    return np.stack([replica.bonds * mean if replica.force is None else replica.force for replica in replicas])
 
 
 def expected_cost(
