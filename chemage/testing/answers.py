@@ -24,26 +24,7 @@ from chemage.foundation.outputs import recording
 from chemage.foundation.records import Record
 from chemage.kinetics.role import Engine
 from chemage.plugins import registry
-from chemage.testing.checks import LIMIT, check_of, is_number, other_values, require
-
-#: what is asked: (in words, a function of the component)
-Questions = Iterator[tuple[str, Callable[[Any], Any]]]
-#: role -> its questions for a component, which may need the inputs of the checks
-ASKED: dict[str, Callable[..., Questions]] = {}
-
-
-def asks(role: type[Component]) -> Callable[[Callable[..., Questions]], Callable[..., Questions]]:
-    """Declare a generator as the questions of a role.
-
-    They come in pairs that differ in one thing, each pair about something that no other and no other check asks of, so
-    that nothing that was kept before can answer them.
-    """
-
-    def mark(function: Callable[..., Questions]) -> Callable[..., Questions]:
-        ASKED[role.role] = function
-        return function
-
-    return mark
+from chemage.testing.checks import CHECKS, LIMIT, Checks, Questions, is_number, other_values, require
 
 
 def answer(component: Component, ask: Callable[[Any], Any]) -> bytes:
@@ -71,10 +52,17 @@ def as_bytes(value: Any) -> bytes:
     return repr(value).encode() + b";"
 
 
-def calls_are_independent(component: Component, **inputs: Any) -> None:
+def questions_of(component: Component, inputs: Mapping[str, Any]) -> Questions:
+    """All questions of the role of a component."""
+    for checks in CHECKS.get(component.role, ()):
+        yield from checks(component).questions(**inputs)
+
+
+def independent_calls(checks: Checks[Any], **inputs: Any) -> None:
     """The same is answered to the same, asked again in the opposite order or at the same time, and what was given stays
     as it was. Of an engine that uses several threads itself nothing is asked at the same time."""
-    asked = [ask for _, ask in islice(ASKED[component.role](component, **inputs), 6)]
+    component = checks.component
+    asked = [ask for _, ask in islice(questions_of(component, inputs), 6)]
     ask = partial(answer, component)
     before, first = _given(asked), list(map(ask, asked))
     require(list(map(ask, asked[::-1])) == first[::-1], "a second call gave another result")
@@ -94,7 +82,7 @@ def _given(asked: list[Callable[[Any], Any]]) -> bytes:
 def answers(component: Component, inputs: Mapping[str, Any], backwards: bool = False) -> dict[str, bytes]:
     """The answers to all questions of the role, and those to the first of them with each option at another value, which
     are asked in order, or ``backwards``."""
-    questions = list(ASKED[component.role](component, **inputs)) if component.role in ASKED else []
+    questions = list(questions_of(component, inputs))
     asked = [(what, component, ask) for what, ask in questions]
     for name in type(component).model_fields if questions else ():
         for option, variant in islice(other_values(component, name), 1):
@@ -143,28 +131,6 @@ def _sent(component: Component, inputs: Mapping[str, Any]) -> bytes | None:
             cloudpickle.unregister_pickle_by_value(module)
 
 
-@check_of(Component, last=True)
-def _answers_do_not_depend_on_what_was_asked_before(component: Component, **inputs: Any) -> None:
-    """The answers are the same in this process and in another one that is asked in the opposite order, each question
-    after one that differs in one thing: nothing is remembered that does not fit, and no process is special."""
-    content = _sent(component, inputs)
-    if content is None or component.role not in ASKED:
-        return
-    elsewhere = _worker().submit(_asked_elsewhere, list(sys.path), content)
-    try:
-        here, there = answers(component, inputs), elsewhere.result(LIMIT / 2)
-    except BaseException:  # the next component finds a worker that is idle
-        _worker().shutdown(wait=False, kill_workers=True)
-        _worker.cache_clear()
-        raise
-    for what, found in (there or {}).items():
-        require(
-            here[what] == found,
-            f"{what}: another process, which was asked the same in the opposite order, has another answer; is "
-            "something kept from an earlier call, or does it depend on the process?",
-        )
-
-
 @contextmanager
 def _reading(cls: type) -> Iterator[set[str]]:
     """The attributes of components of ``cls`` that are read in this block, but not by their serialisation."""
@@ -200,30 +166,57 @@ def _mentioned(cls: type) -> set[str]:
     return names
 
 
-@check_of(Component, last=True)
-def _options_count(component: Component, **inputs: Any) -> None:
-    """Every option is used or changes some answer, and those in ``speed_only``, which change the cost alone, not a bit
-    of any."""
-    if component.role not in ASKED:
-        return
-    questions = list(ASKED[component.role](component, **inputs))
-    with _reading(type(component)) as read:
-        own = {what: answer(component, ask) for what, ask in questions}
-    for name in type(component).model_fields:
-        tried = []
-        for option, variant in other_values(component, name):
-            changed = next((what for what, ask in questions if answer(variant, ask) != own[what]), None)
-            tried.append(option)
-            if name in type(component).speed_only:
-                require(
-                    changed is None,
-                    f"{option}: the answers differ ({changed}), but speed_only says that they do not",
-                )
-            elif changed is not None:
-                break
-        else:
+class AnswerChecks(Checks[Component], of=Component):
+    """What follows from the answers to all questions of a role; where the checks of the role say more of what is wrong,
+    they come first."""
+
+    last = True
+
+    def answers_do_not_depend_on_what_was_asked_before(self, **inputs: Any) -> None:
+        """The answers are the same in this process and in another one that is asked in the opposite order, each
+        question after one that differs in one thing: nothing is remembered that does not fit, and no process is
+        special."""
+        content = _sent(self.component, inputs)
+        if content is None:
+            return
+        elsewhere = _worker().submit(_asked_elsewhere, list(sys.path), content)
+        try:
+            here, there = answers(self.component, inputs), elsewhere.result(LIMIT / 2)
+        except BaseException:  # the next component finds a worker that is idle
+            _worker().shutdown(wait=False, kill_workers=True)
+            _worker.cache_clear()
+            raise
+        for what, found in (there or {}).items():
             require(
-                not tried or name in read or name in type(component).speed_only or _is_rare(component, name),
-                f"option {name!r} is not used and changes nothing ({', '.join(tried)} tried); use it, remove it, or "
-                "name it in speed_only if it only changes the cost",
+                here[what] == found,
+                f"{what}: another process, which was asked the same in the opposite order, has another answer; is "
+                "something kept from an earlier call, or does it depend on the process?",
             )
+
+    def options_count(self, **inputs: Any) -> None:
+        """Every option is used or changes some answer, and those in ``speed_only``, which change the cost alone, not a
+        bit of any."""
+        questions = list(questions_of(self.component, inputs))
+        with _reading(type(self.component)) as read:
+            own = {what: answer(self.component, ask) for what, ask in questions}
+        for name in type(self.component).model_fields:
+            tried = []
+            for option, variant in other_values(self.component, name):
+                changed = next((what for what, ask in questions if answer(variant, ask) != own[what]), None)
+                tried.append(option)
+                if name in type(self.component).speed_only:
+                    require(
+                        changed is None,
+                        f"{option}: the answers differ ({changed}), but speed_only says that they do not",
+                    )
+                elif changed is not None:
+                    break
+            else:
+                require(
+                    not tried
+                    or name in read
+                    or name in type(self.component).speed_only
+                    or _is_rare(self.component, name),
+                    f"option {name!r} is not used and changes nothing ({', '.join(tried)} tried); use it, remove it, "
+                    "or name it in speed_only if it only changes the cost",
+                )

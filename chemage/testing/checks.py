@@ -10,8 +10,8 @@ import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from inspect import Parameter, signature
-from typing import Any, NamedTuple, TypeGuard
+from inspect import Parameter, isfunction, signature
+from typing import Any, ClassVar, Generic, NamedTuple, TypeGuard, TypeVar
 
 import numpy as np
 
@@ -58,11 +58,17 @@ class ChecksFailed(ExceptionGroup, AssertionError):
 
 
 class Check(NamedTuple):
-    """One requirement of a role: a function that raises AssertionError if a component does not meet it."""
+    """One requirement of a role: it raises AssertionError if a component does not meet it."""
 
     name: str
-    function: Callable[..., None]
+    #: the class of which it is a method
+    of: type[Checks[Any]]
     inputs: Mapping[str, Any]
+
+    @property
+    def function(self) -> Callable[..., None]:
+        """The method, which takes an instance of its class and the inputs."""
+        return getattr(self.of, self.name)
 
     @property
     def requirement(self) -> str:
@@ -78,12 +84,12 @@ class Check(NamedTuple):
         return tuple(name for name in needed if self.inputs.get(name) is None)
 
     def __call__(self, component: Component) -> None:
-        if self.missing or isinstance(component, getattr(self.function, "unless", ())):
+        if self.missing or isinstance(component, self.of.unless):
             return
         name = f"{component.role} {component.kind!r}"
         try:
             with _strict_warnings(), _limited(f"took longer than {LIMIT:g} s"):
-                self.function(component, **self.inputs)
+                self.function(self.of(component), **self.inputs)
         except CheckFailed:
             raise
         except AssertionError as failure:
@@ -140,30 +146,52 @@ def _strict_warnings() -> Iterator[None]:
         yield
 
 
-#: role -> its checks; the checks of every component are those of the role ""
-CHECKS: dict[str, list[Callable[..., None]]] = {}
-#: the checks of every component that come after those of its role
-LAST: list[Callable[..., None]] = []
+C = TypeVar("C", bound=Component)
+F = TypeVar("F", bound=Callable[..., None])
+#: what is asked: (in words, a function of the component)
+Questions = Iterator[tuple[str, Callable[[Any], Any]]]
+#: role -> the classes of its checks; the checks of every component are those of the role ""
+CHECKS: dict[str, list[type[Checks[Any]]]] = {}
 
 
-def check_of(
-    role: type[Component], unless: tuple[type, ...] = (), known: bool = False, last: bool = False
-) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Declare a function as a check of the class of a role, or of every component with :class:`Component`.
+class Checks(Generic[C]):
+    """Checks of the class of a role ``of``, or of several, or of every component with :class:`Component`.
 
-    Its arguments besides the component are inputs of :func:`checks_for`; without those that have no default there is
-    nothing to check. Components of the classes ``unless`` are not checked. A check that compares with closed forms or
-    known numbers, within seconds, is ``known``: ``chemage selftest`` runs it. One of every component is ``last`` where
-    those of the role say more of what is wrong.
+    Each method without an underscore is a check. Its arguments are inputs of :func:`checks_for`; without those that
+    have no default there is nothing to check.
     """
 
-    def mark(function: Callable[..., None]) -> Callable[..., None]:
-        function.known = known  # pyright: ignore[reportFunctionMemberAccess]
-        function.unless = unless  # pyright: ignore[reportFunctionMemberAccess]
-        (LAST if last else CHECKS.setdefault(role.role, [])).append(function)
-        return function
+    #: classes whose components are not checked
+    unless: ClassVar[tuple[type, ...]] = ()
+    #: checks of every component that come after those of its role, which say more of what is wrong
+    last: ClassVar[bool] = False
 
-    return mark
+    def __init_subclass__(cls, of: type[Component] | tuple[type[Component], ...]) -> None:
+        for role in of if isinstance(of, tuple) else (of,):
+            CHECKS.setdefault(role.role, []).append(cls)
+
+    def __init__(self, component: C) -> None:
+        self.component = component
+
+    @classmethod
+    def names(cls) -> list[str]:
+        """Its checks."""
+        own = [name for name, value in vars(cls).items() if isfunction(value) and not name.startswith("_")]
+        return [name for name in own if name not in vars(Checks)]
+
+    def questions(self, *_: Any, **__: Any) -> Questions:
+        """What can be asked of the component.
+
+        The questions come in pairs that differ in one thing, each pair about something that no other and no other check
+        asks of, so that nothing that was kept before can answer them.
+        """
+        return iter(())
+
+
+def known(check: F) -> F:
+    """Mark a check that compares with closed forms or known numbers, within seconds: ``chemage selftest`` runs it."""
+    check.known = True  # pyright: ignore[reportFunctionMemberAccess]
+    return check
 
 
 def _taken(function: Callable[..., None]) -> list[Parameter]:
@@ -186,13 +214,15 @@ def checks_for(component: Component | type[Component], **inputs: Any) -> list[Ch
     roles = registry.current().roles
     if role not in roles:
         raise InputError.of("component", component, "has no role", f"the roles are {', '.join(roles)}")
-    checks = []
-    for function in (*CHECKS.get("", ()), *CHECKS.get(role, ()), *LAST):
-        taken = _taken(function)
-        names = inputs if any(one.kind is one.VAR_KEYWORD for one in taken) else [one.name for one in taken]
-        checks.append(Check(function.__name__.lstrip("_"), function, {k: v for k, v in inputs.items() if k in names}))
-    unused = set(inputs) - {one.name for function in CHECKS.get(role, ()) for one in _taken(function)}
-    if unused:
+    checks, used = [], set[str]()
+    for of in sorted((*CHECKS[""], *CHECKS.get(role, ())), key=lambda one: one.last):
+        for name in of.names():
+            taken = _taken(getattr(of, name))
+            every = any(one.kind is one.VAR_KEYWORD for one in taken)
+            names = {one.name for one in taken}
+            checks.append(Check(name, of, {k: v for k, v in inputs.items() if every or k in names}))
+            used |= names
+    if unused := set(inputs) - used:
         raise InputError(f"{role} checks take no {', '.join(sorted(unused))}")
     return checks
 
