@@ -114,23 +114,6 @@ def _asked_elsewhere(path: list[str], content: bytes) -> dict[str, bytes] | None
     return answers(component, inputs, backwards=True)
 
 
-def _sent(component: Component, inputs: Mapping[str, Any]) -> bytes | None:
-    """The component with its class, where that is not installed; None where it cannot be sent."""
-    import cloudpickle  # what loky sends with
-
-    module = sys.modules.get(type(component).__module__)
-    installed = registry.current().provider(type(component)) is not None or module is None
-    try:
-        if not installed:
-            cloudpickle.register_pickle_by_value(module)
-        return cloudpickle.dumps((component, dict(inputs)))
-    except Exception:  # `options_go_round` says so
-        return None
-    finally:
-        if not installed:
-            cloudpickle.unregister_pickle_by_value(module)
-
-
 @contextmanager
 def _reading(cls: type) -> Iterator[set[str]]:
     """The attributes of components of ``cls`` that are read in this block, but not by their serialisation."""
@@ -145,38 +128,33 @@ def _reading(cls: type) -> Iterator[set[str]]:
         yield read
 
 
-def _is_rare(component: Component, name: str) -> bool:
-    """Whether an option that no question depends on may be for other cases: a choice, such as of what is done where
-    nothing converges; one that goes with another option that is off; or any option of a method of ageing, of which the
-    questions are about independent sites."""
-    value, others = getattr(component, name), type(component).model_fields.keys() - {name}
-    off = any(getattr(component, other) is None or getattr(component, other) is False for other in others)
-    return (not is_number(value) or off or isinstance(component, AgeingMethod)) and name in _mentioned(type(component))
-
-
-def _mentioned(cls: type) -> set[str]:
-    """The names in the code of the methods that a class adds to its role."""
-    own = {name for base in cls.__mro__ if not base.__module__.startswith("chemage.") for name in vars(base)}
-    functions = [inspect.unwrap(function) for name in own if inspect.isfunction(function := getattr(cls, name, None))]
-    codes, names = [function.__code__ for function in functions], set[str]()
-    while codes:
-        code = codes.pop()
-        names.update(code.co_names)
-        codes += [constant for constant in code.co_consts if inspect.iscode(constant)]
-    return names
-
-
 class AnswerChecks(Checks[Component], of=Component):
     """What follows from the answers to all questions of a role; where the checks of the role say more of what is wrong,
     they come first."""
 
     last = True
 
+    def _sent(self, inputs: Mapping[str, Any]) -> bytes | None:
+        """The component with its class, where that is not installed; None where it cannot be sent."""
+        import cloudpickle  # what loky sends with
+
+        module = sys.modules.get(type(self.component).__module__)
+        installed = registry.current().provider(type(self.component)) is not None or module is None
+        try:
+            if not installed:
+                cloudpickle.register_pickle_by_value(module)
+            return cloudpickle.dumps((self.component, dict(inputs)))
+        except Exception:  # `options_go_round` says so
+            return None
+        finally:
+            if not installed:
+                cloudpickle.unregister_pickle_by_value(module)
+
     def answers_do_not_depend_on_what_was_asked_before(self, **inputs: Any) -> None:
         """The answers are the same in this process and in another one that is asked in the opposite order, each
         question after one that differs in one thing: nothing is remembered that does not fit, and no process is
         special."""
-        content = _sent(self.component, inputs)
+        content = self._sent(inputs)
         if content is None:
             return
         elsewhere = _worker().submit(_asked_elsewhere, list(sys.path), content)
@@ -213,10 +191,29 @@ class AnswerChecks(Checks[Component], of=Component):
                     break
             else:
                 require(
-                    not tried
-                    or name in read
-                    or name in type(self.component).speed_only
-                    or _is_rare(self.component, name),
+                    not tried or name in read or name in type(self.component).speed_only or self._is_rare(name),
                     f"option {name!r} is not used and changes nothing ({', '.join(tried)} tried); use it, remove it, "
                     "or name it in speed_only if it only changes the cost",
                 )
+
+    def _is_rare(self, name: str) -> bool:
+        """Whether an option that no question depends on may be for other cases: a choice, such as of what is done where
+        nothing converges; one that goes with another option that is off; or any option of a method of ageing, of which
+        the questions are about independent sites. Its name is in the code of a method that the class adds to its role.
+        """
+        cls, value = type(self.component), getattr(self.component, name)
+        others = [getattr(self.component, other) for other in cls.model_fields.keys() - {name}]
+        off = any(other is None or other is False for other in others)
+        if is_number(value) and not off and not isinstance(self.component, AgeingMethod):
+            return False
+        own = {name for base in cls.__mro__ if not base.__module__.startswith("chemage.") for name in vars(base)}
+        functions = [
+            inspect.unwrap(function) for name in own if inspect.isfunction(function := getattr(cls, name, None))
+        ]
+        codes = [function.__code__ for function in functions]
+        while codes:
+            code = codes.pop()
+            if name in code.co_names:
+                return True
+            codes += [constant for constant in code.co_consts if inspect.iscode(constant)]
+        return False

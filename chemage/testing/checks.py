@@ -349,7 +349,12 @@ def seeds_are_harmless(draw: Callable[[Any], Any], what: str, *, chance: bool = 
 
     Without ``chance`` all seeds may give the same result.
     """
-    before = _global_state()
+
+    def global_state() -> tuple[bytes, int]:
+        state: Any = np.random.get_state()  # noqa: NPY002
+        return state[1].tobytes(), state[2]
+
+    before = global_state()
     answers = [draw(seed) for seed in range(4)]
     require(draw(1) == answers[1], f"{what}: the same seed gave two results")
     distinct = sum(all(one != other for other in answers[:i]) for i, one in enumerate(answers))
@@ -362,12 +367,7 @@ def seeds_are_harmless(draw: Callable[[Any], Any], what: str, *, chance: bool = 
     if distinct == 4:
         other = np.random.SeedSequence(5, spawn_key=(3,))
         require(draw(other) != first, f"{what}: two children of one SeedSequence gave the same result")
-    require(_global_state() == before, f"{what}: draws from numpy's global random state")
-
-
-def _global_state() -> tuple[bytes, int]:
-    state: Any = np.random.get_state()  # noqa: NPY002
-    return state[1].tobytes(), state[2]
+    require(global_state() == before, f"{what}: draws from numpy's global random state")
 
 
 def other_values(component: Any, name: str) -> Iterator[tuple[str, Any]]:

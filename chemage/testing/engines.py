@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import pickle
-from itertools import product
+from collections.abc import Sequence
+from itertools import combinations, product
 from typing import Any
 
 import numpy as np
@@ -17,8 +18,10 @@ from chemage.lattices.lattice import ReactionLattice
 from chemage.plugins import registry
 from chemage.testing.answers import independent_calls
 from chemage.testing.checks import (
+    CHANCE,
     Checks,
     Questions,
+    binomial_chance,
     known,
     option_variants,
     refuses,
@@ -30,41 +33,20 @@ from chemage.testing.checks import (
 )
 from chemage.testing.replicas import history_of
 from chemage.testing.small_systems import (
+    COPIES,
     FLICKERING,
     LARGE,
     NU,
     TEMPERATURE,
     Group,
     barrier,
-    compare,
-    compare_mean,
     coupled,
-    follows,
     reacting,
     single,
     states,
-    trials,
 )
 
 check_engine = whole(Engine)
-
-
-def _disordered(interacting: bool, *rings: int, seed: int = 7) -> ReactionLattice:
-    """Rings of sites with rates over five decades, by default one of 40; with an interaction of nearest neighbours if
-    ``interacting``. An engine can distribute several rings over threads: their sites are mixed."""
-    rng = np.random.default_rng(seed)
-    rings = rings or (40,)
-    n = sum(rings)
-    fields: dict[str, Any] = {"sites": np.arange(n)}
-    for name, fastest in (("forming", 2), ("breaking", 1)):
-        fields[name] = barrier(10 ** rng.uniform(-3, fastest, n))
-    if interacting:
-        order, pair = rng.permutation(n), rng.uniform(-0.05, 0.1, n)
-        blocks = np.split(np.arange(n), np.cumsum(rings)[:-1])
-        before, after = (np.concatenate([np.roll(block, step) for block in blocks]) for step in (1, -1))
-        fields["neighbours"] = np.argsort(order)[np.stack([after, before], axis=1)][order]
-        fields["coupling"] = np.stack([pair, pair[before]], axis=1)[order]
-    return ReactionLattice(pixels=(n, 1), **fields)
 
 
 def _trace(history: BondHistory) -> tuple[bytes, ...]:
@@ -78,6 +60,23 @@ class EngineChecks(Checks[Engine], of=Engine):
     def _run(self, lattice: ReactionLattice, times: Any, seed: Any = 0, start: Any = None) -> BondHistory:
         return self.component.run(lattice, times, temperature=TEMPERATURE, seed=seed, start=start)
 
+    def _disordered(self, *rings: int, interacting: bool = True) -> ReactionLattice:
+        """Rings of sites with rates over five decades, by default one of 40; with an interaction of nearest neighbours
+        where the engine treats it. An engine can distribute several rings over threads: their sites are mixed."""
+        rng = np.random.default_rng(7)
+        rings = rings or (40,)
+        n = sum(rings)
+        fields: dict[str, Any] = {"sites": np.arange(n)}
+        for name, fastest in (("forming", 2), ("breaking", 1)):
+            fields[name] = barrier(10 ** rng.uniform(-3, fastest, n))
+        if interacting and self.component.interacting:
+            order, pair = rng.permutation(n), rng.uniform(-0.05, 0.1, n)
+            blocks = np.split(np.arange(n), np.cumsum(rings)[:-1])
+            before, after = (np.concatenate([np.roll(block, step) for block in blocks]) for step in (1, -1))
+            fields["neighbours"] = np.argsort(order)[np.stack([after, before], axis=1)][order]
+            fields["coupling"] = np.stack([pair, pair[before]], axis=1)[order]
+        return ReactionLattice(pixels=(n, 1), **fields)
+
     def questions(self) -> Questions:
         def ask(lattice: ReactionLattice, **changes: Any) -> Any:
             fields = {name: changes.pop(name) for name in [*changes] if name in ReactionLattice.model_fields}
@@ -85,7 +84,7 @@ class EngineChecks(Checks[Engine], of=Engine):
             return lambda engine: _trace(engine.run(lattice.model_copy(update=fields), **how))
 
         for number in range(31, 40):
-            lattice = _disordered(self.component.interacting, number)
+            lattice = self._disordered(number)
             changes: dict[str, dict[str, Any]] = {
                 "of which every third is bonded at first": {"start": np.arange(number) % 3 == 0},
                 "with their forming barriers in another order": {"forming": lattice.forming[::-1]},
@@ -101,10 +100,81 @@ class EngineChecks(Checks[Engine], of=Engine):
             yield f"{number} sites", ask(lattice)
             yield f"{number} sites {what}", ask(lattice, **changes[what])
         for interacting in sorted({False, self.component.interacting}):
-            yield f"279 sites, interacting={interacting}", ask(_disordered(interacting, 119, 7, 60, 3, 90))
+            yield (
+                f"279 sites, interacting={interacting}",
+                ask(self._disordered(119, 7, 60, 3, 90, interacting=interacting)),
+            )
         if self.component.interacting:
             group, time, kelvin = FLICKERING["1 by 2 sites"]
             yield "a site that flickers", ask(group.lattice(3), hold_times=[time], temperature=kelvin)
+
+    def _trials(self, copies: int = COPIES, runs: int = 200) -> tuple[int, int]:
+        """How many groups on how many lattices: of an approximate engine few large ones, as it may round the bonds."""
+        return (copies, runs) if self.component.exact else (LARGE, 8)
+
+    def _follows(
+        self,
+        where: str,
+        group: Group,
+        time: float,
+        *,
+        copies: int = COPIES,
+        runs: int = 200,
+        temperature: float = TEMPERATURE,
+        nu: float = NU,
+        slots: int = 0,
+        start: bool = False,
+    ) -> None:
+        """Require that groups follow their master equation to ``time`` s, over many seeds, or from all bonds."""
+        m = len(group.forming)
+        counts = np.zeros(2**m, dtype=np.int64)
+        copies, runs = self._trials(copies, runs)
+        for seed in range(runs):
+            lattice = group.lattice(copies, nu, slots, seed % 5)
+            begin = np.ones(lattice.sites.size, dtype=bool) if start else None
+            history = self.component.run(lattice, [0.5 * time, time], temperature=temperature, seed=seed, start=begin)
+            counts += states(history.state, m)
+        probabilities = group.probabilities(time, temperature, nu, counts.size - 1 if start else 0)
+        self._compare(f"{where}, after {time:.3g} s", counts, probabilities)
+
+    def _compare(self, where: str, counts: np.ndarray, probabilities: np.ndarray) -> None:
+        """Require that ``counts`` of groups in each state agree with the ``probabilities`` of the master equation.
+
+        An exact engine: every site, every pair of sites and every state, each by its binomial distribution. An
+        approximate one: the mean number of bonds, to within its declared error.
+        """
+        total, every = int(counts.sum()), np.arange(counts.size)
+        m = counts.size.bit_length() - 1
+        bonded = every[:, None] >> np.arange(m) & 1 == 1
+        if not self.component.exact:
+            bonds = bonded.sum(axis=1)
+            mean, expected = float(counts @ bonds) / total, float(probabilities @ bonds)
+            noise = math.sqrt(float(probabilities @ (bonds - expected) ** 2) / total)
+            error = self.component.declared_error or 0.0
+            require(
+                # and half a bond per lattice, for rounding
+                abs(mean - expected) <= error * expected + 6.5 * noise + 0.5 / LARGE,
+                f"{where}, {mean:.4g} bonds per group; the master equation gives {expected:.4g}; "
+                f"declared_error={error}",
+            )
+            return
+        questions = {}
+        for chosen in (*combinations(range(m), 1), *combinations(range(m), 2)):
+            questions[f"each of the sites {chosen} is bonded"] = bonded[:, chosen].all(axis=1)
+        for state in every if m > 2 else ():
+            questions[f"just the sites {np.flatnonzero(bonded[state])} are bonded"] = every == state
+        for what, yes in questions.items():
+            count, p = int(counts[yes].sum()), min(float(probabilities[yes].sum()), 1.0)
+            require(
+                binomial_chance(count, total, p) > CHANCE,
+                f"{where}, {what} in {count} of {total} cases; the master equation gives {total * p:.4g} "
+                f"± {math.sqrt(total * p * (1 - p)):.2g}",
+            )
+
+    def _compare_mean(self, where: str, bonds: Sequence[int], of: int, probability: float) -> None:
+        """Require that the ``bonds`` of runs with ``of`` independent sites each agree with ``probability``."""
+        count, total = int(np.sum(bonds)), of * len(bonds)
+        self._compare(where, np.array([total - count, count]), np.array([1 - probability, probability]))
 
     # -- the form of the answer ----------------------------------------------------------------------------------------
 
@@ -112,7 +182,7 @@ class EngineChecks(Checks[Engine], of=Engine):
         """Hold times, temperature and kind are those of the run; bonds are formed less broken; the last count is the
         final state's."""
         times = np.geomspace(1e-3, 1e3, 13)
-        lattice = _disordered(self.component.interacting)
+        lattice = self._disordered()
         history = self._run(lattice, times, 1)
         require(isinstance(history, BondHistory), f"run() returned {type(history).__name__}; expected a BondHistory")
         require(np.array_equal(history.hold_times, times), "the hold times are not the given ones")
@@ -151,7 +221,7 @@ class EngineChecks(Checks[Engine], of=Engine):
     def run_follows_its_seed(self) -> None:
         """The same seed gives the same bytes, other seeds give others (an approximate engine may ignore it), and no
         global random state is used."""
-        lattice = _disordered(self.component.interacting, 100)
+        lattice = self._disordered(100)
         seeds_are_harmless(
             lambda seed: _trace(self._run(lattice, [0.1, 1, 10], seed)), "run", chance=self.component.exact
         )
@@ -190,7 +260,7 @@ class EngineChecks(Checks[Engine], of=Engine):
             runs = [self._run(lattice, times, seed) for seed in range(number)]
             for at, t in enumerate(times):
                 where = f"sites that form bonds at 2 per second and break them at 0.7 per second: after {t} s"
-                compare_mean(self.component, where, [run.bonds[at] for run in runs], copies, float(theta[at]))
+                self._compare_mean(where, [run.bonds[at] for run in runs], copies, float(theta[at]))
                 events, expected = int(sum(run.formed[at] for run in runs)), formed[at] * copies * number
                 # alternating events scatter less than independent ones
                 require(
@@ -198,14 +268,14 @@ class EngineChecks(Checks[Engine], of=Engine):
                     f"{where}, {events} bonds were formed; expected {expected:.0f}",
                 )
             states_at_end = np.sum([states(run.state, 1) for run in runs], axis=0)
-            compare(self.component, "in the final states", states_at_end, np.array([1 - theta[-1], theta[-1]]))
+            self._compare("in the final states", states_at_end, np.array([1 - theta[-1], theta[-1]]))
 
     @known
     def sites_keep_their_own_rates(self) -> None:
         """Each site reacts over its own barriers, wherever its pixel is: the positions in the list are not the
         pixels."""
         for time in (0.3, 1.5):
-            follows(self.component, "sites with different barriers", reacting((4.0, 0.25, 1.0), (0.1, 0.5, 2.0)), time)
+            self._follows("sites with different barriers", reacting((4.0, 0.25, 1.0), (0.1, 0.5, 2.0)), time)
 
     @known
     def rates_follow_the_temperature(self) -> None:
@@ -213,26 +283,26 @@ class EngineChecks(Checks[Engine], of=Engine):
         group = single(1.0)
         for kelvin in (260.0, 350.0, 900.0):
             time = math.exp(group.forming[0] / (KB * kelvin)) / NU
-            follows(self.component, f"at {kelvin:g} K, over {group.forming[0]:.4g} eV", group, time, temperature=kelvin)
+            self._follows(f"at {kelvin:g} K, over {group.forming[0]:.4g} eV", group, time, temperature=kelvin)
 
     def rates_follow_the_attempt_frequency(self) -> None:
         """Rates are proportional to the attempt frequency of the lattice."""
         for nu in (1e10, 4e15):
-            follows(self.component, f"at an attempt frequency of {nu:g} Hz", single(1.0), NU / nu, nu=nu)
+            self._follows(f"at an attempt frequency of {nu:g} Hz", single(1.0), NU / nu, nu=nu)
 
     @known
     def barrierless_is_the_attempt_frequency(self) -> None:
         """The rate over a barrier at or below zero is the attempt frequency ν."""
         for energy in (0.0, -0.3, -50.0):
             for time in (2e-14, 1e-13):
-                follows(self.component, f"over a barrier of {energy:g} eV (ν = 1e13 Hz)", Group((energy,)), time)
+                self._follows(f"over a barrier of {energy:g} eV (ν = 1e13 Hz)", Group((energy,)), time)
 
     def rates_span_many_decades(self) -> None:
         """Slow sites keep their rates of 1e-6 per second beside fast ones of 1e12: a total that is kept up by adding
         and subtracting rates is lost in rounding."""
         slow, time = (1e-6, 4e-6), 2e5
         rng = np.random.default_rng(5)
-        copies, runs = trials(self.component, 8, 100)
+        copies, runs = self._trials(8, 100)
         many, early, bonded = 2 * copies, [], np.zeros(2, dtype=np.int64)
         for seed in range(runs):
             rates = np.concatenate([np.tile(slow, copies), 10 ** rng.uniform(11, 12.5, many)])
@@ -242,14 +312,14 @@ class EngineChecks(Checks[Engine], of=Engine):
             early.append(int(history.bonds[0]) - many)
             bonded += state[:many].reshape(-1, 2).sum(axis=0)
             require(state[many:].all(), f"sites with rates above 1e11 per second are not bonded after {time:g} s")
-        compare_mean(self.component, "of the slow sites, after 1 s", early, many, 2.5e-6)
+        self._compare_mean("of the slow sites, after 1 s", early, many, 2.5e-6)
         for rate, count in zip(slow, bonded, strict=True):
             where = f"sites with a rate of {rate:g} per second among sites with rates of 1e12, after {time:g} s"
-            compare_mean(self.component, where, [int(count)], copies * runs, 1 - math.exp(-rate * time))
+            self._compare_mean(where, [int(count)], copies * runs, 1 - math.exp(-rate * time))
 
     def hold_times_may_coincide(self) -> None:
         """There are no bonds at time 0; repeated hold times have equal counts and do not change the others."""
-        lattice = _disordered(self.component.interacting)
+        lattice = self._disordered()
         once, twice, at_zero, only = (
             self._run(lattice, times, 3) for times in ([0.5, 20], [0.5, 0.5, 20, 20], [0, 0, 20], [0.0])
         )
@@ -278,18 +348,16 @@ class EngineChecks(Checks[Engine], of=Engine):
             require(self.component.kind in message, f"the error does not name the engine: {message}")
             return
         for time in (0.3, 2.0):
-            follows(self.component, "four coupled sites", coupled(), time)
+            self._follows("four coupled sites", coupled(), time)
 
     def empty_slots_are_skipped(self) -> None:
         """Entries -1 in ``neighbours`` mean no neighbour, wherever they stand among the slots."""
         if not self.component.interacting:
             return
-        follows(
-            self.component, "four coupled sites with empty neighbour slots between the others", coupled(), 1.0, slots=3
-        )
+        self._follows("four coupled sites with empty neighbour slots between the others", coupled(), 1.0, slots=3)
         # a single-precision coupling, and sites without any neighbour
         alone = reacting([1.0, 1.0], pair=((0.0, 0.0), (0.0, 0.0)))
-        follows(self.component, "sites all of whose neighbour slots are empty", alone, 1.0, copies=200, runs=1, slots=1)
+        self._follows("sites all of whose neighbour slots are empty", alone, 1.0, copies=200, runs=1, slots=1)
 
     def barriers_end_at_zero(self) -> None:
         """Neighbours are added to the barrier first, and a sum below zero counts as zero then."""
@@ -298,13 +366,13 @@ class EngineChecks(Checks[Engine], of=Engine):
         lowered = Group((0.0, 0.2), (0.05, 0.3), ((0.0, -1.0), (-1.0, 0.0)))
         raised = Group((-0.3, 0.0), (0.05, 0.3), ((0.0, 0.33), (0.33, 0.0)))
         for group, how in ((lowered, "lowers from 0.2 to -0.8 eV"), (raised, "raises from -0.3 to 0.03 eV")):
-            follows(self.component, f"over a barrier that a bonded neighbour {how}", group, 2e-13)
+            self._follows(f"over a barrier that a bonded neighbour {how}", group, 2e-13)
 
     # -- starting and going on -----------------------------------------------------------------------------------------
 
     def start_is_taken(self) -> None:
         """A run begins with the bonds that are given, and goes on from them."""
-        lattice = _disordered(self.component.interacting)
+        lattice = self._disordered()
         start = np.arange(lattice.sites.size) % 3 == 0
         history = self._run(lattice, [0, 100], 4, start)
         require(history.bonds[0] == start.sum(), f"{history.bonds[0]} bonds at time 0, started with {start.sum()}")
@@ -318,11 +386,11 @@ class EngineChecks(Checks[Engine], of=Engine):
         )
         for wrong in (start[:-1], start.astype(int), np.ones((2, 2), bool)):
             refuses("a wrong start", lambda wrong=wrong: self._run(lattice, [1], start=wrong))
-        follows(self.component, "from all sites bonded", reacting((2.0, 0.3), (0.7, 1.5)), 0.6, start=True)
+        self._follows("from all sites bonded", reacting((2.0, 0.3), (0.7, 1.5)), 0.6, start=True)
 
     def going_on_counts_from_the_history(self) -> None:
         """A run that goes on from a history has its bonds, its clock and its numbers of events to begin with."""
-        lattice = _disordered(self.component.interacting)
+        lattice = self._disordered()
         first = self._run(lattice, [0.1, 2.0], 6)
         rest = self._run(lattice, [2.0, 2.0, 50.0], 6, first)
         for name in ("bonds", "formed", "broken"):
@@ -353,10 +421,10 @@ class EngineChecks(Checks[Engine], of=Engine):
                     unbonded += copies - int(first.bonds[-1])
                     gained += int(rest.bonds[-1] - first.bonds[-1])
                 where = f"{unbonded} sites unbonded at 1 s, going on to {end:.4g} s at {kelvin:g} K (same seed)"
-                compare_mean(self.component, where, [gained], unbonded, 1 - math.exp(-0.3))
+                self._compare_mean(where, [gained], unbonded, 1 - math.exp(-0.3))
         by_hand = history_of(group.lattice(400), [1e7], np.zeros((1, 400), dtype=bool), TEMPERATURE, "another")
         bonds = self._run(group.lattice(400), [1e7 + 1], 1, by_hand).bonds.tolist()
-        compare_mean(self.component, "1 s after a history of 1e7 s of another engine", bonds, 400, 1 - math.exp(-1))
+        self._compare_mean("1 s after a history of 1e7 s of another engine", bonds, 400, 1 - math.exp(-1))
 
     @known
     def restart_is_exact(self) -> None:
@@ -365,7 +433,7 @@ class EngineChecks(Checks[Engine], of=Engine):
         if not self.component.restart:
             return
         times = np.array([0.0, 1e-3, 0.1, 0.1, 1.0, 30.0, 1e3])
-        for lattice in (_disordered(self.component.interacting), _disordered(False), single(1.0).lattice(30)):
+        for lattice in (self._disordered(), self._disordered(interacting=False), single(1.0).lattice(30)):
             whole = self._run(lattice, times, 6)
             for cut in range(1, times.size):
                 first = self._run(lattice, times[:cut], 6)
@@ -385,7 +453,7 @@ class EngineChecks(Checks[Engine], of=Engine):
         """Results are the same on one thread and on all."""
         import numba
 
-        lattice = _disordered(self.component.interacting, 100)
+        lattice = self._disordered(100)
         alone, threads = _trace(self._run(lattice, [0.1, 10.0])), numba.get_num_threads()
         try:
             numba.set_num_threads(1)
@@ -419,7 +487,7 @@ class EngineChecks(Checks[Engine], of=Engine):
         group, time = (coupled(), 1.0) if self.component.interacting else (single(2.0, 0.7), 0.3)
         for _, variants in trade_variants(self.component):
             for what, variant in variants:
-                follows(variant, what, group, time, runs=100)
+                EngineChecks(variant)._follows(what, group, time, runs=100)
 
     def options_keep_the_rates(self) -> None:
         """With every switch, choice and option for speed, a site that flickers and those around it follow their master
@@ -427,11 +495,13 @@ class EngineChecks(Checks[Engine], of=Engine):
         for what, variant in option_variants(self.component):
             for sites, (group, time, kelvin) in FLICKERING.items():
                 if self.component.interacting or group.pair is None:
-                    follows(variant, f"{what}: {sites}", group, time, copies=1, runs=250, temperature=kelvin)
+                    EngineChecks(variant)._follows(
+                        f"{what}: {sites}", group, time, copies=1, runs=250, temperature=kelvin
+                    )
 
     def wrong_input_is_refused(self) -> None:
         """Wrong hold times, temperatures and seeds are InputErrors; temperatures may have units."""
-        lattice = _disordered(False, 5)
+        lattice = self._disordered(5, interacting=False)
         right: dict[str, Any] = {"hold_times": [1.0], "temperature": TEMPERATURE, "seed": 1}
         wrong: dict[str, list[Any]] = {
             "hold_times": [[], [2, 1], [-1], [math.nan], [math.inf], ["soon"], [[1, 2]]],
