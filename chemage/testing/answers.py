@@ -138,8 +138,8 @@ class AnswerChecks(Checks[Component], of=Component):
         """The component with its class, where that is not installed; None where it cannot be sent."""
         import cloudpickle  # what loky sends with
 
-        module = sys.modules.get(type(self.component).__module__)
-        installed = registry.current().provider(type(self.component)) is not None or module is None
+        module = sys.modules.get(self.cls.__module__)
+        installed = registry.current().provider(self.cls) is not None or module is None
         try:
             if not installed:
                 cloudpickle.register_pickle_by_value(module)
@@ -175,14 +175,14 @@ class AnswerChecks(Checks[Component], of=Component):
         """Every option is used or changes some answer, and those in ``speed_only``, which change the cost alone, not a
         bit of any."""
         questions = list(questions_of(self.component, inputs))
-        with _reading(type(self.component)) as read:
+        with _reading(self.cls) as read:
             own = {what: answer(self.component, ask) for what, ask in questions}
-        for name in type(self.component).model_fields:
+        for name in self.cls.model_fields:
             tried = []
             for option, variant in other_values(self.component, name):
                 changed = next((what for what, ask in questions if answer(variant, ask) != own[what]), None)
                 tried.append(option)
-                if name in type(self.component).speed_only:
+                if name in self.cls.speed_only:
                     require(
                         changed is None,
                         f"{option}: the answers differ ({changed}), but speed_only says that they do not",
@@ -191,7 +191,7 @@ class AnswerChecks(Checks[Component], of=Component):
                     break
             else:
                 require(
-                    not tried or name in read or name in type(self.component).speed_only or self._is_rare(name),
+                    not tried or name in read or name in self.cls.speed_only or self._is_rare(name),
                     f"option {name!r} is not used and changes nothing ({', '.join(tried)} tried); use it, remove it, "
                     "or name it in speed_only if it only changes the cost",
                 )
@@ -201,7 +201,7 @@ class AnswerChecks(Checks[Component], of=Component):
         nothing converges; one that goes with another option that is off; or any option of a method of ageing, of which
         the questions are about independent sites. Its name is in the code of a method that the class adds to its role.
         """
-        cls, value = type(self.component), getattr(self.component, name)
+        cls, value = self.cls, getattr(self.component, name)
         others = [getattr(self.component, other) for other in cls.model_fields.keys() - {name}]
         off = any(other is None or other is False for other in others)
         if is_number(value) and not off and not isinstance(self.component, AgeingMethod):

@@ -171,7 +171,7 @@ class Checks(Generic[C]):
             CHECKS.setdefault(role.role, []).append(cls)
 
     def __init__(self, component: C) -> None:
-        self.component = component
+        self.component, self.cls = component, type(component)
 
     @classmethod
     def names(cls) -> list[str]:

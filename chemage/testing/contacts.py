@@ -308,7 +308,7 @@ class ContactChecks(Checks[ContactSolver], of=ContactSolver):
     def contact_scales(self, surface: Surface, solution: ContactSolution) -> None:
         """Lengths ×3 and load ×9, stresses and load ×2, or a raised surface are equivalent: no unit and no length is
         hidden in the solver."""
-        if "modulus" in type(self.component).model_fields:
+        if "modulus" in self.cls.model_fields:
             stiff = rescaled(self.component, stress=2).solve(surface, 2 * solution.load)
             self._require_same("twice the modulus and load", stiff.pressure / 2, solution.pressure, 1e-3)
         radius = surface.provenance.get("radius")
@@ -423,7 +423,7 @@ class ContactChecks(Checks[ContactSolver], of=ContactSolver):
         """``reference()`` returns a solver of the same class, with the same contact up to the errors of the
         component."""
         reference = self.component.reference()
-        require(isinstance(reference, type(self.component)), f"reference() returned {reference!r}")
+        require(isinstance(reference, self.cls), f"reference() returned {reference!r}")
         away = difference(solution.pressure, reference.solve(surface, solution.load).pressure)
         require(away <= 1e-2, "reference() solves another contact")
 

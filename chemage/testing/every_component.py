@@ -63,7 +63,7 @@ class ComponentChecks(Checks[Component], of=Component):
 
     def has_kind_and_role(self) -> None:
         """The class has a kind in lower case, a docstring, and is of the class of its role."""
-        cls = type(self.component)
+        cls = self.cls
         kind, role = cls.kind, registry.current().role(cls.role)
         require(isinstance(kind, str) and kind, f"{cls.__name__}.kind is empty; give the name that users select it by")
         require(kind == kind.strip().lower() and " " not in kind, f"kind {kind!r}: use lower-case-words")
@@ -72,8 +72,8 @@ class ComponentChecks(Checks[Component], of=Component):
 
     def citations_are_strings(self) -> None:
         """``cite`` is a tuple of strings, and ``bibtex``, if there is one, has an entry or "" for each of them."""
-        cite = type(self.component).cite
-        owner = next(one for one in type(self.component).__mro__ if "cite" in vars(one))
+        cite = self.cls.cite
+        owner = next(one for one in self.cls.__mro__ if "cite" in vars(one))
         entries = vars(owner).get("bibtex", ())
         for name, texts in (("cite", cite), ("bibtex", entries)):
             given = type(texts).__name__
@@ -99,14 +99,14 @@ class ComponentChecks(Checks[Component], of=Component):
 
     def speed_only_names_options(self) -> None:
         """``speed_only`` is a tuple of names of options."""
-        named = type(self.component).speed_only
+        named = self.cls.speed_only
         require(isinstance(named, tuple), f"speed_only = {named!r}: give a tuple, with a comma after a single name")
-        unknown = set(named) - set(type(self.component).model_fields)
+        unknown = set(named) - set(self.cls.model_fields)
         require(not unknown, f"speed_only names {', '.join(sorted(unknown))}, which are not options")
 
     def trade_names_options(self) -> None:
         """``trade`` maps names of options to at least two values each, all of which the option accepts."""
-        cls = type(self.component)
+        cls = self.cls
         require(isinstance(cls.trade, Mapping), f"trade = {cls.trade!r}: give a mapping from options to values")
         for name, values in cls.trade.items():
             require(name in cls.model_fields, f"trade names {name!r}, which is not an option")
@@ -120,7 +120,7 @@ class ComponentChecks(Checks[Component], of=Component):
 
     def _accepted(self, name: str, value: Any) -> Any:
         """The option ``name`` at ``value``, with other options of ``trade`` at values that go with it."""
-        others = {other: values for other, values in type(self.component).trade.items() if other != name}
+        others = {other: values for other, values in self.cls.trade.items() if other != name}
         refusal = None
         for combination in ({}, *(dict(zip(others, each, strict=True)) for each in product(*others.values()))):
             try:
@@ -154,10 +154,10 @@ class ComponentChecks(Checks[Component], of=Component):
     def digest_tells_options_apart(self) -> None:
         """The digest changes with every option except those of ``speed_only``, so that no stored result is mistaken for
         another's."""
-        for name in type(self.component).model_fields:
+        for name in self.cls.model_fields:
             for what, variant in other_values(self.component, name):
                 same = variant.digest() == self.component.digest()
-                if name in type(self.component).speed_only:
+                if name in self.cls.speed_only:
                     require(same, f"{what}: the digest differs, but speed_only names {name!r}")
                 else:
                     equal = same or variant == self.component
@@ -167,7 +167,7 @@ class ComponentChecks(Checks[Component], of=Component):
     def options_are_frozen(self) -> None:
         """No option can be set on a finished component."""
         before = self.component.digest()
-        for name in (*type(self.component).model_fields, "some_other_name"):
+        for name in (*self.cls.model_fields, "some_other_name"):
             try:
                 setattr(self.component, name, getattr(self.component, name, 1))
             except (ValueError, AttributeError, TypeError):
@@ -184,7 +184,7 @@ class ComponentChecks(Checks[Component], of=Component):
             f"todict() has kind {fields.get('kind')!r}, not {self.component.kind!r}",
         )
         ways: dict[str, Callable[[], Component]] = {
-            "fromdict(todict())": lambda: type(self.component).fromdict(json.loads(json.dumps(fields))),
+            "fromdict(todict())": lambda: self.cls.fromdict(json.loads(json.dumps(fields))),
             "pickle": lambda: pickle.loads(pickle.dumps(self.component)),
             "replace()": self.component.replace,
         }
@@ -199,7 +199,7 @@ class ComponentChecks(Checks[Component], of=Component):
     def wrong_options_are_refused(self) -> None:
         """Unknown options, numbers that are not finite and quantities of another dimension are errors naming the
         option."""
-        cls: Any = type(self.component)
+        cls: Any = self.cls
 
         def refused(name: str, value: Any, make: Callable[..., Any]) -> None:
             message = refuses(f"{name} = {value!r}", lambda: make(**{name: value}))
@@ -219,7 +219,7 @@ class ComponentChecks(Checks[Component], of=Component):
 
     def figures_are_named(self) -> None:
         """Each figure has a caption, and a name that a file can have and that is none of chemage's own figures'."""
-        figures = type(self.component).figures
+        figures = self.cls.figures
         require(isinstance(figures, Mapping), f"figures = {figures!r}; give a mapping from names to captions")
         for name, caption in figures.items():
             require(
@@ -259,7 +259,7 @@ class ObservableFigureChecks(Checks[Observable], of=Observable):
         known."""
         few, many, some = (finished(40, bonded) for bonded in (3, 40, 17))
         chemistry = some.chemistry
-        for figure in type(self.component).figures:
+        for figure in self.cls.figures:
             first, second = self._measured([some, few, few]), self._measured([some, many, many])
             shown, other, _, _ = (
                 _drawn(self.component, figure, results)
@@ -301,12 +301,8 @@ class ComponentFigureChecks(Checks[Component], of=Component):
     def components_draw_their_figures(self) -> None:
         """A component that is no observable draws each of its figures, of one result and of several, also where a part
         of the result is not known."""
-        others = [
-            variant
-            for option in type(self.component).model_fields
-            for _, variant in other_values(self.component, option)
-        ]
-        for name in type(self.component).figures:
+        others = [variant for option in self.cls.model_fields for _, variant in other_values(self.component, option)]
+        for name in self.cls.figures:
             results = self._results()
             shown = {
                 what: _drawn(self.component, name, drawn, "without" not in what) for what, drawn in results.items()

@@ -345,7 +345,7 @@ class ReaderChecks(Checks[Reader], of=Reader):
 
     def suffixes_are_named(self, path: Any = None) -> None:
         """``suffixes`` names the file endings that the reader accepts, in lower case and with the dot."""
-        suffixes = type(self.component).suffixes
+        suffixes = self.cls.suffixes
         require(
             isinstance(suffixes, tuple) and suffixes, f"suffixes = {suffixes!r}: name the file endings that it reads"
         )
@@ -359,7 +359,7 @@ class ReaderChecks(Checks[Reader], of=Reader):
         """A missing, empty or truncated file, or one of another format, raises a ChemageError that names the file."""
         with TemporaryDirectory() as name:
             contents = {"empty": b"", "foreign": b"\x89not this format at all\r\n\x1a\n\x00" * 20}
-            suffix = type(self.component).suffixes[0]
+            suffix = self.cls.suffixes[0]
             if path is not None:
                 good, suffix = read_bytes(path), Path(path).suffix
                 contents["truncated"] = good[: len(good) // 2]
@@ -419,7 +419,7 @@ class ReaderChecks(Checks[Reader], of=Reader):
     def stated_pixel_size_counts(self, path: Any) -> None:
         """An option ``pixel_size`` overrides the pixel size in the file."""
         stated = self.component.read(path)
-        if "pixel_size" in type(self.component).model_fields and isinstance(stated, Surface):
+        if "pixel_size" in self.cls.model_fields and isinstance(stated, Surface):
             size = 2.5 * stated.pixel_size
             other = self.component.replace(pixel_size=size).read(path).pixel_size
             require(
@@ -471,7 +471,7 @@ class ReaderChecks(Checks[Reader], of=Reader):
             require(
                 image.periodic == surface.periodic, f"the image has periodic = {image.periodic}, the surface has not"
             )
-        if "pixel_size" in type(self.component).model_fields:
+        if "pixel_size" in self.cls.model_fields:
             stated = self.component.replace(pixel_size=2.5 * size).height_map(path).pixel_size
             right = stated is None or np.allclose(stated, 2.5 * size, atol=0.0)
             require(right, f"pixel_size = {2.5 * size} nm was given, but the image has pixels of {stated} nm")

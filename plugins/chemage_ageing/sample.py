@@ -154,7 +154,11 @@ class Sample(AgeingMethod):
             coefficient = np.where(few, 1.0, _coefficient(bonds[:, other], alone[:, other]))
             values[:, own] = bonds[:, own] - coefficient * alone[:, own]
         windowed = values.var(axis=1, ddof=1) / count
-        error = np.sqrt(windowed.sum(axis=0)) / len(replicas) * _few(bonds[:, 1::2, 0].size)
+        error = np.sqrt(windowed.sum(axis=0)) / len(replicas)
+        # by so much it is larger because the coefficient comes from so many windows, which adds its own error (Cochran,
+        # Sampling Techniques, 3rd ed. (1977), section 12.6), and the error itself (Student's t)
+        drawn = bonds[:, 1::2, 0].size
+        error = error * (math.sqrt(1 + 1 / (drawn - 3)) * statistics.student_limit(drawn - 2) / statistics.NORMAL_LIMIT)
         error = np.where(few, np.maximum(error, known), error)
         estimates = values.mean(axis=1)
         mean = estimates.mean(axis=0)
@@ -197,12 +201,6 @@ def _coefficient(bonds: np.ndarray, alone: np.ndarray) -> np.ndarray:
     spread = (centred**2).sum(axis=(0, 1))
     together = (centred * bonds).sum(axis=(0, 1))
     return np.divide(together, spread, out=np.zeros(spread.shape), where=spread > 0)
-
-
-def _few(windows: int) -> float:
-    """By how much the standard error is larger because the coefficient comes from so many windows, which adds its own
-    error (Cochran, Sampling Techniques, 3rd ed. (1977), section 12.6), and the error itself (Student's t)."""
-    return math.sqrt(1 + 1 / (windows - 3)) * statistics.student_limit(windows - 2) / statistics.NORMAL_LIMIT
 
 
 class Windows(NamedTuple):
