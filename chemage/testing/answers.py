@@ -24,7 +24,7 @@ from chemage.foundation.outputs import recording
 from chemage.foundation.records import Record
 from chemage.kinetics.role import Engine
 from chemage.plugins import registry
-from chemage.testing.checks import CHECKS, LIMIT, Checks, Questions, is_number, other_values, require
+from chemage.testing.checks import CHECKS, LIMIT, Checks, Questions, is_number, require
 
 
 def answer(component: Component, ask: Callable[[Any], Any]) -> bytes:
@@ -85,7 +85,7 @@ def answers(component: Component, inputs: Mapping[str, Any], backwards: bool = F
     questions = list(questions_of(component, inputs))
     asked = [(what, component, ask) for what, ask in questions]
     for name in type(component).model_fields if questions else ():
-        for option, variant in islice(other_values(component, name), 1):
+        for option, variant in islice(Checks(component).other_values(name), 1):
             asked.append((f"{questions[0][0]}, with {option}", variant, questions[0][1]))
     return {what: answer(variant, ask) for what, variant, ask in (asked[::-1] if backwards else asked)}
 
@@ -179,7 +179,7 @@ class AnswerChecks(Checks[Component], of=Component):
             own = {what: answer(self.component, ask) for what, ask in questions}
         for name in self.cls.model_fields:
             tried = []
-            for option, variant in other_values(self.component, name):
+            for option, variant in self.other_values(name):
                 changed = next((what for what, ask in questions if answer(variant, ask) != own[what]), None)
                 tried.append(option)
                 if name in self.cls.speed_only:

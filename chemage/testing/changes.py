@@ -12,7 +12,7 @@ from chemage.ageing.observables import Observable
 from chemage.foundation.errors import InputError
 from chemage.foundation.outputs import HOLD_TIME
 from chemage.friction.role import Bonded, Rupture
-from chemage.testing.checks import Checks, Questions, dimensions, require, rescaled, whole
+from chemage.testing.checks import Checks, Questions, dimensions, require, whole
 from chemage.testing.replicas import Asked, changed, finished, force_of, numbers, with_states
 
 check_observable, check_rupture = whole(Observable), whole(Rupture)
@@ -119,7 +119,7 @@ class ObservableUnitChecks(Checks[Observable], of=Observable):
         one in 1/nm**2 a quarter."""
         small = finished(40, 17)
         try:
-            doubled = rescaled(self.component, stress=1 / 8, length=2)
+            doubled = self.rescaled(stress=1 / 8, length=2)
         except InputError:
             return
         one, two = (
@@ -151,7 +151,7 @@ class RuptureUnitChecks(Checks[Rupture], of=Rupture):
         if self.component.sampled:
             return
         try:
-            strong = rescaled(self.component, stress=3)
+            strong = self.rescaled(stress=3)
         except InputError:
             return
         before = finished(40, 17)

@@ -179,6 +179,79 @@ class Checks(Generic[C]):
         own = [name for name, value in vars(cls).items() if isfunction(value) and not name.startswith("_")]
         return [name for name in own if name not in vars(Checks)]
 
+    def other_values(self, name: str) -> Iterator[tuple[str, Any]]:
+        """Yield the component with option ``name`` at other values that it accepts, and what was changed."""
+        parts = self.options().get(name, [])
+        types, value = {part.get("type") for part in parts}, getattr(self.component, name)
+        tried: list[Any] = [choice for part in parts for choice in part.get("enum", [])]
+        tried += [True, False] if "boolean" in types else []
+        tried += [1, 2, 3] if "integer" in types else []
+        if "number" in types and is_number(value):
+            tried += [0.5 * value, 2 * value, 0.9 * value] if value else [0.1, 1.0]
+        for other in tried:
+            try:
+                variant = self.component.replace(**{name: other})
+            except InputError:
+                continue
+            if getattr(variant, name) != value or type(getattr(variant, name)) is not type(value):
+                yield f"{name} = {other}", variant
+
+    def option_variants(self) -> Iterator[tuple[str, Any]]:
+        """Yield the component as it is, with each switch, choice and option of ``speed_only`` at another value, and
+        with all of these at once. Numbers that are not for speed alone may mean anything, and stay."""
+        yield "with these options", self.component
+        together: dict[str, Any] = {}
+        for name in self.cls.model_fields:
+            others = list(self.other_values(name))
+            if name in self.cls.speed_only:
+                others = others[:1]
+            elif is_number(getattr(self.component, name)):
+                continue
+            yield from others
+            if others:
+                together[name] = getattr(others[-1][1], name)
+        if len(together) > 1:
+            try:
+                words = ", ".join(f"{name} = {value}" for name, value in together.items())
+                yield words, self.component.replace(**together)
+            except InputError:
+                return
+
+    def trade_variants(self) -> Iterator[tuple[str, list[tuple[str, Any]]]]:
+        """Yield each option of ``trade`` with the component at its values, from fast to accurate.
+
+        Values that the other options of this component rule out are left out.
+        """
+        for name, values in self.cls.trade.items():
+            variants = []
+            for value in values:
+                try:
+                    variants.append((f"{name} = {value}", self.component.replace(**{name: value})))
+                except InputError:
+                    continue
+            if len(variants) > 1:
+                yield name, variants
+
+    def rescaled(self, *, stress: float = 1.0, length: float = 1.0) -> Any:
+        """The component in other units of stress and length: each option that has one times its power."""
+        changes: dict[str, float] = {}
+        for name, unit in self.units().items():
+            value = getattr(self.component, name)
+            mass, metre, others = dimensions(unit)
+            # a stress is M/(L T²): a time stays as it is, and with it what contains one
+            if is_number(value) and not others and (mass or metre):
+                changes[name] = value * stress**mass * length ** (metre + mass)
+        return self.component.replace(**changes) if changes else self.component
+
+    def options(self) -> dict[str, list[dict[str, Any]]]:
+        """The JSON schemas of each option: its own, then those of the alternatives of its value."""
+        properties = self.cls.model_json_schema().get("properties", {})
+        return {name: [schema, *schema.get("anyOf", [])] for name, schema in properties.items()}
+
+    def units(self) -> dict[str, str]:
+        """The units of the options that have one."""
+        return {name: part["unit"] for name, parts in self.options().items() for part in parts if part.get("unit")}
+
     def questions(self, *_: Any, **__: Any) -> Questions:
         """What can be asked of the component.
 
@@ -370,73 +443,6 @@ def seeds_are_harmless(draw: Callable[[Any], Any], what: str, *, chance: bool = 
     require(global_state() == before, f"{what}: draws from numpy's global random state")
 
 
-def other_values(component: Any, name: str) -> Iterator[tuple[str, Any]]:
-    """Yield the component with option ``name`` at other values that it accepts, and what was changed."""
-    parts = options_of(component).get(name, [])
-    types, value = {part.get("type") for part in parts}, getattr(component, name)
-    tried: list[Any] = [choice for part in parts for choice in part.get("enum", [])]
-    tried += [True, False] if "boolean" in types else []
-    tried += [1, 2, 3] if "integer" in types else []
-    if "number" in types and is_number(value):
-        tried += [0.5 * value, 2 * value, 0.9 * value] if value else [0.1, 1.0]
-    for other in tried:
-        try:
-            variant = component.replace(**{name: other})
-        except InputError:
-            continue
-        if getattr(variant, name) != value or type(getattr(variant, name)) is not type(value):
-            yield f"{name} = {other}", variant
-
-
-def option_variants(component: Any) -> Iterator[tuple[str, Any]]:
-    """Yield the component as it is, with each switch, choice and option of ``speed_only`` at another value, and with
-    all of these at once. Numbers that are not for speed alone may mean anything, and stay."""
-    yield "with these options", component
-    together: dict[str, Any] = {}
-    for name in type(component).model_fields:
-        others = list(other_values(component, name))
-        if name in type(component).speed_only:
-            others = others[:1]
-        elif is_number(getattr(component, name)):
-            continue
-        yield from others
-        if others:
-            together[name] = getattr(others[-1][1], name)
-    if len(together) > 1:
-        try:
-            yield ", ".join(f"{name} = {value}" for name, value in together.items()), component.replace(**together)
-        except InputError:
-            return
-
-
-def trade_variants(component: Any) -> Iterator[tuple[str, list[tuple[str, Any]]]]:
-    """Yield each option of ``trade`` with the component at its values, from fast to accurate.
-
-    Values that the other options of this component rule out are left out.
-    """
-    for name, values in type(component).trade.items():
-        variants = []
-        for value in values:
-            try:
-                variants.append((f"{name} = {value}", component.replace(**{name: value})))
-            except InputError:
-                continue
-        if len(variants) > 1:
-            yield name, variants
-
-
-def rescaled(component: Any, *, stress: float = 1.0, length: float = 1.0) -> Any:
-    """The component in other units of stress and length: each option that is a quantity of these, times its power."""
-    changes: dict[str, float] = {}
-    for name, unit in units_of(component).items():
-        value = getattr(component, name)
-        mass, metre, others = dimensions(unit)
-        # a stress is M/(L T²): a time stays as it is, and with it what contains one
-        if is_number(value) and not others and (mass or metre):
-            changes[name] = value * stress**mass * length ** (metre + mass)
-    return component.replace(**changes) if changes else component
-
-
 def dimensions(unit: str) -> tuple[float, float, bool]:
     """The powers of mass and length in a unit, and whether it contains a temperature or another quantity but time."""
     from chemage.foundation.units import unit_registry as units
@@ -459,14 +465,3 @@ def require_estimates(what: str, estimates: Any, *names: str) -> None:
     for name, value in estimates.items():
         require(name in names, f"{what} returned {name!r}; known are {', '.join(names)}")
         require(0 <= value < math.inf, f"{what}: {name} = {value!r}")
-
-
-def options_of(component: Component) -> dict[str, list[dict[str, Any]]]:
-    """The JSON schemas of each option: its own, then those of the alternatives of its value."""
-    properties = type(component).model_json_schema().get("properties", {})
-    return {name: [schema, *schema.get("anyOf", [])] for name, schema in properties.items()}
-
-
-def units_of(component: Component) -> dict[str, str]:
-    """The units of the options that have one."""
-    return {name: part["unit"] for name, parts in options_of(component).items() for part in parts if part.get("unit")}

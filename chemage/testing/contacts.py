@@ -26,9 +26,6 @@ from chemage.testing.checks import (
     require,
     require_estimates,
     require_plain,
-    rescaled,
-    trade_variants,
-    units_of,
     whole,
 )
 from chemage.testing.known_contacts import every_known_contact, flat, paraboloid
@@ -209,7 +206,7 @@ class ContactChecks(Checks[ContactSolver], of=ContactSolver):
             mine, its = getattr(solution, name), getattr(surface, name)
             same = mine == its or (name.startswith("rms") and math.isclose(mine, its, rel_tol=1e-6))
             require(same, f"{name} is {mine}, the surface has {its}")
-        if "GPa" in units_of(self.component).get("modulus", ""):
+        if "GPa" in self.units().get("modulus", ""):
             mine, its = solution.modulus, getattr(self.component, "modulus", None)
             require(its is None or math.isclose(mine, its), f"modulus is {mine} GPa, the solver has {its} GPa")
         for name in self.component.implemented_properties:
@@ -309,7 +306,7 @@ class ContactChecks(Checks[ContactSolver], of=ContactSolver):
         """Lengths ×3 and load ×9, stresses and load ×2, or a raised surface are equivalent: no unit and no length is
         hidden in the solver."""
         if "modulus" in self.cls.model_fields:
-            stiff = rescaled(self.component, stress=2).solve(surface, 2 * solution.load)
+            stiff = self.rescaled(stress=2).solve(surface, 2 * solution.load)
             self._require_same("twice the modulus and load", stiff.pressure / 2, solution.pressure, 1e-3)
         radius = surface.provenance.get("radius")
         for what, heights, size in (
@@ -318,7 +315,7 @@ class ContactChecks(Checks[ContactSolver], of=ContactSolver):
         ):
             provenance = {"radius": radius * size} if radius else {}
             changes = {"heights": heights, "pixel_size": surface.pixel_size * size, "provenance": provenance}
-            solver = rescaled(self.component, length=size)
+            solver = self.rescaled(length=size)
             scaled = _accepted(solver, surface.model_copy(update=changes), solution.load * size**2)
             if scaled is not None:  # the solver needs no more than heights and radius
                 self._require_same(what, scaled.pressure, solution.pressure, 1e-3)
@@ -400,7 +397,7 @@ class ContactChecks(Checks[ContactSolver], of=ContactSolver):
     def trade_is_from_fast_to_accurate(self, surfaces: Sequence[Surface] = ()) -> None:
         """The values of each option of ``trade`` give the same contact, the last ones nearly so."""
         surface, load = self._solvable(surfaces)[0]
-        for name, variants in trade_variants(self.component):
+        for name, variants in self.trade_variants():
             *others, last = (variant.solve(surface, load).pressure.astype(np.float64) for _, variant in variants)
             require(
                 all(one.shape == last.shape for one in others), f"trade of {name!r} changes the grid of the solution"

@@ -23,12 +23,10 @@ from chemage.testing.checks import (
     Questions,
     binomial_chance,
     known,
-    option_variants,
     refuses,
     require,
     require_estimates,
     seeds_are_harmless,
-    trade_variants,
     whole,
 )
 from chemage.testing.replicas import history_of
@@ -485,14 +483,14 @@ class EngineChecks(Checks[Engine], of=Engine):
     def trade_keeps_the_rates(self) -> None:
         """Every value of ``trade`` gives the right mean number of bonds, to within the declared error."""
         group, time = (coupled(), 1.0) if self.component.interacting else (single(2.0, 0.7), 0.3)
-        for _, variants in trade_variants(self.component):
+        for _, variants in self.trade_variants():
             for what, variant in variants:
                 EngineChecks(variant)._follows(what, group, time, runs=100)
 
     def options_keep_the_rates(self) -> None:
         """With every switch, choice and option for speed, a site that flickers and those around it follow their master
         equation, at rates over 60 decades."""
-        for what, variant in option_variants(self.component):
+        for what, variant in self.option_variants():
             for sites, (group, time, kelvin) in FLICKERING.items():
                 if self.component.interacting or group.pair is None:
                     EngineChecks(variant)._follows(

@@ -35,12 +35,9 @@ from chemage.testing.checks import (
     dimensions,
     is_number,
     naming,
-    options_of,
-    other_values,
     refuses,
     require,
     require_plain,
-    units_of,
 )
 from chemage.testing.replicas import contact_of, finished, numbers, with_states
 
@@ -90,10 +87,10 @@ class ComponentChecks(Checks[Component], of=Component):
 
     def options_are_described(self) -> None:
         """Every option has a description, and a unit that can be read."""
-        for name, (schema, *_) in options_of(self.component).items():
+        for name, (schema, *_) in self.options().items():
             described = schema.get("description", "").strip()
             require(described, f"option {name!r} has no description; write a docstring below it")
-        for name, unit in units_of(self.component).items():
+        for name, unit in self.units().items():
             with naming(f"option {name!r}: the unit {unit!r} cannot be read"):
                 dimensions(unit)
 
@@ -155,7 +152,7 @@ class ComponentChecks(Checks[Component], of=Component):
         """The digest changes with every option except those of ``speed_only``, so that no stored result is mistaken for
         another's."""
         for name in self.cls.model_fields:
-            for what, variant in other_values(self.component, name):
+            for what, variant in self.other_values(name):
                 same = variant.digest() == self.component.digest()
                 if name in self.cls.speed_only:
                     require(same, f"{what}: the digest differs, but speed_only names {name!r}")
@@ -206,8 +203,8 @@ class ComponentChecks(Checks[Component], of=Component):
             require(name in message, f"the error for {name} = {value!r} does not name it: {message}")
 
         refused("no_such_option", 1, cls)
-        units = units_of(self.component)
-        for name, parts in options_of(self.component).items():
+        units = self.units()
+        for name, parts in self.options().items():
             if not any(part.get("type") == "number" for part in parts):
                 continue
             for wrong in (math.nan, math.inf, -math.inf, *(["1 mol"] if name in units else [])):
@@ -301,7 +298,7 @@ class ComponentFigureChecks(Checks[Component], of=Component):
     def components_draw_their_figures(self) -> None:
         """A component that is no observable draws each of its figures, of one result and of several, also where a part
         of the result is not known."""
-        others = [variant for option in self.cls.model_fields for _, variant in other_values(self.component, option)]
+        others = [variant for option in self.cls.model_fields for _, variant in self.other_values(option)]
         for name in self.cls.figures:
             results = self._results()
             shown = {

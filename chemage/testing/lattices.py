@@ -18,10 +18,7 @@ from chemage.testing.checks import (
     known,
     naming,
     require,
-    rescaled,
     seeds_are_harmless,
-    trade_variants,
-    units_of,
     whole,
 )
 
@@ -93,7 +90,7 @@ class BarriersChecks(Checks[Barriers], of=Barriers):
             f"half of the barriers are below {middle:.4g} eV; expected {_SMALL} to {_LARGE} eV: are they in k_BT, "
             "kJ/mol or J? (1 eV is 38.7 k_BT at 300 K, 96.5 kJ/mol, 1.6e-19 J)",
         )
-        for name, unit in units_of(self.component).items():
+        for name, unit in self.units().items():
             bound = getattr(self.component, name)
             if name in ("lower", "upper") and isinstance(bound, float) and unit == "eV":
                 end, beyond = (low, bound - low) if name == "lower" else (high, high - bound)
@@ -172,7 +169,7 @@ class BarriersChecks(Checks[Barriers], of=Barriers):
 
     def trade_keeps_the_barriers(self) -> None:
         """Every value of ``trade`` gives the median of the last to within a tenth."""
-        for name, variants in trade_variants(self.component):
+        for name, variants in self.trade_variants():
             medians = [float(variant.quantile(np.array([0.5]))[0]) for _, variant in variants]
             require(
                 np.allclose(medians, medians[-1], rtol=0.1),
@@ -297,7 +294,7 @@ class InteractionChecks(Checks[Interaction], of=Interaction):
     def lengths_are_in_nm(self) -> None:
         """On pixels twice as large, with all lengths among the options doubled, graph and energies are the same."""
         # an energy is stress times volume
-        larger = rescaled(self.component, stress=1 / 8, length=2)
+        larger = self.rescaled(stress=1 / 8, length=2)
         for grid in ((13, 11), (11, 13)):
             own = _graph(self.component, grid, True, _every_site(grid), 3)
             for one, two in zip(own, _graph(larger, grid, True, _every_site(grid), 3, 2 * _PIXEL), strict=True):

@@ -26,10 +26,7 @@ from chemage.testing.checks import (
     require,
     require_estimates,
     require_plain,
-    rescaled,
     seeds_are_harmless,
-    trade_variants,
-    units_of,
     whole,
 )
 
@@ -149,13 +146,11 @@ class SurfaceChecks(Checks[SurfaceMaker], of=SurfaceMaker):
     def lengths_scale_together(self) -> None:
         """With all lengths among its options doubled, the same surface is twice as large: pixels and nanometres, or two
         units of length, are not mixed up."""
-        lengths = {
-            name: getattr(self.component, name) for name, unit in units_of(self.component).items() if unit == "nm"
-        }
+        lengths = {name: getattr(self.component, name) for name, unit in self.units().items() if unit == "nm"}
         if lengths.get("pixel_size") is None:
             return
         try:
-            larger = rescaled(self.component, length=2).make(0)
+            larger = self.rescaled(length=2).make(0)
         except InputError:
             return
         surface = self.component.make(0)
@@ -269,7 +264,7 @@ class SurfaceChecks(Checks[SurfaceMaker], of=SurfaceMaker):
 
     def trade_keeps_the_surface(self) -> None:
         """Every value of ``trade`` gives a surface of the same size and roughness."""
-        for name, variants in trade_variants(self.component):
+        for name, variants in self.trade_variants():
             made = {what: variant.make(2) for what, variant in variants}
             last = [*made.values()][-1]
             sides = np.multiply(last.shape, last.pixel_size)

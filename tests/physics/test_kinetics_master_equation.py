@@ -21,7 +21,7 @@ from scipy.linalg import expm
 import chemage
 from chemage import ReactionLattice
 from chemage.plugin import KB, registry
-from chemage.testing.checks import option_variants
+from chemage.testing.checks import Checks
 from chemage.testing.small_systems import Group, barrier, coupled, evolved
 
 CHANCE = 1e-5
@@ -345,7 +345,7 @@ def test_random_lattices_follow_the_master_equation_with_every_option(kind, numb
         monkeypatch.setattr(f"chemage_kinetics.{kernel}.FAR", far)
     monkeypatch.setattr("chemage_kinetics.engines.PIECE", 1)  # so that threads share few sites
     chances = []
-    for at, (what, engine) in enumerate(option_variants(chemage.engine(kind))):
+    for at, (what, engine) in enumerate(Checks(chemage.engine(kind)).option_variants()):
         fast = getattr(engine, "superbasins", False)
         for number in numbers:
             hold = random_hold(number, *SHAPES[number % len(SHAPES)], flips=1e25 if fast and number % 2 else 60.0)
