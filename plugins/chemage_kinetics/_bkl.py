@@ -177,15 +177,6 @@ def _flip_cold(i: Int, classes: Classes, near: np.ndarray) -> None:
 
 
 @inner
-def _put_back_around(i: Int, classes: Classes) -> None:
-    """Enter site i and its neighbours in the classes of their present rates."""
-    put_back(i, classes)
-    for s in range(classes.model.neighbours.shape[1]):
-        if classes.model.neighbours[i, s] >= 0:
-            put_back(np.int64(classes.model.neighbours[i, s]), classes)
-
-
-@inner
 def _attempt_elsewhere(run: BklRun) -> Int:
     """The site that an attempt selects and accepts among those in classes, or -1; moves a rejected site whose class is
     out of date."""
@@ -247,7 +238,10 @@ def _dwell(run: BklRun, i: Int, high: Float, low: Float, hold: Int, rate_back: F
         u, v = two_uniforms(run.rng)
         near = u * (elsewhere + around) < around
         j = choose_around(i, v, sites) if near else _attempt_elsewhere(run)
-    _put_back_around(i, classes)
+    put_back(i, classes)
+    for s in range(classes.model.neighbours.shape[1]):
+        if classes.model.neighbours[i, s] >= 0:
+            put_back(np.int64(classes.model.neighbours[i, s]), classes)
     if j < 0:
         return high, low, i
     _flip_cold(j, classes, run.near)

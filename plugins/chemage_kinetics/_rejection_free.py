@@ -87,7 +87,11 @@ class SiteRates(NamedTuple):
 
 def empty_rates(sites: int, slots: int, listing: bool) -> SiteRates:
     """Memory for the rates of ``sites`` sites with ``slots`` neighbours each; see `fill`."""
-    starts = _levels(sites)
+    ends, width = [0], max(sites, 1)
+    while width > 1 or len(ends) == 1:
+        width = -(-width // WAYS)
+        ends.append(ends[-1] + width * WAYS)
+    starts = np.array(ends, np.int64)
     rates = _aligned(int(ROOM) + 8)
     rates[:] = 0.0
     return SiteRates(
@@ -99,17 +103,6 @@ def empty_rates(sites: int, slots: int, listing: bool) -> SiteRates:
         dirty=np.empty(slots + 1, np.int64),
         listing=listing,
     )
-
-
-def _levels(sites: int) -> np.ndarray:
-    starts = [0]
-    width = max(sites, 1)
-    while True:
-        blocks = -(-width // WAYS)
-        starts.append(starts[-1] + blocks * WAYS)
-        if blocks == 1:
-            return np.array(starts, np.int64)
-        width = blocks
 
 
 def _aligned(size: int) -> np.ndarray:
@@ -411,15 +404,6 @@ def _draw(ahead: Predictions, drawn: Int) -> None:
 
 
 @hot
-def _begin(ahead: Predictions, rates: SiteRates, total: Float, slot: Int) -> None:
-    """First stage of predicting a selection: down to the last level but two."""
-    node, target = _node(rates, ahead.draws[slot, 0] * total, ahead.draws[slot, 1], 2)
-    ahead.spots[slot] = node
-    ahead.draws[slot, 2] = target
-    prefetch(rates.tree, rates.starts[1] + 8 * node)
-
-
-@hot
 def _look_ahead(ahead: Predictions, system: System, drawn: Int, total: Float) -> None:
     """Prefetch the memory of the next predicted events; a wrong prediction costs time and changes nothing.
 
@@ -429,7 +413,10 @@ def _look_ahead(ahead: Predictions, system: System, drawn: Int, total: Float) ->
     tree = system.rates.tree
     above = system.rates.starts[1]
     _draw(ahead, drawn + 4)
-    _begin(ahead, system.rates, total, (drawn + 4) & (RING - 1))
+    slot = (drawn + 4) & (RING - 1)
+    node, ahead.draws[slot, 2] = _node(system.rates, ahead.draws[slot, 0] * total, ahead.draws[slot, 1], 2)
+    ahead.spots[slot] = node
+    prefetch(tree, above + 8 * node)
 
     slot = (drawn + 3) & (RING - 1)
     node = ahead.spots[slot]

@@ -14,7 +14,7 @@ from chemage_kinetics import _bkl, _independent, _next_reaction, _rejection_free
 from chemage_kinetics._bkl import BklRun
 from chemage_kinetics._common import DONE, DRAWN, EVENT, LAST, Holds, patches_of
 from chemage_kinetics._driver import SLICE, Job, bonded, expected_cost, run_pieces
-from chemage_kinetics._event_queue import new_order, new_queue
+from chemage_kinetics._event_queue import MOST_BUCKETS, Order, new_queue
 from chemage_kinetics._rate_classes import members, new_classes
 from chemage_kinetics._rejection_free import ROOM, RejectionFreeRun, empty_rates, fill, relist
 
@@ -219,7 +219,7 @@ class NextReaction(EventEngine, ThreadedEngine):
                 sites=sites,
                 holds=Holds(job.times, tally),
                 queue=new_queue(times, spot, most, float(job.times[-1])),
-                order=new_order(order, starts, most),
+                order=Order(order, starts, np.empty(MOST_BUCKETS + 2, np.int64), np.empty(most, np.int32)),
                 sooner=np.empty(job.model.neighbours.shape[1], np.int64),
                 rng=np.empty(5, np.uint64),
             )
