@@ -117,6 +117,11 @@ class FitData:
         return weight / weight.mean()
 
 
+#: what JSON has of a fit as it is
+_PLAIN = ("model", "quantity", "beta", "beta_stderr", "beta_interval", "b", "b_stderr", "b_interval", "cutoff_time")
+_PLAIN += ("cutoff_time_stderr", "window", "points", "rms_residual", "replicas", "bootstrap", "confidence")
+
+
 @dataclass(frozen=True, eq=False)
 class Fit:
     """β and the cut-off time, with standard errors and intervals."""
@@ -189,7 +194,8 @@ class Fit:
     @property
     def b_interval(self) -> Interval:
         """Interval of :attr:`b`."""
-        return Interval(self.beta_interval.low / LN10, self.beta_interval.high / LN10)
+        low, high = self.beta_interval
+        return Interval(low / LN10, high / LN10)
 
     @property
     def b_half_width(self) -> float:
@@ -212,15 +218,14 @@ class Fit:
         reason = self._no_interval() if math.isnan(self.beta_interval.low) else ""
         doubtful = "; ".join(filter(None, (reason, self.doubt)))
         slopes = [
-            one.but(unit=self.unit, value=value, reason=why, of=of).within(ends.low, ends.high, error)
+            one.but(unit=self.unit, value=value, reason=why, of=of).within(*ends, error)
             for one, value, error, ends, why, of in (
                 (BETA, self.beta, self.beta_stderr, self.beta_interval, doubtful, over),
                 (B, self.b, self.b_stderr, self.b_interval, reason, ""),
             )
         ]
-        ends = self.cutoff_interval
         why = f"undetermined: {self.cutoff_reason}" if self.cutoff_reason else reason
-        cutoff = CUTOFF.but(value=self.cutoff_time, reason=why).within(ends.low, ends.high, self.cutoff_time_stderr)
+        cutoff = CUTOFF.but(value=self.cutoff_time, reason=why).within(*self.cutoff_interval, self.cutoff_time_stderr)
         return [*slopes, cutoff]
 
     def texts(self) -> tuple[str, ...]:
@@ -276,32 +281,10 @@ class Fit:
 
     def todict(self) -> dict[str, object]:
         """Plain JSON values; what is not finite is None."""
-        return jsonable(
-            {
-                "model": self.model,
-                "formula": self.describe().partition(",")[0],
-                "quantity": self.quantity,
-                "unit": UNIT[self.quantity],
-                "beta": self.beta,
-                "beta_stderr": self.beta_stderr,
-                "beta_interval": [self.beta_interval.low, self.beta_interval.high],
-                "b": self.b,
-                "b_stderr": self.b_stderr,
-                "b_interval": [self.b_interval.low, self.b_interval.high],
-                "cutoff_time": self.cutoff_time,
-                "cutoff_time_stderr": self.cutoff_time_stderr,
-                "cutoff_time_interval": [self.cutoff_interval.low, self.cutoff_interval.high],
-                "cutoff_reason": self.cutoff_reason or None,
-                "window": list(self.window) if self.window else None,
-                "range": list(self.span),
-                "points": self.points,
-                "rms_residual": self.rms_residual,
-                "replicas": self.replicas,
-                "intervals": self.intervals_text(),
-                "bootstrap": self.bootstrap,
-                "confidence": self.confidence,
-            }
-        )
+        words = {"formula": self.describe().partition(",")[0], "unit": UNIT[self.quantity]}
+        words |= {"cutoff_reason": self.cutoff_reason or None, "intervals": self.intervals_text()}
+        renamed = {"cutoff_time_interval": self.cutoff_interval, "range": self.span}
+        return jsonable({**words, **renamed, **{name: getattr(self, name) for name in _PLAIN}})
 
 
 def fit_aging(
