@@ -332,17 +332,18 @@ class Kinetics(AgeingMethod):
         """See :meth:`chemage.plugin.AgeingMethod.age`."""
         states = wants_states(request.engine, request.rupture, request.observe)
         replicas = request.each(lambda number: _replica(request, number, states))
+        bonds, events, sites, given, seen, origins = zip(*replicas, strict=True)
         mean, forces = request.chemistry.bond_force * request.chemistry.front_factor, None
-        if any(one.force is not None for one in replicas):
-            forces = np.stack([one.bonds * mean if one.force is None else one.force for one in replicas])
+        if any(force is not None for force in given):
+            forces = np.stack([mean * own if force is None else force for own, force in zip(bonds, given, strict=True)])
         return AgedBonds.of(
-            [replica.origin for replica in replicas],
-            bonds=np.stack([replica.bonds for replica in replicas]),
-            sites=np.array([replica.sites for replica in replicas]),
-            events=np.array([replica.events for replica in replicas]),
+            origins,
+            bonds=np.stack(bonds),
+            sites=np.array(sites),
+            events=np.array(events),
             rupture_force=forces,
-            observables=stacked([replica.seen.values for replica in replicas]),
-            outputs=replicas[0].seen.outputs,
+            observables=stacked([one.values for one in seen]),
+            outputs=seen[0].outputs,
         )
 
     def expected(self, sites: float, kinetics: Mapping[str, float], replicas: int) -> dict[str, float]:
@@ -354,19 +355,11 @@ class Kinetics(AgeingMethod):
 EVERY_SITE: AgeingMethod = Kinetics()
 
 
-class _Replica(NamedTuple):
-    """What is kept of a finished replica; its lattice and state are not, because they would fill the memory."""
-
-    bonds: np.ndarray
-    #: None where it follows from the bonds by the constants of the chemistry
-    force: np.ndarray | None
-    events: int
-    sites: int
-    seen: Seen
-    origin: Origin
-
-
-def _replica(request: AgeingRequest, number: int, states: bool) -> _Replica:
+def _replica(
+    request: AgeingRequest, number: int, states: bool
+) -> tuple[np.ndarray, int, int, np.ndarray | None, Seen, Origin]:
+    """What is kept of a finished replica; its lattice and state are not, because they would fill the memory: bonds,
+    events, sites, the force where it does not follow from the bonds, what was measured, and where it comes from."""
     replica = request.follow(number, states=states)
     lattice, history = replica.lattice, replica.history
     seed = request.seeds(number).noise
@@ -378,14 +371,9 @@ def _replica(request: AgeingRequest, number: int, states: bool) -> _Replica:
         seen.values.update(part.observables)
         seen.outputs.update({name: Output(**output) for name, output in part.outputs.items()})
     origin = replica.origin(force)
-    return _Replica(
-        bonds=history.bonds,
-        force=force.force if request.rupture is not None or force.plugins else None,
-        events=history.events,
-        sites=lattice.sites.size,
-        seen=seen,
-        origin=origin._replace(plugins=origin.plugins | seen.plugins),
-    )
+    given = force.force if request.rupture is not None or force.plugins else None
+    origin = origin._replace(plugins=origin.plugins | seen.plugins)
+    return history.bonds, history.events, lattice.sites.size, given, seen, origin
 
 
 def expected_cost(

@@ -86,19 +86,20 @@ class ChangedReplicaChecks(Checks[Asked], of=(Rupture, Observable)):
 
     def order_of_the_sites_does_not_matter(self) -> None:
         """Where a periodic surface begins, and with it the order of the sites, changes neither a force nor a number."""
-        if isinstance(self.component, Rupture) and self.component.sampled:  # its random numbers belong to the places
+        component = self.component
+        if isinstance(component, Rupture) and component.sampled:  # its random numbers belong to the places
             return
         replica = with_states(finished(40, 17, grid=(9, 7)))
-        one = numbers(self.component, replica)
+        one = numbers(component, replica)
         for step in ((3, 2), (5, 6)):
-            two = numbers(self.component, shifted(replica, step))
+            two = numbers(component, shifted(replica, step))
             for name, values in one.items():
-                output = self.component.outputs.get(name)
+                output = component.outputs.get(name)
                 # whether it has no place on the surface, as far as that is known
                 number = values.ndim == 0 if output is None else set(output.dims) <= {HOLD_TIME}
                 require(
                     np.allclose(values, two[name], equal_nan=True, **SAME)
-                    or not (number or isinstance(self.component, Rupture)),
+                    or not (number or isinstance(component, Rupture)),
                     f"{name} is {values}, and {two[name]} where the surface begins {step} pixels further on: sites are "
                     "in ascending order of their pixels, lattice.sites names the pixel of each, and any of them may be "
                     "bonded",

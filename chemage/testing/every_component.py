@@ -129,22 +129,22 @@ class ComponentChecks(Checks[Component], of=Component):
     def approximations_are_declared(self) -> None:
         """``exact`` is True or False, an exact component declares no error (a contact solver may), and
         ``error_of`` says in words what the declared error is the error of."""
-        require(isinstance(self.component.exact, bool), f"exact = {self.component.exact!r}; give True or False")
+        component = self.component
+        require(isinstance(component.exact, bool), f"exact = {component.exact!r}; give True or False")
         require(
-            isinstance(self.component.error_of, str) and self.component.error_of.strip(),
-            f"error_of = {self.component.error_of!r}; say what the declared error is the error of, such as 'the "
-            "pressure'",
+            isinstance(component.error_of, str) and component.error_of.strip(),
+            f"error_of = {component.error_of!r}; say what the declared error is the error of, such as 'the pressure'",
         )
-        error = self.component.declared_error
+        error = component.declared_error
         if error is None:
             return
         require(
-            isinstance(self.component, ContactSolver) or not self.component.exact,
+            isinstance(component, ContactSolver) or not component.exact,
             f"declared_error = {error!r}, but exact is True; set exact = False",
         )
         require(
             is_number(error) and 0 < error <= 1,
-            f"declared_error = {error!r}; give the largest relative error of {self.component.error_of}, above 0 and at "
+            f"declared_error = {error!r}; give the largest relative error of {component.error_of}, above 0 and at "
             "most 1",
         )
 
@@ -163,39 +163,42 @@ class ComponentChecks(Checks[Component], of=Component):
 
     def options_are_frozen(self) -> None:
         """No option can be set on a finished component."""
-        before = self.component.digest()
+        component = self.component
+        before = component.digest()
         for name in (*self.cls.model_fields, "some_other_name"):
             try:
-                setattr(self.component, name, getattr(self.component, name, 1))
+                setattr(component, name, getattr(component, name, 1))
             except (ValueError, AttributeError, TypeError):
                 continue
             raise AssertionError(f"{name} can be set; a component is frozen")
-        require(self.component.digest() == before, "the digest changed although no option did")
+        require(component.digest() == before, "the digest changed although no option did")
 
     def options_go_round(self) -> None:
         """Copies by todict, JSON and fromdict, by pickle and by replace are equal and have the same hash and digest."""
-        fields = self.component.todict()
+        component = self.component
+        fields = component.todict()
         require_plain(fields, "todict()")
         require(
-            fields.get("kind") == self.component.kind,
-            f"todict() has kind {fields.get('kind')!r}, not {self.component.kind!r}",
+            fields.get("kind") == component.kind,
+            f"todict() has kind {fields.get('kind')!r}, not {component.kind!r}",
         )
         ways: dict[str, Callable[[], Component]] = {
             "fromdict(todict())": lambda: self.cls.fromdict(json.loads(json.dumps(fields))),
-            "pickle": lambda: pickle.loads(pickle.dumps(self.component)),
-            "replace()": self.component.replace,
+            "pickle": lambda: pickle.loads(pickle.dumps(component)),
+            "replace()": component.replace,
         }
         for way, make in ways.items():
             with naming(way):
                 again = make()
-                same_hash, same_digest = hash(again) == hash(self.component), again.digest() == self.component.digest()
-            require(again == self.component, f"{way} returned {again!r}, not {self.component!r}")
+                same_hash, same_digest = hash(again) == hash(component), again.digest() == component.digest()
+            require(again == component, f"{way} returned {again!r}, not {component!r}")
             require(same_hash, f"{way}: the hash differs; options must be hashable and compare by value")
             require(same_digest, f"{way}: the digest differs")
 
     def wrong_options_are_refused(self) -> None:
         """Unknown options, numbers that are not finite and quantities of another dimension are errors naming the
         option."""
+        component = self.component
         cls: Any = self.cls
 
         def refused(name: str, value: Any, make: Callable[..., Any]) -> None:
@@ -208,11 +211,11 @@ class ComponentChecks(Checks[Component], of=Component):
             if not any(part.get("type") == "number" for part in parts):
                 continue
             for wrong in (math.nan, math.inf, -math.inf, *(["1 mol"] if name in units else [])):
-                refused(name, wrong, self.component.replace)
-            value = getattr(self.component, name)
+                refused(name, wrong, component.replace)
+            value = getattr(component, name)
             if name in units and value is not None:
                 text = f"{value!r} {units[name]}"
-                require(self.component.replace(**{name: text}) == self.component, f"{name} = {text!r} is not {value!r}")
+                require(component.replace(**{name: text}) == component, f"{name} = {text!r} is not {value!r}")
 
     def figures_are_named(self) -> None:
         """Each figure has a caption, and a name that a file can have and that is none of chemage's own figures'."""
@@ -321,19 +324,20 @@ class ComponentFigureChecks(Checks[Component], of=Component):
 
     def _results(self) -> dict[str, Sequence[PlottedResult]]:
         """Results to draw, by what they are."""
+        component = self.component
         x = np.linspace(0, 2 * np.pi, 12, endpoint=False)
         surface = Surface(heights=np.cos(x)[:, None] + np.cos(2 * x), pixel_size=0.5)
         maps = Maps(contact_of(np.maximum(surface.heights - 0.5, 0.0)), surface)
         replica = finished(40, 17, times=(0.1, 1.0, 10.0))
         with recording() as block:
-            if isinstance(self.component, Rupture) and self.component.outputs:
-                self.component.force(with_states(replica))
+            if isinstance(component, Rupture) and component.outputs:
+                component.force(with_states(replica))
         recorded = {name: np.stack([made.declared.values] * 2) for name, made in block.items()}
 
         def result(label: str, most: int, color: str) -> PlottedResult:
             bonds = np.array([[0, most // 2, most], [1, most // 3, most - 1]])
             aging = _aging(replica.contact, bonds, hold_times=replica.hold_times, observables=recorded)
-            return PlottedResult(label, aging, replica.chemistry, color, self.component, load_maps=lambda: maps)
+            return PlottedResult(label, aging, replica.chemistry, color, component, load_maps=lambda: maps)
 
         one, two = result("one", 20, "C0"), result("two", 12, "C1")
         results: dict[str, Sequence[PlottedResult]] = {
@@ -341,6 +345,6 @@ class ComponentFigureChecks(Checks[Component], of=Component):
             "two results": [one, two],
             "a result without maps and chemistry": [replace(one, chemistry=None, load_maps=Maps)],
         }
-        if isinstance(self.component, SurfaceMaker | ContactSolver):
+        if isinstance(component, SurfaceMaker | ContactSolver):
             results["a result without ageing"] = [replace(one, aging=None, chemistry=None)]
         return results

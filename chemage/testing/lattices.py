@@ -98,40 +98,42 @@ class BarriersChecks(Checks[Barriers], of=Barriers):
 
     def barrier_is_the_pixels_own(self) -> None:
         """The barrier of a pixel depends only on its own number, not on other pixels; the numbers stay as they were."""
+        component = self.component
         uniform, others = np.random.default_rng(1).random(1000), np.full(1000, 0.3)
         kept = uniform.copy()
-        energy = self.component.quantile(uniform)
+        energy = component.quantile(uniform)
         require(np.array_equal(uniform, kept), "quantile() changed the array of uniform numbers")
         first = energy.tobytes()
-        self.component.quantile(others)
+        component.quantile(others)
         require(energy.tobytes() == first, "a later call changed the barriers that an earlier one returned")
         uniform.setflags(write=False)
         for part in (slice(None, None, -1), slice(10, 11), slice(3, 700, 7)):
-            alone = self.component.quantile(np.ascontiguousarray(uniform[part]))
+            alone = component.quantile(np.ascontiguousarray(uniform[part]))
             same = np.allclose(alone, energy[part], rtol=1e-13, atol=0)
             require(same, "a barrier depends on the other numbers in the call")
-        grid = self.component.quantile(uniform.reshape(20, 50))
+        grid = component.quantile(uniform.reshape(20, 50))
         same = grid.shape == (20, 50) and np.allclose(grid.ravel(), energy, rtol=1e-13)
         require(same, "the barriers do not have the shape of the numbers")
-        require(self.component.quantile(np.empty(0)).shape == (0,), "no pixels: expected an empty array")
+        require(component.quantile(np.empty(0)).shape == (0,), "no pixels: expected an empty array")
 
     calls_are_independent = independent_calls
 
     @known
     def density_agrees_with_quantile(self) -> None:
         """∫ density (1/eV) between two quantiles is the probability between them; a point mass has density inf."""
+        component = self.component
         levels = np.linspace(1e-3, 1 - 1e-3, 1999)
-        energies = self.component.quantile(levels)
+        energies = component.quantile(levels)
         low, high = energies[:-1], energies[1:]
         masses = high[high == low]
-        known = not masses.size or np.isposinf(self.component.density(masses)).all()
+        known = not masses.size or np.isposinf(component.density(masses)).all()
         require(known, f"a point mass (at {masses[:3]} eV) has density inf")
         # intervals at a point mass hold an unknown part of it
         usable = ~np.isin(low, masses) & ~np.isin(high, masses)
         low, width = low[usable], (high - low)[usable]
         # midpoints: a density may jump at a quantile
         middle = low[:, None] + (np.arange(16) + 0.5) / 16 * width[:, None]
-        density = self.component.density(middle)
+        density = component.density(middle)
         require(density.shape == middle.shape, f"density of shape {density.shape} for energies of {middle.shape}")
         possible = (density >= 0).all() and np.isfinite(density).all()
         require(possible, "the density is negative or infinite between quantiles")
@@ -143,17 +145,18 @@ class BarriersChecks(Checks[Barriers], of=Barriers):
                 f"the density integrates to {integral:.5f} from {low[part[:1]]} eV over {width[part].sum():.5f} eV; "
                 f"the quantile function puts {wanted:.5f} there",
             )
-        far = self.component.density(np.array([energies[0] - 1e3, energies[-1] + 1e3]))
+        far = component.density(np.array([energies[0] - 1e3, energies[-1] + 1e3]))
         require(np.allclose(far, 0, atol=1e-6), f"density {far} a thousand eV away")
 
     def members_are_other_distributions(self) -> None:
         """``members(count)`` returns at most ``count`` distributions that differ from this one, always the same ones,
         and that have no members themselves: a run ages each of them."""
-        members, again = list(self.component.members(3)), self.component.members(3)
+        component = self.component
+        members, again = list(component.members(3)), component.members(3)
         require(len(members) <= 3, f"members(3) returned {len(members)} distributions")
-        require(len(self.component.members(0)) == 0, "members(0) returned a distribution")
+        require(len(component.members(0)) == 0, "members(0) returned a distribution")
         uniform = np.linspace(0.005, 0.995, 199)
-        own = self.component.quantile(uniform)
+        own = component.quantile(uniform)
         for member, second in zip(members, again, strict=True):
             require(
                 isinstance(member, Barriers), f"members() returned {member!r}, which is no distribution of barriers"

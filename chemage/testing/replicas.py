@@ -195,19 +195,20 @@ class ObservableChecks(Checks[Observable], of=Observable):
     def measures_what_it_declares(self) -> None:
         """What is measured are just the ``outputs``, where they are declared: with these dimensions, of which
         ``hold_times`` is as long as the hold times, with safe names, and units that can be read."""
-        problems = declaration_problems(self.component.outputs)
+        component = self.component
+        problems = declaration_problems(component.outputs)
         require(not problems, "; ".join(problems))
-        for name, output in self.component.outputs.items():
+        for name, output in component.outputs.items():
             with naming(f"output {name!r}: the unit {output.unit!r} cannot be read"):
                 unit_registry().parse_units(output.unit)
             require(output.description.strip(), f"output {name!r} has no description")
-        for times in ((0.0, 10.0), (0.0, 0.5, 2.0, 10.0, 10.0), (10.0,)) if self.component.outputs else ():
+        for times in ((0.0, 10.0), (0.0, 0.5, 2.0, 10.0, 10.0), (10.0,)) if component.outputs else ():
             checker = Checker("it", len(times))
-            values = numbers(self.component, finished(40, 17, times=times), f"{len(times)} hold times")
+            values = numbers(component, finished(40, 17, times=times), f"{len(times)} hold times")
             with naming(f"{len(times)} hold times"):
-                checker.names(values, self.component.outputs)
+                checker.names(values, component.outputs)
                 for name, value in values.items():
-                    checker.values(name, value, self.component.outputs[name])
+                    checker.values(name, value, component.outputs[name])
 
     def grids_need_not_be_square(self) -> None:
         """Contacts whose grid is not square are measured, with the same names; maps are (nx, ny)."""
@@ -239,16 +240,17 @@ class UnusualReplicaChecks(Checks[Asked], of=(Rupture, Observable)):
     def parts_may_be_absent(self) -> None:
         """Lattices without breaking barriers or without interaction, contacts that are not square, and any hold times
         are treated too, or a rupture law refuses them, in ``check`` as well."""
+        component = self.component
         for what, fields in UNUSUAL.items():
             replica = finished(40, 17, **fields)
             try:
-                if isinstance(self.component, Rupture):
-                    self.component.check(replica.chemistry, replica.temperature)
+                if isinstance(component, Rupture):
+                    component.check(replica.chemistry, replica.temperature)
             except InputError:  # it says beforehand that it cannot treat this
-                seen = _given(self.component, replica)
-                refuses(what, lambda seen=seen: self.component.force(seen))  # pyright: ignore[reportAttributeAccessIssue]
+                seen = _given(component, replica)
+                refuses(what, lambda seen=seen: component.force(seen))  # pyright: ignore[reportAttributeAccessIssue]
             else:
-                numbers(self.component, replica, what)
+                numbers(component, replica, what)
 
 
 class RuptureChecks(Checks[Rupture], of=Rupture):

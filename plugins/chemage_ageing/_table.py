@@ -15,10 +15,10 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -271,6 +271,12 @@ class Setting:
         history = run_kinetics(self.engine, lattice, self.times[:1], temperature=self.temperature, seed=0)
         return Took(lattice.plugins | history.plugins, [*lattice.approximate, *history.approximate])
 
+    def nodes(self, numbers: list[int], threads: int, progress: Callable[[int, int], None] | None) -> dict[int, Node]:
+        """The nodes of these numbers; node k is at k times :attr:`pressure_step`."""
+        several = max(1, min(threads, len(numbers)))
+        nodes = processors.in_order(lambda k: _Samples(self, numbers[k]).enough(), len(numbers), several, progress)
+        return dict(zip(numbers, nodes, strict=True))
+
     def path(self, folder: Path) -> Path:
         """The file of the table."""
         return folder / f"closure-{content_hash(self.identity())}.npz"
@@ -287,12 +293,11 @@ def pressure_step(chemistry: Chemistry, temperature: float) -> float:
     return STEP * KB * temperature / shift if shift else 0.0
 
 
-@dataclass
-class Took:
+class Took(NamedTuple):
     """The plugins that took part in a table, and what is approximate about it."""
 
-    plugins: dict[str, str] = field(default_factory=dict)
-    approximate: list[dict[str, Any]] = field(default_factory=list)
+    plugins: dict[str, str] = {}
+    approximate: list[dict[str, Any]] = []
 
 
 def decades_of(hold_times: np.ndarray) -> tuple[int, int]:
@@ -302,16 +307,6 @@ def decades_of(hold_times: np.ndarray) -> tuple[int, int]:
         return 0, 1
     first = math.floor(math.log10(float(positive.min())) + 1e-9)
     return first, max(math.ceil(math.log10(float(positive.max())) - 1e-9), first + 1)
-
-
-def compute(
-    setting: Setting, numbers: list[int], threads: int, progress: Callable[[int, int], None] | None
-) -> dict[int, Node]:
-    """The nodes of these numbers; node k is at k times :attr:`Setting.pressure_step`."""
-    nodes = processors.in_order(
-        lambda k: _Samples(setting, numbers[k]).enough(), len(numbers), max(1, min(threads, len(numbers))), progress
-    )
-    return dict(zip(numbers, nodes, strict=True))
 
 
 class _Samples:

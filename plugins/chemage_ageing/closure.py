@@ -215,7 +215,7 @@ class Closure(AgeingMethod):
             missing = [number for number in needed if number not in nodes]
             notes = [f"{problem}, so that the table of ageing 'closure' is computed again"] if problem else []
             if missing:
-                nodes |= _table.compute(setting, missing, request.threads, request.progress)
+                nodes |= setting.nodes(missing, request.threads, request.progress)
                 if problem := _table.keep(path, setting, took, nodes):
                     notes.append(problem)
             _tables[name] = nodes

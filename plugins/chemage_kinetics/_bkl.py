@@ -58,17 +58,16 @@ from chemage_kinetics._common import (
     until,
 )
 from chemage_kinetics._rate_classes import (
+    PLACE,
     SLOTS,
     Classes,
     accepts,
     barrier_of,
     class_of,
     insert,
-    prefetch_place,
     put_back,
     remove,
     select_class,
-    select_class_cold,
     set_aside,
     site_class,
     total_weight,
@@ -147,7 +146,7 @@ def _flip(i: Int, classes: Classes, near: np.ndarray) -> None:
                 present = records[j, 1] >> 32
                 if c >= 0 and (c + 1 < present or present == 0):
                     if present > 0:
-                        prefetch_place(j, classes)
+                        prefetch(classes.arena, classes.first[present - 1] + (records[j, 1] & PLACE))
                     near[moves, 0] = j
                     near[moves, 1] = c
                     moves += 1
@@ -166,17 +165,12 @@ def _flip(i: Int, classes: Classes, near: np.ndarray) -> None:
 
 
 @inner
-def _flip_cold(i: Int, classes: Classes, near: np.ndarray) -> None:
-    _flip(i, classes, near)
-
-
-@inner
 def _attempt_elsewhere(run: BklRun) -> Int:
     """The site that an attempt selects and accepts among those in classes, or -1; moves a rejected site whose class is
     out of date."""
     classes = run.classes
     u, v = two_uniforms(run.rng)
-    c = select_class_cold(u * total_weight(classes), classes)
+    c = select_class(u * total_weight(classes), classes)
     slot = np.int64(v * classes.slots[c, SLOTS])
     if slot >= classes.counts[c]:
         return np.int64(-1)
@@ -238,7 +232,7 @@ def _dwell(run: BklRun, i: Int, high: Float, low: Float, hold: Int, rate_back: F
             put_back(np.int64(classes.model.neighbours[i, s]), classes)
     if j < 0:
         return high, low, i
-    _flip_cold(j, classes, run.near)
+    _flip(j, classes, run.near)
     count_flip(tally, hold, classes.records[j, 0])
     return high, low, j
 

@@ -310,12 +310,6 @@ def select(rates: SiteRates, target: Float, v: Float) -> Int:
     return _node(rates, target, v, 0)[0]
 
 
-@inner
-def select_cold(rates: SiteRates, target: Float) -> Int:
-    """`select` with a single random number; a function of its own, to be compiled once."""
-    return select(rates, target, 0.0)
-
-
 @hot
 def select_listed(rates: SiteRates, target: Float) -> Int:
     """The position in the list at which the running sum of rates passes ``target``."""
@@ -512,7 +506,7 @@ def _dwell(
     if target < list_total(rates):
         j = rates.sites[select_listed(rates, target)]
     else:
-        j = select_cold(rates, two_uniforms(run.rng)[0] * tree_total(rates))
+        j = select(rates, two_uniforms(run.rng)[0] * tree_total(rates), 0.0)
     put_back(i, rate_here, rates)
     _flip(run, j)
     count_flip(tally, hold, run.words[j])
