@@ -51,35 +51,6 @@ def _seam(heights: np.ndarray, axis: int) -> tuple[float, float]:
     return kink, step / near
 
 
-def _require_same_surface(how: str, component: SurfaceMaker, other: Any, most: float, factor: int = 0) -> None:
-    """Require that ``other`` makes a surface as large on fewer pixels, ``factor`` times as large where it is given,
-    whose heights are those of the fine grid at its pixels, or their means, to ``most`` rms heights."""
-    if other is None:
-        return
-    require(isinstance(other, SurfaceMaker), f"{how} returned {type(other).__name__}")
-    fine, made = component.make(3), other.make(3)
-    ratio = made.pixel_size / fine.pixel_size
-    require(
-        made.heights.size < fine.heights.size
-        and np.allclose(np.multiply(made.shape, ratio), fine.shape, rtol=1e-9)
-        and (not factor or math.isclose(ratio, factor)),
-        f"{how}: {made.shape} pixels of {made.pixel_size} nm for {fine.shape} of {fine.pixel_size} nm",
-    )
-    heights = fine.heights.astype(np.float64)
-    rows, columns = (
-        np.rint(np.arange(n) * ratio).astype(int).clip(max=m - 1) for n, m in zip(made.shape, fine.shape, strict=True)
-    )
-    candidates = [heights[np.ix_(rows, columns)]]
-    if factor:
-        candidates.append(heights.reshape(made.shape[0], factor, made.shape[1], factor).mean(axis=(1, 3)))
-    away = min(float(np.std(made.heights - one)) / (float(np.std(one)) or math.inf) for one in candidates)
-    require(
-        away <= most,
-        f"{how} makes another surface at the same seed: heights differ by {away:.2g} rms heights from those of the "
-        "fine grid",
-    )
-
-
 class SurfaceChecks(Checks[SurfaceMaker], of=SurfaceMaker):
     """What everything that makes a surface must do."""
 
@@ -249,13 +220,42 @@ class SurfaceChecks(Checks[SurfaceMaker], of=SurfaceMaker):
                 f"roughness() has {name} = {mine:.4g}, the surface has {its:.4g}",
             )
 
+    def _require_same_surface(self, how: str, other: Any, most: float, factor: int = 0) -> None:
+        """Require that ``other`` makes a surface as large on fewer pixels, ``factor`` times as large where it is given,
+        whose heights are those of the fine grid at its pixels, or their means, to ``most`` rms heights."""
+        if other is None:
+            return
+        require(isinstance(other, SurfaceMaker), f"{how} returned {type(other).__name__}")
+        fine, made = self.component.make(3), other.make(3)
+        ratio = made.pixel_size / fine.pixel_size
+        require(
+            made.heights.size < fine.heights.size
+            and np.allclose(np.multiply(made.shape, ratio), fine.shape, rtol=1e-9)
+            and (not factor or math.isclose(ratio, factor)),
+            f"{how}: {made.shape} pixels of {made.pixel_size} nm for {fine.shape} of {fine.pixel_size} nm",
+        )
+        heights = fine.heights.astype(np.float64)
+        rows, columns = (
+            np.rint(np.arange(n) * ratio).astype(int).clip(max=m - 1)
+            for n, m in zip(made.shape, fine.shape, strict=True)
+        )
+        candidates = [heights[np.ix_(rows, columns)]]
+        if factor:
+            candidates.append(heights.reshape(made.shape[0], factor, made.shape[1], factor).mean(axis=(1, 3)))
+        away = min(float(np.std(made.heights - one)) / (float(np.std(one)) or math.inf) for one in candidates)
+        require(
+            away <= most,
+            f"{how} makes another surface at the same seed: heights differ by {away:.2g} rms heights from those of the "
+            "fine grid",
+        )
+
     def coarser_is_the_same_surface(self) -> None:
         """``coarser(2)`` is None, or makes the same surface of the same size on pixels twice as large."""
-        _require_same_surface("coarser(2)", self.component, self.component.coarser(2), 0.5, 2)
+        self._require_same_surface("coarser(2)", self.component.coarser(2), 0.5, 2)
 
     def sketch_is_the_same_surface(self) -> None:
         """``sketch()`` is None, or makes the same surface of the same size on fewer pixels."""
-        _require_same_surface("sketch()", self.component, self.component.sketch(), 0.7)
+        self._require_same_surface("sketch()", self.component.sketch(), 0.7)
 
     def questions(self) -> Questions:
         for seed in (31, 32):

@@ -286,6 +286,38 @@ class Setting:
         about = {"identity": self.identity(), "plugins": took.plugins, "approximate": took.approximate}
         return json.loads(json.dumps(about, default=str))
 
+    def load(self, path: Path, took: Took) -> tuple[dict[int, Node], str]:
+        """The nodes that a file holds, and what is wrong with it in words; none where it does not exist."""
+        try:
+            parts, about = container.read(path, _KINDS)
+        except FileNotFoundError:
+            return {}, ""
+        except DamagedError:
+            return {}, f"{path} is damaged"
+        except StoreError as error:
+            return {}, str(error)
+        if about != self.about(took):
+            return {}, f"{path} was made with other plugins"
+        arrays = parts["table"].values
+        rows = zip(*(arrays[name] for name in ("numbers", "change", "error", "replicas")), strict=True)
+        return {int(number): Node(change, error, int(replicas)) for number, change, error, replicas in rows}, ""
+
+    def keep(self, path: Path, took: Took, nodes: dict[int, Node]) -> str:
+        """Write a table; what prevents it in words, else nothing."""
+        numbers = sorted(nodes)
+        arrays = {
+            "numbers": np.array(numbers),
+            **{name: np.stack([getattr(nodes[number], name) for number in numbers]) for name in ("change", "error")},
+            "replicas": np.array([nodes[number].replicas for number in numbers]),
+        }
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            table = container.Arrays(values=arrays)
+            container.write(path, {"table": table}, self.about(took), compact=True, force=True)
+        except OSError as error:  # a StoreError is one as well
+            return f"the table could not be kept in {path.parent} ({error})"
+        return ""
+
 
 def pressure_step(chemistry: Chemistry, temperature: float) -> float:
     """Distance of the pressures of a table, GPa; 0 where bonds do not depend on the pressure."""
@@ -424,40 +456,3 @@ class _Samples:
         error = alone * np.stack([node.error[-1, at], several])
         sites = SIDE * SIDE * node.replicas
         return bool((error <= self.setting.accuracy * np.maximum(share, RESOLVED / sites)).all())
-
-
-# -- files ------------------------------------------------------------------------------------------------------------
-
-
-def load(path: Path, setting: Setting, took: Took) -> tuple[dict[int, Node], str]:
-    """The nodes that a file holds, and what is wrong with it in words; none where it does not exist."""
-    try:
-        parts, about = container.read(path, _KINDS)
-    except FileNotFoundError:
-        return {}, ""
-    except DamagedError:
-        return {}, f"{path} is damaged"
-    except StoreError as error:
-        return {}, str(error)
-    if about != setting.about(took):
-        return {}, f"{path} was made with other plugins"
-    arrays = parts["table"].values
-    rows = zip(*(arrays[name] for name in ("numbers", "change", "error", "replicas")), strict=True)
-    return {int(number): Node(change, error, int(replicas)) for number, change, error, replicas in rows}, ""
-
-
-def keep(path: Path, setting: Setting, took: Took, nodes: dict[int, Node]) -> str:
-    """Write a table; what prevents it in words, else nothing."""
-    numbers = sorted(nodes)
-    arrays = {
-        "numbers": np.array(numbers),
-        **{name: np.stack([getattr(nodes[number], name) for number in numbers]) for name in ("change", "error")},
-        "replicas": np.array([nodes[number].replicas for number in numbers]),
-    }
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        table = container.Arrays(values=arrays)
-        container.write(path, {"table": table}, setting.about(took), compact=True, force=True)
-    except OSError as error:  # a StoreError is one as well
-        return f"the table could not be kept in {path.parent} ({error})"
-    return ""

@@ -210,13 +210,13 @@ class Closure(AgeingMethod):
             nodes = dict(_tables.get(name, {}))
             if nodes.keys() >= set(needed):
                 return nodes, ()
-            kept, problem = _table.load(path, setting, took)
+            kept, problem = setting.load(path, took)
             nodes |= kept
             missing = [number for number in needed if number not in nodes]
             notes = [f"{problem}, so that the table of ageing 'closure' is computed again"] if problem else []
             if missing:
                 nodes |= setting.nodes(missing, request.threads, request.progress)
-                if problem := _table.keep(path, setting, took, nodes):
+                if problem := setting.keep(path, took, nodes):
                     notes.append(problem)
             _tables[name] = nodes
             return nodes, tuple(notes)

@@ -107,24 +107,6 @@ class BklRun(NamedTuple):
     DONE"""
 
 
-def new_run(key: Key, holds: Holds, classes: Classes, time: float) -> BklRun:
-    """A run that starts at ``time`` (s); attempts are counted from 0."""
-    counters = np.zeros(4, np.int64)
-    counters[LAST] = -1
-    return BklRun(
-        key=key,
-        holds=holds,
-        classes=classes,
-        draws=np.empty((RING, 4)),
-        spots=np.zeros(RING, np.int64),
-        predicting=classes.records.shape[0] >= FAR,
-        near=np.empty((classes.model.neighbours.shape[1] + 1, 2), np.int64),
-        rng=np.empty(5, np.uint64),
-        clock=np.array([time, 0.0]),
-        counters=counters,
-    )
-
-
 @hot
 def _flip(i: Int, classes: Classes, near: np.ndarray) -> None:
     """Form or break the bond of site i; move it, and every neighbour now above its bound, to the right class."""

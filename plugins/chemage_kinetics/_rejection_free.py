@@ -358,27 +358,6 @@ class RejectionFreeRun(NamedTuple):
     number of the next selection DRAWN from the tree"""
 
 
-def new_run(
-    key: Key, holds: Holds, model: KineticModel, words: np.ndarray, rates: SiteRates, time: float
-) -> RejectionFreeRun:
-    """A run that starts at ``time`` (s); events and selections are counted from 0."""
-    counters = np.zeros(5, np.int64)
-    counters[LAST] = -1
-    return RejectionFreeRun(
-        key=key,
-        holds=holds,
-        model=model,
-        words=words,
-        rates=rates,
-        near=np.empty((model.neighbours.shape[1], 2), np.int64),
-        draws=np.zeros((RING, 3)),
-        spots=np.zeros(RING, np.int64),
-        rng=np.empty(5, np.uint64),
-        clock=np.array([time, 0.0]),
-        counters=counters,
-    )
-
-
 @hot
 def _draw(run: RejectionFreeRun, drawn: Int) -> None:
     """The two random numbers that select the ``drawn``-th site from the tree."""
