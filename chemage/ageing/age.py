@@ -188,8 +188,8 @@ def _recorded(method: AgeingMethod, aged: AgedBonds, block: Block) -> dict[str, 
 def _left_out(request: AgeingRequest, method: AgeingMethod, aged: AgedBonds, took_part: Plugins) -> Iterator[str]:
     """Notes of the plugins that would see the sites of a replica and did not, and of what components would record of
     the replicas, which the method does not give."""
-    missed = [name for name in implementing(*_SITE_HOOKS) if name not in took_part]
-    if missed and not method.shows_sites:
+    hooks = () if method.shows_sites else _SITE_HOOKS
+    if missed := [name for name in implementing(*hooks) if name not in took_part]:
         names = ", ".join(missed)
         yield f"ageing {method.kind!r} does not give the sites of a replica to plugins: {names} took no part"
     parts = components_in([request.engine, request.rupture])
