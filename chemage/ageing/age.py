@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +16,9 @@ from chemage.ageing.methods import (
     AgeingRequest,
     check_contact,
     check_method,
-    left_out_plugins,
 )
 from chemage.ageing.observables import Observable, output_problems
-from chemage.ageing.replicas import Common, check_common
+from chemage.ageing.replicas import COMMON, Common
 from chemage.contacts.role import expect_contact
 from chemage.contacts.solution import Contact, ContactSolution, ContactStatistics
 from chemage.foundation.checks import Seed, check_times, checked_count, checked_seed, expect, temperature_value
@@ -32,7 +31,11 @@ from chemage.foundation.units import QuantityLike
 from chemage.friction.role import Rupture
 from chemage.kinetics.role import Engine
 from chemage.lattices.chemistry import Chemistry
-from chemage.plugins.sources import approximations, components_in, providers
+from chemage.plugins.context import Plugins
+from chemage.plugins.sources import approximations, components_in, implementing, providers
+
+#: hooks that see the sites of a replica
+_SITE_HOOKS = ("chemage_build_lattice", "chemage_run_kinetics", "chemage_rupture_bonds", "chemage_observe")
 
 
 def age(
@@ -86,7 +89,8 @@ def age(
         Another way to find the bonds, see :class:`chemage.plugin.AgeingMethod`; default: the kinetics of every site.
     """
     _check_parts(contact, chemistry, engine, rupture, observe)
-    check_common(common)
+    if not isinstance(common, str) or common not in COMMON:
+        raise InputError.of("common", common, f"is not one of {', '.join(COMMON)}", "the default is 'none'")
     checked_count("replicas", replicas)
     if not isinstance(seed, np.random.SeedSequence):
         checked_seed(seed)
@@ -140,6 +144,7 @@ def _aging(request: AgeingRequest, method: AgeingMethod) -> Aging:
     declared |= {name: output for observable in observe for name, output in observable.outputs.items()}
     recorded = _recorded(method, aged, block)
     declared |= {name: output for name, (output, _) in recorded.items()}
+    remarks = () if request.rupture is None else request.rupture.remarks(aged.observables)
     if twice := (aged.observables.keys() | recorded.keys()) & contact.observables.keys():
         raise PluginError(f"{min(twice)!r} is recorded with the contact and with its ageing; rename one")
     try:
@@ -156,12 +161,7 @@ def _aging(request: AgeingRequest, method: AgeingMethod) -> Aging:
             errors=dict(aged.errors),
             error_sources=dict(aged.error_sources),
             engine=aged.engine or request.engine.kind,
-            notes=(
-                *aged.notes,
-                *([] if request.rupture is None else request.rupture.remarks(aged.observables)),
-                *left_out_plugins(method, plugins),
-                *_not_kept(request, method, aged),
-            ),
+            notes=(*aged.notes, *remarks, *_left_out(request, method, aged, plugins)),
             contact=contact.summary(),
             elasticity=elastic_limits(contact, chemistry),
             observables=dict(aged.observables) | {name: values for name, (_, values) in recorded.items()},
@@ -185,11 +185,16 @@ def _recorded(method: AgeingMethod, aged: AgedBonds, block: Block) -> dict[str, 
     return found
 
 
-def _not_kept(request: AgeingRequest, method: AgeingMethod, aged: AgedBonds) -> tuple[str, ...]:
-    """A note of what components would record of the replicas, which the method does not give."""
+def _left_out(request: AgeingRequest, method: AgeingMethod, aged: AgedBonds, took_part: Plugins) -> Iterator[str]:
+    """Notes of the plugins that would see the sites of a replica and did not, and of what components would record of
+    the replicas, which the method does not give."""
+    hooks = () if method.shows_sites else _SITE_HOOKS
+    if missed := [name for name in implementing(*hooks) if name not in took_part]:
+        names = ", ".join(missed)
+        yield f"ageing {method.kind!r} does not give the sites of a replica to plugins: {names} took no part"
     parts = components_in(request.engine, request.rupture)
-    missed = [name for part in parts for name in part.outputs if name not in aged.observables]
-    return (f"ageing {method.kind!r} does not keep what replicas record: {', '.join(missed)}",) if missed else ()
+    if missed := [name for part in parts for name in part.outputs if name not in aged.observables]:
+        yield f"ageing {method.kind!r} does not keep what replicas record: {', '.join(missed)}"
 
 
 def _provenance(request: AgeingRequest, method: AgeingMethod) -> dict[str, Any]:

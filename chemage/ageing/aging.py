@@ -377,7 +377,11 @@ class Aging(Observing, Record):
     def quantities(self, window: tuple[float, float] = FIT_WINDOW) -> list[Quantity]:
         """The limits of the elastic model, what was recorded, and the fit over ``window`` (s); where there is none,
         why."""
-        numbers = [Quantity("sites", "1", "sites", value=float(self.sites.mean())), *elastic_quantities(self)]
+        numbers = [Quantity("sites", "1", "sites", value=float(self.sites.mean()))]
+        last = f"at {self.hold_times[-1]:g} s"
+        for name, value in elastic_measures(self).items():
+            of = last if name in ("mean_shear_stress", "shear_stress_to_strength") else ""
+            numbers.append(ELASTIC_MEASURES[name].but(value=value, of=of))
         numbers += [output.quantity() for output in self.measured.values() if output.is_number]
         fit, reason = fit_or_reason(self, window)
         if fit is None:
@@ -516,11 +520,6 @@ def elastic_limits(contact: Contact, chemistry: Chemistry) -> dict[str, float]:
     return limits
 
 
-def with_limits_of(aging: Aging, contact: Contact, chemistry: Chemistry) -> Aging:
-    """``aging``, which took place on ``contact``, compared with the limits of ``chemistry`` instead of its own."""
-    return aging.model_copy(update={"elasticity": elastic_limits(contact, chemistry)})
-
-
 def elastic_measures(aging: Aging | None) -> dict[str, float]:
     """Those of :data:`ELASTIC_MEASURES` that are known of a result; none without ageing."""
     if aging is None:
@@ -531,16 +530,6 @@ def elastic_measures(aging: Aging | None) -> dict[str, float]:
         if "shear_strength" in measures:
             measures["shear_stress_to_strength"] = stress / measures["shear_strength"]
     return {name: measures[name] for name in ELASTIC_MEASURES if name in measures}
-
-
-def elastic_quantities(aging: Aging) -> list[Quantity]:
-    """The same as quantities."""
-    last = f"at {aging.hold_times[-1]:g} s"
-    late = ("mean_shear_stress", "shear_stress_to_strength")
-    return [
-        ELASTIC_MEASURES[name].but(value=value, of=last if name in late else "")
-        for name, value in elastic_measures(aging).items()
-    ]
 
 
 def elastic_notes(aging: Aging | None) -> tuple[str, ...]:

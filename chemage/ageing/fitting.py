@@ -31,6 +31,7 @@ from chemage.ageing.models import (
     slopes_of,
     solve,
     student,
+    time_of,
 )
 from chemage.foundation.checks import within
 from chemage.foundation.errors import InputError
@@ -116,6 +117,11 @@ class FitData:
         return weight / weight.mean()
 
 
+#: what JSON has of a fit as it is
+_PLAIN = ("model", "quantity", "beta", "beta_stderr", "beta_interval", "b", "b_stderr", "b_interval", "cutoff_time")
+_PLAIN += ("cutoff_time_stderr", "window", "points", "rms_residual", "replicas", "bootstrap", "confidence")
+
+
 @dataclass(frozen=True, eq=False)
 class Fit:
     """β and the cut-off time, with standard errors and intervals."""
@@ -188,7 +194,8 @@ class Fit:
     @property
     def b_interval(self) -> Interval:
         """Interval of :attr:`b`."""
-        return Interval(self.beta_interval.low / LN10, self.beta_interval.high / LN10)
+        low, high = self.beta_interval
+        return Interval(low / LN10, high / LN10)
 
     @property
     def b_half_width(self) -> float:
@@ -211,15 +218,14 @@ class Fit:
         reason = self._no_interval() if math.isnan(self.beta_interval.low) else ""
         doubtful = "; ".join(filter(None, (reason, self.doubt)))
         slopes = [
-            one.but(unit=self.unit, value=value, reason=why, of=of).within(ends.low, ends.high, error)
+            one.but(unit=self.unit, value=value, reason=why, of=of).within(*ends, error)
             for one, value, error, ends, why, of in (
                 (BETA, self.beta, self.beta_stderr, self.beta_interval, doubtful, over),
                 (B, self.b, self.b_stderr, self.b_interval, reason, ""),
             )
         ]
-        ends = self.cutoff_interval
         why = f"undetermined: {self.cutoff_reason}" if self.cutoff_reason else reason
-        cutoff = CUTOFF.but(value=self.cutoff_time, reason=why).within(ends.low, ends.high, self.cutoff_time_stderr)
+        cutoff = CUTOFF.but(value=self.cutoff_time, reason=why).within(*self.cutoff_interval, self.cutoff_time_stderr)
         return [*slopes, cutoff]
 
     def texts(self) -> tuple[str, ...]:
@@ -254,7 +260,7 @@ class Fit:
         """β with half of its interval in brackets, what was fitted, and what to doubt, for legends."""
         shape = "fitted line" if self.model == "line" else "fitted β log(1 + t/t_c)"
         text = f"{self.symbol_text()} per decade ({shape}, {span_text(self.span)})"
-        return f"{text}\n{short_doubt(self.doubt)}" if self.doubt else text
+        return f"{text}\n{self.doubt.partition(';')[0]}" if self.doubt else text
 
     def intervals_text(self) -> str:
         """How the intervals were found, in words."""
@@ -275,32 +281,10 @@ class Fit:
 
     def todict(self) -> dict[str, object]:
         """Plain JSON values; what is not finite is None."""
-        return jsonable(
-            {
-                "model": self.model,
-                "formula": self.describe().partition(",")[0],
-                "quantity": self.quantity,
-                "unit": UNIT[self.quantity],
-                "beta": self.beta,
-                "beta_stderr": self.beta_stderr,
-                "beta_interval": [self.beta_interval.low, self.beta_interval.high],
-                "b": self.b,
-                "b_stderr": self.b_stderr,
-                "b_interval": [self.b_interval.low, self.b_interval.high],
-                "cutoff_time": self.cutoff_time,
-                "cutoff_time_stderr": self.cutoff_time_stderr,
-                "cutoff_time_interval": [self.cutoff_interval.low, self.cutoff_interval.high],
-                "cutoff_reason": self.cutoff_reason or None,
-                "window": list(self.window) if self.window else None,
-                "range": list(self.span),
-                "points": self.points,
-                "rms_residual": self.rms_residual,
-                "replicas": self.replicas,
-                "intervals": self.intervals_text(),
-                "bootstrap": self.bootstrap,
-                "confidence": self.confidence,
-            }
-        )
+        words = {"formula": self.describe().partition(",")[0], "unit": UNIT[self.quantity]}
+        words |= {"cutoff_reason": self.cutoff_reason or None, "intervals": self.intervals_text()}
+        renamed = {"cutoff_time_interval": self.cutoff_interval, "range": self.span}
+        return jsonable({**words, **renamed, **{name: getattr(self, name) for name in _PLAIN}})
 
 
 def fit_aging(
@@ -350,34 +334,33 @@ def fit_aging(
     use = _inside(data.hold_times, limits, model, least=SIMULATED if source.simulated else 3)
     t, curves = data.hold_times[use], source.curves[:, use]
     weight = source.weights(use)
-    estimate = _estimate(model, t, curves, weight, scatter=not source.simulated)
+    slope, slope_error, log_cutoff, cutoff_error, fitted = _estimate(model, t, curves, weight, not source.simulated)
     slopes = cutoffs = UNKNOWN
     if bootstrap is not None:
         options = {"confidence": confidence, "samples": samples, "seed": seed}
-        slopes, cutoffs = bootstrapped(bootstrap, model, t, curves, weight, estimate.fitted, **options)
+        slopes, cutoffs = bootstrapped(bootstrap, model, t, curves, weight, fitted, **options)
     elif not source.simulated or len(curves) > 1:
-        numbers = estimate.slope, estimate.slope_error, estimate.log_cutoff
-        slopes, cutoffs = student(model, t, curves, weight, *numbers, confidence)
-    unit, reason = source.scale, _no_cutoff(estimate.slope, estimate.log_cutoff, slopes, data.hold_times)
-    cutoff = math.nan if reason else _time(estimate.log_cutoff)
+        slopes, cutoffs = student(model, t, curves, weight, slope, slope_error, log_cutoff, confidence)
+    unit, reason = source.scale, _no_cutoff(slope, log_cutoff, slopes, data.hold_times)
+    cutoff = math.nan if reason else time_of(log_cutoff)
     forces = source.simulated or source.quantity == "friction_drop"  # curves of a simulated result are ΔF
     return Fit(
         model=model,
         quantity=source.quantity,
-        beta=estimate.slope * unit,
-        beta_stderr=estimate.slope_error * unit,
+        beta=slope * unit,
+        beta_stderr=slope_error * unit,
         cutoff_time=cutoff,
-        cutoff_time_stderr=cutoff * LN10 * estimate.cutoff_error,
+        cutoff_time_stderr=cutoff * LN10 * cutoff_error,
         cutoff_reason=reason,
-        log_cutoff=estimate.log_cutoff,
+        log_cutoff=log_cutoff,
         beta_interval=Interval(slopes.low * unit, slopes.high * unit),
         cutoff_interval=Interval(0.0, math.inf) if reason and math.isfinite(slopes.low) else cutoffs,
-        friction_rate=estimate.slope if forces else None,
-        friction_rate_stderr=estimate.slope_error if forces else None,
+        friction_rate=slope if forces else None,
+        friction_rate_stderr=slope_error if forces else None,
         window=limits,
         points=t.size,
         span=(float(t[t > 0].min()), float(t.max())),
-        rms_residual=float(np.sqrt(np.mean((curves.mean(axis=0) - estimate.fitted) ** 2))) * unit,
+        rms_residual=float(np.sqrt(np.mean((curves.mean(axis=0) - fitted) ** 2))) * unit,
         replicas=len(curves) if source.simulated else 0,
         bootstrap=bootstrap,
         samples=samples,
@@ -424,11 +407,6 @@ def few_hold_times(points: int, span: tuple[float, float]) -> str:
         return ""
     over = f"{decades:.2g} decade{'' if math.isclose(decades, 1) else 's'}"
     return f"β rests on {points} hold times over {over}; take at least six over two decades"
-
-
-def short_doubt(doubt: str) -> str:
-    """The doubt of a fit without its remedy, for legends."""
-    return doubt.partition(";")[0]
 
 
 def span_text(span: tuple[float, float]) -> str:
@@ -491,19 +469,11 @@ def why_not_fitted(times: np.ndarray, window: tuple[float, float]) -> str:
     return ""
 
 
-@dataclass(frozen=True)
-class _Estimate:
-    slope: float
-    slope_error: float
-    log_cutoff: float
-    cutoff_error: float
-    #: (m,)
-    fitted: np.ndarray
-
-
-def _estimate(model: Model, t: np.ndarray, curves: np.ndarray, weight: np.ndarray, *, scatter: bool) -> _Estimate:
-    """Least squares on the mean over replicas, with jackknife errors over replicas; ``scatter``: a single curve has
-    errors from its scatter about the fit."""
+def _estimate(
+    model: Model, t: np.ndarray, curves: np.ndarray, weight: np.ndarray, scatter: bool
+) -> tuple[float, float, float, float, np.ndarray]:
+    """Least squares on the mean over replicas: β and log10 t_c, each with its jackknife error over replicas, and the
+    fit, (m,); ``scatter``: a single curve has errors from its scatter about the fit."""
     mean, replicas = curves.mean(axis=0), len(curves)
     slope, log_cutoff = (float(values[0]) for values in solve(model, t, mean[None], weight[None]))
     if model == "line":
@@ -519,7 +489,7 @@ def _estimate(model: Model, t: np.ndarray, curves: np.ndarray, weight: np.ndarra
         errors = tuple(float(jackknife_error(values)) for values in solve(model, t, left_out, weight[None]))
     elif scatter:
         errors = _scatter(model, t, mean - fitted, weight, slope, log_cutoff)
-    return _Estimate(slope, errors[0], log_cutoff, errors[1], fitted)
+    return slope, errors[0], log_cutoff, errors[1], fitted
 
 
 def _scatter(
@@ -536,9 +506,3 @@ def _scatter(
     with np.errstate(divide="ignore", invalid="ignore"):
         spread = np.float64((weight * rest**2).sum()) / (t.size - 2) / (a * c - b * b)
         return float(np.sqrt(spread * c)), float(np.sqrt(spread * a)) / abs(slope)
-
-
-def _time(log_time: float) -> float:
-    """10**log_time, s; inf beyond the range of numbers, nan where nothing is known."""
-    with np.errstate(over="ignore"):
-        return float(np.power(10.0, log_time))

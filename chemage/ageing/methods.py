@@ -27,12 +27,9 @@ from chemage.lattices.chemistry import Chemistry, build_lattice
 from chemage.lattices.lattice import ReactionLattice
 from chemage.plugins import registry
 from chemage.plugins.context import Plugins
-from chemage.plugins.sources import components_in, implementing
+from chemage.plugins.sources import components_in
 
 T = TypeVar("T")
-
-#: hooks that see the sites of a replica
-_SITE_HOOKS = ("chemage_build_lattice", "chemage_run_kinetics", "chemage_rupture_bonds", "chemage_observe")
 
 
 class Origin(NamedTuple):
@@ -319,18 +316,6 @@ def check_contact(contact: str, has_map: bool, method: AgeingMethod, chemistry: 
         )
 
 
-def left_out_plugins(method: AgeingMethod, took_part: Plugins) -> tuple[str, ...]:
-    """A note of the plugins that would see the sites of a replica and did not."""
-    if method.shows_sites:
-        return ()
-    missed = [name for name in implementing(*_SITE_HOOKS) if name not in took_part]
-    if not missed:
-        return ()
-    return (
-        f"ageing {method.kind!r} does not give the sites of a replica to plugins: {', '.join(missed)} took no part",
-    )
-
-
 class Kinetics(AgeingMethod):
     """Every replica draws its disorder and runs its kinetics; its bonds are counted, broken and measured.
 
@@ -347,14 +332,18 @@ class Kinetics(AgeingMethod):
         """See :meth:`chemage.plugin.AgeingMethod.age`."""
         states = wants_states(request.engine, request.rupture, request.observe)
         replicas = request.each(lambda number: _replica(request, number, states))
+        bonds, events, sites, given, seen, origins = zip(*replicas, strict=True)
+        mean, forces = request.chemistry.bond_force * request.chemistry.front_factor, None
+        if any(force is not None for force in given):
+            forces = np.stack([mean * own if force is None else force for own, force in zip(bonds, given, strict=True)])
         return AgedBonds.of(
-            [replica.origin for replica in replicas],
-            bonds=np.stack([replica.bonds for replica in replicas]),
-            sites=np.array([replica.sites for replica in replicas]),
-            events=np.array([replica.events for replica in replicas]),
-            rupture_force=_forces(request, replicas),
-            observables=stacked([replica.seen.values for replica in replicas]),
-            outputs=replicas[0].seen.outputs,
+            origins,
+            bonds=np.stack(bonds),
+            sites=np.array(sites),
+            events=np.array(events),
+            rupture_force=forces,
+            observables=stacked([one.values for one in seen]),
+            outputs=seen[0].outputs,
         )
 
     def expected(self, sites: float, kinetics: Mapping[str, float], replicas: int) -> dict[str, float]:
@@ -366,19 +355,11 @@ class Kinetics(AgeingMethod):
 EVERY_SITE: AgeingMethod = Kinetics()
 
 
-class _Replica(NamedTuple):
-    """What is kept of a finished replica; its lattice and state are not, because they would fill the memory."""
-
-    bonds: np.ndarray
-    #: None where it follows from the bonds by the constants of the chemistry
-    force: np.ndarray | None
-    events: int
-    sites: int
-    seen: Seen
-    origin: Origin
-
-
-def _replica(request: AgeingRequest, number: int, states: bool) -> _Replica:
+def _replica(
+    request: AgeingRequest, number: int, states: bool
+) -> tuple[np.ndarray, int, int, np.ndarray | None, Seen, Origin]:
+    """What is kept of a finished replica; its lattice and state are not, because they would fill the memory: bonds,
+    events, sites, the force where it does not follow from the bonds, what was measured, and where it comes from."""
     replica = request.follow(number, states=states)
     lattice, history = replica.lattice, replica.history
     seed = request.seeds(number).noise
@@ -390,22 +371,9 @@ def _replica(request: AgeingRequest, number: int, states: bool) -> _Replica:
         seen.values.update(part.observables)
         seen.outputs.update({name: Output(**output) for name, output in part.outputs.items()})
     origin = replica.origin(force)
-    return _Replica(
-        bonds=history.bonds,
-        force=force.force if request.rupture is not None or force.plugins else None,
-        events=history.events,
-        sites=lattice.sites.size,
-        seen=seen,
-        origin=origin._replace(plugins=origin.plugins | seen.plugins),
-    )
-
-
-def _forces(request: AgeingRequest, replicas: list[_Replica]) -> np.ndarray | None:
-    """(replicas, m) nN where a rupture law or a plugin gave the force of a replica."""
-    if all(replica.force is None for replica in replicas):
-        return None
-    mean = request.chemistry.bond_force * request.chemistry.front_factor
-    return np.stack([replica.bonds * mean if replica.force is None else replica.force for replica in replicas])
+    given = force.force if request.rupture is not None or force.plugins else None
+    origin = origin._replace(plugins=origin.plugins | seen.plugins)
+    return history.bonds, history.events, lattice.sites.size, given, seen, origin
 
 
 def expected_cost(

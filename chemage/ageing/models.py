@@ -15,8 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -61,10 +60,8 @@ def solve(model: Model, t: np.ndarray, y: np.ndarray, w: np.ndarray) -> tuple[np
 
     log10 t_c is ±inf or nan where no finite cut-off time is best.
     """
-    return _solve_line(t, y, w) if model == "line" else _solve_curve(t, y, w)
-
-
-def _solve_line(t: np.ndarray, y: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    if model == "curve":
+        return _solve_curve(t, y, w)
     x = np.log10(t)
     if (w == 1).all():
         slope, height = slopes_of(x, y), y.mean(axis=1)
@@ -78,6 +75,12 @@ def _solve_line(t: np.ndarray, y: np.ndarray, w: np.ndarray) -> tuple[np.ndarray
         slope = above_rounding((w * away * y).sum(axis=1) / spread, x, y)
         # a resample of one hold time, or a line that does not rise, crosses zero nowhere that means anything
         return slope, np.where(slope > 0, centre - height / slope, np.nan)
+
+
+def time_of(log_time: float) -> float:
+    """10**log_time, s; inf beyond the range of numbers, nan where nothing is known."""
+    with np.errstate(over="ignore"):
+        return float(np.power(10.0, log_time))
 
 
 def basis_slope(model: Model, t: np.ndarray, log_cutoff: np.ndarray | float) -> np.ndarray:
@@ -124,8 +127,7 @@ def _solve_curve(t: np.ndarray, y: np.ndarray, w: np.ndarray) -> tuple[np.ndarra
 # -- intervals --------------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Interval:
+class Interval(NamedTuple):
     """Ends of a confidence interval; an end that the data do not bound is infinite (for a time: 0 or infinite)."""
 
     low: float
@@ -226,12 +228,21 @@ def bootstrapped(
 
     Hesterberg, Am. Stat. 69, 371 (2015), expanded percentile interval. ``fitted``: (m,) the fit.
     """
+    from scipy import special
+
     if kind != "replicas" and t.size < 3:
         return UNKNOWN, UNKNOWN
     heights, weights = _resampled(kind, np.random.default_rng(seed), samples, curves, fitted, weight)
     slopes, cutoffs = solve(model, t, heights, weights)
-    ends = _expanded(confidence, {"replicas": len(curves) - 1}.get(kind, t.size - 2))
-    return _interval(slopes, ends), _cutoff_interval(cutoffs, slopes, ends)
+    # percentiles whose normal distance is Student's t: a small sample's wider tails
+    freedom = len(curves) - 1 if kind == "replicas" else t.size - 2
+    tail = float(special.ndtr(-student_limit(max(freedom, 1), confidence)))
+    ends = 100 * tail, 100 * (1 - tail)
+    # where more samples than a tail holds do not rise at all, the data set no bounds: 0 to infinity
+    if np.count_nonzero(~(slopes > 0)) > ends[0] / 100 * slopes.size:
+        return _interval(slopes, ends), Interval(0.0, math.inf)
+    logs = _interval(cutoffs, ends)
+    return _interval(slopes, ends), Interval(time_of(logs.low), time_of(logs.high))
 
 
 def _resampled(
@@ -243,15 +254,12 @@ def _resampled(
     weight: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Bootstrap data: values (b, m), weights (b or 1, m)."""
-    replicas, points = curves.shape
+    (replicas, points), mean = curves.shape, curves.mean(axis=0)
     if kind == "replicas":
         # deviations are stretched, since a draw from r replicas has (r − 1)/r of the variance
         drawn = generator.multinomial(replicas, np.full(replicas, 1 / replicas), samples) / replicas
-        mean = curves.mean(axis=0)
-        return mean + (np.einsum("br,rm->bm", drawn, curves) - mean) * math.sqrt(replicas / (replicas - 1)), weight[
-            None, :
-        ]
-    mean = curves.mean(axis=0)
+        stretched = (np.einsum("br,rm->bm", drawn, curves) - mean) * math.sqrt(replicas / (replicas - 1))
+        return mean + stretched, weight[None, :]
     if kind == "pairs":
         times_drawn = generator.multinomial(points, np.full(points, 1 / points), samples)
         return np.broadcast_to(mean, (samples, points)), times_drawn * weight
@@ -261,14 +269,6 @@ def _resampled(
     return fitted + scaled[drawn] / np.sqrt(weight), weight[None, :]
 
 
-def _expanded(confidence: float, freedom: int) -> tuple[float, float]:
-    """Percentiles (in per cent) whose normal distance is Student's t for ``freedom``: a small sample's wider tails."""
-    from scipy import special
-
-    tail = float(special.ndtr(-student_limit(max(freedom, 1), confidence)))
-    return 100 * tail, 100 * (1 - tail)
-
-
 def _interval(values: np.ndarray, ends: tuple[float, float]) -> Interval:
     # order statistics, not interpolated: infinite values must not turn into nan
     finite = np.sort(values[~np.isnan(values)])
@@ -276,12 +276,3 @@ def _interval(values: np.ndarray, ends: tuple[float, float]) -> Interval:
         return UNKNOWN
     low, high = (float(np.percentile(finite, end, method="nearest")) for end in ends)
     return Interval(low, high) if high - low > ROUNDING * abs(high) else UNKNOWN
-
-
-def _cutoff_interval(log_times: np.ndarray, slopes: np.ndarray, ends: tuple[float, float]) -> Interval:
-    """Where more samples than a tail holds do not rise at all, the data set no bounds: 0 to infinity."""
-    if np.count_nonzero(~(slopes > 0)) > ends[0] / 100 * slopes.size:
-        return Interval(0.0, math.inf)
-    logs = _interval(log_times, ends)
-    with np.errstate(over="ignore"):
-        return Interval(float(np.power(10.0, logs.low)), float(np.power(10.0, logs.high)))

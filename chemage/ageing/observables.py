@@ -147,15 +147,24 @@ def measure(
     """
     seen = Seen({}, {}, {})
     times = history.hold_times.size
+
+    def take(checker: Checker, measured: Mapping[str, Any], outputs: Mapping[str, Output]) -> None:
+        for name, values in measured.items():
+            if name in seen.values:
+                raise PluginError(f"two observables give {name!r}; rename one")
+            seen.values[name] = checker.values(name, values, outputs.get(name))
+            if name in outputs:
+                seen.outputs[name] = outputs[name]
+
     with recording() as block, taking_part() as plugins:
         for observable in observe:
             checker = Checker(_called(observable), times)
             values, outputs = observable.measure(contact, lattice, history), observable.outputs
             checker.names(values, outputs)
-            _take(seen, checker, values, outputs)
+            take(checker, values, outputs)
         answers = registry.current().manager.hook.chemage_observe(contact=contact, lattice=lattice, history=history)
     for name, (who, declared) in block.items():
-        _take(seen, Checker(who, times), {name: declared.values}, {name: declared.output})
+        take(Checker(who, times), {name: declared.values}, {name: declared.output})
     for answer in answers:
         checker = Checker("the hook chemage_observe of a plugin", times)
         checker.names(answer, {})
@@ -163,20 +172,11 @@ def measure(
         if problems := declaration_problems(outputs):
             raise PluginError(f"the hook chemage_observe of a plugin: {problems[0]}")
         plain = {name: value.values if isinstance(value, RecordedValue) else value for name, value in answer.items()}
-        _take(seen, checker, plain, outputs)
+        take(checker, plain, outputs)
     dims = {dim for output in seen.outputs.values() for dim in output.dims}
     if both := dims & seen.values.keys():
         raise PluginError(f"observables: {min(both)!r} is the name of an output and of a dimension; rename one")
     return seen._replace(plugins=providers(*observe) | plugins)
-
-
-def _take(seen: Seen, checker: Checker, measured: Mapping[str, Any], outputs: Mapping[str, Output]) -> None:
-    for name, values in measured.items():
-        if name in seen.values:
-            raise PluginError(f"two observables give {name!r}; rename one")
-        seen.values[name] = checker.values(name, values, outputs.get(name))
-        if name in outputs:
-            seen.outputs[name] = outputs[name]
 
 
 def stacked(replicas: Sequence[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:

@@ -71,12 +71,6 @@ def replica_seeds(seed: Seed, replica: int, common: Common, run: tuple[int, ...]
     return ReplicaSeeds(disorder, np.random.SeedSequence(entropy, spawn_key=(*path, *run, replica, 1)))
 
 
-def check_common(common: str) -> None:
-    """Refuse what is not one of :data:`COMMON`."""
-    if not isinstance(common, str) or common not in COMMON:
-        raise InputError.of("common", common, f"is not one of {', '.join(COMMON)}", "the default is 'none'")
-
-
 def identity(contact: ContactSolution, chemistry: Chemistry, engine: Engine, temperature: float) -> tuple[int, ...]:
     """Four 32-bit words that differ between runs that simulate different things.
 
@@ -166,7 +160,11 @@ def resumed(
         raise StoreError(other)
     reasons = []
     if earlier != before:
-        reasons.append(f"{_listed(earlier)} took part in the stages before, and now {_listed(before)}")
+        then, now = (
+            ", ".join(f"{name} ({source})" for name, source in plugins.items()) or "no plugin"
+            for plugins in (earlier, before)
+        )
+        reasons.append(f"{then} took part in the stages before, and now {now}")
     reasons += [f"{plugin} was {then} and is {now}" for plugin, (then, now) in changed(record.plugins).items()]
     asked = json.loads(attributes.get("asked", "{}"))
     new = [plugin for plugin, source in implementing(*hooks).items() if asked.get(plugin) != source]
@@ -182,10 +180,6 @@ def keep(path: Path, name: str, record: Record, key: str, *, run: str, before: P
     """Write ``record`` to ``path``, in place of what was kept there before; arguments as for :func:`resumed`."""
     plugins = {"asked": json.dumps(implementing(*hooks)), "before": json.dumps(dict(before))}
     container.write(path, {name: record}, {"checkpoint": key, "run": run, **plugins}, force=True)
-
-
-def _listed(plugins: Plugins) -> str:
-    return ", ".join(f"{name} ({source})" for name, source in plugins.items()) or "no plugin"
 
 
 #: s between two checkpoints of a replica
@@ -222,7 +216,7 @@ def run_with_checkpoints(
     if not engine.restart:
         raise InputError(f"engine {engine.kind!r} cannot resume from a history; run it without checkpoints")
     times, kelvin = check_times(hold_times), temperature_value(temperature)
-    key = _key(engine, lattice, times, kelvin, seed)
+    key = content_hash([engine.digest(), lattice.digest(), times.tolist(), kelvin, origin(seed)])
     other = f"{path} is the checkpoint of another run; remove it, or choose another folder"
     plugins = before or {}
     origins = {"contact": contact, "chemistry": chemistry}
@@ -252,7 +246,3 @@ def run_with_checkpoints(
             written = time.monotonic()
     assert done is not None
     return done
-
-
-def _key(engine: Engine, lattice: ReactionLattice, times: np.ndarray, temperature: float, seed: Seed) -> str:
-    return content_hash([engine.digest(), lattice.digest(), times.tolist(), temperature, origin(seed)])

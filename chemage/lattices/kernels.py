@@ -14,6 +14,8 @@ import numpy as np
 
 from chemage.foundation.kernels import kernel
 
+compiled = kernel(nogil=True)
+
 #: the rim is this part of the way from a pixel outside to its neighbour in contact, at most
 FURTHEST = 0.95
 #: smallest cosine between the normal of the rim and the line between two pixels
@@ -22,7 +24,7 @@ SMALLEST_COSINE = 0.3
 STEPS = tuple((di, dj) for di in (-1, 0, 1) for dj in (-1, 0, 1))
 
 
-@kernel(nogil=True)
+@compiled
 def _at(i, j, nx, ny, periodic):  # pragma: no cover - compiled
     """Flat index of pixel (i, j), wrapped where periodic; -1 outside the grid."""
     if periodic:
@@ -32,7 +34,7 @@ def _at(i, j, nx, ny, periodic):  # pragma: no cover - compiled
     return i * ny + j
 
 
-@kernel(nogil=True)
+@compiled
 def _near(i, j, nx, ny, periodic):  # pragma: no cover - compiled
     """As `_at`; outside a free grid the nearest pixel."""
     if periodic:
@@ -40,7 +42,7 @@ def _near(i, j, nx, ny, periodic):  # pragma: no cover - compiled
     return min(max(i, 0), nx - 1) * ny + min(max(j, 0), ny - 1)
 
 
-@kernel(nogil=True)
+@compiled
 def around(pixels, place, nx, ny, periodic):  # pragma: no cover - compiled
     """The neighbours (of eight) of `pixels` that are not listed yet, which `place` is -1 for; it becomes -2."""
     found = np.empty(8 * pixels.size, np.int64)
@@ -55,7 +57,7 @@ def around(pixels, place, nx, ny, periodic):  # pragma: no cover - compiled
     return found[:count].copy()
 
 
-@kernel(nogil=True)
+@compiled
 def _way(ratio):  # pragma: no cover - compiled
     """x in (0, 1) with x³/(1 − x) = ratio, at most `FURTHEST`."""
     low, high = 0.0, FURTHEST
@@ -70,7 +72,7 @@ def _way(ratio):  # pragma: no cover - compiled
     return 0.5 * (low + high)
 
 
-@kernel(nogil=True)
+@compiled
 def _slope(i, j, nx, ny, periodic, place, level):  # pragma: no cover - compiled
     """Direction in which the level rises at a pixel, from its eight neighbours; (0, 0) where it has none."""
     gx, gy = 0.0, 0.0
@@ -85,7 +87,7 @@ def _slope(i, j, nx, ny, periodic, place, level):  # pragma: no cover - compiled
     return gx / length, gy / length
 
 
-@kernel(nogil=True)
+@compiled
 def rim(pixels, bounds, place, opening, level, nx, ny, periodic, passes):  # pragma: no cover - compiled
     """The level of the pixels outside, negative, from their gap and the pressure of their neighbours in contact.
 
@@ -142,13 +144,13 @@ def rim(pixels, bounds, place, opening, level, nx, ny, periodic, passes):  # pra
                 level[k] = -1.5 * square
 
 
-@kernel(nogil=True)
+@compiled
 def _first(cell, sites, pixels, offset):  # pragma: no cover - compiled
     """The first site at or behind node `cell`, where site s lies at (2 s pixels + offset)/(2 sites)."""
     return -((offset - 2 * cell * sites) // (2 * pixels))
 
 
-@kernel(nogil=True)
+@compiled
 def _weights(t, values, slopes):  # pragma: no cover - compiled
     """Cubic convolution (Catmull-Rom) of four nodes at the fraction t between the middle ones, and its slope."""
     values[0] = ((-0.5 * t + 1.0) * t - 0.5) * t
@@ -161,7 +163,7 @@ def _weights(t, values, slopes):  # pragma: no cover - compiled
     slopes[3] = (1.5 * t - 1.0) * t
 
 
-@kernel(nogil=True)
+@compiled
 def _touched(i, place, inside, grid, periodic, active):  # pragma: no cover - compiled
     """Mark the cells between the rows of pixels i and i + 1 that have a pixel in contact; whether there is any."""
     nx, ny = grid
@@ -180,7 +182,7 @@ def _touched(i, place, inside, grid, periodic, active):  # pragma: no cover - co
     return found
 
 
-@kernel(nogil=True)
+@compiled
 def most_sites(place, inside, grid, sites, periodic):  # pragma: no cover - compiled
     """How many sites lie in cells between pixels of which one is in contact."""
     nx, ny = grid
@@ -199,7 +201,7 @@ def most_sites(place, inside, grid, sites, periodic):  # pragma: no cover - comp
     return count
 
 
-@kernel(nogil=True)
+@compiled
 def place_sites(place, inside, level, grid, sites, periodic, shift, out, values):  # pragma: no cover - compiled
     """Sites with a positive level, ascending: their number; flat index and pressure are written into `out`, `values`.
 
@@ -244,7 +246,7 @@ def place_sites(place, inside, level, grid, sites, periodic, shift, out, values)
     return count
 
 
-@kernel(nogil=True)
+@compiled
 def _cell(site, sites, pixels, offset):  # pragma: no cover - compiled
     """The node before a site, and the fraction of a pixel between them."""
     at = 2 * site * pixels + offset
@@ -252,7 +254,7 @@ def _cell(site, sites, pixels, offset):  # pragma: no cover - compiled
     return cell, (at - 2 * cell * sites) / (2.0 * sites)
 
 
-@kernel(nogil=True)
+@compiled
 def _parts(pixels, sites, offset):  # pragma: no cover - compiled
     """How many sites belong to each pixel along a side, each divided between its two nodes."""
     parts = np.zeros(pixels)
@@ -267,7 +269,7 @@ def _parts(pixels, sites, offset):  # pragma: no cover - compiled
     return parts
 
 
-@kernel(nogil=True)
+@compiled
 def balance(place, pixels, load, grid, sites, periodic, index, values):  # pragma: no cover - compiled
     """Scale the pressures of sites, in place, so that in each neighbourhood of 3 x 3 pixels they carry the load there.
 
@@ -308,7 +310,7 @@ def balance(place, pixels, load, grid, sites, periodic, index, values):  # pragm
                 factor[k] = min(max(wanted / found, 0.5), 2.0)
 
 
-@kernel(nogil=True)
+@compiled
 def overlaps(pixels, pressure, grid, sites, periodic, index, share, carried):  # pragma: no cover - compiled
     """The share of each site that each pixel in contact covers, and its part of the site's mean pressure: their number.
 
@@ -340,7 +342,7 @@ def overlaps(pixels, pressure, grid, sites, periodic, index, share, carried):  #
     return count
 
 
-@kernel(nogil=True)
+@compiled
 def find_fault(neighbours, coupling):  # pragma: no cover - compiled
     """First fault of a graph as (fault, site, slot): 0 none, 1 out of range, 2 own neighbour, 3 listed twice,
     4 listed from one end only, 5 two different energies. ``neighbours`` (n, k) int32, ``coupling`` (n, k) eV."""

@@ -22,7 +22,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, ClassVar, Generic, Self, TypeVar
 
-from chemage.ageing.aging import with_limits_of
+from chemage.ageing.aging import elastic_limits
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation import threads as thread_budget
 from chemage.foundation.codec import to_json
@@ -397,7 +397,8 @@ def _fitted_again(before: Run, scene: Scene) -> Run:
     """The run of a scene that differs from that of ``made`` in its fit and in the limits of its material only."""
     before = replace(before, scene=scene.todict(), keys=run_keys(scene, before.contact, before.aging))
     if before.aging is not None and scene.chemistry is not None:
-        before = replace(before, aging=with_limits_of(before.aging, before.contact, scene.chemistry))
+        limits = {"elasticity": elastic_limits(before.contact, scene.chemistry)}
+        before = replace(before, aging=before.aging.model_copy(update=limits))
     return before
 
 

@@ -24,26 +24,7 @@ from chemage.foundation.outputs import recording
 from chemage.foundation.records import Record
 from chemage.kinetics.role import Engine
 from chemage.plugins import registry
-from chemage.testing.checks import LIMIT, check_of, is_number, other_values, require
-
-#: what is asked: (in words, a function of the component)
-Questions = Iterator[tuple[str, Callable[[Any], Any]]]
-#: role -> its questions for a component, which may need the inputs of the checks
-ASKED: dict[str, Callable[..., Questions]] = {}
-
-
-def asks(role: type[Component]) -> Callable[[Callable[..., Questions]], Callable[..., Questions]]:
-    """Declare a generator as the questions of a role.
-
-    They come in pairs that differ in one thing, each pair about something that no other and no other check asks of, so
-    that nothing that was kept before can answer them.
-    """
-
-    def mark(function: Callable[..., Questions]) -> Callable[..., Questions]:
-        ASKED[role.role] = function
-        return function
-
-    return mark
+from chemage.testing.checks import CHECKS, LIMIT, Checks, Questions, is_number, require
 
 
 def answer(component: Component, ask: Callable[[Any], Any]) -> bytes:
@@ -71,10 +52,17 @@ def as_bytes(value: Any) -> bytes:
     return repr(value).encode() + b";"
 
 
-def calls_are_independent(component: Component, **inputs: Any) -> None:
+def questions_of(component: Component, inputs: Mapping[str, Any]) -> Questions:
+    """All questions of the role of a component."""
+    for checks in CHECKS.get(component.role, ()):
+        yield from checks(component).questions(**inputs)
+
+
+def independent_calls(checks: Checks[Any], **inputs: Any) -> None:
     """The same is answered to the same, asked again in the opposite order or at the same time, and what was given stays
     as it was. Of an engine that uses several threads itself nothing is asked at the same time."""
-    asked = [ask for _, ask in islice(ASKED[component.role](component, **inputs), 6)]
+    component = checks.component
+    asked = [ask for _, ask in islice(questions_of(component, inputs), 6)]
     ask = partial(answer, component)
     before, first = _given(asked), list(map(ask, asked))
     require(list(map(ask, asked[::-1])) == first[::-1], "a second call gave another result")
@@ -94,10 +82,10 @@ def _given(asked: list[Callable[[Any], Any]]) -> bytes:
 def answers(component: Component, inputs: Mapping[str, Any], backwards: bool = False) -> dict[str, bytes]:
     """The answers to all questions of the role, and those to the first of them with each option at another value, which
     are asked in order, or ``backwards``."""
-    questions = list(ASKED[component.role](component, **inputs)) if component.role in ASKED else []
+    questions = list(questions_of(component, inputs))
     asked = [(what, component, ask) for what, ask in questions]
     for name in type(component).model_fields if questions else ():
-        for option, variant in islice(other_values(component, name), 1):
+        for option, variant in islice(Checks(component).other_values(name), 1):
             asked.append((f"{questions[0][0]}, with {option}", variant, questions[0][1]))
     return {what: answer(variant, ask) for what, variant, ask in (asked[::-1] if backwards else asked)}
 
@@ -126,45 +114,6 @@ def _asked_elsewhere(path: list[str], content: bytes) -> dict[str, bytes] | None
     return answers(component, inputs, backwards=True)
 
 
-def _sent(component: Component, inputs: Mapping[str, Any]) -> bytes | None:
-    """The component with its class, where that is not installed; None where it cannot be sent."""
-    import cloudpickle  # what loky sends with
-
-    module = sys.modules.get(type(component).__module__)
-    installed = registry.current().provider(type(component)) is not None or module is None
-    try:
-        if not installed:
-            cloudpickle.register_pickle_by_value(module)
-        return cloudpickle.dumps((component, dict(inputs)))
-    except Exception:  # `options_go_round` says so
-        return None
-    finally:
-        if not installed:
-            cloudpickle.unregister_pickle_by_value(module)
-
-
-@check_of(Component, last=True)
-def _answers_do_not_depend_on_what_was_asked_before(component: Component, **inputs: Any) -> None:
-    """The answers are the same in this process and in another one that is asked in the opposite order, each question
-    after one that differs in one thing: nothing is remembered that does not fit, and no process is special."""
-    content = _sent(component, inputs)
-    if content is None or component.role not in ASKED:
-        return
-    elsewhere = _worker().submit(_asked_elsewhere, list(sys.path), content)
-    try:
-        here, there = answers(component, inputs), elsewhere.result(LIMIT / 2)
-    except BaseException:  # the next component finds a worker that is idle
-        _worker().shutdown(wait=False, kill_workers=True)
-        _worker.cache_clear()
-        raise
-    for what, found in (there or {}).items():
-        require(
-            here[what] == found,
-            f"{what}: another process, which was asked the same in the opposite order, has another answer; is "
-            "something kept from an earlier call, or does it depend on the process?",
-        )
-
-
 @contextmanager
 def _reading(cls: type) -> Iterator[set[str]]:
     """The attributes of components of ``cls`` that are read in this block, but not by their serialisation."""
@@ -179,51 +128,92 @@ def _reading(cls: type) -> Iterator[set[str]]:
         yield read
 
 
-def _is_rare(component: Component, name: str) -> bool:
-    """Whether an option that no question depends on may be for other cases: a choice, such as of what is done where
-    nothing converges; one that goes with another option that is off; or any option of a method of ageing, of which the
-    questions are about independent sites."""
-    value, others = getattr(component, name), type(component).model_fields.keys() - {name}
-    off = any(getattr(component, other) is None or getattr(component, other) is False for other in others)
-    return (not is_number(value) or off or isinstance(component, AgeingMethod)) and name in _mentioned(type(component))
+class AnswerChecks(Checks[Component], of=Component):
+    """What follows from the answers to all questions of a role; where the checks of the role say more of what is wrong,
+    they come first."""
 
+    last = True
 
-def _mentioned(cls: type) -> set[str]:
-    """The names in the code of the methods that a class adds to its role."""
-    own = {name for base in cls.__mro__ if not base.__module__.startswith("chemage.") for name in vars(base)}
-    functions = [inspect.unwrap(function) for name in own if inspect.isfunction(function := getattr(cls, name, None))]
-    codes, names = [function.__code__ for function in functions], set[str]()
-    while codes:
-        code = codes.pop()
-        names.update(code.co_names)
-        codes += [constant for constant in code.co_consts if inspect.iscode(constant)]
-    return names
+    def _sent(self, inputs: Mapping[str, Any]) -> bytes | None:
+        """The component with its class, where that is not installed; None where it cannot be sent."""
+        import cloudpickle  # what loky sends with
 
+        module = sys.modules.get(self.cls.__module__)
+        installed = registry.current().provider(self.cls) is not None or module is None
+        try:
+            if not installed:
+                cloudpickle.register_pickle_by_value(module)
+            return cloudpickle.dumps((self.component, dict(inputs)))
+        except Exception:  # `options_go_round` says so
+            return None
+        finally:
+            if not installed:
+                cloudpickle.unregister_pickle_by_value(module)
 
-@check_of(Component, last=True)
-def _options_count(component: Component, **inputs: Any) -> None:
-    """Every option is used or changes some answer, and those in ``speed_only``, which change the cost alone, not a bit
-    of any."""
-    if component.role not in ASKED:
-        return
-    questions = list(ASKED[component.role](component, **inputs))
-    with _reading(type(component)) as read:
-        own = {what: answer(component, ask) for what, ask in questions}
-    for name in type(component).model_fields:
-        tried = []
-        for option, variant in other_values(component, name):
-            changed = next((what for what, ask in questions if answer(variant, ask) != own[what]), None)
-            tried.append(option)
-            if name in type(component).speed_only:
-                require(
-                    changed is None,
-                    f"{option}: the answers differ ({changed}), but speed_only says that they do not",
-                )
-            elif changed is not None:
-                break
-        else:
+    def answers_do_not_depend_on_what_was_asked_before(self, **inputs: Any) -> None:
+        """The answers are the same in this process and in another one that is asked in the opposite order, each
+        question after one that differs in one thing: nothing is remembered that does not fit, and no process is
+        special."""
+        content = self._sent(inputs)
+        if content is None:
+            return
+        elsewhere = _worker().submit(_asked_elsewhere, list(sys.path), content)
+        try:
+            here, there = answers(self.component, inputs), elsewhere.result(LIMIT / 2)
+        except BaseException:  # the next component finds a worker that is idle
+            _worker().shutdown(wait=False, kill_workers=True)
+            _worker.cache_clear()
+            raise
+        for what, found in (there or {}).items():
             require(
-                not tried or name in read or name in type(component).speed_only or _is_rare(component, name),
-                f"option {name!r} is not used and changes nothing ({', '.join(tried)} tried); use it, remove it, or "
-                "name it in speed_only if it only changes the cost",
+                here[what] == found,
+                f"{what}: another process, which was asked the same in the opposite order, has another answer; is "
+                "something kept from an earlier call, or does it depend on the process?",
             )
+
+    def options_count(self, **inputs: Any) -> None:
+        """Every option is used or changes some answer, and those in ``speed_only``, which change the cost alone, not a
+        bit of any."""
+        questions = list(questions_of(self.component, inputs))
+        with _reading(self.cls) as read:
+            own = {what: answer(self.component, ask) for what, ask in questions}
+        for name in self.cls.model_fields:
+            tried = []
+            for option, variant in self.other_values(name):
+                changed = next((what for what, ask in questions if answer(variant, ask) != own[what]), None)
+                tried.append(option)
+                if name in self.cls.speed_only:
+                    require(
+                        changed is None,
+                        f"{option}: the answers differ ({changed}), but speed_only says that they do not",
+                    )
+                elif changed is not None:
+                    break
+            else:
+                require(
+                    not tried or name in read or name in self.cls.speed_only or self._is_rare(name),
+                    f"option {name!r} is not used and changes nothing ({', '.join(tried)} tried); use it, remove it, "
+                    "or name it in speed_only if it only changes the cost",
+                )
+
+    def _is_rare(self, name: str) -> bool:
+        """Whether an option that no question depends on may be for other cases: a choice, such as of what is done where
+        nothing converges; one that goes with another option that is off; or any option of a method of ageing, of which
+        the questions are about independent sites. Its name is in the code of a method that the class adds to its role.
+        """
+        cls, value = self.cls, getattr(self.component, name)
+        others = [getattr(self.component, other) for other in cls.model_fields.keys() - {name}]
+        off = any(other is None or other is False for other in others)
+        if is_number(value) and not off and not isinstance(self.component, AgeingMethod):
+            return False
+        own = {name for base in cls.__mro__ if not base.__module__.startswith("chemage.") for name in vars(base)}
+        functions = [
+            inspect.unwrap(function) for name in own if inspect.isfunction(function := getattr(cls, name, None))
+        ]
+        codes = [function.__code__ for function in functions]
+        while codes:
+            code = codes.pop()
+            if name in code.co_names:
+                return True
+            codes += [constant for constant in code.co_consts if inspect.iscode(constant)]
+        return False

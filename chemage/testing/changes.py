@@ -12,8 +12,7 @@ from chemage.ageing.observables import Observable
 from chemage.foundation.errors import InputError
 from chemage.foundation.outputs import HOLD_TIME
 from chemage.friction.role import Bonded, Rupture
-from chemage.testing.answers import Questions, asks
-from chemage.testing.checks import check_of, dimensions, require, rescaled, whole
+from chemage.testing.checks import Checks, Questions, dimensions, require, whole
 from chemage.testing.replicas import Asked, changed, finished, force_of, numbers, with_states
 
 check_observable, check_rupture = whole(Observable), whole(Rupture)
@@ -80,84 +79,88 @@ def _replicas() -> Iterator[tuple[str, Bonded]]:
     yield "37 sites that do not interact", with_states(finished(37, 19, interacting=False))
 
 
-@asks(Rupture)
-def _laws_asked(component: Rupture) -> Questions:
-    for what, replica in _replicas():
-        yield what, lambda law, replica=replica: law.force(replica)
+class ChangedReplicaChecks(Checks[Asked], of=(Rupture, Observable)):
+    """What no observable and no law of rupture may notice."""
+
+    # -- places and orders ---------------------------------------------------------------------------------------------
+
+    def order_of_the_sites_does_not_matter(self) -> None:
+        """Where a periodic surface begins, and with it the order of the sites, changes neither a force nor a number."""
+        component = self.component
+        if isinstance(component, Rupture) and component.sampled:  # its random numbers belong to the places
+            return
+        replica = with_states(finished(40, 17, grid=(9, 7)))
+        one = numbers(component, replica)
+        for step in ((3, 2), (5, 6)):
+            two = numbers(component, shifted(replica, step))
+            for name, values in one.items():
+                output = component.outputs.get(name)
+                # whether it has no place on the surface, as far as that is known
+                number = values.ndim == 0 if output is None else set(output.dims) <= {HOLD_TIME}
+                require(
+                    np.allclose(values, two[name], equal_nan=True, **SAME)
+                    or not (number or isinstance(component, Rupture)),
+                    f"{name} is {values}, and {two[name]} where the surface begins {step} pixels further on: sites are "
+                    "in ascending order of their pixels, lattice.sites names the pixel of each, and any of them may be "
+                    "bonded",
+                )
 
 
-@asks(Observable)
-def _observables_asked(component: Observable) -> Questions:
-    for what, one in _replicas():
-        yield what, lambda observable, one=one: observable.measure(one.contact, one.lattice, one.history)
+class ObservableUnitChecks(Checks[Observable], of=Observable):
+    """What follows from a change of units."""
 
+    def questions(self) -> Questions:
+        for what, one in _replicas():
+            yield what, lambda observable, one=one: observable.measure(one.contact, one.lattice, one.history)
 
-# -- places and orders ------------------------------------------------------------------------------------------------
+    # -- units ---------------------------------------------------------------------------------------------------------
 
-
-@check_of(Rupture)
-@check_of(Observable)
-def _order_of_the_sites_does_not_matter(component: Asked) -> None:
-    """Where a periodic surface begins, and with it the order of the sites, changes neither a force nor a number."""
-    if isinstance(component, Rupture) and component.sampled:  # its random numbers belong to the places
-        return
-    replica = with_states(finished(40, 17, grid=(9, 7)))
-    one = numbers(component, replica)
-    for step in ((3, 2), (5, 6)):
-        two = numbers(component, shifted(replica, step))
-        for name, values in one.items():
-            output = component.outputs.get(name)
-            # whether it has no place on the surface, as far as that is known
-            number = values.ndim == 0 if output is None else set(output.dims) <= {HOLD_TIME}
+    def lengths_have_their_unit(self) -> None:
+        """On a contact twice as large, with all lengths among the options doubled, an output in nm is twice as large,
+        one in 1/nm**2 a quarter."""
+        small = finished(40, 17)
+        try:
+            doubled = self.rescaled(stress=1 / 8, length=2)
+        except InputError:
+            return
+        one, two = (
+            numbers(self.component, small),
+            numbers(doubled, rescaled_replica(small, pixel=1.0), "pixels of 1 nm"),
+        )
+        for name, output in self.component.outputs.items():
+            mass, length, others = dimensions(output.unit)
+            if mass or others or not length or one[name].shape != two[name].shape:
+                continue
             require(
-                np.allclose(values, two[name], equal_nan=True, **SAME)
-                or not (number or isinstance(component, Rupture)),
-                f"{name} is {values}, and {two[name]} where the surface begins {step} pixels further on: sites are in "
-                "ascending order of their pixels, lattice.sites names the pixel of each, and any of them may be bonded",
+                np.allclose(two[name], one[name] * 2**length, equal_nan=True, **SAME),
+                f"output {name!r} in {output.unit} is {one[name]} with pixels of 0.5 nm and {two[name]} with pixels of "
+                f"1 nm; expected {2**length:g} times as much. Is a size of pixels assumed, or the unit another?",
             )
 
 
-# -- units ------------------------------------------------------------------------------------------------------------
+class RuptureUnitChecks(Checks[Rupture], of=Rupture):
+    """What follows from a change of units."""
 
+    def questions(self) -> Questions:
+        for what, replica in _replicas():
+            yield what, lambda law, replica=replica: law.force(replica)
 
-@check_of(Observable)
-def _lengths_have_their_unit(component: Observable) -> None:
-    """On a contact twice as large, with all lengths among the options doubled, an output in nm is twice as large, one
-    in 1/nm**2 a quarter."""
-    small = finished(40, 17)
-    try:
-        doubled = rescaled(component, stress=1 / 8, length=2)
-    except InputError:
-        return
-    one, two = numbers(component, small), numbers(doubled, rescaled_replica(small, pixel=1.0), "pixels of 1 nm")
-    for name, output in component.outputs.items():
-        mass, length, others = dimensions(output.unit)
-        if mass or others or not length or one[name].shape != two[name].shape:
-            continue
+    def forces_have_their_unit(self) -> None:
+        """With all energies, k_BT and forces three times as large, in the options too, the force is: no energy and no
+        temperature is assumed. A law that gives a force of its own, whatever the barriers are, passes, as does
+        one that draws random numbers."""
+        if self.component.sampled:
+            return
+        try:
+            strong = self.rescaled(stress=3)
+        except InputError:
+            return
+        before = finished(40, 17)
+        after = rescaled_replica(before, temperature=900.0, pressure=3.0, energy=3.0)
+        chemistry = before.chemistry.replace(bond_force=3 * before.chemistry.bond_force)
+        one, two = force_of(self.component, before), force_of(strong, replace(after, chemistry=chemistry))
         require(
-            np.allclose(two[name], one[name] * 2**length, equal_nan=True, **SAME),
-            f"output {name!r} in {output.unit} is {one[name]} with pixels of 0.5 nm and {two[name]} with pixels of "
-            f"1 nm; expected {2**length:g} times as much. Is a size of pixels assumed, or the unit another?",
+            np.allclose(two, 3 * one, **SAME) or np.array_equal(one, two),
+            f"with energies, k_BT and forces three times as large the force is {two} nN instead of {3 * one}; is a "
+            "temperature or an energy assumed? The temperature is bonded.temperature",
         )
-
-
-@check_of(Rupture)
-def _forces_have_their_unit(component: Rupture) -> None:
-    """With all energies, k_BT and forces three times as large, in the options too, the force is: no energy and no
-    temperature is assumed. A law that gives a force of its own, whatever the barriers are, passes, as does
-    one that draws random numbers."""
-    if component.sampled:
-        return
-    try:
-        strong = rescaled(component, stress=3)
-    except InputError:
-        return
-    before = finished(40, 17)
-    after = rescaled_replica(before, temperature=900.0, pressure=3.0, energy=3.0)
-    chemistry = before.chemistry.replace(bond_force=3 * before.chemistry.bond_force)
-    one, two = force_of(component, before), force_of(strong, replace(after, chemistry=chemistry))
-    require(
-        np.allclose(two, 3 * one, **SAME) or np.array_equal(one, two),
-        f"with energies, k_BT and forces three times as large the force is {two} nN instead of {3 * one}; is a "
-        "temperature or an energy assumed? The temperature is bonded.temperature",
-    )

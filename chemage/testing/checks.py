@@ -10,8 +10,8 @@ import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from inspect import Parameter, signature
-from typing import Any, NamedTuple, TypeGuard
+from inspect import Parameter, isfunction, signature
+from typing import Any, ClassVar, Generic, NamedTuple, TypeGuard, TypeVar
 
 import numpy as np
 
@@ -58,11 +58,17 @@ class ChecksFailed(ExceptionGroup, AssertionError):
 
 
 class Check(NamedTuple):
-    """One requirement of a role: a function that raises AssertionError if a component does not meet it."""
+    """One requirement of a role: it raises AssertionError if a component does not meet it."""
 
     name: str
-    function: Callable[..., None]
+    #: the class of which it is a method
+    of: type[Checks[Any]]
     inputs: Mapping[str, Any]
+
+    @property
+    def function(self) -> Callable[..., None]:
+        """The method, which takes an instance of its class and the inputs."""
+        return getattr(self.of, self.name)
 
     @property
     def requirement(self) -> str:
@@ -78,12 +84,12 @@ class Check(NamedTuple):
         return tuple(name for name in needed if self.inputs.get(name) is None)
 
     def __call__(self, component: Component) -> None:
-        if self.missing or isinstance(component, getattr(self.function, "unless", ())):
+        if self.missing or isinstance(component, self.of.unless):
             return
         name = f"{component.role} {component.kind!r}"
         try:
             with _strict_warnings(), _limited(f"took longer than {LIMIT:g} s"):
-                self.function(component, **self.inputs)
+                self.function(self.of(component), **self.inputs)
         except CheckFailed:
             raise
         except AssertionError as failure:
@@ -140,30 +146,125 @@ def _strict_warnings() -> Iterator[None]:
         yield
 
 
-#: role -> its checks; the checks of every component are those of the role ""
-CHECKS: dict[str, list[Callable[..., None]]] = {}
-#: the checks of every component that come after those of its role
-LAST: list[Callable[..., None]] = []
+C = TypeVar("C", bound=Component)
+F = TypeVar("F", bound=Callable[..., None])
+#: what is asked: (in words, a function of the component)
+Questions = Iterator[tuple[str, Callable[[Any], Any]]]
+#: role -> the classes of its checks; the checks of every component are those of the role ""
+CHECKS: dict[str, list[type[Checks[Any]]]] = {}
 
 
-def check_of(
-    role: type[Component], unless: tuple[type, ...] = (), known: bool = False, last: bool = False
-) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Declare a function as a check of the class of a role, or of every component with :class:`Component`.
+class Checks(Generic[C]):
+    """Checks of the class of a role ``of``, or of several, or of every component with :class:`Component`.
 
-    Its arguments besides the component are inputs of :func:`checks_for`; without those that have no default there is
-    nothing to check. Components of the classes ``unless`` are not checked. A check that compares with closed forms or
-    known numbers, within seconds, is ``known``: ``chemage selftest`` runs it. One of every component is ``last`` where
-    those of the role say more of what is wrong.
+    Each method without an underscore is a check. Its arguments are inputs of :func:`checks_for`; without those that
+    have no default there is nothing to check.
     """
 
-    def mark(function: Callable[..., None]) -> Callable[..., None]:
-        function.known = known  # pyright: ignore[reportFunctionMemberAccess]
-        function.unless = unless  # pyright: ignore[reportFunctionMemberAccess]
-        (LAST if last else CHECKS.setdefault(role.role, [])).append(function)
-        return function
+    #: classes whose components are not checked
+    unless: ClassVar[tuple[type, ...]] = ()
+    #: checks of every component that come after those of its role, which say more of what is wrong
+    last: ClassVar[bool] = False
 
-    return mark
+    def __init_subclass__(cls, of: type[Component] | tuple[type[Component], ...]) -> None:
+        for role in of if isinstance(of, tuple) else (of,):
+            CHECKS.setdefault(role.role, []).append(cls)
+
+    def __init__(self, component: C) -> None:
+        self.component, self.cls = component, type(component)
+
+    @classmethod
+    def names(cls) -> list[str]:
+        """Its checks."""
+        own = [name for name, value in vars(cls).items() if isfunction(value) and not name.startswith("_")]
+        return [name for name in own if name not in vars(Checks)]
+
+    def other_values(self, name: str) -> Iterator[tuple[str, Any]]:
+        """Yield the component with option ``name`` at other values that it accepts, and what was changed."""
+        parts = self.options().get(name, [])
+        types, value = {part.get("type") for part in parts}, getattr(self.component, name)
+        tried: list[Any] = [choice for part in parts for choice in part.get("enum", [])]
+        tried += [True, False] if "boolean" in types else []
+        tried += [1, 2, 3] if "integer" in types else []
+        if "number" in types and is_number(value):
+            tried += [0.5 * value, 2 * value, 0.9 * value] if value else [0.1, 1.0]
+        for other in tried:
+            try:
+                variant = self.component.replace(**{name: other})
+            except InputError:
+                continue
+            if getattr(variant, name) != value or type(getattr(variant, name)) is not type(value):
+                yield f"{name} = {other}", variant
+
+    def option_variants(self) -> Iterator[tuple[str, Any]]:
+        """Yield the component as it is, with each switch, choice and option of ``speed_only`` at another value, and
+        with all of these at once. Numbers that are not for speed alone may mean anything, and stay."""
+        yield "with these options", self.component
+        together: dict[str, Any] = {}
+        for name in self.cls.model_fields:
+            others = list(self.other_values(name))
+            if name in self.cls.speed_only:
+                others = others[:1]
+            elif is_number(getattr(self.component, name)):
+                continue
+            yield from others
+            if others:
+                together[name] = getattr(others[-1][1], name)
+        if len(together) > 1:
+            try:
+                words = ", ".join(f"{name} = {value}" for name, value in together.items())
+                yield words, self.component.replace(**together)
+            except InputError:
+                return
+
+    def trade_variants(self) -> Iterator[tuple[str, list[tuple[str, Any]]]]:
+        """Yield each option of ``trade`` with the component at its values, from fast to accurate.
+
+        Values that the other options of this component rule out are left out.
+        """
+        for name, values in self.cls.trade.items():
+            variants = []
+            for value in values:
+                try:
+                    variants.append((f"{name} = {value}", self.component.replace(**{name: value})))
+                except InputError:
+                    continue
+            if len(variants) > 1:
+                yield name, variants
+
+    def rescaled(self, *, stress: float = 1.0, length: float = 1.0) -> Any:
+        """The component in other units of stress and length: each option that has one times its power."""
+        changes: dict[str, float] = {}
+        for name, unit in self.units().items():
+            value = getattr(self.component, name)
+            mass, metre, others = dimensions(unit)
+            # a stress is M/(L T²): a time stays as it is, and with it what contains one
+            if is_number(value) and not others and (mass or metre):
+                changes[name] = value * stress**mass * length ** (metre + mass)
+        return self.component.replace(**changes) if changes else self.component
+
+    def options(self) -> dict[str, list[dict[str, Any]]]:
+        """The JSON schemas of each option: its own, then those of the alternatives of its value."""
+        properties = self.cls.model_json_schema().get("properties", {})
+        return {name: [schema, *schema.get("anyOf", [])] for name, schema in properties.items()}
+
+    def units(self) -> dict[str, str]:
+        """The units of the options that have one."""
+        return {name: part["unit"] for name, parts in self.options().items() for part in parts if part.get("unit")}
+
+    def questions(self, *_: Any, **__: Any) -> Questions:
+        """What can be asked of the component.
+
+        The questions come in pairs that differ in one thing, each pair about something that no other and no other check
+        asks of, so that nothing that was kept before can answer them.
+        """
+        return iter(())
+
+
+def known(check: F) -> F:
+    """Mark a check that compares with closed forms or known numbers, within seconds: ``chemage selftest`` runs it."""
+    check.known = True  # pyright: ignore[reportFunctionMemberAccess]
+    return check
 
 
 def _taken(function: Callable[..., None]) -> list[Parameter]:
@@ -186,13 +287,15 @@ def checks_for(component: Component | type[Component], **inputs: Any) -> list[Ch
     roles = registry.current().roles
     if role not in roles:
         raise InputError.of("component", component, "has no role", f"the roles are {', '.join(roles)}")
-    checks = []
-    for function in (*CHECKS.get("", ()), *CHECKS.get(role, ()), *LAST):
-        taken = _taken(function)
-        names = inputs if any(one.kind is one.VAR_KEYWORD for one in taken) else [one.name for one in taken]
-        checks.append(Check(function.__name__.lstrip("_"), function, {k: v for k, v in inputs.items() if k in names}))
-    unused = set(inputs) - {one.name for function in CHECKS.get(role, ()) for one in _taken(function)}
-    if unused:
+    checks, used = [], set[str]()
+    for of in sorted((*CHECKS[""], *CHECKS.get(role, ())), key=lambda one: one.last):
+        for name in of.names():
+            taken = _taken(getattr(of, name))
+            every = any(one.kind is one.VAR_KEYWORD for one in taken)
+            names = {one.name for one in taken}
+            checks.append(Check(name, of, {k: v for k, v in inputs.items() if every or k in names}))
+            used |= names
+    if unused := set(inputs) - used:
         raise InputError(f"{role} checks take no {', '.join(sorted(unused))}")
     return checks
 
@@ -319,7 +422,12 @@ def seeds_are_harmless(draw: Callable[[Any], Any], what: str, *, chance: bool = 
 
     Without ``chance`` all seeds may give the same result.
     """
-    before = _global_state()
+
+    def global_state() -> tuple[bytes, int]:
+        state: Any = np.random.get_state()  # noqa: NPY002
+        return state[1].tobytes(), state[2]
+
+    before = global_state()
     answers = [draw(seed) for seed in range(4)]
     require(draw(1) == answers[1], f"{what}: the same seed gave two results")
     distinct = sum(all(one != other for other in answers[:i]) for i, one in enumerate(answers))
@@ -332,79 +440,7 @@ def seeds_are_harmless(draw: Callable[[Any], Any], what: str, *, chance: bool = 
     if distinct == 4:
         other = np.random.SeedSequence(5, spawn_key=(3,))
         require(draw(other) != first, f"{what}: two children of one SeedSequence gave the same result")
-    require(_global_state() == before, f"{what}: draws from numpy's global random state")
-
-
-def _global_state() -> tuple[bytes, int]:
-    state: Any = np.random.get_state()  # noqa: NPY002
-    return state[1].tobytes(), state[2]
-
-
-def other_values(component: Any, name: str) -> Iterator[tuple[str, Any]]:
-    """Yield the component with option ``name`` at other values that it accepts, and what was changed."""
-    parts = options_of(component).get(name, [])
-    types, value = {part.get("type") for part in parts}, getattr(component, name)
-    tried: list[Any] = [choice for part in parts for choice in part.get("enum", [])]
-    tried += [True, False] if "boolean" in types else []
-    tried += [1, 2, 3] if "integer" in types else []
-    if "number" in types and is_number(value):
-        tried += [0.5 * value, 2 * value, 0.9 * value] if value else [0.1, 1.0]
-    for other in tried:
-        try:
-            variant = component.replace(**{name: other})
-        except InputError:
-            continue
-        if getattr(variant, name) != value or type(getattr(variant, name)) is not type(value):
-            yield f"{name} = {other}", variant
-
-
-def option_variants(component: Any) -> Iterator[tuple[str, Any]]:
-    """Yield the component as it is, with each switch, choice and option of ``speed_only`` at another value, and with
-    all of these at once. Numbers that are not for speed alone may mean anything, and stay."""
-    yield "with these options", component
-    together: dict[str, Any] = {}
-    for name in type(component).model_fields:
-        others = list(other_values(component, name))
-        if name in type(component).speed_only:
-            others = others[:1]
-        elif is_number(getattr(component, name)):
-            continue
-        yield from others
-        if others:
-            together[name] = getattr(others[-1][1], name)
-    if len(together) > 1:
-        try:
-            yield ", ".join(f"{name} = {value}" for name, value in together.items()), component.replace(**together)
-        except InputError:
-            return
-
-
-def trade_variants(component: Any) -> Iterator[tuple[str, list[tuple[str, Any]]]]:
-    """Yield each option of ``trade`` with the component at its values, from fast to accurate.
-
-    Values that the other options of this component rule out are left out.
-    """
-    for name, values in type(component).trade.items():
-        variants = []
-        for value in values:
-            try:
-                variants.append((f"{name} = {value}", component.replace(**{name: value})))
-            except InputError:
-                continue
-        if len(variants) > 1:
-            yield name, variants
-
-
-def rescaled(component: Any, *, stress: float = 1.0, length: float = 1.0) -> Any:
-    """The component in other units of stress and length: each option that is a quantity of these, times its power."""
-    changes: dict[str, float] = {}
-    for name, unit in units_of(component).items():
-        value = getattr(component, name)
-        mass, metre, others = dimensions(unit)
-        # a stress is M/(L T²): a time stays as it is, and with it what contains one
-        if is_number(value) and not others and (mass or metre):
-            changes[name] = value * stress**mass * length ** (metre + mass)
-    return component.replace(**changes) if changes else component
+    require(global_state() == before, f"{what}: draws from numpy's global random state")
 
 
 def dimensions(unit: str) -> tuple[float, float, bool]:
@@ -429,14 +465,3 @@ def require_estimates(what: str, estimates: Any, *names: str) -> None:
     for name, value in estimates.items():
         require(name in names, f"{what} returned {name!r}; known are {', '.join(names)}")
         require(0 <= value < math.inf, f"{what}: {name} = {value!r}")
-
-
-def options_of(component: Component) -> dict[str, list[dict[str, Any]]]:
-    """The JSON schemas of each option: its own, then those of the alternatives of its value."""
-    properties = type(component).model_json_schema().get("properties", {})
-    return {name: [schema, *schema.get("anyOf", [])] for name, schema in properties.items()}
-
-
-def units_of(component: Component) -> dict[str, str]:
-    """The units of the options that have one."""
-    return {name: part["unit"] for name, parts in options_of(component).items() for part in parts if part.get("unit")}

@@ -71,15 +71,3 @@ def hertz(pixels: int = 28) -> Known:
     load = 4 * edge**3 / (3 * radius)
     pressure *= load / (pressure.sum() * PIXEL**2)
     return Known("a paraboloid with free boundaries (Hertz)", surface, load, pressure, 0.03)
-
-
-def every_known_contact() -> list[Known]:
-    """The closed forms, from simple to less simple."""
-    return [
-        flat(),
-        sinusoid(0, 1.5),
-        sinusoid(1, 1.5),
-        hertz(),
-        sinusoid(0, 0.2),
-        sinusoid(1, 0.2),
-    ]

@@ -11,15 +11,14 @@ import numpy as np
 from chemage.foundation.components import call_with
 from chemage.lattices.lattice import ReactionLattice
 from chemage.lattices.role import Barriers, Interaction
-from chemage.testing.answers import Questions, asks, calls_are_independent
+from chemage.testing.answers import independent_calls
 from chemage.testing.checks import (
-    check_of,
+    Checks,
+    Questions,
+    known,
     naming,
     require,
-    rescaled,
     seeds_are_harmless,
-    trade_variants,
-    units_of,
     whole,
 )
 
@@ -29,120 +28,6 @@ check_barriers = whole(Barriers)
 _LOWEST, _HIGHEST = 2.0**-53, 1 - 2.0**-53
 #: no bond is stronger than about 11 eV, and a barrier of 0.001 eV is none at any temperature
 _SMALL, _LARGE = 1e-3, 20.0
-
-
-@check_of(Barriers, known=True)
-def _quantile_is_monotone(component: Barriers) -> None:
-    """Barriers are finite doubles that do not fall as the uniform number rises, from 2^-53 to 1 - 2^-53."""
-    uniform = np.concatenate([[_LOWEST, 1e-12, 1e-6], np.linspace(1e-4, 1 - 1e-4, 2001), [1 - 1e-6, _HIGHEST]])
-    energy = component.quantile(uniform)
-    require(
-        energy.shape == uniform.shape and energy.dtype == np.float64,
-        f"quantile() returned {energy.dtype} of shape {energy.shape} for float64 of {uniform.shape}",
-    )
-    require(np.isfinite(energy).all(), "a barrier is not finite for a uniform number between 2^-53 and 1 - 2^-53")
-    falls = np.flatnonzero(np.diff(energy) < 0)
-    require(not falls.size, f"the quantile function falls at u = {uniform[falls[:1]]}")
-
-
-@check_of(Barriers)
-def _barriers_are_in_ev(component: Barriers) -> None:
-    """Barriers are energies in eV of a chemical bond, and lie between options named ``lower`` and ``upper``."""
-    low, middle, high = component.quantile(np.array([_LOWEST, 0.5, _HIGHEST])).tolist()
-    require(
-        middle == 0 or _SMALL <= abs(middle) <= _LARGE,
-        f"half of the barriers are below {middle:.4g} eV; expected {_SMALL} to {_LARGE} eV: are they in k_BT, kJ/mol "
-        "or J? (1 eV is 38.7 k_BT at 300 K, 96.5 kJ/mol, 1.6e-19 J)",
-    )
-    for name, unit in units_of(component).items():
-        bound = getattr(component, name)
-        if name in ("lower", "upper") and isinstance(bound, float) and unit == "eV":
-            end, beyond = (low, bound - low) if name == "lower" else (high, high - bound)
-            require(beyond <= 1e-9 * max(abs(bound), 1.0), f"{name} = {bound} eV, but barriers reach {end} eV")
-
-
-@check_of(Barriers)
-def _barrier_is_the_pixels_own(component: Barriers) -> None:
-    """The barrier of a pixel depends only on its own number, not on other pixels; the numbers stay as they were."""
-    uniform, others = np.random.default_rng(1).random(1000), np.full(1000, 0.3)
-    kept = uniform.copy()
-    energy = component.quantile(uniform)
-    require(np.array_equal(uniform, kept), "quantile() changed the array of uniform numbers")
-    first = energy.tobytes()
-    component.quantile(others)
-    require(energy.tobytes() == first, "a later call changed the barriers that an earlier one returned")
-    uniform.setflags(write=False)
-    for part in (slice(None, None, -1), slice(10, 11), slice(3, 700, 7)):
-        alone = component.quantile(np.ascontiguousarray(uniform[part]))
-        same = np.allclose(alone, energy[part], rtol=1e-13, atol=0)
-        require(same, "a barrier depends on the other numbers in the call")
-    grid = component.quantile(uniform.reshape(20, 50))
-    same = grid.shape == (20, 50) and np.allclose(grid.ravel(), energy, rtol=1e-13)
-    require(same, "the barriers do not have the shape of the numbers")
-    require(component.quantile(np.empty(0)).shape == (0,), "no pixels: expected an empty array")
-
-
-check_of(Barriers)(calls_are_independent)
-
-
-@check_of(Barriers, known=True)
-def _density_agrees_with_quantile(component: Barriers) -> None:
-    """∫ density (1/eV) between two quantiles is the probability between them; a point mass has density inf."""
-    levels = np.linspace(1e-3, 1 - 1e-3, 1999)
-    energies = component.quantile(levels)
-    low, high = energies[:-1], energies[1:]
-    masses = high[high == low]
-    known = not masses.size or np.isposinf(component.density(masses)).all()
-    require(known, f"a point mass (at {masses[:3]} eV) has density inf")
-    # intervals at a point mass hold an unknown part of it
-    usable = ~np.isin(low, masses) & ~np.isin(high, masses)
-    low, width = low[usable], (high - low)[usable]
-    # midpoints: a density may jump at a quantile
-    middle = low[:, None] + (np.arange(16) + 0.5) / 16 * width[:, None]
-    density = component.density(middle)
-    require(density.shape == middle.shape, f"density of shape {density.shape} for energies of {middle.shape}")
-    possible = (density >= 0).all() and np.isfinite(density).all()
-    require(possible, "the density is negative or infinite between quantiles")
-    total = density.mean(axis=1) * width
-    for part in np.array_split(np.arange(low.size), 12):
-        integral, wanted = float(total[part].sum()), part.size * float(levels[1] - levels[0])
-        require(
-            abs(integral - wanted) < 1e-3,
-            f"the density integrates to {integral:.5f} from {low[part[:1]]} eV over {width[part].sum():.5f} eV; the "
-            f"quantile function puts {wanted:.5f} there",
-        )
-    far = component.density(np.array([energies[0] - 1e3, energies[-1] + 1e3]))
-    require(np.allclose(far, 0, atol=1e-6), f"density {far} a thousand eV away")
-
-
-@check_of(Barriers)
-def _members_are_other_distributions(component: Barriers) -> None:
-    """``members(count)`` returns at most ``count`` distributions that differ from this one, always the same ones, and
-    that have no members themselves: a run ages each of them."""
-    members, again = list(component.members(3)), component.members(3)
-    require(len(members) <= 3, f"members(3) returned {len(members)} distributions")
-    require(len(component.members(0)) == 0, "members(0) returned a distribution")
-    uniform = np.linspace(0.005, 0.995, 199)
-    own = component.quantile(uniform)
-    for member, second in zip(members, again, strict=True):
-        require(isinstance(member, Barriers), f"members() returned {member!r}, which is no distribution of barriers")
-        require(not len(member.members(3)), f"{member!r} is a member and has members itself")
-        energy = member.quantile(uniform)
-        require(np.isfinite(energy).all(), f"{member!r} is a member and has barriers that are not finite")
-        require(not np.array_equal(energy, own), f"{member!r} is a member with the barriers of the distribution itself")
-        same = np.array_equal(second.quantile(uniform), energy)
-        require(same, "members() returned other distributions at the second call, so that a run would not repeat")
-
-
-@check_of(Barriers)
-def _trade_keeps_the_barriers(component: Barriers) -> None:
-    """Every value of ``trade`` gives the median of the last to within a tenth."""
-    for name, variants in trade_variants(component):
-        medians = [float(variant.quantile(np.array([0.5]))[0]) for _, variant in variants]
-        require(
-            np.allclose(medians, medians[-1], rtol=0.1),
-            f"trade of {name!r} is another distribution and not one at another accuracy: medians {medians} eV",
-        )
 
 
 check_interaction = whole(Interaction)
@@ -181,145 +66,243 @@ def _patches_of_sites(grid: _Grid) -> Iterator[np.ndarray]:
     yield every[:0]
 
 
-@asks(Barriers)
-def _barriers_asked(component: Barriers) -> Questions:
-    middle = (np.arange(37) + 0.5) / 37
-    for what, uniform in (("37 barriers", middle), ("37 others", middle**2), ("the last of them", middle[-1:])):
-        yield what, lambda barriers, uniform=uniform: barriers.quantile(uniform.copy())
-    energies = np.linspace(0.3, 2.9, 53)
-    for what, energy in (("the density", energies), ("that of other energies", energies + 0.011)):
-        yield what, lambda barriers, energy=energy: barriers.density(energy.copy())
+class BarriersChecks(Checks[Barriers], of=Barriers):
+    """What every distribution of barriers must do."""
 
+    @known
+    def quantile_is_monotone(self) -> None:
+        """Barriers are finite doubles that do not fall as the uniform number rises, from 2^-53 to 1 - 2^-53."""
+        uniform = np.concatenate([[_LOWEST, 1e-12, 1e-6], np.linspace(1e-4, 1 - 1e-4, 2001), [1 - 1e-6, _HIGHEST]])
+        energy = self.component.quantile(uniform)
+        require(
+            energy.shape == uniform.shape and energy.dtype == np.float64,
+            f"quantile() returned {energy.dtype} of shape {energy.shape} for float64 of {uniform.shape}",
+        )
+        require(np.isfinite(energy).all(), "a barrier is not finite for a uniform number between 2^-53 and 1 - 2^-53")
+        falls = np.flatnonzero(np.diff(energy) < 0)
+        require(not falls.size, f"the quantile function falls at u = {uniform[falls[:1]]}")
 
-@asks(Interaction)
-def _interactions_asked(component: Interaction) -> Questions:
-    def ask(*given: Any) -> Any:
-        return lambda interaction: _graph(interaction, *given)
+    def barriers_are_in_ev(self) -> None:
+        """Barriers are energies in eV of a chemical bond, and lie between options named ``lower`` and ``upper``."""
+        low, middle, high = self.component.quantile(np.array([_LOWEST, 0.5, _HIGHEST])).tolist()
+        require(
+            middle == 0 or _SMALL <= abs(middle) <= _LARGE,
+            f"half of the barriers are below {middle:.4g} eV; expected {_SMALL} to {_LARGE} eV: are they in k_BT, "
+            "kJ/mol or J? (1 eV is 38.7 k_BT at 300 K, 96.5 kJ/mol, 1.6e-19 J)",
+        )
+        for name, unit in self.units().items():
+            bound = getattr(self.component, name)
+            if name in ("lower", "upper") and isinstance(bound, float) and unit == "eV":
+                end, beyond = (low, bound - low) if name == "lower" else (high, high - bound)
+                require(beyond <= 1e-9 * max(abs(bound), 1.0), f"{name} = {bound} eV, but barriers reach {end} eV")
 
-    for number in range(14, 19):
-        every, grid = _every_site((number, 9)), (number, 9)
-        plain = (grid, True, every[::2], 3, _PIXEL)
-        changed = {
-            "turned": (grid[::-1], *plain[1:]),
-            "not periodic": (grid, False, *plain[2:]),
-            "another seed": (*plain[:3], 4, _PIXEL),
-            "larger pixels": (*plain[:4], 1.3 * _PIXEL),
-            "other sites": (grid, True, every[1::2], *plain[3:]),
-        }
-        what = list(changed)[number - 14]
-        yield f"half of a grid of {number}x9 pixels", ask(*plain)
-        yield f"half of a grid of {number}x9 pixels, {what}", ask(*changed[what])
+    def barrier_is_the_pixels_own(self) -> None:
+        """The barrier of a pixel depends only on its own number, not on other pixels; the numbers stay as they were."""
+        component = self.component
+        uniform, others = np.random.default_rng(1).random(1000), np.full(1000, 0.3)
+        kept = uniform.copy()
+        energy = component.quantile(uniform)
+        require(np.array_equal(uniform, kept), "quantile() changed the array of uniform numbers")
+        first = energy.tobytes()
+        component.quantile(others)
+        require(energy.tobytes() == first, "a later call changed the barriers that an earlier one returned")
+        uniform.setflags(write=False)
+        for part in (slice(None, None, -1), slice(10, 11), slice(3, 700, 7)):
+            alone = component.quantile(np.ascontiguousarray(uniform[part]))
+            same = np.allclose(alone, energy[part], rtol=1e-13, atol=0)
+            require(same, "a barrier depends on the other numbers in the call")
+        grid = component.quantile(uniform.reshape(20, 50))
+        same = grid.shape == (20, 50) and np.allclose(grid.ravel(), energy, rtol=1e-13)
+        require(same, "the barriers do not have the shape of the numbers")
+        require(component.quantile(np.empty(0)).shape == (0,), "no pixels: expected an empty array")
 
+    calls_are_independent = independent_calls
 
-@check_of(Interaction, known=True)
-def _graph_is_sound(component: Interaction) -> None:
-    """The graph is symmetric, with one energy per pair, no self-loops and no double edges, on all small grids."""
-    for grid, periodic in product(_GRIDS, (True, False)):
-        for sites in _patches_of_sites(grid):
-            where = f"{grid[0]}x{grid[1]} grid, periodic={periodic}, {sites.size} sites"
-            neighbours, coupling = _graph(component, grid, periodic, sites)
-            require(neighbours.dtype == np.int32, f"{where}: neighbours are {neighbours.dtype}, not int32")
-            require(coupling.shape == neighbours.shape, f"{where}: coupling {coupling.shape}")
-            require((coupling[neighbours < 0] == 0).all(), f"{where}: energy without a neighbour")
-            fields: dict[str, Any] = {"neighbours": neighbours, "coupling": coupling}
-            with naming(where):
-                ReactionLattice(pixels=grid, sites=sites, forming=np.ones(sites.size), **fields)
-
-
-def _pairs(
-    component: Interaction, grid: _Grid, periodic: bool, sites: np.ndarray, seed: Any = 0
-) -> dict[tuple[int, int], float]:
-    """The energies of pairs of neighbours as pixels, each from both ends."""
-    neighbours, coupling = _graph(component, grid, periodic, sites, seed)
-    there = neighbours >= 0
-    ends = np.broadcast_to(sites[:, None], there.shape)[there], sites[neighbours[there]]
-    return dict(zip(zip(*(end.tolist() for end in ends), strict=True), coupling[there].tolist(), strict=True))
-
-
-check_of(Interaction)(calls_are_independent)
-
-
-@check_of(Interaction)
-def _graph_is_the_same_everywhere(component: Interaction) -> None:
-    """On a full periodic grid that is not square, all sites have the same neighbours around them, across the edges too:
-    rows and columns are not mixed up, and nothing is missing at the edges."""
-    for nx, ny in ((24, 18), (18, 24)):
-        graph = _pairs(component, (nx, ny), True, _every_site((nx, ny)))
-        require(graph, f"no site has a neighbour on a full {nx}x{ny} grid")
-        place = np.arange(nx * ny).reshape(nx, ny)
-        # rows or columns may be staggered, so the graph must repeat after two
-        for step in ((2, 0), (0, 2)):
-            moved = np.roll(place, (-step[0], -step[1]), (0, 1)).ravel().tolist()
-            missing = sorted({(moved[a], moved[b]) for a, b in graph} - graph.keys())
-            pairs = [[divmod(pixel, ny) for pixel in pair] for pair in missing]
+    @known
+    def density_agrees_with_quantile(self) -> None:
+        """∫ density (1/eV) between two quantiles is the probability between them; a point mass has density inf."""
+        component = self.component
+        levels = np.linspace(1e-3, 1 - 1e-3, 1999)
+        energies = component.quantile(levels)
+        low, high = energies[:-1], energies[1:]
+        masses = high[high == low]
+        known = not masses.size or np.isposinf(component.density(masses)).all()
+        require(known, f"a point mass (at {masses[:3]} eV) has density inf")
+        # intervals at a point mass hold an unknown part of it
+        usable = ~np.isin(low, masses) & ~np.isin(high, masses)
+        low, width = low[usable], (high - low)[usable]
+        # midpoints: a density may jump at a quantile
+        middle = low[:, None] + (np.arange(16) + 0.5) / 16 * width[:, None]
+        density = component.density(middle)
+        require(density.shape == middle.shape, f"density of shape {density.shape} for energies of {middle.shape}")
+        possible = (density >= 0).all() and np.isfinite(density).all()
+        require(possible, "the density is negative or infinite between quantiles")
+        total = density.mean(axis=1) * width
+        for part in np.array_split(np.arange(low.size), 12):
+            integral, wanted = float(total[part].sum()), part.size * float(levels[1] - levels[0])
             require(
-                not pairs,
-                f"full periodic grid of {nx}x{ny} pixels: the graph is not the same everywhere. Pixels {pairs[:1]} are "
-                f"no neighbours, but those {step} before them are ({len(pairs)} such pairs); a pixel (x, y) has the "
-                "index x·ny + y, and the grid repeats in both directions",
+                abs(integral - wanted) < 1e-3,
+                f"the density integrates to {integral:.5f} from {low[part[:1]]} eV over {width[part].sum():.5f} eV; "
+                f"the quantile function puts {wanted:.5f} there",
+            )
+        far = component.density(np.array([energies[0] - 1e3, energies[-1] + 1e3]))
+        require(np.allclose(far, 0, atol=1e-6), f"density {far} a thousand eV away")
+
+    def members_are_other_distributions(self) -> None:
+        """``members(count)`` returns at most ``count`` distributions that differ from this one, always the same ones,
+        and that have no members themselves: a run ages each of them."""
+        component = self.component
+        members, again = list(component.members(3)), component.members(3)
+        require(len(members) <= 3, f"members(3) returned {len(members)} distributions")
+        require(len(component.members(0)) == 0, "members(0) returned a distribution")
+        uniform = np.linspace(0.005, 0.995, 199)
+        own = component.quantile(uniform)
+        for member, second in zip(members, again, strict=True):
+            require(
+                isinstance(member, Barriers), f"members() returned {member!r}, which is no distribution of barriers"
+            )
+            require(not len(member.members(3)), f"{member!r} is a member and has members itself")
+            energy = member.quantile(uniform)
+            require(np.isfinite(energy).all(), f"{member!r} is a member and has barriers that are not finite")
+            require(
+                not np.array_equal(energy, own), f"{member!r} is a member with the barriers of the distribution itself"
+            )
+            same = np.array_equal(second.quantile(uniform), energy)
+            require(same, "members() returned other distributions at the second call, so that a run would not repeat")
+
+    def trade_keeps_the_barriers(self) -> None:
+        """Every value of ``trade`` gives the median of the last to within a tenth."""
+        for name, variants in self.trade_variants():
+            medians = [float(variant.quantile(np.array([0.5]))[0]) for _, variant in variants]
+            require(
+                np.allclose(medians, medians[-1], rtol=0.1),
+                f"trade of {name!r} is another distribution and not one at another accuracy: medians {medians} eV",
             )
 
-
-@check_of(Interaction)
-def _patch_keeps_its_graph(component: Interaction) -> None:
-    """A patch has the same graph at the edges of a grid that is not periodic as inside a larger grid: nothing wraps
-    where nothing is periodic."""
-    small, large, corner = (8, 6), (60, 52), (26, 22)
-    inside = _every_site(small)
-    for sites in (inside, inside[np.random.default_rng(3).random(inside.size) < 0.7]):
-        x, y = np.divmod(sites, small[1])
-        embedded = (x + corner[0]) * large[1] + y + corner[1]
-        back = dict(zip(embedded.tolist(), sites.tolist(), strict=True))
-        mine = _pairs(component, small, False, sites).keys()
-        for periodic in (False, True):
-            its = {(back[a], back[b]) for a, b in _pairs(component, large, periodic, embedded)}
-            differing = [[divmod(pixel, small[1]) for pixel in pair] for pair in sorted(mine ^ its)]
-            require(
-                not differing,
-                f"pixels {differing[:1]} of a patch are neighbours on one of two grids alone: of 8x6 pixels, not "
-                f"periodic, and of 60x52 with periodic={periodic} and the patch in its middle",
-            )
+    def questions(self) -> Questions:
+        middle = (np.arange(37) + 0.5) / 37
+        for what, uniform in (("37 barriers", middle), ("37 others", middle**2), ("the last of them", middle[-1:])):
+            yield what, lambda barriers, uniform=uniform: barriers.quantile(uniform.copy())
+        energies = np.linspace(0.3, 2.9, 53)
+        for what, energy in (("the density", energies), ("that of other energies", energies + 0.011)):
+            yield what, lambda barriers, energy=energy: barriers.density(energy.copy())
 
 
-@check_of(Interaction, known=True)
-def _pair_keeps_its_energy(component: Interaction) -> None:
-    """The energy of a pair of pixels does not depend on the other sites of the contact."""
-    grid = (13, 11)
-    everywhere, here, _ = _patches_of_sites(grid)
-    all_pairs, some = (_pairs(component, grid, True, sites, 3) for sites in (everywhere, here))
-    require(all_pairs and some, "no site has a neighbour on a full 13x11 grid")
-    chosen = set(here.tolist())
-    expected = {pair: energy for pair, energy in all_pairs.items() if chosen.issuperset(pair)}
-    require(some == expected, "pairs or their energies changed when other sites were removed")
+class InteractionChecks(Checks[Interaction], of=Interaction):
+    """What every interaction must do."""
 
+    def questions(self) -> Questions:
+        def ask(*given: Any) -> Any:
+            return lambda interaction: _graph(interaction, *given)
 
-@check_of(Interaction)
-def _energies_are_in_ev(component: Interaction) -> None:
-    """Energies are in eV: the largest is between 1e-6 and 10 eV, unless all are zero."""
-    largest = float(np.abs(_graph(component, (13, 11), True, _every_site((13, 11)), 1)[1]).max())
-    require(
-        largest == 0 or 1e-6 <= largest <= 10,
-        f"the largest energy of a pair is {largest:.3g} eV; expected 1e-6 to 10 eV: is it in k_BT, kJ/mol or J?",
-    )
+        for number in range(14, 19):
+            every, grid = _every_site((number, 9)), (number, 9)
+            plain = (grid, True, every[::2], 3, _PIXEL)
+            changed = {
+                "turned": (grid[::-1], *plain[1:]),
+                "not periodic": (grid, False, *plain[2:]),
+                "another seed": (*plain[:3], 4, _PIXEL),
+                "larger pixels": (*plain[:4], 1.3 * _PIXEL),
+                "other sites": (grid, True, every[1::2], *plain[3:]),
+            }
+            what = list(changed)[number - 14]
+            yield f"half of a grid of {number}x9 pixels", ask(*plain)
+            yield f"half of a grid of {number}x9 pixels, {what}", ask(*changed[what])
 
+    @known
+    def graph_is_sound(self) -> None:
+        """The graph is symmetric, with one energy per pair, no self-loops and no double edges, on all small grids."""
+        for grid, periodic in product(_GRIDS, (True, False)):
+            for sites in _patches_of_sites(grid):
+                where = f"{grid[0]}x{grid[1]} grid, periodic={periodic}, {sites.size} sites"
+                neighbours, coupling = _graph(self.component, grid, periodic, sites)
+                require(neighbours.dtype == np.int32, f"{where}: neighbours are {neighbours.dtype}, not int32")
+                require(coupling.shape == neighbours.shape, f"{where}: coupling {coupling.shape}")
+                require((coupling[neighbours < 0] == 0).all(), f"{where}: energy without a neighbour")
+                fields: dict[str, Any] = {"neighbours": neighbours, "coupling": coupling}
+                with naming(where):
+                    ReactionLattice(pixels=grid, sites=sites, forming=np.ones(sites.size), **fields)
 
-@check_of(Interaction)
-def _coupling_follows_its_seed(component: Interaction) -> None:
-    """The same seed gives the same energies, other seeds give others or none does."""
-    grid = (13, 11)
-    seeds_are_harmless(lambda seed: _pairs(component, grid, True, _every_site(grid), seed), "coupling")
+    def _pairs(self, grid: _Grid, periodic: bool, sites: np.ndarray, seed: Any = 0) -> dict[tuple[int, int], float]:
+        """The energies of pairs of neighbours as pixels, each from both ends."""
+        neighbours, coupling = _graph(self.component, grid, periodic, sites, seed)
+        there = neighbours >= 0
+        ends = np.broadcast_to(sites[:, None], there.shape)[there], sites[neighbours[there]]
+        return dict(zip(zip(*(end.tolist() for end in ends), strict=True), coupling[there].tolist(), strict=True))
 
+    calls_are_independent = independent_calls
 
-@check_of(Interaction)
-def _lengths_are_in_nm(component: Interaction) -> None:
-    """On pixels twice as large, with all lengths among the options doubled, graph and energies are the same."""
-    # an energy is stress times volume
-    larger = rescaled(component, stress=1 / 8, length=2)
-    for grid in ((13, 11), (11, 13)):
-        own = _graph(component, grid, True, _every_site(grid), 3)
-        for one, two in zip(own, _graph(larger, grid, True, _every_site(grid), 3, 2 * _PIXEL), strict=True):
-            require(
-                one.shape == two.shape and np.allclose(one, two, rtol=1e-9, atol=1e-12),
-                "with pixels and all lengths among the options doubled, neighbours or energies differ; is a length in "
-                "pixels, or a size of pixels assumed?",
-            )
+    def graph_is_the_same_everywhere(self) -> None:
+        """On a full periodic grid that is not square, all sites have the same neighbours around them, across the edges
+        too: rows and columns are not mixed up, and nothing is missing at the edges."""
+        for nx, ny in ((24, 18), (18, 24)):
+            graph = self._pairs((nx, ny), True, _every_site((nx, ny)))
+            require(graph, f"no site has a neighbour on a full {nx}x{ny} grid")
+            place = np.arange(nx * ny).reshape(nx, ny)
+            # rows or columns may be staggered, so the graph must repeat after two
+            for step in ((2, 0), (0, 2)):
+                moved = np.roll(place, (-step[0], -step[1]), (0, 1)).ravel().tolist()
+                missing = sorted({(moved[a], moved[b]) for a, b in graph} - graph.keys())
+                pairs = [[divmod(pixel, ny) for pixel in pair] for pair in missing]
+                require(
+                    not pairs,
+                    f"full periodic grid of {nx}x{ny} pixels: the graph is not the same everywhere. Pixels {pairs[:1]} "
+                    f"are no neighbours, but those {step} before them are ({len(pairs)} such pairs); a pixel (x, y) "
+                    "has the index x·ny + y, and the grid repeats in both directions",
+                )
+
+    def patch_keeps_its_graph(self) -> None:
+        """A patch has the same graph at the edges of a grid that is not periodic as inside a larger grid: nothing wraps
+        where nothing is periodic."""
+        small, large, corner = (8, 6), (60, 52), (26, 22)
+        inside = _every_site(small)
+        for sites in (inside, inside[np.random.default_rng(3).random(inside.size) < 0.7]):
+            x, y = np.divmod(sites, small[1])
+            embedded = (x + corner[0]) * large[1] + y + corner[1]
+            back = dict(zip(embedded.tolist(), sites.tolist(), strict=True))
+            mine = self._pairs(small, False, sites).keys()
+            for periodic in (False, True):
+                its = {(back[a], back[b]) for a, b in self._pairs(large, periodic, embedded)}
+                differing = [[divmod(pixel, small[1]) for pixel in pair] for pair in sorted(mine ^ its)]
+                require(
+                    not differing,
+                    f"pixels {differing[:1]} of a patch are neighbours on one of two grids alone: of 8x6 pixels, not "
+                    f"periodic, and of 60x52 with periodic={periodic} and the patch in its middle",
+                )
+
+    @known
+    def pair_keeps_its_energy(self) -> None:
+        """The energy of a pair of pixels does not depend on the other sites of the contact."""
+        grid = (13, 11)
+        everywhere, here, _ = _patches_of_sites(grid)
+        all_pairs, some = (self._pairs(grid, True, sites, 3) for sites in (everywhere, here))
+        require(all_pairs and some, "no site has a neighbour on a full 13x11 grid")
+        chosen = set(here.tolist())
+        expected = {pair: energy for pair, energy in all_pairs.items() if chosen.issuperset(pair)}
+        require(some == expected, "pairs or their energies changed when other sites were removed")
+
+    def energies_are_in_ev(self) -> None:
+        """Energies are in eV: the largest is between 1e-6 and 10 eV, unless all are zero."""
+        largest = float(np.abs(_graph(self.component, (13, 11), True, _every_site((13, 11)), 1)[1]).max())
+        require(
+            largest == 0 or 1e-6 <= largest <= 10,
+            f"the largest energy of a pair is {largest:.3g} eV; expected 1e-6 to 10 eV: is it in k_BT, kJ/mol or J?",
+        )
+
+    def coupling_follows_its_seed(self) -> None:
+        """The same seed gives the same energies, other seeds give others or none does."""
+        grid = (13, 11)
+        seeds_are_harmless(lambda seed: self._pairs(grid, True, _every_site(grid), seed), "coupling")
+
+    def lengths_are_in_nm(self) -> None:
+        """On pixels twice as large, with all lengths among the options doubled, graph and energies are the same."""
+        # an energy is stress times volume
+        larger = self.rescaled(stress=1 / 8, length=2)
+        for grid in ((13, 11), (11, 13)):
+            own = _graph(self.component, grid, True, _every_site(grid), 3)
+            for one, two in zip(own, _graph(larger, grid, True, _every_site(grid), 3, 2 * _PIXEL), strict=True):
+                require(
+                    one.shape == two.shape and np.allclose(one, two, rtol=1e-9, atol=1e-12),
+                    "with pixels and all lengths among the options doubled, neighbours or energies differ; is a length "
+                    "in pixels, or a size of pixels assumed?",
+                )

@@ -28,8 +28,8 @@ from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.independent import TwoState
 from chemage.lattices.lattice import ReactionLattice
 from chemage.lattices.role import Barriers
-from chemage.testing.answers import Questions, asks, calls_are_independent
-from chemage.testing.checks import check_of, naming, refuses, require, whole
+from chemage.testing.answers import independent_calls
+from chemage.testing.checks import Checks, Questions, known, naming, refuses, require, whole
 
 
 class Even(Barriers):
@@ -168,63 +168,59 @@ def numbers(component: Asked, replica: Bonded, what: str = "17 of 40 sites bonde
     return values
 
 
-# -- observables ------------------------------------------------------------------------------------------------------
+class ObservableChecks(Checks[Observable], of=Observable):
+    """What every observable must do."""
 
+    # -- observables ---------------------------------------------------------------------------------------------------
 
-@check_of(Observable)
-def _observes_numbers(component: Observable) -> None:
-    """Names and shapes are the same for all replicas of a contact, with or without bonds and sites."""
-    first = None
-    for what, replica in usual():
-        values = numbers(component, replica, what)
-        shapes = {name: value.shape for name, value in values.items()}
-        first = first or shapes
-        require(shapes == first, f"{what}: {shapes}, expected {first} as for the other replicas")
-        if what == "17 of 40 sites bonded":
-            lost = [name for name, value in values.items() if value.size and not np.isfinite(value).any()]
-            require(not lost, f"{', '.join(lost)}: no finite number, although 17 of 40 sites are bonded")
+    def observes_numbers(self) -> None:
+        """Names and shapes are the same for all replicas of a contact, with or without bonds and sites."""
+        first = None
+        for what, replica in usual():
+            values = numbers(self.component, replica, what)
+            shapes = {name: value.shape for name, value in values.items()}
+            first = first or shapes
+            require(shapes == first, f"{what}: {shapes}, expected {first} as for the other replicas")
+            if what == "17 of 40 sites bonded":
+                lost = [name for name, value in values.items() if value.size and not np.isfinite(value).any()]
+                require(not lost, f"{', '.join(lost)}: no finite number, although 17 of 40 sites are bonded")
 
+    def names_are_safe(self) -> None:
+        """Names can be those of a variable in a file and of a column in a table: no slash, no control character, no
+        blank at either end."""
+        for problem in map(file_problem, numbers(self.component, finished(40, 17))):
+            require(not problem, f"{problem}; rename it")
 
-@check_of(Observable)
-def _names_are_safe(component: Observable) -> None:
-    """Names can be those of a variable in a file and of a column in a table: no slash, no control character, no blank
-    at either end."""
-    for problem in map(file_problem, numbers(component, finished(40, 17))):
-        require(not problem, f"{problem}; rename it")
+    @known
+    def measures_what_it_declares(self) -> None:
+        """What is measured are just the ``outputs``, where they are declared: with these dimensions, of which
+        ``hold_times`` is as long as the hold times, with safe names, and units that can be read."""
+        component = self.component
+        problems = declaration_problems(component.outputs)
+        require(not problems, "; ".join(problems))
+        for name, output in component.outputs.items():
+            with naming(f"output {name!r}: the unit {output.unit!r} cannot be read"):
+                unit_registry().parse_units(output.unit)
+            require(output.description.strip(), f"output {name!r} has no description")
+        for times in ((0.0, 10.0), (0.0, 0.5, 2.0, 10.0, 10.0), (10.0,)) if component.outputs else ():
+            checker = Checker("it", len(times))
+            values = numbers(component, finished(40, 17, times=times), f"{len(times)} hold times")
+            with naming(f"{len(times)} hold times"):
+                checker.names(values, component.outputs)
+                for name, value in values.items():
+                    checker.values(name, value, component.outputs[name])
 
+    def grids_need_not_be_square(self) -> None:
+        """Contacts whose grid is not square are measured, with the same names; maps are (nx, ny)."""
+        names = numbers(self.component, finished(40, 17)).keys()
+        for grid in ((13, 5), (5, 13)):
+            what = f"a grid of {grid} pixels (nx, ny)"
+            values = numbers(self.component, finished(40, 17, grid=grid), what)
+            require(values.keys() == names, f"{what} has other names: {sorted(values.keys() ^ names)}")
+            swapped = [name for name, value in values.items() if value.shape[-2:] == grid[::-1]]
+            require(not swapped, f"{what}: {', '.join(swapped)} has the shape {grid[::-1]}")
 
-@check_of(Observable, known=True)
-def _measures_what_it_declares(component: Observable) -> None:
-    """What is measured are just the ``outputs``, where they are declared: with these dimensions, of which
-    ``hold_times`` is as long as the hold times, with safe names, and units that can be read."""
-    problems = declaration_problems(component.outputs)
-    require(not problems, "; ".join(problems))
-    for name, output in component.outputs.items():
-        with naming(f"output {name!r}: the unit {output.unit!r} cannot be read"):
-            unit_registry().parse_units(output.unit)
-        require(output.description.strip(), f"output {name!r} has no description")
-    for times in ((0.0, 10.0), (0.0, 0.5, 2.0, 10.0, 10.0), (10.0,)) if component.outputs else ():
-        checker = Checker("it", len(times))
-        values = numbers(component, finished(40, 17, times=times), f"{len(times)} hold times")
-        with naming(f"{len(times)} hold times"):
-            checker.names(values, component.outputs)
-            for name, value in values.items():
-                checker.values(name, value, component.outputs[name])
-
-
-@check_of(Observable)
-def _grids_need_not_be_square(component: Observable) -> None:
-    """Contacts whose grid is not square are measured, with the same names; maps are (nx, ny)."""
-    names = numbers(component, finished(40, 17)).keys()
-    for grid in ((13, 5), (5, 13)):
-        what = f"a grid of {grid} pixels (nx, ny)"
-        values = numbers(component, finished(40, 17, grid=grid), what)
-        require(values.keys() == names, f"{what} has other names: {sorted(values.keys() ^ names)}")
-        swapped = [name for name, value in values.items() if value.shape[-2:] == grid[::-1]]
-        require(not swapped, f"{what}: {', '.join(swapped)} has the shape {grid[::-1]}")
-
-
-check_of(Observable)(calls_are_independent)
+    calls_are_independent = independent_calls
 
 
 # -- laws of rupture --------------------------------------------------------------------------------------------------
@@ -238,83 +234,81 @@ def force_of(component: Rupture, bonded: Bonded, what: str = "17 of 40 sites bon
     return numbers(component, bonded, what)["force"]
 
 
-@check_of(Rupture, known=True)
-def _forces_are_forces(component: Rupture) -> None:
-    """There is one force for each hold time, finite and not negative, with or without bonds and sites."""
-    for what, replica in usual():
-        force_of(component, replica, what)
+class UnusualReplicaChecks(Checks[Asked], of=(Rupture, Observable)):
+    """What observables and laws of rupture must do with replicas of any kind."""
+
+    def parts_may_be_absent(self) -> None:
+        """Lattices without breaking barriers or without interaction, contacts that are not square, and any hold times
+        are treated too, or a rupture law refuses them, in ``check`` as well."""
+        component = self.component
+        for what, fields in UNUSUAL.items():
+            replica = finished(40, 17, **fields)
+            try:
+                if isinstance(component, Rupture):
+                    component.check(replica.chemistry, replica.temperature)
+            except InputError:  # it says beforehand that it cannot treat this
+                seen = _given(component, replica)
+                refuses(what, lambda seen=seen: component.force(seen))  # pyright: ignore[reportAttributeAccessIssue]
+            else:
+                numbers(component, replica, what)
 
 
-@check_of(Rupture, known=True)
-def _no_bonds_no_force(component: Rupture) -> None:
-    """The force is 0 wherever there is no bond."""
-    for what, replica in usual():
-        force = force_of(component, replica, what)[replica.bonds == 0]
-        require((force == 0).all(), f"{what}: a force of {force.max(initial=0.0):.4g} nN where there is no bond")
+class RuptureChecks(Checks[Rupture], of=Rupture):
+    """What every law of rupture must do."""
 
+    @known
+    def forces_are_forces(self) -> None:
+        """There is one force for each hold time, finite and not negative, with or without bonds and sites."""
+        for what, replica in usual():
+            force_of(self.component, replica, what)
 
-@check_of(Rupture)
-def _forces_are_in_nn(component: Rupture) -> None:
-    """Forces are in nN: the mean force per bond is between 1e-4 and 100 nN, unless all are zero."""
-    force = float(force_of(component, finished(40, 40))[-1]) / 40
-    require(
-        force == 0 or LEAST <= force <= MOST,
-        f"the mean force per bond is {force:.3g} nN; expected {LEAST:g} to {MOST:g} nN: is it in N, pN or eV/nm?",
-    )
+    @known
+    def no_bonds_no_force(self) -> None:
+        """The force is 0 wherever there is no bond."""
+        for what, replica in usual():
+            force = force_of(self.component, replica, what)[replica.bonds == 0]
+            require((force == 0).all(), f"{what}: a force of {force.max(initial=0.0):.4g} nN where there is no bond")
 
-
-@check_of(Rupture)
-@check_of(Observable)
-def _parts_may_be_absent(component: Asked) -> None:
-    """Lattices without breaking barriers or without interaction, contacts that are not square, and any hold times are
-    treated too, or a rupture law refuses them, in ``check`` as well."""
-    for what, fields in UNUSUAL.items():
-        replica = finished(40, 17, **fields)
-        try:
-            if isinstance(component, Rupture):
-                component.check(replica.chemistry, replica.temperature)
-        except InputError:  # it says beforehand that it cannot treat this
-            seen = _given(component, replica)
-            refuses(what, lambda seen=seen: component.force(seen))  # pyright: ignore[reportAttributeAccessIssue]
-        else:
-            numbers(component, replica, what)
-
-
-check_of(Rupture)(calls_are_independent)
-
-
-@check_of(Rupture)
-def _later_times_do_not_matter(component: Rupture) -> None:
-    """The force after a hold time does not depend on what happens later: sliding after 10 s does not know of 1e4 s."""
-    bonded = finished(40, 30)
-    whole = force_of(component, bonded)
-    for number in range(1, bonded.hold_times.size):
-        # had it been stopped there
-        names = ("hold_times", "bonds", "formed", "broken")
-        until = {name: getattr(bonded.history, name)[:number] for name in names}
-        end = {"state": _states(40, until["bonds"])[-1], "time": float(until["hold_times"][-1])}
-        force = force_of(component, changed(bonded, history=until | end), f"the first {number} hold times")
+    def forces_are_in_nn(self) -> None:
+        """Forces are in nN: the mean force per bond is between 1e-4 and 100 nN, unless all are zero."""
+        force = float(force_of(self.component, finished(40, 40))[-1]) / 40
         require(
-            np.allclose(force, whole[:number], rtol=1e-9, atol=0.0),
-            f"the first {number} hold times alone: {force} nN, but {whole[:number]} nN where later ones follow; "
-            "history.state are the bonds at the last hold time, set states = True for those at each",
+            force == 0 or LEAST <= force <= MOST,
+            f"the mean force per bond is {force:.3g} nN; expected {LEAST:g} to {MOST:g} nN: is it in N, pN or eV/nm?",
         )
 
+    calls_are_independent = independent_calls
 
-@check_of(Rupture)
-def _unbonded_sites_do_not_matter(component: Rupture) -> None:
-    """A law that asks for the states does not depend on the barriers of sites that have no bond, unless it follows them
-    on (``sampled``)."""
-    if not component.states or component.sampled:
-        return
-    bonded = finished(40, 17)
-    raised = {name: getattr(bonded.lattice, name) + 0.1 * ~bonded.history.state for name in ("forming", "breaking")}
-    here, there = (force_of(component, case) for case in (bonded, changed(bonded, lattice=raised)))
-    require(
-        np.allclose(here, there, rtol=1e-9, atol=0.0),
-        f"barriers of unbonded sites were raised by 0.1 eV: {there} nN instead of {here} nN; states are (hold times, "
-        "sites), in the order of lattice.sites",
-    )
+    def later_times_do_not_matter(self) -> None:
+        """The force after a hold time does not depend on what happens later: sliding after 10 s does not know of 1e4
+        s."""
+        bonded = finished(40, 30)
+        whole = force_of(self.component, bonded)
+        for number in range(1, bonded.hold_times.size):
+            # had it been stopped there
+            names = ("hold_times", "bonds", "formed", "broken")
+            until = {name: getattr(bonded.history, name)[:number] for name in names}
+            end = {"state": _states(40, until["bonds"])[-1], "time": float(until["hold_times"][-1])}
+            force = force_of(self.component, changed(bonded, history=until | end), f"the first {number} hold times")
+            require(
+                np.allclose(force, whole[:number], rtol=1e-9, atol=0.0),
+                f"the first {number} hold times alone: {force} nN, but {whole[:number]} nN where later ones follow; "
+                "history.state are the bonds at the last hold time, set states = True for those at each",
+            )
+
+    def unbonded_sites_do_not_matter(self) -> None:
+        """A law that asks for the states does not depend on the barriers of sites that have no bond, unless it follows
+        them on (``sampled``)."""
+        if not self.component.states or self.component.sampled:
+            return
+        bonded = finished(40, 17)
+        raised = {name: getattr(bonded.lattice, name) + 0.1 * ~bonded.history.state for name in ("forming", "breaking")}
+        here, there = (force_of(self.component, case) for case in (bonded, changed(bonded, lattice=raised)))
+        require(
+            np.allclose(here, there, rtol=1e-9, atol=0.0),
+            f"barriers of unbonded sites were raised by 0.1 eV: {there} nN instead of {here} nN; states are (hold "
+            "times, sites), in the order of lattice.sites",
+        )
 
 
 TEMPERATURE, METHOD_TIMES = 300.0, np.array([0.0, 1e-3, 1.0, 1.0, 1e3, 1e6])
@@ -365,13 +359,6 @@ def _request(contact: ContactSolution, **changes: Any) -> AgeingRequest:
     return AgeingRequest(**{"contact": contact, **own, "replicas": REPLICAS, "seed": 5, "common": "none", **changes})
 
 
-def _aged(component: AgeingMethod, request: AgeingRequest) -> Aging:
-    """What the stage makes of the answer, which it validates."""
-    fields = ("engine", "hold_times", "temperature", "replicas", "seed", "common", "threads")
-    options = {name: getattr(request, name) for name in fields}
-    return age(request.contact, request.chemistry, method=component, **options)
-
-
 def _expected(contact: ContactSolution, chemistry: Chemistry, kelvin: float, times: np.ndarray) -> np.ndarray:
     """Mean number of bonds at each of ``times``, (m,): sites that do not interact, over 4000 barriers each."""
     ranks = (np.arange(4000) + 0.5) / 4000
@@ -384,86 +371,86 @@ def _expected(contact: ContactSolution, chemistry: Chemistry, kelvin: float, tim
     return total * chemistry.hydroxylation
 
 
-@asks(AgeingMethod)
-def _methods_asked(component: AgeingMethod) -> Questions:
-    answered = attrgetter("bonds", "sites", "errors")
+class AgeingMethodChecks(Checks[AgeingMethod], of=AgeingMethod):
+    """What every method of ageing must do."""
 
-    def ask(rows: int, pressure: float = 1.7, **changes: Any) -> Any:
-        contact = contact_of(np.full((rows, 13), pressure))
-        request = _request(contact, **{"temperature": 303.0, "replicas": 2, **changes})
-        return lambda method: answered(method.age(request))
+    def _aged(self, request: AgeingRequest) -> Aging:
+        """What the stage makes of the answer, which it validates."""
+        fields = ("engine", "hold_times", "temperature", "replicas", "seed", "common", "threads")
+        options = {name: getattr(request, name) for name in fields}
+        return age(request.contact, request.chemistry, method=self.component, **options)
 
-    changes: dict[str, dict[str, Any]] = {
-        "at another temperature": {"temperature": 317.0},
-        "under another pressure": {"pressure": 1.9},
-        "with another seed": {"seed": 6},
-        "at other hold times": {"hold_times": 1.3 * METHOD_TIMES},
-        "with another attempt frequency": {"chemistry": _chemistry(attempt_frequency=7e12)},
-        "with fewer hydroxyl groups": {"chemistry": _chemistry(hydroxylation=0.8)},
-    }
-    for rows, (what, change) in enumerate(changes.items(), 17):
-        yield f"a contact of {rows}x13 pixels", ask(rows)
-        yield f"a contact of {rows}x13 pixels {what}", ask(rows, **change)
+    def questions(self) -> Questions:
+        answered = attrgetter("bonds", "sites", "errors")
 
+        def ask(rows: int, pressure: float = 1.7, **changes: Any) -> Any:
+            contact = contact_of(np.full((rows, 13), pressure))
+            request = _request(contact, **{"temperature": 303.0, "replicas": 2, **changes})
+            return lambda method: answered(method.age(request))
 
-@check_of(AgeingMethod)
-def _gives_aged_bonds(component: AgeingMethod) -> None:
-    """The answer has one row of bonds for each replica, or a single one where the class says so, and one number for
-    each hold time; what it says of errors is complete."""
-    for what, contact in _contacts():
-        aged = component.age(_request(contact))
-        require(isinstance(aged, AgedBonds), f"{what}: age() returned {type(aged).__name__}; give an AgedBonds")
-        shape, expected = np.shape(aged.bonds), (REPLICAS if component.replicates else 1, METHOD_TIMES.size)
-        require(shape == expected, f"{what}: bonds have the shape {shape}; expected {expected}")
-        with naming(what):
-            _aged(component, _request(contact))
+        changes: dict[str, dict[str, Any]] = {
+            "at another temperature": {"temperature": 317.0},
+            "under another pressure": {"pressure": 1.9},
+            "with another seed": {"seed": 6},
+            "at other hold times": {"hold_times": 1.3 * METHOD_TIMES},
+            "with another attempt frequency": {"chemistry": _chemistry(attempt_frequency=7e12)},
+            "with fewer hydroxyl groups": {"chemistry": _chemistry(hydroxylation=0.8)},
+        }
+        for rows, (what, change) in enumerate(changes.items(), 17):
+            yield f"a contact of {rows}x13 pixels", ask(rows)
+            yield f"a contact of {rows}x13 pixels {what}", ask(rows, **change)
 
+    def gives_aged_bonds(self) -> None:
+        """The answer has one row of bonds for each replica, or a single one where the class says so, and one number for
+        each hold time; what it says of errors is complete."""
+        for what, contact in _contacts():
+            aged = self.component.age(_request(contact))
+            require(isinstance(aged, AgedBonds), f"{what}: age() returned {type(aged).__name__}; give an AgedBonds")
+            shape, expected = np.shape(aged.bonds), (REPLICAS if self.component.replicates else 1, METHOD_TIMES.size)
+            require(shape == expected, f"{what}: bonds have the shape {shape}; expected {expected}")
+            with naming(what):
+                self._aged(_request(contact))
 
-@check_of(AgeingMethod, known=True)
-def _bonds_are_those_of_the_whole_contact(component: AgeingMethod) -> None:
-    """Bonds and sites are those of the whole contact: sites that do not interact have the mean of the closed form,
-    within the errors that the method states."""
-    conditions = ((1.0, 1e13, 0.01, 300.0, 0.5, METHOD_TIMES), (0.7, 3e11, 0.02, 360.0, 0.8, METHOD_TIMES[1:] / 7))
-    for (share, nu, volume, kelvin, pixel, times), (what, contact) in product(conditions, _contacts()):
-        chemistry = _chemistry(hydroxylation=share, attempt_frequency=nu, activation_volume=volume)
-        load = contact.load * (pixel / contact.pixel_size) ** 2
-        contact = contact.model_copy(update={"pixel_size": pixel, "load": load})
-        aging = _aged(component, _request(contact, chemistry=chemistry, temperature=kelvin, hold_times=times))
-        sites, exact = share * contact.sites.size, _expected(contact, chemistry, kelvin, times)
-        spread, size = FAR * math.sqrt(max(sites * (1 - share), 0.25)), float(aging.sites.mean())
-        require(abs(size - sites) <= spread + 0.5, f"{what}: {size:g} sites, expected {sites:g}")
-        bonds, stated = aging.bonds.mean(axis=0), np.zeros(times.size)
-        for name, error in aging.errors.items():
-            worst = float(np.nan_to_num(error[exact > 1]).max(initial=0.0))
-            require(worst < 1, f"{what}: the error {name!r} is up to {worst:.3g}; errors are relative, 0.05 is 5 %")
-            stated += np.nan_to_num(error) ** 2
-        allowed = FAR * np.sqrt(stated) * exact + (1e-3 + (component.declared_error or 0.0)) * exact + 1e-9
-        if component.replicates:  # replicas differ by their disorder as well: at most as Poisson numbers
-            allowed += FAR * np.sqrt(exact / len(aging.bonds)) + 0.5
-        at = int(np.argmax(np.abs(bonds - exact) - allowed))
-        require(
-            abs(bonds[at] - exact[at]) <= allowed[at],
-            f"{what}, hydroxylation {share:g}, ν = {nu:g} Hz, {kelvin:g} K: {bonds[at]:.4g} bonds at "
-            f"{times[at]:g} s, the closed form has {exact[at]:.4g}; bonds are those of the whole contact",
-        )
+    @known
+    def bonds_are_those_of_the_whole_contact(self) -> None:
+        """Bonds and sites are those of the whole contact: sites that do not interact have the mean of the closed form,
+        within the errors that the method states."""
+        conditions = ((1.0, 1e13, 0.01, 300.0, 0.5, METHOD_TIMES), (0.7, 3e11, 0.02, 360.0, 0.8, METHOD_TIMES[1:] / 7))
+        for (share, nu, volume, kelvin, pixel, times), (what, contact) in product(conditions, _contacts()):
+            chemistry = _chemistry(hydroxylation=share, attempt_frequency=nu, activation_volume=volume)
+            load = contact.load * (pixel / contact.pixel_size) ** 2
+            contact = contact.model_copy(update={"pixel_size": pixel, "load": load})
+            aging = self._aged(_request(contact, chemistry=chemistry, temperature=kelvin, hold_times=times))
+            sites, exact = share * contact.sites.size, _expected(contact, chemistry, kelvin, times)
+            spread, size = FAR * math.sqrt(max(sites * (1 - share), 0.25)), float(aging.sites.mean())
+            require(abs(size - sites) <= spread + 0.5, f"{what}: {size:g} sites, expected {sites:g}")
+            bonds, stated = aging.bonds.mean(axis=0), np.zeros(times.size)
+            for name, error in aging.errors.items():
+                worst = float(np.nan_to_num(error[exact > 1]).max(initial=0.0))
+                require(worst < 1, f"{what}: the error {name!r} is up to {worst:.3g}; errors are relative, 0.05 is 5 %")
+                stated += np.nan_to_num(error) ** 2
+            allowed = FAR * np.sqrt(stated) * exact + (1e-3 + (self.component.declared_error or 0.0)) * exact + 1e-9
+            if self.component.replicates:  # replicas differ by their disorder as well: at most as Poisson numbers
+                allowed += FAR * np.sqrt(exact / len(aging.bonds)) + 0.5
+            at = int(np.argmax(np.abs(bonds - exact) - allowed))
+            require(
+                abs(bonds[at] - exact[at]) <= allowed[at],
+                f"{what}, hydroxylation {share:g}, ν = {nu:g} Hz, {kelvin:g} K: {bonds[at]:.4g} bonds at "
+                f"{times[at]:g} s, the closed form has {exact[at]:.4g}; bonds are those of the whole contact",
+            )
 
+    calls_are_independent = independent_calls
 
-check_of(AgeingMethod)(calls_are_independent)
+    def answers_are_repeatable(self) -> None:
+        """An answer does not depend on the number of threads."""
+        for _, contact in islice(_contacts(), 3):
+            one, three = (self.component.age(_request(contact, threads=threads)) for threads in (1, 3))
+            require(np.array_equal(one.bonds, three.bonds), "the bonds depend on the number of threads")
 
-
-@check_of(AgeingMethod)
-def _answers_are_repeatable(component: AgeingMethod) -> None:
-    """An answer does not depend on the number of threads."""
-    for _, contact in islice(_contacts(), 3):
-        one, three = (component.age(_request(contact, threads=threads)) for threads in (1, 3))
-        require(np.array_equal(one.bonds, three.bonds), "the bonds depend on the number of threads")
-
-
-@check_of(AgeingMethod)
-def _fewer_replicas_are_the_first_ones(component: AgeingMethod) -> None:
-    """Replica r does not depend on how many replicas there are."""
-    if not component.replicates:
-        return
-    contact = next(_contacts())[1]
-    many, few = (np.asarray(component.age(_request(contact, replicas=count)).bonds) for count in (REPLICAS, 2))
-    require(np.array_equal(many[:2], few), "2 replicas are not the first 2 of 6; the seed belongs to the replica")
+    def fewer_replicas_are_the_first_ones(self) -> None:
+        """Replica r does not depend on how many replicas there are."""
+        if not self.component.replicates:
+            return
+        contact = next(_contacts())[1]
+        many, few = (np.asarray(self.component.age(_request(contact, replicas=count)).bonds) for count in (REPLICAS, 2))
+        require(np.array_equal(many[:2], few), "2 replicas are not the first 2 of 6; the seed belongs to the replica")

@@ -98,30 +98,22 @@ def examples() -> tuple[list[Component], dict[str, str]]:
     return components, unmade
 
 
-#: ending of a file that numpy or h5py writes -> how a map is written into it, whose pixels are stated if they can be
-_WRITERS: dict[str, Callable[[Path, Surface], Any]] = {
-    ".npy": lambda path, surface: np.save(path, surface.heights),
-    ".txt": lambda path, surface: np.savetxt(path, surface.heights),
-    ".h5": lambda path, surface: _write_hdf5(path, surface),
-}
-
-
-def _write_hdf5(path: Path, surface: Surface) -> None:
-    import h5py
-
-    with h5py.File(path, "w") as file:
-        file["heights"] = surface.heights
-
-
 def _with_file(component: Any, folder: Path) -> tuple[Any, dict[str, Any]]:
     """A component and the inputs of its checks: of a reader a file, where numpy or h5py can write what it reads."""
-    for ending, write in _WRITERS.items():
-        if ending in getattr(component, "suffixes", ()):
-            surface = rough_surface((6, 9), periodic=False)
-            path = folder / f"{component.kind}{ending}"
-            write(path, surface)
-            return component.replace(pixel_size=surface.pixel_size), {"path": path, "surface": surface}
-    return component, {}
+    endings = [one for one in (".npy", ".txt", ".h5") if one in getattr(component, "suffixes", ())]
+    if not endings:
+        return component, {}
+    surface, path = rough_surface((6, 9), periodic=False), folder / f"{component.kind}{endings[0]}"
+    if endings[0] == ".npy":
+        np.save(path, surface.heights)
+    elif endings[0] == ".txt":
+        np.savetxt(path, surface.heights)
+    else:
+        import h5py
+
+        with h5py.File(path, "w") as file:
+            file["heights"] = surface.heights
+    return component.replace(pixel_size=surface.pixel_size), {"path": path, "surface": surface}
 
 
 # -- what is no component ---------------------------------------------------------------------------------------------

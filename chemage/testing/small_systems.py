@@ -6,15 +6,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import combinations
 from typing import Any
 
 import numpy as np
 
 from chemage.foundation.units import KB
-from chemage.kinetics.role import Engine
 from chemage.lattices.lattice import ReactionLattice
-from chemage.testing.checks import CHANCE, binomial_chance, require
 
 TEMPERATURE = 300.0
 NU = 1e13
@@ -28,9 +25,10 @@ def barrier(rate: Any, temperature: float = TEMPERATURE, nu: float = NU) -> Any:
     return KB * temperature * np.log(nu / np.asarray(rate))
 
 
-def evolved(generator: np.ndarray, time: float) -> np.ndarray:
+def evolved(generator: np.ndarray, time: float, events: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
     """The master equation solved for rates over any number of decades: (n, n), the probability of state i after
-    ``time`` (s) from state j, where ``generator`` is the rate (1/s) from j to i, whose columns sum to 0.
+    ``time`` (s) from state j, where ``generator`` is the rate (1/s) from j to i, whose columns sum to 0; and (n, k),
+    the mean number of events of k kinds from each state, where ``events`` (n, k), 1/s, is their rate in each.
 
     Scaling and squaring, in which nothing is ever subtracted: the series of uniformization for a time in which hardly
     anything happens (Jensen 1953), then squares of a matrix of probabilities whose columns are normalised each time. A
@@ -39,22 +37,28 @@ def evolved(generator: np.ndarray, time: float) -> np.ndarray:
     """
     fastest = float(-generator.diagonal().min(initial=0.0))
     identity = np.eye(generator.shape[0])
+    rates = np.empty((len(identity), 0)) if events is None else events
     if fastest * time == 0.0:
-        return identity
+        return identity, rates * time
     doublings = max(math.ceil(math.log2(fastest) + math.log2(time)), 0)
-    steps = fastest * math.ldexp(time, -doublings)
+    span = math.ldexp(time, -doublings)
+    steps = fastest * span
     jumps = np.where(identity == 1.0, np.maximum(1.0 + generator / fastest, 0.0), generator / fastest)
-    power = chances = identity  # the k-th power of the jumps
-    weight = 1.0
+    power = chances = so_far = identity  # the k-th power of the jumps, and the sum of those before
+    waits, weight = np.zeros_like(identity), 1.0
     for k in range(1, 22):
         weight *= steps / k
+        waits = waits + weight * so_far
         power = jumps @ power
         chances = chances + weight * power
+        so_far = so_far + power
     chances = chances / chances.sum(axis=0)
+    means = span * ((waits / waits.sum(axis=0)).T @ rates)
     for _ in range(doublings):
+        means = means + chances.T @ means
         chances = chances @ chances
         chances /= chances.sum(axis=0)
-    return chances
+    return chances, means
 
 
 @dataclass(frozen=True)
@@ -88,7 +92,7 @@ class Group:
         self, time: float, temperature: float = TEMPERATURE, nu: float = NU, start: int = 0
     ) -> np.ndarray:
         """Probability of every state after ``time`` s, (2**m,)."""
-        return evolved(self.generator(temperature, nu), time)[:, start]
+        return evolved(self.generator(temperature, nu), time)[0][:, start]
 
     @lru_cache(maxsize=256)  # noqa: B019
     def lattice(self, copies: int = COPIES, nu: float = NU, slots: int = 0, seed: int = 1) -> ReactionLattice:
@@ -140,80 +144,9 @@ def coupled() -> Group:
     return reacting((3.0, 1.0, 0.6, 2.0), (0.5, 1.5, 0.2, 0.9), pair)
 
 
-def trials(component: Engine, copies: int = COPIES, runs: int = 200) -> tuple[int, int]:
-    """How many groups on how many lattices: of an approximate engine few large ones, as it may round the bonds."""
-    return (copies, runs) if component.exact else (LARGE, 8)
-
-
 def states(history_state: np.ndarray, m: int) -> np.ndarray:
     """How many groups are in each state, (2**m,)."""
     return np.bincount(history_state.reshape(-1, m) @ (1 << np.arange(m)), minlength=2**m)
-
-
-def follows(
-    component: Engine,
-    where: str,
-    group: Group,
-    time: float,
-    *,
-    copies: int = COPIES,
-    runs: int = 200,
-    temperature: float = TEMPERATURE,
-    nu: float = NU,
-    slots: int = 0,
-    start: bool = False,
-) -> None:
-    """Require that groups follow their master equation to ``time`` s, over many seeds; from all bonds if ``start``."""
-    m = len(group.forming)
-    counts = np.zeros(2**m, dtype=np.int64)
-    copies, runs = trials(component, copies, runs)
-    for seed in range(runs):
-        lattice = group.lattice(copies, nu, slots, seed % 5)
-        begin = np.ones(lattice.sites.size, dtype=bool) if start else None
-        history = component.run(lattice, [0.5 * time, time], temperature=temperature, seed=seed, start=begin)
-        counts += states(history.state, m)
-    probabilities = group.probabilities(time, temperature, nu, counts.size - 1 if start else 0)
-    compare(component, f"{where}, after {time:.3g} s", counts, probabilities)
-
-
-def compare(component: Engine, where: str, counts: np.ndarray, probabilities: np.ndarray) -> None:
-    """Require that ``counts`` of groups in each state agree with the ``probabilities`` of the master equation.
-
-    An exact engine: every site, every pair of sites and every state, each by its binomial distribution. An approximate
-    one: the mean number of bonds, to within its declared error.
-    """
-    total, every = int(counts.sum()), np.arange(counts.size)
-    m = counts.size.bit_length() - 1
-    bonded = every[:, None] >> np.arange(m) & 1 == 1
-    if not component.exact:
-        bonds = bonded.sum(axis=1)
-        mean, expected = float(counts @ bonds) / total, float(probabilities @ bonds)
-        noise = math.sqrt(float(probabilities @ (bonds - expected) ** 2) / total)
-        error = component.declared_error or 0.0
-        require(
-            # and half a bond per lattice, for rounding
-            abs(mean - expected) <= error * expected + 6.5 * noise + 0.5 / LARGE,
-            f"{where}, {mean:.4g} bonds per group; the master equation gives {expected:.4g}; declared_error={error}",
-        )
-        return
-    questions = {}
-    for chosen in (*combinations(range(m), 1), *combinations(range(m), 2)):
-        questions[f"each of the sites {chosen} is bonded"] = bonded[:, chosen].all(axis=1)
-    for state in every if m > 2 else ():
-        questions[f"just the sites {np.flatnonzero(bonded[state])} are bonded"] = every == state
-    for what, yes in questions.items():
-        count, p = int(counts[yes].sum()), min(float(probabilities[yes].sum()), 1.0)
-        require(
-            binomial_chance(count, total, p) > CHANCE,
-            f"{where}, {what} in {count} of {total} cases; the master equation gives {total * p:.4g} "
-            f"± {math.sqrt(total * p * (1 - p)):.2g}",
-        )
-
-
-def compare_mean(component: Engine, where: str, bonds: Sequence[int], of: int, probability: float) -> None:
-    """Require that the numbers of ``bonds`` of runs with ``of`` independent sites each agree with ``probability``."""
-    count, total = int(np.sum(bonds)), of * len(bonds)
-    compare(component, where, np.array([total - count, count]), np.array([1 - probability, probability]))
 
 
 #: grids of coupled sites with rates over 60 decades, one of which is bonded in 5 to 95 % of all cases at the end and

@@ -33,7 +33,7 @@ from chemage.foundation.checks import meanings
 from chemage.foundation.names import HOME, USERS, load
 from chemage.foundation.records import Record
 from chemage.plugins import registry
-from chemage.testing.checks import CHECKS, LAST, Check
+from chemage.testing.checks import CHECKS, Check
 
 sys.path.insert(0, str(Path(__file__).parent))
 from notebooks import markdown
@@ -282,12 +282,10 @@ def checks() -> tuple[list[str], Callable[[str], str]]:
     """The roles, and the Markdown of the checks of one."""
 
     def role(name: str) -> str:
-        functions = [*CHECKS[""], *LAST] if name == "component" else CHECKS[name]
         rows = []
-        for function in functions:
-            check = Check(function.__name__.lstrip("_"), function, {})
-            needs = getattr(function, "needs", ())
-            also = f" Needs {' and '.join(f'`{need}=`' for need in needs)}." if needs else ""
+        classes = sorted(CHECKS["" if name == "component" else name], key=lambda one: one.last)
+        for check in (Check(method, of, {}) for of in classes for method in of.names()):
+            also = f" Needs {' and '.join(f'`{need}=`' for need in check.missing)}." if check.missing else ""
             rows.append((f"`{check.name}`", plain(check.requirement) + also))
         title = "Every component" if name == "component" else f"Role `{name}`"
         return f"### {title}\n\n{table(('check', 'requirement'), rows)}\n"

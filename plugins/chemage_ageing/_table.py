@@ -15,10 +15,10 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -250,6 +250,74 @@ class Setting:
             "grid": [SIDE, BAND, THINNED, PER_DECADE, STEP],
         }
 
+    @property
+    def own_chemistry(self) -> Chemistry:
+        """The chemistry with a site in each pixel, and without what changes no bond."""
+        return self.chemistry.replace(site_density="pixel", **dict.fromkeys(self.chemistry.limits))
+
+    def pressure(self, number: int) -> float:
+        """GPa at a node of this number; a contact without pressure would have no sites."""
+        return max(number * self.pressure_step, 1e-9)
+
+    def contact(self, number: int, where: np.ndarray) -> ContactSolution:
+        """A contact under the pressure of a node, ``where`` there are sites."""
+        pressure = np.where(where, self.pressure(number), 0.0)
+        load = float(pressure.sum()) * self.spacing**2
+        return ContactSolution(pressure=pressure, load=load, pixel_size=self.spacing, modulus=1.0, periodic=True)
+
+    def taking_part(self) -> Took:
+        """What takes part in the table now, from a small contact."""
+        lattice = build_lattice(self.own_chemistry, self.contact(0, np.ones((4, 4), dtype=bool)), 0)
+        history = run_kinetics(self.engine, lattice, self.times[:1], temperature=self.temperature, seed=0)
+        return Took(lattice.plugins | history.plugins, [*lattice.approximate, *history.approximate])
+
+    def nodes(self, numbers: list[int], threads: int, progress: Callable[[int, int], None] | None) -> dict[int, Node]:
+        """The nodes of these numbers; node k is at k times :attr:`pressure_step`."""
+        several = max(1, min(threads, len(numbers)))
+        nodes = processors.in_order(lambda k: _Samples(self, numbers[k]).enough(), len(numbers), several, progress)
+        return dict(zip(numbers, nodes, strict=True))
+
+    def path(self, folder: Path) -> Path:
+        """The file of the table."""
+        return folder / f"closure-{content_hash(self.identity())}.npz"
+
+    def about(self, took: Took) -> dict[str, Any]:
+        """What the file says of the table."""
+        about = {"identity": self.identity(), "plugins": took.plugins, "approximate": took.approximate}
+        return json.loads(json.dumps(about, default=str))
+
+    def load(self, path: Path, took: Took) -> tuple[dict[int, Node], str]:
+        """The nodes that a file holds, and what is wrong with it in words; none where it does not exist."""
+        try:
+            parts, about = container.read(path, _KINDS)
+        except FileNotFoundError:
+            return {}, ""
+        except DamagedError:
+            return {}, f"{path} is damaged"
+        except StoreError as error:
+            return {}, str(error)
+        if about != self.about(took):
+            return {}, f"{path} was made with other plugins"
+        arrays = parts["table"].values
+        rows = zip(*(arrays[name] for name in ("numbers", "change", "error", "replicas")), strict=True)
+        return {int(number): Node(change, error, int(replicas)) for number, change, error, replicas in rows}, ""
+
+    def keep(self, path: Path, took: Took, nodes: dict[int, Node]) -> str:
+        """Write a table; what prevents it in words, else nothing."""
+        numbers = sorted(nodes)
+        arrays = {
+            "numbers": np.array(numbers),
+            **{name: np.stack([getattr(nodes[number], name) for number in numbers]) for name in ("change", "error")},
+            "replicas": np.array([nodes[number].replicas for number in numbers]),
+        }
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            table = container.Arrays(values=arrays)
+            container.write(path, {"table": table}, self.about(took), compact=True, force=True)
+        except OSError as error:  # a StoreError is one as well
+            return f"the table could not be kept in {path.parent} ({error})"
+        return ""
+
 
 def pressure_step(chemistry: Chemistry, temperature: float) -> float:
     """Distance of the pressures of a table, GPa; 0 where bonds do not depend on the pressure."""
@@ -257,12 +325,11 @@ def pressure_step(chemistry: Chemistry, temperature: float) -> float:
     return STEP * KB * temperature / shift if shift else 0.0
 
 
-@dataclass
-class Took:
+class Took(NamedTuple):
     """The plugins that took part in a table, and what is approximate about it."""
 
-    plugins: dict[str, str] = field(default_factory=dict)
-    approximate: list[dict[str, Any]] = field(default_factory=list)
+    plugins: dict[str, str] = {}
+    approximate: list[dict[str, Any]] = []
 
 
 def decades_of(hold_times: np.ndarray) -> tuple[int, int]:
@@ -272,51 +339,6 @@ def decades_of(hold_times: np.ndarray) -> tuple[int, int]:
         return 0, 1
     first = math.floor(math.log10(float(positive.min())) + 1e-9)
     return first, max(math.ceil(math.log10(float(positive.max())) - 1e-9), first + 1)
-
-
-def compute(
-    setting: Setting, numbers: list[int], threads: int, progress: Callable[[int, int], None] | None
-) -> dict[int, Node]:
-    """The nodes of these numbers; node k is at k times :attr:`Setting.pressure_step`."""
-    nodes = processors.in_order(
-        lambda k: _node(setting, numbers[k]), len(numbers), max(1, min(threads, len(numbers))), progress
-    )
-    return dict(zip(numbers, nodes, strict=True))
-
-
-def taking_part(setting: Setting) -> Took:
-    """What takes part in the table now, from a small contact."""
-    lattice = build_lattice(_own(setting), _contact(setting, 0, np.ones((4, 4), dtype=bool)), 0)
-    times = setting.times[:1]
-    history = run_kinetics(setting.engine, lattice, times, temperature=setting.temperature, seed=0)
-    return Took(lattice.plugins | history.plugins, [*lattice.approximate, *history.approximate])
-
-
-def _own(setting: Setting) -> Chemistry:
-    return setting.chemistry.replace(site_density="pixel", **dict.fromkeys(setting.chemistry.limits))
-
-
-def _pressure(setting: Setting, number: int) -> float:
-    # a contact without pressure would have no sites
-    return max(number * setting.pressure_step, 1e-9)
-
-
-def _contact(setting: Setting, number: int, where: np.ndarray) -> ContactSolution:
-    pressure = np.where(where, _pressure(setting, number), 0.0)
-    load = float(pressure.sum()) * setting.spacing**2
-    return ContactSolution(pressure=pressure, load=load, pixel_size=setting.spacing, modulus=1.0, periodic=True)
-
-
-def _node(setting: Setting, number: int) -> Node:
-    samples = _Samples(setting, number)
-    count = FIRST
-    while True:
-        while samples.replicas < count:
-            samples.add(samples.replicas)
-        node = samples.node()
-        if count >= MOST or samples.sufficient(node):
-            return node
-        count *= 2
 
 
 class _Samples:
@@ -329,7 +351,7 @@ class _Samples:
         share = (np.arange(SIDE)[:, None] + 0.5) / SIDE
         thinned = [generator.random((SIDE, SIDE)) < share for _ in range(THINNED)]
         self.full, *self.thinned = (
-            _contact(setting, number, where) for where in (np.ones((SIDE, SIDE), dtype=bool), *thinned)
+            setting.contact(number, where) for where in (np.ones((SIDE, SIDE), dtype=bool), *thinned)
         )
         #: class of each pixel of the full contact and of the thinned ones: its band and its neighbours in contact
         self.classes = [self._classes(contact) for contact in (self.full, *self.thinned)]
@@ -342,7 +364,7 @@ class _Samples:
         #: (bands, neighbours + 1) sites in contact; sites with every neighbour are those of the full contact
         self.held = np.asarray(held, dtype=np.float64).reshape(self.shape)
         self.held[:, -1] = SIDE * BAND
-        pressure = np.array([_pressure(setting, number)])
+        pressure = np.array([setting.pressure(number)])
         #: (m,) share of bonded sites without interaction
         self.independent = bonded_share(setting.chemistry, setting.temperature, setting.times, pressure)[0]
         #: (bands, neighbours + 1, m) bonds in each replica
@@ -350,14 +372,25 @@ class _Samples:
         self.control: list[np.ndarray] = []
 
     def _classes(self, contact: ContactSolution) -> np.ndarray:
-        lattice = build_lattice(_own(self.setting).replace(hydroxylation=1.0), contact, 0)
+        lattice = build_lattice(self.setting.own_chemistry.replace(hydroxylation=1.0), contact, 0)
         assert lattice.neighbours is not None
         place = np.zeros(SIDE * SIDE, np.int64)
         place[lattice.sites] = np.minimum(np.count_nonzero(lattice.neighbours >= 0, axis=1), self.setting.most)
         return place + (np.arange(SIDE * SIDE) % SIDE // BAND) * (self.setting.most + 1)
 
+    def enough(self) -> Node:
+        """The node from as many replicas as its accuracy needs."""
+        count = FIRST
+        while True:
+            while self.replicas < count:
+                self.add(self.replicas)
+            node = self.node()
+            if count >= MOST or self.sufficient(node):
+                return node
+            count *= 2
+
     def add(self, replica: int) -> None:
-        setting, chemistry = self.setting, _own(self.setting)
+        setting, chemistry = self.setting, self.setting.own_chemistry
         disorder = np.random.SeedSequence(setting.seed, spawn_key=(self.number, replica, 0))
         noise = random.CommonSeed(setting.seed, spawn_key=(self.number, replica, 1))
 
@@ -423,50 +456,3 @@ class _Samples:
         error = alone * np.stack([node.error[-1, at], several])
         sites = SIDE * SIDE * node.replicas
         return bool((error <= self.setting.accuracy * np.maximum(share, RESOLVED / sites)).all())
-
-
-# -- files ------------------------------------------------------------------------------------------------------------
-
-
-def path_of(setting: Setting, folder: Path) -> Path:
-    """The file of a table."""
-    return folder / f"closure-{content_hash(setting.identity())}.npz"
-
-
-def load(path: Path, setting: Setting, took: Took) -> tuple[dict[int, Node], str]:
-    """The nodes that a file holds, and what is wrong with it in words; none where it does not exist."""
-    try:
-        parts, about = container.read(path, _KINDS)
-    except FileNotFoundError:
-        return {}, ""
-    except DamagedError:
-        return {}, f"{path} is damaged"
-    except StoreError as error:
-        return {}, str(error)
-    if about != _about(setting, took):
-        return {}, f"{path} was made with other plugins"
-    arrays = parts["table"].values
-    rows = zip(*(arrays[name] for name in ("numbers", "change", "error", "replicas")), strict=True)
-    return {int(number): Node(change, error, int(replicas)) for number, change, error, replicas in rows}, ""
-
-
-def keep(path: Path, setting: Setting, took: Took, nodes: dict[int, Node]) -> str:
-    """Write a table; what prevents it in words, else nothing."""
-    numbers = sorted(nodes)
-    arrays = {
-        "numbers": np.array(numbers),
-        **{name: np.stack([getattr(nodes[number], name) for number in numbers]) for name in ("change", "error")},
-        "replicas": np.array([nodes[number].replicas for number in numbers]),
-    }
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        table = container.Arrays(values=arrays)
-        container.write(path, {"table": table}, _about(setting, took), compact=True, force=True)
-    except OSError as error:  # a StoreError is one as well
-        return f"the table could not be kept in {path.parent} ({error})"
-    return ""
-
-
-def _about(setting: Setting, took: Took) -> dict[str, Any]:
-    about = {"identity": setting.identity(), "plugins": took.plugins, "approximate": took.approximate}
-    return json.loads(json.dumps(about, default=str))

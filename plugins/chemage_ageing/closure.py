@@ -6,7 +6,7 @@ import math
 import threading
 from collections.abc import Mapping
 from pathlib import Path
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
@@ -133,9 +133,8 @@ class Closure(AgeingMethod):
         error, notes, took = np.full(times.size, INDEPENDENT_ERROR), (), _table.Took()
         source = f"at most {100 * INDEPENDENT_ERROR:g} %, of the quadrature"
         if chemistry.interaction is not None and statistics.pressure.size:
-            changed, notes, took = self._interaction(request, statistics, per_area, independent)
-            bonds = bonds + changed.bonds
-            absolute = np.sqrt(changed.table**2 + changed.model**2)
+            changed, absolute, notes, took = self._interaction(request, statistics, per_area, independent)
+            bonds = bonds + changed
             relative = np.divide(absolute, bonds, out=np.zeros_like(absolute), where=bonds > 0)
             error = np.hypot(relative, INDEPENDENT_ERROR)
             source = "standard error: that of the table, and of the approximation, from the rim and the pressures"
@@ -153,8 +152,9 @@ class Closure(AgeingMethod):
 
     def _interaction(
         self, request: AgeingRequest, statistics: ContactStatistics, per_area: float, independent: np.ndarray
-    ) -> tuple[_Changed, tuple[str, ...], _table.Took]:
-        """What the interaction changes; notes; plugins. ``independent``: (classes, m) without interaction."""
+    ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...], _table.Took]:
+        """What the interaction changes of the bonds, (m,), and the error of that; notes; plugins. ``independent``:
+        (classes, m) without interaction."""
         assert request.chemistry.interaction is not None
         spacing = 1 / math.sqrt(per_area)
         setting = _table.Setting(
@@ -168,15 +168,21 @@ class Closure(AgeingMethod):
         )
         if setting.most == 0:
             zero = np.zeros(request.hold_times.size)
-            return _Changed(zero, zero, zero), (), _table.Took()
-        first, parts = _places(setting, _without_tail(statistics))
+            return zero, zero, (), _table.Took()
+        # the highest pressures, which few sites have, count as those before them: what they cost would be the same
+        beyond = np.cumsum(statistics.area[::-1])[::-1] - statistics.area
+        kept = np.count_nonzero(beyond > TAIL * statistics.contact_area)
+        pressure = np.minimum(statistics.pressure, statistics.pressure[min(kept, statistics.area.size - 1)])
+        first, parts = np.zeros(pressure.size, np.int64), [np.ones(pressure.size)]
+        if setting.pressure_step:
+            first, parts = cubic(pressure / setting.pressure_step, lowest=0)
         needed = sorted({int(number) for offset in range(len(parts)) for number in np.unique(first + offset)})
         if len(needed) > MOST_NODES:
             raise InputError(
                 f"ageing 'closure' would tabulate {len(needed)} pressures up to {statistics.pressure[-1]:.3g} GPa; "
                 "the pressures of this contact are out of its range, leave out [ageing]"
             )
-        took = _table.taking_part(setting)
+        took = setting.taking_part()
         nodes, notes = self._nodes(setting, needed, took, request)
         tabulated = [np.stack([getattr(nodes[number], name) for number in needed]) for name in ("change", "error")]
         # an error in bonds that formed early stays when the interaction changes little any more
@@ -192,38 +198,28 @@ class Closure(AgeingMethod):
             present = _rim_of_statistics(statistics, per_area, setting.most)
             effective = np.zeros((*present.shape, request.hold_times.size)) + present[..., None]
             effective = np.pad(effective, ((0, 0), (0, len(BEYOND)), (0, 0)))
-        return _changed(part, change, np.abs(error), present, effective, independent, largest), notes, took
+        return *_changed(part, change, np.abs(error), present, effective, independent, largest), notes, took
 
     def _nodes(
         self, setting: _table.Setting, needed: list[int], took: _table.Took, request: AgeingRequest
     ) -> tuple[dict[int, _table.Node], tuple[str, ...]]:
         """The table at the pressures that are needed: known, read, or computed now and kept."""
-        path = _table.path_of(setting, Path(self.folder) if self.folder else cache_folder())
+        path = setting.path(Path(self.folder) if self.folder else cache_folder())
         name = path, repr(took)
         with _lock:
             nodes = dict(_tables.get(name, {}))
             if nodes.keys() >= set(needed):
                 return nodes, ()
-            kept, problem = _table.load(path, setting, took)
+            kept, problem = setting.load(path, took)
             nodes |= kept
             missing = [number for number in needed if number not in nodes]
             notes = [f"{problem}, so that the table of ageing 'closure' is computed again"] if problem else []
             if missing:
-                nodes |= _table.compute(setting, missing, request.threads, request.progress)
-                if problem := _table.keep(path, setting, took, nodes):
+                nodes |= setting.nodes(missing, request.threads, request.progress)
+                if problem := setting.keep(path, took, nodes):
                     notes.append(problem)
             _tables[name] = nodes
             return nodes, tuple(notes)
-
-
-class _Changed(NamedTuple):
-    """What the interaction changes, (m,) each."""
-
-    #: bonds of the whole contact
-    bonds: np.ndarray
-    #: standard errors of that: of the table, and of the approximation
-    table: np.ndarray
-    model: np.ndarray
 
 
 def _changed(
@@ -234,8 +230,9 @@ def _changed(
     effective: np.ndarray,
     independent: np.ndarray,
     largest: np.ndarray,
-) -> _Changed:
-    """The change of all sites from that of each number of neighbours.
+) -> tuple[np.ndarray, np.ndarray]:
+    """The change of all sites from that of each number of neighbours, (m,), and its standard error: that of the table,
+    and that of the approximation.
 
     ``part`` (classes, nodes); ``change`` and ``error`` (nodes, neighbours + 1, m); ``present`` (classes, neighbours
     + 1): sites with so many neighbours; ``effective`` (classes, columns, m): sites with so many effective neighbours,
@@ -262,21 +259,7 @@ def _changed(
     uneven = np.abs(
         alike.sum(axis=1) - np.einsum("ck,cjm,kjm->cm", part, effective * independent[:, None], columns)
     ).sum(axis=0)
-    return _Changed(bonds, table, np.hypot(RIM_ERROR * rim, UNEVEN_ERROR * uneven))
-
-
-def _without_tail(statistics: ContactStatistics) -> np.ndarray:
-    """The pressures, GPa, but for the highest ones, which few sites have; what they cost would be the same."""
-    beyond = np.cumsum(statistics.area[::-1])[::-1] - statistics.area
-    kept = beyond > TAIL * statistics.contact_area
-    return np.minimum(statistics.pressure, statistics.pressure[min(np.count_nonzero(kept), kept.size - 1)])
-
-
-def _places(setting: _table.Setting, pressure: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
-    """The first node of each pressure, and the weights of this node and those after it."""
-    if not setting.pressure_step:
-        return np.zeros(pressure.size, np.int64), [np.ones(pressure.size)]
-    return cubic(pressure / setting.pressure_step, lowest=0)
+    return bonds, np.sqrt(table**2 + np.hypot(RIM_ERROR * rim, UNEVEN_ERROR * uneven) ** 2)
 
 
 def _in_time(setting: _table.Setting, hold_times: np.ndarray, values: np.ndarray) -> np.ndarray:

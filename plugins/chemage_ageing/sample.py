@@ -14,6 +14,8 @@ from chemage.plugin import AgedBonds, AgeingMethod, AgeingRequest, Engine, Unit,
 from chemage_ageing._table import grouped_bonds
 
 STREAM = "chemage-ageing/windows"
+#: what is kept of a replica, see :meth:`Sample._replica`
+_Windowed = tuple[np.ndarray, np.ndarray, int, Any]
 
 #: windows of a replica, and of all together, that the error can be estimated from
 FEWEST, FEWEST_IN_ALL = 6, 20
@@ -108,20 +110,16 @@ class Sample(AgeingMethod):
         """The bonds of a contact that is too small to be sampled."""
         why = f"every site was followed: a share of {self.share:g} is too few windows to know the error from"
 
-        def follow(number: int) -> _Windowed:
+        def follow(number: int) -> tuple[np.ndarray, int, Any]:
             replica = request.follow(number)
-            sites = replica.lattice.sites.size
-            return _Windowed(replica.history.bonds, np.empty(0, np.int64), sites, replica.origin())
+            return replica.history.bonds, replica.lattice.sites.size, replica.origin()
 
-        replicas = request.each(follow)
-        return AgedBonds.of(
-            [replica.origin for replica in replicas],
-            bonds=np.stack([replica.bonds for replica in replicas]),
-            sites=np.array([replica.sites for replica in replicas]),
-            notes=(why,),
-        )
+        bonds, sites, origins = zip(*request.each(follow), strict=True)
+        return AgedBonds.of(origins, bonds=np.stack(bonds), sites=np.array(sites), notes=(why,))
 
     def _replica(self, request: AgeingRequest, windows: Windows, count: int, number: int) -> _Windowed:
+        """Bonds in each window that is drawn, (windows, m), the positions of these among the squares, the sites that
+        were followed, those of margins included, and where the bonds come from."""
         drawn = windows.drawn(request.seeds(number)[0], count)
         chosen = np.unique(drawn)
         replica = request.follow(number, sites=windows.sites_around(chosen, self.margin), states=True)
@@ -131,7 +129,7 @@ class Sample(AgeingMethod):
         at = np.minimum(np.searchsorted(squares, square), chosen.size - 1)
         counted = squares[at] == square
         bonds = np.stack([np.bincount(at[counted & state], minlength=chosen.size) for state in history.states], axis=-1)
-        return _Windowed(bonds[np.searchsorted(chosen, drawn)], drawn, lattice.sites.size, replica.origin())
+        return bonds[np.searchsorted(chosen, drawn)], drawn, lattice.sites.size, replica.origin()
 
     def _estimated(
         self, request: AgeingRequest, windows: Windows, compared: np.ndarray, replicas: list[_Windowed]
@@ -139,10 +137,11 @@ class Sample(AgeingMethod):
         """Scale the windows up; ``compared`` are the bonds of independent sites in every square, (squares, m)."""
         sites = int(windows.held.sum())
         # what each window says of the whole: (replicas, windows, m)
-        scale = np.stack([sites / windows.held[replica.drawn] for replica in replicas])[..., None]
-        bonds = np.stack([replica.bonds for replica in replicas]) * scale
+        found, drawn, followed, origins = zip(*replicas, strict=True)
+        scale = np.stack([sites / windows.held[squares] for squares in drawn])[..., None]
+        bonds = np.stack(found) * scale
         total = compared.sum(axis=0)
-        alone = np.stack([compared[replica.drawn] for replica in replicas]) * scale - total
+        alone = np.stack([compared[squares] for squares in drawn]) * scale - total
         count = bonds.shape[1]
         # standard error of the mean if sites are independent and the coefficient is 1
         share = np.clip(compared / windows.held[:, None], 0.0, 1.0)
@@ -154,13 +153,17 @@ class Sample(AgeingMethod):
             coefficient = np.where(few, 1.0, _coefficient(bonds[:, other], alone[:, other]))
             values[:, own] = bonds[:, own] - coefficient * alone[:, own]
         windowed = values.var(axis=1, ddof=1) / count
-        error = np.sqrt(windowed.sum(axis=0)) / len(replicas) * _few(bonds[:, 1::2, 0].size)
+        error = np.sqrt(windowed.sum(axis=0)) / len(replicas)
+        # by so much it is larger because the coefficient comes from so many windows, which adds its own error (Cochran,
+        # Sampling Techniques, 3rd ed. (1977), section 12.6), and the error itself (Student's t)
+        half = bonds[:, 1::2, 0].size
+        error = error * (math.sqrt(1 + 1 / (half - 3)) * statistics.student_limit(half - 2) / statistics.NORMAL_LIMIT)
         error = np.where(few, np.maximum(error, known), error)
         estimates = values.mean(axis=1)
         mean = estimates.mean(axis=0)
         reactive = sites * request.chemistry.hydroxylation
-        followed = np.mean([replica.sites for replica in replicas]) / reactive
-        notes = [f"{replicas[0].drawn.size} windows a replica; {100 * followed:.2g} % of the sites were followed"]
+        part = 100 * np.mean(followed) / reactive
+        notes = [f"{count} windows a replica; {part:.2g} % of the sites were followed"]
         if (few & (total > 0)).any():
             last = request.hold_times[few & (total > 0)].max()
             notes.append(
@@ -168,7 +171,7 @@ class Sample(AgeingMethod):
                 "small by chance, the error of sampling that is stated is not; a larger share counts more"
             )
         return AgedBonds.of(
-            [replica.origin for replica in replicas],
+            origins,
             # not limited to what is possible, which would bias their mean where bonds are few or nearly all there
             bonds=estimates,
             sites=np.full(len(replicas), reactive),
@@ -178,31 +181,12 @@ class Sample(AgeingMethod):
         )
 
 
-class _Windowed(NamedTuple):
-    """What is kept of a replica."""
-
-    #: (windows, m) bonds in each window that was drawn, or (m,) in all
-    bonds: np.ndarray
-    #: (windows,) their positions among the squares
-    drawn: np.ndarray
-    #: sites that were followed, those of margins included
-    sites: int
-    #: where its bonds come from, for :meth:`AgedBonds.of`
-    origin: Any
-
-
 def _coefficient(bonds: np.ndarray, alone: np.ndarray) -> np.ndarray:
     """The coefficient of the regression of ``bonds`` on ``alone``, (replicas, windows, m) both: (m,)."""
     centred = alone - alone.mean(axis=(0, 1))
     spread = (centred**2).sum(axis=(0, 1))
     together = (centred * bonds).sum(axis=(0, 1))
     return np.divide(together, spread, out=np.zeros(spread.shape), where=spread > 0)
-
-
-def _few(windows: int) -> float:
-    """By how much the standard error is larger because the coefficient comes from so many windows, which adds its own
-    error (Cochran, Sampling Techniques, 3rd ed. (1977), section 12.6), and the error itself (Student's t)."""
-    return math.sqrt(1 + 1 / (windows - 3)) * statistics.student_limit(windows - 2) / statistics.NORMAL_LIMIT
 
 
 class Windows(NamedTuple):

@@ -58,17 +58,16 @@ from chemage_kinetics._common import (
     until,
 )
 from chemage_kinetics._rate_classes import (
+    PLACE,
     SLOTS,
     Classes,
     accepts,
     barrier_of,
     class_of,
     insert,
-    prefetch_place,
     put_back,
     remove,
     select_class,
-    select_class_cold,
     set_aside,
     site_class,
     total_weight,
@@ -85,25 +84,18 @@ STREAM = STREAMS["bkl"]
 FIRST, SECOND, OF_SOJOURN = np.int64(0), np.int64(1), np.uint64(2)
 
 
-class NextAttempts(NamedTuple):
-    """Random numbers of this and the next attempts; scratch arrays."""
-
-    key: Key
-    draws: np.ndarray
-    """(RING, 4) float64: waiting time, class, slot, acceptance"""
-    spots: np.ndarray
-    """(RING,) int64: a predicted entry of the arena, then the site there"""
-    predicting: bool
-    """whether to look ahead; changes nothing but the time"""
-
-
 class BklRun(NamedTuple):
     """Everything a run consists of; its arrays carry the state from call to call."""
 
     key: Key
     holds: Holds
     classes: Classes
-    ahead: NextAttempts
+    draws: np.ndarray
+    """(RING, 4) float64 scratch, of this and the next attempts: waiting time, class, slot, acceptance"""
+    spots: np.ndarray
+    """(RING,) int64 scratch: a predicted entry of the arena, then the site there"""
+    predicting: bool
+    """whether to look ahead; changes nothing but the time"""
     near: np.ndarray
     """(k + 1, 2) int64 scratch: sites that change their class, and the class"""
     rng: np.ndarray
@@ -113,23 +105,6 @@ class BklRun(NamedTuple):
     counters: np.ndarray
     """(4,) int64: the number of the next attempt (EVENT), the present HOLD time, the LAST site, whether the run is
     DONE"""
-
-
-def new_run(key: Key, holds: Holds, classes: Classes, time: float) -> BklRun:
-    """A run that starts at ``time`` (s); attempts are counted from 0."""
-    counters = np.zeros(4, np.int64)
-    counters[LAST] = -1
-    draws, spots = np.empty((RING, 4)), np.zeros(RING, np.int64)
-    return BklRun(
-        key=key,
-        holds=holds,
-        classes=classes,
-        ahead=NextAttempts(key, draws, spots, predicting=classes.records.shape[0] >= FAR),
-        near=np.empty((classes.model.neighbours.shape[1] + 1, 2), np.int64),
-        rng=np.empty(5, np.uint64),
-        clock=np.array([time, 0.0]),
-        counters=counters,
-    )
 
 
 @hot
@@ -153,7 +128,7 @@ def _flip(i: Int, classes: Classes, near: np.ndarray) -> None:
                 present = records[j, 1] >> 32
                 if c >= 0 and (c + 1 < present or present == 0):
                     if present > 0:
-                        prefetch_place(j, classes)
+                        prefetch(classes.arena, classes.first[present - 1] + (records[j, 1] & PLACE))
                     near[moves, 0] = j
                     near[moves, 1] = c
                     moves += 1
@@ -172,26 +147,12 @@ def _flip(i: Int, classes: Classes, near: np.ndarray) -> None:
 
 
 @inner
-def _flip_cold(i: Int, classes: Classes, near: np.ndarray) -> None:
-    _flip(i, classes, near)
-
-
-@inner
-def _put_back_around(i: Int, classes: Classes) -> None:
-    """Enter site i and its neighbours in the classes of their present rates."""
-    put_back(i, classes)
-    for s in range(classes.model.neighbours.shape[1]):
-        if classes.model.neighbours[i, s] >= 0:
-            put_back(np.int64(classes.model.neighbours[i, s]), classes)
-
-
-@inner
 def _attempt_elsewhere(run: BklRun) -> Int:
     """The site that an attempt selects and accepts among those in classes, or -1; moves a rejected site whose class is
     out of date."""
     classes = run.classes
     u, v = two_uniforms(run.rng)
-    c = select_class_cold(u * total_weight(classes), classes)
+    c = select_class(u * total_weight(classes), classes)
     slot = np.int64(v * classes.slots[c, SLOTS])
     if slot >= classes.counts[c]:
         return np.int64(-1)
@@ -247,44 +208,48 @@ def _dwell(run: BklRun, i: Int, high: Float, low: Float, hold: Int, rate_back: F
         u, v = two_uniforms(run.rng)
         near = u * (elsewhere + around) < around
         j = choose_around(i, v, sites) if near else _attempt_elsewhere(run)
-    _put_back_around(i, classes)
+    put_back(i, classes)
+    for s in range(classes.model.neighbours.shape[1]):
+        if classes.model.neighbours[i, s] >= 0:
+            put_back(np.int64(classes.model.neighbours[i, s]), classes)
     if j < 0:
         return high, low, i
-    _flip_cold(j, classes, run.near)
+    _flip(j, classes, run.near)
     count_flip(tally, hold, classes.records[j, 0])
     return high, low, j
 
 
 @hot
-def _draw(ahead: NextAttempts, attempt: Int) -> None:
+def _draw(run: BklRun, attempt: Int) -> None:
     """The four random numbers of an attempt."""
     e = attempt & (RING - 1)
-    k0, k1 = ahead.key
-    ahead.draws[e, 0], ahead.draws[e, 1] = random.uniform_pair(k0, k1, STREAM, attempt, FIRST)
-    ahead.draws[e, 2], ahead.draws[e, 3] = random.uniform_pair(k0, k1, STREAM, attempt, SECOND)
+    k0, k1 = run.key
+    run.draws[e, 0], run.draws[e, 1] = random.uniform_pair(k0, k1, STREAM, attempt, FIRST)
+    run.draws[e, 2], run.draws[e, 3] = random.uniform_pair(k0, k1, STREAM, attempt, SECOND)
 
 
 @hot
-def _look_ahead(ahead: NextAttempts, classes: Classes, attempt: Int, total: Float) -> None:
+def _look_ahead(run: BklRun, attempt: Int, total: Float) -> None:
     """Prefetch the memory of the next predicted attempts; a wrong prediction costs time and changes nothing.
 
     Three attempts ahead the entry in the list of members, two ahead the site's own rows, one ahead its neighbours: each
     stage finds in cache what the stage before has prefetched.
     """
-    _draw(ahead, attempt + 3)
+    classes = run.classes
+    _draw(run, attempt + 3)
     e = (attempt + 3) & (RING - 1)
-    c = select_class(ahead.draws[e, 1] * total, classes)
-    spot = classes.first[c] + min(np.int64(ahead.draws[e, 2] * classes.slots[c, SLOTS]), classes.counts[c])
-    ahead.spots[e] = spot
+    c = select_class(run.draws[e, 1] * total, classes)
+    spot = classes.first[c] + min(np.int64(run.draws[e, 2] * classes.slots[c, SLOTS]), classes.counts[c])
+    run.spots[e] = spot
     prefetch(classes.arena, spot)
 
     e = (attempt + 2) & (RING - 1)
-    i = np.int64(classes.arena[ahead.spots[e]])
+    i = np.int64(classes.arena[run.spots[e]])
     i = min(max(i, 0), classes.records.shape[0] - 1)  # not a site where the list has moved meanwhile
-    ahead.spots[e] = i
+    run.spots[e] = i
     prefetch_site(i, classes.records, classes.model)
 
-    i = ahead.spots[(attempt + 1) & (RING - 1)]
+    i = run.spots[(attempt + 1) & (RING - 1)]
     for s in range(classes.model.neighbours.shape[1]):
         j = np.int64(classes.model.neighbours[i, s])
         if j >= 0:
@@ -292,16 +257,17 @@ def _look_ahead(ahead: NextAttempts, classes: Classes, attempt: Int, total: Floa
 
 
 @hot
-def _attempt(ahead: NextAttempts, classes: Classes, e: Int, total: Float) -> tuple[Int, Float]:
+def _attempt(run: BklRun, e: Int, total: Float) -> tuple[Int, Float]:
     """The site that the attempt in row ``e`` of the ring selects and accepts, or -1; moves a rejected site whose class
     is out of date. Also returns the total weight afterwards."""
-    c = select_class(ahead.draws[e, 1] * total, classes)
-    slot = np.int64(ahead.draws[e, 2] * classes.slots[c, SLOTS])
+    classes = run.classes
+    c = select_class(run.draws[e, 1] * total, classes)
+    slot = np.int64(run.draws[e, 2] * classes.slots[c, SLOTS])
     if slot >= classes.counts[c]:
         return np.int64(-1), total
     i = np.int64(classes.arena[classes.first[c] + slot])
     prefetch_rows(i, classes.model)
-    if accepts(ahead.draws[e, 3], i, c, classes):
+    if accepts(run.draws[e, 3], i, c, classes):
         return i, total
     if site_class(i, classes) != c:
         set_aside(i, classes)
@@ -318,7 +284,6 @@ def advance(run: BklRun, superbasins: bool | None, attempts: Int) -> None:
     """
     run = borrowed(run)
     classes = run.classes
-    ahead = run.ahead
     nu = classes.model.nu
     times = run.holds.times
     final = times[times.size - 1]
@@ -329,19 +294,19 @@ def advance(run: BklRun, superbasins: bool | None, attempts: Int) -> None:
     last = run.counters[LAST]
     done = False
     total = total_weight(classes)
-    if ahead.predicting:
+    if run.predicting:
         for e in range(event, event + 3):
-            _draw(ahead, e)
+            _draw(run, e)
     while attempts > 0:
         if total <= 0.0:
             done = True
             break
-        if ahead.predicting:
-            _look_ahead(ahead, classes, event, total)
+        if run.predicting:
+            _look_ahead(run, event, total)
         else:
-            _draw(ahead, event)
+            _draw(run, event)
         e = event & (RING - 1)
-        step = -math.log(ahead.draws[e, 0]) / (nu * total)
+        step = -math.log(run.draws[e, 0]) / (nu * total)
         if high + step > 2.0 * final + 1.0:
             done = True
             break
@@ -353,7 +318,7 @@ def advance(run: BklRun, superbasins: bool | None, attempts: Int) -> None:
         low = next_low
         while past(high, low, times[hold]):
             hold += 1
-        i, total = _attempt(ahead, classes, e, total)
+        i, total = _attempt(run, e, total)
         event += 1
         attempts -= 1
         if i < 0:

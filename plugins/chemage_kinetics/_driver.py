@@ -187,33 +187,9 @@ def _frozen_empty(*shape: int, dtype: type[np.generic] = np.float64) -> np.ndarr
     return array
 
 
-def model_of(lattice: ReactionLattice, temperature: float) -> KineticModel:
-    """The lattice at ``temperature`` (K) as the kernels take it."""
-    n = lattice.sites.size
-    return KineticModel(
-        neighbours=_frozen_empty(n, 0, dtype=np.int32) if lattice.neighbours is None else lattice.neighbours,
-        coupling=_frozen_empty(n, 0, dtype=np.float32) if lattice.coupling is None else lattice.coupling,
-        breaking=_frozen_empty(0) if lattice.breaking is None else lattice.breaking,
-        nu=float(lattice.attempt_frequency),
-        per_unit=1.0 / (KB * temperature * _common.UNITS_PER_EV),
-    )
-
-
 def bonded(words: np.ndarray) -> np.ndarray:
     """(n,) bool: the lowest bit of each int64."""
     return (words.view(np.uint8).reshape(words.size, 8)[:, LOWEST_BYTE] & 1).view(np.bool_)
-
-
-def check_couplings(lattice: ReactionLattice) -> None:
-    """Refuse so many and so strong couplings that their sum would overflow a word of energy."""
-    if lattice.coupling is None or lattice.coupling.shape[1] <= 64:
-        return
-    largest = min(float(np.abs(lattice.coupling).max(initial=0.0)), _common.LARGEST_COUPLING)
-    if lattice.coupling.shape[1] * largest > 2 * _common.LARGEST_BARRIER:
-        raise InputError(
-            f"coupling: {lattice.coupling.shape[1]} neighbours of up to {largest:g} eV each are out of range; "
-            "give fewer neighbours or weaker couplings"
-        )
 
 
 class Start:
@@ -228,16 +204,30 @@ class Start:
         seed: Seed,
         start: BondHistory | PullHistory | np.ndarray | None,
     ) -> None:
-        check_couplings(lattice)
         self.stream, self.lattice, self.times, self.temperature = stream, lattice, times, temperature
         self.key = noise_key(seed, stream, lattice)
-        self.model = model_of(lattice, temperature)
+        n, neighbours, coupling, breaking = lattice.sites.size, lattice.neighbours, lattice.coupling, lattice.breaking
+        if coupling is not None and coupling.shape[1] > 64:
+            # the sum of so many and so strong couplings would overflow a word of energy
+            largest = min(float(np.abs(coupling).max(initial=0.0)), _common.LARGEST_COUPLING)
+            if coupling.shape[1] * largest > 2 * _common.LARGEST_BARRIER:
+                raise InputError(
+                    f"coupling: {coupling.shape[1]} neighbours of up to {largest:g} eV each are out of range; "
+                    "give fewer neighbours or weaker couplings"
+                )
+        self.model = KineticModel(
+            neighbours=_frozen_empty(n, 0, dtype=np.int32) if neighbours is None else neighbours,
+            coupling=_frozen_empty(n, 0, dtype=np.float32) if coupling is None else coupling,
+            breaking=_frozen_empty(0) if breaking is None else breaking,
+            nu=float(lattice.attempt_frequency),
+            per_unit=1.0 / (KB * temperature * _common.UNITS_PER_EV),
+        )
         #: uint64 (1,), see `fingerprint`
         self.mark = fingerprint(lattice)
         #: the history to continue, whatever engine or lattice it had
         self.earlier = start if isinstance(start, BondHistory | PullHistory) else None
         #: (n,) bool
-        self.state = np.zeros(lattice.sites.size, np.bool_)
+        self.state = np.zeros(n, np.bool_)
         #: s; bonds formed and broken until then
         self.time, self.counted = 0.0, (0, 0)
         #: its pending events

@@ -65,7 +65,7 @@ class Queue(NamedTuple):
 
 
 class Order(NamedTuple):
-    """The sites patch by patch and, within the present patch, bucket by bucket."""
+    """The sites patch by patch, of which the largest has ``most``, and, within the present one, bucket by bucket."""
 
     order: np.ndarray
     """(n,) int32: the sites"""
@@ -93,11 +93,6 @@ def new_queue(times: np.ndarray, spot: np.ndarray, most: int, final: float) -> Q
         bits=number.view(np.int64),
         final=final,
     )
-
-
-def new_order(order: np.ndarray, starts: np.ndarray, most: int) -> Order:
-    """Memory to sort any patch of up to ``most`` sites; shares ``order`` and ``starts``."""
-    return Order(order, starts, ends=np.empty(MOST_BUCKETS + 2, np.int64), room=np.empty(most, np.int32))
 
 
 # -- the heap ------------------------------------------------------------------------------------------------------
@@ -181,17 +176,6 @@ def drop(keys: np.ndarray, sites: np.ndarray, spot: np.ndarray, size: Int, site:
 
 
 # -- the buckets ---------------------------------------------------------------------------------------------------
-
-
-@inner
-def _grid(sites: Int, queue: Queue) -> Buckets:
-    """How a patch of so many sites is divided into buckets."""
-    bits = 2
-    while sites >> (14 + bits) > 0 and OCTAVES << bits < MOST_BUCKETS:
-        bits += 1
-    last = (OCTAVES << bits) - 1 if sites > ONE_BUCKET else 0
-    queue.number[0] = queue.final
-    return Buckets((queue.bits[0] >> (52 - bits)) - last, 52 - bits, last)
 
 
 @hot
@@ -325,7 +309,12 @@ def start_patch(queue: Queue, order: Order, patch: Int) -> Buckets:
     order = borrowed(order)
     begin = np.int64(order.starts[patch])
     end = np.int64(order.starts[patch + 1])
-    grid = _grid(end - begin, queue)
+    bits = 2
+    while (end - begin) >> (14 + bits) > 0 and OCTAVES << bits < MOST_BUCKETS:
+        bits += 1
+    last = (OCTAVES << bits) - 1 if end - begin > ONE_BUCKET else 0
+    queue.number[0] = queue.final
+    grid = Buckets((queue.bits[0] >> (52 - bits)) - last, 52 - bits, last)
     sites = order.order
     ends = order.ends
     room = order.room

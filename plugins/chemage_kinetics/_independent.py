@@ -75,46 +75,6 @@ def draw_times(sites: IndependentSites, start: Float) -> None:
         sites.times[i, 0], sites.times[i, 1] = _draw(sites, i, barrier, start, 0.0)
 
 
-@hot
-def _follow_site(sites: IndependentSites, holds: Holds, rng: np.ndarray, i: Int) -> None:
-    """Follow site i, whose next event comes before the last hold time, to that time."""
-    times = holds.times
-    final = times[times.size - 1]
-    high = sites.times[i, 0]
-    low = sites.times[i, 1]
-    forms = fixed_barrier(sites.forming[i])
-    breaks = fixed_barrier(sites.breaking[i]) if sites.breaking.size > 0 else np.int64(0)
-    slower = min(rate(forms, sites.nu, sites.per_unit), rate(breaks, sites.nu, sites.per_unit))
-    hold = 0
-    while not past(high, low, final):
-        while past(high, low, times[hold]):
-            hold += 1
-        bonded = not sites.state[i]
-        sites.state[i] = bonded
-        count_flip(holds.tally, hold, np.int64(bonded))
-        if sites.breaking.size == 0:
-            high = np.inf
-            low = 0.0
-            break
-        span = until(high, low, times[hold])
-        if span * slower > FLICKER:
-            # Many events before the hold time: the state there, and their number, are drawn together.
-            block = SOJOURN_BLOCKS + np.uint64(sites.draws[i] * SOJOURN_DRAWS)
-            begin_sequence(rng, sites.key, STREAM, sites.pixels[i], block)
-            sites.draws[i] += 1
-            here = rate(breaks if bonded else forms, sites.nu, sites.per_unit)
-            there = rate(forms if bonded else breaks, sites.nu, sites.per_unit)
-            _, _, other, out_here, out_there = sojourn(rng, here, there, 0.0, 0.0, span)
-            count_sojourn(holds.tally, hold, np.int64(bonded), out_here, out_there, other)
-            if other:
-                sites.state[i] = not bonded
-            high = times[hold]
-            low = 0.0
-        high, low = _draw(sites, i, breaks if sites.state[i] else forms, high, low)
-    sites.times[i, 0] = high
-    sites.times[i, 1] = low
-
-
 @jit
 def follow(sites: IndependentSites, holds: Holds, rng: np.ndarray, first: Int, last: Int) -> None:
     """Follow the sites ``first`` to ``last`` - 1 to the last hold time. rng: (5,) uint64 scratch, see `_common`."""
@@ -123,8 +83,41 @@ def follow(sites: IndependentSites, holds: Holds, rng: np.ndarray, first: Int, l
     rng = borrowed(rng)
     final = holds.times[holds.times.size - 1]
     for i in range(first, last):
-        if not past(sites.times[i, 0], sites.times[i, 1], final):
-            _follow_site(sites, holds, rng, i)
+        high = sites.times[i, 0]
+        low = sites.times[i, 1]
+        if past(high, low, final):
+            continue
+        forms = fixed_barrier(sites.forming[i])
+        breaks = fixed_barrier(sites.breaking[i]) if sites.breaking.size > 0 else np.int64(0)
+        slower = min(rate(forms, sites.nu, sites.per_unit), rate(breaks, sites.nu, sites.per_unit))
+        hold = 0
+        while not past(high, low, final):
+            while past(high, low, holds.times[hold]):
+                hold += 1
+            bonded = not sites.state[i]
+            sites.state[i] = bonded
+            count_flip(holds.tally, hold, np.int64(bonded))
+            if sites.breaking.size == 0:
+                high = np.inf
+                low = 0.0
+                break
+            span = until(high, low, holds.times[hold])
+            if span * slower > FLICKER:
+                # Many events before the hold time: the state there, and their number, are drawn together.
+                block = SOJOURN_BLOCKS + np.uint64(sites.draws[i] * SOJOURN_DRAWS)
+                begin_sequence(rng, sites.key, STREAM, sites.pixels[i], block)
+                sites.draws[i] += 1
+                here = rate(breaks if bonded else forms, sites.nu, sites.per_unit)
+                there = rate(forms if bonded else breaks, sites.nu, sites.per_unit)
+                _, _, other, out_here, out_there = sojourn(rng, here, there, 0.0, 0.0, span)
+                count_sojourn(holds.tally, hold, np.int64(bonded), out_here, out_there, other)
+                if other:
+                    sites.state[i] = not bonded
+                high = holds.times[hold]
+                low = 0.0
+            high, low = _draw(sites, i, breaks if sites.state[i] else forms, high, low)
+        sites.times[i, 0] = high
+        sites.times[i, 1] = low
 
 
 @jit

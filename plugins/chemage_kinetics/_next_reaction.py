@@ -269,16 +269,6 @@ def _drop_around(queue: Queue, size: Int, i: Int, neighbours: np.ndarray) -> Int
 
 
 @inner
-def _offer_around(queue: Queue, size: Int, i: Int, neighbours: np.ndarray, grid: Buckets, present: Int) -> Int:
-    """Enter site i and its neighbours in the queue; returns the size of the heap."""
-    for s in range(-1, neighbours.shape[1]):
-        j = np.int64(neighbours[i, s]) if s >= 0 else i
-        if j >= 0:
-            size = offer(queue, size, j, grid, present)
-    return size
-
-
-@inner
 def _end_aside(
     run: NextReactionRun,
     i: Int,
@@ -300,15 +290,12 @@ def _end_aside(
         span = min(span, (queue.keys[0, 0] - high) + (queue.keys[0, 1] - low))
     if span * min(chain.here, chain.there) >= FLICKER:
         _stay(run, i, high, low, span, limit, chain, hold)
-    return _offer_around(queue, size, i, run.sites.model.neighbours, grid, present)
-
-
-@hot
-def _flickers(chain: FlickerRates, span: Float) -> bool:
-    """Whether a site changes its state far more often than anything happens around it, and often within ``span``
-    seconds; what is fast around one of its states does not count where it leaves that state faster still."""
-    rarely = FLICKER * chain.around_here <= chain.here and FLICKER * chain.around_there <= chain.there
-    return rarely and span * min(chain.here, chain.there) >= FLICKER
+    neighbours = run.sites.model.neighbours
+    for s in range(-1, neighbours.shape[1]):
+        j = np.int64(neighbours[i, s]) if s >= 0 else i
+        if j >= 0:
+            size = offer(queue, size, j, grid, present)
+    return size
 
 
 # -- patches -------------------------------------------------------------------------------------------------------
@@ -381,7 +368,10 @@ def follow(run: NextReactionRun, first: Int, last: Int, superbasins: bool | None
                 size = _event(run, i, high, low, hold, size, grid, present)
                 here = site_rate(i, sites.words, sites.model)
                 chain = FlickerRates(here, there, rate_around(i, sites), around_there)
-                if _flickers(chain, until(high, low, hold_times[hold])):
+                # far more often than anything happens around it; what is fast around one of its states does not count
+                # where it leaves that state faster still
+                rarely = FLICKER * chain.around_here <= here and FLICKER * around_there <= there
+                if rarely and until(high, low, hold_times[hold]) * min(here, there) >= FLICKER:
                     aside = i
                     size = _drop_around(queue, size, i, sites.model.neighbours)
     return last

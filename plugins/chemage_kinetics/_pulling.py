@@ -176,22 +176,17 @@ def _rate_at(i: Int, run: PullRun, stretch: Float) -> Float:
 
 
 @hot
-def _times(a: Float, count: Int) -> tuple[Float, Float]:
-    """The product of a double and a whole number below 2**26, exactly, as a pair."""
-    scaled = 134217729.0 * a
-    top = scaled - (scaled - a)
-    product = a * count
-    return product, (top * count - product) + (a - top) * count
-
-
-@hot
 def _load(run: PullRun) -> Float:
     """The force of all bonds, nN."""
     counts, reals = run.counts, run.reals
     if counts[BONDS] == 0:
         return 0.0
     whole = counts[WINDOW] * counts[BONDS] - counts[SUM_WINDOWS]
-    rest, low = _times(reals[REST], counts[BONDS])
+    # the product of the rest and the number of bonds, which is below 2**26, exactly, as a pair
+    scaled = 134217729.0 * reals[REST]
+    top = scaled - (scaled - reals[REST])
+    rest = reals[REST] * counts[BONDS]
+    low = (top * counts[BONDS] - rest) + (reals[REST] - top) * counts[BONDS]
     rest = (rest - reals[SUM_REST]) + (low - reals[SUM_LOW] + reals[REST_LOW] * counts[BONDS])
     return max(run.bonds.stiffness * (whole * run.bonds.window + rest), 0.0)
 
@@ -234,17 +229,6 @@ def _enlist(i: Int, window: Int, run: PullRun) -> None:
     if first >= 0:
         run.links[first, 1] = i
     run.heads[slot] = i
-
-
-@hot
-def _strike(i: Int, run: PullRun) -> None:
-    after, before = run.links[i, 0], run.links[i, 1]
-    if before >= 0:
-        run.links[before, 0] = after
-    else:
-        run.heads[run.bound[i] & (RING - 1)] = after
-    if after >= 0:
-        run.links[after, 1] = before
 
 
 @hot
@@ -336,36 +320,18 @@ def _note_peak(run: PullRun) -> None:
         reals[PEAK_AT] = reals[MOVED_BEFORE] + (counts[WINDOW] * run.bonds.window + reals[REST])
         reals[PEAK_TIME] = reals[HIGH]
     if counts[FALLING] and force > reals[BOTTOM] + SLIP * reals[PEAK]:
-        _end_slip(run)
+        size = np.int64(0)
+        while (counts[FALLS] >> (size + 1)) > 0:
+            size += 1
+        run.slip_sizes[size] += 1
+        counts[SLIPS] += 1
+        reals[LARGEST] = max(reals[LARGEST], reals[TOP] - reals[BOTTOM])
+        counts[FALLING] = 0
         reals[TOP] = force
         counts[FALLS] = 0
     elif not counts[FALLING] and force >= reals[TOP]:
         reals[TOP] = force
         counts[FALLS] = 0
-
-
-@inner
-def _end_slip(run: PullRun) -> None:
-    reals, counts = run.reals, run.counts
-    size = np.int64(0)
-    while (counts[FALLS] >> (size + 1)) > 0:
-        size += 1
-    run.slip_sizes[size] += 1
-    counts[SLIPS] += 1
-    reals[LARGEST] = max(reals[LARGEST], reals[TOP] - reals[BOTTOM])
-    counts[FALLING] = 0
-
-
-@hot
-def _note_fall(run: PullRun) -> None:
-    reals, counts = run.reals, run.counts
-    counts[FALLS] += 1
-    force = _force(run)
-    if not counts[FALLING] and force < reals[TOP] - SLIP * reals[PEAK]:
-        counts[FALLING] = 1
-        reals[BOTTOM] = force
-    if counts[FALLING]:
-        reals[BOTTOM] = min(reals[BOTTOM], force)
 
 
 @hot
@@ -386,19 +352,6 @@ def settle(excess: Float, run: PullRun) -> None:
 
 
 @hot
-def _form(i: Int, run: PullRun) -> None:
-    counts, reals = run.counts, run.reals
-    run.made[i] = counts[WINDOW]
-    run.rest[i] = reals[REST]
-    counts[SUM_WINDOWS] += counts[WINDOW]
-    _two_sum(reals, SUM_REST, reals[REST])
-    counts[BONDS] += 1
-    counts[FORMED] += 1
-    run.words[i] |= 1
-    _bind(i, _least_barrier(_speed(run), run), run)
-
-
-@hot
 def _partner_barrier(key: Key, partners: NewPartners, i: Int, slips: Int) -> Float:
     """The forming barrier of a site (eV) with the partner that it met after so many lost bonds."""
     table = partners.quantiles
@@ -408,19 +361,18 @@ def _partner_barrier(key: Key, partners: NewPartners, i: Int, slips: Int) -> Flo
 
 
 @hot
-def _new_partner(i: Int, run: PullRun) -> None:
-    new = fixed_barrier(_partner_barrier(run.key, run.partners, i, run.slips[i]))
-    run.words[i] += 2 * (new - run.base[i])
-    run.base[i] = new
-
-
-@hot
 def _break(i: Int, run: PullRun) -> None:
     counts, reals = run.counts, run.reals
     stretch = _present_stretch(i, run)
     _note_peak(run)
     _two_sum(reals, LOST, 0.5 * run.bonds.stiffness * stretch * stretch)
-    _strike(i, run)
+    after, before = run.links[i, 0], run.links[i, 1]
+    if before >= 0:
+        run.links[before, 0] = after
+    else:
+        run.heads[run.bound[i] & (RING - 1)] = after
+    if after >= 0:
+        run.links[after, 1] = before
     counts[SUM_WINDOWS] -= run.made[i]
     _two_sum(reals, SUM_REST, -run.rest[i])
     counts[BONDS] -= 1
@@ -430,10 +382,18 @@ def _break(i: Int, run: PullRun) -> None:
     run.words[i] &= ~1
     run.slips[i] += 1
     if run.partners.quantiles.size > 0:
-        _new_partner(i, run)
+        new = fixed_barrier(_partner_barrier(run.key, run.partners, i, run.slips[i]))
+        run.words[i] += 2 * (new - run.base[i])
+        run.base[i] = new
     run.rates.tree[i] = rate(run.words[i] >> 1, run.model.nu, run.model.per_unit)
     settle(-_slack(run) if counts[RESTS] else run.bonds.stiffness * stretch, run)
-    _note_fall(run)
+    counts[FALLS] += 1
+    force = _force(run)
+    if not counts[FALLING] and force < reals[TOP] - SLIP * reals[PEAK]:
+        counts[FALLING] = 1
+        reals[BOTTOM] = force
+    if counts[FALLING]:
+        reals[BOTTOM] = min(reals[BOTTOM], force)
 
 
 @hot
@@ -450,7 +410,15 @@ def _change(i: Int, run: PullRun) -> None:
     if bonded:
         _break(i, run)
     else:
-        _form(i, run)
+        counts, reals = run.counts, run.reals
+        run.made[i] = counts[WINDOW]
+        run.rest[i] = reals[REST]
+        counts[SUM_WINDOWS] += counts[WINDOW]
+        _two_sum(reals, SUM_REST, reals[REST])
+        counts[BONDS] += 1
+        counts[FORMED] += 1
+        run.words[i] |= 1
+        _bind(i, _least_barrier(_speed(run), run), run)
     count = mark(run.rates, i >> 3, np.int64(0))
     for s in range(model.neighbours.shape[1]):
         j = np.int64(model.neighbours[i, s])
@@ -488,16 +456,6 @@ def _sample(run: PullRun, span: Float, hold: Int) -> None:
     run.tallies[hold, 0] = counts[BONDS]
     run.tallies[hold, 1] = counts[FORMED]
     run.tallies[hold, 2] = counts[BROKEN]
-
-
-@hot
-def _to_next_window(run: PullRun) -> Int:
-    """Windows to the next one for which bonds are listed; RING where there is none."""
-    window = run.counts[WINDOW]
-    for ahead in range(1, RING):
-        if run.heads[(window + ahead) & (RING - 1)] >= 0:
-            return np.int64(ahead)
-    return RING
 
 
 @jit
@@ -563,7 +521,10 @@ def advance(run: PullRun, events: Int) -> None:
         step, event = (reals[LEFT] / total if total > 0.0 else np.inf), 0
         edge, ahead = np.inf, RING
         if counts[BONDS] > 0 and speed > 0.0:
-            ahead = _to_next_window(run)
+            # the next window for which bonds are listed
+            ahead = np.int64(1)
+            while ahead < RING and run.heads[(counts[WINDOW] + ahead) & (RING - 1)] < 0:
+                ahead += 1
             edge = max(ahead * run.bonds.window - reals[REST] - reals[REST_LOW], 0.0) / speed
         if edge < step:
             step, event = edge, 1

@@ -43,7 +43,8 @@ SCALE = np.ldexp(1.0, -np.arange(CLASSES))
 #: Columns of the slots array: how many a class has, and by how many at a time that changes (a power of two).
 SLOTS, STEP = 0, 1
 
-_PLACE = np.int64(0xFFFFFFFF)
+#: The part of a record that is the place among the members.
+PLACE = np.int64(0xFFFFFFFF)
 
 
 class Classes(NamedTuple):
@@ -279,7 +280,7 @@ def remove(i: Int, classes: Classes) -> Int:
     begin = classes.first[c]
     last = classes.counts[c] - 1
     moved = np.int64(classes.arena[begin + last])
-    classes.arena[begin + (slot & _PLACE)] = moved
+    classes.arena[begin + (slot & PLACE)] = moved
     records[moved, 1] = slot
     records[i, 1] = 0
     _recount(c, last, classes)
@@ -297,13 +298,6 @@ def insert(i: Int, c: Int, classes: Classes) -> None:
     classes.arena[classes.first[c] + count] = i
     classes.records[i, 1] = ((c + 1) << 32) | count
     _recount(c, count + 1, classes)
-
-
-@hot
-def prefetch_place(i: Int, classes: Classes) -> None:
-    """Prefetch the entry of site i, which is in a class, in the list of members."""
-    slot = classes.records[i, 1]
-    prefetch(classes.arena, classes.first[(slot >> 32) - 1] + (slot & _PLACE))
 
 
 @hot
@@ -373,12 +367,6 @@ def select_class(target: Float, classes: Classes) -> Int:
                 break
             target -= w
     return chosen
-
-
-@inner
-def select_class_cold(target: Float, classes: Classes) -> Int:
-    """`select_class`, as a function of its own, to be compiled once."""
-    return select_class(target, classes)
 
 
 @inner

@@ -87,7 +87,11 @@ class SiteRates(NamedTuple):
 
 def empty_rates(sites: int, slots: int, listing: bool) -> SiteRates:
     """Memory for the rates of ``sites`` sites with ``slots`` neighbours each; see `fill`."""
-    starts = _levels(sites)
+    ends, width = [0], max(sites, 1)
+    while width > 1 or len(ends) == 1:
+        width = -(-width // WAYS)
+        ends.append(ends[-1] + width * WAYS)
+    starts = np.array(ends, np.int64)
     rates = _aligned(int(ROOM) + 8)
     rates[:] = 0.0
     return SiteRates(
@@ -99,17 +103,6 @@ def empty_rates(sites: int, slots: int, listing: bool) -> SiteRates:
         dirty=np.empty(slots + 1, np.int64),
         listing=listing,
     )
-
-
-def _levels(sites: int) -> np.ndarray:
-    starts = [0]
-    width = max(sites, 1)
-    while True:
-        blocks = -(-width // WAYS)
-        starts.append(starts[-1] + blocks * WAYS)
-        if blocks == 1:
-            return np.array(starts, np.int64)
-        width = blocks
 
 
 def _aligned(size: int) -> np.ndarray:
@@ -317,12 +310,6 @@ def select(rates: SiteRates, target: Float, v: Float) -> Int:
     return _node(rates, target, v, 0)[0]
 
 
-@inner
-def select_cold(rates: SiteRates, target: Float) -> Int:
-    """`select` with a single random number; a function of its own, to be compiled once."""
-    return select(rates, target, 0.0)
-
-
 @hot
 def select_listed(rates: SiteRates, target: Float) -> Int:
     """The position in the list at which the running sum of rates passes ``target``."""
@@ -347,34 +334,21 @@ STREAM = STREAMS["rejection-free"]
 OF_EVENT, OF_SELECTION, OF_SOJOURN = np.int64(0), np.int64(1), np.uint64(2)
 
 
-class System(NamedTuple):
-    """The lattice in its present state."""
+class RejectionFreeRun(NamedTuple):
+    """Everything a run consists of; its arrays carry the state from call to call."""
 
+    key: Key
+    holds: Holds
     model: KineticModel
     words: np.ndarray
     """(n,) int64, see `_common`"""
     rates: SiteRates
     near: np.ndarray
     """(k, 2) int64 scratch: unbonded neighbours of the present site, and their barriers"""
-
-
-class Predictions(NamedTuple):
-    """Predicted selections; scratch arrays."""
-
-    key: Key
     draws: np.ndarray
-    """(RING, 3) float64: two random numbers of each selection, and what is left of its target"""
+    """(RING, 3) float64 scratch: two random numbers of each predicted selection, and what is left of its target"""
     spots: np.ndarray
-    """(RING,) int64: the node that each selection has reached"""
-
-
-class RejectionFreeRun(NamedTuple):
-    """Everything a run consists of; its arrays carry the state from call to call."""
-
-    key: Key
-    holds: Holds
-    system: System
-    ahead: Predictions
+    """(RING,) int64 scratch: the node that each of these has reached"""
     rng: np.ndarray
     """(5,) uint64 scratch, see `_common`"""
     clock: np.ndarray
@@ -384,119 +358,94 @@ class RejectionFreeRun(NamedTuple):
     number of the next selection DRAWN from the tree"""
 
 
-def new_run(
-    key: Key, holds: Holds, model: KineticModel, words: np.ndarray, rates: SiteRates, time: float
-) -> RejectionFreeRun:
-    """A run that starts at ``time`` (s); events and selections are counted from 0."""
-    counters = np.zeros(5, np.int64)
-    counters[LAST] = -1
-    return RejectionFreeRun(
-        key=key,
-        holds=holds,
-        system=System(model, words, rates, near=np.empty((model.neighbours.shape[1], 2), np.int64)),
-        ahead=Predictions(key, draws=np.zeros((RING, 3)), spots=np.zeros(RING, np.int64)),
-        rng=np.empty(5, np.uint64),
-        clock=np.array([time, 0.0]),
-        counters=counters,
-    )
-
-
 @hot
-def _draw(ahead: Predictions, drawn: Int) -> None:
+def _draw(run: RejectionFreeRun, drawn: Int) -> None:
     """The two random numbers that select the ``drawn``-th site from the tree."""
     slot = drawn & (RING - 1)
-    ahead.draws[slot, 0], ahead.draws[slot, 1] = random.uniform_pair(
-        ahead.key.k0, ahead.key.k1, STREAM, drawn, OF_SELECTION
-    )
+    run.draws[slot, 0], run.draws[slot, 1] = random.uniform_pair(run.key.k0, run.key.k1, STREAM, drawn, OF_SELECTION)
 
 
 @hot
-def _begin(ahead: Predictions, rates: SiteRates, total: Float, slot: Int) -> None:
-    """First stage of predicting a selection: down to the last level but two."""
-    node, target = _node(rates, ahead.draws[slot, 0] * total, ahead.draws[slot, 1], 2)
-    ahead.spots[slot] = node
-    ahead.draws[slot, 2] = target
-    prefetch(rates.tree, rates.starts[1] + 8 * node)
-
-
-@hot
-def _look_ahead(ahead: Predictions, system: System, drawn: Int, total: Float) -> None:
+def _look_ahead(run: RejectionFreeRun, drawn: Int, total: Float) -> None:
     """Prefetch the memory of the next predicted events; a wrong prediction costs time and changes nothing.
 
     Four selections ahead the sums above the leaves, three ahead the leaves, two ahead the site's own rows, one ahead
     its neighbours: each stage finds in cache what the stage before has prefetched.
     """
-    tree = system.rates.tree
-    above = system.rates.starts[1]
-    _draw(ahead, drawn + 4)
-    _begin(ahead, system.rates, total, (drawn + 4) & (RING - 1))
+    tree = run.rates.tree
+    above = run.rates.starts[1]
+    _draw(run, drawn + 4)
+    slot = (drawn + 4) & (RING - 1)
+    node, run.draws[slot, 2] = _node(run.rates, run.draws[slot, 0] * total, run.draws[slot, 1], 2)
+    run.spots[slot] = node
+    prefetch(tree, above + 8 * node)
 
     slot = (drawn + 3) & (RING - 1)
-    node = ahead.spots[slot]
-    child, ahead.draws[slot, 2] = descend(tree, above + 8 * node, ahead.draws[slot, 2])
-    ahead.spots[slot] = 8 * node + child
-    prefetch(tree, 8 * ahead.spots[slot])
+    node = run.spots[slot]
+    child, run.draws[slot, 2] = descend(tree, above + 8 * node, run.draws[slot, 2])
+    run.spots[slot] = 8 * node + child
+    prefetch(tree, 8 * run.spots[slot])
 
     slot = (drawn + 2) & (RING - 1)
-    node = ahead.spots[slot]
-    node = min(8 * node + descend(tree, 8 * node, ahead.draws[slot, 2])[0], system.words.size - 1)
-    ahead.spots[slot] = node
-    prefetch_site(node, system.words, system.model)
+    node = run.spots[slot]
+    node = min(8 * node + descend(tree, 8 * node, run.draws[slot, 2])[0], run.words.size - 1)
+    run.spots[slot] = node
+    prefetch_site(node, run.words, run.model)
 
-    node = ahead.spots[(drawn + 1) & (RING - 1)]
-    for s in range(system.model.neighbours.shape[1]):
-        j = np.int64(system.model.neighbours[node, s])
+    node = run.spots[(drawn + 1) & (RING - 1)]
+    for s in range(run.model.neighbours.shape[1]):
+        j = np.int64(run.model.neighbours[node, s])
         if j >= 0:
-            prefetch(system.words, j)
+            prefetch(run.words, j)
             prefetch_leaf(tree, above, j)
 
 
 @hot
-def _shift(system: System, i: Int) -> Int:
+def _shift(run: RejectionFreeRun, i: Int) -> Int:
     """Change the state of site i and the energies of its neighbours; returns how many unbonded ones ``near`` lists.
 
     The neighbours' lines are all prefetched in this short loop, so that their latencies overlap; the next loop, long
     with exponentials, finds them in cache.
     """
-    above = system.rates.starts[1]
-    word = system.words[i] ^ 1
-    system.words[i] = word
+    above = run.rates.starts[1]
+    word = run.words[i] ^ 1
+    run.words[i] = word
     sign = 2 if word & 1 else -2
     found = 0
-    for s in range(system.model.neighbours.shape[1]):
-        j = np.int64(system.model.neighbours[i, s])
+    for s in range(run.model.neighbours.shape[1]):
+        j = np.int64(run.model.neighbours[i, s])
         if j >= 0:
-            prefetch_leaf(system.rates.tree, above, j)
-            word = system.words[j] + sign * fixed_coupling(system.model.coupling[i, s])
-            system.words[j] = word
+            prefetch_leaf(run.rates.tree, above, j)
+            word = run.words[j] + sign * fixed_coupling(run.model.coupling[i, s])
+            run.words[j] = word
             if word & 1 == 0:
-                system.near[found, 0] = j
-                system.near[found, 1] = word >> 1
+                run.near[found, 0] = j
+                run.near[found, 1] = word >> 1
                 found += 1
     return found
 
 
 @hot
-def _update(system: System, i: Int, found: Int) -> Float:
+def _update(run: RejectionFreeRun, i: Int, found: Int) -> Float:
     """New rates of site i and of the ``found`` sites in ``near``, and all sums above; returns the tree's total."""
-    fast = threshold(system.rates)
+    fast = threshold(run.rates)
     count = np.int64(0)
     for s in range(-1, found):
         if s < 0:
             j = i
-            value = site_rate(i, system.words, system.model)
+            value = site_rate(i, run.words, run.model)
         else:
-            j = system.near[s, 0]
-            value = rate(system.near[s, 1], system.model.nu, system.model.per_unit)
-        settle(j, value, fast, system.rates)
-        count = mark(system.rates, j >> 3, count)
-    return refresh(system.rates, count)
+            j = run.near[s, 0]
+            value = rate(run.near[s, 1], run.model.nu, run.model.per_unit)
+        settle(j, value, fast, run.rates)
+        count = mark(run.rates, j >> 3, count)
+    return refresh(run.rates, count)
 
 
 @inner
-def _flip(system: System, i: Int) -> None:
+def _flip(run: RejectionFreeRun, i: Int) -> None:
     """Form or break the bond of site i: new energies and rates around it."""
-    _update(system, i, _shift(system, i))
+    _update(run, i, _shift(run, i))
 
 
 @inner
@@ -508,8 +457,7 @@ def _dwell(
     Returns the clock and the site of the last event.
     """
     run = borrowed(run)
-    system = run.system
-    rates = system.rates
+    rates = run.rates
     tally = run.holds.tally
     limit = run.holds.times[hold]
     rate_here = rate_of(i, rates)
@@ -520,14 +468,14 @@ def _dwell(
     spent, exited, other, out_here, out_there = sojourn(
         run.rng, rate_here, rate_back, leave_here, leave_back, until(high, low, limit)
     )
-    count_sojourn(tally, hold, system.words[i], out_here, out_there, other)
+    count_sojourn(tally, hold, run.words[i], out_here, out_there, other)
     if exited:
         high, low = later(high, low, spent)
     if not exited or past(high, low, limit):
         high = limit
         low = 0.0
     if other:
-        _flip(system, i)
+        _flip(run, i)
         rate_here = rate_of(i, rates)
         leave_here = set_aside(i, rates)
     if not exited:
@@ -537,28 +485,26 @@ def _dwell(
     if target < list_total(rates):
         j = rates.sites[select_listed(rates, target)]
     else:
-        j = select_cold(rates, two_uniforms(run.rng)[0] * tree_total(rates))
+        j = select(rates, two_uniforms(run.rng)[0] * tree_total(rates), 0.0)
     put_back(i, rate_here, rates)
-    _flip(system, j)
-    count_flip(tally, hold, system.words[j])
+    _flip(run, j)
+    count_flip(tally, hold, run.words[j])
     return high, low, j
 
 
 @hot
-def _select(
-    ahead: Predictions, system: System, v: Float, drawn: Int, total: Float, listed: Float
-) -> tuple[Int, Float, Int]:
+def _select(run: RejectionFreeRun, v: Float, drawn: Int, total: Float, listed: Float) -> tuple[Int, Float, Int]:
     """Select the site of an event, ``v`` uniform on (0, 1); returns the site, its rate, and selections drawn so far."""
-    rates = system.rates
+    rates = run.rates
     v *= total + listed
     if v < listed:
         h = select_listed(rates, v)
         return rates.sites[h], rates.rates[h], drawn
     w = 0.0
     if rates.listing:
-        _look_ahead(ahead, system, drawn, total)
-        v = ahead.draws[drawn & (RING - 1), 0] * total
-        w = ahead.draws[drawn & (RING - 1), 1]
+        _look_ahead(run, drawn, total)
+        v = run.draws[drawn & (RING - 1), 0] * total
+        w = run.draws[drawn & (RING - 1), 1]
     i = select(rates, v, w)
     return i, rates.tree[i], drawn + 1
 
@@ -570,7 +516,6 @@ def advance(run: RejectionFreeRun, superbasins: bool | None, events: Int) -> Non
     superbasins: True or None, so that the two-state chain is compiled only where it is used.
     """
     run = borrowed(run)
-    system = run.system
     times = run.holds.times
     final = times[times.size - 1]
     high = run.clock[HIGH]
@@ -579,13 +524,13 @@ def advance(run: RejectionFreeRun, superbasins: bool | None, events: Int) -> Non
     drawn = run.counters[DRAWN]
     hold = run.counters[HOLD]
     last = run.counters[LAST]
-    total = tree_total(system.rates)
+    total = tree_total(run.rates)
     done = False
-    if system.rates.listing:
+    if run.rates.listing:
         for e in range(drawn, drawn + 4):
-            _draw(run.ahead, e)
+            _draw(run, e)
     while events > 0:
-        listed = list_total(system.rates)
+        listed = list_total(run.rates)
         if total + listed <= 0.0:
             done = True
             break
@@ -602,21 +547,21 @@ def advance(run: RejectionFreeRun, superbasins: bool | None, events: Int) -> Non
         low = next_low
         while past(high, low, times[hold]):
             hold += 1
-        i, rate_back, drawn = _select(run.ahead, system, v, drawn, total, listed)
+        i, rate_back, drawn = _select(run, v, drawn, total, listed)
         event += 1
         events -= 1
 
         leave_back = np.inf
-        if superbasins is not None and i == last and system.model.breaking.size > 0:
+        if superbasins is not None and i == last and run.model.breaking.size > 0:
             # Two events in a row on this site: at what total rate could anything else have happened?
-            leave_back = set_aside(i, system.rates)
-        total = _update(system, i, _shift(system, i))
-        count_flip(run.holds.tally, hold, system.words[i])
+            leave_back = set_aside(i, run.rates)
+        total = _update(run, i, _shift(run, i))
+        count_flip(run.holds.tally, hold, run.words[i])
         last = i
         if superbasins is not None and leave_back * FLICKER < rate_back:
             begin_sequence(run.rng, run.key, STREAM, event - 1, OF_SOJOURN)
             high, low, last = _dwell(run, i, high, low, hold, rate_back, leave_back)
-            total = tree_total(system.rates)
+            total = tree_total(run.rates)
     run.clock[HIGH] = high
     run.clock[LOW] = low
     run.counters[EVENT] = event

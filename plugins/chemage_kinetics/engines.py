@@ -14,7 +14,7 @@ from chemage_kinetics import _bkl, _independent, _next_reaction, _rejection_free
 from chemage_kinetics._bkl import BklRun
 from chemage_kinetics._common import DONE, DRAWN, EVENT, LAST, Holds, patches_of
 from chemage_kinetics._driver import SLICE, Job, bonded, expected_cost, run_pieces
-from chemage_kinetics._event_queue import new_order, new_queue
+from chemage_kinetics._event_queue import MOST_BUCKETS, Order, new_queue
 from chemage_kinetics._rate_classes import members, new_classes
 from chemage_kinetics._rejection_free import ROOM, RejectionFreeRun, empty_rates, fill, relist
 
@@ -140,6 +140,7 @@ class EventEngine(KernelEngine, FlickerEngine):
             counters[LAST] = job.resume.site("last")
         else:
             counters[EVENT] += 1  # the random numbers of the pending event are used up
+            counters[LAST] = -1
         while not counters[DONE]:
             advance(run, self.superbasins or None, SLICE)
         return {"clock": run.clock, **{name: counters[[place]] for name, place in (("last", LAST), *counted)}}
@@ -160,7 +161,19 @@ class RejectionFree(EventEngine):
         words = job.words()
         rates = empty_rates(words.size, job.model.neighbours.shape[1], listing=words.size >= _rejection_free.FAR)
         fill(words, job.model, rates)
-        run = _rejection_free.new_run(job.key, job.holds, job.model, words, rates, job.time)
+        run = RejectionFreeRun(
+            key=job.key,
+            holds=job.holds,
+            model=job.model,
+            words=words,
+            rates=rates,
+            near=np.empty((job.model.neighbours.shape[1], 2), np.int64),
+            draws=np.zeros((_rejection_free.RING, 3)),
+            spots=np.zeros(_rejection_free.RING, np.int64),
+            rng=np.empty(5, np.uint64),
+            clock=np.array([job.time, 0.0]),
+            counters=np.zeros(5, np.int64),
+        )
         if job.resume is not None:
             fast = job.resume.chosen("fast", int(ROOM) if rates.listing else 0)
             if fast.size:
@@ -185,7 +198,18 @@ class BKL(EventEngine):
         words = job.words()
         order, counts = (None, None) if resume is None else resume.members(words, job.model)
         classes = new_classes(words, job.model, order, counts)
-        run = _bkl.new_run(job.key, job.holds, classes, job.time)
+        run = BklRun(
+            key=job.key,
+            holds=job.holds,
+            classes=classes,
+            draws=np.empty((_bkl.RING, 4)),
+            spots=np.zeros(_bkl.RING, np.int64),
+            predicting=words.size >= _bkl.FAR,
+            near=np.empty((job.model.neighbours.shape[1] + 1, 2), np.int64),
+            rng=np.empty(5, np.uint64),
+            clock=np.array([job.time, 0.0]),
+            counters=np.zeros(4, np.int64),
+        )
         done = self._advanced(job, run, _bkl.advance, ("event", EVENT))
         state = bonded(np.ascontiguousarray(classes.records[:, 0]))
         return job.history(state, members=members(classes), counts=classes.counts, **done)
@@ -219,7 +243,7 @@ class NextReaction(EventEngine, ThreadedEngine):
                 sites=sites,
                 holds=Holds(job.times, tally),
                 queue=new_queue(times, spot, most, float(job.times[-1])),
-                order=new_order(order, starts, most),
+                order=Order(order, starts, np.empty(MOST_BUCKETS + 2, np.int64), np.empty(most, np.int32)),
                 sooner=np.empty(job.model.neighbours.shape[1], np.int64),
                 rng=np.empty(5, np.uint64),
             )

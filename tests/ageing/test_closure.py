@@ -287,7 +287,7 @@ def test_a_table_is_made_once_and_kept(small_tables, monkeypatch):
     first = aged(uniform(1.7), interacting(), progress=lambda k, n: done.append((k, n)))
     assert done[-1][0] == done[-1][1] > 1
     monkeypatch.setattr("chemage_ageing.closure._tables", {})  # another process
-    monkeypatch.setattr(_table, "compute", lambda *_: pytest.fail("computed again"))
+    monkeypatch.setattr(_table.Setting, "nodes", lambda *_: pytest.fail("computed again"))
     again = aged(uniform(1.7), interacting())
     np.testing.assert_array_equal(again.bonds, first.bonds)
     assert again == first

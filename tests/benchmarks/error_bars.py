@@ -410,7 +410,9 @@ def closure_table(rng: np.random.Generator, trials: int) -> Iterable[Held]:
     nodes = []
     for seed in rng.integers(2**31, size=count):
         engine = ca.engine("next-reaction")
-        nodes.append(_table._node(_table.Setting(chemistry, engine, 300.0, 0.4518, 8, (0, 4), 0.02, int(seed)), 2))
+        nodes.append(
+            _table._Samples(_table.Setting(chemistry, engine, 300.0, 0.4518, 8, (0, 4), 0.02, int(seed)), 2).enough()
+        )
     for what, neighbours in (("inside", 8), ("rim", 5)):
         values, errors = (np.array([getattr(one, name)[neighbours] for one in nodes]) for name in ("change", "error"))
         others = (values.sum(axis=0) - values) / (count - 1)

@@ -14,14 +14,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from flickering import chance_of, evolved_with_events, held, random_hold
+from flickering import chance_of, held, random_hold
 from scipy import stats
 from scipy.linalg import expm
 
 import chemage
 from chemage import ReactionLattice
 from chemage.plugin import KB, registry
-from chemage.testing.checks import option_variants
+from chemage.testing.checks import Checks
 from chemage.testing.small_systems import Group, barrier, coupled, evolved
 
 CHANCE = 1e-5
@@ -312,7 +312,7 @@ def test_the_master_equation_is_solved_to_the_last_digits_over_sixty_decades(see
     rates, pair, nu = 10.0 ** rng.uniform(-30.0, 30.0, 4), float(np.float32(rng.normal(0.0, 0.3))), 1e40
     barriers = tuple(barrier(rate, nu=nu) for rate in rates)
     generator = Group(barriers[:2], barriers[2:], ((0.0, pair), (pair, 0.0))).generator(nu=nu)
-    assert np.allclose(evolved(generator, 3.0), exactly(generator, 3.0), rtol=1e-12, atol=1e-280)
+    assert np.allclose(evolved(generator, 3.0)[0], exactly(generator, 3.0), rtol=1e-12, atol=1e-280)
 
 
 def test_the_mean_numbers_of_events_are_integrals_over_the_master_equation():
@@ -321,9 +321,7 @@ def test_the_mean_numbers_of_events_are_integrals_over_the_master_equation():
     augmented = np.pad(generator, (0, 1))
     augmented[-1, :-1] = leaving
     for time in (0.01, 1.0, 40.0):
-        assert np.allclose(
-            evolved_with_events(generator, leaving[:, None], time)[1][:, 0], expm(augmented * time)[-1, :-1], 1e-10
-        )
+        assert np.allclose(evolved(generator, time, leaving[:, None])[1][:, 0], expm(augmented * time)[-1, :-1], 1e-10)
 
 
 #: rows and columns of random lattices, in turn
@@ -347,7 +345,7 @@ def test_random_lattices_follow_the_master_equation_with_every_option(kind, numb
         monkeypatch.setattr(f"chemage_kinetics.{kernel}.FAR", far)
     monkeypatch.setattr("chemage_kinetics.engines.PIECE", 1)  # so that threads share few sites
     chances = []
-    for at, (what, engine) in enumerate(option_variants(chemage.engine(kind))):
+    for at, (what, engine) in enumerate(Checks(chemage.engine(kind)).option_variants()):
         fast = getattr(engine, "superbasins", False)
         for number in numbers:
             hold = random_hold(number, *SHAPES[number % len(SHAPES)], flips=1e25 if fast and number % 2 else 60.0)

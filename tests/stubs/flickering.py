@@ -11,61 +11,14 @@ from typing import Any
 import numpy as np
 
 from chemage.plugin import KB
-from chemage.testing.small_systems import Group, barrier, states
-
-
-def evolved_with_events(generator: np.ndarray, rates: np.ndarray, time: float) -> tuple[np.ndarray, np.ndarray]:
-    """The master equation solved as by the kit, with the events: for rates over any number of decades.
-
-    Parameters
-    ----------
-    generator
-        (n, n), 1/s: the rate from state j to state i; columns sum to 0.
-    rates
-        (n, k), 1/s: how often each of k kinds of events happens in each state.
-    time
-        s.
-
-    Returns
-    -------
-    (n, n) probability of state i at the end from state j, and (n, k) mean number of events from each state.
-
-    Scaling and squaring, in which nothing is ever subtracted: the series of uniformization for a time in which hardly
-    anything happens (Jensen 1953), then squares of a matrix of probabilities whose columns are normalised each time. A
-    diagonal near 1 follows from the small entries beside it, so each rate keeps its relative accuracy beside others 60
-    decades faster (compare Xue and Ye, Math. Comp. 82, 1577 (2013)); the usual exponential loses it.
-    """
-    fastest = float(-generator.diagonal().min(initial=0.0))
-    identity = np.eye(generator.shape[0])
-    if fastest * time == 0.0:
-        return identity, rates * time
-    doublings = max(math.ceil(math.log2(fastest) + math.log2(time)), 0)
-    span = math.ldexp(time, -doublings)
-    steps = fastest * span
-    jumps = np.where(identity == 1.0, np.maximum(1.0 + generator / fastest, 0.0), generator / fastest)
-    power = chances = so_far = identity  # the k-th power of the jumps, and the sum of those before
-    waits = np.zeros_like(identity)
-    weight = 1.0
-    for k in range(1, 22):
-        weight *= steps / k
-        waits = waits + weight * so_far
-        power = jumps @ power
-        chances = chances + weight * power
-        so_far = so_far + power
-    chances = chances / chances.sum(axis=0)
-    events = span * ((waits / waits.sum(axis=0)).T @ rates)
-    for _ in range(doublings):
-        events = events + chances.T @ events
-        chances = chances @ chances
-        chances /= chances.sum(axis=0)
-    return chances, events
+from chemage.testing.small_systems import Group, barrier, evolved, states
 
 
 def solution(group: Group, time: float, temperature: float, start: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """Probability of every state after ``time`` s, (2**m,), and the mean number of events of each site, (m,)."""
     generator = group.generator(temperature)
     states, site = np.arange(generator.shape[0]), np.arange(len(group.forming))
-    chances, events = evolved_with_events(generator, generator[states[:, None] ^ 1 << site, states[:, None]], time)
+    chances, events = evolved(generator, time, generator[states[:, None] ^ 1 << site, states[:, None]])
     return chances[:, start], events[start]
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from chemage.ageing.display import ON_ONE_SURFACE
-from chemage.ageing.fitting import DROPS, short_doubt, span_text
+from chemage.ageing.fitting import DROPS, span_text
 from chemage.foundation.figures import BLUE, GREY, ORANGE, from_zero, legend, plain
 from chemage.foundation.names import __version__
 from chemage.foundation.quantities import HOLD_TIME, Curve, Quantity, Rank
@@ -218,7 +218,7 @@ class EnsembleDisplay(OfRecord[Ensemble]):
             x = np.log10(times[fitted])
             line = mean[fitted].mean() + beta.value * (x - x.mean())
             text = f"{beta.short()} per decade (line, {span_text(ensemble.quantities.span)})"
-            text += f"\n{short_doubt(ensemble.quantities.doubt)}" * bool(ensemble.quantities.doubt)
+            text += f"\n{ensemble.quantities.doubt.partition(';')[0]}" * bool(ensemble.quantities.doubt)
             axes.plot(times[fitted], line, color=ORANGE, lw=1.2, zorder=3, label=plain(text))
         drop = DROPS["friction_coefficient_drop" if ensemble.load > 0 else "friction_drop"]
         axes.set(xscale="log", xlabel=HOLD_TIME.axis, ylabel=drop.axis)

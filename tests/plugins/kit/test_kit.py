@@ -15,7 +15,7 @@ from kit_examples import Bed, Breaking, Chain, Count, Csv, Flat, Shell, White, m
 import chemage as ca
 from chemage import InputError, testing
 from chemage.plugin import Component, registry
-from chemage.testing.checks import CHECKS, LAST
+from chemage.testing.checks import CHECKS
 
 REFERENCES: list[Component] = [Flat(), White(), Chain(), Shell(), Breaking(), Count(), Csv(), Bed()]
 
@@ -83,10 +83,9 @@ def test_an_exception_of_the_component_is_a_failure_of_the_check():
 
 
 def test_every_check_says_what_it_requires():
-    for functions in (*CHECKS.values(), LAST):
-        for function in functions:
-            requirement = testing.Check("", function, {}).requirement
-            assert requirement.endswith("."), function.__name__
+    for of in {one for classes in CHECKS.values() for one in classes}:
+        for name in of.names():
+            assert testing.Check(name, of, {}).requirement.endswith("."), name
 
 
 def test_every_promise_is_broken_somewhere():
