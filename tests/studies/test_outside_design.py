@@ -1,0 +1,152 @@
+"""A design of a third party's package asks for runs, on any executor and with a folder, and brings its command.
+
+The package is ``tests/stubs/chemage_bisection.py``, installed like any other.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import chemage_bisection
+import numpy as np
+import pytest
+from chemage_bisection import Bisection
+
+import chemage as ca
+from chemage import plugin
+from chemage.plugin import registry
+
+SOURCE = Path(chemage_bisection.__file__)
+BETA = 0.8
+
+
+@pytest.fixture(autouse=True)
+def installed():
+    with registry.using(registry.Registry()) as plugins:
+        plugins.register(chemage_bisection, "bisection")
+        yield plugins
+
+
+def scene(**changes):
+    return ca.load_scene("silica-tip", {"hold.replicas": 3, "contact.load": "50 nN", **changes})
+
+
+class Counted(Bisection):
+    """Counts what was computed and what was there, and may be interrupted."""
+
+    def __init__(self, *arguments, stop=1000):
+        super().__init__(*arguments)
+        self.computed, self.kept, self.stop = [], [], stop
+
+    def tell(self, task, outcome):
+        super().tell(task, outcome)
+        (self.kept if outcome.kept else self.computed).append(task.changes["contact.load"])
+        if len(self.computed) == self.stop:
+            raise KeyboardInterrupt
+
+
+@pytest.fixture(scope="module")
+def found():
+    design = Counted(scene(), BETA, 10.0, 1000.0)
+    plugin.carry_out(design)
+    return design
+
+
+def test_it_is_short():
+    assert len(SOURCE.read_text("utf-8").splitlines()) <= 60
+
+
+def test_it_is_found_by_its_entry_point(site, command):
+    files = {"chemage_bisection.py": SOURCE.read_text("utf-8")}
+    site.install("chemage-bisection", files, {"bisection": "chemage_bisection"})
+    with registry.using(site.registry()):
+        assert "Find the load at which β" in command("bisect", "--help").out
+
+
+def test_the_load_is_where_a_sweep_around_it_has_it(found, tmp_path):
+    around = [found.load * factor for factor in (0.8, 0.9, 1.1, 1.25)]
+    swept = ca.sweep(scene(), tmp_path / "around", axes={"contact.load": around})
+    betas = [point.summary["beta"] for point in swept]
+    assert betas == sorted(betas, reverse=True)
+    assert np.interp(-BETA, np.negative(betas), around) == pytest.approx(found.load, rel=0.05)
+    assert found.betas[10.0] == ca.run(scene(**{"contact.load": 10.0})).summary()["beta"]
+
+
+@pytest.mark.parametrize("executor", ["threads", "processes", ThreadPoolExecutor])
+def test_where_it_is_computed_changes_nothing(found, executor, tmp_path):
+    design = Counted(scene(), BETA, 10.0, 1000.0)
+    if isinstance(executor, str):
+        plugin.carry_out(design, tmp_path / "kept", executor=executor, workers=2)
+    else:
+        with executor(2) as pool:
+            plugin.carry_out(design, executor=pool)
+    assert design.betas == found.betas
+
+
+def test_an_interrupted_study_goes_on_and_computes_nothing_twice(found, tmp_path):
+    first = Counted(scene(), BETA, 10.0, 1000.0, stop=5)
+    with pytest.raises(KeyboardInterrupt, match=r"5 runs are kept in .*; rerun the same command to resume"):
+        plugin.carry_out(first, tmp_path / "kept")
+    then = Counted(scene(), BETA, 10.0, 1000.0)
+    plugin.carry_out(then, tmp_path / "kept")
+    assert sorted(then.kept) == sorted(first.computed)
+    assert not set(then.computed) & set(first.computed)
+    assert then.betas == found.betas
+    again = Counted(scene(), BETA, 10.0, 1000.0)
+    plugin.carry_out(again, tmp_path / "kept", executor="processes")
+    assert again.computed == []
+    other = Counted(scene(**{"hold.seed": 9}), BETA, 10.0, 1000.0)
+    plugin.carry_out(other, tmp_path / "kept")
+    assert other.kept == []
+
+
+def test_what_fails_is_raised_where_it_is_used(installed):
+    class Heavy:
+        @plugin.hookimpl
+        def chemage_run_kinetics(self, contact):
+            if contact.load > 500:
+                raise ca.InputError("load: too heavy")
+
+    installed.register(Heavy(), "heavy")
+    with pytest.raises(ca.InputError, match="load: too heavy"):
+        plugin.carry_out(Bisection(scene(), BETA, 10.0, 1000.0))
+
+    class Careful(Bisection):
+        failed = ()
+
+        def tell(self, task, outcome):
+            if outcome.error is not None:
+                self.failed, self.high = (task.changes["contact.load"],), 400.0
+                return
+            super().tell(task, outcome)
+
+    careful = Careful(scene(), BETA, 10.0, 1000.0)
+    plugin.carry_out(careful)
+    assert careful.failed == (1000.0,)
+    with pytest.raises(ca.InputError, match="contact.load"):
+        plugin.carry_out(Bisection(scene(), BETA, -1.0, 1000.0))
+    with pytest.raises(ca.InputError, match=r"design: must be of Design, got .*; subclass chemage\.plugin\.Design|design"):
+        plugin.carry_out(7)  # pyright: ignore[reportArgumentType]
+
+
+def test_the_command_has_the_options_of_studies(command, found, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    words = ["bisect", "silica-tip", "--beta", BETA, "--between", 10, 1000, "--set", "hold.replicas=3"]
+    done = command(*words, "--folder", "kept", "--json")
+    assert done.status == 0, done.err
+    assert json.loads(done.out) == {"load": found.load, "runs": len(found.betas)}
+    done = command(*words, "--folder", "kept", "--workers", 2)
+    assert done.out == f"load {found.load:.4g} nN\n"
+    shutil.rmtree("kept")
+    done = command(*words, "--executor", "processes", "--json")
+    assert json.loads(done.out)["load"] == found.load
+    done = command(*words[:3], 5, *words[4:])
+    assert done.status == 2
+    assert "beta = 5.0: is not reached: β is" in done.err
+    assert "choose another, or other loads" in done.err
+    done = command(*words, "--executor", "nowhere")
+    assert done.status == 2
+    assert "no such executor" in done.err
