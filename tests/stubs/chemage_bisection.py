@@ -9,15 +9,13 @@ from typing import Annotated
 import typer
 
 from chemage import InputError, load_scene, plugin
-from chemage.plugin import options
 
 
 class Bisection(plugin.Design):
     """The load between ``low`` and ``high`` (nN) at which β is ``beta``, to a part ``within`` of the load."""
 
     def __init__(self, scene, beta, low, high, within=0.01):
-        self.scene, self.beta, self.within = scene, beta, within
-        self.low, self.high = low, high
+        self.scene, self.beta, self.low, self.high, self.within = scene, beta, low, high, within
         self.betas: dict[float, float] = {}
 
     @property
@@ -42,17 +40,17 @@ class Bisection(plugin.Design):
 
 
 def bisect(
-    scene: options.SceneArg,
+    scene: plugin.options.SceneArg,
     beta: Annotated[float, typer.Option(help="β to find, per decade")],
     between: Annotated[tuple[float, float], typer.Option(help="loads between which it is sought, nN")] = (1.0, 1e4),
-    changes: options.SetOpt = None,
-    folder: options.FolderOpt = None,
-    executor: options.ExecutorOpt = None,
-    workers: options.WorkersOpt = None,
-    as_json: options.JsonOpt = False,
+    changes: plugin.options.SetOpt = None,
+    folder: plugin.options.FolderOpt = None,
+    executor: plugin.options.ExecutorOpt = None,
+    workers: plugin.options.WorkersOpt = None,
+    as_json: plugin.options.JsonOpt = False,
 ) -> None:
     """Find the load at which β of a scene has a given value."""
-    design = Bisection(load_scene(scene, options.changed_fields(changes)), beta, *between)
+    design = Bisection(load_scene(scene, plugin.options.changed_fields(changes)), beta, *between)
     plugin.carry_out(design, folder, executor=executor, workers=workers, progress=True)
     print(json.dumps({"load": design.load, "runs": len(design.betas)}) if as_json else f"load {design.load:.4g} nN")
 

@@ -6,12 +6,10 @@ The package is ``tests/stubs/chemage_bisection.py``, installed like any other.
 from __future__ import annotations
 
 import json
-import shutil
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import chemage_bisection
-import numpy as np
 import pytest
 from chemage_bisection import Bisection
 
@@ -31,7 +29,7 @@ def installed():
 
 
 def scene(**changes):
-    return ca.load_scene("silica-tip", {"hold.replicas": 3, "contact.load": "50 nN", **changes})
+    return ca.load_scene("silica-tip", {"hold.replicas": 8, "contact.load": "50 nN", **changes})
 
 
 class Counted(Bisection):
@@ -67,12 +65,13 @@ def test_it_is_found_by_its_entry_point(site, command):
 
 
 def test_the_load_is_where_a_sweep_around_it_has_it(found, tmp_path):
-    around = [found.load * factor for factor in (0.8, 0.9, 1.1, 1.25)]
+    around = [found.low / 4, found.low, found.high, 4 * found.high]
     swept = ca.sweep(scene(), tmp_path / "around", axes={"contact.load": around})
     betas = [point.summary["beta"] for point in swept]
-    assert betas == sorted(betas, reverse=True)
-    assert np.interp(-BETA, np.negative(betas), around) == pytest.approx(found.load, rel=0.05)
-    assert found.betas[10.0] == ca.run(scene(**{"contact.load": 10.0})).summary()["beta"]
+    assert betas[0] > betas[1] > BETA > betas[2] > betas[3]
+    assert betas[0] - betas[3] > 0.2
+    assert betas[1:3] == [found.betas[found.low], found.betas[found.high]]
+    assert found.high == pytest.approx(found.low, rel=0.01)
 
 
 @pytest.mark.parametrize("executor", ["threads", "processes", ThreadPoolExecutor])
@@ -126,23 +125,20 @@ def test_what_fails_is_raised_where_it_is_used(installed):
     careful = Careful(scene(), BETA, 10.0, 1000.0)
     plugin.carry_out(careful)
     assert careful.failed == (1000.0,)
-    with pytest.raises(ca.InputError, match="contact.load"):
+    with pytest.raises(ca.InputError, match=r"contact\.load"):
         plugin.carry_out(Bisection(scene(), BETA, -1.0, 1000.0))
-    with pytest.raises(ca.InputError, match=r"design: must be of Design, got .*; subclass chemage\.plugin\.Design|design"):
+    with pytest.raises(ca.InputError, match="design: .*Design"):
         plugin.carry_out(7)  # pyright: ignore[reportArgumentType]
 
 
 def test_the_command_has_the_options_of_studies(command, found, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    words = ["bisect", "silica-tip", "--beta", BETA, "--between", 10, 1000, "--set", "hold.replicas=3"]
+    words = ["bisect", "silica-tip", "--beta", BETA, "--between", 10, 1000, "--set", "hold.replicas=8"]
     done = command(*words, "--folder", "kept", "--json")
     assert done.status == 0, done.err
     assert json.loads(done.out) == {"load": found.load, "runs": len(found.betas)}
     done = command(*words, "--folder", "kept", "--workers", 2)
     assert done.out == f"load {found.load:.4g} nN\n"
-    shutil.rmtree("kept")
-    done = command(*words, "--executor", "processes", "--json")
-    assert json.loads(done.out)["load"] == found.load
     done = command(*words[:3], 5, *words[4:])
     assert done.status == 2
     assert "beta = 5.0: is not reached: β is" in done.err

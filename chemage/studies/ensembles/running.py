@@ -19,7 +19,7 @@ from chemage.foundation.progress import Report
 from chemage.foundation.records import merged_approximations
 from chemage.foundation.text import percent
 from chemage.foundation.threads import available
-from chemage.scene.files import load_scene, parse_scene
+from chemage.scene.files import load_scene
 from chemage.scene.plan import cost
 from chemage.scene.provenance import versions
 from chemage.scene.scene import Scene
@@ -39,8 +39,8 @@ from chemage.studies.ensembles.computations import (
 from chemage.studies.ensembles.ensemble import Ensemble
 from chemage.studies.ensembles.goals import AccuracyGoal, Request, with_request
 from chemage.studies.ensembles.quantities import MOST, SurfaceSample
-from chemage.studies.study import Archive, Part, Selection, Study
-from chemage.studies.tasks import Outcome, Task, registered_classes
+from chemage.studies.study import Design, Part, Selection, Study
+from chemage.studies.tasks import Outcome, Place, Task
 from chemage.studies.trade.trade_map import TradeMap
 
 #: seconds between two intervals that are shown
@@ -107,10 +107,10 @@ def ensemble(
     InputError
         What is asked for contradicts itself, or cannot be reached.
     """
-    if not isinstance(scene, Scene):
-        scene = parse_scene(scene) if isinstance(scene, Mapping) else load_scene(scene)
     map, file = (measured, None) if isinstance(measured, TradeMap) else (None, measured)
-    asked = with_request(scene.completed(), surfaces=surfaces, accuracy=accuracy, budget=budget, most=most, map=file)
+    asked = with_request(
+        load_scene(scene).completed(), surfaces=surfaces, accuracy=accuracy, budget=budget, most=most, map=file
+    )
     return Sampler(
         asked,
         samples=samples,
@@ -127,7 +127,7 @@ def _silent(stage: str, done: int, total: int, note: str = "") -> None:
     pass
 
 
-class Sampler:
+class Sampler(Design):
     """Takes the samples of one ensemble, as a design of a study."""
 
     def __init__(
@@ -150,7 +150,9 @@ class Sampler:
             for doubt in costs.doubts() if warn else ():
                 if doubt.kind != "long":  # how long an ensemble takes is another question
                     warnings.warn(doubt.text, PlanWarning, stacklevel=4)
-            self.archive = Archive(samples, scene)
+        self.place = Place.at(samples)
+        #: how many samples were taken from the folder
+        self.taken = 0
         if samples is not None and any(Path(samples).glob("*.samples")):
             text = "samples of chemage 0.2 (*.samples) are not used; they are computed again, and may be removed"
             warnings.warn(f"{samples}: {text}", UserWarning, stacklevel=4)
@@ -180,14 +182,14 @@ class Sampler:
             It cannot be fulfilled.
         """
         self._progress = progress or _silent
-        with Study(*self._where(), self._patience, classes=registered_classes(self.scene.components())) as study:
+        with Study(*self._where(), self._patience) as study:
             try:
-                study.carry_out(self, self.archive.place, self._part)
+                study.carry_out(self, self.place, self._part)
             except KeyboardInterrupt:
                 raise KeyboardInterrupt(self._so_far()) from None
             finally:
-                if self._part is None:
-                    self.archive.tidy()
+                if self._part is None and self.place is not None:
+                    self.place.tidy()
             return self.ensemble()
 
     def _part_of(self, points: str) -> Part:
@@ -196,9 +198,9 @@ class Sampler:
             raise InputError.of("points", points, "a mean is no sweep", "give a share, such as 3/16 or auto")
         if self.request.budget is not None:
             raise InputError.of("points", points, "a wall time cannot be shared", "ask for an accuracy")
-        if self.archive.place is None:
+        if self.place is None:
             raise InputError.of("points", points, "shares meet in the folder of the samples", "name it: samples=...")
-        return Part.of(share, self.archive.place.folder, self._patience)
+        return Part.of(share, self.place.folder, self._patience)
 
     @property
     def writes(self) -> bool:
@@ -214,7 +216,7 @@ class Sampler:
             return self._executor, threads, 1
         return "serial", None, threads
 
-    # -- as a design, see :class:`chemage.studies.study.Design` ------------------------------------------------------
+    # -- as a design --------------------------------------------------------------------------------------------------
 
     def ask(self) -> list[Task]:
         """The tasks of the samples that are needed now.
@@ -243,7 +245,8 @@ class Sampler:
     def tell(self, task: Task, outcome: Outcome) -> None:
         """Receive a sample."""
         part, _ = self._waiting[task.key]
-        part.receive(task.number, SurfaceSample.of(self.archive.received(task, outcome)))
+        self.taken += outcome.kept
+        part.receive(task.number, SurfaceSample.of(outcome))
 
     def ensemble(self) -> Ensemble:
         """The result, when nothing more is asked."""
@@ -304,7 +307,6 @@ class Sampler:
             computation,
             level=level,
             varied=self.request.random,
-            archive=self.archive,
             taken=partial(self._taken, stage) if stage else None,
         )
 
@@ -396,8 +398,8 @@ class Sampler:
         route = self._route or self._routes[0]
         counts = " and ".join(str(len(level.sample(0, MOST))) for level in route.levels)
         kept = ""
-        if self.archive.path is not None:
-            kept = f", kept in {self.archive.path}; the same command takes them up and goes on"
+        if self.place is not None:
+            kept = f", kept in {self.place.path}; the same command takes them up and goes on"
         return f"so far {self._interval() or 'too few for an interval,'} from {counts} samples{kept}"
 
     def _explained(self, error: stages.Unreachable) -> str:

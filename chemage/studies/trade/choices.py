@@ -296,8 +296,8 @@ class Timed(Task):
     reference: Scene | None = None
 
     @classmethod
-    def of(cls, scene: Scene, **more: Any) -> Self:
-        """The task of a scene."""
+    def measuring(cls, scene: Scene, **more: Any) -> Self:
+        """The task that measures a scene."""
         reference, estimates = more.get("reference"), cost(scene)
         keys = scene.task_keys()
         against = None if reference is None else _contact_key(reference)
