@@ -127,7 +127,7 @@ def test_what_fails_is_raised_where_it_is_used(installed):
     assert careful.failed == (1000.0,)
     with pytest.raises(ca.InputError, match=r"contact\.load"):
         plugin.carry_out(Bisection(scene(), BETA, -1.0, 1000.0))
-    with pytest.raises(ca.InputError, match="design: .*Design"):
+    with pytest.raises(ca.InputError, match=r"design = 7: .*give a Design"):
         plugin.carry_out(7)  # pyright: ignore[reportArgumentType]
 
 
