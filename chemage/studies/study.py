@@ -18,7 +18,7 @@ from concurrent.futures import Executor
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 from chemage.foundation.errors import InputError, StoreError
 from chemage.foundation.progress import Report, progress_bars
@@ -148,6 +148,9 @@ PATIENCE = 3600.0
 class Design(ABC):
     """What a study computes: it asks for runs, is told what came of them, and asks again, until it asks for none."""
 
+    #: whether results depend on the processor, as times do; those of another one are computed again
+    timed: ClassVar[bool] = False
+
     @abstractmethod
     def ask(self) -> Sequence[Task]:
         """The tasks to compute now; none when the design is content. All of them are told before it is asked again."""
@@ -173,6 +176,22 @@ class Part:
     def of(cls, share: tuple[int, int], folder: Folder, patience: float | str | None) -> Part:
         """A share of several; ``patience`` as users give it."""
         return cls(*share, folder, PATIENCE if patience is None else seconds(patience))
+
+    @classmethod
+    def read(cls, points: str, place: Place | None, patience: float | str | None) -> Part:
+        """As users write it: ``3/16``, or ``auto``.
+
+        Raises
+        ------
+        InputError
+            It is no share, or there is no folder in which shares meet.
+        """
+        share = Selection.read(points).share
+        if share is None:
+            raise InputError.of("points", points, "only a sweep has points", "give a share, such as 3/16 or auto")
+        if place is None:
+            raise InputError.of("points", points, "shares meet in a folder", "name the one that all of them see")
+        return cls.of(share, place.folder, patience)
 
     def is_mine(self, task: Task) -> bool:
         """Whether this process computes a task: of the same number all do the same, which have a contact in common."""
@@ -310,6 +329,7 @@ def carry_out(
     workers: int | None = None,
     threads: int | None = None,
     patience: float | str | None = None,
+    points: str | None = None,
     progress: Report | bool | None = None,
 ) -> None:
     """Compute the runs that ``design`` asks for, until it asks for none.
@@ -321,6 +341,10 @@ def carry_out(
     executor, workers, threads, patience
         Where to compute, as for :func:`chemage.sweep`; default: ``processes`` for several ``workers``, else ``serial``.
         Results do not depend on them.
+    points
+        Compute a share of the runs while other processes compute the others into the same folder: ``"3/16"``, or
+        ``"auto"``, the share of this task of a job array. Each waits for the others, at most ``patience`` without a new
+        run, and tells its design all of them.
     progress
         Called several times a second; True shows progress on stderr.
 
@@ -331,7 +355,8 @@ def carry_out(
     ExecutorError
         The workers cannot be started, or have ended.
     """
-    place = Place.at(folder)
+    place = Place.at(folder, processor=design.timed)
+    part = None if points is None else Part.read(points, place, patience)
     with ExitStack() as stack:
         report = stack.enter_context(progress_bars({RUNS: RUNS})) if progress is True else progress or None
         study = stack.enter_context(Study(executor, workers, threads, patience))
@@ -341,12 +366,12 @@ def carry_out(
                 report(RUNS, study.told, study.asked)
 
         try:
-            study.carry_out(design, place, watch=watch)
+            study.carry_out(design, place, part, watch)
         except KeyboardInterrupt:
             if place is None:
                 raise
             text = f"{study.told} runs are kept in {place.path}; rerun the same command to resume"
             raise KeyboardInterrupt(text) from None
         finally:
-            if place is not None:
+            if part is None and place is not None:
                 place.tidy()

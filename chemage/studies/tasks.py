@@ -268,18 +268,13 @@ class Place:
         return Outcome(content=content, kept=True)
 
     def read(self, task: Task, outcome: Outcome) -> Outcome:
-        """What came of a task, with what is in the folder alone.
-
-        Raises
-        ------
-        ExecutorError
-            Another version of chemage has computed it.
-        """
+        """What came of a task, with what is in the folder alone; an error if another version of chemage computed it."""
         if self.contacts or outcome.error is not None or outcome.content is not None:
             return outcome
         content = self.folder.read_point(task.key)
         if (version := content["summary"]["versions"]["chemage"]) != __version__:
-            raise ExecutorError(f"a worker has chemage {version}, but the study is run by {__version__}")
+            text = f"a worker has chemage {version}, but the study is run by {__version__}"
+            return Outcome(error=ExecutorError(text))
         return Outcome(content=content)
 
     def tidy(self) -> None:

@@ -18,12 +18,13 @@ from chemage.ageing.aging import BARRIERS
 from chemage.foundation.memory import capacity
 from chemage.foundation.statistics import NORMAL_LIMIT
 from chemage.scene import plan as estimate
+from chemage.scene.files import load_scene
 from chemage.scene.run import run
 from chemage.scene.scene import Scene, coarser
 from chemage.studies.ensembles.quantities import Quantities, SurfaceSample
 from chemage.studies.runner import PROGRAM
 from chemage.studies.tasks import Outcome, Task
-from chemage.studies.trade.choices import GRID, with_changes
+from chemage.studies.trade.choices import GRID
 from chemage.studies.trade.trade_map import TradeMap, TradePoint
 
 #: factors by which the pixels of the contact are made larger, the largest first
@@ -209,7 +210,7 @@ def mapped_computations(
             least, chosen = found, point
     if chosen is None:
         return [whole]
-    changed = with_changes(base, chosen.changes)
+    changed = load_scene(base, chosen.changes)
     return [_mapped(changed, chosen, map, quantities), whole]
 
 

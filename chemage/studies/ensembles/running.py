@@ -39,8 +39,8 @@ from chemage.studies.ensembles.computations import (
 from chemage.studies.ensembles.ensemble import Ensemble
 from chemage.studies.ensembles.goals import AccuracyGoal, Request, with_request
 from chemage.studies.ensembles.quantities import MOST, SurfaceSample
-from chemage.studies.study import Design, Part, Selection, Study
-from chemage.studies.tasks import Outcome, Place, Task
+from chemage.studies.study import Design, Selection, carry_out
+from chemage.studies.tasks import Outcome, Task
 from chemage.studies.trade.trade_map import TradeMap
 
 #: seconds between two intervals that are shown
@@ -150,7 +150,6 @@ class Sampler(Design):
             for doubt in costs.doubts() if warn else ():
                 if doubt.kind != "long":  # how long an ensemble takes is another question
                     warnings.warn(doubt.text, PlanWarning, stacklevel=4)
-        self.place = Place.at(samples)
         #: how many samples were taken from the folder
         self.taken = 0
         if samples is not None and any(Path(samples).glob("*.samples")):
@@ -158,7 +157,9 @@ class Sampler(Design):
             warnings.warn(f"{samples}: {text}", UserWarning, stacklevel=4)
         self.scene, self._quantities = scene, self.request.quantities
         self._executor, self._workers, self._threads, self._patience = executor, workers, threads, patience
-        self._part = None if points is None else self._part_of(points)
+        self._folder, self._points = samples, points
+        if points is not None and self.request.budget is not None:
+            raise InputError.of("points", points, "a wall time cannot be shared", "ask for an accuracy")
         self._progress: Report = _silent
         self._routes: list[stages.Route] = []
         self._rule: Iterator[stages.Need] | None = None
@@ -182,39 +183,27 @@ class Sampler(Design):
             It cannot be fulfilled.
         """
         self._progress = progress or _silent
-        with Study(*self._where(), self._patience) as study:
-            try:
-                study.carry_out(self, self.place, self._part)
-            except KeyboardInterrupt:
-                raise KeyboardInterrupt(self._so_far()) from None
-            finally:
-                if self._part is None and self.place is not None:
-                    self.place.tidy()
-            return self.ensemble()
-
-    def _part_of(self, points: str) -> Part:
-        share = Selection.read(points).share
-        if share is None:
-            raise InputError.of("points", points, "a mean is no sweep", "give a share, such as 3/16 or auto")
-        if self.request.budget is not None:
-            raise InputError.of("points", points, "a wall time cannot be shared", "ask for an accuracy")
-        if self.place is None:
-            raise InputError.of("points", points, "shares meet in the folder of the samples", "name it: samples=...")
-        return Part.of(share, self.place.folder, self._patience)
+        try:
+            carry_out(self, self._folder, **self._where(), patience=self._patience, points=self._points)
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt(self._so_far()) from None
+        return self.ensemble()
 
     @property
     def writes(self) -> bool:
         """Whether this process writes the result, and not another share."""
-        return self._part is None or self._part.share == 1
+        share = None if self._points is None else Selection.read(self._points).share
+        return share is None or share[0] == 1
 
-    def _where(self) -> tuple[str | Executor, int | None, int | None]:
+    def _where(self) -> dict[str, Any]:
         """Executor, workers and threads of each; threads of this process are a surface each, if memory allows two."""
+        where = {"executor": self._executor, "workers": self._workers, "threads": self._threads}
         if self._executor != "threads" or self._workers is not None:
-            return self._executor, self._workers, self._threads
+            return where
         threads = self._threads or available()
         if fitting(self.request.computations()[0], threads) > 1:
-            return self._executor, threads, 1
-        return "serial", None, threads
+            return where | {"workers": threads, "threads": 1}
+        return where | {"executor": "serial", "threads": threads}
 
     # -- as a design --------------------------------------------------------------------------------------------------
 
@@ -398,8 +387,8 @@ class Sampler(Design):
         route = self._route or self._routes[0]
         counts = " and ".join(str(len(level.sample(0, MOST))) for level in route.levels)
         kept = ""
-        if self.place is not None:
-            kept = f", kept in {self.place.path}; the same command takes them up and goes on"
+        if self._folder is not None:
+            kept = f", kept in {self._folder}; the same command takes them up and goes on"
         return f"so far {self._interval() or 'too few for an interval,'} from {counts} samples{kept}"
 
     def _explained(self, error: stages.Unreachable) -> str:

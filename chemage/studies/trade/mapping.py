@@ -35,8 +35,8 @@ from chemage.scene.plan import cost
 from chemage.scene.provenance import versions
 from chemage.scene.scene import Scene, is_random, question
 from chemage.studies.ensembles.quantities import GIVEN, Quantities
-from chemage.studies.study import Design, Study
-from chemage.studies.tasks import Outcome, Place, Task, registered_classes
+from chemage.studies.study import Design, carry_out
+from chemage.studies.tasks import Outcome, Task
 from chemage.studies.trade.choices import (
     ENGINE,
     Combination,
@@ -110,13 +110,8 @@ def tradeoff(
     if not scene.contact.gives_map:
         raise InputError(no_map(scene.contact, "there is no pressure whose error could be measured"))
     with scene.in_use():
-        place = Place.at(folder, processor=True)
         design = Mapper(scene, rounds, report)
-        classes = registered_classes(component for scene in design.scenes() for component in scene.components())
-        with Study(executor, workers, 1, patience, classes=classes) as study:
-            study.carry_out(design, place)
-        if place is not None:
-            place.tidy()
+        carry_out(design, folder, executor=executor, workers=workers, threads=1, patience=patience)
         return design.map()
 
 
@@ -182,6 +177,8 @@ class _Trial:
 
 class Mapper(Design):
     """Measures the points of one map, as a design of a study."""
+
+    timed = True
 
     def __init__(self, scene: Scene, rounds: int | None, report: Report | None) -> None:
         self.scene, self._report = scene, report or (lambda _: None)
@@ -251,15 +248,11 @@ class Mapper(Design):
             raise found
         return found
 
-    def scenes(self) -> Iterator[Scene]:
-        """The scene, its reference, and the scene with each single choice."""
-        yield from (self.scene, self.reference, *self._alone("contact").values(), *self._alone("ageing").values())
-
-    def _alone(self, stage: str) -> dict[str, Scene]:
-        """The scene with each of the settings of a stage that can be had, by the words of the setting."""
+    def _alone(self) -> dict[str, Scene]:
+        """The scene with each of the settings of the ageing that can be had, by the words of the setting."""
         scenes: dict[str, Scene] = {}
         for one in self.choices:
-            if one.stage == stage:
+            if one.stage == "ageing":
                 with suppress(ChemageError):  # the reason is noted where it is measured
                     scenes[one.words] = applied(self.scene, (one,))
         return scenes
@@ -315,7 +308,7 @@ class Mapper(Design):
             one = found.ageing_seconds if isinstance(found, _Timing) else 0.0
             return one * (1 if whole else scene.hold.replicas)
 
-        scenes = self._alone("ageing")
+        scenes = self._alone()
         yield [(f"one replica: {words}", of(scene)) for words, scene in [("scene", self.scene), *scenes.items()]]
         first = self._found.get(of(self.scene).key)
         own = seconds(self.scene) + (first.contact_seconds if isinstance(first, _Timing) else 0.0)
