@@ -189,7 +189,8 @@ class Task:
             contact, ageing = (math.nan if seconds is None else seconds for seconds in estimates)
             size = max(costs.contact_bytes or 0.0, costs.replica_bytes or 0.0)
             more |= {"contact_seconds": contact, "ageing_seconds": ageing, "bytes": size}
-        more["changes"] = changes or {}
+        # shares are divided by the numbers of tasks
+        more = {"number": int(keys["contact"][:8], 16), "changes": changes or {}} | more
         return cls(keys["result"], keys["aging"], keys["contact"], keys["surface"], scene, **more)
 
     @property

@@ -102,6 +102,23 @@ def test_an_interrupted_study_goes_on_and_computes_nothing_twice(found, tmp_path
     assert other.kept == []
 
 
+def test_shares_compute_each_run_once(found, tmp_path):
+    designs = [Counted(scene(), BETA, 10.0, 1000.0) for _ in range(2)]
+    folder = tmp_path / "kept"
+    with ThreadPoolExecutor(2) as pool:
+        calls = [
+            pool.submit(plugin.carry_out, design, folder, points=f"{k}/2", patience=120)
+            for k, design in enumerate(designs, 1)
+        ]
+        for call in calls:
+            call.result()
+    assert [design.betas for design in designs] == [found.betas] * 2
+    assert len(list(folder.glob("points/*/*.json"))) == len(found.betas)
+    for points, kept, said in (("1/2", None, "shares meet in a folder"), ("0-3", folder, "only a sweep has points")):
+        with pytest.raises(ca.InputError, match=said):
+            plugin.carry_out(Bisection(scene(), BETA, 10.0, 1000.0), kept, points=points)
+
+
 def test_what_fails_is_raised_where_it_is_used(installed):
     class Heavy:
         @plugin.hookimpl
