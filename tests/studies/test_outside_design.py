@@ -12,6 +12,7 @@ from pathlib import Path
 import chemage_bisection
 import pytest
 from chemage_bisection import Bisection
+from tutorial import Tutorial
 
 import chemage as ca
 from chemage import plugin
@@ -117,6 +118,15 @@ def test_shares_compute_each_run_once(found, tmp_path):
     for points, kept, said in (("1/2", None, "shares meet in a folder"), ("0-3", folder, "only a sweep has points")):
         with pytest.raises(ca.InputError, match=said):
             plugin.carry_out(Bisection(scene(), BETA, 10.0, 1000.0), kept, points=points)
+
+
+def test_that_of_the_page_runs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    ((_, code),) = Tutorial("plugins.md", "## A design of your own", "## Hooks").blocks
+    assert '"silica-rough", 100.0, 0.02), "folder", workers=4)' in code
+    smaller = code.replace('"silica-rough", 100.0', '"silica-tip", 10.0').replace("workers=4", "")
+    exec(smaller, {"plugin": plugin})
+    assert len(list(Path("folder").glob("points/*/*.json"))) > 1
 
 
 def test_what_fails_is_raised_where_it_is_used(installed):
