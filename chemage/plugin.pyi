@@ -20,6 +20,7 @@ from chemage.contacts.theory import ContactTheory as ContactTheory
 from chemage.foundation.errors import ConvergenceError as ConvergenceError
 from chemage.foundation.quantities import Curve as Curve
 from chemage.foundation.errors import DamagedError as DamagedError
+from chemage.studies.study import Design as Design
 from chemage.foundation.records import Doubles as Doubles
 from chemage.plugins.hooks import Doubt as Doubt
 from chemage.friction.pulling import Drive as Drive
@@ -49,6 +50,7 @@ from chemage.foundation.records import Named as Named
 from chemage.ageing.observables import Observable as Observable
 from chemage.ageing.observables import Observed as Observed
 from chemage.foundation.result import OfRecord as OfRecord
+from chemage.studies.tasks import Outcome as Outcome
 from chemage.foundation.outputs import Output as Output
 from chemage.foundation.result import Panel as Panel
 from chemage.friction.pulling import Partners as Partners
@@ -78,6 +80,7 @@ from chemage.plugins.hooks import StageInputs as StageInputs
 from chemage.foundation.errors import StoreError as StoreError
 from chemage.surfaces.role import SurfaceMaker as SurfaceMaker
 from chemage.foundation.result import Table as Table
+from chemage.studies.tasks import Task as Task
 from chemage.foundation.units import Temperature as Temperature
 from chemage.foundation.units import Time as Time
 from chemage.lattices.independent import TwoState as TwoState
@@ -90,6 +93,7 @@ from chemage.foundation import algebra as algebra
 from chemage.foundation.units import array_in as array_in
 from chemage.lattices.chemistry import build_lattice as build_lattice
 from chemage.foundation.machine import cache_folder as cache_folder
+from chemage.studies.study import carry_out as carry_out
 from chemage.foundation.checks import check_times as check_times
 from chemage.foundation.checks import checked_count as checked_count
 from chemage.foundation.checks import checked_seed as checked_seed

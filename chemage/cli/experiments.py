@@ -18,6 +18,7 @@ from chemage.cli.options import (
     BudgetOpt,
     ExecutorOpt,
     FiguresOpt,
+    FolderOpt,
     ForceOpt,
     JsonOpt,
     MapOpt,
@@ -386,13 +387,7 @@ def tradeoff(
             "3 to 6, by the cost of the scene",
         ),
     ] = None,
-    folder: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FOLDER",
-            help="keep what is computed in this folder, from which a later call goes on; default: none",
-        ),
-    ] = None,
+    folder: FolderOpt = None,
     executor: ExecutorOpt = None,
     workers: WorkersOpt = None,
     patience: PatienceOpt = None,

@@ -151,6 +151,12 @@ MeasuredOpt = Annotated[
         "drops; may be repeated",
     ),
 ]
+FolderOpt = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FOLDER", help="keep what is computed in this folder, from which a later call goes on; default: none"
+    ),
+]
 ExecutorOpt = Annotated[
     str | None,
     typer.Option(

@@ -69,7 +69,7 @@ def run_ensemble(
         if figures:
             with result_written(path), reported(report, "drawing"):
                 pictures = drawn(result_of(mean), path)
-    kept = sampler.archive.taken
+    kept = sampler.taken
     taken = [f"{kept} sample{'s' if kept > 1 else ''} taken from {folder}"] if kept else []
     more = "a run with a smaller interval takes these samples up; the folder may be removed otherwise"
     written = {"file": path, "samples": folder, "samples_taken": kept, "figures": pictures}

@@ -78,6 +78,8 @@ NAMES = {
     "surfaces.reading": "HeightMap Reader reader_for",
     "surfaces.role": "Scatter SurfaceMaker make_surface surface",
     "surfaces.surface": "Roughness Surface",
+    "studies.study": "Design carry_out",
+    "studies.tasks": "Outcome Task",
     "studies.sweeps.result": "Collected Point SweepResult collect_sweep load_sweep",
     "studies.sweeps.running": "sweep",
 }

@@ -478,9 +478,16 @@ def is_sweep(where: str | Path) -> bool:
     return "sweep" in _parsed(where)[0]
 
 
-def load_scene(where: str | Path, changes: Mapping[str, Any] | None = None) -> Scene:
-    """A validated scene from a TOML file or the name of an installed scene, with dotted-path ``changes`` applied."""
-    data, source = scene_data(where)
+def load_scene(where: Scene | str | Path | Mapping[str, Any], changes: Mapping[str, Any] | None = None) -> Scene:
+    """A validated scene from a TOML file, the name of an installed scene, scene data or another scene, with dotted-path
+    ``changes`` applied."""
+    if isinstance(where, Scene):
+        if not changes:
+            return where
+        scene = parse_scene(override(where.todict(), changes))
+        # what the material gave is written out in the data
+        return scene.model_copy(update={"material": where.material, "from_material": where.from_material})
+    data, source = (where, "the scene") if isinstance(where, Mapping) else scene_data(where)
     data = override(data, changes or {})
     if "sweep" in data:
         raise SceneError(source, [("sweep", "this scene is a sweep of many; use chemage.sweep, or `chemage run`")])

@@ -40,7 +40,7 @@ from chemage.foundation.text import jsonable
 from chemage.plugins import registry
 from chemage.plugins.hooks import Stage, StageInputs
 from chemage.plugins.sources import run_stage
-from chemage.scene.files import load_scene, parse_scene
+from chemage.scene.files import load_scene
 from chemage.scene.plan import LongRunWarning, cost
 from chemage.scene.provenance import scatter_of, versions
 from chemage.scene.scene import Scene
@@ -306,9 +306,7 @@ def run(
     equal results. Where the forming barriers are known as an ensemble, its ``members`` are aged as well, for the error
     of the barriers, unless this is False.
     """
-    if not isinstance(scene, Scene):
-        scene = parse_scene(scene) if isinstance(scene, Mapping) else load_scene(scene)
-    scene = scene.completed()
+    scene = load_scene(scene).completed()
     if scene.is_ensemble:
         raise InputError(
             f"scene {scene.name!r} asks for a mean over surfaces ([ensemble] or [accuracy]); use chemage.ensemble, or "

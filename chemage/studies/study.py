@@ -11,24 +11,23 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, Self
+from typing import Any, ClassVar, Self
 
-from chemage.foundation.errors import ExecutorError, InputError, StoreError
+from chemage.foundation.errors import InputError, StoreError
+from chemage.foundation.progress import Report, progress_bars
 from chemage.foundation.threads import restored
-from chemage.plugins.sources import changed
-from chemage.scene.provenance import versions
 from chemage.scene.scene import Scene
 from chemage.studies.clusters import seconds
-from chemage.studies.folder import RESUME, Folder, refuse_links
-from chemage.studies.runner import Pool, Runner, open_pool
-from chemage.studies.tasks import Outcome, Place, Task, for_workers, forget
+from chemage.studies.folder import RESUME, Folder
+from chemage.studies.runner import Pool, Runner, Told, open_pool
+from chemage.studies.tasks import Known, Outcome, Place, Task, for_workers, forget, registered_classes
 
 #: largest number of shares
 MANY_SHARES = 1_000_000
@@ -138,22 +137,27 @@ def in_ranges(numbers: Iterable[int]) -> str:
     return ",".join(str(first) if first == last else f"{first}-{last}" for first, last in ranges)
 
 
+#: the stage that is reported
+RUNS = "runs"
 #: seconds between two looks for what other processes have computed
 LOOK = 0.5
 #: seconds after which nothing more is expected of other processes that have computed nothing, unless more are given
 PATIENCE = 3600.0
 
 
-class Design(Protocol):
-    """What a study computes."""
+class Design(ABC):
+    """What a study computes: it asks for runs, is told what came of them, and asks again, until it asks for none."""
 
+    #: whether results depend on the processor, as times do; those of another one are computed again
+    timed: ClassVar[bool] = False
+
+    @abstractmethod
     def ask(self) -> Sequence[Task]:
         """The tasks to compute now; none when the design is content. All of them are told before it is asked again."""
-        ...
 
+    @abstractmethod
     def tell(self, task: Task, outcome: Outcome) -> None:
         """Receive what came of a task that was asked for; in any order."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -173,11 +177,27 @@ class Part:
         """A share of several; ``patience`` as users give it."""
         return cls(*share, folder, PATIENCE if patience is None else seconds(patience))
 
+    @classmethod
+    def read(cls, points: str, place: Place | None, patience: float | str | None) -> Part:
+        """As users write it: ``3/16``, or ``auto``.
+
+        Raises
+        ------
+        InputError
+            It is no share, or there is no folder in which shares meet.
+        """
+        share = Selection.read(points).share
+        if share is None:
+            raise InputError.of("points", points, "only a sweep has points", "give a share, such as 3/16 or auto")
+        if place is None:
+            raise InputError.of("points", points, "shares meet in a folder", "name the one that all of them see")
+        return cls.of(share, place.folder, patience)
+
     def is_mine(self, task: Task) -> bool:
         """Whether this process computes a task: of the same number all do the same, which have a contact in common."""
         return task.number % self.count == self.share - 1
 
-    def wait(self, tasks: Sequence[Task], design: Design) -> None:
+    def wait(self, tasks: Sequence[Task], told: Told) -> None:
         """Wait until other processes have computed ``tasks``.
 
         Raises
@@ -189,7 +209,7 @@ class Part:
         while left:
             there = [task for task in left if self.folder.state(task.key) == "done"]
             for task in there:
-                design.tell(task, Outcome())
+                told(task, Outcome())
             left = [task for task in left if task not in there]
             now = time.monotonic()
             since = now if there else since
@@ -208,9 +228,11 @@ class Study:
     Parameters
     ----------
     executor, workers, threads, patience
-        Where to compute, see :func:`chemage.studies.runner.open_pool`.
-    components
-        What workers in other processes must be able to import, see :func:`chemage.studies.tasks.for_workers`.
+        Where to compute, see :func:`chemage.studies.runner.open_pool`; default: ``processes`` for several workers, else
+        ``serial``.
+    classes
+        Of components that workers in other processes must be able to import, beside those of the tasks that have a
+        scene, see :func:`chemage.studies.tasks.for_workers`.
 
     Raises
     ------
@@ -220,15 +242,19 @@ class Study:
 
     def __init__(
         self,
-        executor: str | Executor,
+        executor: str | Executor | None = None,
         workers: int | None = None,
         threads: int | None = None,
         patience: float | str | None = None,
         classes: Iterable[type] = (),
     ) -> None:
-        self._where = executor, workers, threads, patience
-        self._known = for_workers(executor, classes)
+        self._executor = executor or ("processes" if (workers or 1) > 1 else "serial")
+        self._where = self._executor, workers, threads, patience
+        self._classes = {*classes}
+        for_workers(self._executor, self._classes)
         self._stack, self._pool = ExitStack(), None
+        #: tasks that designs were told of, and that they have asked for
+        self.told = self.asked = 0
 
     def __enter__(self) -> Self:
         self._stack.enter_context(restored())  # tasks that run in this process set their own number of threads
@@ -256,7 +282,7 @@ class Study:
         part: Part | None = None,
         watch: Callable[[Runner], None] | None = None,
     ) -> None:
-        """Compute what ``design`` asks for until it asks for nothing more.
+        """Compute what ``design`` asks for until it asks for nothing more; what is in the folder is not computed again.
 
         Parameters
         ----------
@@ -268,76 +294,84 @@ class Study:
             Called several times a second while tasks run.
         """
         self._stack.callback(forget, "" if place is None else place.path)
-        runner = None
+
+        def told(task: Task, outcome: Outcome) -> None:
+            self.told += 1
+            design.tell(task, outcome if place is None else place.read(task, outcome))
+
         while tasks := design.ask():
-            runner = runner or Runner(self.open(), place, self._known, watch)
-            runner.run([task for task in tasks if part is None or part.is_mine(task)], design.tell)
+            self.asked += len(tasks)
+            left = []
+            for task in tasks:
+                found = None if place is None else place.find(task)
+                if found is None:
+                    left.append(task)
+                else:
+                    told(task, found)
+            if mine := [task for task in left if part is None or part.is_mine(task)]:
+                Runner(self.open(), place, self._known(mine), watch).run(mine, told)
             if part is not None:
-                part.wait([task for task in tasks if not part.is_mine(task)], design)
+                part.wait([task for task in left if not part.is_mine(task)], told)
+
+    def _known(self, tasks: Sequence[Task]) -> Known:
+        """What workers must know for ``tasks``."""
+        for task in tasks:
+            if isinstance(task.source, Scene):
+                self._classes |= registered_classes(task.source.components())
+        return for_workers(self._executor, self._classes)
 
 
-class Archive:
-    """The results of single tasks of one scene, in a folder if there is one.
+def carry_out(
+    design: Design,
+    folder: str | Path | None = None,
+    *,
+    executor: str | Executor | None = None,
+    workers: int | None = None,
+    threads: int | None = None,
+    patience: float | str | None = None,
+    points: str | None = None,
+    progress: Report | bool | None = None,
+) -> None:
+    """Compute the runs that ``design`` asks for, until it asks for none.
 
     Parameters
     ----------
-    path
-        None: nothing is kept.
-    scene
-        Results of other versions of what it needs are computed again.
-    processor
-        Whether those of another processor are, as well.
+    folder
+        Where results are kept, and from which they are taken, if they are of these versions; default: none are kept.
+    executor, workers, threads, patience
+        Where to compute, as for :func:`chemage.sweep`; default: ``processes`` for several ``workers``, else ``serial``.
+        Results do not depend on them.
+    points
+        Compute a share of the runs while other processes compute the others into the same folder: ``"3/16"``, or
+        ``"auto"``, the share of this task of a job array. Each waits for the others, at most ``patience`` without a new
+        run, and tells its design all of them.
+    progress
+        Called several times a second; True shows progress on stderr.
+
+    Raises
+    ------
+    InputError
+        An argument is not valid, or workers cannot import a component.
+    ExecutorError
+        The workers cannot be started, or have ended.
     """
+    place = Place.at(folder, processor=design.timed)
+    part = None if points is None else Part.read(points, place, patience)
+    with ExitStack() as stack:
+        report = stack.enter_context(progress_bars({RUNS: RUNS})) if progress is True else progress or None
+        study = stack.enter_context(Study(executor, workers, threads, patience))
 
-    def __init__(self, path: str | Path | None, scene: Scene, *, processor: bool = False) -> None:
-        self.path = None if path is None else Path(path)
-        if self.path is not None:
-            refuse_links(self.path, "")
-        #: how many results were taken from the folder
-        self.taken = 0
-        self._versions = {name: text for name, text in versions(scene).items() if processor or name != "processor"}
+        def watch(_: Runner) -> None:
+            if report is not None:
+                report(RUNS, study.told, study.asked)
 
-    @property
-    def place(self) -> Place | None:
-        """The folder, for workers."""
-        return None if self.path is None else Place(str(self.path.absolute()), contacts=False)
-
-    def find(self, task: Task) -> Outcome | None:
-        """What came of a task; None if it is not there, damaged, or of other versions."""
-        if self.place is None:
-            return None
-        content = self.place.folder.read_point(task.key)
-        if content["status"] != "done" or changed(content["plugins"]):
-            return None
-        recorded = content["summary"]["versions"]
-        # a task that has another component in place of that of the scene names no provider of the latter
-        if any(recorded.get(name, text) != text for name, text in self._versions.items()):
-            return None
-        self.taken += 1
-        return Outcome(content=content)
-
-    def received(self, task: Task, outcome: Outcome) -> Outcome:
-        """What came of a task, which may be in the folder only; errors are raised.
-
-        Raises
-        ------
-        ExecutorError
-            Another version of chemage has computed it.
-        """
-        if outcome.error is not None:
-            raise outcome.error
-        if outcome.run is None and outcome.content is None:
-            assert self.place is not None
-            outcome = Outcome(content=self.place.folder.read_point(task.key))
-        if outcome.content is not None:
-            version = outcome.content["summary"]["versions"]["chemage"]
-            if version != self._versions["chemage"]:
-                raise ExecutorError(
-                    f"a worker has chemage {version}, but the study is run by {self._versions['chemage']}"
-                )
-        return outcome
-
-    def tidy(self) -> None:
-        """Remove what is needed while results are written."""
-        if self.place is not None:
-            shutil.rmtree(self.place.folder.path / ".parts", ignore_errors=True)
+        try:
+            study.carry_out(design, place, part, watch)
+        except KeyboardInterrupt:
+            if place is None:
+                raise
+            text = f"{study.told} runs are kept in {place.path}; rerun the same command to resume"
+            raise KeyboardInterrupt(text) from None
+        finally:
+            if part is None and place is not None:
+                place.tidy()

@@ -8,7 +8,9 @@ Components and plugins that were registered by hand, not installed: how the work
 from __future__ import annotations
 
 import importlib
+import math
 import pickle
+import shutil
 import sys
 import threading
 import time
@@ -29,10 +31,13 @@ from chemage.foundation.codec import to_json
 from chemage.foundation.errors import ChemageError, ExecutorError, InputError, StoreError
 from chemage.foundation.names import __version__
 from chemage.plugins import registry
-from chemage.plugins.sources import components_in, stage_hooks
+from chemage.plugins.sources import changed, components_in, stage_hooks
+from chemage.scene.files import load_scene
+from chemage.scene.plan import Plan, cost
+from chemage.scene.provenance import versions
 from chemage.scene.run import Run, contact_of, run, run_keys, surface_of
 from chemage.scene.scene import Scene
-from chemage.studies.folder import CannotWrite, Folder, process_name
+from chemage.studies.folder import CannotWrite, Folder, process_name, refuse_links
 from chemage.surfaces.surface import Surface
 
 #: (name, "module:Class") of a component, (name, "module") of a plugin with hooks
@@ -153,9 +158,32 @@ class Task:
     contact_only: bool = False
 
     @classmethod
-    def of(cls, scene: Scene, **more: Any) -> Task:
-        """The task of a scene."""
+    def of(
+        cls,
+        scene: Scene | str | Path | Mapping[str, Any],
+        changes: Mapping[str, Any] | None = None,
+        costs: Plan | None = None,
+        **more: Any,
+    ) -> Task:
+        """The run of a scene (its object, file, name or data) with ``changes``: dotted path -> value. Its ``costs`` are
+        estimated where they are not given.
+
+        Raises
+        ------
+        InputError
+            The scene is not valid, or needs more memory than there is.
+        """
+        scene = load_scene(scene, changes)
         keys = scene.task_keys()
+        if "contact_seconds" not in more:
+            costs = costs or cost(scene)
+            costs.check()
+            estimates = costs.contact_cpu_seconds, costs.kinetics_cpu_seconds
+            contact, ageing = (math.nan if seconds is None else seconds for seconds in estimates)
+            size = max(costs.contact_bytes or 0.0, costs.replica_bytes or 0.0)
+            more |= {"contact_seconds": contact, "ageing_seconds": ageing, "bytes": size}
+        # shares are divided by the numbers of tasks
+        more = {"number": int(keys["contact"][:8], 16), "changes": changes or {}} | more
         return cls(keys["result"], keys["aging"], keys["contact"], keys["surface"], scene, **more)
 
     @property
@@ -196,8 +224,19 @@ class Place:
     path: str
     #: of the study, which the worker must find there; "": the folder describes none
     digest: str = ""
-    #: whether contacts and failures are kept as well, and every file survives a power failure
+    #: whether contacts and failures are kept as well, and every file survives a power failure; and the design knows
+    #: what is there
     contacts: bool = True
+    #: whether a result of another processor is computed again
+    processor: bool = False
+
+    @classmethod
+    def at(cls, path: str | Path | None, *, processor: bool = False) -> Place | None:
+        """A folder for the results of single tasks, which are known by their keys; None where none are kept."""
+        if path is None:
+            return None
+        refuse_links(Path(path), "")
+        return cls(str(Path(path).absolute()), contacts=False, processor=processor)
 
     @property
     def folder(self) -> Folder:
@@ -209,10 +248,37 @@ class Place:
         """The folder, if contacts and failures are kept there as well."""
         return self.folder if self.contacts else None
 
+    def find(self, task: Task) -> Outcome | None:
+        """What came of a task before; None if it is not there, damaged, or of other versions."""
+        if self.contacts:
+            return None
+        content = self.folder.read_point(task.key)
+        if content["status"] != "done" or changed(content["plugins"]):
+            return None
+        recorded = content["summary"]["versions"]
+        for name, text in versions(task.scene).items():
+            if recorded.get(name, text) != text and (name != "processor" or self.processor):
+                return None
+        return Outcome(content=content, kept=True)
+
+    def read(self, task: Task, outcome: Outcome) -> Outcome:
+        """What came of a task, with what is in the folder alone; an error if another version of chemage computed it."""
+        if self.contacts or outcome.error is not None or outcome.content is not None:
+            return outcome
+        content = self.folder.read_point(task.key)
+        if (version := content["summary"]["versions"]["chemage"]) != __version__:
+            text = f"a worker has chemage {version}, but the study is run by {__version__}"
+            return Outcome(error=ExecutorError(text))
+        return Outcome(content=content)
+
+    def tidy(self) -> None:
+        """Remove what is needed while results are written."""
+        shutil.rmtree(Path(self.path) / ".parts", ignore_errors=True)
+
 
 @dataclass
 class Outcome:
-    """How a task ended. What failed has an ``error``; what is kept in a folder has neither ``run`` nor ``content``."""
+    """How a task ended. What failed has an ``error``; what a folder has alone has neither ``run`` nor ``content``."""
 
     #: without the surface; None where another process computed it
     run: Run | None = None
@@ -221,6 +287,18 @@ class Outcome:
     error: BaseException | None = None
     #: the stage that failed
     stage: str = ""
+    #: whether it was in the folder before
+    kept: bool = False
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """The numbers of the run, see :meth:`chemage.Run.summary`; raises the error of what failed."""
+        if self.error is not None:
+            raise self.error
+        if self.run is not None:
+            return self.run.summary()
+        assert self.content is not None
+        return self.content["summary"]
 
 
 #: what a worker sends back: its wall time, s, and how each task ended, by its key

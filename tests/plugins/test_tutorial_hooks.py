@@ -13,7 +13,12 @@ PAGE = Tutorial("plugins.md", "## A plugin that changes a stage", "## Hooks")
 @pytest.fixture(scope="module")
 def project(tmp_path_factory):
     """The folder of the tutorial, and an environment in which the package is installed as pip would do it."""
-    return PAGE.install(tmp_path_factory.mktemp("tutorial-hooks"))
+    project = PAGE.install(tmp_path_factory.mktemp("tutorial-hooks"))
+    chemage(project, "init", "tip.toml", "--like", "silica-tip")
+    (options,) = [code for language, code in PAGE.blocks if code.startswith("[plugins.hardness]")]
+    with (project / "tip.toml").open("a") as scene:
+        scene.write(options)
+    return project
 
 
 def chemage(project, *arguments, status=0):
@@ -23,7 +28,7 @@ def chemage(project, *arguments, status=0):
 def test_the_page_shows_every_file_it_lists():
     (tree,) = [code for language, code in PAGE.blocks if not language and "pyproject.toml" in code]
     _, *listed = tree.split()
-    assert set(listed) | {"tip.toml", "limits.toml"} == set(PAGE.files)
+    assert set(listed) | {"limits.toml"} == set(PAGE.files)
 
 
 def test_the_plugin_is_short():
@@ -62,7 +67,7 @@ def test_the_scene_runs_and_the_result_names_the_option(project):
 
 @pytest.mark.long
 def test_a_sweep_over_the_limit_solves_each_contact_once(project):
-    (project / "limits.toml").write_text(PAGE.files["tip.toml"] + PAGE.files["limits.toml"])
+    (project / "limits.toml").write_text((project / "tip.toml").read_text() + PAGE.files["limits.toml"])
     chemage(project, "run", "limits.toml", "--out", "limits")
     manifest = json.loads((project / "limits" / "sweep.json").read_text())
     assert len(manifest["contacts"]) == 4

@@ -18,13 +18,13 @@ from chemage.ageing.aging import BARRIERS
 from chemage.foundation.memory import capacity
 from chemage.foundation.statistics import NORMAL_LIMIT
 from chemage.scene import plan as estimate
+from chemage.scene.files import load_scene
 from chemage.scene.run import run
 from chemage.scene.scene import Scene, coarser
 from chemage.studies.ensembles.quantities import Quantities, SurfaceSample
 from chemage.studies.runner import PROGRAM
-from chemage.studies.study import Archive
 from chemage.studies.tasks import Outcome, Task
-from chemage.studies.trade.choices import GRID, with_changes
+from chemage.studies.trade.choices import GRID
 from chemage.studies.trade.trade_map import TradeMap, TradePoint
 
 #: factors by which the pixels of the contact are made larger, the largest first
@@ -209,7 +209,7 @@ def mapped_computations(
             least, chosen = found, point
     if chosen is None:
         return [whole]
-    changed = with_changes(base, chosen.changes)
+    changed = load_scene(base, chosen.changes)
     return [_mapped(changed, chosen, map, quantities), whole]
 
 
@@ -333,14 +333,12 @@ def seed_of(base: int, level: int, number: int, what: int) -> int:
 class SampleSeries:
     """The samples of one computation on the surfaces (or replicas) of one level."""
 
-    def __init__(
-        self, computation: Computation, *, level: int, varied: bool, archive: Archive, taken: Taken | None = None
-    ) -> None:
+    def __init__(self, computation: Computation, *, level: int, varied: bool, taken: Taken | None = None) -> None:
         """``varied``: another surface for each sample; else the surface of the scene with other replicas."""
         self.computation, self.level, self.varied = computation, level, varied
         #: without gaps, in the order of their numbers
         self.samples: list[SurfaceSample] = []
-        self._archive, self._taken = archive, taken
+        self._taken = taken
         self._later: dict[int, SurfaceSample] = {}
 
     def seeds(self, number: int) -> tuple[int, int]:
@@ -364,18 +362,8 @@ class SampleSeries:
         )
 
     def missing(self, count: int) -> list[Task]:
-        """The tasks of the samples that are missing to ``count``; those that are kept are taken."""
-        tasks = []
-        for number in range(len(self.samples), count):
-            if number in self._later:
-                continue
-            task = self.task(number)
-            outcome = self._archive.find(task)
-            if outcome is None:
-                tasks.append(task)
-            else:
-                self.receive(number, SurfaceSample.of(outcome))
-        return tasks
+        """The tasks of the samples that are missing to ``count``."""
+        return [self.task(number) for number in range(len(self.samples), count) if number not in self._later]
 
     def receive(self, number: int, sample: SurfaceSample) -> None:
         """Add a sample; those before it may come later."""

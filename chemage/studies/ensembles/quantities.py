@@ -64,10 +64,10 @@ class SurfaceSample:
             measures |= _recorded({name: output.summary() for name, output in outcome.run.measured.items()})
             approximate = merged_approximations(contact.approximate, aging.approximate if aging is not None else ())
         else:
-            assert outcome.content is not None
-            content = outcome.content
+            summary, content = outcome.summary, outcome.content
+            assert content is not None
             aging = from_json(Aging, content["aging"]) if content["aging"] else None
-            measures, plugins = content["summary"] | _recorded(content["summary"]["observables"]), content["plugins"]
+            measures, plugins = summary | _recorded(summary["observables"]), content["plugins"]
             approximate = content.get("approximate", ()) if aging is None else aging.approximate
         numbers = {}
         for name, value in measures.items():

@@ -19,7 +19,7 @@ from chemage.foundation.progress import Report
 from chemage.foundation.records import merged_approximations
 from chemage.foundation.text import percent
 from chemage.foundation.threads import available
-from chemage.scene.files import load_scene, parse_scene
+from chemage.scene.files import load_scene
 from chemage.scene.plan import cost
 from chemage.scene.provenance import versions
 from chemage.scene.scene import Scene
@@ -39,8 +39,8 @@ from chemage.studies.ensembles.computations import (
 from chemage.studies.ensembles.ensemble import Ensemble
 from chemage.studies.ensembles.goals import AccuracyGoal, Request, with_request
 from chemage.studies.ensembles.quantities import MOST, SurfaceSample
-from chemage.studies.study import Archive, Part, Selection, Study
-from chemage.studies.tasks import Outcome, Task, registered_classes
+from chemage.studies.study import Design, Selection, carry_out
+from chemage.studies.tasks import Outcome, Task
 from chemage.studies.trade.trade_map import TradeMap
 
 #: seconds between two intervals that are shown
@@ -107,10 +107,10 @@ def ensemble(
     InputError
         What is asked for contradicts itself, or cannot be reached.
     """
-    if not isinstance(scene, Scene):
-        scene = parse_scene(scene) if isinstance(scene, Mapping) else load_scene(scene)
     map, file = (measured, None) if isinstance(measured, TradeMap) else (None, measured)
-    asked = with_request(scene.completed(), surfaces=surfaces, accuracy=accuracy, budget=budget, most=most, map=file)
+    asked = with_request(
+        load_scene(scene).completed(), surfaces=surfaces, accuracy=accuracy, budget=budget, most=most, map=file
+    )
     return Sampler(
         asked,
         samples=samples,
@@ -127,7 +127,7 @@ def _silent(stage: str, done: int, total: int, note: str = "") -> None:
     pass
 
 
-class Sampler:
+class Sampler(Design):
     """Takes the samples of one ensemble, as a design of a study."""
 
     def __init__(
@@ -150,13 +150,16 @@ class Sampler:
             for doubt in costs.doubts() if warn else ():
                 if doubt.kind != "long":  # how long an ensemble takes is another question
                     warnings.warn(doubt.text, PlanWarning, stacklevel=4)
-            self.archive = Archive(samples, scene)
+        #: how many samples were taken from the folder
+        self.taken = 0
         if samples is not None and any(Path(samples).glob("*.samples")):
             text = "samples of chemage 0.2 (*.samples) are not used; they are computed again, and may be removed"
             warnings.warn(f"{samples}: {text}", UserWarning, stacklevel=4)
         self.scene, self._quantities = scene, self.request.quantities
         self._executor, self._workers, self._threads, self._patience = executor, workers, threads, patience
-        self._part = None if points is None else self._part_of(points)
+        self._folder, self._points = samples, points
+        if points is not None and self.request.budget is not None:
+            raise InputError.of("points", points, "a wall time cannot be shared", "ask for an accuracy")
         self._progress: Report = _silent
         self._routes: list[stages.Route] = []
         self._rule: Iterator[stages.Need] | None = None
@@ -180,41 +183,29 @@ class Sampler:
             It cannot be fulfilled.
         """
         self._progress = progress or _silent
-        with Study(*self._where(), self._patience, classes=registered_classes(self.scene.components())) as study:
-            try:
-                study.carry_out(self, self.archive.place, self._part)
-            except KeyboardInterrupt:
-                raise KeyboardInterrupt(self._so_far()) from None
-            finally:
-                if self._part is None:
-                    self.archive.tidy()
-            return self.ensemble()
-
-    def _part_of(self, points: str) -> Part:
-        share = Selection.read(points).share
-        if share is None:
-            raise InputError.of("points", points, "a mean is no sweep", "give a share, such as 3/16 or auto")
-        if self.request.budget is not None:
-            raise InputError.of("points", points, "a wall time cannot be shared", "ask for an accuracy")
-        if self.archive.place is None:
-            raise InputError.of("points", points, "shares meet in the folder of the samples", "name it: samples=...")
-        return Part.of(share, self.archive.place.folder, self._patience)
+        try:
+            carry_out(self, self._folder, **self._where(), patience=self._patience, points=self._points)
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt(self._so_far()) from None
+        return self.ensemble()
 
     @property
     def writes(self) -> bool:
         """Whether this process writes the result, and not another share."""
-        return self._part is None or self._part.share == 1
+        share = None if self._points is None else Selection.read(self._points).share
+        return share is None or share[0] == 1
 
-    def _where(self) -> tuple[str | Executor, int | None, int | None]:
+    def _where(self) -> dict[str, Any]:
         """Executor, workers and threads of each; threads of this process are a surface each, if memory allows two."""
+        where = {"executor": self._executor, "workers": self._workers, "threads": self._threads}
         if self._executor != "threads" or self._workers is not None:
-            return self._executor, self._workers, self._threads
+            return where
         threads = self._threads or available()
         if fitting(self.request.computations()[0], threads) > 1:
-            return self._executor, threads, 1
-        return "serial", None, threads
+            return where | {"workers": threads, "threads": 1}
+        return where | {"executor": "serial", "threads": threads}
 
-    # -- as a design, see :class:`chemage.studies.study.Design` ------------------------------------------------------
+    # -- as a design --------------------------------------------------------------------------------------------------
 
     def ask(self) -> list[Task]:
         """The tasks of the samples that are needed now.
@@ -243,7 +234,8 @@ class Sampler:
     def tell(self, task: Task, outcome: Outcome) -> None:
         """Receive a sample."""
         part, _ = self._waiting[task.key]
-        part.receive(task.number, SurfaceSample.of(self.archive.received(task, outcome)))
+        self.taken += outcome.kept
+        part.receive(task.number, SurfaceSample.of(outcome))
 
     def ensemble(self) -> Ensemble:
         """The result, when nothing more is asked."""
@@ -304,7 +296,6 @@ class Sampler:
             computation,
             level=level,
             varied=self.request.random,
-            archive=self.archive,
             taken=partial(self._taken, stage) if stage else None,
         )
 
@@ -396,8 +387,8 @@ class Sampler:
         route = self._route or self._routes[0]
         counts = " and ".join(str(len(level.sample(0, MOST))) for level in route.levels)
         kept = ""
-        if self.archive.path is not None:
-            kept = f", kept in {self.archive.path}; the same command takes them up and goes on"
+        if self._folder is not None:
+            kept = f", kept in {self._folder}; the same command takes them up and goes on"
         return f"so far {self._interval() or 'too few for an interval,'} from {counts} samples{kept}"
 
     def _explained(self, error: stages.Unreachable) -> str:

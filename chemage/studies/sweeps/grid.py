@@ -390,16 +390,11 @@ def _add(result: Survey, point: int, scene: Scene) -> None:
     for doubt in [*costs.doubts(), *of_sweep]:
         text, first, count = result.doubts.get(doubt.kind, (doubt.text, point, 0))
         result.doubts[doubt.kind] = text, first, count + 1
-    task = Task.of(
-        scene,
-        number=point,
-        changes=result.grid.changes(point),
-        contact_seconds=_or_nan(costs.contact_cpu_seconds),
-        ageing_seconds=_or_nan(costs.kinetics_cpu_seconds),
-    )
+    task = Task.of(scene, costs=costs, number=point)
     # only what makes the scene is kept, since there may be very many
     key = mean_key(scene) if result.means else task.key
-    task = replace(task, key=key, source=partial(result.grid.scene, point))
+    changes = result.grid.changes(point)
+    task = replace(task, key=key, source=partial(result.grid.scene, point), changes=changes)
     result.tasks.append(task)
     needed = [costs.contact_bytes]
     if task.contact not in result.contacts:

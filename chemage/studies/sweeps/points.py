@@ -27,6 +27,7 @@ from chemage.scene.scene import Scene
 from chemage.studies.ensembles.planning import plan
 from chemage.studies.ensembles.running import Sampler
 from chemage.studies.folder import Folder, SweepWarning
+from chemage.studies.study import Design
 from chemage.studies.sweeps.grid import Survey
 from chemage.studies.tasks import Outcome, Place, Task, by_contact, failure
 from chemage.surfaces.surface import Surface
@@ -130,7 +131,7 @@ SAMPLES = "samples"
 PLANNED = 20
 
 
-class Points:
+class Points(Design):
     """The points of a sweep that are left, as a design: all of them are asked for at once.
 
     Parameters
@@ -223,7 +224,7 @@ class Means(Points):
             try:
                 if key not in self._means:
                     scene = self._survey.tasks[self._same[key][0]].scene
-                    self._means[key] = Sampler(scene, samples=self.place.path, warn=False)
+                    self._means[key] = Sampler(scene, warn=False)
                 needed = self._means[key].ask()
             except (Exception, SystemExit) as error:
                 self._end(key, error)
@@ -237,7 +238,7 @@ class Means(Points):
 
     def tell(self, task: Task, outcome: Outcome) -> None:
         """See :class:`chemage.studies.study.Design`."""
-        self.samples = (self.samples or 0) + 1
+        self.samples = (self.samples or 0) + (not outcome.kept)
         for key in self._asking[task.key]:
             if key not in self._means:
                 continue

@@ -30,7 +30,7 @@ from chemage.foundation.records import content_hash
 from chemage.foundation.text import jsonable
 from chemage.plugins import registry
 from chemage.plugins.sources import nested
-from chemage.scene.files import override, parse_scene
+from chemage.scene.files import load_scene
 from chemage.scene.plan import cost
 from chemage.scene.provenance import versions
 from chemage.scene.run import Run, aged, contact_of
@@ -81,14 +81,7 @@ def applied(scene: Scene, combination: Combination) -> Scene:
     ChemageError
         They do not go together.
     """
-    return with_changes(scene, {path: value for one in combination for path, value in one.changes.items()})
-
-
-def with_changes(scene: Scene, changed: Mapping[str, Any]) -> Scene:
-    """``scene`` with other values: dotted path -> value."""
-    other = parse_scene(override(scene.todict(), changed))
-    # what the material gave is written out in the data
-    return other.model_copy(update={"material": scene.material, "from_material": scene.from_material})
+    return load_scene(scene, {path: value for one in combination for path, value in one.changes.items()})
 
 
 def go_together(combination: Combination) -> bool:
@@ -233,7 +226,7 @@ def most_accurate(scene: Scene) -> Scene:
             best = part.reference()
             options = {name: value for name, value in best.todict().items() if value != part.todict().get(name)}
             changed |= {f"{path}.{name}": value for name, value in options.items()}
-    return with_changes(scene, changed)
+    return load_scene(scene, changed)
 
 
 # -- a setting as changes to the scene file ----------------------------------------------------------------------------
@@ -297,8 +290,8 @@ class Timed(Task):
     reference: Scene | None = None
 
     @classmethod
-    def of(cls, scene: Scene, **more: Any) -> Self:
-        """The task of a scene."""
+    def measuring(cls, scene: Scene, **more: Any) -> Self:
+        """The task that measures a scene."""
         reference, estimates = more.get("reference"), cost(scene)
         keys = scene.task_keys()
         against = None if reference is None else _contact_key(reference)

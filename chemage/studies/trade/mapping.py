@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -35,8 +35,8 @@ from chemage.scene.plan import cost
 from chemage.scene.provenance import versions
 from chemage.scene.scene import Scene, is_random, question
 from chemage.studies.ensembles.quantities import GIVEN, Quantities
-from chemage.studies.study import Archive, Study
-from chemage.studies.tasks import Outcome, Task, registered_classes
+from chemage.studies.study import Design, carry_out
+from chemage.studies.tasks import Outcome, Task
 from chemage.studies.trade.choices import (
     ENGINE,
     Combination,
@@ -110,12 +110,8 @@ def tradeoff(
     if not scene.contact.gives_map:
         raise InputError(no_map(scene.contact, "there is no pressure whose error could be measured"))
     with scene.in_use():
-        archive = Archive(folder, scene, processor=True)
-        design = Mapper(scene, archive, rounds, report)
-        classes = registered_classes(component for scene in design.scenes() for component in scene.components())
-        with Study(executor, workers, 1, patience, classes=classes) as study:
-            study.carry_out(design, archive.place)
-        archive.tidy()
+        design = Mapper(scene, rounds, report)
+        carry_out(design, folder, executor=executor, workers=workers, threads=1, patience=patience)
         return design.map()
 
 
@@ -179,17 +175,13 @@ class _Trial:
         return [one.less(other, name) for one, other in pairs if name in other.values]
 
 
-class Mapper:
+class Mapper(Design):
     """Measures the points of one map, as a design of a study."""
 
-    def __init__(
-        self,
-        scene: Scene,
-        archive: Archive,
-        rounds: int | None,
-        report: Report | None,
-    ) -> None:
-        self.scene, self._archive, self._report = scene, archive, report or (lambda _: None)
+    timed = True
+
+    def __init__(self, scene: Scene, rounds: int | None, report: Report | None) -> None:
+        self.scene, self._report = scene, report or (lambda _: None)
         self.notes: list[str] = []
         self.random = is_random(scene)
         self._quantities = Quantities.of(scene, ())
@@ -206,21 +198,17 @@ class Mapper:
         self._references: list[_Timing] = []
         self._spent = 0.0
 
-    # -- as a design, see :class:`chemage.studies.study.Design` -------------------------------------------------------
+    # -- as a design --------------------------------------------------------------------------------------------------
 
     def ask(self) -> list[Task]:
-        """The tasks of the next stage that are not in the folder."""
+        """The tasks of the next stage."""
         if self._stages is None:
             self._stages = self._all_stages()
         for stage in self._stages:
             tasks: dict[str, Task] = {}
             for words, task in stage:
-                if task.key in self._found:
-                    continue
-                if (outcome := self._archive.find(task)) is not None and outcome.content is not None:
-                    self._found[task.key] = self._read(outcome.content)
-                    continue
-                tasks[task.key], self._asked[task.key] = task, words
+                if task.key not in self._found:
+                    tasks[task.key], self._asked[task.key] = task, words
             if tasks:
                 return list(tasks.values())
         return []
@@ -231,17 +219,18 @@ class Mapper:
         if isinstance(outcome.error, ChemageError):
             self._found[task.key] = outcome.error
         else:
-            content = self._archive.received(task, outcome).content
-            assert content is not None
-            self._found[task.key] = timing = self._read(content)
+            self._found[task.key] = timing = self._read(outcome)
+            if outcome.kept:
+                return
             self._spent += timing.seconds
         each = self._spent / max(len(self._found), 1)
         left = f"; about {seconds:.0f} s left of these" if (seconds := each * len(self._asked)) >= 1 else ""
         self._report(words + left)
 
-    def _read(self, content: Mapping[str, Any]) -> _Timing:
+    def _read(self, outcome: Outcome) -> _Timing:
         """From what a worker sends, or a folder has."""
-        summary = content["summary"]
+        summary, content = outcome.summary, outcome.content
+        assert content is not None
         values = {name: summary[name] for name in (*MEASURES, *FLOW_MEASURES) if name in summary and name not in GIVEN}
         values[DISTRIBUTION] = content[DISTRIBUTION]
         values = {name: np.array([value], dtype=np.float64) for name, value in values.items()}
@@ -259,15 +248,11 @@ class Mapper:
             raise found
         return found
 
-    def scenes(self) -> Iterator[Scene]:
-        """The scene, its reference, and the scene with each single choice."""
-        yield from (self.scene, self.reference, *self._alone("contact").values(), *self._alone("ageing").values())
-
-    def _alone(self, stage: str) -> dict[str, Scene]:
-        """The scene with each of the settings of a stage that can be had, by the words of the setting."""
+    def _alone(self) -> dict[str, Scene]:
+        """The scene with each of the settings of the ageing that can be had, by the words of the setting."""
         scenes: dict[str, Scene] = {}
         for one in self.choices:
-            if one.stage == stage:
+            if one.stage == "ageing":
                 with suppress(ChemageError):  # the reason is noted where it is measured
                     scenes[one.words] = applied(self.scene, (one,))
         return scenes
@@ -323,7 +308,7 @@ class Mapper:
             one = found.ageing_seconds if isinstance(found, _Timing) else 0.0
             return one * (1 if whole else scene.hold.replicas)
 
-        scenes = self._alone("ageing")
+        scenes = self._alone()
         yield [(f"one replica: {words}", of(scene)) for words, scene in [("scene", self.scene), *scenes.items()]]
         first = self._found.get(of(self.scene).key)
         own = seconds(self.scene) + (first.contact_seconds if isinstance(first, _Timing) else 0.0)
@@ -366,7 +351,7 @@ class Mapper:
     def _task(self, scene: Scene, number: int, compared: bool = True) -> Timed:
         """A scene on the surface of a round, with its random numbers."""
         reference = self._in_round(self.reference, number) if compared else None
-        return Timed.of(self._in_round(scene, number), number=number, reference=reference)
+        return Timed.measuring(self._in_round(scene, number), number=number, reference=reference)
 
     def _in_round(self, scene: Scene, number: int) -> Scene:
         if scene.hold is not None:

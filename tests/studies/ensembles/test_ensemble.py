@@ -69,13 +69,13 @@ def test_the_number_of_threads_changes_nothing(rough, four):
 
 @pytest.mark.parametrize(("executor", "workers"), [("threads", 2), ("serial", None)])
 def test_workers_that_are_asked_for_are_those_of_the_study(rough, four, monkeypatch, executor, workers):
-    asked, real = [], running.Study
+    asked, real = [], running.carry_out
 
-    def study(*args, **options):
-        asked.append(args[:2])
+    def carry_out(*args, **options):
+        asked.append((options["executor"], options["workers"]))
         return real(*args, **options)
 
-    monkeypatch.setattr(running, "Study", study)
+    monkeypatch.setattr(running, "carry_out", carry_out)
     assert ensemble(rough, surfaces=4, executor=executor, workers=workers).digest() == four.digest()
     assert asked == [(executor, workers)]
 
