@@ -25,7 +25,7 @@ from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from chemage.foundation import names
-from chemage.foundation.errors import InputError, PluginError, UnknownKindError, imported
+from chemage.foundation.errors import InputError, PluginError, UnknownKindError, imported, nearest
 from chemage.plugins import context, hooks
 from chemage.plugins.context import Plugins, record_participation, taking_part
 from chemage.plugins.hooks import Stage, in_order
@@ -281,8 +281,6 @@ class Registry:
         """Raise an InputError if one of these plugins, named in ``where``, is not in use."""
         in_use = [record.name for record in self.records if not record.error]
         if unknown := [name for name in names if name not in in_use]:
-            from chemage.foundation.errors import nearest
-
             hint = nearest(unknown[0], in_use) if len(unknown) == 1 else ""
             raise InputError(
                 f"{where} names {', '.join(map(repr, unknown))}, which is not installed{hint}; "
@@ -356,8 +354,6 @@ class Registry:
         """
         record = next((each for each in self.records if each.name == name), None)
         if record is None or record.error or not record.options:
-            from chemage.foundation.errors import nearest
-
             with_options = [each.name for each in self.records if each.options]
             hint = f"; plugins with options: {', '.join(with_options) or 'none'}"
             if record is None:
@@ -422,8 +418,6 @@ class Registry:
         self.role(role)
         offers = self.offers(role, kind)
         if not offers:
-            from chemage.foundation.errors import nearest
-
             installed = self.kinds(role)
             broken = [record.name for record in self.records if record.error]
             raise UnknownKindError(
