@@ -22,7 +22,11 @@ def __getattr__(name: str) -> Any:
     if name in names.HOME or name in names.MODULES:
         from warnings import warn
 
-        warn(f"chemage.{name} is now chemage.plugin.{name}", DeprecationWarning, stacklevel=2)
+        warn(
+            f"chemage.{name} is now chemage.plugin.{name}",
+            DeprecationWarning,
+            stacklevel=2,
+        )
         return names.load(name)
     from chemage.plugins.registry import named
 

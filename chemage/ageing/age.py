@@ -21,7 +21,14 @@ from chemage.ageing.observables import Observable, output_problems
 from chemage.ageing.replicas import COMMON, Common
 from chemage.contacts.role import expect_contact
 from chemage.contacts.solution import Contact, ContactSolution, ContactStatistics
-from chemage.foundation.checks import Seed, check_times, checked_count, checked_seed, expect, temperature_value
+from chemage.foundation.checks import (
+    Seed,
+    check_times,
+    checked_count,
+    checked_seed,
+    expect,
+    temperature_value,
+)
 from chemage.foundation.errors import InputError, PluginError
 from chemage.foundation.memory import require
 from chemage.foundation.outputs import Block, Checker, Output, recording
@@ -32,10 +39,20 @@ from chemage.friction.role import Rupture
 from chemage.kinetics.role import Engine
 from chemage.lattices.chemistry import Chemistry
 from chemage.plugins.context import Plugins
-from chemage.plugins.sources import approximations, components_in, implementing, providers
+from chemage.plugins.sources import (
+    approximations,
+    components_in,
+    implementing,
+    providers,
+)
 
 #: hooks that see the sites of a replica
-_SITE_HOOKS = ("chemage_build_lattice", "chemage_run_kinetics", "chemage_rupture_bonds", "chemage_observe")
+_SITE_HOOKS = (
+    "chemage_build_lattice",
+    "chemage_run_kinetics",
+    "chemage_rupture_bonds",
+    "chemage_observe",
+)
 
 
 def age(
@@ -90,7 +107,12 @@ def age(
     """
     _check_parts(contact, chemistry, engine, rupture, observe)
     if not isinstance(common, str) or common not in COMMON:
-        raise InputError.of("common", common, f"is not one of {', '.join(COMMON)}", "the default is 'none'")
+        raise InputError.of(
+            "common",
+            common,
+            f"is not one of {', '.join(COMMON)}",
+            "the default is 'none'",
+        )
     checked_count("replicas", replicas)
     if not isinstance(seed, np.random.SeedSequence):
         checked_seed(seed)
@@ -105,7 +127,9 @@ def age(
     if checkpoints is not None:
         expect("checkpoints", checkpoints, Path, "give a pathlib.Path")
     if progress is not None and not callable(progress):
-        raise InputError.of("progress", progress, "cannot be called", "give a function, or leave it out")
+        raise InputError.of(
+            "progress", progress, "cannot be called", "give a function, or leave it out"
+        )
     report = counted("ageing", method.steps, progress)
     how = replicas, seed, common, rupture, tuple(observe), threads, report, checkpoints
     request = AgeingRequest(contact, chemistry, engine, times, kelvin, *how)
@@ -116,9 +140,16 @@ def age(
     return aging
 
 
-def _check_parts(contact: Any, chemistry: Any, engine: Any, rupture: Any, observe: Any) -> None:
+def _check_parts(
+    contact: Any, chemistry: Any, engine: Any, rupture: Any, observe: Any
+) -> None:
     expect_contact(contact, Contact)
-    expect("chemistry", chemistry, Chemistry, "make one with chemage.chemistry(forming=...)")
+    expect(
+        "chemistry",
+        chemistry,
+        Chemistry,
+        "make one with chemage.chemistry(forming=...)",
+    )
     expect("engine", engine, Engine, 'make one with chemage.engine("bkl")')
     if rupture is not None:
         expect(Rupture.role, rupture, Rupture, 'make one with chemage.rupture("...")')
@@ -137,16 +168,29 @@ def _aging(request: AgeingRequest, method: AgeingMethod) -> Aging:
     with recording() as block:
         aged = method.age(request)
     if not isinstance(aged, AgedBonds):
-        raise PluginError(f"ageing {method.kind!r} gave {type(aged).__name__}; its method age must give an AgedBonds")
+        raise PluginError(
+            f"ageing {method.kind!r} gave {type(aged).__name__}; its method age must give an AgedBonds"
+        )
     components = [method, request.engine, chemistry, *observe, request.rupture]
     plugins = contact.plugins | aged.plugins | providers(components)
     declared = dict(aged.outputs)
-    declared |= {name: output for observable in observe for name, output in observable.outputs.items()}
+    declared |= {
+        name: output
+        for observable in observe
+        for name, output in observable.outputs.items()
+    }
     recorded = _recorded(method, aged, block)
     declared |= {name: output for name, (output, _) in recorded.items()}
-    remarks = () if request.rupture is None else request.rupture.remarks(aged.observables)
-    if twice := (aged.observables.keys() | recorded.keys()) & contact.observables.keys():
-        raise PluginError(f"{min(twice)!r} is recorded with the contact and with its ageing; rename one")
+    remarks = (
+        () if request.rupture is None else request.rupture.remarks(aged.observables)
+    )
+    if (
+        twice := (aged.observables.keys() | recorded.keys())
+        & contact.observables.keys()
+    ):
+        raise PluginError(
+            f"{min(twice)!r} is recorded with the contact and with its ageing; rename one"
+        )
     try:
         aging = Aging(
             hold_times=request.hold_times,
@@ -164,20 +208,30 @@ def _aging(request: AgeingRequest, method: AgeingMethod) -> Aging:
             notes=(*aged.notes, *remarks, *_left_out(request, method, aged, plugins)),
             contact=contact.summary(),
             elasticity=elastic_limits(contact, chemistry),
-            observables=dict(aged.observables) | {name: values for name, (_, values) in recorded.items()},
+            observables=dict(aged.observables)
+            | {name: values for name, (_, values) in recorded.items()},
             outputs={name: output.todict() for name, output in declared.items()},
             provenance=_provenance(request, method),
         )
     except InputError as error:
-        raise PluginError(f"ageing {method.kind!r} gave no valid result: {error}") from error
+        raise PluginError(
+            f"ageing {method.kind!r} gave no valid result: {error}"
+        ) from error
     if aging.replicas != (request.replicas if method.replicates else 1):
-        raise PluginError(f"ageing {method.kind!r} gave {aging.replicas} replicas of {request.replicas}")
-    return aging.noting(plugins, [*contact.approximate, *aged.approximate, *approximations(components)])
+        raise PluginError(
+            f"ageing {method.kind!r} gave {aging.replicas} replicas of {request.replicas}"
+        )
+    return aging.noting(
+        plugins, [*contact.approximate, *aged.approximate, *approximations(components)]
+    )
 
 
-def _recorded(method: AgeingMethod, aged: AgedBonds, block: Block) -> dict[str, tuple[Output, np.ndarray]]:
+def _recorded(
+    method: AgeingMethod, aged: AgedBonds, block: Block
+) -> dict[str, tuple[Output, np.ndarray]]:
     """What the method recorded of the whole contact, the same for each row of its bonds."""
-    checker, rows = Checker(f"ageing {method.kind!r}", np.shape(aged.bonds)[-1]), len(np.atleast_2d(aged.bonds))
+    checker = Checker(f"ageing {method.kind!r}", np.shape(aged.bonds)[-1])
+    rows = len(np.atleast_2d(aged.bonds))
     found = {}
     for name, (_, declared) in block.items():
         values = checker.values(name, declared.values, declared.output)
@@ -185,7 +239,9 @@ def _recorded(method: AgeingMethod, aged: AgedBonds, block: Block) -> dict[str, 
     return found
 
 
-def _left_out(request: AgeingRequest, method: AgeingMethod, aged: AgedBonds, took_part: Plugins) -> Iterator[str]:
+def _left_out(
+    request: AgeingRequest, method: AgeingMethod, aged: AgedBonds, took_part: Plugins
+) -> Iterator[str]:
     """Notes of the plugins that would see the sites of a replica and did not, and of what components would record of
     the replicas, which the method does not give."""
     hooks = () if method.shows_sites else _SITE_HOOKS
@@ -193,7 +249,9 @@ def _left_out(request: AgeingRequest, method: AgeingMethod, aged: AgedBonds, too
         names = ", ".join(missed)
         yield f"ageing {method.kind!r} does not give the sites of a replica to plugins: {names} took no part"
     parts = components_in(request.engine, request.rupture)
-    if missed := [name for part in parts for name in part.outputs if name not in aged.observables]:
+    if missed := [
+        name for part in parts for name in part.outputs if name not in aged.observables
+    ]:
         yield f"ageing {method.kind!r} does not keep what replicas record: {', '.join(missed)}"
 
 
@@ -201,14 +259,26 @@ def _provenance(request: AgeingRequest, method: AgeingMethod) -> dict[str, Any]:
     chemistry, rupture, observe = request.chemistry, request.rupture, request.observe
     sites = chemistry.site_notes(request.contact)
     return {
-        "chemistry": {name: value for name, value in chemistry.todict().items() if name not in chemistry.limits},
+        "chemistry": {
+            name: value
+            for name, value in chemistry.todict().items()
+            if name not in chemistry.limits
+        },
         "engine": request.engine.todict(),
         "contact": request.contact.provenance,
         **({"sites": sites} if sites else {}),
         **({} if rupture is None else {rupture.role: rupture.todict()}),
-        **({"observe": [observable.todict() for observable in observe]} if observe else {}),
+        **(
+            {"observe": [observable.todict() for observable in observe]}
+            if observe
+            else {}
+        ),
         **({"ageing": method.todict()} if method.role else {}),
-        **({"seed": str(request.seed), "common": request.common} if method.replicates else {}),
+        **(
+            {"seed": str(request.seed), "common": request.common}
+            if method.replicates
+            else {}
+        ),
     }
 
 
@@ -241,16 +311,33 @@ def with_members(
         return aging
     method, sites = how.get("method") or EVERY_SITE, max(float(aging.sites.mean()), 1.0)
     replicas = int(np.clip(np.ceil(SITES / sites), 1, MOST))
-    how |= {"replicas": replicas, "common": "all", Rupture.role: None, "observe": (), "threads": 1}
+    how |= {
+        "replicas": replicas,
+        "common": "all",
+        Rupture.role: None,
+        "observe": (),
+        "threads": 1,
+    }
     how.pop("checkpoints", None)
     every = [chemistry.forming, *members]
 
     def aged(number: int) -> np.ndarray:
-        return age(contact, chemistry.replace(forming=every[number]), **how).bonds.mean(axis=0, dtype=np.float64)
+        return age(contact, chemistry.replace(forming=every[number]), **how).bonds.mean(
+            axis=0, dtype=np.float64
+        )
 
     own, *others = in_order(aged, len(every), threads or available(), progress)
-    ratios = np.stack([np.divide(bonds, own, out=np.full(own.shape, np.nan), where=own > 0) for bonds in others])
-    count = f"{replicas} replica{'s' if replicas > 1 else ''} each" if method.replicates else "each once"
+    ratios = np.stack(
+        [
+            np.divide(bonds, own, out=np.full(own.shape, np.nan), where=own > 0)
+            for bonds in others
+        ]
+    )
+    count = (
+        f"{replicas} replica{'s' if replicas > 1 else ''} each"
+        if method.replicates
+        else "each once"
+    )
     source = f"scatter of {len(others)} members of the distribution of barriers, {count}, same random numbers"
     return aging.model_copy(
         update={

@@ -32,7 +32,14 @@ from chemage.foundation.checks import check_times
 from chemage.foundation.codec import Derived, dataset, frame
 from chemage.foundation.errors import InputError
 from chemage.foundation.outputs import MeasuredOutput, Observing, measured
-from chemage.foundation.quantities import HOLD_TIME, Curve, ErrorPart, Quantity, Rank, by_name
+from chemage.foundation.quantities import (
+    HOLD_TIME,
+    Curve,
+    ErrorPart,
+    Quantity,
+    Rank,
+    by_name,
+)
 from chemage.foundation.records import (
     Counts,
     Doubles,
@@ -80,7 +87,11 @@ class Aging(Observing, Record):
         "bonds": (("replica", "hold_time"), "", "number of bonds"),
         "sites": (("replica",), "", "number of reactive sites"),
         "events": (("replica",), "", "bonds formed and broken"),
-        "rupture_force": (("replica", "hold_time"), "nN", "force that breaks all bonds"),
+        "rupture_force": (
+            ("replica", "hold_time"),
+            "nN",
+            "force that breaks all bonds",
+        ),
         "member_ratios": (
             ("member", "hold_time"),
             "",
@@ -88,7 +99,15 @@ class Aging(Observing, Record):
         ),
     }
     stored_names = {"hold_times": "hold_time"}
-    added = ("rupture_force", "outputs", "elasticity", "errors", "error_sources", "events", "member_ratios")
+    added = (
+        "rupture_force",
+        "outputs",
+        "elasticity",
+        "errors",
+        "error_sources",
+        "events",
+        "member_ratios",
+    )
 
     hold_times: Doubles
     """(m,) s"""
@@ -133,9 +152,17 @@ class Aging(Observing, Record):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.hold_times.ndim != 1:
-            raise ValueError(f"hold_times: shape {self.hold_times.shape}; give a one-dimensional array")
-        if self.bonds.ndim != 2 or self.bonds.shape[1] != self.hold_times.size or self.bonds.shape[0] < 1:
-            raise ValueError(f"bonds: shape {self.bonds.shape}; give (replicas, {self.hold_times.size})")
+            raise ValueError(
+                f"hold_times: shape {self.hold_times.shape}; give a one-dimensional array"
+            )
+        if (
+            self.bonds.ndim != 2
+            or self.bonds.shape[1] != self.hold_times.size
+            or self.bonds.shape[0] < 1
+        ):
+            raise ValueError(
+                f"bonds: shape {self.bonds.shape}; give (replicas, {self.hold_times.size})"
+            )
         require_finite("sites", self.sites, "give counts")
         check_times(self.hold_times)
         require_finite("bonds", self.bonds, "give counts")
@@ -144,13 +171,19 @@ class Aging(Observing, Record):
             if counted is None:
                 continue
             if counted.shape != self.bonds.shape[:1]:
-                raise ValueError(f"{name}: give one number for each of the {self.replicas} replicas")
+                raise ValueError(
+                    f"{name}: give one number for each of the {self.replicas} replicas"
+                )
             if counted.min(initial=0) < 0:
                 raise ValueError(f"{name}: {counted.min()} is negative; give counts")
         self._check_errors()
         if (negative := self.bonds < -self._scatter).any():
-            raise ValueError(f"bonds: {self.bonds[negative][0]} is negative; give counts")
-        if (too_many := self.bonds - self._scatter > self.sites[:, None] * (1 + 1e-12)).any():
+            raise ValueError(
+                f"bonds: {self.bonds[negative][0]} is negative; give counts"
+            )
+        if (
+            too_many := self.bonds - self._scatter > self.sites[:, None] * (1 + 1e-12)
+        ).any():
             replica, at = np.argwhere(too_many)[0]
             raise ValueError(
                 f"bonds: {self.bonds[replica, at]} of replica {replica} at {self.hold_times[at]:g} s, which has only "
@@ -162,13 +195,22 @@ class Aging(Observing, Record):
                     f"rupture_force: shape {self.rupture_force.shape}; give {self.bonds.shape}, as for bonds"
                 )
             if not (np.isfinite(self.rupture_force) & (self.rupture_force >= 0)).all():
-                raise ValueError("rupture_force: has numbers that are negative or not finite; give forces in nN")
-        if self.member_ratios is not None and self.member_ratios.shape[1:] != self.hold_times.shape:
-            raise ValueError(f"member_ratios: shape {self.member_ratios.shape}; give (members, {self.hold_times.size})")
+                raise ValueError(
+                    "rupture_force: has numbers that are negative or not finite; give forces in nN"
+                )
+        if (
+            self.member_ratios is not None
+            and self.member_ratios.shape[1:] != self.hold_times.shape
+        ):
+            raise ValueError(
+                f"member_ratios: shape {self.member_ratios.shape}; give (members, {self.hold_times.size})"
+            )
         for name, output in self.outputs.items():
             values = self.observables.get(name)
             if values is None or values.ndim != 1 + len(output["dims"]):
-                raise ValueError(f"outputs: {name!r} does not belong to an observable with dims {output['dims']}")
+                raise ValueError(
+                    f"outputs: {name!r} does not belong to an observable with dims {output['dims']}"
+                )
         return self
 
     @property
@@ -179,18 +221,26 @@ class Aging(Observing, Record):
         """
         if self.bonds.dtype.kind == "i":
             return np.zeros(self.hold_times.size)
-        stated = sum(self.errors.values(), np.zeros(self.hold_times.size)) * np.abs(self.bonds.mean(axis=0))
+        stated = sum(self.errors.values(), np.zeros(self.hold_times.size)) * np.abs(
+            self.bonds.mean(axis=0)
+        )
         far = FAR * (self.bonds.std(axis=0) + stated * math.sqrt(self.replicas))
         return np.where(np.isnan(far), np.inf, far)
 
     def _check_errors(self) -> None:
         if self.errors.keys() != self.error_sources.keys():
-            raise ValueError(f"error_sources: say how each of the errors {', '.join(self.errors) or '(none)'} is known")
+            raise ValueError(
+                f"error_sources: say how each of the errors {', '.join(self.errors) or '(none)'} is known"
+            )
         for name, error in self.errors.items():
             if error.shape != self.hold_times.shape or error.dtype.kind != "f":
-                raise ValueError(f"errors: {name!r} must be one relative error for each of the hold times")
+                raise ValueError(
+                    f"errors: {name!r} must be one relative error for each of the hold times"
+                )
             if (error < 0).any() or np.isinf(error).any():
-                raise ValueError(f"errors: {name!r} has numbers that are negative or infinite; give relative errors")
+                raise ValueError(
+                    f"errors: {name!r} has numbers that are negative or infinite; give relative errors"
+                )
 
     def declared(self, name: str) -> tuple[tuple[str, ...], str, str] | None:
         """See :meth:`Record.declared`; what was recorded has replicas as well."""
@@ -198,7 +248,11 @@ class Aging(Observing, Record):
         if field == "errors":
             return ("hold_time",), "", self.error_sources.get(key, "")
         found = super().declared(name)
-        return (("replica", *found[0]), *found[1:]) if field == "observables" and found is not None else found
+        return (
+            (("replica", *found[0]), *found[1:])
+            if field == "observables" and found is not None
+            else found
+        )
 
     @property
     def measured(self) -> dict[str, MeasuredOutput]:
@@ -230,8 +284,15 @@ class Aging(Observing, Record):
     @property
     def error_words(self) -> str:
         """The errors of the mean that the scatter of the replicas does not contain, at the last hold time, in words."""
-        last = [(name, float(error[-1])) for name, error in self.errors.items() if error.size]
-        parts = [f"{name} {percent(error)} ({self.error_sources[name]})" for name, error in last]
+        last = [
+            (name, float(error[-1]))
+            for name, error in self.errors.items()
+            if error.size
+        ]
+        parts = [
+            f"{name} {percent(error)} ({self.error_sources[name]})"
+            for name, error in last
+        ]
         return "; ".join(parts)
 
     @property
@@ -240,8 +301,17 @@ class Aging(Observing, Record):
 
         That of the distribution of barriers is left out: it is an error of the input.
         """
-        parts = [error for name, error in self.errors.items() if name != BARRIERS and self.replicas == 1]
-        return np.sqrt(sum((np.nan_to_num(error) ** 2 for error in parts), np.zeros(self.hold_times.size)))
+        parts = [
+            error
+            for name, error in self.errors.items()
+            if name != BARRIERS and self.replicas == 1
+        ]
+        return np.sqrt(
+            sum(
+                (np.nan_to_num(error) ** 2 for error in parts),
+                np.zeros(self.hold_times.size),
+            )
+        )
 
     @property
     def rupture(self) -> str | None:
@@ -285,7 +355,11 @@ class Aging(Observing, Record):
     def mean_shear_stress(self) -> float:
         """ΔF at the last hold time over the area of the sites, mean over replicas, GPa; nan where that is not known."""
         area = self.site_area
-        return float(self.friction_drop[:, -1].mean() / area) if area > 0 and self.hold_times.size else math.nan
+        return (
+            float(self.friction_drop[:, -1].mean() / area)
+            if area > 0 and self.hold_times.size
+            else math.nan
+        )
 
     @property
     def friction_drop_stderr(self) -> np.ndarray:
@@ -307,7 +381,9 @@ class Aging(Observing, Record):
         """Half the width of Student's 95 % interval of the mean Δμ, (m,); nan for a single replica or without load."""
         return half_width(self.friction_coefficient_drop)
 
-    def fit(self, start: QuantityLike = FIT_WINDOW[0], stop: QuantityLike = FIT_WINDOW[1]) -> Fit:
+    def fit(
+        self, start: QuantityLike = FIT_WINDOW[0], stop: QuantityLike = FIT_WINDOW[1]
+    ) -> Fit:
         """Line of Δμ against log10 t over ``start`` ≤ t ≤ ``stop`` (s): β, cut-off time, and their errors.
 
         See :func:`chemage.fit_aging`, of which this is the line over a window. Standard errors are jackknife errors
@@ -322,7 +398,9 @@ class Aging(Observing, Record):
         with np.errstate(over="ignore", invalid="ignore"):
             fit = fit_aging(self, window=(start, stop))
         if not np.isfinite(fit.beta):
-            raise InputError("friction: its fit is out of the range of numbers; check load and bond_force")
+            raise InputError(
+                "friction: its fit is out of the range of numbers; check load and bond_force"
+            )
         return fit
 
     def fit_data(self, quantity: Friction | None) -> FitData:
@@ -349,12 +427,17 @@ class Aging(Observing, Record):
         Means with their 95 % intervals of ``quantity``, "friction_coefficient_drop" (default where there is a load) or
         "friction_drop"; and with ``fit`` the line of :meth:`fit`. ``color`` and ``label`` are those of the curve.
         """
-        return draw_result(self, ax, quantity=quantity, fit=fit, color=color, label=label)
+        return draw_result(
+            self, ax, quantity=quantity, fit=fit, color=color, label=label
+        )
 
     def curves(self) -> list[Curve]:
         """ΔF, Δμ, bonds per contact area and per site, and what was recorded at every hold time, as means over the
         replicas; without those that are not known, such as Δμ without load."""
-        drops = {"friction_drop": self.friction_drop, "friction_coefficient_drop": self.friction_coefficient_drop}
+        drops = {
+            "friction_drop": self.friction_drop,
+            "friction_coefficient_drop": self.friction_coefficient_drop,
+        }
         with np.errstate(invalid="ignore", divide="ignore"):
             drops["bonds"] = self.bonds
             drops["bonds_per_area"] = self.bonds / self.site_area
@@ -364,7 +447,11 @@ class Aging(Observing, Record):
         for name, values in drops.items():
             curve = every[name].of_replicas(self.hold_times, values, self.over)
             found.append(curve.but(known=self.stated_error * curve.mean))
-        found += [output.curve(self.hold_times, self.over) for output in self.measured.values() if output.is_curve]
+        found += [
+            output.curve(self.hold_times, self.over)
+            for output in self.measured.values()
+            if output.is_curve
+        ]
         if self.load <= 0:  # there is no coefficient of friction
             found[0] = found[0].but(rank=Rank.FIRST)
         return [one for one in found if np.isfinite(one.mean).any()]
@@ -372,7 +459,11 @@ class Aging(Observing, Record):
     @property
     def over(self) -> str:
         """What means are taken over."""
-        return f"mean of {self.replicas} replicas, 95 %" if self.replicas > 1 else "1 replica"
+        return (
+            f"mean of {self.replicas} replicas, 95 %"
+            if self.replicas > 1
+            else "1 replica"
+        )
 
     def quantities(self, window: tuple[float, float] = FIT_WINDOW) -> list[Quantity]:
         """The limits of the elastic model, what was recorded, and the fit over ``window`` (s); where there is none,
@@ -380,15 +471,27 @@ class Aging(Observing, Record):
         numbers = [Quantity("sites", "1", "sites", value=float(self.sites.mean()))]
         last = f"at {self.hold_times[-1]:g} s"
         for name, value in elastic_measures(self).items():
-            of = last if name in ("mean_shear_stress", "shear_stress_to_strength") else ""
+            of = (
+                last
+                if name in ("mean_shear_stress", "shear_stress_to_strength")
+                else ""
+            )
             numbers.append(ELASTIC_MEASURES[name].but(value=value, of=of))
-        numbers += [output.quantity() for output in self.measured.values() if output.is_number]
+        numbers += [
+            output.quantity() for output in self.measured.values() if output.is_number
+        ]
         fit, reason = fit_or_reason(self, window)
         if fit is None:
-            return [*numbers, BETA.but(reason=f"not fitted: {reason}"), CUTOFF.but(reason="not fitted")]
+            return [
+                *numbers,
+                BETA.but(reason=f"not fitted: {reason}"),
+                CUTOFF.but(reason="not fitted"),
+            ]
         beta, *others = fit.quantities()
         how = f"measured here, {self.replicas} replicas on this one surface"
-        replicas = {"replicas": ErrorPart(fit.beta_stderr, how)} if self.replicas > 1 else {}
+        replicas = (
+            {"replicas": ErrorPart(fit.beta_stderr, how)} if self.replicas > 1 else {}
+        )
         return [*numbers, beta.but(errors=replicas | beta_parts(self, window)), *others]
 
     def to_xarray(self) -> xarray.Dataset:
@@ -396,7 +499,10 @@ class Aging(Observing, Record):
         over replicas, standard errors and half widths of 95 % intervals. Needs xarray."""
         return dataset(
             self,
-            {name: (dims, values, {"units": unit}) for name, (dims, values, unit, _) in stored_curves(self).items()},
+            {
+                name: (dims, values, {"units": unit})
+                for name, (dims, values, unit, _) in stored_curves(self).items()
+            },
         )
 
     def to_pandas(self) -> pandas.DataFrame:
@@ -405,10 +511,20 @@ class Aging(Observing, Record):
         Means over replicas of bonds, ΔF (nN) and Δμ, with standard errors and half widths of 95 % intervals; errors
         beside the scatter of the replicas (``error.NAME``, relative); what observables measured at every hold time.
         """
-        attributes = {"replicas": self.replicas, "load": self.load, "temperature": self.temperature}
-        columns = {name: values for curve in self.curves() for name, values in curve.numbers().items()}
+        attributes = {
+            "replicas": self.replicas,
+            "load": self.load,
+            "temperature": self.temperature,
+        }
+        columns = {
+            name: values
+            for curve in self.curves()
+            for name, values in curve.numbers().items()
+        }
         columns |= {f"error.{name}": error for name, error in self.errors.items()}
-        return frame({HOLD_TIME.name: self.hold_times, **columns}, HOLD_TIME.name, attributes)
+        return frame(
+            {HOLD_TIME.name: self.hold_times, **columns}, HOLD_TIME.name, attributes
+        )
 
     def _repr_html_(self) -> str:
         return notebook_html(self)
@@ -446,16 +562,24 @@ def beta_parts(aging: Aging, window: tuple[float, float]) -> dict[str, ErrorPart
     if aging.replicas == 1:
         use, weights = line_weights(aging.hold_times, window)
         slopes = np.abs(weights) * aging.mean_friction_coefficient_drop[use]
-        parts = {name: float(np.sum(slopes * error[use])) for name, error in aging.errors.items() if name != BARRIERS}
+        parts = {
+            name: float(np.sum(slopes * error[use]))
+            for name, error in aging.errors.items()
+            if name != BARRIERS
+        }
     if aging.member_ratios is not None:
         drops = aging.member_ratios * aging.mean_friction_coefficient_drop
         of_members = line_slopes(aging.hold_times, drops, window)
         if np.isfinite(of_members).all():
             parts[BARRIERS] = float(of_members.std(ddof=1))
-    return {name: ErrorPart(size, aging.error_sources[name]) for name, size in parts.items()}
+    return {
+        name: ErrorPart(size, aging.error_sources[name]) for name, size in parts.items()
+    }
 
 
-def stored_curves(aging: Aging) -> dict[str, tuple[tuple[str, ...], np.ndarray, str, str]]:
+def stored_curves(
+    aging: Aging,
+) -> dict[str, tuple[tuple[str, ...], np.ndarray, str, str]]:
     """The curves of friction that a file has: name -> (dimensions, values, unit, meaning)."""
     return {
         name: ((HOLD_TIME.name,), curve.numbers()[name], unit, meaning)
@@ -473,16 +597,25 @@ def derived(aging: Aging, window: tuple[float, float] = FIT_WINDOW) -> Derived:
     fit, _ = fit_or_reason(aging, window)
     if fit is None:
         return Derived(stored_curves(aging), {})
-    numbers: dict[str, Any] = {name: value for one in fit.quantities() for name, value in one.numbers().items()}
-    ends = {"fit_window": np.array(window, dtype=np.float64), "fit_range": np.array(fit.span)}
+    numbers: dict[str, Any] = {
+        name: value for one in fit.quantities() for name, value in one.numbers().items()
+    }
+    ends = {
+        "fit_window": np.array(window, dtype=np.float64),
+        "fit_range": np.array(fit.span),
+    }
     return Derived(stored_curves(aging), numbers | ends)
 
 
 #: what is reported, where it is known
 ELASTIC_MEASURES: dict[str, Quantity] = by_name(
     (
-        Quantity("hardness", "GPa", "hardness", "", "hardness of the material", Rank.REST),
-        Quantity("area_above_hardness", "1", "share of the contact area above the hardness"),
+        Quantity(
+            "hardness", "GPa", "hardness", "", "hardness of the material", Rank.REST
+        ),
+        Quantity(
+            "area_above_hardness", "1", "share of the contact area above the hardness"
+        ),
         Quantity("load_above_hardness", "1", "share of the load above the hardness"),
         Quantity(
             "mean_shear_stress",
@@ -491,11 +624,31 @@ ELASTIC_MEASURES: dict[str, Quantity] = by_name(
             "",
             "friction drop at the last hold time over the area of the sites in contact, mean over replicas",
         ),
-        Quantity("shear_strength", "GPa", "shear strength", "", "shear strength of the material", Rank.REST),
-        Quantity("shear_stress_to_strength", "1", "mean shear stress over shear strength"),
-        Quantity("work_of_adhesion", "J/m2", "work of adhesion", "", "work of adhesion of the surfaces", Rank.REST),
         Quantity(
-            "pull_off_to_load", "1", "pull-off force 2πwR over the load", "", "of the sphere, which is without adhesion"
+            "shear_strength",
+            "GPa",
+            "shear strength",
+            "",
+            "shear strength of the material",
+            Rank.REST,
+        ),
+        Quantity(
+            "shear_stress_to_strength", "1", "mean shear stress over shear strength"
+        ),
+        Quantity(
+            "work_of_adhesion",
+            "J/m2",
+            "work of adhesion",
+            "",
+            "work of adhesion of the surfaces",
+            Rank.REST,
+        ),
+        Quantity(
+            "pull_off_to_load",
+            "1",
+            "pull-off force 2πwR over the load",
+            "",
+            "of the sphere, which is without adhesion",
         ),
     )
 )
@@ -515,8 +668,15 @@ def elastic_limits(contact: Contact, chemistry: Chemistry) -> dict[str, float]:
             limits |= {"area_above_hardness": area, "load_above_hardness": load}
     radius = sphere_radius(contact)
     # a solver with adhesion says where the surfaces touch
-    if "work_of_adhesion" in limits and radius and contact.load > 0 and getattr(contact, "touching", None) is None:
-        limits["pull_off_to_load"] = 2 * math.pi * limits["work_of_adhesion"] * radius / contact.load
+    if (
+        "work_of_adhesion" in limits
+        and radius
+        and contact.load > 0
+        and getattr(contact, "touching", None) is None
+    ):
+        limits["pull_off_to_load"] = (
+            2 * math.pi * limits["work_of_adhesion"] * radius / contact.load
+        )
     return limits
 
 
@@ -536,21 +696,27 @@ def elastic_notes(aging: Aging | None) -> tuple[str, ...]:
     """What the user should know of pressures and stresses beyond :data:`NOTED_ELASTIC`, in words."""
     measures = elastic_measures(aging)
     notes = []
-    area, load = measures.get("area_above_hardness", 0.0), measures.get("load_above_hardness", 0.0)
+    area = measures.get("area_above_hardness", 0.0)
+    load = measures.get("load_above_hardness", 0.0)
     if max(area, load) > NOTED_ELASTIC:
         notes.append(
             f"{_percent(area)} of the contact area, which carries {_percent(load)} of the load, is above the hardness "
             f"of {measures['hardness']:g} GPa: the elastic solution overestimates the pressure there, which plastic "
             "flow would limit"
         )
-    if aging is not None and measures.get("shear_stress_to_strength", 0.0) > NOTED_ELASTIC:
+    if (
+        aging is not None
+        and measures.get("shear_stress_to_strength", 0.0) > NOTED_ELASTIC
+    ):
         stress, strength = measures["mean_shear_stress"], measures["shear_strength"]
         notes.append(
             f"at {aging.hold_times[-1]:g} s the bonds carry a mean shear stress of {stress:.3g} GPa, "
             f"{_percent(stress / strength)} of the shear strength of {strength:g} GPa: the model does not limit it, "
             "but the solid would yield at its strength"
         )
-    if text := neglected_adhesion(measures.get("work_of_adhesion", 0.0), measures.get("pull_off_to_load", 0.0)):
+    if text := neglected_adhesion(
+        measures.get("work_of_adhesion", 0.0), measures.get("pull_off_to_load", 0.0)
+    ):
         notes.append(text)
     return tuple(notes)
 

@@ -65,8 +65,14 @@ class CurveError:
         mean = np.maximum(mean, SMALLEST * last)
         along = mean / last
         deviations = [values - values.mean(axis=0) for values in samples]
-        variance, freedom = _sum([float(away[:, -1] @ away[:, -1]) for away in deviations], samples, 1)
-        bridge = np.minimum.outer(mean, mean) - np.outer(mean, along) + SMALLEST * np.diag(mean)
+        variance, freedom = _sum(
+            [float(away[:, -1] @ away[:, -1]) for away in deviations], samples, 1
+        )
+        bridge = (
+            np.minimum.outer(mean, mean)
+            - np.outer(mean, along)
+            + SMALLEST * np.diag(mean)
+        )
         exchange = np.diag(mean) + np.outer(along, mean)
         likelihoods, rests, freedoms = [], [], []
         for ratio in EXCHANGES:
@@ -76,21 +82,41 @@ class CurveError:
             squares, likelihood = [], 0.0
             for away in deviations:
                 left = (away - np.outer(away[:, -1], along))[:, :-1]
-                squares.append(max(float((np.linalg.solve(factor, left.T) ** 2).sum()), np.finfo(float).tiny))
-                likelihood -= 0.5 * (len(away) - 1) * (left.shape[1] * np.log(squares[-1]) + determinant)
+                squares.append(
+                    max(
+                        float((np.linalg.solve(factor, left.T) ** 2).sum()),
+                        np.finfo(float).tiny,
+                    )
+                )
+                likelihood -= (
+                    0.5
+                    * (len(away) - 1)
+                    * (left.shape[1] * np.log(squares[-1]) + determinant)
+                )
             scale, own = _sum(squares, samples, mean.size - 1)
             likelihoods.append(likelihood)
             rests.append(np.pad(scale * shape, (0, 1)))
             freedoms.append(own)
         weights = np.exp(np.array(likelihoods) - max(likelihoods))
         weights /= weights.sum()
-        return cls(along, variance, freedom, weights, np.stack(rests), TRUSTED * float(weights @ freedoms))
+        return cls(
+            along,
+            variance,
+            freedom,
+            weights,
+            np.stack(rests),
+            TRUSTED * float(weights @ freedoms),
+        )
 
     def matrix(self) -> np.ndarray:
         """(m, m) the covariance of the mean."""
-        return self.variance * np.outer(self.along, self.along) + np.einsum("k,kij->ij", self.weights, self.rests)
+        return self.variance * np.outer(self.along, self.along) + np.einsum(
+            "k,kij->ij", self.weights, self.rests
+        )
 
-    def chance(self, residual: np.ndarray, noise: np.ndarray, places: np.ndarray) -> float:
+    def chance(
+        self, residual: np.ndarray, noise: np.ndarray, places: np.ndarray
+    ) -> float:
         """Return the probability of a larger deviation by chance.
 
         The residual along φ and what is left of it are independent of each other. Each is tested with what is known of
@@ -121,11 +147,19 @@ class CurveError:
         above = stats.chi2.sf((part**2)[..., None] / (variances + error[..., None]), 1)
         first = weights @ above.mean(axis=(1, 2))
         second = weights @ stats.chi2.sf(left, residual.size - 1).mean(axis=1)
-        return float(stats.chi2.sf(-2 * (np.log(max(first, 1e-300)) + np.log(max(second, 1e-300))), 4))
+        return float(
+            stats.chi2.sf(
+                -2 * (np.log(max(first, 1e-300)) + np.log(max(second, 1e-300))), 4
+            )
+        )
 
 
 def agreement(
-    samples: Sequence[np.ndarray], mean: np.ndarray, values: np.ndarray, noise: np.ndarray, places: np.ndarray
+    samples: Sequence[np.ndarray],
+    mean: np.ndarray,
+    values: np.ndarray,
+    noise: np.ndarray,
+    places: np.ndarray,
 ) -> tuple[CurveError, float]:
     """Return the error of a curve beside measurements, and the probability of a larger deviation by chance.
 
@@ -137,18 +171,26 @@ def agreement(
     error = CurveError.of(samples, shape)
     for _ in range(ROUNDS - 1):
         own = error.matrix()
-        shape = mean + own @ places.T @ np.linalg.solve(noise + places @ own @ places.T, residual)
+        shape = mean + own @ places.T @ np.linalg.solve(
+            noise + places @ own @ places.T, residual
+        )
         error = CurveError.of(samples, shape)
     return error, error.chance(residual, noise, places)
 
 
-def _sum(squares: Sequence[float], samples: Sequence[np.ndarray], columns: int) -> tuple[float, float]:
+def _sum(
+    squares: Sequence[float], samples: Sequence[np.ndarray], columns: int
+) -> tuple[float, float]:
     """The variance of a sum of means from the sums of squares of its terms, and its degrees of freedom (Welch and
     Satterthwaite)."""
-    freedoms = np.array([(len(values) - 1) * columns for values in samples], dtype=np.float64)
+    freedoms = np.array(
+        [(len(values) - 1) * columns for values in samples], dtype=np.float64
+    )
     parts = np.array(squares) / freedoms / [len(values) for values in samples]
     below = float((parts**2 / freedoms).sum())
-    return float(parts.sum()), float(parts.sum() ** 2 / below) if below > 0 else float(freedoms.sum())
+    return float(parts.sum()), float(parts.sum() ** 2 / below) if below > 0 else float(
+        freedoms.sum()
+    )
 
 
 def _drawn(freedom: float, count: int) -> np.ndarray:

@@ -12,9 +12,25 @@ from chemage.ageing.aging import Aging, bond_errors, elastic_notes, fit_or_reaso
 from chemage.ageing.fitting import DROPS, FIT_WINDOW, Fit, Friction, fit_aging
 from chemage.contacts.solution import MEASURES
 from chemage.foundation.errors import InputError
-from chemage.foundation.figures import BLUE, GREY, ORANGE, decades_only, from_zero, legend, plain
+from chemage.foundation.figures import (
+    BLUE,
+    GREY,
+    ORANGE,
+    decades_only,
+    from_zero,
+    legend,
+    plain,
+)
 from chemage.foundation.quantities import HOLD_TIME, Curve, Quantity, by_name, headed
-from chemage.foundation.result import FILE, Ageing, Medium, OfRecord, Panel, Picture, Rows
+from chemage.foundation.result import (
+    FILE,
+    Ageing,
+    Medium,
+    OfRecord,
+    Panel,
+    Picture,
+    Rows,
+)
 from chemage.foundation.statistics import NORMAL_LIMIT, half_width
 from chemage.foundation.text import jsonable, percent
 from chemage.surfaces.role import Scatter
@@ -23,9 +39,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 #: what the errors of replicas are
-ON_ONE_SURFACE = (
-    "95 % intervals over replicas on one surface (Student's t); they do not include the scatter between surfaces"
-)
+ON_ONE_SURFACE = "95 % intervals over replicas on one surface (Student's t); they do not include the scatter between surfaces"
 #: least distance, in decades, of the hold times between which a local slope is taken
 SLOPE_SPAN = 0.5
 
@@ -35,7 +49,9 @@ class AgingDisplay(OfRecord[Aging]):
 
     errors = ON_ONE_SURFACE
 
-    def __init__(self, aging: Aging, window: tuple[float, float] = FIT_WINDOW, label: str = "") -> None:
+    def __init__(
+        self, aging: Aging, window: tuple[float, float] = FIT_WINDOW, label: str = ""
+    ) -> None:
         super().__init__(aging)
         self.window = window
         #: in legends
@@ -61,24 +77,44 @@ class AgingDisplay(OfRecord[Aging]):
 
     def facts(self) -> Rows:
         aging = self.record
-        law = aging.rupture or ("mean force per bond" if aging.rupture_force is None else "a plugin's")
+        law = aging.rupture or (
+            "mean force per bond" if aging.rupture_force is None else "a plugin's"
+        )
         facts = [
             ("temperature", f"{aging.temperature:g} K"),
             ("grid of sites", aging.site_grid),
-            ("mean over", f"{aging.replicas} replica{'s' if aging.replicas > 1 else ''} on one surface"),
-            ("engine", f"{aging.engine}{f' by ageing {aging.method!r}' if aging.method else ''}"),
+            (
+                "mean over",
+                f"{aging.replicas} replica{'s' if aging.replicas > 1 else ''} on one surface",
+            ),
+            (
+                "engine",
+                f"{aging.engine}{f' by ageing {aging.method!r}' if aging.method else ''}",
+            ),
             ("rupture law", law),
-            ("random numbers", aging.random_numbers or ("none" if aging.method else "not recorded")),
+            (
+                "random numbers",
+                aging.random_numbers or ("none" if aging.method else "not recorded"),
+            ),
         ]
         if aging.errors:
-            facts.append((f"errors of the mean at {aging.hold_times[-1]:g} s", aging.error_words))
+            facts.append(
+                (f"errors of the mean at {aging.hold_times[-1]:g} s", aging.error_words)
+            )
         if (scatter := self.scatter) is not None and (text := scatter.text()):
             facts.append(("surfaces", text))
         return facts
 
     def quantities(self) -> list[Quantity]:
-        measures = [MEASURES[name].but(value=value) for name, value in self.record.contact.items() if name in MEASURES]
-        return [*(one for one in measures if one.known), *self.record.quantities(self.window)]
+        measures = [
+            MEASURES[name].but(value=value)
+            for name, value in self.record.contact.items()
+            if name in MEASURES
+        ]
+        return [
+            *(one for one in measures if one.known),
+            *self.record.quantities(self.window),
+        ]
 
     def curves(self) -> list[Curve]:
         return self.record.curves()
@@ -92,12 +128,20 @@ class AgingDisplay(OfRecord[Aging]):
     def notes(self) -> list[str]:
         fit = self.fit[0]
         doubt = [fit.doubt] if fit is not None and fit.doubt else []
-        return list(dict.fromkeys((*self.record.notes, *elastic_notes(self.record), *doubt)))
+        return list(
+            dict.fromkeys((*self.record.notes, *elastic_notes(self.record), *doubt))
+        )
 
     # -- beside others ------------------------------------------------------------------------------------------------
 
     def ageing(self) -> Ageing:
-        return Ageing(self._chemistry(), self.record.load, self.window, self._fit_like, self._draw_beside)
+        return Ageing(
+            self._chemistry(),
+            self.record.load,
+            self.window,
+            self._fit_like,
+            self._draw_beside,
+        )
 
     def _draw_beside(self, axes: Axes, label: str, color: str) -> None:
         """Draw the fit into a figure of several results, and what was published into that of one."""
@@ -114,7 +158,10 @@ class AgingDisplay(OfRecord[Aging]):
 
     def _chemistry(self) -> dict[str, Any]:
         whole = dict(self.record.provenance.get("chemistry", {}))
-        parts = {name: whole.pop(name, None) for name in ("forming", "breaking", "interaction")}
+        parts = {
+            name: whole.pop(name, None)
+            for name in ("forming", "breaking", "interaction")
+        }
         return {**parts, "chemistry": whole, "temperature": self.record.temperature}
 
     # -- pictures -----------------------------------------------------------------------------------------------------
@@ -130,8 +177,13 @@ class AgingDisplay(OfRecord[Aging]):
         several = np.unique(times).size > 1
         if not times.size:
             return {}
-        drawn = (Panel(self.draw, name="friction"), *([Panel(self._draw_local_slope, name="slope")] if several else []))
-        return {"friction": Picture(drawn, (10.5 if several else 5.6, 4.2), finish=_finish)}
+        drawn = (
+            Panel(self.draw, name="friction"),
+            *([Panel(self._draw_local_slope, name="slope")] if several else []),
+        )
+        return {
+            "friction": Picture(drawn, (10.5 if several else 5.6, 4.2), finish=_finish)
+        }
 
     def draw(
         self,
@@ -149,9 +201,18 @@ class AgingDisplay(OfRecord[Aging]):
         drawn, curve = self.record.hold_times > 0, by_name(self.curves()).get(chosen)
         if curve is None or not drawn.any():
             reason = "undefined: no load" if curve is None else "no hold time above 0"
-            axes.text(0.5, 0.5, reason, transform=axes.transAxes, ha="center", color=GREY)
+            axes.text(
+                0.5, 0.5, reason, transform=axes.transAxes, ha="center", color=GREY
+            )
         else:
-            _errorbars(axes, curve.x[drawn], curve.mean[drawn], curve.half_width[drawn], color or BLUE, named)
+            _errorbars(
+                axes,
+                curve.x[drawn],
+                curve.mean[drawn],
+                curve.half_width[drawn],
+                color or BLUE,
+                named,
+            )
         axes.set(xscale="log", xlabel=HOLD_TIME.axis, ylabel=DROPS[chosen].axis)
         from_zero(axes)
         if fit and chosen == "friction_coefficient_drop":
@@ -165,25 +226,52 @@ class AgingDisplay(OfRecord[Aging]):
         aging = self.record
         drawn = aging.hold_times > 0
         times, first = np.unique(np.log10(aging.hold_times[drawn]), return_index=True)
-        values = aging.friction_coefficient_drop if aging.load > 0 else aging.friction_drop
+        values = (
+            aging.friction_coefficient_drop if aging.load > 0 else aging.friction_drop
+        )
         values = values[:, drawn][:, first]
-        ends = [(low, int(np.searchsorted(times, start + SLOPE_SPAN - 1e-9))) for low, start in enumerate(times)]
-        low, high = np.array([(low, high) for low, high in ends if high < times.size] or [(0, times.size - 1)]).T
+        ends = [
+            (low, int(np.searchsorted(times, start + SLOPE_SPAN - 1e-9)))
+            for low, start in enumerate(times)
+        ]
+        low, high = np.array(
+            [(low, high) for low, high in ends if high < times.size]
+            or [(0, times.size - 1)]
+        ).T
         slopes = (values[:, high] - values[:, low]) / (times[high] - times[low])
         middle = 10 ** (0.5 * (times[low] + times[high]))
-        _errorbars(axes, middle, slopes.mean(axis=0), half_width(slopes), BLUE, aging.over)
+        _errorbars(
+            axes, middle, slopes.mean(axis=0), half_width(slopes), BLUE, aging.over
+        )
         drop = DROPS[self.quantity]
         axes.set(xscale="log", xlabel=HOLD_TIME.axis)
-        axes.set_ylabel(headed(f"slope d{drop.symbol}/dlog$_{{10}}$t per decade", drop.unit))
+        axes.set_ylabel(
+            headed(f"slope d{drop.symbol}/dlog$_{{10}}$t per decade", drop.unit)
+        )
         if self.fit[0] is not None and aging.load > 0:
             fit = self.fit[0]
-            axes.plot(fit.span, [fit.beta] * 2, color=ORANGE, lw=1.6, zorder=3, label="β of the fitted line")
+            axes.plot(
+                fit.span,
+                [fit.beta] * 2,
+                color=ORANGE,
+                lw=1.6,
+                zorder=3,
+                label="β of the fitted line",
+            )
             scatter = self.scatter.relative if self.scatter is not None else None
             if scatter and fit.beta != 0 and not scatter <= fit.relative_stderr:
                 half = NORMAL_LIMIT * scatter * abs(fit.beta)
-                label = f"β of other surfaces, 95 % (± {percent(NORMAL_LIMIT * scatter)})"
+                label = (
+                    f"β of other surfaces, 95 % (± {percent(NORMAL_LIMIT * scatter)})"
+                )
                 axes.fill_between(
-                    fit.span, fit.beta - half, fit.beta + half, color=ORANGE, alpha=0.2, lw=0, label=label
+                    fit.span,
+                    fit.beta - half,
+                    fit.beta + half,
+                    color=ORANGE,
+                    alpha=0.2,
+                    lw=0,
+                    label=label,
                 )
         legend(axes)
 
@@ -194,7 +282,14 @@ def draw_fit(axes: Axes, fit: Fit | None, label: str = "", color: str = ORANGE) 
     if fit is None or not fit.drawable:
         return
     line = np.geomspace(*fit.span, 50)
-    axes.plot(line, fit(line), color=color, lw=1.6, zorder=3, label=label or plain(fit.short_text()))
+    axes.plot(
+        line,
+        fit(line),
+        color=color,
+        lw=1.6,
+        zorder=3,
+        label=label or plain(fit.short_text()),
+    )
 
 
 def _finish(figure: Any, plots: list[Axes]) -> None:
@@ -203,6 +298,23 @@ def _finish(figure: Any, plots: list[Axes]) -> None:
         decades_only(axes.xaxis)
 
 
-def _errorbars(axes: Axes, t: np.ndarray, mean: np.ndarray, error: np.ndarray, colour: str, label: str) -> None:
+def _errorbars(
+    axes: Axes,
+    t: np.ndarray,
+    mean: np.ndarray,
+    error: np.ndarray,
+    colour: str,
+    label: str,
+) -> None:
     bars = np.nan_to_num(error) if np.isfinite(error).any() else None
-    axes.errorbar(t, mean, yerr=bars, color=colour, marker="o", ms=3.5, lw=1, capsize=2, label=label or None)
+    axes.errorbar(
+        t,
+        mean,
+        yerr=bars,
+        color=colour,
+        marker="o",
+        ms=3.5,
+        lw=1,
+        capsize=2,
+        label=label or None,
+    )

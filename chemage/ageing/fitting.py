@@ -55,7 +55,13 @@ LEAST_POINTS, LEAST_DECADES = 6, 2.0
 #: what is fitted
 DROPS: dict[str, Curve] = by_name(
     (
-        Curve("friction_drop", "nN", "friction drop", "ΔF", "friction drop, mean over replicas"),
+        Curve(
+            "friction_drop",
+            "nN",
+            "friction drop",
+            "ΔF",
+            "friction drop, mean over replicas",
+        ),
         Curve(
             "friction_coefficient_drop",
             "1",
@@ -67,7 +73,9 @@ DROPS: dict[str, Curve] = by_name(
     )
 )
 #: what is fitted -> its unit, "" for a pure number
-UNIT: dict[str, str] = {name: "" if one.unit == ONE else one.unit for name, one in DROPS.items()}
+UNIT: dict[str, str] = {
+    name: "" if one.unit == ONE else one.unit for name, one in DROPS.items()
+}
 BETA = Quantity(
     "beta",
     "1",
@@ -78,7 +86,12 @@ BETA = Quantity(
     stated="half_width",
 )
 B = Quantity(
-    "b", "1", "ageing rate per e-fold", "b", "beta over ln 10, the slope per factor e of hold time", stated="half_width"
+    "b",
+    "1",
+    "ageing rate per e-fold",
+    "b",
+    "beta over ln 10, the slope per factor e of hold time",
+    stated="half_width",
 )
 CUTOFF = Quantity("cutoff_time", "s", "cut-off time", "t_c", stated="ends")
 #: the numbers of a fit
@@ -113,13 +126,35 @@ class FitData:
 
     def weights(self, use: np.ndarray) -> np.ndarray:
         """Weights of the hold times that are fitted, 1 on average."""
-        weight = np.ones(np.count_nonzero(use)) if self.error is None else 1 / self.error[use] ** 2
+        weight = (
+            np.ones(np.count_nonzero(use))
+            if self.error is None
+            else 1 / self.error[use] ** 2
+        )
         return weight / weight.mean()
 
 
 #: what JSON has of a fit as it is
-_PLAIN = ("model", "quantity", "beta", "beta_stderr", "beta_interval", "b", "b_stderr", "b_interval", "cutoff_time")
-_PLAIN += ("cutoff_time_stderr", "window", "points", "rms_residual", "replicas", "bootstrap", "confidence")
+_PLAIN = (
+    "model",
+    "quantity",
+    "beta",
+    "beta_stderr",
+    "beta_interval",
+    "b",
+    "b_stderr",
+    "b_interval",
+    "cutoff_time",
+)
+_PLAIN += (
+    "cutoff_time_stderr",
+    "window",
+    "points",
+    "rms_residual",
+    "replicas",
+    "bootstrap",
+    "confidence",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +203,9 @@ class Fit:
 
     def __call__(self, hold_times: np.ndarray | float) -> np.ndarray:
         """The fitted value at ``hold_times`` (s)."""
-        return self.beta * basis(self.model, np.asarray(hold_times, dtype=np.float64), self.log_cutoff)
+        return self.beta * basis(
+            self.model, np.asarray(hold_times, dtype=np.float64), self.log_cutoff
+        )
 
     @property
     def drawable(self) -> bool:
@@ -214,7 +251,9 @@ class Fit:
 
     def quantities(self) -> list[Quantity]:
         """β, b and the cut-off time with their intervals; where there is none, why."""
-        over = f"over {self.points} hold times from {self.span[0]:g} to {self.span[1]:g} s"
+        over = (
+            f"over {self.points} hold times from {self.span[0]:g} to {self.span[1]:g} s"
+        )
         reason = self._no_interval() if math.isnan(self.beta_interval.low) else ""
         doubtful = "; ".join(filter(None, (reason, self.doubt)))
         slopes = [
@@ -225,7 +264,9 @@ class Fit:
             )
         ]
         why = f"undetermined: {self.cutoff_reason}" if self.cutoff_reason else reason
-        cutoff = CUTOFF.but(value=self.cutoff_time, reason=why).within(*self.cutoff_interval, self.cutoff_time_stderr)
+        cutoff = CUTOFF.but(value=self.cutoff_time, reason=why).within(
+            *self.cutoff_interval, self.cutoff_time_stderr
+        )
         return [*slopes, cutoff]
 
     def texts(self) -> tuple[str, ...]:
@@ -270,21 +311,35 @@ class Fit:
             return f"bootstrap of {self.bootstrap}, {self.samples} samples{few * (drawn < FOR_BOOTSTRAP)}"
         if self.replicas == 1:
             return "none: a single replica has no error"
-        return f"Student's t, {self.replicas} replicas" if self.replicas else f"Student's t, {self.points} points"
+        return (
+            f"Student's t, {self.replicas} replicas"
+            if self.replicas
+            else f"Student's t, {self.points} points"
+        )
 
     def describe(self) -> str:
         """The model, in words."""
         symbol = DROPS[self.quantity].symbol
-        where = f"{self.span[0]:g} s to {self.span[1]:g} s" + f"; {self.doubt}" * bool(self.doubt)
+        where = f"{self.span[0]:g} s to {self.span[1]:g} s" + f"; {self.doubt}" * bool(
+            self.doubt
+        )
         shape = "log10(t/t_c)" if self.model == "line" else "log10(1 + t/t_c)"
         return f"{symbol} = β {shape}, {self.points} points, {where}"
 
     def todict(self) -> dict[str, object]:
         """Plain JSON values; what is not finite is None."""
-        words = {"formula": self.describe().partition(",")[0], "unit": UNIT[self.quantity]}
-        words |= {"cutoff_reason": self.cutoff_reason or None, "intervals": self.intervals_text()}
+        words = {
+            "formula": self.describe().partition(",")[0],
+            "unit": UNIT[self.quantity],
+        }
+        words |= {
+            "cutoff_reason": self.cutoff_reason or None,
+            "intervals": self.intervals_text(),
+        }
         renamed = {"cutoff_time_interval": self.cutoff_interval, "range": self.span}
-        return jsonable({**words, **renamed, **{name: getattr(self, name) for name in _PLAIN}})
+        return jsonable(
+            {**words, **renamed, **{name: getattr(self, name) for name in _PLAIN}}
+        )
 
 
 def fit_aging(
@@ -331,19 +386,29 @@ def fit_aging(
     _check_options(model, samples, confidence, bootstrap, source)
     ends = window or (FIT_WINDOW if source.simulated and model == "line" else None)
     limits = ends and (convert(ends[0], "s"), convert(ends[1], "s"))
-    use = _inside(data.hold_times, limits, model, least=SIMULATED if source.simulated else 3)
+    use = _inside(
+        data.hold_times, limits, model, least=SIMULATED if source.simulated else 3
+    )
     t, curves = data.hold_times[use], source.curves[:, use]
     weight = source.weights(use)
-    slope, slope_error, log_cutoff, cutoff_error, fitted = _estimate(model, t, curves, weight, not source.simulated)
+    slope, slope_error, log_cutoff, cutoff_error, fitted = _estimate(
+        model, t, curves, weight, not source.simulated
+    )
     slopes = cutoffs = UNKNOWN
     if bootstrap is not None:
         options = {"confidence": confidence, "samples": samples, "seed": seed}
-        slopes, cutoffs = bootstrapped(bootstrap, model, t, curves, weight, fitted, **options)
+        slopes, cutoffs = bootstrapped(
+            bootstrap, model, t, curves, weight, fitted, **options
+        )
     elif not source.simulated or len(curves) > 1:
-        slopes, cutoffs = student(model, t, curves, weight, slope, slope_error, log_cutoff, confidence)
+        slopes, cutoffs = student(
+            model, t, curves, weight, slope, slope_error, log_cutoff, confidence
+        )
     unit, reason = source.scale, _no_cutoff(slope, log_cutoff, slopes, data.hold_times)
     cutoff = math.nan if reason else time_of(log_cutoff)
-    forces = source.simulated or source.quantity == "friction_drop"  # curves of a simulated result are ΔF
+    forces = (
+        source.simulated or source.quantity == "friction_drop"
+    )  # curves of a simulated result are ΔF
     return Fit(
         model=model,
         quantity=source.quantity,
@@ -354,13 +419,16 @@ def fit_aging(
         cutoff_reason=reason,
         log_cutoff=log_cutoff,
         beta_interval=Interval(slopes.low * unit, slopes.high * unit),
-        cutoff_interval=Interval(0.0, math.inf) if reason and math.isfinite(slopes.low) else cutoffs,
+        cutoff_interval=Interval(0.0, math.inf)
+        if reason and math.isfinite(slopes.low)
+        else cutoffs,
         friction_rate=slope if forces else None,
         friction_rate_stderr=slope_error if forces else None,
         window=limits,
         points=t.size,
         span=(float(t[t > 0].min()), float(t.max())),
-        rms_residual=float(np.sqrt(np.mean((curves.mean(axis=0) - fitted) ** 2))) * unit,
+        rms_residual=float(np.sqrt(np.mean((curves.mean(axis=0) - fitted) ** 2)))
+        * unit,
         replicas=len(curves) if source.simulated else 0,
         bootstrap=bootstrap,
         samples=samples,
@@ -368,7 +436,9 @@ def fit_aging(
     )
 
 
-def line_slopes(hold_times: np.ndarray, curves: np.ndarray, window: tuple[float, float]) -> np.ndarray:
+def line_slopes(
+    hold_times: np.ndarray, curves: np.ndarray, window: tuple[float, float]
+) -> np.ndarray:
     """(n,) rise per decade of the line through each of ``curves`` (n, m) over ``window`` (s), the fit of β: β of curves
     of the friction coefficient, or over the load of those of friction.
 
@@ -378,7 +448,9 @@ def line_slopes(hold_times: np.ndarray, curves: np.ndarray, window: tuple[float,
     return slopes_of(np.log10(hold_times[use]), curves[:, use])
 
 
-def line_weights(hold_times: np.ndarray, window: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
+def line_weights(
+    hold_times: np.ndarray, window: tuple[float, float]
+) -> tuple[np.ndarray, np.ndarray]:
     """(m,) bool, the hold times in ``window`` (s), and for each of those the weight with which a curve enters
     :func:`line_slopes`."""
     use = within(hold_times, window) & (hold_times > 0)
@@ -386,7 +458,9 @@ def line_weights(hold_times: np.ndarray, window: tuple[float, float]) -> tuple[n
     return use, (decades - decades.mean()) / (np.var(decades) * decades.size)
 
 
-def _no_cutoff(slope: float, log_cutoff: float, slopes: Interval, times: np.ndarray) -> str:
+def _no_cutoff(
+    slope: float, log_cutoff: float, slopes: Interval, times: np.ndarray
+) -> str:
     """Why a fit that meets zero at 10**``log_cutoff`` s has no cut-off time, in words; "" where it has one."""
     if slopes.high < 0 or (math.isnan(slopes.high) and slope < 0):
         return "β is below zero"
@@ -414,19 +488,35 @@ def span_text(span: tuple[float, float]) -> str:
     return f"{power_text(span[0])}–{power_text(span[1])} s"
 
 
-def _check_options(model: Model, samples: int, confidence: float, bootstrap: Bootstrap | None, given: FitData) -> None:
+def _check_options(
+    model: Model,
+    samples: int,
+    confidence: float,
+    bootstrap: Bootstrap | None,
+    given: FitData,
+) -> None:
     if model not in get_args(Model):
         raise InputError.of("model", model, f"choose {' or '.join(get_args(Model))}")
     if samples < 100:
-        raise InputError.of("samples", samples, "is too few for an interval", "give 100 or more")
+        raise InputError.of(
+            "samples", samples, "is too few for an interval", "give 100 or more"
+        )
     if not 0 < confidence < 1:
-        raise InputError.of("confidence", confidence, "must lie between 0 and 1", "give 0.95, say")
+        raise InputError.of(
+            "confidence", confidence, "must lie between 0 and 1", "give 0.95, say"
+        )
     if bootstrap is None:
         return
     if bootstrap not in get_args(Bootstrap):
-        raise InputError.of("bootstrap", bootstrap, f"choose {', '.join(get_args(Bootstrap))}, or leave it out")
+        raise InputError.of(
+            "bootstrap",
+            bootstrap,
+            f"choose {', '.join(get_args(Bootstrap))}, or leave it out",
+        )
     if bootstrap == "replicas" and len(given.curves) < 2:
-        raise InputError("bootstrap = 'replicas': there is a single curve, which has no scatter between replicas")
+        raise InputError(
+            "bootstrap = 'replicas': there is a single curve, which has no scatter between replicas"
+        )
     if bootstrap != "replicas" and given.simulated:
         raise InputError.of(
             "bootstrap",
@@ -440,7 +530,9 @@ def _check_options(model: Model, samples: int, confidence: float, bootstrap: Boo
 SIMULATED = 2
 
 
-def _inside(times: np.ndarray, limits: tuple[float, float] | None, model: Model, *, least: int) -> np.ndarray:
+def _inside(
+    times: np.ndarray, limits: tuple[float, float] | None, model: Model, *, least: int
+) -> np.ndarray:
     """(m,) bool: the hold times that are fitted."""
     low, high = limits or (0.0, math.inf)
     use = within(times, (low, high)) & ((times > 0) | (model == "curve"))
@@ -459,9 +551,15 @@ def why_not_fitted(times: np.ndarray, window: tuple[float, float]) -> str:
     try:
         _inside(times, window, "line", least=SIMULATED)
     except InputError:
-        count = np.unique(times[(times > 0) & (times >= window[0]) & (times <= window[1])]).size
-        lie = {0: "no hold time lies", 1: "one hold time lies"}.get(count, f"{count} hold times lie")
-        span = f"{times[0]:g} to {times[-1]:g} s" if times.size > 1 else f"{times[0]:g} s"
+        count = np.unique(
+            times[(times > 0) & (times >= window[0]) & (times <= window[1])]
+        ).size
+        lie = {0: "no hold time lies", 1: "one hold time lies"}.get(
+            count, f"{count} hold times lie"
+        )
+        span = (
+            f"{times[0]:g} to {times[-1]:g} s" if times.size > 1 else f"{times[0]:g} s"
+        )
         return (
             f"{lie} between {window[0]:g} and {window[1]:g} s, {SIMULATED} are needed (the hold times: {span}); change "
             "the fit window, or take more hold times"
@@ -475,10 +573,14 @@ def _estimate(
     """Least squares on the mean over replicas: β and log10 t_c, each with its jackknife error over replicas, and the
     fit, (m,); ``scatter``: a single curve has errors from its scatter about the fit."""
     mean, replicas = curves.mean(axis=0), len(curves)
-    slope, log_cutoff = (float(values[0]) for values in solve(model, t, mean[None], weight[None]))
+    slope, log_cutoff = (
+        float(values[0]) for values in solve(model, t, mean[None], weight[None])
+    )
     if model == "line":
         x = np.log10(t)
-        fitted = np.average(mean, weights=weight) + slope * (x - np.average(x, weights=weight))
+        fitted = np.average(mean, weights=weight) + slope * (
+            x - np.average(x, weights=weight)
+        )
     elif math.isnan(log_cutoff):
         fitted = np.full(t.size, np.average(mean, weights=weight))
     else:
@@ -486,14 +588,22 @@ def _estimate(
     errors = (math.nan, math.nan)
     if replicas > 1:  # each is left out in turn
         left_out = (curves.sum(axis=0) - curves) / (replicas - 1)
-        errors = tuple(float(jackknife_error(values)) for values in solve(model, t, left_out, weight[None]))
+        errors = tuple(
+            float(jackknife_error(values))
+            for values in solve(model, t, left_out, weight[None])
+        )
     elif scatter:
         errors = _scatter(model, t, mean - fitted, weight, slope, log_cutoff)
     return slope, errors[0], log_cutoff, errors[1], fitted
 
 
 def _scatter(
-    model: Model, t: np.ndarray, rest: np.ndarray, weight: np.ndarray, slope: float, log_cutoff: float
+    model: Model,
+    t: np.ndarray,
+    rest: np.ndarray,
+    weight: np.ndarray,
+    slope: float,
+    log_cutoff: float,
 ) -> tuple[float, float]:
     """Standard errors from the scatter ``rest`` of independent measurements about the fit; nan where undetermined."""
     if model == "line" and math.isnan(log_cutoff):

@@ -25,12 +25,16 @@ ROLES = {
 
 
 @hookspec
-def chemage_observe(contact: ContactSolution, lattice: ReactionLattice, history: BondHistory) -> Mapping[str, Any]:  # pyright: ignore[reportReturnType]
+def chemage_observe(
+    contact: ContactSolution, lattice: ReactionLattice, history: BondHistory
+) -> Mapping[str, Any]:  # pyright: ignore[reportReturnType]
     """Measure named numbers or arrays on a finished replica; they are kept in ``Aging.observables``."""
 
 
 @hookspec
-def chemage_figures() -> Mapping[str, tuple[str, Callable[[Axes, Sequence[PlottedResult]], None]]]:  # pyright: ignore[reportReturnType]
+def chemage_figures() -> Mapping[
+    str, tuple[str, Callable[[Axes, Sequence[PlottedResult]], None]]
+]:  # pyright: ignore[reportReturnType]
     """Bring figures: ``{name: (caption, function that draws the results into the axes)}``."""
 
 
@@ -46,7 +50,10 @@ def arguments_of(parts: Mapping[str, Any]) -> dict[str, Any]:
 
     hold = parts["hold"]
     return dict(
-        **{name: getattr(hold, name) for name in ("hold_times", "temperature", "replicas", "seed", "common")},
+        **{
+            name: getattr(hold, name)
+            for name in ("hold_times", "temperature", "replicas", "seed", "common")
+        },
         engine=parts["engine"],
         method=parts.get("ageing"),
         rupture=parts.get(Rupture.role),
@@ -61,8 +68,16 @@ class _Ageing(Stage):
     def run(self, inputs: StageInputs) -> Aging:
         from chemage.ageing.age import age
 
-        how = {name: getattr(inputs, name) for name in ("threads", "progress", "checkpoints")}
-        return age(inputs.made["contact"], inputs.parts["chemistry"], **arguments_of(inputs.parts), **how)
+        how = {
+            name: getattr(inputs, name)
+            for name in ("threads", "progress", "checkpoints")
+        }
+        return age(
+            inputs.made["contact"],
+            inputs.parts["chemistry"],
+            **arguments_of(inputs.parts),
+            **how,
+        )
 
     def problems(self, parts: Parts) -> Iterable[tuple[str, str]]:
         from chemage.ageing.methods import EVERY_SITE, check_contact, check_method
@@ -71,14 +86,20 @@ class _Ageing(Stage):
 
         if "engine" not in parts:
             return
-        method, contact, chemistry = parts.get(self.section, EVERY_SITE), parts["contact"], parts["chemistry"]
+        method = parts.get(self.section, EVERY_SITE)
+        contact = parts["contact"]
+        chemistry = parts["chemistry"]
         rupture, observe = parts.get(Rupture.role), parts.get("observe", ())
         try:
-            check_contact(f"contact {contact.kind!r}", contact.gives_map, method, chemistry)
+            check_contact(
+                f"contact {contact.kind!r}", contact.gives_map, method, chemistry
+            )
             check_method(method, chemistry, parts["engine"], rupture, observe)
         except InputError as error:
             path = self.section if self.section in parts else "engine"
-            yield from [(f"{path}.{name}", text) for name, text in error.problems] or [(path, str(error))]
+            yield from [(f"{path}.{name}", text) for name, text in error.problems] or [
+                (path, str(error))
+            ]
 
     def estimate(self, parts: Parts, stated: Stated) -> Mapping[str, float]:
         """``cpu_seconds`` of all replicas, with least and most where it is a range, and ``bytes`` of one of them."""
@@ -87,7 +108,9 @@ class _Ageing(Stage):
 
         if "engine" not in parts:
             return {"cpu_seconds": 0.0, "bytes": 0.0}
-        hold, method, replica = parts["hold"], parts.get(self.section, EVERY_SITE), stated["engine"]
+        hold = parts["hold"]
+        method = parts.get(self.section, EVERY_SITE)
+        replica = stated["engine"]
         mapped = "pixels" in stated["contact"]
         sites = stated["chemistry"].get("sites") if mapped else 0.0
         if sites is None:
@@ -112,7 +135,9 @@ class _Ageing(Stage):
         if (method := parts.get(self.section)) is None:
             return {}
         means = "" if method.replicates else ": the mean over replicas alone"
-        return {self.section: f"{method.kind}, instead of the kinetics of every site{means}"}
+        return {
+            self.section: f"{method.kind}, instead of the kinetics of every site{means}"
+        }
 
     def doubts(self, parts: Parts, stated: Stated) -> Iterator[Doubt]:
         from chemage.lattices.site_grid import site_shape
@@ -122,9 +147,13 @@ class _Ageing(Stage):
             return
         if {"nx", "ny", "pixel_size"} <= surface.keys():
             pixels = int(surface["nx"]), int(surface["ny"])
-            shape = site_shape(pixels, surface["pixel_size"], parts["chemistry"].site_density)
+            shape = site_shape(
+                pixels, surface["pixel_size"], parts["chemistry"].site_density
+            )
             if method is not None:
-                for text in method.check_sites(shape, stated["chemistry"].get("sites")) or ():
+                for text in (
+                    method.check_sites(shape, stated["chemistry"].get("sites")) or ()
+                ):
                     yield Doubt("parts", text)
         yield from self._pressure(parts, stated)
         yield from self._adhesion(parts, stated)
@@ -134,13 +163,22 @@ class _Ageing(Stage):
         """A mean pressure at which the material would flow."""
         from chemage.ageing.aging import NOTED_ELASTIC
 
-        hardness, mean = parts["chemistry"].hardness, stated["contact"].get("mean_pressure")
-        if hardness is None or mean is None or stated["contact"].get("max_pressure", math.inf) <= hardness:
+        hardness = parts["chemistry"].hardness
+        mean = stated["contact"].get("mean_pressure")
+        if (
+            hardness is None
+            or mean is None
+            or stated["contact"].get("max_pressure", math.inf) <= hardness
+        ):
             return
         ratio = hardness / mean
         # Hertz: p0 = 3/2 of the mean; rough: a Rayleigh distribution
         tip = "radius" in stated["surface"]
-        share = max(1 - (ratio / 1.5) ** 2, 0.0) if tip else math.exp(-math.pi / 4 * ratio**2)
+        share = (
+            max(1 - (ratio / 1.5) ** 2, 0.0)
+            if tip
+            else math.exp(-math.pi / 4 * ratio**2)
+        )
         if share > NOTED_ELASTIC or mean > hardness:
             yield Doubt(
                 "hardness",
@@ -153,7 +191,9 @@ class _Ageing(Stage):
         """Adhesion of a sphere that the contact leaves out."""
         from chemage.ageing.aging import neglected_adhesion
 
-        work, radius, load = parts["chemistry"].work_of_adhesion, stated["surface"].get("radius"), parts["contact.load"]
+        work = parts["chemistry"].work_of_adhesion
+        radius = stated["surface"].get("radius")
+        load = parts["contact.load"]
         if work is None or radius is None or load <= 0 or parts["contact"].adheres:
             return
         if text := neglected_adhesion(work, 2 * math.pi * work * radius / load):
@@ -165,15 +205,23 @@ class _Ageing(Stage):
 
         from chemage.foundation.units import KB
 
-        chemistry, hold, expected = parts["chemistry"], parts["hold"], stated["chemistry"]
+        chemistry = parts["chemistry"]
+        hold = parts["hold"]
+        expected = stated["chemistry"]
         times, nu = hold.hold_times, chemistry.attempt_frequency
-        lowest, median, highest = map(float, chemistry.forming.quantile(np.array([0.05, 0.5, 0.95])))
+        lowest, median, highest = map(
+            float, chemistry.forming.quantile(np.array([0.05, 0.5, 0.95]))
+        )
         active = KB * hold.temperature * np.log(max(nu * times[-1], 1.0))
         if median < 0:
             text = f"half of the forming barriers are below {median:.3g} eV: no barrier is left to cross"
             yield Doubt("barriers", text)
         cold = self._celsius(parts, stated) if active < lowest else ""
-        if {"bonded", "sites"} <= expected.keys() and times[-1] > 0 and parts["contact.load"] > 0:
+        if (
+            {"bonded", "sites"} <= expected.keys()
+            and times[-1] > 0
+            and parts["contact.load"] > 0
+        ):
             bonds = expected["bonded"] * expected["sites"] * hold.replicas
             if bonds < NO_BOND and expected["sites"] >= NO_SITE:
                 few = f"{bonds:.1g}" if bonds > 1e-3 else "none"
@@ -182,13 +230,22 @@ class _Ageing(Stage):
                     react = f"barriers up to {active:.2f} eV react"
                     why = f"{react}, and 95 % of the forming barriers are above {lowest:.2f} eV{cold}"
                 where = f"at {hold.temperature:g} K and {times[-1]:g} s"
-                yield Doubt("bonds", f"no bond is expected {where}, {few} in all replicas together: {why}")
+                yield Doubt(
+                    "bonds",
+                    f"no bond is expected {where}, {few} in all replicas together: {why}",
+                )
                 return
         if active < lowest:
             react = f"by {times[-1]:g} s only barriers up to {active:.2f} eV react"
             yield Doubt("bonds", f"{react}, below 95 % of the forming barriers{cold}")
-        elif KB * hold.temperature * np.log(max(nu * max(times[0], 1e-300), 1.0)) > highest:
-            yield Doubt("bonds", f"at {times[0]:g} s nearly every forming barrier is already crossed; start earlier")
+        elif (
+            KB * hold.temperature * np.log(max(nu * max(times[0], 1e-300), 1.0))
+            > highest
+        ):
+            yield Doubt(
+                "bonds",
+                f"at {times[0]:g} s nearly every forming barrier is already crossed; start earlier",
+            )
 
     def _celsius(self, parts: Parts, stated: Stated) -> str:
         """A question about the unit of the temperature, where in °C it would make sense."""
@@ -199,11 +256,14 @@ class _Ageing(Stage):
             return ""
         warm = hold.temperature + ZERO_CELSIUS
         last = float(hold.hold_times[-1])
-        if expected_kinetics(parts["chemistry"], rough_pressures(pressure), last, warm).bonded < 1e-3:
+        if (
+            expected_kinetics(
+                parts["chemistry"], rough_pressures(pressure), last, warm
+            ).bonded
+            < 1e-3
+        ):
             return ""
-        return (
-            f'; is {hold.temperature:g} °C meant? Write temperature = "{hold.temperature:g} degC", which is {warm:g} K'
-        )
+        return f'; is {hold.temperature:g} °C meant? Write temperature = "{hold.temperature:g} degC", which is {warm:g} K'
 
 
 class _Observe(Stage):

@@ -67,11 +67,15 @@ class Measurements:
             if (array := getattr(self, name)) is not None:
                 unit = "s" if name == "hold_times" else UNIT.get(str(self.quantity), "")
                 try:
-                    object.__setattr__(self, name, frozen(array_in(array, unit), np.float64))
+                    object.__setattr__(
+                        self, name, frozen(array_in(array, unit), np.float64)
+                    )
                 except ValueError as error:
                     raise InputError(f"{name}: {error}") from None
         if str(self.quantity) not in UNIT:
-            raise InputError.of("quantity", self.quantity, f"choose {' or '.join(UNIT)}")
+            raise InputError.of(
+                "quantity", self.quantity, f"choose {' or '.join(UNIT)}"
+            )
         check_times(self.hold_times)
         for name in ("values", "error"):
             array = getattr(self, name)
@@ -81,11 +85,17 @@ class Measurements:
                 problem = f"there are {self.hold_times.size} hold times; give one number for each"
                 raise InputError.of(name, array.shape, problem)
             if not np.isfinite(array).all():
-                raise InputError(f"{name}: holds numbers that are not finite; leave those out")
+                raise InputError(
+                    f"{name}: holds numbers that are not finite; leave those out"
+                )
         if self.error is not None and (self.error <= 0).any():
-            raise InputError("error: holds numbers that are not above zero; leave it out if errors are not known")
+            raise InputError(
+                "error: holds numbers that are not above zero; leave it out if errors are not known"
+            )
 
-    def as_quantity(self, quantity: Friction, load: float | None) -> Measurements | None:
+    def as_quantity(
+        self, quantity: Friction, load: float | None
+    ) -> Measurements | None:
         """The same measurements as ΔF or Δμ under their load, else ``load`` nN; None where neither is known."""
         load = self.load or load
         if quantity == self.quantity:
@@ -94,12 +104,16 @@ class Measurements:
             return None
         factor = load if quantity == "friction_drop" else 1 / load
         error = None if self.error is None else self.error * factor
-        return replace(self, values=self.values * factor, quantity=quantity, error=error)
+        return replace(
+            self, values=self.values * factor, quantity=quantity, error=error
+        )
 
     def fit_data(self, quantity: Friction | None) -> FitData:
         """The curve as it was measured, for :func:`chemage.fit_aging`."""
         if quantity not in (None, self.quantity):
-            raise InputError.of("quantity", quantity, f"these are measurements of {self.quantity}")
+            raise InputError.of(
+                "quantity", quantity, f"these are measurements of {self.quantity}"
+            )
         return FitData(self.values[None, :], self.quantity, error=self.error)
 
 
@@ -116,12 +130,17 @@ def read_measurements(path: str | Path | Any) -> Measurements:
     first, *others = read_table(path)
     if others:
         names = ", ".join(curve.name for curve in (first, *others))
-        raise InputError(f"{path}: holds {1 + len(others)} curves, {names}; read them with chemage.read_curves")
+        raise InputError(
+            f"{path}: holds {1 + len(others)} curves, {names}; read them with chemage.read_curves"
+        )
     return first
 
 
 def read_table(
-    source: str | Path | Any, *, load: QuantityLike | None = None, temperature: QuantityLike | None = None
+    source: str | Path | Any,
+    *,
+    load: QuantityLike | None = None,
+    temperature: QuantityLike | None = None,
 ) -> tuple[Measurements, ...]:
     """Read measured curves of ageing from a text file, an Excel file (.xlsx) or a data frame, one row for each value.
 
@@ -160,31 +179,64 @@ def read_table(
     groups: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
     for cells in table.rows:
         row = stated | _row(table, cells)
-        key = *(row.get(name, "") for name in _TEXTS), row.get("load"), row.get("temperature"), row["quantity"]
+        key = (
+            *(row.get(name, "") for name in _TEXTS),
+            row.get("load"),
+            row.get("temperature"),
+            row["quantity"],
+        )
         groups.setdefault(key, []).append(row)
     if not groups:
-        raise InputError(f"{table.where}: has no rows of numbers below; add one for each hold time")
+        raise InputError(
+            f"{table.where}: has no rows of numbers below; add one for each hold time"
+        )
     stem = Path(source).stem if isinstance(source, str | Path) else "data frame"
-    return tuple(_curve(key, rows, stem, table, len(groups)) for key, rows in groups.items())
+    return tuple(
+        _curve(key, rows, stem, table, len(groups)) for key, rows in groups.items()
+    )
 
 
-def _curve(key: tuple[Any, ...], rows: list[dict[str, Any]], stem: str, table: ColumnTable, count: int) -> Measurements:
+def _curve(
+    key: tuple[Any, ...],
+    rows: list[dict[str, Any]],
+    stem: str,
+    table: ColumnTable,
+    count: int,
+) -> Measurements:
     label, instrument, load, temperature, quantity = key
-    under = [f"{value:g} {unit}" for value, unit in ((load, "nN"), (temperature, "K")) if value is not None]
-    name = label or (stem if count == 1 else ", ".join([stem, *([instrument] if instrument else []), *under]))
+    under = [
+        f"{value:g} {unit}"
+        for value, unit in ((load, "nN"), (temperature, "K"))
+        if value is not None
+    ]
+    name = label or (
+        stem
+        if count == 1
+        else ", ".join([stem, *([instrument] if instrument else []), *under])
+    )
     rows = sorted(rows, key=lambda row: row["hold_time"])
     if len(rows) < 2:
         of = f" of the curve {name}" if count > 1 else ""
-        raise InputError(f"{table.where}: {len(rows)} rows of numbers{of}; a course in time needs at least two")
-    times, values = (np.array([row[column] for row in rows]) for column in ("hold_time", "value"))
-    error = np.array([row["error"] for row in rows]) if "error" in table.columns else None
-    return Measurements(name, times, values, quantity, error, load, temperature, instrument, table.notes)
+        raise InputError(
+            f"{table.where}: {len(rows)} rows of numbers{of}; a course in time needs at least two"
+        )
+    times, values = (
+        np.array([row[column] for row in rows]) for column in ("hold_time", "value")
+    )
+    error = (
+        np.array([row["error"] for row in rows]) if "error" in table.columns else None
+    )
+    return Measurements(
+        name, times, values, quantity, error, load, temperature, instrument, table.notes
+    )
 
 
 def _check_columns(table: ColumnTable, stated: dict[str, float]) -> None:
     columns, where = table.columns, table.where
     if "hold_time" not in columns:
-        raise InputError(f"{where}: no column hold_time; write the header as {_EXAMPLE}")
+        raise InputError(
+            f"{where}: no column hold_time; write the header as {_EXAMPLE}"
+        )
     values = [name for name in (*UNIT, "value") if name in columns]
     if len(values) != 1:
         raise InputError(
@@ -193,10 +245,14 @@ def _check_columns(table: ColumnTable, stated: dict[str, float]) -> None:
             "and value with a column quantity"
         )
     if "value" in columns and "quantity" not in columns:
-        raise InputError(f"{where}: column value without a column quantity; name it friction_drop (nN) instead")
+        raise InputError(
+            f"{where}: column value without a column quantity; name it friction_drop (nN) instead"
+        )
     for name in ("load", "temperature"):
         if name in columns and name in stated:
-            raise InputError(f"{where}: has a column {name}, and {name} is given as well; leave one out")
+            raise InputError(
+                f"{where}: has a column {name}, and {name} is given as well; leave one out"
+            )
 
 
 def _row(table: ColumnTable, cells: Cells) -> dict[str, Any]:
@@ -206,12 +262,23 @@ def _row(table: ColumnTable, cells: Cells) -> dict[str, Any]:
         cell = cells[2][columns[name][0]]
         return cell if isinstance(cell, str) else f"{cell:g}"
 
-    quantity = next((name for name in UNIT if name in columns), None) or text("quantity")
+    quantity = next((name for name in UNIT if name in columns), None) or text(
+        "quantity"
+    )
     if quantity not in UNIT:
-        raise InputError(f"{where}, column quantity: {shown(quantity)}; write {' or '.join(UNIT)}")
+        raise InputError(
+            f"{where}, column quantity: {shown(quantity)}; write {' or '.join(UNIT)}"
+        )
     unit, value_column = UNIT[quantity], quantity if quantity in columns else "value"
-    row: dict[str, Any] = {"quantity": quantity, "value": table.number(cells, value_column, unit)}
-    row |= {name: table.number(cells, name, _UNITS[name]) for name in _UNITS if name in columns}
+    row: dict[str, Any] = {
+        "quantity": quantity,
+        "value": table.number(cells, value_column, unit),
+    }
+    row |= {
+        name: table.number(cells, name, _UNITS[name])
+        for name in _UNITS
+        if name in columns
+    }
     row |= {name: text(name) for name in _TEXTS if name in columns}
     if "error" in columns:
         row["error"] = table.error(cells, value_column, row["value"], unit)

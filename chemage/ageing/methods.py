@@ -12,7 +12,14 @@ from typing import Any, ClassVar, NamedTuple, Self, TypeVar
 import numpy as np
 
 from chemage.ageing.observables import Observable, Seen, measure, stacked
-from chemage.ageing.replicas import Common, ReplicaSeeds, identity, origin, replica_seeds, run_with_checkpoints
+from chemage.ageing.replicas import (
+    Common,
+    ReplicaSeeds,
+    identity,
+    origin,
+    replica_seeds,
+    run_with_checkpoints,
+)
 from chemage.contacts.solution import ContactSolution, ContactStatistics
 from chemage.foundation.checks import Seed
 from chemage.foundation.components import Component, call_with
@@ -107,14 +114,21 @@ class AgeingRequest:
     @cached_property
     def _key(self) -> str:
         """Of the checkpoints."""
-        common = [self.hold_times.tolist(), self.temperature, origin(self.seed), self.common]
+        common = [
+            self.hold_times.tolist(),
+            self.temperature,
+            origin(self.seed),
+            self.common,
+        ]
         return content_hash([self.engine.digest(), self.chemistry.digest(), *common])
 
     def seeds(self, replica: int) -> ReplicaSeeds:
         """The seeds of the disorder and of the kinetic noise that ``replica`` has in the kinetics of every site."""
         return replica_seeds(self.seed, replica, self.common, self._identity)
 
-    def follow(self, replica: int, *, sites: np.ndarray | None = None, states: bool = False) -> Replica:
+    def follow(
+        self, replica: int, *, sites: np.ndarray | None = None, states: bool = False
+    ) -> Replica:
         """Draw the disorder of ``replica`` and run its kinetics, through the hooks of both stages.
 
         ``sites``: only those, see :func:`chemage.plugin.build_lattice`, without checkpoints; ``states``: with that of
@@ -122,13 +136,27 @@ class AgeingRequest:
         """
         disorder, noise = self.seeds(replica)
         lattice = build_lattice(self.chemistry, self.solution, disorder, sites=sites)
-        call: dict[str, Any] = {"temperature": self.temperature, "seed": noise, "states": states}
+        call: dict[str, Any] = {
+            "temperature": self.temperature,
+            "seed": noise,
+            "states": states,
+        }
         call |= {"contact": self.solution, "chemistry": self.chemistry}
         if self.checkpoints is None or sites is not None:
-            return Replica(lattice, run_kinetics(self.engine, lattice, self.hold_times, **call))
-        call |= {"path": self.checkpoints / f"replica-{replica:05d}.h5", "run": self._key}
+            return Replica(
+                lattice, run_kinetics(self.engine, lattice, self.hold_times, **call)
+            )
+        call |= {
+            "path": self.checkpoints / f"replica-{replica:05d}.h5",
+            "run": self._key,
+        }
         before = self.contact.plugins | lattice.plugins
-        return Replica(lattice, run_with_checkpoints(self.engine, lattice, self.hold_times, before=before, **call))
+        return Replica(
+            lattice,
+            run_with_checkpoints(
+                self.engine, lattice, self.hold_times, before=before, **call
+            ),
+        )
 
     def each(self, task: Callable[[int], T]) -> list[T]:
         """``task`` of every replica, several at a time; reports the progress."""
@@ -170,13 +198,21 @@ class AgedBonds:
     approximate: Sequence[Mapping[str, Any]] = ()
 
     @classmethod
-    def of(cls, replicas: Sequence[Origin], *, notes: tuple[str, ...] = (), **fields: Any) -> Self:
+    def of(
+        cls, replicas: Sequence[Origin], *, notes: tuple[str, ...] = (), **fields: Any
+    ) -> Self:
         """The bonds of ``replicas``, with where they come from; notes and engine are those of the first."""
         return cls(
             notes=(*notes, *replicas[0].notes),
             engine=replicas[0].engine,
-            plugins={name: source for replica in replicas for name, source in replica.plugins.items()},
-            approximate=[entry for replica in replicas for entry in replica.approximate],
+            plugins={
+                name: source
+                for replica in replicas
+                for name, source in replica.plugins.items()
+            },
+            approximate=[
+                entry for replica in replicas for entry in replica.approximate
+            ],
             **fields,
         )
 
@@ -218,7 +254,9 @@ class AgeingMethod(Component, ABC):
             Naming what the method cannot treat, and the remedy.
         """
 
-    def check_sites(self, shape: tuple[int, int], touching: float | None) -> Sequence[str] | None:
+    def check_sites(
+        self, shape: tuple[int, int], touching: float | None
+    ) -> Sequence[str] | None:
         """Refuse, before anything is computed, a grid of ``shape`` sites, about ``touching`` of them in contact (None:
         not known); return doubts as sentences. Used by ``chemage check``.
 
@@ -228,7 +266,9 @@ class AgeingMethod(Component, ABC):
             Naming what does not fit, and the remedy.
         """
 
-    def expected(self, sites: float, kinetics: Mapping[str, float], replicas: int) -> dict[str, float]:
+    def expected(
+        self, sites: float, kinetics: Mapping[str, float], replicas: int
+    ) -> dict[str, float]:
         """Estimate the cost, as far as it is known: ``cpu_seconds`` of all replicas, ``bytes`` of one.
 
         ``kinetics`` is what :meth:`Engine.expected` states for one replica of all ``sites`` of the contact. Where the
@@ -274,7 +314,9 @@ def check_method(
     method.check(chemistry, engine)
 
 
-def wants_states(engine: Engine, rupture: Rupture | None, observe: Sequence[Observable]) -> bool:
+def wants_states(
+    engine: Engine, rupture: Rupture | None, observe: Sequence[Observable]
+) -> bool:
     """Whether the rupture law or an observable asks for the state of every site at every hold time.
 
     Raises
@@ -288,11 +330,15 @@ def wants_states(engine: Engine, rupture: Rupture | None, observe: Sequence[Obse
         if isinstance(part, Rupture | Observable) and part.states
     ]
     if asking and not engine.restart:
-        raise InputError(f"{', '.join(asking)} asks for the states: {cannot_give_states(engine)}")
+        raise InputError(
+            f"{', '.join(asking)} asks for the states: {cannot_give_states(engine)}"
+        )
     return bool(asking)
 
 
-def check_contact(contact: str, has_map: bool, method: AgeingMethod, chemistry: Chemistry) -> None:
+def check_contact(
+    contact: str, has_map: bool, method: AgeingMethod, chemistry: Chemistry
+) -> None:
     """Refuse to age a contact without a map of the pressure by a method that needs one, or one site per pixel of it.
 
     Raises
@@ -304,7 +350,11 @@ def check_contact(contact: str, has_map: bool, method: AgeingMethod, chemistry: 
         return
     if method.needs_map:
         plugins = registry.current()
-        enough = [repr(kind) for kind in plugins.kinds("ageing") if not plugins.component("ageing", kind).needs_map]
+        enough = [
+            repr(kind)
+            for kind in plugins.kinds("ageing")
+            if not plugins.component("ageing", kind).needs_map
+        ]
         raise InputError(
             f"{contact} gives statistics and no map of the pressure, so that it has no sites; set the kind of [ageing] "
             f"to {' or '.join(enough) or 'one that needs no map (none is installed)'}, or use a contact that is solved"
@@ -333,9 +383,15 @@ class Kinetics(AgeingMethod):
         states = wants_states(request.engine, request.rupture, request.observe)
         replicas = request.each(lambda number: _replica(request, number, states))
         bonds, events, sites, given, seen, origins = zip(*replicas, strict=True)
-        mean, forces = request.chemistry.bond_force * request.chemistry.front_factor, None
+        mean = request.chemistry.bond_force * request.chemistry.front_factor
+        forces = None
         if any(force is not None for force in given):
-            forces = np.stack([mean * own if force is None else force for own, force in zip(bonds, given, strict=True)])
+            forces = np.stack(
+                [
+                    mean * own if force is None else force
+                    for own, force in zip(bonds, given, strict=True)
+                ]
+            )
         return AgedBonds.of(
             origins,
             bonds=np.stack(bonds),
@@ -346,9 +402,14 @@ class Kinetics(AgeingMethod):
             outputs=seen[0].outputs,
         )
 
-    def expected(self, sites: float, kinetics: Mapping[str, float], replicas: int) -> dict[str, float]:
+    def expected(
+        self, sites: float, kinetics: Mapping[str, float], replicas: int
+    ) -> dict[str, float]:
         """See :meth:`chemage.plugin.AgeingMethod.expected`."""
-        return {name: value * (1 if name == "bytes" else replicas) for name, value in kinetics.items()}
+        return {
+            name: value * (1 if name == "bytes" else replicas)
+            for name, value in kinetics.items()
+        }
 
 
 #: in place of a method that is not chosen
@@ -363,13 +424,20 @@ def _replica(
     replica = request.follow(number, states=states)
     lattice, history = replica.lattice, replica.history
     seed = request.seeds(number).noise
-    force = rupture_bonds(Bonded(request.solution, request.chemistry, lattice, history, seed), request.rupture)
+    force = rupture_bonds(
+        Bonded(request.solution, request.chemistry, lattice, history, seed),
+        request.rupture,
+    )
     seen = measure(request.solution, lattice, history, request.observe)
     for part in (lattice, history, force):
         if twice := part.observables.keys() & seen.values.keys():
-            raise PluginError(f"{min(twice)!r} is recorded at two stages of a replica; rename one")
+            raise PluginError(
+                f"{min(twice)!r} is recorded at two stages of a replica; rename one"
+            )
         seen.values.update(part.observables)
-        seen.outputs.update({name: Output(**output) for name, output in part.outputs.items()})
+        seen.outputs.update(
+            {name: Output(**output) for name, output in part.outputs.items()}
+        )
     origin = replica.origin(force)
     given = force.force if request.rupture is not None or force.plugins else None
     origin = origin._replace(plugins=origin.plugins | seen.plugins)

@@ -32,7 +32,9 @@ def basis(model: Model, t: np.ndarray, log_cutoff: np.ndarray | float) -> np.nda
         return np.log10(t) - log_cutoff
     # log10(1 + t/t_c) without overflow where t_c is far below t
     log_t = np.log(t, out=np.full(t.shape, -np.inf), where=t > 0)
-    return np.logaddexp(0.0, log_t - np.multiply(log_cutoff, math.log(10))) / math.log(10)
+    return np.logaddexp(0.0, log_t - np.multiply(log_cutoff, math.log(10))) / math.log(
+        10
+    )
 
 
 def slopes_of(x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -51,11 +53,20 @@ def above_rounding(slope: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarra
     Algorithms, 2nd ed. (2002), section 3.1; twice, as the centre of x is rounded as well.
     """
     away = np.abs(x - x.mean())
-    rounding = 2 * x.size * np.finfo(np.float64).eps * np.abs(y).max(axis=-1) * away.sum() / np.sum(away**2)
+    rounding = (
+        2
+        * x.size
+        * np.finfo(np.float64).eps
+        * np.abs(y).max(axis=-1)
+        * away.sum()
+        / np.sum(away**2)
+    )
     return np.where(np.abs(slope) <= rounding, 0.0, slope)
 
 
-def solve(model: Model, t: np.ndarray, y: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def solve(
+    model: Model, t: np.ndarray, y: np.ndarray, w: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Weighted least squares for each row of ``y`` (b, m) with weights ``w`` (b or 1, m): β and log10 t_c, (b,) each.
 
     log10 t_c is ±inf or nan where no finite cut-off time is best.
@@ -66,7 +77,9 @@ def solve(model: Model, t: np.ndarray, y: np.ndarray, w: np.ndarray) -> tuple[np
     if (w == 1).all():
         slope, height = slopes_of(x, y), y.mean(axis=1)
         with np.errstate(invalid="ignore", divide="ignore"):
-            return slope, np.where(slope > 0, (slope * x.mean() - height) / slope, np.nan)
+            return slope, np.where(
+                slope > 0, (slope * x.mean() - height) / slope, np.nan
+            )
     total = w.sum(axis=1)
     centre, height = (w * x).sum(axis=1) / total, (w * y).sum(axis=1) / total
     away = x - centre[:, None]
@@ -83,7 +96,9 @@ def time_of(log_time: float) -> float:
         return float(np.power(10.0, log_time))
 
 
-def basis_slope(model: Model, t: np.ndarray, log_cutoff: np.ndarray | float) -> np.ndarray:
+def basis_slope(
+    model: Model, t: np.ndarray, log_cutoff: np.ndarray | float
+) -> np.ndarray:
     """The derivative of :func:`basis` by log10 t_c; between −1 and 0."""
     from scipy import special
 
@@ -98,14 +113,18 @@ def bounds(t: np.ndarray) -> tuple[float, float]:
     return math.log10(t[t > 0].min()) - 30.0, math.log10(t.max()) + 4.0
 
 
-def _solve_curve(t: np.ndarray, y: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _solve_curve(
+    t: np.ndarray, y: np.ndarray, w: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """For a given t_c the best β is a ratio of sums, so only log10 t_c is searched: a coarse grid, then ever finer."""
     lowest, highest = bounds(t)
     grid = np.arange(lowest, highest + 0.05, 0.1)
     shapes = basis("curve", t, grid[:, None])
     w = np.broadcast_to(w, y.shape)
     with np.errstate(invalid="ignore", divide="ignore"):
-        gain = np.einsum("bm,km->bk", w * y, shapes) ** 2 / np.einsum("bm,km->bk", w, shapes**2)
+        gain = np.einsum("bm,km->bk", w * y, shapes) ** 2 / np.einsum(
+            "bm,km->bk", w, shapes**2
+        )
         # a resample of t = 0 alone determines nothing: 0/0
         centre, step = grid[np.nan_to_num(gain, nan=-1.0).argmax(axis=1)], 0.1
         at_end = (centre <= grid[0]) | (centre >= grid[-1])
@@ -175,7 +194,8 @@ def student(
 
     def statistic(log_times: np.ndarray) -> np.ndarray:
         """|Student's t| of each log10 t_c, (k,)."""
-        shape, tilt = basis(model, t, log_times[:, None]), basis_slope(model, t, log_times[:, None])
+        shape = basis(model, t, log_times[:, None])
+        tilt = basis_slope(model, t, log_times[:, None])
         # what is left of the derivative by t_c where β is fitted: 0 on average at the true t_c
         along = (weight * shape * tilt).sum(axis=1) / (weight * shape**2).sum(axis=1)
         score = weight * (tilt - along[:, None] * shape)
@@ -185,16 +205,23 @@ def student(
                 error = values.std(axis=0, ddof=1) / math.sqrt(replicas)
             else:
                 rest = curves[0] - slope * basis(model, t, log_cutoff)
-                error = np.sqrt((weight * rest**2).sum() / freedom * (score**2 / weight).sum(axis=1))
+                error = np.sqrt(
+                    (weight * rest**2).sum() / freedom * (score**2 / weight).sum(axis=1)
+                )
             return np.abs(values.mean(axis=0)) / error
 
     return beta, Interval(
-        _end(statistic, limit, log_cutoff, lowest, 0.0), _end(statistic, limit, log_cutoff, highest, math.inf)
+        _end(statistic, limit, log_cutoff, lowest, 0.0),
+        _end(statistic, limit, log_cutoff, highest, math.inf),
     )
 
 
 def _end(
-    statistic: Callable[[np.ndarray], np.ndarray], limit: float, start: float, stop: float, beyond: float
+    statistic: Callable[[np.ndarray], np.ndarray],
+    limit: float,
+    start: float,
+    stop: float,
+    beyond: float,
 ) -> float:
     """The time (s) between ``start`` and ``stop`` (log10) up to which no cut-off time is rejected; else ``beyond``."""
     grid = np.linspace(start, stop, max(2, math.ceil(abs(stop - start) / 0.02)))[1:]
@@ -232,7 +259,9 @@ def bootstrapped(
 
     if kind != "replicas" and t.size < 3:
         return UNKNOWN, UNKNOWN
-    heights, weights = _resampled(kind, np.random.default_rng(seed), samples, curves, fitted, weight)
+    heights, weights = _resampled(
+        kind, np.random.default_rng(seed), samples, curves, fitted, weight
+    )
     slopes, cutoffs = solve(model, t, heights, weights)
     # percentiles whose normal distance is Student's t: a small sample's wider tails
     freedom = len(curves) - 1 if kind == "replicas" else t.size - 2
@@ -257,11 +286,18 @@ def _resampled(
     (replicas, points), mean = curves.shape, curves.mean(axis=0)
     if kind == "replicas":
         # deviations are stretched, since a draw from r replicas has (r − 1)/r of the variance
-        drawn = generator.multinomial(replicas, np.full(replicas, 1 / replicas), samples) / replicas
-        stretched = (np.einsum("br,rm->bm", drawn, curves) - mean) * math.sqrt(replicas / (replicas - 1))
+        drawn = (
+            generator.multinomial(replicas, np.full(replicas, 1 / replicas), samples)
+            / replicas
+        )
+        stretched = (np.einsum("br,rm->bm", drawn, curves) - mean) * math.sqrt(
+            replicas / (replicas - 1)
+        )
         return mean + stretched, weight[None, :]
     if kind == "pairs":
-        times_drawn = generator.multinomial(points, np.full(points, 1 / points), samples)
+        times_drawn = generator.multinomial(
+            points, np.full(points, 1 / points), samples
+        )
         return np.broadcast_to(mean, (samples, points)), times_drawn * weight
     scaled = (mean - fitted) * np.sqrt(weight)
     scaled = (scaled - scaled.mean()) * math.sqrt(points / (points - 2))

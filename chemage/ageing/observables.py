@@ -13,7 +13,13 @@ from chemage.ageing.aging import Aging
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.components import Component
 from chemage.foundation.errors import PluginError
-from chemage.foundation.outputs import Checker, Output, RecordedValue, declaration_problems, recording
+from chemage.foundation.outputs import (
+    Checker,
+    Output,
+    RecordedValue,
+    declaration_problems,
+    recording,
+)
 from chemage.kinetics.history import BondHistory
 from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.lattice import ReactionLattice
@@ -123,12 +129,18 @@ def output_problems(*components: Any) -> Iterator[tuple[Component, str]]:
             continue
         for name, output in part.outputs.items():
             if name in by_name:
-                yield part, f"two components record {name!r}; rename one ({_called(by_name[name])} and {who})"
+                yield (
+                    part,
+                    f"two components record {name!r}; rename one ({_called(by_name[name])} and {who})",
+                )
             by_name[name] = part
             dims |= dict.fromkeys(output.dims, part)
     for name in sorted(by_name.keys() & dims.keys()):
         part, other = by_name[name], _called(dims[name])
-        yield part, f"{_called(part)}: output {name!r} has the name of a dimension of {other}; rename one"
+        yield (
+            part,
+            f"{_called(part)}: output {name!r} has the name of a dimension of {other}; rename one",
+        )
 
 
 def _called(component: Component) -> str:
@@ -136,7 +148,10 @@ def _called(component: Component) -> str:
 
 
 def measure(
-    contact: ContactSolution, lattice: ReactionLattice, history: BondHistory, observe: Sequence[Observable]
+    contact: ContactSolution,
+    lattice: ReactionLattice,
+    history: BondHistory,
+    observe: Sequence[Observable],
 ) -> Seen:
     """Measure on one finished replica, with every observable and with the hook ``chemage_observe``.
 
@@ -148,7 +163,9 @@ def measure(
     seen = Seen({}, {}, {})
     times = history.hold_times.size
 
-    def take(checker: Checker, measured: Mapping[str, Any], outputs: Mapping[str, Output]) -> None:
+    def take(
+        checker: Checker, measured: Mapping[str, Any], outputs: Mapping[str, Output]
+    ) -> None:
         for name, values in measured.items():
             if name in seen.values:
                 raise PluginError(f"two observables give {name!r}; rename one")
@@ -159,23 +176,35 @@ def measure(
     with recording() as block, taking_part() as plugins:
         for observable in observe:
             checker = Checker(_called(observable), times)
-            values, outputs = observable.measure(contact, lattice, history), observable.outputs
+            values = observable.measure(contact, lattice, history)
+            outputs = observable.outputs
             checker.names(values, outputs)
             take(checker, values, outputs)
-        answers = registry.current().manager.hook.chemage_observe(contact=contact, lattice=lattice, history=history)
+        answers = registry.current().manager.hook.chemage_observe(
+            contact=contact, lattice=lattice, history=history
+        )
     for name, (who, declared) in block.items():
         take(Checker(who, times), {name: declared.values}, {name: declared.output})
     for answer in answers:
         checker = Checker("the hook chemage_observe of a plugin", times)
         checker.names(answer, {})
-        outputs = {name: value.output for name, value in answer.items() if isinstance(value, RecordedValue)}
+        outputs = {
+            name: value.output
+            for name, value in answer.items()
+            if isinstance(value, RecordedValue)
+        }
         if problems := declaration_problems(outputs):
             raise PluginError(f"the hook chemage_observe of a plugin: {problems[0]}")
-        plain = {name: value.values if isinstance(value, RecordedValue) else value for name, value in answer.items()}
+        plain = {
+            name: value.values if isinstance(value, RecordedValue) else value
+            for name, value in answer.items()
+        }
         take(checker, plain, outputs)
     dims = {dim for output in seen.outputs.values() for dim in output.dims}
     if both := dims & seen.values.keys():
-        raise PluginError(f"observables: {min(both)!r} is the name of an output and of a dimension; rename one")
+        raise PluginError(
+            f"observables: {min(both)!r} is the name of an output and of a dimension; rename one"
+        )
     return seen._replace(plugins=providers(*observe) | plugins)
 
 

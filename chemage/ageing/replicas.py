@@ -49,7 +49,9 @@ class ReplicaSeeds(NamedTuple):
     noise: np.random.SeedSequence
 
 
-def replica_seeds(seed: Seed, replica: int, common: Common, run: tuple[int, ...]) -> ReplicaSeeds:
+def replica_seeds(
+    seed: Seed, replica: int, common: Common, run: tuple[int, ...]
+) -> ReplicaSeeds:
     """Seeds of a replica's disorder and of its kinetics: functions of the arguments alone.
 
     Parameters
@@ -65,13 +67,21 @@ def replica_seeds(seed: Seed, replica: int, common: Common, run: tuple[int, ...]
         entropy, path = seed.entropy, tuple(seed.spawn_key)
     else:
         entropy, path = checked_seed(seed), ()
-    disorder = np.random.SeedSequence(entropy, spawn_key=(*path, *(run if common == "none" else ()), replica, 0))
+    disorder = np.random.SeedSequence(
+        entropy, spawn_key=(*path, *(run if common == "none" else ()), replica, 0)
+    )
     if common == "all":
-        return ReplicaSeeds(disorder, CommonSeed(entropy, spawn_key=(*path, replica, 1)))
-    return ReplicaSeeds(disorder, np.random.SeedSequence(entropy, spawn_key=(*path, *run, replica, 1)))
+        return ReplicaSeeds(
+            disorder, CommonSeed(entropy, spawn_key=(*path, replica, 1))
+        )
+    return ReplicaSeeds(
+        disorder, np.random.SeedSequence(entropy, spawn_key=(*path, *run, replica, 1))
+    )
 
 
-def identity(contact: ContactSolution, chemistry: Chemistry, engine: Engine, temperature: float) -> tuple[int, ...]:
+def identity(
+    contact: ContactSolution, chemistry: Chemistry, engine: Engine, temperature: float
+) -> tuple[int, ...]:
     """Four 32-bit words that differ between runs that simulate different things.
 
     Of the contact enter its grid, that of the sites where it is another, its load, and how the pressure is distributed
@@ -91,20 +101,29 @@ def identity(contact: ContactSolution, chemistry: Chemistry, engine: Engine, tem
         temperature,
         *([sites] if sites != contact.shape else []),
     ]
-    return tuple(int(word) for word in np.frombuffer(bytes.fromhex(content_hash(content)), "<u4"))
+    return tuple(
+        int(word) for word in np.frombuffer(bytes.fromhex(content_hash(content)), "<u4")
+    )
 
 
 def _distribution(pressure: np.ndarray) -> list[int]:
     """The share of the load on each block of pixels, and the mean pressure that the load sees, rounded; tension counts
     as pressure."""
     pressure = np.abs(pressure)
-    rows, columns = (np.unique(np.arange(BLOCKS) * side // BLOCKS) for side in pressure.shape)
-    sums = np.add.reduceat(np.add.reduceat(pressure, rows, axis=0, dtype=np.float64), columns, axis=1)
+    rows, columns = (
+        np.unique(np.arange(BLOCKS) * side // BLOCKS) for side in pressure.shape
+    )
+    sums = np.add.reduceat(
+        np.add.reduceat(pressure, rows, axis=0, dtype=np.float64), columns, axis=1
+    )
     total = float(sums.sum())
     if not total > 0:
         return []
     seen = float(np.einsum("ij,ij->", pressure, pressure, dtype=np.float64)) / total
-    return [*np.rint(sums.ravel() / (SHARE * total)).astype(int).tolist(), round(math.log(seen) / SHARE)]
+    return [
+        *np.rint(sums.ravel() / (SHARE * total)).astype(int).tolist(),
+        round(math.log(seen) / SHARE),
+    ]
 
 
 def origin(seed: Seed) -> list[object]:
@@ -155,31 +174,59 @@ def resumed(
         return None
     record = records.get(name)
     earlier = json.loads(attributes.get("before", "{}"))
-    of_this_run = attributes.get("run") == run and (earlier != before or attributes.get("checkpoint") == key)
+    of_this_run = attributes.get("run") == run and (
+        earlier != before or attributes.get("checkpoint") == key
+    )
     if not of_this_run or not isinstance(record, kind):
         raise StoreError(other)
     reasons = []
     if earlier != before:
         then, now = (
-            ", ".join(f"{name} ({source})" for name, source in plugins.items()) or "no plugin"
+            ", ".join(f"{name} ({source})" for name, source in plugins.items())
+            or "no plugin"
             for plugins in (earlier, before)
         )
         reasons.append(f"{then} took part in the stages before, and now {now}")
-    reasons += [f"{plugin} was {then} and is {now}" for plugin, (then, now) in changed(record.plugins).items()]
+    reasons += [
+        f"{plugin} was {then} and is {now}"
+        for plugin, (then, now) in changed(record.plugins).items()
+    ]
     asked = json.loads(attributes.get("asked", "{}"))
-    new = [plugin for plugin, source in implementing(*hooks).items() if asked.get(plugin) != source]
+    new = [
+        plugin
+        for plugin, source in implementing(*hooks).items()
+        if asked.get(plugin) != source
+    ]
     if not reasons and new and would_change(new, hooks[-1], record, **arguments):
         reasons = [f"{', '.join(new)} would answer or change it"]
     if reasons:
-        warnings.warn(f"{path} is computed again: {'; '.join(reasons)}", CheckpointWarning, stacklevel=2)
+        warnings.warn(
+            f"{path} is computed again: {'; '.join(reasons)}",
+            CheckpointWarning,
+            stacklevel=2,
+        )
         return None
     return record
 
 
-def keep(path: Path, name: str, record: Record, key: str, *, run: str, before: Plugins, hooks: Sequence[str]) -> None:
+def keep(
+    path: Path,
+    name: str,
+    record: Record,
+    key: str,
+    *,
+    run: str,
+    before: Plugins,
+    hooks: Sequence[str],
+) -> None:
     """Write ``record`` to ``path``, in place of what was kept there before; arguments as for :func:`resumed`."""
-    plugins = {"asked": json.dumps(implementing(*hooks)), "before": json.dumps(dict(before))}
-    container.write(path, {name: record}, {"checkpoint": key, "run": run, **plugins}, force=True)
+    plugins = {
+        "asked": json.dumps(implementing(*hooks)),
+        "before": json.dumps(dict(before)),
+    }
+    container.write(
+        path, {name: record}, {"checkpoint": key, "run": run, **plugins}, force=True
+    )
 
 
 #: s between two checkpoints of a replica
@@ -214,17 +261,43 @@ def run_with_checkpoints(
         ``path`` holds the checkpoint of another run, or cannot be written.
     """
     if not engine.restart:
-        raise InputError(f"engine {engine.kind!r} cannot resume from a history; run it without checkpoints")
+        raise InputError(
+            f"engine {engine.kind!r} cannot resume from a history; run it without checkpoints"
+        )
     times, kelvin = check_times(hold_times), temperature_value(temperature)
-    key = content_hash([engine.digest(), lattice.digest(), times.tolist(), kelvin, origin(seed)])
-    other = f"{path} is the checkpoint of another run; remove it, or choose another folder"
+    key = content_hash(
+        [engine.digest(), lattice.digest(), times.tolist(), kelvin, origin(seed)]
+    )
+    other = (
+        f"{path} is the checkpoint of another run; remove it, or choose another folder"
+    )
     plugins = before or {}
     origins = {"contact": contact, "chemistry": chemistry}
-    call = {"engine": engine, "lattice": lattice, "hold_times": times, "temperature": kelvin, "seed": seed, **origins}
-    done = resumed(path, "history", BondHistory, key, other, run=run, before=plugins, hooks=_HOOKS, **call, start=None)
+    call = {
+        "engine": engine,
+        "lattice": lattice,
+        "hold_times": times,
+        "temperature": kelvin,
+        "seed": seed,
+        **origins,
+    }
+    done = resumed(
+        path,
+        "history",
+        BondHistory,
+        key,
+        other,
+        run=run,
+        before=plugins,
+        hooks=_HOOKS,
+        **call,
+        start=None,
+    )
     if done is not None and states and done.states is None:
         problem = "it was kept without the states at every hold time"
-        warnings.warn(f"{path} is computed again: {problem}", CheckpointWarning, stacklevel=2)
+        warnings.warn(
+            f"{path} is computed again: {problem}", CheckpointWarning, stacklevel=2
+        )
         done = None
     elif done is not None and not states and done.states is not None:
         done = done.model_copy(update={"states": None})
@@ -234,7 +307,14 @@ def run_with_checkpoints(
     while at < times.size:
         begin = time.monotonic()
         history = run_kinetics(
-            engine, lattice, times[at : at + piece], temperature=kelvin, seed=seed, start=done, states=states, **origins
+            engine,
+            lattice,
+            times[at : at + piece],
+            temperature=kelvin,
+            seed=seed,
+            start=done,
+            states=states,
+            **origins,
         )
         done = history if done is None else done.then(history)
         at += piece

@@ -31,8 +31,20 @@ COMMANDS = {
         experiments.status,
         experiments.tradeoff,
     ),
-    "Results": (results.show, results.plot, results.compare, results.report, results.arrhenius, results.cite),
-    "Reference": (reference.materials, reference.schema, reference.warmup, reference.selftest),
+    "Results": (
+        results.show,
+        results.plot,
+        results.compare,
+        results.report,
+        results.arrhenius,
+        results.cite,
+    ),
+    "Reference": (
+        reference.materials,
+        reference.schema,
+        reference.warmup,
+        reference.selftest,
+    ),
 }
 _OF_PLUGINS = "Commands of plugins"
 #: set by the script that the shell runs for completion
@@ -43,18 +55,25 @@ class _Commands(typer.core.TyperGroup):
     """The commands under the headings of ``COMMANDS``."""
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        sections: dict[str, list[tuple[str, Any]]] = {heading: [] for heading in COMMANDS}
+        sections: dict[str, list[tuple[str, Any]]] = {
+            heading: [] for heading in COMMANDS
+        }
         for name in self.list_commands(ctx):
             command: Any = self.get_command(ctx, name)
             if command is not None and not command.hidden:
                 heading = getattr(command, "rich_help_panel", None)
-                sections.setdefault(heading if isinstance(heading, str) else _OF_PLUGINS, []).append((name, command))
+                sections.setdefault(
+                    heading if isinstance(heading, str) else _OF_PLUGINS, []
+                ).append((name, command))
         longest = max(len(name) for listed in sections.values() for name, _ in listed)
         for heading, listed in sections.items():
             if listed:
                 with formatter.section(heading):
                     room = formatter.width - 6 - longest
-                    lines = [(f"{name:{longest}}", command.get_short_help_str(room)) for name, command in listed]
+                    lines = [
+                        (f"{name:{longest}}", command.get_short_help_str(room))
+                        for name, command in listed
+                    ]
                     formatter.write_dl(lines)
 
 
@@ -87,7 +106,13 @@ app.add_typer(plugins.plugins_app, name="plugins", rich_help_panel="Reference")
 @app.callback()
 def _options(
     version: Annotated[
-        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="print the version and exit")
+        bool,
+        typer.Option(
+            "--version",
+            callback=_print_version,
+            is_eager=True,
+            help="print the version and exit",
+        ),
     ] = False,
     without: Annotated[
         list[str] | None,
@@ -115,11 +140,15 @@ def _choose_plugins(words: list[str]) -> None:
         name, _, value = word.partition("=")
         if name in chosen:
             chosen[name].append(value or (words[at + 1] if at + 1 < len(words) else ""))
-        elif not word.startswith("-") and (at == 0 or words[at - 1] not in (*chosen, "--log")):
+        elif not word.startswith("-") and (
+            at == 0 or words[at - 1] not in (*chosen, "--log")
+        ):
             break
     if chosen["--without"]:
         before = filter(None, [os.environ.get("CHEMAGE_PLUGINS", "")])
-        os.environ["CHEMAGE_PLUGINS"] = ",".join([*before, *(f"-{name}" for name in chosen["--without"])])
+        os.environ["CHEMAGE_PLUGINS"] = ",".join(
+            [*before, *(f"-{name}" for name in chosen["--without"])]
+        )
     if chosen["--prefer"]:
         os.environ[PREFER] = ",".join(chosen["--prefer"])
 
@@ -131,21 +160,35 @@ def _add_plugin_commands() -> None:
     from chemage.plugins import registry
 
     registry.current().check_preference(preference(), PREFER)
-    registered = [command for command in app.registered_commands if command.callback is not None]
-    taken = {command.name or getattr(command.callback, "__name__", "") for command in registered}
-    taken |= {command.name for command in app.registered_groups if isinstance(command.name, str)}
+    registered = [
+        command for command in app.registered_commands if command.callback is not None
+    ]
+    taken = {
+        command.name or getattr(command.callback, "__name__", "")
+        for command in registered
+    }
+    taken |= {
+        command.name
+        for command in app.registered_groups
+        if isinstance(command.name, str)
+    }
     for hook in registry.current().manager.hook.chemage_cli.get_hookimpls():
         try:
             commands: Any = hook.function()
             for name, function in commands:
                 if name in taken:
-                    if any(function is command.callback for command in app.registered_commands):
+                    if any(
+                        function is command.callback
+                        for command in app.registered_commands
+                    ):
                         continue  # a second call in one process
                     raise ValueError(f"the command {name!r} exists already")
                 taken.add(name)
                 trial = typer.Typer()
                 trial.command(name)(function)
-                typer.main.get_command(trial)  # raises if typer cannot read the signature
+                typer.main.get_command(
+                    trial
+                )  # raises if typer cannot read the signature
                 app.command(name, rich_help_panel=_OF_PLUGINS)(function)
         except (Exception, SystemExit) as error:
             if registry.current().strict:
@@ -169,14 +212,18 @@ def main() -> None:
     """Run the command line; a :class:`chemage.ChemageError` is printed as one message on stderr."""
     begin, status = time.perf_counter(), 0
     for name in ("stdout", "stderr"):
-        if getattr(sys, name) is None:  # the caller has closed it; no file that is opened later takes its number
+        if (
+            getattr(sys, name) is None
+        ):  # the caller has closed it; no file that is opened later takes its number
             setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115
     try:
         output.begin()
         require_address_space()
         for stream in (sys.stdout, sys.stderr):
             if isinstance(stream, io.TextIOWrapper):
-                stream.reconfigure(errors="backslashreplace")  # for terminals that cannot show µ or Δ
+                stream.reconfigure(
+                    errors="backslashreplace"
+                )  # for terminals that cannot show µ or Δ
         _plain_warnings()
         _print_version(sys.argv[1:2] == ["--version"])  # before plugins are imported
         _choose_plugins(sys.argv[1:])
@@ -194,10 +241,14 @@ def main() -> None:
         text = f"{word}; {str(stop) or 'nothing was written'}"
         _complain(f"\n{text}")
         LOGGER.error("%s", text)
-        os._exit(status)  # without waiting for threads that may still be in a compiled kernel
+        os._exit(
+            status
+        )  # without waiting for threads that may still be in a compiled kernel
     except Exception as error:
         status = _explain(error)
-    LOGGER.info("ended with status %d after %.2f s", status, time.perf_counter() - begin)
+    LOGGER.info(
+        "ended with status %d after %.2f s", status, time.perf_counter() - begin
+    )
     output.end()
     sys.exit(status)
 
@@ -221,7 +272,9 @@ def _plain_warnings() -> None:
 
     warnings.showwarning = plain
     # of PYTHONWARNINGS=error, here and in workers: what a command warns of is a message, and no end
-    sys.warnoptions[:] = [option for option in sys.warnoptions if not option.startswith("e")]
+    sys.warnoptions[:] = [
+        option for option in sys.warnoptions if not option.startswith("e")
+    ]
     if "PYTHONWARNINGS" in os.environ:
         os.environ["PYTHONWARNINGS"] = ",".join(sys.warnoptions)
         warnings.filters[:] = [one for one in warnings.filters if one[0] != "error"]  # pyright: ignore[reportIndexIssue]
@@ -232,7 +285,10 @@ def _explain(error: Exception) -> int:
 
     show_usage = getattr(error, "show", None)  # a usage error found by typer
     text = "\n".join([f"{error}", *getattr(error, "__notes__", ())])
-    known = isinstance(error, ChemageError | OSError | MemoryError) or show_usage is not None
+    known = (
+        isinstance(error, ChemageError | OSError | MemoryError)
+        or show_usage is not None
+    )
     LOGGER.error("%s", text, exc_info=not known)
     if isinstance(error, ChemageError):
         _complain(f"chemage: {text}")
@@ -249,7 +305,9 @@ def _explain(error: Exception) -> int:
         _complain(f"chemage: {error}")
         return 2
     if isinstance(error, MemoryError):
-        _complain(f"chemage: not enough memory: {error}; `chemage check` estimates what a scene needs")
+        _complain(
+            f"chemage: not enough memory: {error}; `chemage check` estimates what a scene needs"
+        )
         return 2
     _complain(
         f"chemage: this is a fault of chemage, please report it: {type(error).__name__}: {shortened(error, 200)}; "

@@ -48,8 +48,13 @@ def kinds(incomplete: str) -> list[str]:
     from chemage.plugins import registry
 
     plugins = registry.current()
-    named = [record.name for record in plugins.records if record.options and not record.error]
-    return _beginning(incomplete, {*(kind for role in plugins.roles for kind in plugins.kinds(role)), *named})
+    named = [
+        record.name for record in plugins.records if record.options and not record.error
+    ]
+    return _beginning(
+        incomplete,
+        {*(kind for role in plugins.roles for kind in plugins.kinds(role)), *named},
+    )
 
 
 def roles(incomplete: str) -> list[str]:
@@ -81,8 +86,12 @@ def _scene() -> Mapping[str, Any]:
     plugins = registry.current()
     try:
         # an option without its value ends the parsing, and arguments before it are lost
-        words = shlex.split(os.environ.get("_TYPER_COMPLETE_ARGS") or os.environ.get("COMP_WORDS") or "")
-        name = next(word for word in words if word in plugins.scenes() or word.endswith(".toml"))
+        words = shlex.split(
+            os.environ.get("_TYPER_COMPLETE_ARGS") or os.environ.get("COMP_WORDS") or ""
+        )
+        name = next(
+            word for word in words if word in plugins.scenes() or word.endswith(".toml")
+        )
         if name in plugins.scenes():
             return tomllib.loads(registry.scene_text(plugins.target("scenes", name)[1]))
         from chemage.foundation.files import described
@@ -97,6 +106,8 @@ def _paths(data: Mapping[str, Any], prefix: str = "") -> list[str]:
     for name, value in data.items():
         if isinstance(value, Mapping):
             paths += _paths(value, f"{prefix}{name}.")
-        elif not (isinstance(value, list) and any(isinstance(item, Mapping) for item in value)):
+        elif not (
+            isinstance(value, list) and any(isinstance(item, Mapping) for item in value)
+        ):
             paths.append(f"{prefix}{name}")
     return paths

@@ -48,7 +48,13 @@ from chemage.cli.output import (
     show_all,
 )
 from chemage.foundation import compiling
-from chemage.foundation.progress import loaded, loading, progress_bars, reported, watching
+from chemage.foundation.progress import (
+    loaded,
+    loading,
+    progress_bars,
+    reported,
+    watching,
+)
 
 if TYPE_CHECKING:
     from chemage.scene.run import Run
@@ -103,7 +109,12 @@ def run(
     loading("loading chemage")
     request = requested_fields(accuracy, budget, surfaces, measured)
     values = changed_fields(changes, replicas, seed) | request
-    where = {"executor": executor, "workers": workers, "patience": patience, "points": points}
+    where = {
+        "executor": executor,
+        "workers": workers,
+        "patience": patience,
+        "points": points,
+    }
     with compiling.begun_early(scene, values, threads) as early:
         from chemage.scene.files import is_sweep, load_scene
 
@@ -112,18 +123,47 @@ def run(
 
             loaded()
             if checkpoints is not None:
-                raise user_error("--checkpoints is for a single run; a sweep resumes from its own folder")
-            how: dict[str, Any] = {"yes": yes, "as_json": as_json, "threads": threads, "force": force, **where}
+                raise user_error(
+                    "--checkpoints is for a single run; a sweep resumes from its own folder"
+                )
+            how: dict[str, Any] = {
+                "yes": yes,
+                "as_json": as_json,
+                "threads": threads,
+                "force": force,
+                **where,
+            }
             return studies.run_sweep(scene, out, values, **how)
-        how = {"threads": threads, "early": early, "figures": figures, "as_json": as_json, "force": force}
-        _run_scene(scene, load_scene(scene, values), out, checkpoints=checkpoints, where=where, **how)
+        how = {
+            "threads": threads,
+            "early": early,
+            "figures": figures,
+            "as_json": as_json,
+            "force": force,
+        }
+        _run_scene(
+            scene,
+            load_scene(scene, values),
+            out,
+            checkpoints=checkpoints,
+            where=where,
+            **how,
+        )
 
 
 def _run_scene(
-    source: str, one: Scene, out: Path | None, *, checkpoints: Path | None, where: dict[str, Any], **how: Any
+    source: str,
+    one: Scene,
+    out: Path | None,
+    *,
+    checkpoints: Path | None,
+    where: dict[str, Any],
+    **how: Any,
 ) -> None:
     """Run one surface of a scene, or the ensemble that it asks for."""
-    path = out or Path(os.fsdecode(f"{one.name}.h5".encode()))  # also where the locale is ASCII
+    path = out or Path(
+        os.fsdecode(f"{one.name}.h5".encode())
+    )  # also where the locale is ASCII
     protect_inputs(path, source, one)
     if out is not None:
         check_ending(out, RESULTS, "a result file")
@@ -136,7 +176,9 @@ def _run_scene(
     from chemage.cli import studies
 
     if checkpoints is not None:
-        raise user_error("--checkpoints is for a single run; an ensemble keeps its samples beside its result")
+        raise user_error(
+            "--checkpoints is for a single run; an ensemble keeps its samples beside its result"
+        )
     return studies.run_ensemble(one, path, **how, **where)
 
 
@@ -160,13 +202,17 @@ def _run_one(
 
     result = _without_figures(one, path) if figures and not force else None
     if result is None:
-        preflight_result(path, force=force, figures=figures, size=plan(one).numbers.get("file", 0))
+        preflight_result(
+            path, force=force, figures=figures, size=plan(one).numbers.get("file", 0)
+        )
     pictures: list[Path] = []
     units = {"contact": "iterations", "ageing": (one.ageing or EVERY_SITE).steps}
     with progress_bars(units) as report, watching(report):
         if result is None:
             with compiled_ahead(one, report, threads, early) as told:
-                result = experiments.run(one, progress=told, threads=threads, checkpoints=checkpoints)
+                result = experiments.run(
+                    one, progress=told, threads=threads, checkpoints=checkpoints
+                )
             with reported(report, "writing"):
                 write(path, result, force=force)
         if figures:
@@ -197,13 +243,22 @@ def _without_figures(one: Scene, path: Path) -> Run | None:
 
 def sweep(
     scene: Annotated[
-        str | None, typer.Argument(help="a scene file (.toml) with [sweep], or the name of an installed scene")
+        str | None,
+        typer.Argument(
+            help="a scene file (.toml) with [sweep], or the name of an installed scene"
+        ),
     ] = None,
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="folder of the sweep (default: NAME-sweep)")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="folder of the sweep (default: NAME-sweep)"),
+    ] = None,
     points: PointsOpt = None,
     collect: Annotated[
         Path | None,
-        typer.Option(metavar="FOLDER", help="verify all points in this folder and write the tables; computes nothing"),
+        typer.Option(
+            metavar="FOLDER",
+            help="verify all points in this folder and write the tables; computes nothing",
+        ),
     ] = None,
     changes: SetOpt = None,
     accuracy: AccuracyOpt = None,
@@ -228,17 +283,41 @@ def sweep(
     from chemage.scene.files import is_sweep
 
     if collect is not None:
-        given = {"SCENE": scene, "--out": out, "--points": points, "--set": changes, "--executor": executor}
+        given = {
+            "SCENE": scene,
+            "--out": out,
+            "--points": points,
+            "--set": changes,
+            "--executor": executor,
+        }
         if others := [name for name, value in given.items() if value is not None]:
-            raise user_error(f"--collect FOLDER computes nothing; leave out {', '.join(others)}")
+            raise user_error(
+                f"--collect FOLDER computes nothing; leave out {', '.join(others)}"
+            )
         return studies.collect(collect, as_json=as_json)
     if scene is None:
         raise user_error("name a scene with [sweep], or a folder with --collect FOLDER")
     if not is_sweep(scene):
         raise user_error(f"{scene} has no [sweep]; `chemage run {scene}` runs it")
-    values = changed_fields(changes, replicas, seed) | requested_fields(accuracy, None, surfaces)
-    where: dict[str, Any] = {"executor": executor, "workers": workers, "threads": threads, "patience": patience}
-    studies.run_sweep(scene, out, values, yes=yes, as_json=as_json, force=force, points=points, **where)
+    values = changed_fields(changes, replicas, seed) | requested_fields(
+        accuracy, None, surfaces
+    )
+    where: dict[str, Any] = {
+        "executor": executor,
+        "workers": workers,
+        "threads": threads,
+        "patience": patience,
+    }
+    studies.run_sweep(
+        scene,
+        out,
+        values,
+        yes=yes,
+        as_json=as_json,
+        force=force,
+        points=points,
+        **where,
+    )
 
 
 def check(
@@ -250,7 +329,10 @@ def check(
     measured: MapOpt = None,
     shares: Annotated[
         int | None,
-        typer.Option(min=1, help="sweeps: show what each of this many shares costs; default: the whole sweep only"),
+        typer.Option(
+            min=1,
+            help="sweeps: show what each of this many shares costs; default: the whole sweep only",
+        ),
     ] = None,
     yes: YesOpt = False,
     as_json: JsonOpt = False,
@@ -266,7 +348,13 @@ def check(
     if is_sweep(scene):
         from chemage.cli import studies
 
-        return studies.check_sweep(scene, changed_fields(changes) | request, yes=yes, as_json=as_json, shares=shares)
+        return studies.check_sweep(
+            scene,
+            changed_fields(changes) | request,
+            yes=yes,
+            as_json=as_json,
+            shares=shares,
+        )
     if shares is not None:
         raise user_error(f"--shares is for sweeps, and {scene} has no [sweep]")
     one = load_scene(scene, changed_fields(changes) | request)
@@ -286,7 +374,10 @@ def check(
 
 def status(
     folder: Annotated[
-        Path, typer.Argument(metavar="FOLDER", autocompletion=completion.sweeps, help="folder of a sweep")
+        Path,
+        typer.Argument(
+            metavar="FOLDER", autocompletion=completion.sweeps, help="folder of a sweep"
+        ),
     ],
     as_json: JsonOpt = False,
 ) -> None:
@@ -345,21 +436,31 @@ def init(
     from chemage.scene.scene import file_name
 
     file = name if name.suffix == ".toml" else name.with_name(f"{name.name}.toml")
-    if name.suffix not in ("", ".toml") and not name.suffix[1:].isdigit():  # tip-0.5 has no ending
-        raise user_error(f"{name}: the name ends in {name.suffix}; a scene file must end in .toml")
+    if (
+        name.suffix not in ("", ".toml") and not name.suffix[1:].isdigit()
+    ):  # tip-0.5 has no ending
+        raise user_error(
+            f"{name}: the name ends in {name.suffix}; a scene file must end in .toml"
+        )
     try:
         file_name(os.fsencode(file.stem).decode(errors="replace"))
     except ValueError as error:
-        raise user_error(f"{file.stem!r} cannot be the name of a scene: {error}") from None
+        raise user_error(
+            f"{file.stem!r} cannot be the name of a scene: {error}"
+        ) from None
     plugins = registry.current()
     if like not in plugins.scenes():
         known = sorted(plugins.scenes())
-        raise user_error(f"no installed scene {like!r}{nearest(like, known)}; installed: {', '.join(known) or 'none'}")
+        raise user_error(
+            f"no installed scene {like!r}{nearest(like, known)}; installed: {', '.join(known) or 'none'}"
+        )
     text = named(installed_text(like), file.stem)
     write_file(file, text, force=force)
     others = ", ".join(sorted(set(plugins.scenes()) - {like}))
     output.remark(f"another scene to begin with: --like SCENE ({others})")
-    output.say(f"{file} is a copy of {like}; change it, then: chemage check {file} && chemage run {file}")
+    output.say(
+        f"{file} is a copy of {like}; change it, then: chemage check {file} && chemage run {file}"
+    )
 
 
 _STAGE = "measuring"
@@ -422,8 +523,18 @@ def tradeoff(
             done += 1
             report(_STAGE, done, 0, what)
 
-        where: dict[str, Any] = {"executor": chosen_executor(executor, workers, "serial"), "workers": workers}
-        measured = measure(loaded, rounds=rounds, report=shown, folder=folder, patience=patience, **where)
+        where: dict[str, Any] = {
+            "executor": chosen_executor(executor, workers, "serial"),
+            "workers": workers,
+        }
+        measured = measure(
+            loaded,
+            rounds=rounds,
+            report=shown,
+            folder=folder,
+            patience=patience,
+            **where,
+        )
         report(_STAGE, 1, 1)
     result = result_of(measured)
     for file in files:

@@ -30,7 +30,9 @@ def check_ending(path: Path, endings: tuple[str, ...], what: str) -> None:
 
     What is no file, such as a folder, is refused where it is opened, for that reason.
     """
-    if path.suffix.lower() not in endings and (os.path.isfile(path) or not os.path.exists(path)):
+    if path.suffix.lower() not in endings and (
+        os.path.isfile(path) or not os.path.exists(path)
+    ):
         *others, last = endings
         names = f"{', '.join(others)} or {last}" if others else last
         ending = f"ends in {path.suffix}" if path.suffix else "has no ending"
@@ -48,29 +50,57 @@ SceneArg = Annotated[
 ResultArg = Annotated[
     Path,
     typer.Argument(
-        metavar="FILE", autocompletion=completion.results, help="result file (.h5), or the folder of a sweep"
+        metavar="FILE",
+        autocompletion=completion.results,
+        help="result file (.h5), or the folder of a sweep",
     ),
 ]
 ResultsArg = Annotated[
     list[Path],
-    typer.Argument(metavar="FILES", autocompletion=completion.results, help="result files (.h5), folders of sweeps"),
+    typer.Argument(
+        metavar="FILES",
+        autocompletion=completion.results,
+        help="result files (.h5), folders of sweeps",
+    ),
 ]
 CsvOpt = Annotated[bool, typer.Option("--csv", help="print CSV instead of tables")]
-FiguresOpt = Annotated[bool, typer.Option(help="draw figures into the folder NAME-figures beside the result")]
+FiguresOpt = Annotated[
+    bool,
+    typer.Option(help="draw figures into the folder NAME-figures beside the result"),
+]
 ReplicasOpt = Annotated[
-    int | None, typer.Option(metavar="N", help="number of replicas; short for --set hold.replicas=N")
+    int | None,
+    typer.Option(
+        metavar="N", help="number of replicas; short for --set hold.replicas=N"
+    ),
 ]
 SeedOpt = Annotated[
-    int | None, typer.Option(metavar="N", help="seed of the disorder and the kinetics; short for --set hold.seed=N")
+    int | None,
+    typer.Option(
+        metavar="N",
+        help="seed of the disorder and the kinetics; short for --set hold.seed=N",
+    ),
 ]
 AllOpt = Annotated[
-    bool, typer.Option("--all", help="print also what is recorded as arrays: sizes and ranges of values")
+    bool,
+    typer.Option(
+        "--all",
+        help="print also what is recorded as arrays: sizes and ranges of values",
+    ),
 ]
-JsonOpt = Annotated[bool, typer.Option("--json", help="print one JSON object instead of tables")]
-ForceOpt = Annotated[bool, typer.Option("--force", help="overwrite existing files; default: refuse")]
+JsonOpt = Annotated[
+    bool, typer.Option("--json", help="print one JSON object instead of tables")
+]
+ForceOpt = Annotated[
+    bool, typer.Option("--force", help="overwrite existing files; default: refuse")
+]
 YesOpt = Annotated[
     bool,
-    typer.Option("--yes", "-y", help="sweeps: do not ask whether to compute very many points or to fill the disk"),
+    typer.Option(
+        "--yes",
+        "-y",
+        help="sweeps: do not ask whether to compute very many points or to fill the disk",
+    ),
 ]
 SetOpt = Annotated[
     list[str] | None,
@@ -136,12 +166,18 @@ WidthOpt = Annotated[
 FontOpt = Annotated[
     str | None,
     typer.Option(
-        "--font", metavar="FONT", help='family of the text, its size in pt, or both, such as "Arial 9"; 7 pt at least'
+        "--font",
+        metavar="FONT",
+        help='family of the text, its size in pt, or both, such as "Arial 9"; 7 pt at least',
     ),
 ]
 StyleOpt = Annotated[
     Path | None,
-    typer.Option("--style", metavar="FILE", help="style sheet of matplotlib whose settings replace those of chemage"),
+    typer.Option(
+        "--style",
+        metavar="FILE",
+        help="style sheet of matplotlib whose settings replace those of chemage",
+    ),
 ]
 MeasuredOpt = Annotated[
     list[Path] | None,
@@ -154,7 +190,8 @@ MeasuredOpt = Annotated[
 FolderOpt = Annotated[
     Path | None,
     typer.Option(
-        metavar="FOLDER", help="keep what is computed in this folder, from which a later call goes on; default: none"
+        metavar="FOLDER",
+        help="keep what is computed in this folder, from which a later call goes on; default: none",
     ),
 ]
 ExecutorOpt = Annotated[
@@ -169,7 +206,9 @@ ExecutorOpt = Annotated[
 WorkersOpt = Annotated[
     int | None,
     typer.Option(
-        min=1, metavar="N", help="many runs: how many are computed at the same time; default: from the processors"
+        min=1,
+        metavar="N",
+        help="many runs: how many are computed at the same time; default: from the processors",
     ),
 ]
 ThreadsOpt = Annotated[
@@ -200,7 +239,9 @@ PatienceOpt = Annotated[
 ]
 
 
-def chosen_executor(executor: str | None, workers: int | None, otherwise: str | None) -> str | None:
+def chosen_executor(
+    executor: str | None, workers: int | None, otherwise: str | None
+) -> str | None:
     """What ``--executor`` says; without it processes for several workers, and ``otherwise`` for one."""
     return executor or ("processes" if (workers or 1) > 1 else otherwise)
 
@@ -213,13 +254,17 @@ def named_value(option: str, text: str, form: str) -> tuple[str, str]:
     return name.strip(), value.strip()
 
 
-def changed_fields(texts: list[str] | None, replicas: int | None = None, seed: int | None = None) -> dict[str, Any]:
+def changed_fields(
+    texts: list[str] | None, replicas: int | None = None, seed: int | None = None
+) -> dict[str, Any]:
     """Read ``--set PATH=VALUE`` and its short forms: dotted path -> value, as TOML where it is TOML, else as text."""
     import tomllib
 
     changes: dict[str, Any] = {}
     for text in texts or []:
-        path, value = named_value("--set", text, "PATH=VALUE, such as surface.rms_slope=0.2")
+        path, value = named_value(
+            "--set", text, "PATH=VALUE, such as surface.rms_slope=0.2"
+        )
         try:
             changes[path] = tomllib.loads(f"value = {value}")["value"]
         except (ValueError, RecursionError):
@@ -229,16 +274,28 @@ def changed_fields(texts: list[str] | None, replicas: int | None = None, seed: i
 
 
 def requested_fields(
-    accuracy: list[str] | None, budget: str | None, surfaces: int | None, measured: Path | None = None
+    accuracy: list[str] | None,
+    budget: str | None,
+    surfaces: int | None,
+    measured: Path | None = None,
 ) -> dict[str, Any]:
     """Read ``--accuracy``, ``--budget``, ``--surfaces`` and ``--map``: dotted path -> value. A number of surfaces takes
     the place of an accuracy, a budget and a map in the scene, and each of these that of a number of surfaces."""
     if surfaces is not None and (accuracy or budget is not None):
-        raise user_error("--surfaces: give the number of surfaces, or the accuracy (or budget) that decides it")
+        raise user_error(
+            "--surfaces: give the number of surfaces, or the accuracy (or budget) that decides it"
+        )
     if surfaces is not None and measured is not None:
-        raise user_error("--map: a number of surfaces is computed as the scene is written; leave one of the two out")
+        raise user_error(
+            "--map: a number of surfaces is computed as the scene is written; leave one of the two out"
+        )
     if surfaces is not None:
-        return {"ensemble.surfaces": surfaces, "ensemble.budget": None, "ensemble.map": None, "accuracy": None}
+        return {
+            "ensemble.surfaces": surfaces,
+            "ensemble.budget": None,
+            "ensemble.map": None,
+            "accuracy": None,
+        }
     changes: dict[str, Any] = {}
     goals: dict[str, str] = {}
     for text in accuracy or []:

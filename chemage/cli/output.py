@@ -74,7 +74,10 @@ def begin() -> None:
         _state.terminated = True
         raise KeyboardInterrupt
 
-    if threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
+    if (
+        threading.current_thread() is threading.main_thread()
+        and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    ):
         _state.before = signal.signal(signal.SIGTERM, terminate)
 
 
@@ -95,17 +98,23 @@ def end() -> None:
     LOGGER.setLevel(logging.NOTSET)
 
 
-def _set_loudness(context: typer.Context, option: typer.CallbackParam, given: bool) -> None:
+def _set_loudness(
+    context: typer.Context, option: typer.CallbackParam, given: bool
+) -> None:
     """``--quiet`` and ``--verbose``."""
     if not given or getattr(_state, str(option.name)) or context.resilient_parsing:
         return
     setattr(_state, str(option.name), True)
     if _state.quiet and _state.verbose:
         raise user_error("--quiet and --verbose: choose one")
-    progress.silence(True)  # lines of --verbose say more, and bars between them would be torn
+    progress.silence(
+        True
+    )  # lines of --verbose say more, and bars between them would be torn
     if _state.verbose:
         handler = logging.StreamHandler(sys.stderr)
-        handler.addFilter(lambda record: record.levelno < logging.WARNING)  # warnings are printed in any case
+        handler.addFilter(
+            lambda record: record.levelno < logging.WARNING
+        )  # warnings are printed in any case
         _start_log(handler, "%(asctime)s %(message)s", "%H:%M:%S")
 
 
@@ -113,15 +122,23 @@ def _write_log(context: typer.Context, path: Path | None) -> None:
     if path is None or path == _state.log or context.resilient_parsing:
         return
     if _state.log is not None:
-        raise user_error(f"--log {path}: the log is {_state.log} already; give --log once")
+        raise user_error(
+            f"--log {path}: the log is {_state.log} already; give --log once"
+        )
     try:
         handler = _LogFile(path, mode="x", encoding="utf-8")
     except FileExistsError:
-        raise user_error(f"--log {path}: this file is already there, and a log is a new file; choose another") from None
+        raise user_error(
+            f"--log {path}: this file is already there, and a log is a new file; choose another"
+        ) from None
     except (OSError, ValueError) as error:
-        raise user_error(f"--log {path}: {getattr(error, 'strerror', None) or error}; choose another file") from None
+        raise user_error(
+            f"--log {path}: {getattr(error, 'strerror', None) or error}; choose another file"
+        ) from None
     _state.log = path
-    _start_log(handler, "%(asctime)s %(levelname)-7s %(message)s", "%Y-%m-%d %H:%M:%S%z")
+    _start_log(
+        handler, "%(asctime)s %(levelname)-7s %(message)s", "%Y-%m-%d %H:%M:%S%z"
+    )
     handler.begun = True
 
 
@@ -129,7 +146,9 @@ class _Printable(logging.Formatter):
     """Control characters, as in the name of a file, are written as escapes."""
 
     def format(self, record: logging.LogRecord) -> str:
-        return "\n".join(printable(line) for line in super().format(record).splitlines())
+        return "\n".join(
+            printable(line) for line in super().format(record).splitlines()
+        )
 
 
 class _LogFile(logging.FileHandler):
@@ -168,7 +187,13 @@ def _start_log(handler: logging.Handler, form: str, dates: str) -> None:
             libraries[name] = metadata.version(name)
         except metadata.PackageNotFoundError:
             libraries[name] = "not installed"
-    others = sorted({one.source for one in registry.current().records if one.distribution != "chemage"})
+    others = sorted(
+        {
+            one.source
+            for one in registry.current().records
+            if one.distribution != "chemage"
+        }
+    )
     for text in (
         f"command: {shlex.join(['chemage', *sys.argv[1:]])}",
         f"folder: {Path.cwd()}",
@@ -217,7 +242,9 @@ LogOpt = Annotated[
 ]
 
 
-def _carrier(quiet: QuietOpt = False, verbose: VerboseOpt = False, log: LogOpt = None) -> None:
+def _carrier(
+    quiet: QuietOpt = False, verbose: VerboseOpt = False, log: LogOpt = None
+) -> None:
     pass
 
 
@@ -229,7 +256,11 @@ def add_to(command: Any, options: Sequence[Any] = ()) -> None:
         options = typer.main.get_command(carrier).params
     for one in getattr(command, "commands", {}).values():
         add_to(one, options)
-    taken = {word for parameter in command.params for word in (*getattr(parameter, "opts", ()), parameter.name)}
+    taken = {
+        word
+        for parameter in command.params
+        for word in (*getattr(parameter, "opts", ()), parameter.name)
+    }
     for option in options:
         if option.name in taken or option.opts[0] in taken:
             continue
@@ -261,7 +292,11 @@ def remark(text: object = "") -> None:
 
 
 def show_rows(
-    title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], width: int = WIDTH, dense: bool = False
+    title: str,
+    columns: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    width: int = WIDTH,
+    dense: bool = False,
 ) -> None:
     """Print a table of text as wide as the terminal; ``width`` characters where stdout is not a terminal. Nothing with
     ``--quiet``."""
@@ -276,7 +311,13 @@ def show_rows(
             raise
 
     heading = printable(title) or None
-    grid = Grid(title=heading, title_justify="left", box=box.SIMPLE, show_header=bool(columns), pad_edge=False)
+    grid = Grid(
+        title=heading,
+        title_justify="left",
+        box=box.SIMPLE,
+        show_header=bool(columns),
+        pad_edge=False,
+    )
     for name in columns:
         grid.add_column(printable(name), overflow="fold")
     for row in rows:
@@ -288,13 +329,22 @@ def show_rows(
         grid.columns[0].min_width = 22
     # a title or a file name is text, never markup
     Quiet(
-        file=sys.stdout, highlight=False, markup=False, emoji=False, width=None if sys.stdout.isatty() else width
+        file=sys.stdout,
+        highlight=False,
+        markup=False,
+        emoji=False,
+        width=None if sys.stdout.isatty() else width,
     ).print(grid)
 
 
 def show_result(result: Result) -> None:
     """Print the main numbers of a result, its tables and its notes."""
-    show_rows(result.heading, (), [*result.rows(), *(result.arrays() if _state.all else ())], result.width)
+    show_rows(
+        result.heading,
+        (),
+        [*result.rows(), *(result.arrays() if _state.all else ())],
+        result.width,
+    )
     show_tables(result.tables(), result.width)
     for note in result.notes():
         remark(f"note: {note}")
@@ -310,7 +360,9 @@ def show_tables(tables: Iterable[Table], width: int = WIDTH) -> None:
             remark(text)
 
 
-def answer(result: Result, as_json: bool, remarks: Sequence[str] = (), **written: Any) -> None:
+def answer(
+    result: Result, as_json: bool, remarks: Sequence[str] = (), **written: Any
+) -> None:
     """Print a result that was computed, or one JSON object, with the files ``written``: what they are -> path."""
     if as_json:
         say_json({**result.numbers(), **written})
@@ -319,7 +371,13 @@ def answer(result: Result, as_json: bool, remarks: Sequence[str] = (), **written
     remark()
     labels = {"file": "result", "figures": "figure"}
     for name, value in written.items():
-        for path in value if isinstance(value, list) else [value] if isinstance(value, Path) else []:
+        for path in (
+            value
+            if isinstance(value, list)
+            else [value]
+            if isinstance(value, Path)
+            else []
+        ):
             say(f"{labels.get(name, name):8} {path}")
     for text in remarks:
         remark(text)
@@ -358,18 +416,31 @@ def save_picture(result: Result, file: Path, *, force: bool) -> None:
     from chemage.foundation.result import drawn_picture
 
     (picture, *_) = result.pictures().values()
-    save_figure(drawn_picture(picture), file, file.suffix.removeprefix(".").lower() or "png", force=force)
+    save_figure(
+        drawn_picture(picture),
+        file,
+        file.suffix.removeprefix(".").lower() or "png",
+        force=force,
+    )
 
 
 def protect_inputs(path: Path, source: str, one: Scene, *further: Path | str) -> None:
     """Refuse to overwrite the scene file, a file that the scene reads, or ``further`` ones, even with ``--force``."""
-    read = [part["path"] for part in one.todict().values() if isinstance(part, dict) and "path" in part]
+    read = [
+        part["path"]
+        for part in one.todict().values()
+        if isinstance(part, dict) and "path" in part
+    ]
     for name in (source, *read, *further):
         if "\0" not in str(name) and os.path.realpath(name) == os.path.realpath(path):
-            raise user_error(f"{path} is an input of this command; choose another --out")
+            raise user_error(
+                f"{path} is an input of this command; choose another --out"
+            )
 
 
-def preflight_result(path: Path, *, force: bool, figures: bool, size: float = 0) -> None:
+def preflight_result(
+    path: Path, *, force: bool, figures: bool, size: float = 0
+) -> None:
     """Check that a result, and ``figures`` beside it, can be written; remove what a killed command left of figures."""
     from chemage.foundation.files import preflight
 
@@ -378,13 +449,19 @@ def preflight_result(path: Path, *, force: bool, figures: bool, size: float = 0)
     preflight(path, force=force, size=size)
     folder = figures_of(path)
     if figures and folder.is_symlink():
-        raise user_error(f"{folder}, the folder for the figures, is a link; remove it, or choose another --out")
+        raise user_error(
+            f"{folder}, the folder for the figures, is a link; remove it, or choose another --out"
+        )
     if not figures or not folder.exists():
         return
     if not folder.is_dir():
-        raise user_error(f"{folder}, the folder for the figures, is a file; choose another --out, or --no-figures")
+        raise user_error(
+            f"{folder}, the folder for the figures, is a file; choose another --out, or --no-figures"
+        )
     if not force and any(folder.iterdir()):
-        raise user_error(f"{folder} is already there; choose another --out, or overwrite it with --force")
+        raise user_error(
+            f"{folder} is already there; choose another --out, or overwrite it with --force"
+        )
 
 
 @contextmanager
@@ -395,6 +472,10 @@ def result_written(path: Path) -> Iterator[None]:
     try:
         yield
     except StoreError as error:
-        raise StoreError(f"{error}\nthe result itself is in {path}; `chemage plot {path}` draws its figures") from error
+        raise StoreError(
+            f"{error}\nthe result itself is in {path}; `chemage plot {path}` draws its figures"
+        ) from error
     except KeyboardInterrupt:
-        raise KeyboardInterrupt(f"the result is in {path}, but its figures are incomplete") from None
+        raise KeyboardInterrupt(
+            f"the result is in {path}, but its figures are incomplete"
+        ) from None

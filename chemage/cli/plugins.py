@@ -14,7 +14,9 @@ from chemage.plugins.hooks import OFFERED, OFFERS
 if TYPE_CHECKING:
     from chemage.plugins.registry import PluginRecord, Registry
 
-plugins_app = typer.Typer(no_args_is_help=True, help="List, explain, check and create plugins.")
+plugins_app = typer.Typer(
+    no_args_is_help=True, help="List, explain, check and create plugins."
+)
 
 
 @plugins_app.command("list")
@@ -31,9 +33,19 @@ def plugins_list(as_json: JsonOpt = False) -> None:
         for kind in plugins.kinds(role):
             for record in plugins.offers(role, kind):
                 # optional libraries of kinds, with their licences
-                needs = getattr(plugins.implementation(record.name), "CHEMAGE_NEEDS", {})
-                source = f"{record.source}; needs {needs[kind]}" if kind in needs else record.source
-                about = {"plugin": record.name, "from": source, "target": record.kinds[role][kind]}
+                needs = getattr(
+                    plugins.implementation(record.name), "CHEMAGE_NEEDS", {}
+                )
+                source = (
+                    f"{record.source}; needs {needs[kind]}"
+                    if kind in needs
+                    else record.source
+                )
+                about = {
+                    "plugin": record.name,
+                    "from": source,
+                    "target": record.kinds[role][kind],
+                }
                 rows.append({"role": role, "kind": kind, **about})
     hooks = [
         {"plugin": record.name, "from": record.source, "hooks": names}
@@ -41,18 +53,33 @@ def plugins_list(as_json: JsonOpt = False) -> None:
         if (names := _stage_hooks(plugins, record))
     ]
     options = [record.name for record in plugins.records if record.options]
-    broken = [{"plugin": r.name, "from": r.source, "error": r.error} for r in plugins.records if r.error]
+    broken = [
+        {"plugin": r.name, "from": r.source, "error": r.error}
+        for r in plugins.records
+        if r.error
+    ]
     if as_json:
-        found = {"components": rows, "scenes": plugins.scenes(), "materials": plugins.materials()}
+        found = {
+            "components": rows,
+            "scenes": plugins.scenes(),
+            "materials": plugins.materials(),
+        }
         output.say_json({**found, "hooks": hooks, "options": options, "broken": broken})
         return
     lines = [(row["role"], row["kind"], row["plugin"], row["from"]) for row in rows]
     for record in plugins.records:
         for what, targets in record.offered.items():
-            lines += [(OFFERED[what], name, record.name, record.source) for name in targets]
+            lines += [
+                (OFFERED[what], name, record.name, record.source) for name in targets
+            ]
     for item in hooks:
-        lines += [("hook", name, item["plugin"], item["from"]) for name in item["hooks"]]
-    lines += [("options", f"[plugins.{name}]", name, plugins.source(name) or "") for name in options]
+        lines += [
+            ("hook", name, item["plugin"], item["from"]) for name in item["hooks"]
+        ]
+    lines += [
+        ("options", f"[plugins.{name}]", name, plugins.source(name) or "")
+        for name in options
+    ]
     output.show_rows("", ("role", "kind", "plugin", "from"), lines)
     for item in broken:
         output.say(f"skipped: {item['plugin']} ({item['from']}): {item['error']}")
@@ -61,7 +88,9 @@ def plugins_list(as_json: JsonOpt = False) -> None:
 def _stage_hooks(plugins: Registry, record: PluginRecord) -> list[str]:
     """Names of the hooks that a plugin implements, other than those by which it offers components and scenes."""
     plugin = plugins.manager.get_plugin(f"{record.name} ({record.source})")
-    callers = plugins.manager.get_hookcallers(plugin) or () if plugin is not None else ()
+    callers = (
+        plugins.manager.get_hookcallers(plugin) or () if plugin is not None else ()
+    )
     return sorted({caller.name for caller in callers} - {*OFFERS})
 
 
@@ -70,7 +99,9 @@ def plugins_show(
     kind: Annotated[
         str,
         typer.Argument(
-            metavar="NAME", autocompletion=completion.kinds, help="a kind, such as fft-bem, or the name of a plugin"
+            metavar="NAME",
+            autocompletion=completion.kinds,
+            help="a kind, such as fft-bem, or the name of a plugin",
         ),
     ],
     role: Annotated[
@@ -93,10 +124,28 @@ def plugins_show(
     from chemage.scene.schema import options_of
 
     plugins = registry.current()
-    roles = [name for name in plugins.roles if kind in plugins.kinds(name) and role in (None, name)]
-    plugin = next((one for one in plugins.records if one.name == kind and role is None and not one.error), None)
+    roles = [
+        name
+        for name in plugins.roles
+        if kind in plugins.kinds(name) and role in (None, name)
+    ]
+    plugin = next(
+        (
+            one
+            for one in plugins.records
+            if one.name == kind and role is None and not one.error
+        ),
+        None,
+    )
     if not roles and plugin is None:
-        known = sorted({k for name in plugins.roles if role in (None, name) for k in plugins.kinds(name)})
+        known = sorted(
+            {
+                k
+                for name in plugins.roles
+                if role in (None, name)
+                for k in plugins.kinds(name)
+            }
+        )
         names = sorted(one.name for one in plugins.records if role is None)
         raise user_error(
             f"no kind {kind!r}{nearest(kind, [*known, *names])}; installed: {', '.join(known)}"
@@ -105,18 +154,34 @@ def plugins_show(
     shown = [_about_plugin(plugins, plugin)] if plugin is not None else []
     for name in roles:
         cls: Any = plugins.component(name, kind)
-        about = {"role": name, "kind": kind, "from": plugins.offers(name, kind)[0].source}
-        shown.append({**about, "about": (cls.__doc__ or "").strip(), "options": options_of(cls), "cite": [*cls.cite]})
+        about = {
+            "role": name,
+            "kind": kind,
+            "from": plugins.offers(name, kind)[0].source,
+        }
+        shown.append(
+            {
+                **about,
+                "about": (cls.__doc__ or "").strip(),
+                "options": options_of(cls),
+                "cite": [*cls.cite],
+            }
+        )
     if as_json:
         output.say_json(shown)
         return
     import inspect
 
     for one in shown:
-        output.say(f"{one['role']} {one['kind']}  ({one['from']})\n\n{inspect.cleandoc(one['about'])}\n")
+        output.say(
+            f"{one['role']} {one['kind']}  ({one['from']})\n\n{inspect.cleandoc(one['about'])}\n"
+        )
         for hook in one.get("hooks", ()):
             output.say(f"hook: {hook}")
-        rows = [(option["name"], option["unit"], option["default"], option["meaning"]) for option in one["options"]]
+        rows = [
+            (option["name"], option["unit"], option["default"], option["meaning"])
+            for option in one["options"]
+        ]
         if rows:
             output.show_rows("", ("option", "unit", "default", "meaning"), rows)
         for text in one["cite"]:
@@ -144,7 +209,12 @@ def _about_plugin(plugins: Registry, record: PluginRecord) -> dict[str, Any]:
 
 @plugins_app.command("new")
 def plugins_new(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="kind of the new component, such as my-barriers")],
+    name: Annotated[
+        str,
+        typer.Argument(
+            metavar="NAME", help="kind of the new component, such as my-barriers"
+        ),
+    ],
     role: Annotated[
         str,
         typer.Option(
@@ -154,7 +224,12 @@ def plugins_new(
         ),
     ],
     folder: Annotated[
-        Path, typer.Option("--in", metavar="FOLDER", help="folder in which to create the folder chemage-NAME")
+        Path,
+        typer.Option(
+            "--in",
+            metavar="FOLDER",
+            help="folder in which to create the folder chemage-NAME",
+        ),
     ] = Path(),
 ) -> None:
     """Create the folder of a new plugin.
@@ -166,13 +241,20 @@ def plugins_new(
     files = new(name, role, folder)
     for path in files:
         output.say(path)
-    output.remark(f"\nnext: pip install -e {files[0].parent} && chemage plugins show {name}")
+    output.remark(
+        f"\nnext: pip install -e {files[0].parent} && chemage plugins show {name}"
+    )
 
 
 @plugins_app.command("stubs")
 def plugins_stubs(
     folder: Annotated[
-        Path, typer.Option("--in", metavar="FOLDER", help="folder in which the editor looks for type stubs")
+        Path,
+        typer.Option(
+            "--in",
+            metavar="FOLDER",
+            help="folder in which the editor looks for type stubs",
+        ),
     ] = Path("typings"),
     force: ForceOpt = False,
 ) -> None:
@@ -206,7 +288,11 @@ def plugins_check() -> None:
         output.say(problem)
     for note in [*plugins.notes(), *shared_endings()]:
         output.remark(f"note: {note}")
-    count = sum(len(kinds) for record in plugins.records for kinds in record.kinds.values())
-    output.say(f"{len(plugins.records)} plugins, {count} components, {len(problems)} problems")
+    count = sum(
+        len(kinds) for record in plugins.records for kinds in record.kinds.values()
+    )
+    output.say(
+        f"{len(plugins.records)} plugins, {count} components, {len(problems)} problems"
+    )
     if problems:
         raise typer.Exit(1)

@@ -23,9 +23,15 @@ MOST_POINTS = 1000
 
 
 def materials(
-    name: Annotated[str | None, typer.Argument(help="a material, such as silica; default: list all")] = None,
+    name: Annotated[
+        str | None, typer.Argument(help="a material, such as silica; default: list all")
+    ] = None,
     as_toml: Annotated[
-        bool, typer.Option("--toml", help="print the sections of a scene, with the sources as comments, to copy")
+        bool,
+        typer.Option(
+            "--toml",
+            help="print the sections of a scene, with the sources as comments, to copy",
+        ),
     ] = False,
     as_json: JsonOpt = False,
 ) -> None:
@@ -44,7 +50,10 @@ def materials(
         if as_json:
             output.say_json([entry.todict() for entry in entries])
             return
-        rows = [(entry.name, entry.title, str(len(entry.values)), entry.source) for entry in entries]
+        rows = [
+            (entry.name, entry.title, str(len(entry.values)), entry.source)
+            for entry in entries
+        ]
         return output.show_rows("", ("material", "", "values", "from"), rows)
     entry = material(name)
     if as_json:
@@ -56,8 +65,17 @@ def materials(
             output.say(f"{entry.about}\n")
         rows = []
         for value in entry.values:
-            rows.append((value.path, value.text, value.how, "; ".join(filter(None, (value.source, value.note)))))
-        output.show_rows(f"{entry.name}: {entry.title}", ("value", "", "how", "source"), rows)
+            rows.append(
+                (
+                    value.path,
+                    value.text,
+                    value.how,
+                    "; ".join(filter(None, (value.source, value.note))),
+                )
+            )
+        output.show_rows(
+            f"{entry.name}: {entry.title}", ("value", "", "how", "source"), rows
+        )
 
 
 def schema() -> None:
@@ -74,7 +92,8 @@ def warmup(
     scenes: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="[SCENE]...", help="scene files (.toml), or names of installed scenes; default: all installed ones"
+            metavar="[SCENE]...",
+            help="scene files (.toml), or names of installed scenes; default: all installed ones",
         ),
     ] = None,
     as_json: JsonOpt = False,
@@ -119,7 +138,10 @@ def warmup(
         "failed": failed,
     }
     for name, why in failed.items():
-        output.say(f"chemage: warning: not everything could be compiled for {name}: {why}", file=sys.stderr)
+        output.say(
+            f"chemage: warning: not everything could be compiled for {name}: {why}",
+            file=sys.stderr,
+        )
     if as_json:
         output.say_json(told)
     else:
@@ -150,7 +172,11 @@ def selftest(as_json: JsonOpt = False) -> None:
     from chemage.scene.provenance import versions
     from chemage.testing.selftest import selftest as outcomes
 
-    about = {**versions(), "kernels": str(machine.kernel_folder()), "cache": str(machine.cache_folder())}
+    about = {
+        **versions(),
+        "kernels": str(machine.kernel_folder()),
+        "cache": str(machine.cache_folder()),
+    }
     if not as_json:
         for name, value in about.items():
             output.say(f"{name} {value}")
@@ -158,18 +184,30 @@ def selftest(as_json: JsonOpt = False) -> None:
     parts, begin = [], time.perf_counter()
     for outcome in outcomes():
         parts.append(outcome)
-        state = (outcome.untested and "not tested") or ("WRONG" if outcome.problems else "right")
+        state = (outcome.untested and "not tested") or (
+            "WRONG" if outcome.problems else "right"
+        )
         if not as_json:
-            count = outcome.untested or f"{outcome.passed} tests in {outcome.seconds:.1f} s"
+            count = (
+                outcome.untested or f"{outcome.passed} tests in {outcome.seconds:.1f} s"
+            )
             output.say(f"{state:10} {outcome.part}: {count}")
             for problem in outcome.problems:
                 output.say(f"           {problem}")
     wrong = sum(len(part.problems) for part in parts)
     if as_json:
-        output.say_json({"machine": about, "wrong": wrong, "parts": [part._asdict() for part in parts]})
+        output.say_json(
+            {
+                "machine": about,
+                "wrong": wrong,
+                "parts": [part._asdict() for part in parts],
+            }
+        )
     else:
         right = sum(part.passed for part in parts)
-        output.say(f"{right} tests passed, {wrong} failed, in {time.perf_counter() - begin:.0f} s")
+        output.say(
+            f"{right} tests passed, {wrong} failed, in {time.perf_counter() - begin:.0f} s"
+        )
     if wrong:
         raise typer.Exit(1)
 

@@ -33,7 +33,12 @@ if TYPE_CHECKING:
     from chemage.results.comparison import Comparison
 
 
-def show(file: ResultArg, as_json: JsonOpt = False, as_csv: CsvOpt = False, every: AllOpt = False) -> None:
+def show(
+    file: ResultArg,
+    as_json: JsonOpt = False,
+    as_csv: CsvOpt = False,
+    every: AllOpt = False,
+) -> None:
     """Print the main numbers of a result file, or of a sweep."""
     from chemage.foundation.text import csv_text
     from chemage.results.kinds import load
@@ -47,7 +52,11 @@ def show(file: ResultArg, as_json: JsonOpt = False, as_csv: CsvOpt = False, ever
         # many values, one column each, or the rows
         columns = result.columns()
         names, texts = zip(*result.rows(), strict=True)
-        text = csv_text(columns, zip(*columns.values(), strict=True)) if columns else csv_text(names, [texts])
+        text = (
+            csv_text(columns, zip(*columns.values(), strict=True))
+            if columns
+            else csv_text(names, [texts])
+        )
         output.say(text, end="")
     else:
         output.show_all(every)
@@ -64,7 +73,10 @@ _XOpt = Annotated[
 ]
 _LinesOpt = Annotated[
     str | None,
-    typer.Option(metavar="AXIS", help="sweeps: axis with a line for each value; default: the next numeric axis"),
+    typer.Option(
+        metavar="AXIS",
+        help="sweeps: axis with a line for each value; default: the next numeric axis",
+    ),
 ]
 _YOpt = Annotated[
     list[str] | None,
@@ -82,15 +94,24 @@ _WhereOpt = Annotated[
     ),
 ]
 _HeatOpt = Annotated[
-    bool, typer.Option("--heat", help="sweeps: a heat map; default: only in place of more than 8 lines")
+    bool,
+    typer.Option(
+        "--heat", help="sweeps: a heat map; default: only in place of more than 8 lines"
+    ),
 ]
 _PanelOpt = Annotated[
     list[str] | None,
-    typer.Option(metavar="NAME", help="only this panel, in a figure of its own; repeatable; default: all figures"),
+    typer.Option(
+        metavar="NAME",
+        help="only this panel, in a figure of its own; repeatable; default: all figures",
+    ),
 ]
 _DataOpt = Annotated[
     bool,
-    typer.Option("--data", help="write what each figure shows beside it, as NAME.csv; maps of up to 50 000 cells"),
+    typer.Option(
+        "--data",
+        help="write what each figure shows beside it, as NAME.csv; maps of up to 50 000 cells",
+    ),
 ]
 
 
@@ -99,13 +120,17 @@ def plot(
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", "-o", metavar="FOLDER", help="folder of the figures; default: NAME-figures beside NAME.h5"
+            "--out",
+            "-o",
+            metavar="FOLDER",
+            help="folder of the figures; default: NAME-figures beside NAME.h5",
         ),
     ] = None,
     window: Annotated[
         str | None,
         typer.Option(
-            metavar='"X0 X1 Y0 Y1"', help="draw only this part of the maps, with all its pixels; in nm, or with units"
+            metavar='"X0 X1 Y0 Y1"',
+            help="draw only this part of the maps, with all its pixels; in nm, or with units",
         ),
     ] = None,
     x: _XOpt = None,
@@ -131,14 +156,27 @@ def plot(
     from chemage.results import drawing
     from chemage.results.kinds import load
 
-    fixed = dict(named_value("--where", text, "AXIS=VALUE, such as load=50") for text in where or [])
-    choice: dict[str, Any] = {"x": x, "lines": lines, "y": y, "where": fixed, "heat": heat}
+    fixed = dict(
+        named_value("--where", text, "AXIS=VALUE, such as load=50")
+        for text in where or []
+    )
+    choice: dict[str, Any] = {
+        "x": x,
+        "lines": lines,
+        "y": y,
+        "where": fixed,
+        "heat": heat,
+    }
     choice = {name: value for name, value in choice.items() if value}
     is_sweep = file.is_dir()
     if is_sweep and window is not None:
-        raise user_error(f"--window: {file} is a sweep, which has no maps; plot a result file")
+        raise user_error(
+            f"--window: {file} is a sweep, which has no maps; plot a result file"
+        )
     if choice and not is_sweep:
-        raise user_error(f"--{next(iter(choice))} is for sweeps, and {file} is a file; give the folder of a sweep")
+        raise user_error(
+            f"--{next(iter(choice))} is for sweeps, and {file} is a file; give the folder of a sweep"
+        )
     folder = out or file.with_name(f"{file.stem}-figures")
     if is_sweep and out is None:
         folder = file.resolve().with_name(f"{file.resolve().name}-figures")
@@ -153,7 +191,9 @@ def plot(
         else:
             drawn = drawing.figures(load(file), panel or (), **choice)
         if not drawn:
-            raise user_error(f"{file} holds nothing that can be drawn; `chemage run` makes files to plot")
+            raise user_error(
+                f"{file} holds nothing that can be drawn; `chemage run` makes files to plot"
+            )
         pictures = save_figures(drawn, folder, force=force, suffix=fmt, data=data)
     for picture in pictures:
         output.say(picture)
@@ -164,7 +204,10 @@ def compare(
     as_json: JsonOpt = False,
     as_csv: CsvOpt = False,
     figures: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="draw figures into this folder; default: no figures")
+        Path | None,
+        typer.Option(
+            metavar="FOLDER", help="draw figures into this folder; default: no figures"
+        ),
     ] = None,
     fmt: FormatOpt = "png",
     width: WidthOpt = None,
@@ -191,11 +234,15 @@ def compare(
     if as_json and as_csv:
         raise user_error("--json and --csv: choose one")
     look = Look.of(width, font, style)
-    joined = comparison.compare_files(files, measured=measured or (), times=at or comparison.TIMES)
+    joined = comparison.compare_files(
+        files, measured=measured or (), times=at or comparison.TIMES
+    )
     pictures: list[Path] = []
     if figures is not None:
         with progress_bars() as report, reported(report, "drawing"), drawn_as(look):
-            pictures = save_figures(drawing.comparison_figures(joined), figures, force=force, suffix=fmt)
+            pictures = save_figures(
+                drawing.comparison_figures(joined), figures, force=force, suffix=fmt
+            )
     if as_json:
         output.say_json({**joined.todict(), "figures": pictures})
     elif as_csv:
@@ -208,9 +255,12 @@ def compare(
 
 def report(
     files: ResultsArg,
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="the page to write, ending in .html")] = Path(
-        "report.html"
-    ),
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out", "-o", metavar="FILE", help="the page to write, ending in .html"
+        ),
+    ] = Path("report.html"),
     measured: MeasuredOpt = None,
     force: ForceOpt = False,
 ) -> None:
@@ -232,7 +282,9 @@ def _print_comparison(joined: Comparison) -> None:
     names, rows = [entry.name for entry in joined.results], joined.table()
     for first in range(0, len(names), 4):  # more columns do not fit a screen
         chosen = slice(first, first + 4)
-        output.show_rows("", ("", *names[chosen]), ((label, *texts[chosen]) for label, texts in rows))
+        output.show_rows(
+            "", ("", *names[chosen]), ((label, *texts[chosen]) for label, texts in rows)
+        )
     output.remark(joined.statement())
     for path, values in joined.chemistry_differences().items():
         texts = ("none" if value is None else f"{value}" for value in values)
@@ -244,7 +296,10 @@ def _print_comparison(joined: Comparison) -> None:
 
 def arrhenius(
     results: Annotated[
-        list[Path], typer.Argument(help="the folder of a sweep over hold.temperature, or result files (.h5)")
+        list[Path],
+        typer.Argument(
+            help="the folder of a sweep over hold.temperature, or result files (.h5)"
+        ),
     ],
     level: Annotated[
         list[str] | None,
@@ -263,7 +318,8 @@ def arrhenius(
     window: Annotated[
         str | None,
         typer.Option(
-            metavar='"T0 T1"', help="hold times of the line of β, s or with units; default: that of the scene"
+            metavar='"T0 T1"',
+            help="hold times of the line of β, s or with units; default: that of the scene",
         ),
     ] = None,
     where: Annotated[
@@ -274,7 +330,12 @@ def arrhenius(
         ),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="file of the figure (.png, .pdf or .svg); default: no figure")
+        Path | None,
+        typer.Option(
+            "--out",
+            "-o",
+            help="file of the figure (.png, .pdf or .svg); default: no figure",
+        ),
     ] = None,
     width: WidthOpt = None,
     font: FontOpt = None,
@@ -296,7 +357,12 @@ def arrhenius(
 
     limits = tuple(window.split()) if window is not None else None
     if limits is not None and len(limits) != 2:
-        raise InputError.of("window", window, "is not two hold times", 'give "10 1e4", say, or with units "10s 1e4s"')
+        raise InputError.of(
+            "window",
+            window,
+            "is not two hold times",
+            'give "10 1e4", say, or with units "10s 1e4s"',
+        )
     look = Look.of(width, font, style)
     if out is not None:
         check_ending(out, FIGURES, "a figure")
@@ -323,8 +389,13 @@ def _time(text: str) -> float | str:
 
 
 def cite(
-    what: Annotated[str, typer.Argument(help="a result file (.h5), the folder of a sweep, or a scene")],
-    fmt: Annotated[str, typer.Option("--format", help="bibtex, or text: one line per publication")] = "bibtex",
+    what: Annotated[
+        str,
+        typer.Argument(help="a result file (.h5), the folder of a sweep, or a scene"),
+    ],
+    fmt: Annotated[
+        str, typer.Option("--format", help="bibtex, or text: one line per publication")
+    ] = "bibtex",
 ) -> None:
     """Print what to cite, as BibTeX.
 
@@ -339,14 +410,22 @@ def cite(
     if fmt not in ("bibtex", "text"):
         raise user_error(f"--format {fmt}: choose bibtex or text")
     path, texts, version = Path(what), [], ""
-    if path.is_dir() or (path.is_file() and path.suffix != ".toml" and what not in registry.current().scenes()):
+    if path.is_dir() or (
+        path.is_file()
+        and path.suffix != ".toml"
+        and what not in registry.current().scenes()
+    ):
         result = load(path, maps=False)
         parts = [component for _, component in components(result)]
         texts, version = result.cite()
     else:
         data, source = scene_data(what)
         grid = Grid.read(data, source) if "sweep" in data else None
-        parts = grid.components() if grid is not None else parse_scene(data, source).components()
+        parts = (
+            grid.components()
+            if grid is not None
+            else parse_scene(data, source).components()
+        )
     texts = texts or [entry for component in parts for entry in component.cite]
     publications = references(texts, parts, **({"version": version} if version else {}))
     print(bibtex(publications) if fmt == "bibtex" else text(publications), end="")

@@ -22,8 +22,22 @@ from chemage.studies.runner import PROGRAM
 from chemage.studies.study import Selection, in_ranges
 from chemage.studies.sweeps.grid import cpu_seconds, listed
 from chemage.studies.sweeps.points import expected_seconds
-from chemage.studies.sweeps.result import SweepResult, collect_sweep, count, in_words, load_sweep
-from chemage.studies.sweeps.running import Report, SweepProgress, read_grid, room_for, show_progress, survey_of, sweep
+from chemage.studies.sweeps.result import (
+    SweepResult,
+    collect_sweep,
+    count,
+    in_words,
+    load_sweep,
+)
+from chemage.studies.sweeps.running import (
+    Report,
+    SweepProgress,
+    read_grid,
+    room_for,
+    show_progress,
+    survey_of,
+    sweep,
+)
 from chemage.studies.sweeps.shares import agreed_points, shares_cost
 from chemage.studies.sweeps.views import swept_rows
 
@@ -48,17 +62,29 @@ def run_ensemble(
     from chemage.foundation.result import result_of
     from chemage.results.files import write
     from chemage.scene.warm_up import compiled_ahead
-    from chemage.studies.ensembles.running import CORRECTING, SAMPLING, SKETCHING, Sampler
+    from chemage.studies.ensembles.running import (
+        CORRECTING,
+        SAMPLING,
+        SKETCHING,
+        Sampler,
+    )
 
     folder = path.with_name(f"{path.stem}-samples")
     preflight_result(path, force=force, figures=figures)
     if folder.exists() and not folder.is_dir():
-        raise user_error(f"{folder}, the folder for the samples, is a file; choose another --out")
+        raise user_error(
+            f"{folder}, the folder for the samples, is a file; choose another --out"
+        )
     pictures: list[Path] = []
-    where = {"executor": chosen_executor(executor, workers, "threads"), "workers": workers}
+    where = {
+        "executor": chosen_executor(executor, workers, "threads"),
+        "workers": workers,
+    }
     sampler = Sampler(scene, samples=folder, threads=threads, **where, **how)
     counted = sampler.request.counted
-    with progress_bars({SAMPLING: counted, SKETCHING: counted, CORRECTING: counted}) as report:
+    with progress_bars(
+        {SAMPLING: counted, SKETCHING: counted, CORRECTING: counted}
+    ) as report:
         with compiled_ahead(scene, report, threads, early) as told:
             mean = sampler.run(told)
         if not sampler.writes:
@@ -70,9 +96,16 @@ def run_ensemble(
             with result_written(path), reported(report, "drawing"):
                 pictures = drawn(result_of(mean), path)
     kept = sampler.taken
-    taken = [f"{kept} sample{'s' if kept > 1 else ''} taken from {folder}"] if kept else []
+    taken = (
+        [f"{kept} sample{'s' if kept > 1 else ''} taken from {folder}"] if kept else []
+    )
     more = "a run with a smaller interval takes these samples up; the folder may be removed otherwise"
-    written = {"file": path, "samples": folder, "samples_taken": kept, "figures": pictures}
+    written = {
+        "file": path,
+        "samples": folder,
+        "samples_taken": kept,
+        "figures": pictures,
+    }
     output.answer(result_of(mean), as_json, [*taken, more], **written)
 
 
@@ -86,7 +119,11 @@ def confirm(yes: bool) -> Any:
     def ask(question: str) -> bool:
         if yes:
             return True
-        return sys.stdin.isatty() and sys.stderr.isatty() and typer.confirm(f"{question}; continue?", err=True)
+        return (
+            sys.stdin.isatty()
+            and sys.stderr.isatty()
+            and typer.confirm(f"{question}; continue?", err=True)
+        )
 
     return ask
 
@@ -125,7 +162,9 @@ def run_sweep(
     except KeyboardInterrupt:
         word, status = output.stopped()
         print(printable(f"\n{word}; {_kept(folder)}"), file=sys.stderr, flush=True)
-        os._exit(status)  # without waiting for threads that may still be in a compiled kernel
+        os._exit(
+            status
+        )  # without waiting for threads that may still be in a compiled kernel
     if chosen is not None:
         return _print_share(result, folder, chosen, as_json=as_json)
     _print_whole(result, {**result.status(), "folder": str(folder)}, as_json=as_json)
@@ -159,15 +198,28 @@ def _logged(report: Report) -> Report:
     return tell
 
 
-def _print_share(result: SweepResult, folder: Path, chosen: Selection, *, as_json: bool) -> None:
+def _print_share(
+    result: SweepResult, folder: Path, chosen: Selection, *, as_json: bool
+) -> None:
     """Print what has become of the points of one process; exit status 1 if some of them failed."""
     whole = result.means and chosen.share is not None
-    points = range(len(result)) if whole else agreed_points(chosen, result.store, result.digest, len(result))
+    points = (
+        range(len(result))
+        if whole
+        else agreed_points(chosen, result.store, result.digest, len(result))
+    )
     states = [result.store.state(result.keys[point]) for point in points]
     counts = count(states)
-    failures = result.failures(point for point, state in zip(points, states, strict=True) if state == "failed")
+    failures = result.failures(
+        point for point, state in zip(points, states, strict=True) if state == "failed"
+    )
     if as_json:
-        share = {**counts, "points": str(chosen), "numbers": list(points), "failures": failures}
+        share = {
+            **counts,
+            "points": str(chosen),
+            "numbers": list(points),
+            "failures": failures,
+        }
         output.say_json({"name": result.name, "folder": folder, "share": share})
     else:
         left = in_words(counts)
@@ -183,7 +235,11 @@ def _print_share(result: SweepResult, folder: Path, chosen: Selection, *, as_jso
 def collect(folder: Path, *, as_json: bool) -> None:
     """Verify the points of a sweep and write its tables; exit status 1 if some are not done."""
     survey = collect_sweep(folder)
-    state = {**survey.result.status(), "folder": str(folder), "points_to_compute": survey.points}
+    state = {
+        **survey.result.status(),
+        "folder": str(folder),
+        "points_to_compute": survey.points,
+    }
     if survey.written:
         return _print_whole(survey.result, state, as_json=as_json)
     if as_json:
@@ -193,15 +249,25 @@ def collect(folder: Path, *, as_json: bool) -> None:
     print_failures(state)
     for word, numbers in (("missing", survey.missing), ("damaged", survey.damaged)):
         if numbers:
-            say(f"{len(numbers)} of {state['points']} points are {word} in {folder}; no tables were written")
+            say(
+                f"{len(numbers)} of {state['points']} points are {word} in {folder}; no tables were written"
+            )
             say(f"{word}: points {in_ranges(numbers)}")
     if survey.computing:
         say("a process of this machine computes points at present")
-    scene = survey.result.grid.source if Path(survey.result.grid.source).is_file() else "SCENE"
+    scene = (
+        survey.result.grid.source
+        if Path(survey.result.grid.source).is_file()
+        else "SCENE"
+    )
     *parts, everything = survey.points
     for part in parts[:_LISTED]:
-        say(f"computes some of them: chemage sweep {scene} --out {folder} --points {part}")
-    say(f"computes all of them: chemage sweep {scene} --out {folder} --points {everything}")
+        say(
+            f"computes some of them: chemage sweep {scene} --out {folder} --points {part}"
+        )
+    say(
+        f"computes all of them: chemage sweep {scene} --out {folder} --points {everything}"
+    )
     raise typer.Exit(1)
 
 
@@ -214,10 +280,19 @@ def _kept(folder: Path) -> str:
     return f"{done} of {len(states)} points are done and kept in {folder}; rerun the same command to resume"
 
 
-def check_sweep(scene: str, changes: dict[str, Any], *, yes: bool, as_json: bool, shares: int | None = None) -> None:
+def check_sweep(
+    scene: str,
+    changes: dict[str, Any],
+    *,
+    yes: bool,
+    as_json: bool,
+    shares: int | None = None,
+) -> None:
     """Validate every point and estimate the cost of the sweep, and of its shares, without computing anything."""
     with show_progress() as report:
-        survey = survey_of(read_grid(scene, changes), progress=report, confirm=confirm(yes))
+        survey = survey_of(
+            read_grid(scene, changes), progress=report, confirm=confirm(yes)
+        )
     notes = survey.warnings()
     numbers = {
         "name": survey.grid.base.get("name", "scene"),
@@ -226,7 +301,9 @@ def check_sweep(scene: str, changes: dict[str, Any], *, yes: bool, as_json: bool
         "contacts": len(survey.contacts),
         "surfaces": survey.surfaces,
         "hooks": survey.hooks,
-        "cpu_seconds": expected_seconds(survey) if survey.means else cpu_seconds(survey.tasks),
+        "cpu_seconds": expected_seconds(survey)
+        if survey.means
+        else cpu_seconds(survey.tasks),
         "memory": None if math.isnan(survey.memory) else PROGRAM + survey.memory,
         "disk": survey.bytes,
         "disk_free": room_for(Path.cwd()),
@@ -241,27 +318,59 @@ def check_sweep(scene: str, changes: dict[str, Any], *, yes: bool, as_json: bool
         return
 
     rows = swept_rows(survey.grid.axes)
-    rows.append(("points", f"{survey.grid.size}" + (f" ({survey.grid.product})" if len(survey.grid.axes) > 1 else "")))
+    rows.append(
+        (
+            "points",
+            f"{survey.grid.size}"
+            + (f" ({survey.grid.product})" if len(survey.grid.axes) > 1 else ""),
+        )
+    )
     if survey.means:
-        rows.append(("each point", "a mean over surfaces; points have surfaces in common where they can"))
+        rows.append(
+            (
+                "each point",
+                "a mean over surfaces; points have surfaces in common where they can",
+            )
+        )
     else:
-        rows.append(("contacts to solve", f"{len(survey.contacts)} on {survey.surfaces} surfaces"))
-    if hooks := ", ".join(f"{name} ({source})" for name, source in survey.hooks.items()):
+        rows.append(
+            (
+                "contacts to solve",
+                f"{len(survey.contacts)} on {survey.surfaces} surfaces",
+            )
+        )
+    if hooks := ", ".join(
+        f"{name} ({source})" for name, source in survey.hooks.items()
+    ):
         rows.append(("plugins that implement hooks", hooks))
     cost, memory = numbers["cpu_seconds"], numbers["memory"]
-    time = "unknown" if cost is None else f"about {_duration(cost)} of CPU time once kernels are compiled"
+    time = (
+        "unknown"
+        if cost is None
+        else f"about {_duration(cost)} of CPU time once kernels are compiled"
+    )
     rows.append(("expected cost", time))
     if memory is not None:
         rows.append(("expected memory", f"about {memory / 1e9:.2g} GB per worker"))
     rows.append(
-        ("expected disk space", f"{numbers['disk'] / 1e6:.3g} MB of {numbers['disk_free'] / 1e6:.3g} MB free here")
+        (
+            "expected disk space",
+            f"{numbers['disk'] / 1e6:.3g} MB of {numbers['disk_free'] / 1e6:.3g} MB free here",
+        )
     )
     if each:
         points = [share.points for share in each]
         costs = [share.cpu_seconds for share in each if share.cpu_seconds is not None]
-        rows.append((f"points in each of {len(each)} shares", f"{min(points)} to {max(points)}"))
+        rows.append(
+            (f"points in each of {len(each)} shares", f"{min(points)} to {max(points)}")
+        )
         if len(costs) == len(each):
-            rows.append(("CPU time of a share", f"{_duration(min(costs))} to {_duration(max(costs))}"))
+            rows.append(
+                (
+                    "CPU time of a share",
+                    f"{_duration(min(costs))} to {_duration(max(costs))}",
+                )
+            )
     output.show_rows(f"{scene} is valid at every point", (), rows)
     for text in notes:
         output.say(f"warning: {text}")
@@ -278,4 +387,7 @@ def print_failures(state: dict[str, Any]) -> None:
         what = f"point {failed['point']} ({listed(failed['changes'])})"
         output.say(f"failed: {what}: {failed['error']}", file=sys.stderr)
     if (more := len(state["failures"]) - _LISTED) > 0:
-        output.say(f"failed: {more} more points; `chemage status --json` lists them all", file=sys.stderr)
+        output.say(
+            f"failed: {more} more points; `chemage status --json` lists them all",
+            file=sys.stderr,
+        )

@@ -10,7 +10,15 @@ import numpy as np
 
 from chemage.contacts.role import elasticity_notes
 from chemage.contacts.solution import ContactSolution, ContactStatistics
-from chemage.foundation.figures import BLUE, GREEN, draw_map, from_zero, pooled, pressure_colours, seen_blocks
+from chemage.foundation.figures import (
+    BLUE,
+    GREEN,
+    draw_map,
+    from_zero,
+    pooled,
+    pressure_colours,
+    seen_blocks,
+)
 from chemage.foundation.quantities import Curve, Declared, Quantity
 from chemage.foundation.result import Medium, OfRecord, Panel, Picture, Rows, displays
 
@@ -73,14 +81,20 @@ class ContactDisplay(OfContact[ContactSolution]):
     def solved(self) -> str:
         contact = self.record
         state = "converged" if contact.converged else "NOT CONVERGED"
-        return f"{state}, residual {contact.residual:.3g}, {contact.iterations} iterations"
+        return (
+            f"{state}, residual {contact.residual:.3g}, {contact.iterations} iterations"
+        )
 
     def maps(self) -> dict[str, Any]:
         return {"contact": self.record}
 
     def pressures(self) -> tuple[np.ndarray, np.ndarray] | None:
         sites = self.record.sites.size
-        return self.record.pressure_histogram(bins=min(50, max(5, sites // 20))) if sites else None
+        return (
+            self.record.pressure_histogram(bins=min(50, max(5, sites // 20)))
+            if sites
+            else None
+        )
 
     def notes(self) -> list[str]:
         fault = f"The contact did NOT converge: residual {self.record.residual:.3g}."
@@ -126,9 +140,17 @@ class ContactDisplay(OfContact[ContactSolution]):
         extent = (0.0, nx * contact.pixel_size, 0.0, ny * contact.pixel_size)
         most = min(medium.pixels, seen_blocks(axes))
         self._draw_blocks(axes, slice(None), slice(None), most, extent)
-        axes.set_title(f"{contact.patches} patches, A/A$_0$ = {contact.area_fraction:.3g}")
-        (x0, x1), (y0, y1) = np.multiply(self._around_largest_patch(), contact.pixel_size)
-        axes.add_patch(Rectangle((x0, y0), x1 - x0, y1 - y0, fill=False, edgecolor=BLUE, linewidth=1.2))
+        axes.set_title(
+            f"{contact.patches} patches, A/A$_0$ = {contact.area_fraction:.3g}"
+        )
+        (x0, x1), (y0, y1) = np.multiply(
+            self._around_largest_patch(), contact.pixel_size
+        )
+        axes.add_patch(
+            Rectangle(
+                (x0, y0), x1 - x0, y1 - y0, fill=False, edgecolor=BLUE, linewidth=1.2
+            )
+        )
 
     def _draw_largest_patch(self, axes: Axes, medium: Medium) -> None:
         from matplotlib.collections import LineCollection
@@ -147,20 +169,40 @@ class ContactDisplay(OfContact[ContactSolution]):
         i, j = np.nonzero(np.diff(part, axis=1))
         level = np.stack([np.stack([i, j + 1], -1), np.stack([i + 1, j + 1], -1)], 1)
         edges = (np.concatenate([upright, level]) + np.array([x0, y0])) * a
-        axes.add_collection(LineCollection(list(edges), colors=GREEN, linewidths=width, capstyle="round"))
+        axes.add_collection(
+            LineCollection(
+                list(edges), colors=GREEN, linewidths=width, capstyle="round"
+            )
+        )
         only = f"1 patch, A/A$_0$ = {contact.area_fraction:.3g}"
         axes.set_title(only if contact.patches == 1 else "around the largest patch")
 
     def _draw_blocks(
-        self, axes: Axes, rows: slice, columns: slice, most: int, extent: tuple[float, float, float, float]
+        self,
+        axes: Axes,
+        rows: slice,
+        columns: slice,
+        most: int,
+        extent: tuple[float, float, float, float],
     ) -> None:
         """Draw the largest pressure in each block of a part of the map, blank where there is no contact."""
         contact = self.record
-        within = contact.pressure if contact.touching is None else contact.pressure[contact.touching]
-        low, top = float(within.min(initial=np.inf)), float(within.max(initial=0.0)) or 1.0
-        pressure = np.where(contact.contact[rows, columns], contact.pressure[rows, columns], -np.inf)
+        within = (
+            contact.pressure
+            if contact.touching is None
+            else contact.pressure[contact.touching]
+        )
+        low = float(within.min(initial=np.inf))
+        top = float(within.max(initial=0.0)) or 1.0
+        pressure = np.where(
+            contact.contact[rows, columns], contact.pressure[rows, columns], -np.inf
+        )
         blocks = np.ma.masked_equal(pooled(pressure, np.max, most), -np.inf)
-        style = {"cmap": pressure_colours(), "vmin": low if low < top else 0.0, "vmax": top}
+        style = {
+            "cmap": pressure_colours(),
+            "vmin": low if low < top else 0.0,
+            "vmax": top,
+        }
         draw_map(axes, blocks, extent, "pressure (GPa)", **style)
 
     def _around_largest_patch(self) -> tuple[tuple[int, int], tuple[int, int]]:
@@ -172,7 +214,9 @@ class ContactDisplay(OfContact[ContactSolution]):
         largest = int(np.bincount(labels.ravel(), minlength=count + 1)[1:].argmax()) + 1
         box = ndimage.find_objects(labels, max_label=largest)[largest - 1]
         least, margin = _ONLY if self.record.patches == 1 else _WINDOW
-        side = max(least, math.ceil(margin * max(part.stop - part.start for part in box)))
+        side = max(
+            least, math.ceil(margin * max(part.stop - part.start for part in box))
+        )
         window = []
         for part, n in zip(box, (nx, ny), strict=True):
             low = max(0, min((part.start + part.stop - side) // 2, n - side))
@@ -204,7 +248,12 @@ class StatisticsDisplay(OfContact[ContactStatistics]):
     def _draw_areas(self, axes: Axes, medium: Medium) -> None:
         contact = self.record
         above = np.cumsum(contact.area[::-1])[::-1]
-        axes.step(np.append(0.0, contact.pressure), np.append(above, 0.0), where="post", color=BLUE)
+        axes.step(
+            np.append(0.0, contact.pressure),
+            np.append(above, 0.0),
+            where="post",
+            color=BLUE,
+        )
         axes.set(xlabel="pressure (GPa)", ylabel="contact area above it (nm$^2$)")
         axes.set_title(f"A/A$_0$ = {contact.area_fraction:.3g}")
         axes.set_xlim(left=0)

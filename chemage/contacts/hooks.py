@@ -6,7 +6,17 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
-from chemage.plugins.hooks import Beside, Doubt, Parts, Stage, StageInputs, Stated, hookimpl, hookspec, options_in
+from chemage.plugins.hooks import (
+    Beside,
+    Doubt,
+    Parts,
+    Stage,
+    StageInputs,
+    Stated,
+    hookimpl,
+    hookspec,
+    options_in,
+)
 
 if TYPE_CHECKING:
     from chemage.contacts.role import ContactSolver
@@ -31,7 +41,11 @@ class OwnContactMethod:
 
     @hookimpl(trylast=True)
     def chemage_solve_contact(
-        self, solver: ContactSolver, surface: Surface, load: float, start: ContactSolution | None
+        self,
+        solver: ContactSolver,
+        surface: Surface,
+        load: float,
+        start: ContactSolution | None,
     ) -> ContactSolution:
         return solver.solve(surface, load, start=start)
 
@@ -64,7 +78,9 @@ class _Contact(Stage):
         parts, surface = inputs.parts, inputs.made.get("surface")
         solver, load = parts[self.section], parts["contact.load"]
         if isinstance(solver, ContactTheory):
-            return solver.statistics(surface or parts["surface"], load, parts["surface.seed"])
+            return solver.statistics(
+                surface or parts["surface"], load, parts["surface.seed"]
+            )
         return solve_contact(solver, inputs.made["surface"], load)
 
     def read_beside(self, name: str, value: Any, parts: Parts) -> Any:
@@ -73,18 +89,30 @@ class _Contact(Stage):
         from chemage.foundation.errors import InputError
 
         if value is None:
-            raise InputError('is required; give the normal force, such as load = "20 uN", or a nominal pressure')
+            raise InputError(
+                'is required; give the normal force, such as load = "20 uN", or a nominal pressure'
+            )
         solver, maker = parts.get(self.section), parts.get("surface")
         if nominal_pressure(value) is None:
-            return normal_force(value, None, flat=True, signed=solver is None or solver.adheres)
+            return normal_force(
+                value, None, flat=True, signed=solver is None or solver.adheres
+            )
         # what is wrong with them is said by themselves
-        return None if solver is None or maker is None else solver.normal_force(value, maker.expected())
+        return (
+            None
+            if solver is None or maker is None
+            else solver.normal_force(value, maker.expected())
+        )
 
-    def recorded(self, aging: Mapping[str, Any], contact: Mapping[str, Any]) -> Mapping[str, Any]:
+    def recorded(
+        self, aging: Mapping[str, Any], contact: Mapping[str, Any]
+    ) -> Mapping[str, Any]:
         return {self.section: options_in(contact)}
 
     def fault(self, answer: Any, arguments: Mapping[str, Any]) -> str:
-        solver, surface, load = arguments["solver"], arguments["surface"], arguments["load"]
+        solver = arguments["solver"]
+        surface = arguments["surface"]
+        load = arguments["load"]
         if answer.load != load:
             return f"load = {answer.load:g} nN, but {load:g} nN were asked for"
         for name in ("shape", "pixel_size", "periodic"):
@@ -93,14 +121,21 @@ class _Contact(Stage):
                 return f"{name} is {mine}, but that of the surface is {its}"
         for name in ("rms_slope", "rms_height"):
             mine, its = getattr(answer, name), getattr(surface, name)
-            if not (math.isnan(mine) or math.isclose(mine, its, rel_tol=1e-6, abs_tol=1e-300)):
+            if not (
+                math.isnan(mine)
+                or math.isclose(mine, its, rel_tol=1e-6, abs_tol=1e-300)
+            ):
                 return f"{name} is {mine:g}, but that of the surface is {its:g}"
         return answer.load_fault(solver.declared_error or 0.0)
 
     def fault_of(self, made: Any, inputs: StageInputs) -> str:
         solver, load = inputs.parts[self.section], inputs.parts["contact.load"]
         surface = inputs.made.get("surface")
-        return self.fault(made, {"solver": solver, "surface": surface, "load": load}) if surface is not None else ""
+        return (
+            self.fault(made, {"solver": solver, "surface": surface, "load": load})
+            if surface is not None
+            else ""
+        )
 
     def estimate(self, parts: Parts, stated: Stated) -> Mapping[str, float]:
         surface, load = stated["surface"], parts["contact.load"]
@@ -113,39 +148,72 @@ class _Contact(Stage):
         if parts[self.section].gives_map:
             numbers["pixels"] = pixels
             if "cpu_seconds" in numbers:
-                numbers["cpu_seconds"] += surface.get("cpu_seconds", 0.0) + PIXEL_SECONDS * pixels
+                numbers["cpu_seconds"] += (
+                    surface.get("cpu_seconds", 0.0) + PIXEL_SECONDS * pixels
+                )
         return numbers
 
     def rows(self, parts: Parts, stated: Stated) -> Mapping[str, str]:
         """Kind, load, nominal pressure where there is one, and contact modulus, in words."""
         from chemage.contacts.options import force_text, modulus_in
 
-        solver, load, area = parts[self.section], parts["contact.load"], stated[self.section]["nominal_area"]
+        solver = parts[self.section]
+        load = parts["contact.load"]
+        area = stated[self.section]["nominal_area"]
         text = f"{solver.kind} at {force_text(load)}"
-        if area > 0 and solver.is_nominally_flat(stated["surface"].get("periodic", 1.0) != 0):
+        if area > 0 and solver.is_nominally_flat(
+            stated["surface"].get("periodic", 1.0) != 0
+        ):
             pressure = load / area
             text += ", nominal pressure "
-            text += f"{pressure:.4g} GPa" if abs(pressure) >= 0.1 else f"{1e3 * pressure:.4g} MPa"
+            text += (
+                f"{pressure:.4g} GPa"
+                if abs(pressure) >= 0.1
+                else f"{1e3 * pressure:.4g} MPa"
+            )
         if (modulus := modulus_in(solver)) is not None:
             text += f", E* {modulus:.6g} GPa"
-        return {self.section: text + ("" if "pixels" in stated[self.section] else ", a theory: statistics and no map")}
+        return {
+            self.section: text
+            + (
+                ""
+                if "pixels" in stated[self.section]
+                else ", a theory: statistics and no map"
+            )
+        }
 
     def doubts(self, parts: Parts, stated: Stated) -> Iterator[Doubt]:
         from chemage.contacts.options import beyond_elasticity, modulus_in
 
-        surface, load, numbers = stated["surface"], parts["contact.load"], stated[self.section]
+        surface = stated["surface"]
+        load = parts["contact.load"]
+        numbers = stated[self.section]
         for text in parts[self.section].check(surface, load) or ():
             yield Doubt("parts", text)
         if load == 0 and not parts[self.section].adheres:
-            yield Doubt("load", "the load is 0: nothing touches, the friction drop is 0 and its coefficient undefined")
+            yield Doubt(
+                "load",
+                "the load is 0: nothing touches, the friction drop is 0 and its coefficient undefined",
+            )
             return
-        slope, mean = surface.get("rms_slope", math.nan), numbers.get("mean_pressure", math.nan)
-        if beyond := beyond_elasticity(modulus_in(parts[self.section]) or math.nan, slope, mean):
+        slope = surface.get("rms_slope", math.nan)
+        mean = numbers.get("mean_pressure", math.nan)
+        if beyond := beyond_elasticity(
+            modulus_in(parts[self.section]) or math.nan, slope, mean
+        ):
             yield Doubt("elasticity", beyond)
         fraction = numbers.get("area_fraction")
-        pixels = fraction * numbers["pixels"] if fraction is not None and numbers.get("pixels") else math.inf
+        pixels = (
+            fraction * numbers["pixels"]
+            if fraction is not None and numbers.get("pixels")
+            else math.inf
+        )
         all_sites = stated.get("chemistry", {"sites": pixels}).get("sites")
-        sites, where = (pixels, "pixels") if pixels < NO_SITE or all_sites is None else (all_sites, "sites")
+        sites, where = (
+            (pixels, "pixels")
+            if pixels < NO_SITE or all_sites is None
+            else (all_sites, "sites")
+        )
         if sites < NO_SITE:
             cause = ""
             if fraction and (size := surface.get("pixel_size")):
@@ -167,7 +235,9 @@ class _Contact(Stage):
 
     def warm_up(self, parts: Parts) -> None:
         if parts[self.section].gives_map:
-            parts[self.section].warm_up(parts["surface"].expected(), parts["contact.load"])
+            parts[self.section].warm_up(
+                parts["surface"].expected(), parts["contact.load"]
+            )
 
 
 STAGES = (

@@ -32,9 +32,13 @@ LARGEST_SLOPE, LARGEST_MEAN = 1.0, 0.3
 def nominal_pressure(load: object) -> float | None:
     """``load`` in GPa where it is a pressure, such as ``"10 MPa"``; None where it is a force, a bare number, or
     neither."""
-    if isinstance(load, str) and is_in_table(load, "GPa"):  # without pint, whose import takes long
+    if isinstance(load, str) and is_in_table(
+        load, "GPa"
+    ):  # without pint, whose import takes long
         return convert(load, "GPa")
-    if isinstance(load, int | float) or (isinstance(load, str) and is_in_table(load, "nN")):
+    if isinstance(load, int | float) or (
+        isinstance(load, str) and is_in_table(load, "nN")
+    ):
         return None
     for unit in ("nN", "GPa"):
         try:
@@ -45,7 +49,9 @@ def nominal_pressure(load: object) -> float | None:
     return None
 
 
-def normal_force(load: QuantityLike, area: float | None, *, flat: bool, signed: bool = False) -> float:
+def normal_force(
+    load: QuantityLike, area: float | None, *, flat: bool, signed: bool = False
+) -> float:
     """``load`` in nN, finite, and ≥ 0 unless ``signed``; a pressure is multiplied by the nominal ``area`` (nm²; None:
     not known).
 
@@ -68,7 +74,12 @@ def normal_force(load: QuantityLike, area: float | None, *, flat: bool, signed: 
             ) from None
     give = 'give the normal force, such as load = "20 uN"'
     if not math.isfinite(pressure) or (pressure < 0 and not signed):
-        raise InputError.of("load", load, "must be finite and not negative", "give a nominal pressure such as 10 MPa")
+        raise InputError.of(
+            "load",
+            load,
+            "must be finite and not negative",
+            "give a nominal pressure such as 10 MPa",
+        )
     if not flat:
         raise InputError.of(
             "load",
@@ -78,7 +89,12 @@ def normal_force(load: QuantityLike, area: float | None, *, flat: bool, signed: 
             give,
         )
     if area is None:
-        raise InputError.of("load", load, "the nominal area of this surface is not known before it is made", give)
+        raise InputError.of(
+            "load",
+            load,
+            "the nominal area of this surface is not known before it is made",
+            give,
+        )
     return force(pressure * area, signed=signed)
 
 
@@ -90,7 +106,9 @@ def force_text(force: float) -> str:
     return f"{force:.4g} nN"
 
 
-def beyond_elasticity(modulus: float, slope: float, mean: float, most: float = 0.0) -> str:
+def beyond_elasticity(
+    modulus: float, slope: float, mean: float, most: float = 0.0
+) -> str:
     """Why linear elasticity with small slopes does not hold, in words; "" where it does: rms ``slope``, ``mean`` and
     ``most``, the largest, of the pressure over the contact (GPa); nan: not known."""
     if slope > LARGEST_SLOPE:
@@ -126,24 +144,42 @@ def contact_modulus(
     Source: K. L. Johnson, Contact Mechanics, Cambridge University Press (1985), section 4.2.
     """
     if (counter_young is None) != (counter_poisson is None):
-        raise InputError("counter_young, counter_poisson: give both, or neither for a rigid counter-body")
+        raise InputError(
+            "counter_young, counter_poisson: give both, or neither for a rigid counter-body"
+        )
     compliance = _compliance("young", young, "poisson", poisson)
     if counter_young is not None:
-        compliance += _compliance("counter_young", counter_young, "counter_poisson", counter_poisson)
+        compliance += _compliance(
+            "counter_young", counter_young, "counter_poisson", counter_poisson
+        )
     return in_range(1 / compliance, "GPa")
 
 
-def _compliance(young_name: str, young: object, poisson_name: str, poisson: object) -> float:
+def _compliance(
+    young_name: str, young: object, poisson_name: str, poisson: object
+) -> float:
     """(1 − ν²)/E of one body, 1/GPa."""
     modulus, ratio = convert(young, "GPa"), convert(poisson, "")
     if not (math.isfinite(modulus) and modulus > 0):
-        raise InputError.of(young_name, young, "must be finite and positive", "give Young's modulus, such as 72 GPa")
+        raise InputError.of(
+            young_name,
+            young,
+            "must be finite and positive",
+            "give Young's modulus, such as 72 GPa",
+        )
     if not -1 < ratio <= 0.5:
-        raise InputError.of(poisson_name, poisson, "must be above -1 and at most 0.5", "give Poisson's ratio")
+        raise InputError.of(
+            poisson_name,
+            poisson,
+            "must be above -1 and at most 0.5",
+            "give Poisson's ratio",
+        )
     return (1 - ratio**2) / in_range(modulus, "GPa")
 
 
-def indentation_modulus(c11: QuantityLike, c13: QuantityLike, c33: QuantityLike, c44: QuantityLike) -> float:
+def indentation_modulus(
+    c11: QuantityLike, c13: QuantityLike, c33: QuantityLike, c44: QuantityLike
+) -> float:
     """The contact modulus (GPa) of a transversely isotropic body with its axis normal to the surface, against a rigid
     one: E* = 2 √[(c11 c33 − c13²)/c11 / (1/c44 + 2/(√(c11 c33) + c13))]; constants in GPa, or strings with their unit.
 
@@ -158,12 +194,22 @@ def indentation_modulus(c11: QuantityLike, c13: QuantityLike, c33: QuantityLike,
     values = [convert(each, "GPa") for each in (c11, c13, c33, c44)]
     for name, value in zip(CRYSTAL, values, strict=True):
         if not math.isfinite(value) or (name != "c13" and not value > 0):
-            raise InputError.of(name, value, "must be finite and positive", "give an elastic constant in GPa")
+            raise InputError.of(
+                name,
+                value,
+                "must be finite and positive",
+                "give an elastic constant in GPa",
+            )
         in_range(abs(value) or 1.0, "GPa")
     axial, cross, normal, shear = values
     mean = math.sqrt(axial) * math.sqrt(normal)
     if not abs(cross) < mean:
-        raise InputError.of("c13", cross, f"must be smaller than √(c11 c33) = {mean:.6g}", "check the constants")
+        raise InputError.of(
+            "c13",
+            cross,
+            f"must be smaller than √(c11 c33) = {mean:.6g}",
+            "check the constants",
+        )
     squared = (mean - cross) * (mean + cross) / axial / (1 / shear + 2 / (mean + cross))
     return in_range(2 * math.sqrt(squared), "GPa")
 
@@ -174,15 +220,21 @@ class _ModulusUnit(Unit):
     def __init__(self) -> None:
         super().__init__("GPa", gt=0)
 
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> core_schema.CoreSchema:
         number = core_schema.float_schema(allow_inf_nan=False, gt=0)
         scalar = core_schema.union_schema([number, core_schema.str_schema()])
         two = core_schema.list_schema(scalar, min_length=2, max_length=2)
         ratio = core_schema.float_schema(gt=-1, le=0.5)
-        ratios = core_schema.union_schema([ratio, core_schema.list_schema(ratio, min_length=2, max_length=2)])
+        ratios = core_schema.union_schema(
+            [ratio, core_schema.list_schema(ratio, min_length=2, max_length=2)]
+        )
         table = core_schema.typed_dict_schema(
             {
-                "young": core_schema.typed_dict_field(core_schema.union_schema([scalar, two])),
+                "young": core_schema.typed_dict_field(
+                    core_schema.union_schema([scalar, two])
+                ),
                 "poisson": core_schema.typed_dict_field(ratios),
             },
             extra_behavior="forbid",
@@ -196,7 +248,9 @@ class _ModulusUnit(Unit):
         return core_schema.no_info_before_validator_function(
             self._read,
             number,
-            json_schema_input_schema=core_schema.union_schema([number, core_schema.str_schema(), table, crystal]),
+            json_schema_input_schema=core_schema.union_schema(
+                [number, core_schema.str_schema(), table, crystal]
+            ),
         )
 
     def _read(self, value: object) -> float:
@@ -208,10 +262,16 @@ class _ModulusUnit(Unit):
             return super()._read(value)
         constants: Mapping[Any, Any] = value
         crystal = CRYSTAL if any(name in constants for name in CRYSTAL) else ()
-        bodies = CONSTANTS if not crystal or any(name in constants for name in CONSTANTS) else ()
+        bodies = (
+            CONSTANTS
+            if not crystal or any(name in constants for name in CONSTANTS)
+            else ()
+        )
         known, form = (*crystal, *CONSTANTS), _FORM_CRYSTAL if crystal else _FORM
         if unknown := [name for name in constants if name not in known]:
-            raise InputError(f"{shown(unknown[0])}: no such elastic constant{nearest(str(unknown[0]), known)}; {form}")
+            raise InputError(
+                f"{shown(unknown[0])}: no such elastic constant{nearest(str(unknown[0]), known)}; {form}"
+            )
         if missing := [name for name in (*crystal, *bodies) if name not in constants]:
             raise InputError(f"{missing[0]} is missing; {form}")
         if crystal:
@@ -219,14 +279,23 @@ class _ModulusUnit(Unit):
             if not bodies:
                 return own
             return in_range(
-                1 / (1 / own + _compliance("young", constants["young"], "poisson", constants["poisson"])), "GPa"
+                1
+                / (
+                    1 / own
+                    + _compliance(
+                        "young", constants["young"], "poisson", constants["poisson"]
+                    )
+                ),
+                "GPa",
             )
         young, poisson = (
             list(value) if isinstance(value, list | tuple) else [value]
             for value in (constants["young"], constants["poisson"])
         )
         if not len(young) == len(poisson) <= 2 or not young:
-            raise InputError(f"young has {len(young)} entries and poisson {len(poisson)}; {_FORM}")
+            raise InputError(
+                f"young has {len(young)} entries and poisson {len(poisson)}; {_FORM}"
+            )
         return contact_modulus(young[0], poisson[0], *young[1:], *poisson[1:])
 
     def __repr__(self) -> str:

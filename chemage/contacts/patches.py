@@ -22,13 +22,17 @@ class Patches:
     sizes: np.ndarray
 
 
-def label_patches(contact: np.ndarray, periodic: bool, *, corners: bool = True) -> tuple[np.ndarray, int]:
+def label_patches(
+    contact: np.ndarray, periodic: bool, *, corners: bool = True
+) -> tuple[np.ndarray, int]:
     """Connected patches of a bool (nx, ny) map: labels 1…count (0 outside contact), across edges where periodic.
 
     Pixels that share an edge or a corner are connected (8 neighbours); without ``corners``, an edge (4 neighbours).
     """
     if contact.ndim != 2:
-        raise InputError.of("contact", contact.shape, "must have two dimensions (nx, ny)")
+        raise InputError.of(
+            "contact", contact.shape, "must have two dimensions (nx, ny)"
+        )
     from scipy import ndimage
 
     labels = np.zeros(contact.shape, dtype=np.int32)
@@ -46,7 +50,10 @@ def label_patches(contact: np.ndarray, periodic: bool, *, corners: bool = True) 
             both = (first > 0) & (other > 0)
             pairs.append(np.stack([first[both], other[both]]))
     joined = np.concatenate(pairs, axis=1) - 1
-    graph = coo_array((np.ones(joined.shape[1], dtype=np.int8), (joined[0], joined[1])), shape=(count, count))
+    graph = coo_array(
+        (np.ones(joined.shape[1], dtype=np.int8), (joined[0], joined[1])),
+        shape=(count, count),
+    )
     merged, component = connected_components(graph, directed=False)
     relabel = np.concatenate([[0], component + 1]).astype(labels.dtype)
     return relabel[labels], int(merged)
@@ -65,7 +72,11 @@ def perimeter(contact: np.ndarray, pixel_size: float, periodic: bool) -> float:
     for axis in (0, 1):
         edges += int(np.count_nonzero(np.diff(contact, axis=axis)))
         first, last = np.take(contact, 0, axis), np.take(contact, -1, axis)
-        edges += int(np.count_nonzero(first ^ last) if periodic else np.count_nonzero(first) + np.count_nonzero(last))
+        edges += int(
+            np.count_nonzero(first ^ last)
+            if periodic
+            else np.count_nonzero(first) + np.count_nonzero(last)
+        )
     return edges * pixel_size
 
 
@@ -90,7 +101,8 @@ def above(pressure: np.ndarray, limit: float, contact: np.ndarray) -> Above:
     """Which shares of the area of ``contact`` (bool) and of the load lie where the pressure (GPa) is above ``limit``,
     which is above zero; nan without contact."""
     beyond = pressure[pressure > limit]
-    pixels, total = int(np.count_nonzero(contact)), float(np.maximum(pressure, 0).sum(dtype=np.float64))
+    pixels = int(np.count_nonzero(contact))
+    total = float(np.maximum(pressure, 0).sum(dtype=np.float64))
     if not pixels or not total > 0:
         return Above(math.nan, math.nan)
     return Above(beyond.size / pixels, float(beyond.sum(dtype=np.float64)) / total)

@@ -40,7 +40,9 @@ class ContactSolver(Component, ABC):
         adheres: ClassVar[bool] = False
 
     @abstractmethod
-    def _solve(self, surface: Surface, load: float, start: ContactSolution | None) -> ContactSolution:
+    def _solve(
+        self, surface: Surface, load: float, start: ContactSolution | None
+    ) -> ContactSolution:
         """Solve for ``load`` in nN (finite, ≥ 0 unless the class ``adheres``). ``start`` is a neighbouring
         solution to begin from, or None."""
 
@@ -72,9 +74,15 @@ class ContactSolver(Component, ABC):
     def provenance(self, surface: Surface | Roughness) -> dict[str, Any]:
         """How a contact of this surface was made, for its ``provenance``: kind, options, and the surface's own."""
         options = self.identity()
-        return {"kind": options.pop("kind"), "options": options, "surface": surface.provenance}
+        return {
+            "kind": options.pop("kind"),
+            "options": options,
+            "surface": surface.provenance,
+        }
 
-    def normal_force(self, load: QuantityLike, surface: Surface | Roughness | Mapping[str, float]) -> float:
+    def normal_force(
+        self, load: QuantityLike, surface: Surface | Roughness | Mapping[str, float]
+    ) -> float:
         """``load`` in nN: a force (nN, or a string with its unit), or a nominal pressure such as ``"10 MPa"``, which is
         multiplied by the nominal area of ``surface``: one that is made, its roughness, or what
         :meth:`SurfaceMaker.expected` gives of it.
@@ -88,11 +96,17 @@ class ContactSolver(Component, ABC):
         area: float | None
         if isinstance(surface, Mapping):
             on_grid = {"nx", "ny", "pixel_size"} <= surface.keys()
-            area = surface["nx"] * surface["ny"] * surface["pixel_size"] ** 2 if on_grid else None
+            area = (
+                surface["nx"] * surface["ny"] * surface["pixel_size"] ** 2
+                if on_grid
+                else None
+            )
             periodic = surface.get("periodic", 0.0 if "radius" in surface else 1.0) != 0
         else:
             area, periodic = surface.nominal_area, getattr(surface, "periodic", True)
-        return normal_force(load, area, flat=self.is_nominally_flat(periodic), signed=self.adheres)
+        return normal_force(
+            load, area, flat=self.is_nominally_flat(periodic), signed=self.adheres
+        )
 
     def warm_up(self, surface: Mapping[str, float], load: float) -> None:
         """Compile what :meth:`solve` will need for a surface of which :meth:`SurfaceMaker.expected` gives ``surface``,
@@ -116,7 +130,13 @@ class ContactSolver(Component, ABC):
         """
         return super().reference()
 
-    def solve(self, surface: Surface, load: QuantityLike, *, start: ContactSolution | None = None) -> ContactSolution:
+    def solve(
+        self,
+        surface: Surface,
+        load: QuantityLike,
+        *,
+        start: ContactSolution | None = None,
+    ) -> ContactSolution:
         """The contact of ``surface`` under ``load``: a force (nN, or a string with its unit) or a nominal pressure
         such as ``"10 MPa"``, see :meth:`normal_force`.
 
@@ -129,10 +149,19 @@ class ContactSolver(Component, ABC):
         """
         expect("surface", surface, Surface, "make one with chemage.surface(...).make()")
         if start is not None:
-            expect("start", start, ContactSolution, "give a solution of a neighbouring load")
+            expect(
+                "start",
+                start,
+                ContactSolution,
+                "give a solution of a neighbouring load",
+            )
         with recording() as recorded:
             solution = self._solve(surface, self.normal_force(load, surface), start)
-        return solution.model_copy(update=kept(solution, recorded)) if recorded else solution
+        return (
+            solution.model_copy(update=kept(solution, recorded))
+            if recorded
+            else solution
+        )
 
 
 def contact(kind: str, **options: Any) -> Any:
@@ -144,7 +173,11 @@ def sphere_radius(contact: Contact) -> float | None:
     """Radius (nm) of the sphere that was pressed, by the ``provenance`` of its contact; None: another surface."""
     made = contact.provenance.get("surface")
     radius = made.get("radius") if isinstance(made, Mapping) else None
-    return float(radius) if isinstance(radius, int | float) and not isinstance(radius, bool) else None
+    return (
+        float(radius)
+        if isinstance(radius, int | float) and not isinstance(radius, bool)
+        else None
+    )
 
 
 def elasticity_notes(contact: Contact) -> tuple[str, ...]:
@@ -152,34 +185,65 @@ def elasticity_notes(contact: Contact) -> tuple[str, ...]:
     # that of a sphere is mostly the slope of its flanks
     slope = contact.rms_slope if sphere_radius(contact) is None else math.nan
     largest = contact.measure("max_pressure")
-    beyond = beyond_elasticity(contact.modulus, slope, contact.mean_contact_pressure, largest)
+    beyond = beyond_elasticity(
+        contact.modulus, slope, contact.mean_contact_pressure, largest
+    )
     return (beyond,) if beyond else ()
 
 
 def expect_contact(value: Any, cls: type[Contact] = ContactSolution) -> None:
     """Raise an InputError if ``value`` is no contact, or none with a map where ``cls`` is as by default."""
-    expect("contact", value, cls, "make one with chemage.contact(...).solve(surface, load)")
+    expect(
+        "contact", value, cls, "make one with chemage.contact(...).solve(surface, load)"
+    )
 
 
 def solve_contact(
-    solver: ContactSolver, surface: Surface, load: QuantityLike, *, start: ContactSolution | None = None
+    solver: ContactSolver,
+    surface: Surface,
+    load: QuantityLike,
+    *,
+    start: ContactSolution | None = None,
 ) -> ContactSolution:
     """The contact of ``surface`` under ``load`` (a force or a nominal pressure), by the hook ``chemage_solve_contact``.
 
     The plugins that took part, here or at the surface, are noted in the solution's ``provenance``.
     """
-    expect("solver", solver, ContactSolver, 'make one with chemage.contact("hertz", ...)')
+    expect(
+        "solver", solver, ContactSolver, 'make one with chemage.contact("hertz", ...)'
+    )
     expect("surface", surface, Surface, "make one with chemage.surface(...).make()")
     force = solver.normal_force(load, surface)
-    with logged("contact", f"{solver.kind}, load {force:g} nN, {surface.shape[0]} x {surface.shape[1]} pixels") as out:
+    with logged(
+        "contact",
+        f"{solver.kind}, load {force:g} nN, {surface.shape[0]} x {surface.shape[1]} pixels",
+    ) as out:
         solution, plugins, recorded = registry.current().answer(
-            "chemage_solve_contact", ContactSolution, solver=solver, surface=surface, load=force, start=start
+            "chemage_solve_contact",
+            ContactSolution,
+            solver=solver,
+            surface=surface,
+            load=force,
+            start=start,
         )
         # a plugin that answers with another solver may record which
         kind = solution.provenance.get("kind")
-        used = approximation_of("contact", kind) if isinstance(kind, str) and kind != solver.kind else []
-        approximate = [*surface.approximate, *approximations(solver), *used, *solution.unloaded()]
+        used = (
+            approximation_of("contact", kind)
+            if isinstance(kind, str) and kind != solver.kind
+            else []
+        )
+        approximate = [
+            *surface.approximate,
+            *approximations(solver),
+            *used,
+            *solution.unloaded(),
+        ]
         took_part = surface.plugins | providers(solver) | plugins
-        solution = solution.noting(took_part, approximate, kept(solution, surface.recorded | recorded))
-        out(f"{solution.iterations} iterations, residual {solution.residual:.3g}; {of_plugins(solution.plugins)}")
+        solution = solution.noting(
+            took_part, approximate, kept(solution, surface.recorded | recorded)
+        )
+        out(
+            f"{solution.iterations} iterations, residual {solution.residual:.3g}; {of_plugins(solution.plugins)}"
+        )
     return solution

@@ -41,27 +41,72 @@ if TYPE_CHECKING:
 #: the measures users compare: property of :class:`Contact` or, where it needs the map, of :class:`ContactSolution`
 MEASURES: dict[str, Quantity] = by_name(
     (
-        Quantity("area_fraction", "1", "area fraction", "A/A0", "contact area over nominal area", Rank.FIRST),
+        Quantity(
+            "area_fraction",
+            "1",
+            "area fraction",
+            "A/A0",
+            "contact area over nominal area",
+            Rank.FIRST,
+        ),
         Quantity("area", "nm2", "contact area", "A"),
-        Quantity("corrected_area", "nm2", "contact area less the excess of pixels at its rim", rank=Rank.REST),
-        Quantity("kappa", "1", "area-load coefficient", "κ", "area-load coefficient A h'_rms E* / F_N"),
+        Quantity(
+            "corrected_area",
+            "nm2",
+            "contact area less the excess of pixels at its rim",
+            rank=Rank.REST,
+        ),
+        Quantity(
+            "kappa",
+            "1",
+            "area-load coefficient",
+            "κ",
+            "area-load coefficient A h'_rms E* / F_N",
+        ),
         Quantity("patches", "1", "patches", "", "contact patches"),
-        Quantity("perimeter_to_area", "1/nm", "perimeter to area", "C/A", "contact perimeter over contact area"),
-        Quantity("mean_contact_pressure", "GPa", "mean contact pressure", "", "mean pressure over the contact"),
+        Quantity(
+            "perimeter_to_area",
+            "1/nm",
+            "perimeter to area",
+            "C/A",
+            "contact perimeter over contact area",
+        ),
+        Quantity(
+            "mean_contact_pressure",
+            "GPa",
+            "mean contact pressure",
+            "",
+            "mean pressure over the contact",
+        ),
         Quantity("max_pressure", "GPa", "largest pressure", rank=Rank.REST),
         Quantity("nominal_area", "nm2", "nominal area", rank=Rank.REST),
-        Quantity("nominal_pressure", "GPa", "nominal pressure", "", "load over nominal area", Rank.REST),
+        Quantity(
+            "nominal_pressure",
+            "GPa",
+            "nominal pressure",
+            "",
+            "load over nominal area",
+            Rank.REST,
+        ),
         Quantity("load", "nN", "load", "", "normal force"),
         Quantity("modulus", "GPa", "contact modulus", "E*"),
-        Quantity("rms_slope", "1", "rms slope", "", "rms slope of the surface", Rank.REST),
-        Quantity("rms_height", "nm", "rms height", "", "rms height of the surface", Rank.REST),
+        Quantity(
+            "rms_slope", "1", "rms slope", "", "rms slope of the surface", Rank.REST
+        ),
+        Quantity(
+            "rms_height", "nm", "rms height", "", "rms height of the surface", Rank.REST
+        ),
     )
 )
 #: the same of contacts that know where the material flows
 FLOW_MEASURES: dict[str, Quantity] = by_name(
     (
-        Quantity("yielded_area", "1", "share of the contact area where the material flows"),
-        Quantity("yielded_load", "1", "share of the load carried where the material flows"),
+        Quantity(
+            "yielded_area", "1", "share of the contact area where the material flows"
+        ),
+        Quantity(
+            "yielded_load", "1", "share of the load carried where the material flows"
+        ),
     )
 )
 #: relative error of the force up to which rounding may be the cause
@@ -117,13 +162,19 @@ class Contact(Observing, Record):
     @property
     def kappa(self) -> float:
         """κ = A h'_rms E* / F_N; nan without load."""
-        return self.contact_area * self.rms_slope * self.modulus / self.load if self.load > 0 else math.nan
+        return (
+            self.contact_area * self.rms_slope * self.modulus / self.load
+            if self.load > 0
+            else math.nan
+        )
 
     def load_fault(self, error: float) -> str:
         """Why the pressure does not add up to the load within the relative ``error``, or that which the solver states
         of its pressure, in words; "" where it does or where ``carries`` says that it does not."""
         stated = getattr(self, "convergence", {}).get("pressure_error")
-        error = max(error, LOAD_ERROR, stated if isinstance(stated, int | float) else 0.0)
+        error = max(
+            error, LOAD_ERROR, stated if isinstance(stated, int | float) else 0.0
+        )
         if self.carries or abs(self.carried - self.load) <= error * self.borne:
             return ""
         return (
@@ -134,7 +185,16 @@ class Contact(Observing, Record):
     def unloaded(self) -> list[dict[str, Any]]:
         """What :attr:`carries` says, as an approximation that every result names; empty where it says nothing."""
         text = f"{self.carried:.4g} of {self.load:.4g} nN: {self.carries}"
-        return [{"kind": self.provenance.get("kind") or type(self).__name__, "carries": text}] if self.carries else []
+        return (
+            [
+                {
+                    "kind": self.provenance.get("kind") or type(self).__name__,
+                    "carries": text,
+                }
+            ]
+            if self.carries
+            else []
+        )
 
     def above(self, hardness: QuantityLike) -> Above:
         """Which shares of contact area and load lie above a ``hardness`` (GPa, or a string with its unit).
@@ -149,7 +209,12 @@ class Contact(Observing, Record):
         """
         value = convert(hardness, "GPa")
         if not 0 < value < math.inf:
-            raise InputError.of("hardness", hardness, "must be finite and above zero", "give a pressure in GPa")
+            raise InputError.of(
+                "hardness",
+                hardness,
+                "must be finite and above zero",
+                "give a pressure in GPa",
+            )
         return self._above(value)
 
     @classmethod
@@ -172,7 +237,9 @@ class Contact(Observing, Record):
         """The measures, and the numbers that were recorded; without those that this contact does not have."""
         every = MEASURES | FLOW_MEASURES
         found = [every[name].but(value=value) for name, value in self.summary().items()]
-        found += [output.quantity() for output in self.measured.values() if output.is_number]
+        found += [
+            output.quantity() for output in self.measured.values() if output.is_number
+        ]
         return [one for one in found if one.known]
 
     def plot(self, ax: Axes | None = None) -> Axes:
@@ -252,29 +319,44 @@ class ContactSolution(PixelMap, Contact):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.pressure.ndim != 2 or self.pressure.size == 0:
-            raise ValueError(f"pressure: shape {self.pressure.shape}; give a two-dimensional, non-empty array (nx, ny)")
+            raise ValueError(
+                f"pressure: shape {self.pressure.shape}; give a two-dimensional, non-empty array (nx, ny)"
+            )
         require_finite("pressure", self.pressure, "the solver that made it is at fault")
         for name in ("gap", "plastic_displacement", "touching"):
             if (values := getattr(self, name)) is None:
                 continue
             if values.shape != self.pressure.shape:
-                raise ValueError(f"{name}: shape {values.shape}, but pressure has {self.pressure.shape}")
+                raise ValueError(
+                    f"{name}: shape {values.shape}, but pressure has {self.pressure.shape}"
+                )
             require_finite(name, values, "the solver that made it is at fault")
-        if self.plastic_displacement is not None and (lowest := float(self.plastic_displacement.min())) < 0:
-            raise ValueError(f"plastic_displacement: its smallest value is {lowest:g} nm; flow only lowers, it is ≥ 0")
+        if (
+            self.plastic_displacement is not None
+            and (lowest := float(self.plastic_displacement.min())) < 0
+        ):
+            raise ValueError(
+                f"plastic_displacement: its smallest value is {lowest:g} nm; flow only lowers, it is ≥ 0"
+            )
         if float(self.pressure.max()) > LARGEST:
-            raise ValueError(f"pressure: up to {self.pressure.max():g} GPa, out of range; give pressures in GPa")
+            raise ValueError(
+                f"pressure: up to {self.pressure.max():g} GPa, out of range; give pressures in GPa"
+            )
         lowest = float(self.pressure.min())
         if self.touching is not None:
             if lowest < -LARGEST:
-                raise ValueError(f"pressure: down to {lowest:g} GPa, out of range; give pressures in GPa")
+                raise ValueError(
+                    f"pressure: down to {lowest:g} GPa, out of range; give pressures in GPa"
+                )
         elif lowest < 0:
             raise ValueError(
                 f"pressure: its smallest value is {lowest:g} GPa; a hard wall only pushes, it must be ≥ 0, unless the "
                 "surfaces adhere and touching says where"
             )
         if self.load < 0 and self.touching is None:
-            raise ValueError(f"load: {self.load} nN is negative; without adhesion nothing can be pulled")
+            raise ValueError(
+                f"load: {self.load} nN is negative; without adhesion nothing can be pulled"
+            )
         return self
 
     @cached_property
@@ -352,15 +434,30 @@ class ContactSolution(PixelMap, Contact):
         """C / A, 1/nm; nan without contact."""
         return self.perimeter / self.area if self.area > 0 else math.nan
 
-    def pressure_histogram(self, bins: int = 50, upper: float | None = None) -> tuple[np.ndarray, np.ndarray]:
+    def pressure_histogram(
+        self, bins: int = 50, upper: float | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Distribution of the pressure over the contact, from zero or with adhesion from the largest tension: bin edges
         (bins + 1,) GPa and density (bins,) 1/GPa."""
-        if upper is not None and not (isinstance(upper, int | float) and 0 < upper < math.inf):
-            raise InputError.of("upper", upper, "must be finite and above zero", "give a pressure in GPa")
+        if upper is not None and not (
+            isinstance(upper, int | float) and 0 < upper < math.inf
+        ):
+            raise InputError.of(
+                "upper",
+                upper,
+                "must be finite and above zero",
+                "give a pressure in GPa",
+            )
         values = self.pressure[self.contact]
-        top = upper if upper is not None else (float(values.max(initial=0.0)) if values.size else 1.0)
+        top = (
+            upper
+            if upper is not None
+            else (float(values.max(initial=0.0)) if values.size else 1.0)
+        )
         least = float(values.min(initial=0.0))
-        counts, edges = np.histogram(values, bins=checked_count("bins", bins, most=MOST_BINS), range=(least, top))
+        counts, edges = np.histogram(
+            values, bins=checked_count("bins", bins, most=MOST_BINS), range=(least, top)
+        )
         return edges, counts / (max(values.size, 1) * np.diff(edges))
 
     def _above(self, pressure: float) -> Above:
@@ -372,12 +469,20 @@ class ContactSolution(PixelMap, Contact):
         if self.plastic_displacement is None or not self.sites.size:
             return Above(math.nan, math.nan)
         flows = self.plastic_displacement > 0
-        force = float(self.pressure.sum(where=flows, dtype=np.float64)) * self.pixel_size**2
-        return Above(float(np.count_nonzero(flows)) / self.sites.size, force / self.carried)
+        force = (
+            float(self.pressure.sum(where=flows, dtype=np.float64)) * self.pixel_size**2
+        )
+        return Above(
+            float(np.count_nonzero(flows)) / self.sites.size, force / self.carried
+        )
 
     def summary(self) -> dict[str, float]:
         """See :meth:`Contact.summary`; with :data:`FLOW_MEASURES` where they are known."""
-        flow = {} if self.plastic_displacement is None else dict(zip(FLOW_MEASURES, self.yielded, strict=True))
+        flow = (
+            {}
+            if self.plastic_displacement is None
+            else dict(zip(FLOW_MEASURES, self.yielded, strict=True))
+        )
         return super().summary() | flow
 
     def residual_surface(self, surface: Surface) -> Surface:
@@ -391,17 +496,38 @@ class ContactSolution(PixelMap, Contact):
             The solver has no hardness, or the surface is another one.
         """
         if self.plastic_displacement is None:
-            raise InputError("this contact is elastic and leaves the surface as it was; give its solver a hardness")
+            raise InputError(
+                "this contact is elastic and leaves the surface as it was; give its solver a hardness"
+            )
         same = surface.shape == self.shape and surface.pixel_size == self.pixel_size
-        if not (same and math.isclose(surface.rms_height, self.rms_height, rel_tol=1e-6, abs_tol=1e-300)):
-            raise InputError(f"surface: {surface!r} is not the one of {self!r}; give the surface that was solved")
-        made = {name: value for name, value in surface.provenance.items() if name != "radius"}  # no sphere any more
-        solver = {name: self.provenance[name] for name in ("kind", "options") if name in self.provenance}
+        if not (
+            same
+            and math.isclose(
+                surface.rms_height, self.rms_height, rel_tol=1e-6, abs_tol=1e-300
+            )
+        ):
+            raise InputError(
+                f"surface: {surface!r} is not the one of {self!r}; give the surface that was solved"
+            )
+        made = {
+            name: value
+            for name, value in surface.provenance.items()
+            if name != "radius"
+        }  # no sphere any more
+        solver = {
+            name: self.provenance[name]
+            for name in ("kind", "options")
+            if name in self.provenance
+        }
         return Surface(
-            heights=surface.heights - self.plastic_displacement.astype(surface.heights.dtype),
+            heights=surface.heights
+            - self.plastic_displacement.astype(surface.heights.dtype),
             pixel_size=surface.pixel_size,
             periodic=surface.periodic,
-            provenance={**made, "flowed": [*made.get("flowed", []), {"load": self.load, **solver}]},
+            provenance={
+                **made,
+                "flowed": [*made.get("flowed", []), {"load": self.load, **solver}],
+            },
         )
 
     @property
@@ -424,7 +550,11 @@ class ContactStatistics(Contact):
     arrays = {
         "pressure": (("class",), "GPa", "mean pressure of the class"),
         "area": (("class",), "nm2", "contact area of the class"),
-        "missing": (("class", "neighbours"), "nm2", "contact area of the class whose sites lack so many neighbours"),
+        "missing": (
+            ("class", "neighbours"),
+            "nm2",
+            "contact area of the class whose sites lack so many neighbours",
+        ),
     }
 
     pressure: Doubles
@@ -457,17 +587,31 @@ class ContactStatistics(Contact):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.pressure.ndim != 1 or self.area.shape != self.pressure.shape:
-            raise ValueError(f"area: shape {self.area.shape}; give one area for each of the pressures")
+            raise ValueError(
+                f"area: shape {self.area.shape}; give one area for each of the pressures"
+            )
         for name in ("pressure", "area"):
-            require_finite(name, getattr(self, name), "give pressures in GPa, areas in nm²")
+            require_finite(
+                name, getattr(self, name), "give pressures in GPa, areas in nm²"
+            )
         if (self.pressure <= 0).any() or (np.diff(self.pressure) <= 0).any():
-            raise ValueError("pressure: must be above zero and ascending; give the mean pressure of each class")
+            raise ValueError(
+                "pressure: must be above zero and ascending; give the mean pressure of each class"
+            )
         if (self.area < 0).any():
             raise ValueError(f"area: {self.area.min():g} nm² is negative")
         if self.missing is not None:
-            if self.missing.ndim != 2 or len(self.missing) != self.area.size or self.missing.shape[1] < 1:
-                raise ValueError(f"missing: shape {self.missing.shape}; give ({self.area.size}, neighbours + 1)")
-            if not np.allclose(self.missing.sum(axis=1), self.area, rtol=1e-9, atol=0.0):
+            if (
+                self.missing.ndim != 2
+                or len(self.missing) != self.area.size
+                or self.missing.shape[1] < 1
+            ):
+                raise ValueError(
+                    f"missing: shape {self.missing.shape}; give ({self.area.size}, neighbours + 1)"
+                )
+            if not np.allclose(
+                self.missing.sum(axis=1), self.area, rtol=1e-9, atol=0.0
+            ):
                 raise ValueError("missing: its rows do not add up to area")
         return self
 
@@ -496,12 +640,15 @@ class ContactStatistics(Contact):
             return Above(math.nan, math.nan)
         beyond, force = self.pressure > pressure, self.area * self.pressure
         return Above(
-            float(self.area[beyond].sum()) / self.contact_area, float(force[beyond].sum()) / float(force.sum())
+            float(self.area[beyond].sum()) / self.contact_area,
+            float(force[beyond].sum()) / float(force.sum()),
         )
 
     def to_pandas(self) -> pandas.DataFrame:
         """One row for each class of pressure: ``pressure`` (GPa) and ``area`` (nm²). Needs pandas."""
-        return frame({"pressure": self.pressure, "area": self.area}, "pressure", self.summary())
+        return frame(
+            {"pressure": self.pressure, "area": self.area}, "pressure", self.summary()
+        )
 
     def __repr__(self) -> str:
         return f"<ContactStatistics {self.load:g} nN, area fraction {self.area_fraction:.4g}>"

@@ -40,7 +40,10 @@ class ContactTheory(ContactSolver, ABC):
         return True
 
     def statistics(
-        self, surface: Roughness | Surface | SurfaceMaker, load: QuantityLike, seed: Seed = 0
+        self,
+        surface: Roughness | Surface | SurfaceMaker,
+        load: QuantityLike,
+        seed: Seed = 0,
     ) -> ContactStatistics:
         """The contact of ``surface`` under ``load``: a force (nN, or a string with its unit) or a nominal pressure.
 
@@ -58,20 +61,39 @@ class ContactTheory(ContactSolver, ABC):
             surface = surface.roughness(seed)
         elif isinstance(surface, Surface):
             surface = Roughness.of(surface)
-        expect("surface", surface, Roughness, "give a surface, the maker of one, or its Roughness")
+        expect(
+            "surface",
+            surface,
+            Roughness,
+            "give a surface, the maker of one, or its Roughness",
+        )
         force = self.normal_force(load, surface)
-        statistics, error = self._statistics(surface, force), self.relative_error(surface, force)
+        statistics = self._statistics(surface, force)
+        error = self.relative_error(surface, force)
         if fault := statistics.load_fault(0.0):
             raise PluginError(f"contact {self.kind!r}: {fault}")
         approximate = approximations(*parts)
-        own = [] if error is None else [entry for entry in approximate if entry["kind"] == self.kind]
+        own = (
+            []
+            if error is None
+            else [entry for entry in approximate if entry["kind"] == self.kind]
+        )
         own = [{**entry, "declared_error": error, "of": self.error_of} for entry in own]
         others = [entry for entry in approximate if entry["kind"] != self.kind]
         others += statistics.unloaded()
-        return statistics.noting(surface.plugins | providers(*parts), [*surface.approximate, *own, *others])
+        return statistics.noting(
+            surface.plugins | providers(*parts), [*surface.approximate, *own, *others]
+        )
 
-    def _solve(self, surface: Surface, load: float, start: ContactSolution | None) -> ContactSolution:
-        raise InputError(no_map(self, "the pressure at each pixel cannot be given; call its method statistics"))
+    def _solve(
+        self, surface: Surface, load: float, start: ContactSolution | None
+    ) -> ContactSolution:
+        raise InputError(
+            no_map(
+                self,
+                "the pressure at each pixel cannot be given; call its method statistics",
+            )
+        )
 
 
 def no_map(theory: ContactSolver, what: str) -> str:
@@ -102,4 +124,8 @@ def persson_pressure_density(
     p = np.asarray(pressure, dtype=np.float64)
     near = np.exp(-0.5 * ((p - mean_pressure) / sigma) ** 2)
     # the difference of the two Gaussians as a product: no cancellation at small mean pressure
-    return -near * np.expm1(-2 * p * mean_pressure / sigma**2) / (sigma * math.sqrt(2 * math.pi))
+    return (
+        -near
+        * np.expm1(-2 * p * mean_pressure / sigma**2)
+        / (sigma * math.sqrt(2 * math.pi))
+    )

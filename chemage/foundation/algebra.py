@@ -28,7 +28,9 @@ def products(a, b):
         for k in range(0, whole, 4):
             p, q, r, s = a[i, k], a[i, k + 1], a[i, k + 2], a[i, k + 3]
             for j in range(row.size):
-                row[j] += (p * b[k, j] + q * b[k + 1, j]) + (r * b[k + 2, j] + s * b[k + 3, j])
+                row[j] += (p * b[k, j] + q * b[k + 1, j]) + (
+                    r * b[k + 2, j] + s * b[k + 3, j]
+                )
         for k in range(whole, inner):
             p = a[i, k]
             for j in range(row.size):
@@ -39,7 +41,9 @@ def products(a, b):
 def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """``a @ b`` of arrays (..., k) and (k,) or (k, n)."""
     columns = np.ascontiguousarray(b, dtype=np.float64).reshape(len(b), -1)
-    result = products(np.ascontiguousarray(a, dtype=np.float64).reshape(-1, len(b)), columns)
+    result = products(
+        np.ascontiguousarray(a, dtype=np.float64).reshape(-1, len(b)), columns
+    )
     return result.reshape((*a.shape[:-1], *b.shape[1:]))
 
 
@@ -56,7 +60,9 @@ def cholesky(matrix):
         for k in range(0, whole, 4):
             p, q, r, s = upper[k, i], upper[k + 1, i], upper[k + 2, i], upper[k + 3, i]
             for j in range(i, n):
-                row[j] -= (p * upper[k, j] + q * upper[k + 1, j]) + (r * upper[k + 2, j] + s * upper[k + 3, j])
+                row[j] -= (p * upper[k, j] + q * upper[k + 1, j]) + (
+                    r * upper[k + 2, j] + s * upper[k + 3, j]
+                )
         for k in range(whole, i):
             p = upper[k, i]
             for j in range(i, n):
@@ -102,15 +108,23 @@ def row_axes(matrix, least):
                     bb += b[k] * b[k]
                     ab += a[k] * b[k]
                 # a product of squares would underflow; a row this short turns no other one by a last bit
-                if abs(ab) <= 1e-13 * math.sqrt(aa) * math.sqrt(bb) or min(aa, bb) <= SHORT**2 * whole:
+                if (
+                    abs(ab) <= 1e-13 * math.sqrt(aa) * math.sqrt(bb)
+                    or min(aa, bb) <= SHORT**2 * whole
+                ):
                     continue
                 turned = True
                 ratio = (bb - aa) / (2.0 * ab)
-                tangent = math.copysign(1.0, ratio) / (abs(ratio) + math.hypot(1.0, ratio))
+                tangent = math.copysign(1.0, ratio) / (
+                    abs(ratio) + math.hypot(1.0, ratio)
+                )
                 cosine = 1.0 / math.sqrt(1.0 + tangent * tangent)
                 sine = cosine * tangent
                 for k in range(a.size):
-                    a[k], b[k] = cosine * a[k] - sine * b[k], sine * a[k] + cosine * b[k]
+                    a[k], b[k] = (
+                        cosine * a[k] - sine * b[k],
+                        sine * a[k] + cosine * b[k],
+                    )
         if not turned:
             break
     lengths = np.sqrt((rows * rows).sum(axis=1))
@@ -169,12 +183,20 @@ def nonnegative(columns, goal):
             part = 1.0
             for k in range(places.size):
                 if found[k] <= 0.0:
-                    part = min(part, x[places[k]] / max(x[places[k]] - found[k], 1e-300))
+                    part = min(
+                        part, x[places[k]] / max(x[places[k]] - found[k], 1e-300)
+                    )
             whole = found.min() > 0.0
             for k in range(places.size):
                 before = x[places[k]]
-                x[places[k]] = found[k] if whole else before + part * (found[k] - before)
-                if not whole and found[k] <= 0.0 and x[places[k]] <= 1e-14 * max(before, 1e-300):
+                x[places[k]] = (
+                    found[k] if whole else before + part * (found[k] - before)
+                )
+                if (
+                    not whole
+                    and found[k] <= 0.0
+                    and x[places[k]] <= 1e-14 * max(before, 1e-300)
+                ):
                     x[places[k]], free[places[k]] = 0.0, False
             if whole or not free.any():
                 break

@@ -41,7 +41,10 @@ def arrange(figure: Figure) -> None:
         text.set_fontsize(max(text.get_fontsize(), SMALLEST_FONT))
     for axes in figure.axes:
         # what is inside plots does not make them smaller
-        for inside in (*axes.texts, *((legend,) if (legend := axes.get_legend()) is not None else ())):
+        for inside in (
+            *axes.texts,
+            *((legend,) if (legend := axes.get_legend()) is not None else ()),
+        ):
             inside.set_in_layout(False)
     # the size that plots would have alone, which they keep
     beside = [*figure.legends, *filter(None, [_title_of(figure)])]
@@ -71,7 +74,11 @@ def _lay_out(figure: Figure) -> None:
 
 def _height_of_plots(figure: Figure) -> float:
     """Pixels of the first column of plots."""
-    first = [axes for axes in figure.axes if (place := axes.get_subplotspec()) is not None and place.is_first_col()]
+    first = [
+        axes
+        for axes in figure.axes
+        if (place := axes.get_subplotspec()) is not None and place.is_first_col()
+    ]
     return sum(axes.get_position().height for axes in first) * figure.bbox.height
 
 
@@ -98,7 +105,11 @@ def _break_texts(figure: Figure) -> bool:
         left, right = _column(axes)
         middle = 0.5 * (plot.x0 + plot.x1)
         beside = 2 * min(middle - left, right - middle)
-        for text, room in ((axes.title, beside), (axes.xaxis.label, beside), (axes.yaxis.label, plot.height)):
+        for text, room in (
+            (axes.title, beside),
+            (axes.xaxis.label, beside),
+            (axes.yaxis.label, plot.height),
+        ):
             changed |= broken(text, room)
         for text in axes.texts:
             broken(text, plot.x1 - text.get_window_extent().x0)
@@ -138,7 +149,9 @@ def broken(text: Text, room: float) -> bool:
 
 
 def _wrapped(line: str, characters: int) -> list[str]:
-    return textwrap.wrap(line, characters, break_long_words=False, break_on_hyphens=False) or [line]
+    return textwrap.wrap(
+        line, characters, break_long_words=False, break_on_hyphens=False
+    ) or [line]
 
 
 # -- legends ----------------------------------------------------------------------------------------------------------
@@ -169,15 +182,23 @@ def _move_legend(axes: Axes, legend: Legend) -> bool:
     title = legend.get_title()
     if legend._ncols > 1 and box.width > room:  # pyright: ignore[reportAttributeAccessIssue]
         handles, labels = legend_entries(axes)
-        kept = {"title": title.get_text() or None, "frameon": legend.get_frame_on(), "alignment": "left"}
+        kept = {
+            "title": title.get_text() or None,
+            "frameon": legend.get_frame_on(),
+            "alignment": "left",
+        }
         legend = axes.legend(handles, labels, **kept)
     _narrowed(legend, room)
-    below = plot.y0 - min(under.y0 if under else plot.y0, plot.y0) + _GAP * figure.dpi / 72
+    below = (
+        plot.y0 - min(under.y0 if under else plot.y0, plot.y0) + _GAP * figure.dpi / 72
+    )
     shift = ScaledTranslation(0, -below / figure.dpi, figure.dpi_scale_trans)
     # as wide as the plot at most, or else under its label as well
     fits = legend.get_window_extent().width <= plot.width
     legend.set_loc("upper left" if fits else "upper right")
-    legend.set_bbox_to_anchor((0.0 if fits else 1.0, 0.0), transform=axes.transAxes + shift)
+    legend.set_bbox_to_anchor(
+        (0.0 if fits else 1.0, 0.0), transform=axes.transAxes + shift
+    )
     legend.borderaxespad = 0.0
     legend.set_in_layout(True)
     return True
@@ -206,7 +227,10 @@ def _narrowed(legend: Legend, room: float) -> bool:
 
 
 def _thin_ticks(figure: Figure) -> None:
-    for plot in (*figure.axes, *(child for axes in figure.axes for child in axes.child_axes)):
+    for plot in (
+        *figure.axes,
+        *(child for axes in figure.axes for child in axes.child_axes),
+    ):
         for name, axis in (("x", plot.xaxis), ("y", plot.yaxis)):
             for _ in range(4):
                 if not _touch(name, axis, _APART * figure.dpi / 100):
@@ -222,11 +246,19 @@ def _is_long(axis: Axis) -> bool:
 
 def _touch(name: str, axis: Axis, apart: float) -> bool:
     """Whether labels of neighbouring ticks come nearer than ``apart`` pixels."""
-    shown = [label for label in (*axis.get_majorticklabels(), *axis.get_minorticklabels()) if label.get_text()]
+    shown = [
+        label
+        for label in (*axis.get_majorticklabels(), *axis.get_minorticklabels())
+        if label.get_text()
+    ]
     boxes = [label.get_window_extent() for label in shown]
-    ends = sorted((box.x0, box.x1) if name == "x" else (box.y0, box.y1) for box in boxes)
+    ends = sorted(
+        (box.x0, box.x1) if name == "x" else (box.y0, box.y1) for box in boxes
+    )
     rotated = any(label.get_rotation() % 90 for label in axis.get_majorticklabels())
-    return not rotated and any(after[0] - before[1] < apart for before, after in pairwise(ends))
+    return not rotated and any(
+        after[0] - before[1] < apart for before, after in pairwise(ends)
+    )
 
 
 def _thinned(axis: Axis) -> None:
@@ -236,15 +268,22 @@ def _thinned(axis: Axis) -> None:
     if any(label.get_text() for label in axis.get_minorticklabels()):
         few = isinstance(axis.get_minor_formatter(), FuncFormatter)
         axis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
-        axis.set_minor_formatter(NullFormatter() if few else FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_formatter(
+            NullFormatter() if few else FuncFormatter(lambda value, _: f"{value:g}")
+        )
         return
     locator = axis.get_major_locator()
     if isinstance(locator, MaxNLocator):
-        axis.set_major_locator(MaxNLocator(max(2, len(axis.get_majorticklocs()) // 2), steps=[1, 2, 5, 10]))
+        axis.set_major_locator(
+            MaxNLocator(max(2, len(axis.get_majorticklocs()) // 2), steps=[1, 2, 5, 10])
+        )
         return
     places = axis.get_majorticklocs()
     words = axis.get_major_formatter().format_ticks(list(places))
-    axis.set_ticks(list(places), [text if not number % 2 else "" for number, text in enumerate(words)])
+    axis.set_ticks(
+        list(places),
+        [text if not number % 2 else "" for number, text in enumerate(words)],
+    )
 
 
 # -- colours ----------------------------------------------------------------------------------------------------------
@@ -255,7 +294,11 @@ _COLOURED = ("color", "facecolor", "edgecolor", "markerfacecolor", "markeredgeco
 def _recolour(figure: Figure) -> None:
     """Give curves the colours of the style where it has others than chemage."""
     own = colours()
-    changes = {old.upper(): new for old, new in zip(PALETTE, own, strict=False) if old.upper() != new}
+    changes = {
+        old.upper(): new
+        for old, new in zip(PALETTE, own, strict=False)
+        if old.upper() != new
+    }
     if not changes:
         return
     for artist in figure.findobj():
@@ -273,7 +316,16 @@ def _exchange(value: Any, put: Callable[[Any], Any], changes: dict[str, str]) ->
         if (new := changes.get(to_hex(value).upper())) is not None:
             put(to_rgba(new, to_rgba(value)[3]))
         return
-    if isinstance(value, np.ndarray) and value.ndim == 2 and 0 < len(value) <= len(PALETTE):
+    if (
+        isinstance(value, np.ndarray)
+        and value.ndim == 2
+        and 0 < len(value) <= len(PALETTE)
+    ):
         made = [changes.get(to_hex(one).upper()) for one in value]
         if any(made):
-            put([to_rgba(new, old[3]) if new else tuple(old) for new, old in zip(made, value, strict=True)])
+            put(
+                [
+                    to_rgba(new, old[3]) if new else tuple(old)
+                    for new, old in zip(made, value, strict=True)
+                ]
+            )

@@ -25,8 +25,24 @@ from pydantic import (
 )
 from pydantic_core import core_schema
 
-from chemage.foundation.errors import InputError, UnitError, explain, in_lines, nearest, shown
-from chemage.foundation.units import LARGEST, SMALLEST, QuantityLike, Unit, array_in, carried, convert, plain_array
+from chemage.foundation.errors import (
+    InputError,
+    UnitError,
+    explain,
+    in_lines,
+    nearest,
+    shown,
+)
+from chemage.foundation.units import (
+    LARGEST,
+    SMALLEST,
+    QuantityLike,
+    Unit,
+    array_in,
+    carried,
+    convert,
+    plain_array,
+)
 
 #: what users give as a seed: a whole number, or one of numpy's seed sequences
 Seed = int | np.random.SeedSequence
@@ -42,30 +58,38 @@ def expect(name: str, value: object, kind: type, remedy: str) -> None:
     if not isinstance(value, kind):
         article = "an" if kind.__name__[0] in "AEIOU" else "a"
         what = f"{shown(value)} ({type(value).__name__})"
-        raise InputError(f"{name} must be {article} {kind.__name__}, got {what}; {remedy}")
+        raise InputError(
+            f"{name} must be {article} {kind.__name__}, got {what}; {remedy}"
+        )
 
 
 def force(load: QuantityLike, *, signed: bool = False) -> float:
     """``load`` in nN, finite and ≥ 0 unless ``signed``; also a deflection times a spring constant, such as
     ``"20 nm * 2.5 N/m"``."""
-    deflection, times, spring = load.partition(" * ") if isinstance(load, str) else ("", "", "")
+    deflection, times, spring = (
+        load.partition(" * ") if isinstance(load, str) else ("", "", "")
+    )
+    value = convert(deflection, "nm", "load") if times else convert(load, "nN", "load")
     if times:
-        value = convert(deflection, "nm", "load") * convert(spring, "nN/nm", "load")
-    else:
-        value = convert(load, "nN", "load")
+        value *= convert(spring, "nN/nm", "load")
     remedy = "give a force such as 20 uN"
     if not np.isfinite(value) or (value < 0 and not signed):
         raise InputError.of("load", load, "must be finite and not negative", remedy)
     if abs(value) > LARGEST:
-        raise InputError.of("load", load, f"is out of range, above {LARGEST:g} nN", remedy)
+        raise InputError.of(
+            "load", load, f"is out of range, above {LARGEST:g} nN", remedy
+        )
     return value
 
 
 def temperature_value(temperature: QuantityLike) -> float:
     """``temperature`` in K, finite and > 0."""
-    value, remedy = convert(temperature, "K", "temperature"), "give kelvin, such as 300 K"
+    value = convert(temperature, "K", "temperature")
+    remedy = "give kelvin, such as 300 K"
     if not np.isfinite(value) or value <= 0:
-        raise InputError.of("temperature", temperature, "must be finite and above zero", remedy)
+        raise InputError.of(
+            "temperature", temperature, "must be finite and above zero", remedy
+        )
     if not SMALLEST <= value <= LARGEST:
         raise InputError.of("temperature", temperature, "is out of range", remedy)
     return value
@@ -73,7 +97,9 @@ def temperature_value(temperature: QuantityLike) -> float:
 
 def _is_whole(value: Any) -> bool:
     # a difference of dates is an integer to numpy
-    return isinstance(value, int | np.integer) and not isinstance(value, bool | np.timedelta64)
+    return isinstance(value, int | np.integer) and not isinstance(
+        value, bool | np.timedelta64
+    )
 
 
 def checked_seed(seed: Any) -> int:
@@ -85,7 +111,9 @@ def checked_seed(seed: Any) -> int:
     return int(seed)
 
 
-def checked_count(name: str, value: Any, least: int = 1, most: int | None = None) -> int:
+def checked_count(
+    name: str, value: Any, least: int = 1, most: int | None = None
+) -> int:
     """``value`` as an int of at least ``least`` and, if given, at most ``most``."""
     if not _is_whole(value) or value < least:
         raise InputError.of(name, value, f"must be a whole number of at least {least}")
@@ -105,7 +133,9 @@ def checked_states(name: str, state: Any, sites: int) -> np.ndarray:
         shape = f"{array.dtype} array of shape {array.shape}"
         raise InputError.of(name, shape, f"expected bool of shape ({sites},)", remedy)
     if not is_boolean(array):
-        raise InputError(f"{name}: bytes other than 0 and 1 in an array of bool; make it with values != 0")
+        raise InputError(
+            f"{name}: bytes other than 0 and 1 in an array of bool; make it with values != 0"
+        )
     return array
 
 
@@ -122,23 +152,43 @@ def check_times(hold_times: Sequence[float] | np.ndarray) -> np.ndarray:
     except UnitError as error:
         raise UnitError(f"hold_times: {error}") from None
     if array.dtype.kind not in "fiu" and array.size:
-        raise InputError.of("hold_times", hold_times, "not a list of numbers", "give seconds")
+        raise InputError.of(
+            "hold_times", hold_times, "not a list of numbers", "give seconds"
+        )
     times = np.array(array, dtype=np.float64, ndmin=1)
     if times.ndim != 1 or times.size == 0:
-        raise InputError.of("hold_times", times.shape, "must be a list with at least one time", "give seconds")
+        raise InputError.of(
+            "hold_times",
+            times.shape,
+            "must be a list with at least one time",
+            "give seconds",
+        )
     if times.size > MOST_TIMES:
-        raise InputError.of("hold_times", times.shape, f"are more than {MOST_TIMES}", "give fewer")
+        raise InputError.of(
+            "hold_times", times.shape, f"are more than {MOST_TIMES}", "give fewer"
+        )
 
     def refuse(bad: np.ndarray, problem: str, remedy: str) -> None:
         if bad[at := int(np.argmax(bad))]:
             raise InputError.of(
-                f"hold_times[{at}]", float(times[at]), problem.format(at and float(times[at - 1])), remedy
+                f"hold_times[{at}]",
+                float(times[at]),
+                problem.format(at and float(times[at - 1])),
+                remedy,
             )
 
     unreal = ~np.isfinite(times) | (times < 0)
-    refuse(unreal, "must be finite and not negative", "give seconds since the contact was made")
+    refuse(
+        unreal,
+        "must be finite and not negative",
+        "give seconds since the contact was made",
+    )
     too_far = (times > LARGEST) | ((times > 0) & (times < SMALLEST))
-    refuse(too_far, "is out of range", f"give 0, or seconds from {SMALLEST:g} to {LARGEST:g}")
+    refuse(
+        too_far,
+        "is out of range",
+        f"give 0, or seconds from {SMALLEST:g} to {LARGEST:g}",
+    )
     refuse(np.diff(times, prepend=0.0) < 0, "comes after {}", "sort the hold times")
     return times
 
@@ -146,7 +196,9 @@ def check_times(hold_times: Sequence[float] | np.ndarray) -> np.ndarray:
 # -- arguments of public functions ------------------------------------------------------------------------------------
 
 
-def check_arguments(function: Callable[..., Any], args: Sequence[Any], kwargs: Mapping[str, Any]) -> None:
+def check_arguments(
+    function: Callable[..., Any], args: Sequence[Any], kwargs: Mapping[str, Any]
+) -> None:
     """Raise an InputError if an argument is not what its annotation says; what an annotation leaves open is right."""
     function = inspect.unwrap(function)
     try:
@@ -154,14 +206,22 @@ def check_arguments(function: Callable[..., Any], args: Sequence[Any], kwargs: M
     except TypeError as error:
         raise InputError(f"{function.__name__}: {error}") from None
     for name, value in bound.arguments.items():
-        hint, kind = function.__annotations__.get(name, Any), bound.signature.parameters[name].kind
+        hint = function.__annotations__.get(name, Any)
+        kind = bound.signature.parameters[name].kind
         try:
             hint = eval(hint, function.__globals__) if isinstance(hint, str) else hint
         except NameError:  # imported for type checkers alone
             continue
         values = value if kind is inspect.Parameter.VAR_POSITIONAL else (value,)
-        if kind is not inspect.Parameter.VAR_KEYWORD and not all(_fits(item, hint) for item in values):
-            raise InputError.of(name, value, "is not what this argument takes", f"give {_in_words(hint)}")
+        if kind is not inspect.Parameter.VAR_KEYWORD and not all(
+            _fits(item, hint) for item in values
+        ):
+            raise InputError.of(
+                name,
+                value,
+                "is not what this argument takes",
+                f"give {_in_words(hint)}",
+            )
 
 
 def _fits(value: Any, hint: Any) -> bool:
@@ -172,22 +232,46 @@ def _fits(value: Any, hint: Any) -> bool:
     if origin is Literal:
         return isinstance(value, str) and value in inner
     if hint in (None, type(None), bool, int, float):
-        if hint in (int, float) and isinstance(value, int | float | np.number) and value == value:
-            return bool(not isinstance(value, bool) and (_is_whole(value) or hint is float) and abs(value) < 2.0**63)
-        return value is None if hint in (None, type(None)) else hint is bool and isinstance(value, bool | np.bool_)
+        if (
+            hint in (int, float)
+            and isinstance(value, int | float | np.number)
+            and value == value
+        ):
+            return bool(
+                not isinstance(value, bool)
+                and (_is_whole(value) or hint is float)
+                and abs(value) < 2.0**63
+            )
+        return (
+            value is None
+            if hint in (None, type(None))
+            else hint is bool and isinstance(value, bool | np.bool_)
+        )
     cls = origin or hint
     if not isinstance(cls, type) or cls in (Any, object):
         return True
     if getattr(cls, "_is_protocol", False):
-        return all(hasattr(value, name) for name in vars(cls) if not name.startswith("_"))
+        return all(
+            hasattr(value, name) for name in vars(cls) if not name.startswith("_")
+        )
     if isinstance(value, str) and "\0" in value:  # neither a path nor a word
         return False
-    if not isinstance(value, cls) or (isinstance(value, str) and cls in (Sequence, Iterable)):
+    if not isinstance(value, cls) or (
+        isinstance(value, str) and cls in (Sequence, Iterable)
+    ):
         return False
-    return not (isinstance(value, list | tuple) and len(inner) == 1) or all(_fits(item, inner[0]) for item in value)
+    return not (isinstance(value, list | tuple) and len(inner) == 1) or all(
+        _fits(item, inner[0]) for item in value
+    )
 
 
-_WORDS = {str: "a text", int: "a whole number", float: "a number", bool: "True or False", types.NoneType: "None"}
+_WORDS = {
+    str: "a text",
+    int: "a whole number",
+    float: "a number",
+    bool: "True or False",
+    types.NoneType: "None",
+}
 _WORDS |= {
     Mapping: "a table by name",
     Sequence: "a list",
@@ -202,7 +286,9 @@ def _in_words(hint: Any) -> str:
     if get_origin(hint) is Literal:
         return " or ".join(map(repr, get_args(hint)))
     kinds = [get_origin(part) or part for part in parts]
-    named = [_WORDS.get(kind) or f"a {getattr(kind, '__name__', kind)}" for kind in kinds]
+    named = [
+        _WORDS.get(kind) or f"a {getattr(kind, '__name__', kind)}" for kind in kinds
+    ]
     return " or ".join(dict.fromkeys(named))
 
 
@@ -222,7 +308,9 @@ class Frozen(BaseModel):
     ) -> dict[str, Any]:
         described = handler(schema)
         texts = meanings(cls)
-        for name, part in handler.resolve_ref_schema(described).get("properties", {}).items():
+        for name, part in (
+            handler.resolve_ref_schema(described).get("properties", {}).items()
+        ):
             if name in texts:
                 part["description"] = texts[name]
         return described
@@ -234,10 +322,17 @@ class Frozen(BaseModel):
             known = list(type(self).model_fields)
             options = f"; the options are {', '.join(known) or 'none'}"
             problems = [
-                (path, f"{text}{nearest(path, known)}{options}" if text == "no such option" else text)
+                (
+                    path,
+                    f"{text}{nearest(path, known)}{options}"
+                    if text == "no such option"
+                    else text,
+                )
                 for path, text in explain(error)
             ]
-            raise InputError(f"{self._title()}: {in_lines(problems)}", problems) from None
+            raise InputError(
+                f"{self._title()}: {in_lines(problems)}", problems
+            ) from None
 
     @classmethod
     def _title(cls) -> str:
@@ -246,7 +341,9 @@ class Frozen(BaseModel):
 
     @field_validator("*", mode="wrap")
     @classmethod
-    def _no_booleans(cls, value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
+    def _no_booleans(
+        cls, value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo
+    ) -> Any:
         """Refuse in a field of numbers, also in a list, what pydantic takes for one: True and False, masked values, and
         data that carry a unit where the field has none."""
         name = info.field_name
@@ -258,8 +355,12 @@ class Frozen(BaseModel):
                 continue
             if (data := carried(item)) is None and hasattr(item, "__array__"):
                 plain_array(item)  # nothing in it is masked
-            elif data is not None and not numeric[name] and data.unit != "dimensionless":
-                raise ValueError(f"{shown(item)} carries the unit {data.unit}; give plain numbers here")
+            elif (
+                data is not None and not numeric[name] and data.unit != "dimensionless"
+            ):
+                raise ValueError(
+                    f"{shown(item)} carries the unit {data.unit}; give plain numbers here"
+                )
         checked = handler(value)
         for item in items:
             if isinstance(item, bool | np.bool_ | np.timedelta64):
@@ -267,14 +368,20 @@ class Frozen(BaseModel):
         return checked
 
     @classmethod
-    def model_construct(cls, _fields_set: set[str] | None = None, **values: Any) -> Self:
+    def model_construct(
+        cls, _fields_set: set[str] | None = None, **values: Any
+    ) -> Self:
         """As the constructor: compiled code relies on what is checked there."""
         return cls(**values)
 
     def __dir__(self) -> list[str]:
         """What the tab key offers: not the methods of every model, unless a field has the name."""
         fields = type(self).model_fields
-        return sorted(name for name in super().__dir__() if name not in _OF_EVERY_MODEL or name in fields)
+        return sorted(
+            name
+            for name in super().__dir__()
+            if name not in _OF_EVERY_MODEL or name in fields
+        )
 
 
 def meanings(cls: type[BaseModel]) -> dict[str, str]:
@@ -286,7 +393,10 @@ def meanings(cls: type[BaseModel]) -> dict[str, str]:
     texts: dict[str, str] = {}
     for base in reversed(cls.__mro__):
         texts |= _texts_below(base) if issubclass(base, BaseModel) else {}
-    described = {name: info.description or texts.get(name) for name, info in cls.model_fields.items()}
+    described = {
+        name: info.description or texts.get(name)
+        for name, info in cls.model_fields.items()
+    }
     return {name: text for name, text in described.items() if text}
 
 
@@ -302,7 +412,9 @@ def _texts_below(cls: type) -> dict[str, str]:
     texts = {}
     for field, after in itertools.pairwise(body):
         match field, after:
-            case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str() as text)):
+            case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(
+                value=ast.Constant(value=str() as text)
+            ):
                 texts[name] = inspect.cleandoc(text)
     return texts
 
@@ -310,7 +422,10 @@ def _texts_below(cls: type) -> dict[str, str]:
 @lru_cache(maxsize=512)
 def _numeric_fields(cls: type[BaseModel]) -> dict[str, bool]:
     """The fields of numbers, and whether each has a unit."""
-    kinds = {name: {*_kinds(info.annotation), *map(type, info.metadata)} for name, info in cls.model_fields.items()}
+    kinds = {
+        name: {*_kinds(info.annotation), *map(type, info.metadata)}
+        for name, info in cls.model_fields.items()
+    }
     return {
         name: any(issubclass(kind, Unit) for kind in of_field if isinstance(kind, type))
         for name, of_field in kinds.items()
@@ -333,23 +448,41 @@ def _kinds(annotation: Any) -> list[Any]:
 MOST_PER_DECADE = 1000
 
 
-def hold_times(start: QuantityLike, stop: QuantityLike, per_decade: int = 4) -> np.ndarray:
+def hold_times(
+    start: QuantityLike, stop: QuantityLike, per_decade: int = 4
+) -> np.ndarray:
     """Hold times from ``start`` to ``stop`` (s, both included), ``per_decade`` to a decade, evenly in log t.
 
     Times are whole multiples of 1/``per_decade`` decades above ``start``; ``stop`` is added if it is not one of them.
     """
     low, high = convert(start, "s", "start"), convert(stop, "s", "stop")
     for name, written, value in (("start", start, low), ("stop", stop, high)):
-        if math.isfinite(value) and value != 0 and not SMALLEST <= abs(value) <= LARGEST:
-            raise InputError.of(name, written, "is out of range", f"give from {SMALLEST:g} to {LARGEST:g} s")
+        if (
+            math.isfinite(value)
+            and value != 0
+            and not SMALLEST <= abs(value) <= LARGEST
+        ):
+            raise InputError.of(
+                name,
+                written,
+                "is out of range",
+                f"give from {SMALLEST:g} to {LARGEST:g} s",
+            )
     if not (math.isfinite(low) and low > 0):
         raise InputError.of(
-            "start", start, "must be above zero", "hold times are spaced in log t; start at 1 ms, for example"
+            "start",
+            start,
+            "must be above zero",
+            "hold times are spaced in log t; start at 1 ms, for example",
         )
     if not (math.isfinite(high) and high >= low):
-        raise InputError.of("stop", stop, f"must be finite and not before start ({low:g} s)")
+        raise InputError.of(
+            "stop", stop, f"must be finite and not before start ({low:g} s)"
+        )
     if checked_count("per_decade", per_decade) > MOST_PER_DECADE:
-        raise InputError.of("per_decade", per_decade, f"must be at most {MOST_PER_DECADE}")
+        raise InputError.of(
+            "per_decade", per_decade, f"must be at most {MOST_PER_DECADE}"
+        )
     decades = math.log10(high / low)
     count = math.floor(decades * per_decade + 1e-9)
     times = low * 10.0 ** (np.arange(count + 1) / per_decade)

@@ -54,14 +54,20 @@ def encode(record: Record) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
             continue
         if isinstance(value, np.ndarray):
             arrays[name] = value
-        elif isinstance(value, dict) and value and all(isinstance(item, np.ndarray) for item in value.values()):
+        elif (
+            isinstance(value, dict)
+            and value
+            and all(isinstance(item, np.ndarray) for item in value.values())
+        ):
             arrays |= {f"{name}/{key}": array for key, array in value.items()}
         elif value is not None:
             values[name] = value
     return values, arrays
 
 
-def decode(cls: type[R], values: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> R:
+def decode(
+    cls: type[R], values: Mapping[str, Any], arrays: Mapping[str, np.ndarray]
+) -> R:
     """The inverse of :func:`encode`; fields that are not there take their defaults."""
     fields: dict[str, Any] = dict(values)
     for name, array in arrays.items():
@@ -86,13 +92,21 @@ def exact(value: Any) -> Any:
         return [exact(item) for item in value]
     if isinstance(value, np.generic):
         value = value.item()
-    return {_FLOAT: repr(value)} if isinstance(value, float) and not math.isfinite(value) else value
+    return (
+        {_FLOAT: repr(value)}
+        if isinstance(value, float) and not math.isfinite(value)
+        else value
+    )
 
 
 def inexact(value: Any) -> Any:
     """The inverse of :func:`exact`."""
     if isinstance(value, dict):
-        return float(value[_FLOAT]) if value.keys() == {_FLOAT} else {k: inexact(item) for k, item in value.items()}
+        return (
+            float(value[_FLOAT])
+            if value.keys() == {_FLOAT}
+            else {k: inexact(item) for k, item in value.items()}
+        )
     return [inexact(item) for item in value] if isinstance(value, list) else value
 
 
@@ -118,7 +132,10 @@ def to_json(record: Record) -> dict[str, Any]:
 
 def from_json(cls: type[R], content: Mapping[str, Any]) -> R:
     """The inverse of :func:`to_json`."""
-    fields = {name: _from_base64(value) if _is_packed(value) else inexact(value) for name, value in content.items()}
+    fields = {
+        name: _from_base64(value) if _is_packed(value) else inexact(value)
+        for name, value in content.items()
+    }
     return cls(**fields)
 
 
@@ -132,7 +149,9 @@ def _is_packed(value: Any) -> bool:
 
 def _from_base64(items: Mapping[str, Any]) -> dict[str, np.ndarray]:
     return {
-        name: np.frombuffer(base64.b64decode(item["base64"]), dtype=item["dtype"]).reshape(item["shape"])
+        name: np.frombuffer(
+            base64.b64decode(item["base64"]), dtype=item["dtype"]
+        ).reshape(item["shape"])
         for name, item in items.items()
     }
 
@@ -145,7 +164,11 @@ def write_group(group: Any, hdf5: Any, record: Record) -> None:
     values, arrays = encode(record)
     stored = {*values, *(name.partition("/")[0] for name in arrays)}
     fields = json.dumps({name: name in stored for name in type(record).model_fields})
-    named: dict[str, Any] = {"chemage_object": type(record).__name__, "digest": record.digest(), "fields": fields}
+    named: dict[str, Any] = {
+        "chemage_object": type(record).__name__,
+        "digest": record.digest(),
+        "fields": fields,
+    }
     for name, value in values.items():
         if isinstance(value, dict | tuple):
             named[name] = json.dumps(value, default=plain)
@@ -161,24 +184,37 @@ def write_group(group: Any, hdf5: Any, record: Record) -> None:
         folder, of_folder = group, lengths
         field, slash, shown = name.partition("/")
         if slash:
-            folder = group[field] if field in group.groups else group.create_group(field)
+            folder = (
+                group[field] if field in group.groups else group.create_group(field)
+            )
             # dimensions of the group hold in its subgroups
             of_folder = own.setdefault(field, ChainMap({}, lengths))
         _write_array(
-            folder, shown or record.stored_names.get(name, name), array, *labels(record, name, array), of_folder
+            folder,
+            shown or record.stored_names.get(name, name),
+            array,
+            *labels(record, name, array),
+            of_folder,
         )
 
 
-def labels(record: Record, name: str, array: np.ndarray) -> tuple[tuple[str, ...], dict[str, str]]:
+def labels(
+    record: Record, name: str, array: np.ndarray
+) -> tuple[tuple[str, ...], dict[str, str]]:
     """The dimensions of an array of a record, and its attributes."""
     if (declared := record.declared(name)) is not None:
         dims, unit, meaning = declared
-        return dims, {"units": unit or "1", **({"long_name": meaning} if meaning else {})}
+        return dims, {
+            "units": unit or "1",
+            **({"long_name": meaning} if meaning else {}),
+        }
     shown = record.stored_names.get(name, name).rpartition("/")[2]
     return tuple(f"{shown}_{axis}" for axis in range(array.ndim)), {}
 
 
-def distinct(dims: tuple[str, ...], shape: tuple[int, ...], lengths: MutableMapping[str, int]) -> tuple[str, ...]:
+def distinct(
+    dims: tuple[str, ...], shape: tuple[int, ...], lengths: MutableMapping[str, int]
+) -> tuple[str, ...]:
     """Names of dimensions: of two with one name and different ``lengths``, the second has its length in the name."""
     return tuple(
         dim if lengths.get(dim, length) == length else f"{dim}_{length}"
@@ -218,8 +254,16 @@ def write_derived(group: Any, derived: Derived) -> None:
         variable = group.create_dataset(name, data=values, track_order=True)
         for axis, dim in enumerate(dims):
             variable.dims[axis].attach_scale(group[dim])
-        _set_attributes(variable, {"units": unit, "long_name": meaning, "comment": "derived"})
-    _set_attributes(group, {**derived.attributes, "derived": json.dumps([*derived.variables, *derived.attributes])})
+        _set_attributes(
+            variable, {"units": unit, "long_name": meaning, "comment": "derived"}
+        )
+    _set_attributes(
+        group,
+        {
+            **derived.attributes,
+            "derived": json.dumps([*derived.variables, *derived.attributes]),
+        },
+    )
 
 
 def _set_attributes(hdf5: Any, values: Mapping[str, Any]) -> None:
@@ -247,7 +291,11 @@ def read_group(group: Any, cls: type[R]) -> R:
             if isinstance(item, h5py.Dataset):
                 arrays[name] = _read_array(item)
             else:
-                arrays |= {f"{name}/{key}": _read_array(item[key]) for key in item if _is_variable(item[key])}
+                arrays |= {
+                    f"{name}/{key}": _read_array(item[key])
+                    for key in item
+                    if _is_variable(item[key])
+                }
         elif name in attributes:
             value = scalar(group.attrs[name])
             if isinstance(value, str) and _holds_json(info.annotation):
@@ -267,11 +315,16 @@ def scalar(value: Any) -> Any:
 
 def _is_variable(dataset: Any) -> bool:
     label = dataset.attrs.get("NAME", b"")
-    return not bytes(label).startswith(b"This is a netCDF dimension but not a netCDF variable")
+    return not bytes(label).startswith(
+        b"This is a netCDF dimension but not a netCDF variable"
+    )
 
 
 def _holds_json(annotation: Any) -> bool:
-    origins = {typing.get_origin(part) or part for part in (annotation, *typing.get_args(annotation))}
+    origins = {
+        typing.get_origin(part) or part
+        for part in (annotation, *typing.get_args(annotation))
+    }
     return bool(origins & {dict, tuple})
 
 
@@ -288,7 +341,9 @@ def _read_array(dataset: Any) -> np.ndarray:
 EXTRA = "notebook"
 
 
-def dataset(record: Record, derived: dict[str, tuple[Any, ...]] | None = None) -> xarray.Dataset:
+def dataset(
+    record: Record, derived: dict[str, tuple[Any, ...]] | None = None
+) -> xarray.Dataset:
     """Every array of ``record`` with its dimensions, unit and meaning, as in its file; the rest as attributes.
 
     Named arrays are ``field.name``. ``derived``: name -> (dimensions, values, attributes) of further variables.
@@ -304,12 +359,21 @@ def dataset(record: Record, derived: dict[str, tuple[Any, ...]] | None = None) -
         shown = record.stored_names.get(name, name).replace("/", ".")
         variables[shown] = (dims, array, {"units": "1", **attributes})
     variables |= derived or {}
-    coordinates = {name: ((name,), centres, PIXEL_CENTRE) for name, centres in record.coordinates().items()}
-    attributes = {name: value for name, value in values.items() if isinstance(value, str | int | float)}
+    coordinates = {
+        name: ((name,), centres, PIXEL_CENTRE)
+        for name, centres in record.coordinates().items()
+    }
+    attributes = {
+        name: value
+        for name, value in values.items()
+        if isinstance(value, str | int | float)
+    }
     return xarray.Dataset(variables, coordinates, attributes)
 
 
-def frame(columns: dict[str, np.ndarray], index: str, attributes: dict[str, Any]) -> pandas.DataFrame:
+def frame(
+    columns: dict[str, np.ndarray], index: str, attributes: dict[str, Any]
+) -> pandas.DataFrame:
     """Columns of equal length; that of the name ``index`` numbers the rows."""
     pandas = optional_module("pandas", EXTRA)
     table = pandas.DataFrame(columns).set_index(index)
@@ -317,10 +381,15 @@ def frame(columns: dict[str, np.ndarray], index: str, attributes: dict[str, Any]
     return table
 
 
-def map_frame(values: np.ndarray, coordinates: dict[str, np.ndarray], name: str, unit: str) -> pandas.DataFrame:
+def map_frame(
+    values: np.ndarray, coordinates: dict[str, np.ndarray], name: str, unit: str
+) -> pandas.DataFrame:
     """A map (nx, ny) as a table: rows along x, columns along y, both in nm."""
     pandas = optional_module("pandas", EXTRA)
-    along = {axis: pandas.Index(centres, name=f"{axis} (nm)") for axis, centres in coordinates.items()}
+    along = {
+        axis: pandas.Index(centres, name=f"{axis} (nm)")
+        for axis, centres in coordinates.items()
+    }
     table = pandas.DataFrame(values, index=along["x"], columns=along["y"])
     table.attrs |= {"name": name, "units": unit}
     return table

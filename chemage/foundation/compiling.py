@@ -37,7 +37,11 @@ STAGES = ("ageing", "contact")
 PATIENCE = 60.0
 
 
-def begin(scene: str | Mapping[str, Any], changes: Mapping[str, Any] | None, threads: int | None) -> Helpers:
+def begin(
+    scene: str | Mapping[str, Any],
+    changes: Mapping[str, Any] | None,
+    threads: int | None,
+) -> Helpers:
     """Start the processes that compile what a scene needs, given by name with ``changes``, or as data; none with
     ``threads`` 1, or one processor."""
     if min(threads or available(), available()) < 2:
@@ -48,7 +52,9 @@ def begin(scene: str | Mapping[str, Any], changes: Mapping[str, Any] | None, thr
 
 
 @contextmanager
-def begun_early(scene: str, changes: Mapping[str, Any], threads: int | None) -> Iterator[Helpers]:
+def begun_early(
+    scene: str, changes: Mapping[str, Any], threads: int | None
+) -> Iterator[Helpers]:
     """Begin to compile what a scene needs while this process still imports what it needs, where nothing is compiled
     yet; yields the processes, which end with the block."""
     helpers = begin(scene, changes, threads) if machine.is_cold() else {}
@@ -67,7 +73,9 @@ class Compiled:
 
 
 @contextmanager
-def watched(begin: Callable[[int], None], end: Callable[[int], None]) -> Iterator[Compiled]:
+def watched(
+    begin: Callable[[int], None], end: Callable[[int], None]
+) -> Iterator[Compiled]:
     """Call ``begin`` with the number of kernels compiled before, when one is compiled in this block, and ``end`` with
     that number and one when it is done.
 
@@ -86,7 +94,9 @@ def watched(begin: Callable[[int], None], end: Callable[[int], None]) -> Iterato
             if self.depth == 1 and _is_kept(event):
                 begin(len(compiled.kernels))
                 function = event.data["dispatcher"].py_func
-                compiled.kernels.append(f"{function.__module__}.{function.__qualname__}")
+                compiled.kernels.append(
+                    f"{function.__module__}.{function.__qualname__}"
+                )
 
         def on_end(self, event: Any) -> None:
             self.depth -= 1
@@ -103,7 +113,9 @@ def watched(begin: Callable[[int], None], end: Callable[[int], None]) -> Iterato
 
 def _is_kept(event: Any) -> bool:
     """Whether the kernel is kept; else it is compiled again in every process, as its author chose."""
-    return bool(getattr(getattr(event.data["dispatcher"], "_cache", None), "cache_path", None))
+    return bool(
+        getattr(getattr(event.data["dispatcher"], "_cache", None), "cache_path", None)
+    )
 
 
 # -- processes --------------------------------------------------------------------------------------------------------

@@ -63,26 +63,37 @@ class Component(Frozen):
     def _title(cls) -> str:
         return f"{cls.role} {cls.kind!r}" if cls.kind else cls.__name__
 
-    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+    def model_copy(
+        self, *, update: Mapping[str, Any] | None = None, deep: bool = False
+    ) -> Self:
         """As :meth:`replace`: options are always validated."""
         return self.replace(**(update or {}))
 
     @model_serializer(mode="wrap")
-    def _with_kind(self, handler: SerializerFunctionWrapHandler, info: SerializationInfo) -> dict[str, Any]:
+    def _with_kind(
+        self, handler: SerializerFunctionWrapHandler, info: SerializationInfo
+    ) -> dict[str, Any]:
         fields = handler(self)
         if info.context is _IDENTITY:
-            fields = {name: value for name, value in fields.items() if name not in self.speed_only} | self.content()
+            fields = {
+                name: value
+                for name, value in fields.items()
+                if name not in self.speed_only
+            } | self.content()
         # a component inside a component keeps its kind too: without it two chemistries would have one digest
         return {"kind": self.kind, **fields} if self.kind else fields
 
     def __eq__(self, other: object) -> bool:
         # by options alone: pydantic would compare what a class keeps in private attributes as well
         return type(other) is type(self) and all(
-            getattr(self, name) == getattr(other, name) for name in type(self).model_fields
+            getattr(self, name) == getattr(other, name)
+            for name in type(self).model_fields
         )
 
     def __hash__(self) -> int:
-        return hash((type(self), *(getattr(self, name) for name in type(self).model_fields)))
+        return hash(
+            (type(self), *(getattr(self, name) for name in type(self).model_fields))
+        )
 
     def todict(self) -> dict[str, Any]:
         """``{"kind": ..., option: value}`` of plain JSON values; :meth:`fromdict` reads it back."""
@@ -103,18 +114,27 @@ class Component(Frozen):
     @classmethod
     def fromdict(cls, fields: Mapping[str, Any]) -> Self:
         """The inverse of :meth:`todict`; :func:`chemage.plugin.fromdict` finds the class by its kind as well."""
-        if not isinstance(fields, Mapping) or not all(isinstance(name, str) for name in fields):
+        if not isinstance(fields, Mapping) or not all(
+            isinstance(name, str) for name in fields
+        ):
             raise InputError.of("fields", fields, "is not a table of options by name")
         options = dict(fields)
         kind = options.pop("kind", cls.kind)
         if kind != cls.kind:
-            raise InputError.of("kind", kind, f"these are not the options of {cls.role or cls.__name__} {cls.kind!r}")
+            raise InputError.of(
+                "kind",
+                kind,
+                f"these are not the options of {cls.role or cls.__name__} {cls.kind!r}",
+            )
         return cls(**options)
 
     def _repr_html_(self) -> str:
         title = self._title().replace("'", "")
         texts = meanings(type(self))
-        rows = ((name, str(getattr(self, name)), texts.get(name, "")) for name in type(self).model_fields)
+        rows = (
+            (name, str(getattr(self, name)), texts.get(name, ""))
+            for name in type(self).model_fields
+        )
         return html_table(title, rows)
 
     def digest(self) -> str:
@@ -131,7 +151,13 @@ class Component(Frozen):
 
         Here each of these options has its last, most accurate value. Override it where the class can do better.
         """
-        return self.replace(**{option: values[-1] for option, values in self.trade.items()}) if self.trade else self
+        return (
+            self.replace(
+                **{option: values[-1] for option, values in self.trade.items()}
+            )
+            if self.trade
+            else self
+        )
 
     def record(self, **values: Any) -> None:
         """Record some of :attr:`outputs`, in the unit that they declare, while the component works: of a surface, a
@@ -141,8 +167,13 @@ class Component(Frozen):
         the whole run, a curve has one entry for each hold time of the part that is computed.
         """
         if unknown := values.keys() - self.outputs.keys():
-            raise PluginError(f"{self._title()} records {min(unknown)!r}, which it does not declare; add it to outputs")
-        record_by(self._title(), {name: self.outputs[name].of(value) for name, value in values.items()})
+            raise PluginError(
+                f"{self._title()} records {min(unknown)!r}, which it does not declare; add it to outputs"
+            )
+        record_by(
+            self._title(),
+            {name: self.outputs[name].of(value) for name, value in values.items()},
+        )
 
     def draw(self, figure: str, axes: Axes, results: Sequence[Any]) -> None:
         """Draw one of :attr:`figures` into ``axes``: of one result, or of several that are compared.
@@ -150,7 +181,9 @@ class Component(Frozen):
         ``results`` are those in which a component of this kind took part, each a :class:`chemage.plugin.PlottedResult`:
         its ``component`` is the component of that result, whose options may differ from those of this one.
         """
-        raise NotImplementedError(f"{self.role} {self.kind!r} names the figure {figure!r} but does not draw it")
+        raise NotImplementedError(
+            f"{self.role} {self.kind!r} names the figure {figure!r} but does not draw it"
+        )
 
 
 def call_with(method: Callable[..., Any], *arguments: Any, **offered: Any) -> Any:
@@ -159,7 +192,14 @@ def call_with(method: Callable[..., Any], *arguments: Any, **offered: Any) -> An
     By this, a role's method can be offered more than when the component was written.
     """
     named = _named(getattr(method, "__func__", method))
-    return method(*arguments, **{name: value for name, value in offered.items() if named is None or name in named})
+    return method(
+        *arguments,
+        **{
+            name: value
+            for name, value in offered.items()
+            if named is None or name in named
+        },
+    )
 
 
 @lru_cache(maxsize=1024)

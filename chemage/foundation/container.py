@@ -29,8 +29,21 @@ from zipfile import ZipFile
 import numpy as np
 
 from chemage.foundation import codec
-from chemage.foundation.errors import ChemageError, DamagedError, StoreError, imported, shortened
-from chemage.foundation.files import DEEPEST, LARGEST_DESCRIPTION, create, fresh_file, open_file, read_bytes
+from chemage.foundation.errors import (
+    ChemageError,
+    DamagedError,
+    StoreError,
+    imported,
+    shortened,
+)
+from chemage.foundation.files import (
+    DEEPEST,
+    LARGEST_DESCRIPTION,
+    create,
+    fresh_file,
+    open_file,
+    read_bytes,
+)
 from chemage.foundation.memory import capacity, readable
 from chemage.foundation.records import Named, Record
 
@@ -80,15 +93,28 @@ def write(
     StoreError
         ``path`` exists (unless ``force``), or cannot be written; nothing is left behind.
     """
-    arrays = [array for record in parts.values() for array in codec.encode(record)[1].values()]
-    size = sum(0.02 * array.nbytes if codec.compresses(array) else array.nbytes for array in arrays)
+    arrays = [
+        array for record in parts.values() for array in codec.encode(record)[1].values()
+    ]
+    size = sum(
+        0.02 * array.nbytes if codec.compresses(array) else array.nbytes
+        for array in arrays
+    )
     with fresh_file(path, force=force, size=size) as part:
         # made in memory and written at once: HDF5 crashes the process when the disk fills up under it
-        create(part, archive(parts, about or {}) if compact else _hdf5(parts, about or {}, derived or {}))
+        create(
+            part,
+            archive(parts, about or {})
+            if compact
+            else _hdf5(parts, about or {}, derived or {}),
+        )
 
 
 def read(
-    path: str | os.PathLike[str], kinds: Mapping[str, type[Record] | str], *, links: bool = True
+    path: str | os.PathLike[str],
+    kinds: Mapping[str, type[Record] | str],
+    *,
+    links: bool = True,
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """The records in a container whose names are among ``kinds`` (classes, or ``"module:Class"`` of those that are
     imported where a record is there), and what they are about.
@@ -108,7 +134,11 @@ def read(
             return _read_archive(stream, source, kinds)
         with _parsed(stream, source) as file, decoding(source):
             _check_ours(file, source)
-            about = {name: codec.scalar(value) for name, value in file.attrs.items() if not name.startswith("_")}
+            about = {
+                name: codec.scalar(value)
+                for name, value in file.attrs.items()
+                if not name.startswith("_")
+            }
             records = {}
             for name, kind in kinds.items():
                 if name in file:
@@ -193,29 +223,43 @@ def _parsed(stream: IO[bytes], path: Path) -> Iterator[Any]:
         file = h5py.File(stream, "r")
     except (OSError, KeyError, RuntimeError, ValueError) as error:
         kind = DamagedError if begin in (_HDF5, b"") else StoreError
-        raise kind(f"{path} cannot be read: it is not an HDF5 file, or is truncated or damaged ({error})") from error
+        raise kind(
+            f"{path} cannot be read: it is not an HDF5 file, or is truncated or damaged ({error})"
+        ) from error
     with file:
         with decoding(path):
             if not verified and _is_marked(file):
                 _check_layout(file, path)
-                raise DamagedError(f"{path} is damaged: its checksums are missing; {_CUT}")
+                raise DamagedError(
+                    f"{path} is damaged: its checksums are missing; {_CUT}"
+                )
         yield file
 
 
 def _is_marked(file: Any) -> bool:
     """Whether anything in an HDF5 file says that chemage wrote it."""
     names = file if len(file) <= _MEMBERS else ()
-    own = [file[name] for name in names if type(file.get(name, getlink=True)).__name__ == "HardLink"]
-    return any(name.startswith("chemage") for place in (file, *own) for name in place.attrs)
+    own = [
+        file[name]
+        for name in names
+        if type(file.get(name, getlink=True)).__name__ == "HardLink"
+    ]
+    return any(
+        name.startswith("chemage") for place in (file, *own) for name in place.attrs
+    )
 
 
 def _check_layout(file: Any, path: Path) -> None:
     version = codec.scalar(file.attrs.get("chemage", "of another version"))
     layout = int(codec.scalar(file.attrs.get("chemage_format", FORMAT)))
     if layout > FORMAT:
-        raise StoreError(f"{path} was written by chemage {version}; update chemage to read it")
+        raise StoreError(
+            f"{path} was written by chemage {version}; update chemage to read it"
+        )
     if layout < FORMAT:
-        raise StoreError(f"{path} was written by chemage {version}; read it with chemage 0.2, and write it again")
+        raise StoreError(
+            f"{path} was written by chemage {version}; read it with chemage 0.2, and write it again"
+        )
 
 
 def _check_ours(file: Any, path: Path) -> None:
@@ -225,7 +269,9 @@ def _check_ours(file: Any, path: Path) -> None:
     _check_layout(file, path)
     datasets = list(islice(_datasets(file, path, set()), _DATASETS + 1))
     if len(datasets) > _DATASETS:
-        raise DamagedError(f"{path} holds more than {_DATASETS} datasets, which chemage never writes")
+        raise DamagedError(
+            f"{path} holds more than {_DATASETS} datasets, which chemage never writes"
+        )
     size = sum(_size_of(dataset, path) for dataset in datasets)
     _check_size(size, str(path))
 
@@ -236,14 +282,20 @@ def _datasets(group: Any, path: Path, groups: set[int]) -> Iterator[Any]:
 
     for name in group:
         if not isinstance(group.get(name, getlink=True), h5py.HardLink):
-            raise DamagedError(f"{path}: {group.name.rstrip('/')}/{name} is a link, which chemage never writes")
+            raise DamagedError(
+                f"{path}: {group.name.rstrip('/')}/{name} is a link, which chemage never writes"
+            )
         item = group[name]
         if isinstance(item, h5py.Group):
             place = hash(item.id)
             if place in groups:
-                raise DamagedError(f"{path}: {item.name} contains itself, or is there twice")
+                raise DamagedError(
+                    f"{path}: {item.name} contains itself, or is there twice"
+                )
             if str(item.name).count("/") > DEEPEST:
-                raise DamagedError(f"{path}: {shortened(item.name)} is nested more than {DEEPEST} deep")
+                raise DamagedError(
+                    f"{path}: {shortened(item.name)} is nested more than {DEEPEST} deep"
+                )
             groups.add(place)
             yield from _datasets(item, path, groups)
         elif isinstance(item, h5py.Dataset):
@@ -260,21 +312,30 @@ def check_dataset(dataset: Any, path: str | os.PathLike[str]) -> int:
     """
     size = _size_of(dataset, path)
     numbers = 8 * dataset.size  # as which they are read
-    check_unpacked(max(size, numbers), dataset.file.id.get_filesize(), f"{path}:{dataset.name}")
+    check_unpacked(
+        max(size, numbers), dataset.file.id.get_filesize(), f"{path}:{dataset.name}"
+    )
     return size
 
 
 def _size_of(dataset: Any, path: str | os.PathLike[str]) -> int:
     name = f"{path}:{dataset.name}"
     if dataset.external or dataset.is_virtual:
-        raise StoreError(f"{name} keeps its data in other files, which are not read; copy the data into this file")
+        raise StoreError(
+            f"{name} keeps its data in other files, which are not read; copy the data into this file"
+        )
     size = dataset.size * dataset.dtype.itemsize
     _check_size(size, name)
     stored = dataset.file.id.get_filesize()
     if dataset.chunks and stored < SMALL:
-        chunks = math.prod(-(-side // part) for side, part in zip(dataset.shape, dataset.chunks, strict=True))
+        chunks = math.prod(
+            -(-side // part)
+            for side, part in zip(dataset.shape, dataset.chunks, strict=True)
+        )
         if chunks > _CHUNKS:
-            raise StoreError(f"{name} is cut into {chunks} chunks in a file of {readable(stored)}; use larger chunks")
+            raise StoreError(
+                f"{name} is cut into {chunks} chunks in a file of {readable(stored)}; use larger chunks"
+            )
     return size
 
 
@@ -296,7 +357,9 @@ def check_unpacked(size: float, stored: float, name: str) -> None:
 
 def _check_size(size: float, name: str) -> None:
     if size > (there := capacity()):
-        raise StoreError(f"{name} has {readable(size)} of data, but there are {readable(there)} of memory")
+        raise StoreError(
+            f"{name} has {readable(size)} of data, but there are {readable(there)} of memory"
+        )
 
 
 @contextmanager
@@ -310,13 +373,19 @@ def decoding(path: str | os.PathLike[str], part: str = "") -> Iterator[None]:
         raise DamagedError(f"{path}: {part} is damaged: {error}") from error
     except Exception as error:
         named = f"{path}: {part}" if part else path
-        raise DamagedError(f"{named} is damaged: {shortened(' '.join(str(error).split()), 200)}") from error
+        raise DamagedError(
+            f"{named} is damaged: {shortened(' '.join(str(error).split()), 200)}"
+        ) from error
 
 
 # -- layouts ----------------------------------------------------------------------------------------------------------
 
 
-def _hdf5(parts: Mapping[str, Record], about: Mapping[str, Any], derived: Mapping[str, codec.Derived]) -> memoryview:
+def _hdf5(
+    parts: Mapping[str, Record],
+    about: Mapping[str, Any],
+    derived: Mapping[str, codec.Derived],
+) -> memoryview:
     """A sealed container in the layout of NetCDF-4."""
     import h5netcdf
     import h5py
@@ -324,8 +393,15 @@ def _hdf5(parts: Mapping[str, Record], about: Mapping[str, Any], derived: Mappin
     from chemage.foundation.names import __version__
 
     image = io.BytesIO()
-    with h5py.File(image, "w", track_order=True) as hdf5, h5netcdf.File(hdf5, "w") as file:
-        header = {"chemage": __version__, "chemage_format": FORMAT, "Conventions": "CF-1.8"}
+    with (
+        h5py.File(image, "w", track_order=True) as hdf5,
+        h5netcdf.File(hdf5, "w") as file,
+    ):
+        header = {
+            "chemage": __version__,
+            "chemage_format": FORMAT,
+            "Conventions": "CF-1.8",
+        }
         for name, value in {**header, **about}.items():
             file.attrs[name] = value
         ends = []
@@ -338,7 +414,9 @@ def _hdf5(parts: Mapping[str, Record], about: Mapping[str, Any], derived: Mappin
     return seal(image, ends)
 
 
-def archive(parts: Mapping[str, Record], about: Mapping[str, Any] | None = None) -> memoryview:
+def archive(
+    parts: Mapping[str, Record], about: Mapping[str, Any] | None = None
+) -> memoryview:
     """A sealed container as an npz archive; of an array that is mostly zeros, only what is not zero is kept."""
     entries: dict[str, np.ndarray] = {}
     texts: dict[str, Any] = {}
@@ -349,14 +427,23 @@ def archive(parts: Mapping[str, Record], about: Mapping[str, Any] | None = None)
             where = np.flatnonzero(array)
             if 2 * where.size < array.size:
                 sparse[name] = list(array.shape)
-                entries[f"{part}/{name}:where"] = where.astype(np.int32) if array.size < 2**31 else where
+                entries[f"{part}/{name}:where"] = (
+                    where.astype(np.int32) if array.size < 2**31 else where
+                )
                 entries[f"{part}/{name}:values"] = array.ravel()[where]
             else:
                 entries[f"{part}/{name}"] = array
         texts[part] = {"values": codec.exact(values), "sparse": sparse}
-    text = json.dumps({"parts": texts, "about": codec.exact(about or {})}, default=codec.plain)
+    text = json.dumps(
+        {"parts": texts, "about": codec.exact(about or {})}, default=codec.plain
+    )
     image = io.BytesIO()
-    np.savez(image, allow_pickle=False, record=np.frombuffer(text.encode(), dtype=np.uint8), **entries)
+    np.savez(
+        image,
+        allow_pickle=False,
+        record=np.frombuffer(text.encode(), dtype=np.uint8),
+        **entries,
+    )
     return seal(image)
 
 
@@ -366,7 +453,10 @@ def _read_archive(
     if not _is_checked(stream, path):
         raise DamagedError(f"{path} is damaged: its checksum is missing; {_CUT}")
     with decoding(path), ZipFile(stream) as file:
-        lengths = {info.filename.removesuffix(".npy"): info.file_size for info in file.infolist()}
+        lengths = {
+            info.filename.removesuffix(".npy"): info.file_size
+            for info in file.infolist()
+        }
         _check_size(sum(lengths.values()), str(path))
 
         def array(name: str) -> np.ndarray:
@@ -383,13 +473,23 @@ def _read_archive(
             if name in entries:
                 cls = _class(kind)
                 with decoding(path, name):
-                    arrays = _arrays_in(array, list(lengths), prefix.format(name), entries[name]["sparse"])
-                    records[name] = codec.decode(cls, codec.inexact(entries[name]["values"]), arrays)
+                    arrays = _arrays_in(
+                        array,
+                        list(lengths),
+                        prefix.format(name),
+                        entries[name]["sparse"],
+                    )
+                    records[name] = codec.decode(
+                        cls, codec.inexact(entries[name]["values"]), arrays
+                    )
     return records, codec.inexact(stored.get("about", {}))
 
 
 def _arrays_in(
-    array: Callable[[str], np.ndarray], names: Sequence[str], prefix: str, sparse: Mapping[str, Sequence[int]]
+    array: Callable[[str], np.ndarray],
+    names: Sequence[str],
+    prefix: str,
+    sparse: Mapping[str, Sequence[int]],
 ) -> dict[str, np.ndarray]:
     """The arrays of an archive whose names begin with ``prefix``; ``sparse``: the shapes of those with zeros."""
     arrays: dict[str, np.ndarray] = {}
@@ -415,7 +515,11 @@ def read_array(stream: IO[bytes], length: int) -> np.ndarray:
         The stream holds objects, less than its header announces, or something else.
     """
     version = np.lib.format.read_magic(stream)
-    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    read = (
+        np.lib.format.read_array_header_1_0
+        if version == (1, 0)
+        else np.lib.format.read_array_header_2_0
+    )
     shape, _, dtype = read(stream)
     # a short file may announce an array that does not fit into any memory
     if math.prod(int(side) for side in shape) * dtype.itemsize > length:
@@ -435,7 +539,9 @@ def seal(content: io.BytesIO, parts: Sequence[tuple[str, int]] = ()) -> memoryvi
     table = []
     with content.getbuffer() as inner:
         begin, names = 0, [name for name, _ in parts] or ["content"]
-        for name, end in zip(names, [*(end for _, end in parts[:-1]), len(inner)], strict=True):
+        for name, end in zip(
+            names, [*(end for _, end in parts[:-1]), len(inner)], strict=True
+        ):
             with inner[begin:end] as part:
                 table.append([name, end - begin, hashlib.sha256(part).hexdigest()])
             begin = end
@@ -464,11 +570,15 @@ def _is_checked(stream: IO[bytes], path: Path) -> bool:
         raise DamagedError(f"{path}: its checksums are {_CHANGED}")
     stream.seek(0)
     table = json.loads(text)
-    damaged = [name for name, length, stored in table if _sha256_of(stream, length) != stored]
+    damaged = [
+        name for name, length, stored in table if _sha256_of(stream, length) != stored
+    ]
     if not damaged and sum(length for _, length, _ in table) != begin:
         damaged = ["its end"]
     if damaged:
-        raise DamagedError(f"{path}: {', '.join(damaged)} {'is' if len(damaged) == 1 else 'are'} {_CHANGED}")
+        raise DamagedError(
+            f"{path}: {', '.join(damaged)} {'is' if len(damaged) == 1 else 'are'} {_CHANGED}"
+        )
     return True
 
 

@@ -47,7 +47,9 @@ def shown(value: object, most: int = 80) -> str:
     try:
         text = repr(value)
         return shortened(" ".join(text.split()) if "\n" in text else text, most)
-    except Exception:  # nested too deeply, a whole number of too many digits, or a faulty __repr__
+    except (
+        Exception
+    ):  # nested too deeply, a whole number of too many digits, or a faulty __repr__
         return f"a {type(value).__name__}"
 
 
@@ -58,7 +60,9 @@ def printable(text: str) -> str:
     """
     if text.isprintable():
         return text
-    with suppress(UnicodeError):  # bytes of the name of a file, in another encoding than that of the terminal
+    with suppress(
+        UnicodeError
+    ):  # bytes of the name of a file, in another encoding than that of the terminal
         text = text.encode(errors="surrogateescape").decode()
     return "".join(letter if _harmless(letter) else _escape(letter) for letter in text)
 
@@ -67,7 +71,9 @@ def _harmless(letter: str) -> bool:
     code = ord(letter)
     if letter in "\n\t":
         return True
-    return not (code < 32 or 127 <= code < 160 or 0xD800 <= code < 0xE000 or code in _REORDERING)
+    return not (
+        code < 32 or 127 <= code < 160 or 0xD800 <= code < 0xE000 or code in _REORDERING
+    )
 
 
 def _escape(letter: str) -> str:
@@ -86,9 +92,13 @@ class InputError(ChemageError, ValueError):
         self.problems = list(problems)
 
     @classmethod
-    def of(cls, field: str, value: object, problem: str, remedy: str = "") -> InputError:
+    def of(
+        cls, field: str, value: object, problem: str, remedy: str = ""
+    ) -> InputError:
         """The standard wording: ``field = value: problem; remedy``."""
-        return cls(f"{field} = {shown(value)}: {problem}" + (f"; {remedy}" if remedy else ""))
+        return cls(
+            f"{field} = {shown(value)}: {problem}" + (f"; {remedy}" if remedy else "")
+        )
 
 
 class UnitError(InputError):
@@ -108,8 +118,13 @@ class SceneError(InputError):
 
     def __init__(self, source: str, problems: Sequence[tuple[str, str]]) -> None:
         self.source = source
-        lines = [f"  {path}: {message}" if path else f"  {message}" for path, message in problems]
-        super().__init__(f"{source} is not a valid scene:\n" + "\n".join(lines), problems)
+        lines = [
+            f"  {path}: {message}" if path else f"  {message}"
+            for path, message in problems
+        ]
+        super().__init__(
+            f"{source} is not a valid scene:\n" + "\n".join(lines), problems
+        )
 
     def __reduce__(self) -> tuple[type[SceneError], tuple[str, list[tuple[str, str]]]]:
         return type(self), (self.source, self.problems)
@@ -176,7 +191,9 @@ def optional_module(name: str, extra: str) -> Any:
     except ModuleNotFoundError as error:
         if error.name != name:
             raise
-        raise MissingError(f"{name} is not installed; run: pip install 'chemage[{extra}]'") from None
+        raise MissingError(
+            f"{name} is not installed; run: pip install 'chemage[{extra}]'"
+        ) from None
 
 
 def imported(target: str, where: str = "") -> Any:
@@ -215,7 +232,9 @@ def explain(error: ValidationError) -> list[tuple[str, str]]:
 
 def in_lines(problems: Sequence[tuple[str, str]]) -> str:
     """``(path, message)`` pairs as one text."""
-    return "; ".join(f"{path}: {message}" if path else message for path, message in problems)
+    return "; ".join(
+        f"{path}: {message}" if path else message for path, message in problems
+    )
 
 
 def nearest(word: str, known: Sequence[str]) -> str:

@@ -25,7 +25,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 #: colour-blind safe (Okabe & Ito 2008)
-BLUE, ORANGE, GREEN, PURPLE, GREY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#777777"
+BLUE, ORANGE, GREEN, PURPLE, GREY = (
+    "#0072B2",
+    "#D55E00",
+    "#009E73",
+    "#CC79A7",
+    "#777777",
+)
 BLACK = "#000000"
 #: colours of curves, in order
 PALETTE = (BLUE, ORANGE, GREEN, PURPLE, GREY, "#E69F00", "#56B4E9", "#8C564B")
@@ -55,33 +61,47 @@ def panels(
     return figure, list(np.ravel(figure.subplots(rows, columns)))
 
 
-def plots(width: float, height: float, columns: int = 1, count: int = 1, dpi: float = 150) -> tuple[Figure, list[Axes]]:
+def plots(
+    width: float, height: float, columns: int = 1, count: int = 1, dpi: float = 150
+) -> tuple[Figure, list[Axes]]:
     """Make an empty figure of ``count`` plots in the current look, nominally ``width`` by ``height`` inches.
 
     In print it is as wide as the look says, with as many of the ``columns`` as have room; plots keep their proportions.
     """
     look = current()
     if look.width is None:
-        figure, axes = panels(_SCREEN * width, _SCREEN * height, columns, -(-count // columns), dpi=dpi / _SCREEN)
+        figure, axes = panels(
+            _SCREEN * width,
+            _SCREEN * height,
+            columns,
+            -(-count // columns),
+            dpi=dpi / _SCREEN,
+        )
     else:
         proportion = (height / -(-count // columns)) / (width / columns)
         inches = look.width / 25.4
         columns = max(1, min(columns, int(inches / _PLOT)))
         rows = -(-count // columns)
-        figure, axes = panels(inches, proportion * inches / columns * rows, columns, rows, dpi=300)
+        figure, axes = panels(
+            inches, proportion * inches / columns * rows, columns, rows, dpi=300
+        )
     for empty in axes[count:]:
         empty.remove()
     return figure, axes[:count]
 
 
-def pooled(values: np.ndarray, pool: Callable[..., np.ndarray], most: int = MAP_PIXELS) -> np.ndarray:
+def pooled(
+    values: np.ndarray, pool: Callable[..., np.ndarray], most: int = MAP_PIXELS
+) -> np.ndarray:
     """Reduce ``values`` (nx, ny) in blocks by ``pool`` (``np.max``, ``np.mean``) to at most ``most`` blocks a side."""
     step = max(1, -(-max(values.shape) // most))
     if step == 1:
         return values
     nx, ny = (-(-n // step) * step for n in values.shape)
     if (nx, ny) != values.shape:
-        values = np.pad(values, ((0, nx - values.shape[0]), (0, ny - values.shape[1])), mode="edge")
+        values = np.pad(
+            values, ((0, nx - values.shape[0]), (0, ny - values.shape[1])), mode="edge"
+        )
     # rows first: they are contiguous
     rows = pool(values.reshape(nx // step, step, ny), axis=1)
     return pool(rows.reshape(nx // step, ny // step, step), axis=2)
@@ -102,7 +122,11 @@ def decades_only(*axes: Axis) -> None:
 
 
 def draw_map(
-    axes: Axes, values: np.ndarray, extent: tuple[float, float, float, float], label: str, **style: Any
+    axes: Axes,
+    values: np.ndarray,
+    extent: tuple[float, float, float, float],
+    label: str,
+    **style: Any,
 ) -> None:
     """Draw ``values`` (nx, ny) as a map with a colour bar and a scale bar: x to the right, y upwards, ``extent`` in nm.
 
@@ -110,7 +134,14 @@ def draw_map(
     """
     width, height = extent[1] - extent[0], extent[3] - extent[2]
     aspect = "equal" if max(width, height) < 6 * min(width, height) else "auto"
-    image = axes.imshow(values.T, origin="lower", extent=extent, interpolation="nearest", aspect=aspect, **style)
+    image = axes.imshow(
+        values.T,
+        origin="lower",
+        extent=extent,
+        interpolation="nearest",
+        aspect=aspect,
+        **style,
+    )
     axes.set(xlabel="x (nm)", ylabel="y (nm)")
     bar = axes.figure.colorbar(image, ax=axes, shrink=0.85)
     bar.set_label(label)
@@ -124,10 +155,20 @@ def _draw_scale_bar(axes: Axes, width: float) -> None:
     from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
 
     power = 10.0 ** math.floor(math.log10(width / 3))
-    length = max(step * power for step in (1, 2, 5) if step * power <= (1 + 1e-9) * width / 3)
+    length = max(
+        step * power for step in (1, 2, 5) if step * power <= (1 + 1e-9) * width / 3
+    )
     words = f"{length / 1000:g} µm" if length >= 1000 else f"{length:g} nm"
     size = FontProperties(size=current().settings()["legend.fontsize"])
-    bar = AnchoredSizeBar(axes.transData, length, words, "lower left", borderpad=0.4, sep=2, fontproperties=size)
+    bar = AnchoredSizeBar(
+        axes.transData,
+        length,
+        words,
+        "lower left",
+        borderpad=0.4,
+        sep=2,
+        fontproperties=size,
+    )
     bar.size_bar.get_children()[0].set(linewidth=1.5, color=BLACK)
     bar.patch.set(alpha=0.8, linewidth=0)
     axes.add_artist(bar)
@@ -138,13 +179,19 @@ def pressure_colours() -> Colormap:
     from matplotlib import colormaps
     from matplotlib.colors import LinearSegmentedColormap
 
-    return LinearSegmentedColormap.from_list("pressure", list(colormaps["inferno_r"](np.linspace(0.2, 1.0, 256))), 256)
+    return LinearSegmentedColormap.from_list(
+        "pressure", list(colormaps["inferno_r"](np.linspace(0.2, 1.0, 256))), 256
+    )
 
 
 def seen_blocks(axes: Axes) -> int:
     """Blocks of pixels along a side of a map, at most, that are all seen in ``axes``: each is a point of print wide."""
     points = 72 * axes.figure.bbox.width / axes.figure.dpi
-    columns = place.get_gridspec().ncols if (place := axes.get_subplotspec()) is not None else 1
+    columns = (
+        place.get_gridspec().ncols
+        if (place := axes.get_subplotspec()) is not None
+        else 1
+    )
     return max(100, int(0.7 * points / columns))
 
 
@@ -153,7 +200,10 @@ def legend_entries(axes: Axes) -> tuple[list[Any], list[str]]:
     from matplotlib.container import ErrorbarContainer
 
     handles, labels = axes.get_legend_handles_labels()
-    order = sorted(range(len(labels)), key=lambda at: not isinstance(handles[at], ErrorbarContainer))
+    order = sorted(
+        range(len(labels)),
+        key=lambda at: not isinstance(handles[at], ErrorbarContainer),
+    )
     return [handles[at] for at in order], [labels[at] for at in order]
 
 
@@ -164,13 +214,19 @@ def legend(axes: Axes, **options: Any) -> None:
         axes.legend(handles, labels, **options)
 
 
-def shared_legend(figure: Figure, handles: list[Any], title: str = "", *, beside: bool = False) -> None:
+def shared_legend(
+    figure: Figure, handles: list[Any], title: str = "", *, beside: bool = False
+) -> None:
     """Make a legend for all plots of a figure below them, in as many columns as have room; ``beside`` them where the
     figure is not for print."""
     if beside and current().width is None:
         figure.legend(handles=handles, loc="outside right center", title=title or None)
         return
-    style: dict[str, Any] = {"handles": handles, "loc": "outside lower center", "title": title or None}
+    style: dict[str, Any] = {
+        "handles": handles,
+        "loc": "outside lower center",
+        "title": title or None,
+    }
     made = figure.legend(**style)
     columns = max(1, int(0.97 * figure.bbox.width / made.get_window_extent().width))
     made.remove()
@@ -187,7 +243,11 @@ def canvas_of(figure: Figure) -> FigureCanvasAgg:
     """The canvas of ``figure``, which draws it into pixels; figures of plugins may come with another."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    return figure.canvas if isinstance(figure.canvas, FigureCanvasAgg) else FigureCanvasAgg(figure)
+    return (
+        figure.canvas
+        if isinstance(figure.canvas, FigureCanvasAgg)
+        else FigureCanvasAgg(figure)
+    )
 
 
 def png(figure: Figure, alt: str) -> str:
@@ -197,13 +257,16 @@ def png(figure: Figure, alt: str) -> str:
     canvas_of(figure).print_png(data, metadata={"Software": None})
     width, height = (round(figure.dpi * inches) for inches in figure.get_size_inches())
     source = base64.b64encode(data.getvalue()).decode()
-    return (
-        f'<img alt="{escape(alt, quote=True)}" width="{width}" height="{height}" src="data:image/png;base64,{source}">'
-    )
+    return f'<img alt="{escape(alt, quote=True)}" width="{width}" height="{height}" src="data:image/png;base64,{source}">'
 
 
 def save_figures(
-    named: Mapping[str, Figure], folder: Path, *, force: bool = False, suffix: str = "png", data: bool = False
+    named: Mapping[str, Figure],
+    folder: Path,
+    *,
+    force: bool = False,
+    suffix: str = "png",
+    data: bool = False,
 ) -> list[Path]:
     """Write figures as ``folder``/name.``suffix``, and return the paths; ``data``: what they show as well, as name.csv.
 
@@ -214,7 +277,11 @@ def save_figures(
     """
     make_folder(folder)
     made = {folder / f"{name}.{suffix}": figure for name, figure in named.items()}
-    tables = {path.with_suffix(".csv"): figure for path, figure in made.items()} if data else {}
+    tables = (
+        {path.with_suffix(".csv"): figure for path, figure in made.items()}
+        if data
+        else {}
+    )
     for path in (*made, *tables):
         preflight(path, force=force)
     for path, figure in made.items():
@@ -224,7 +291,9 @@ def save_figures(
     return [*made, *tables]
 
 
-def save_figure(figure: Figure, path: Path, suffix: str, *, force: bool = False) -> None:
+def save_figure(
+    figure: Figure, path: Path, suffix: str, *, force: bool = False
+) -> None:
     """Write a figure into one file, of the format ``suffix``, in the current look."""
     with drawn_as(), fresh_file(path, force=force) as part:
         if suffix == "png":

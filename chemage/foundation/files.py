@@ -42,7 +42,9 @@ LARGEST_DESCRIPTION = 1 << 30
 # -- writing ----------------------------------------------------------------------------------------------------------
 
 
-def preflight(path: str | os.PathLike[str], *, force: bool = False, size: float = 0) -> Path:
+def preflight(
+    path: str | os.PathLike[str], *, force: bool = False, size: float = 0
+) -> Path:
     """Check, before anything is computed, that a result of about ``size`` bytes can be written to ``path``.
 
     Raises
@@ -78,7 +80,9 @@ def preflight(path: str | os.PathLike[str], *, force: bool = False, size: float 
     except ValueError as error:  # a null byte in the name
         raise StoreError(f"cannot write {str(target)!r}: {error}") from error
     except OSError as error:
-        raise StoreError(f"cannot write {target}: {error.strerror}; choose another folder or name") from error
+        raise StoreError(
+            f"cannot write {target}: {error.strerror}; choose another folder or name"
+        ) from error
     return target
 
 
@@ -111,7 +115,9 @@ def _remove_stale(target: Path) -> None:
 
 
 @contextlib.contextmanager
-def fresh_file(path: str | os.PathLike[str], *, force: bool = False, size: float = 0) -> Iterator[Path]:
+def fresh_file(
+    path: str | os.PathLike[str], *, force: bool = False, size: float = 0
+) -> Iterator[Path]:
     """A temporary name beside ``path`` that takes its place when the block ends well, and vanishes otherwise.
 
     ``size`` in bytes is what is about to be written, checked against the room there is. What a killed process of ours
@@ -124,17 +130,26 @@ def fresh_file(path: str | os.PathLike[str], *, force: bool = False, size: float
         yield part
         on_disk(part)
         if not put(part, target, over=force):
-            raise StoreError(f"{target} appeared while the result was made; nothing was overwritten")
+            raise StoreError(
+                f"{target} appeared while the result was made; nothing was overwritten"
+            )
         on_disk(target.parent)
     except StoreError:
         raise
     except OSError as error:
-        raise StoreError(f"cannot write {target}: {error.strerror or error}; nothing was kept") from error
+        raise StoreError(
+            f"cannot write {target}: {error.strerror or error}; nothing was kept"
+        ) from error
     finally:
         part.unlink(missing_ok=True)
 
 
-def write_file(path: str | os.PathLike[str], content: str | bytes | memoryview, *, force: bool = False) -> None:
+def write_file(
+    path: str | os.PathLike[str],
+    content: str | bytes | memoryview,
+    *,
+    force: bool = False,
+) -> None:
     """Write a whole file: bytes, or a text in UTF-8.
 
     Raises
@@ -142,14 +157,20 @@ def write_file(path: str | os.PathLike[str], content: str | bytes | memoryview, 
     StoreError
         ``path`` exists (unless ``force``), or cannot be written; nothing is left behind.
     """
-    data = content.encode(errors="backslashreplace") if isinstance(content, str) else content
+    data = (
+        content.encode(errors="backslashreplace")
+        if isinstance(content, str)
+        else content
+    )
     with fresh_file(path, force=force, size=len(data)) as part:
         create(part, data)
 
 
 def create(path: Path, content: bytes | memoryview) -> None:
     """Write a file of a new name; where that is a link, it is not followed."""
-    with os.fdopen(_handle(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, links=False), "wb") as stream:
+    with os.fdopen(
+        _handle(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, links=False), "wb"
+    ) as stream:
         stream.write(content)
 
 
@@ -164,7 +185,11 @@ def log_file(path: Path) -> IO[str]:
     if os.path.lexists(path):
         regular_file(path, links=False)
     with _named(str(path)):
-        return os.fdopen(_handle(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, links=False), "a+", encoding="utf-8")
+        return os.fdopen(
+            _handle(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, links=False),
+            "a+",
+            encoding="utf-8",
+        )
 
 
 def make_folder(path: Path, *, links: bool = False) -> None:
@@ -176,7 +201,9 @@ def make_folder(path: Path, *, links: bool = False) -> None:
         It is a link, which without ``links`` is not followed, or cannot be made.
     """
     if path.is_symlink() and not links:
-        raise StoreError(f"{path} is a link, which is not followed; remove it, or name another folder")
+        raise StoreError(
+            f"{path} is a link, which is not followed; remove it, or name another folder"
+        )
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -212,7 +239,9 @@ def put(part: Path, target: Path, *, over: bool) -> bool:
     """Give a file its name, with ``over`` in place of what has it; else False where something has it, which stays."""
     if not over:
         try:
-            os.link(part, target)  # unlike a rename, fails where another process was first
+            os.link(
+                part, target
+            )  # unlike a rename, fails where another process was first
             return True
         except FileExistsError:
             # a network file system repeats a request whose answer was lost
@@ -231,7 +260,9 @@ def put(part: Path, target: Path, *, over: bool) -> bool:
 # -- reading ----------------------------------------------------------------------------------------------------------
 
 
-def regular_file(path: str | os.PathLike[str], most: float | None = None, *, links: bool = True) -> os.stat_result:
+def regular_file(
+    path: str | os.PathLike[str], most: float | None = None, *, links: bool = True
+) -> os.stat_result:
     """Check that ``path`` is an ordinary file, of at most ``most`` bytes (default: what fits into memory).
 
     Raises
@@ -246,7 +277,9 @@ def regular_file(path: str | os.PathLike[str], most: float | None = None, *, lin
         return _checked(os.stat(path, follow_symlinks=links), shown, most)
 
 
-def open_file(path: str | os.PathLike[str], most: float | None = None, *, links: bool = True) -> io.BufferedReader:
+def open_file(
+    path: str | os.PathLike[str], most: float | None = None, *, links: bool = True
+) -> io.BufferedReader:
     """Open an ordinary file for reading, in bytes; arguments and errors as for :func:`regular_file`.
 
     Where others may write beside it, ``links`` are not followed.
@@ -268,7 +301,12 @@ def open_file(path: str | os.PathLike[str], most: float | None = None, *, links:
 
 def _handle(path: str | os.PathLike[str], flags: int, *, links: bool) -> int:
     """A file, without waiting for the other end of a pipe."""
-    optional = ["O_NONBLOCK", "O_CLOEXEC", "O_BINARY", *([] if links else ["O_NOFOLLOW"])]
+    optional = [
+        "O_NONBLOCK",
+        "O_CLOEXEC",
+        "O_BINARY",
+        *([] if links else ["O_NOFOLLOW"]),
+    ]
     for name in optional:  # not all systems have all of them
         flags |= getattr(os, name, 0)
     return os.open(path, flags, 0o666)
@@ -293,14 +331,18 @@ def _checked(status: os.stat_result, shown: str, most: float | None) -> os.stat_
     if stat.S_ISDIR(status.st_mode):
         raise StoreError(f"{shown}: Is a directory; name a file")
     if stat.S_ISLNK(status.st_mode):
-        raise StoreError(f"{shown} is a link, which is not followed; name the file itself")
+        raise StoreError(
+            f"{shown} is a link, which is not followed; name the file itself"
+        )
     if stat.S_ISFIFO(status.st_mode):
         raise StoreError(f"{shown} is a pipe, not a file; save it to a file first")
     if not stat.S_ISREG(status.st_mode):
         raise StoreError(f"{shown} is a device or a socket; name an ordinary file")
     limit = most if most is not None else capacity()
     if status.st_size > limit:
-        raise StoreError(f"{shown} has {readable(status.st_size)}, more than the {readable(limit)} that can be read")
+        raise StoreError(
+            f"{shown} has {readable(status.st_size)}, more than the {readable(limit)} that can be read"
+        )
     return status
 
 
@@ -310,9 +352,14 @@ def file_stamp(path: str | os.PathLike[str]) -> FileStamp:
     return status.st_size, status.st_mtime_ns, status.st_ino, status.st_dev
 
 
-def read_bytes(path: str | os.PathLike[str], most: float | None = None, *, links: bool = True) -> bytes:
+def read_bytes(
+    path: str | os.PathLike[str], most: float | None = None, *, links: bool = True
+) -> bytes:
     """The content of an ordinary file; arguments and errors as for :func:`regular_file`."""
-    with open_file(path, most, links=links) as stream, _named(shortened(os.fspath(path), 300)):
+    with (
+        open_file(path, most, links=links) as stream,
+        _named(shortened(os.fspath(path), 300)),
+    ):
         return stream.read()
 
 
@@ -324,7 +371,9 @@ def read_text(path: str | os.PathLike[str], most: float | None = None) -> str:
     StoreError
         The file is missing, cannot be read, is too large, or is not text.
     """
-    text = io.TextIOWrapper(io.BytesIO(read_bytes(path, most)), encoding="utf-8-sig")  # any line ends
+    text = io.TextIOWrapper(
+        io.BytesIO(read_bytes(path, most)), encoding="utf-8-sig"
+    )  # any line ends
     try:
         return text.read()
     except UnicodeDecodeError:
@@ -354,11 +403,29 @@ def check_data(data: Any, most: float = inf) -> None:
         else:
             count = 0
         if count > most:
-            raise InputError("", [(shortened(path), f"has {count} entries; give at most {most}")])
+            raise InputError(
+                "", [(shortened(path), f"has {count} entries; give at most {most}")]
+            )
         if isinstance(item, int) and item.bit_length() > MOST_BITS:
-            raise InputError("", [(path, f"a whole number of more than {MOST_BITS} bits; give a smaller one")])
+            raise InputError(
+                "",
+                [
+                    (
+                        path,
+                        f"a whole number of more than {MOST_BITS} bits; give a smaller one",
+                    )
+                ],
+            )
         if isinstance(item, str) and len(item) > LONGEST_TEXT:
-            raise InputError("", [(path, f"a text of {len(item)} characters; give at most {LONGEST_TEXT}")])
+            raise InputError(
+                "",
+                [
+                    (
+                        path,
+                        f"a text of {len(item)} characters; give at most {LONGEST_TEXT}",
+                    )
+                ],
+            )
 
 
 def _walk(data: Any) -> Iterator[tuple[str, Any]]:
@@ -366,16 +433,28 @@ def _walk(data: Any) -> Iterator[tuple[str, Any]]:
     while left:
         path, item, depth = left.pop()
         if depth > DEEPEST:
-            raise InputError("", [(shortened(path), f"is nested more than {DEEPEST} deep; write it flatter")])
+            raise InputError(
+                "",
+                [
+                    (
+                        shortened(path),
+                        f"is nested more than {DEEPEST} deep; write it flatter",
+                    )
+                ],
+            )
         yield path, item
         if isinstance(item, dict):
             if not all(isinstance(name, str) for name in item):
                 raise InputError("", [(shortened(path), "has names that are no texts")])
-            left += [(f"{path}.{name}".lstrip("."), part, depth + 1) for name, part in item.items()]
+            left += [
+                (f"{path}.{name}".lstrip("."), part, depth + 1)
+                for name, part in item.items()
+            ]
         elif isinstance(item, list):
             # numbers are by far the most frequent, and only large ones matter
             left += [
                 (f"{path}.{number}", part, depth + 1)
                 for number, part in enumerate(item)
-                if not isinstance(part, float) and not (type(part) is int and abs(part) < 2**63)
+                if not isinstance(part, float)
+                and not (type(part) is int and abs(part) < 2**63)
             ]

@@ -38,7 +38,9 @@ def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     def compiled(function: Callable[..., Any]) -> Any:
         dispatcher: Any = numba.njit(**options)(function)
         sources = _sources_of(function)
-        if sources is not None and dispatcher is not function:  # numba may be told to compile nothing
+        if (
+            sources is not None and dispatcher is not function
+        ):  # numba may be told to compile nothing
             dispatcher._cache = _Cache(function, sources)
         return dispatcher
 
@@ -50,7 +52,9 @@ def _sources_of(function: Callable[..., Any]) -> Sources | None:
     parts = function.__module__.split(".")
     # the rooms of chemage share the kernels of random.py and algebra.py alone
     package = ".".join(parts[: 2 if parts[0] == "chemage" else 1])
-    roots = getattr(sys.modules.get(package), "__path__", None) or [inspect.getfile(function)]
+    roots = getattr(sys.modules.get(package), "__path__", None) or [
+        inspect.getfile(function)
+    ]
     return _sources(package, *roots) if all(map(os.path.exists, roots)) else None
 
 
@@ -72,13 +76,23 @@ class Sources:
 
     def _found(self) -> dict[str, tuple[int, int]]:
         """Path -> size and modification time of each file, chemage's own for all kernels included."""
-        paths = [str(Path(__file__).with_name(name)) for name in ("kernels.py", "random.py", "algebra.py")]
+        paths = [
+            str(Path(__file__).with_name(name))
+            for name in ("kernels.py", "random.py", "algebra.py")
+        ]
         for root in self._roots:
             if os.path.isfile(root):
                 paths.append(root)
             for folder, _, names in sorted(os.walk(root)):
-                paths += [os.path.join(folder, name) for name in sorted(names) if name.endswith(".py")]
-        return {path: ((status := os.stat(path)).st_size, status.st_mtime_ns) for path in paths}
+                paths += [
+                    os.path.join(folder, name)
+                    for name in sorted(names)
+                    if name.endswith(".py")
+                ]
+        return {
+            path: ((status := os.stat(path)).st_size, status.st_mtime_ns)
+            for path in paths
+        }
 
     def unchanged(self) -> bool:
         """Whether the files are still those that were imported; what is compiled beside others is not kept."""
@@ -174,13 +188,21 @@ class _Cache(caching.FunctionCache):
         self._impl: Any = _Content(function, sources)
         locator = self._impl.locator
         self._cache_path = locator.get_cache_path()
-        self._cache_file = _Files(self._cache_path, self._impl.filename_base, locator.get_source_stamp())
+        self._cache_file = _Files(
+            self._cache_path, self._impl.filename_base, locator.get_source_stamp()
+        )
         self.enable()
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        return super().load_overload(sig, target_context) if self._impl.locator.sources.unchanged() else None
+        return (
+            super().load_overload(sig, target_context)
+            if self._impl.locator.sources.unchanged()
+            else None
+        )
 
     def save_overload(self, sig: Any, data: Any) -> None:
         if self._impl.locator.sources.unchanged():
-            with suppress(OSError):  # a folder that cannot be written is no reason to fail
+            with suppress(
+                OSError
+            ):  # a folder that cannot be written is no reason to fail
                 super().save_overload(sig, data)

@@ -10,15 +10,39 @@ import re
 PAGE = "docs/limits.md"
 #: how words begin that ask for something -> what is said
 ABSENT = {
-    ("humid", "water", "vapo", "moist", "capillar", "menisc", "lubric"): "water, vapour and liquids are not modelled",
-    ("velocit", "sliding", "slid", "rate_state", "direct_effect", "dieterich", "slip", "stick"): (
+    (
+        "humid",
+        "water",
+        "vapo",
+        "moist",
+        "capillar",
+        "menisc",
+        "lubric",
+    ): "water, vapour and liquids are not modelled",
+    (
+        "velocit",
+        "sliding",
+        "slid",
+        "rate_state",
+        "direct_effect",
+        "dieterich",
+        "slip",
+        "stick",
+    ): (
         "laws of sliding such as rate-and-state are not modelled; a rupture law may have a speed"
     ),
     ("heating", "cooling", "ramp", "anneal", "temperature_pro"): (
         "the temperature is constant during a hold; a sweep over hold.temperature compares several"
     ),
-    ("wear", "abrasi", "debris", "erosion"): "wear is not modelled: surfaces keep their shape",
-    ("plastic", "yield", "harden"): ("of plastic flow there is the hardness of a contact, its largest pressure"),
+    (
+        "wear",
+        "abrasi",
+        "debris",
+        "erosion",
+    ): "wear is not modelled: surfaces keep their shape",
+    ("plastic", "yield", "harden"): (
+        "of plastic flow there is the hardness of a contact, its largest pressure"
+    ),
     ("visco", "creep", "relaxation", "loss_modul", "storage_modul"): (
         "creep and viscoelasticity are not modelled: contact does not change with time"
     ),

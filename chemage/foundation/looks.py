@@ -23,11 +23,24 @@ NARROWEST, WIDEST = 50.0, 1000.0
 SMALLEST_FONT = 7.0
 #: what a larger font makes larger
 _SIZES = (
-    *("font.size", "axes.titlesize", "axes.labelsize", "xtick.labelsize", "ytick.labelsize"),
+    *(
+        "font.size",
+        "axes.titlesize",
+        "axes.labelsize",
+        "xtick.labelsize",
+        "ytick.labelsize",
+    ),
     *("legend.fontsize", "legend.title_fontsize", "figure.titlesize"),
 )
 #: of a program, not of a figure
-_NO_STYLE = ("backend", "interactive", "toolbar", "webagg", "savefig.directory", "figure.max_open_warning")
+_NO_STYLE = (
+    "backend",
+    "interactive",
+    "toolbar",
+    "webagg",
+    "savefig.directory",
+    "figure.max_open_warning",
+)
 
 
 @dataclass(frozen=True)
@@ -51,7 +64,9 @@ class Look:
     style: str = ""
 
     @classmethod
-    def of(cls, width: str | None = None, font: str | None = None, style: object = None) -> Look:
+    def of(
+        cls, width: str | None = None, font: str | None = None, style: object = None
+    ) -> Look:
         """The look that ``--width``, ``--font`` and ``--style`` say.
 
         Raises
@@ -61,7 +76,9 @@ class Look:
             matplotlib does not know.
         """
         family, size = _font(font) if font else ("", None)
-        look = cls(_width(width) if width else None, family, size, str(style) if style else "")
+        look = cls(
+            _width(width) if width else None, family, size, str(style) if style else ""
+        )
         look.settings()
         return look
 
@@ -75,8 +92,16 @@ class Look:
         if self.size:
             with mpl.rc_context(settings):
                 factor = self.size / mpl.rcParams["font.size"]
-                sizes = {name: value for name, value in mpl.rcParams.items() if name in _SIZES}
-            scaled = {name: max(SMALLEST_FONT, factor * size) for name, size in sizes.items() if _is_number(size)}
+                sizes = {
+                    name: value
+                    for name, value in mpl.rcParams.items()
+                    if name in _SIZES
+                }
+            scaled = {
+                name: max(SMALLEST_FONT, factor * size)
+                for name, size in sizes.items()
+                if _is_number(size)
+            }
             settings |= scaled
         return settings
 
@@ -122,10 +147,14 @@ def _width(text: str) -> float:
     if text.strip() in COLUMNS:
         return COLUMNS[text.strip()]
     if not any(letter.isalpha() for letter in text):
-        raise InputError.of("width", text, "is neither one nor two columns and has no unit", remedy)
+        raise InputError.of(
+            "width", text, "is neither one nor two columns and has no unit", remedy
+        )
     width = convert(text, "nm", "width") * 1e-6
     if not NARROWEST <= width <= WIDEST:
-        raise InputError.of("width", text, f"is not between {NARROWEST:g} and {WIDEST:g} mm", remedy)
+        raise InputError.of(
+            "width", text, f"is not between {NARROWEST:g} and {WIDEST:g} mm", remedy
+        )
     return width
 
 
@@ -139,12 +168,22 @@ def _font(text: str) -> tuple[str, float | None]:
     except ValueError:
         words, size = [*words, last], None
     if size is not None and not SMALLEST_FONT <= size <= 30:
-        raise InputError.of("font", text, f"is not between {SMALLEST_FONT:g} and 30 pt", 'give "Arial 9", say')
+        raise InputError.of(
+            "font",
+            text,
+            f"is not between {SMALLEST_FONT:g} and 30 pt",
+            'give "Arial 9", say',
+        )
     family = " ".join(words)
     known = sorted({entry.name for entry in font_manager.fontManager.ttflist})
     if family and family not in (*known, "sans-serif", "serif", "monospace"):
         listed = ", ".join(known[:12]) + (", …" if len(known) > 12 else "")
-        raise InputError.of("font", family, f"is not installed{nearest(family, known)}", f"choose of {listed}")
+        raise InputError.of(
+            "font",
+            family,
+            f"is not installed{nearest(family, known)}",
+            f"choose of {listed}",
+        )
     return family, size
 
 
@@ -162,11 +201,17 @@ def _parsed(text: str, where: str) -> dict[Any, Any]:
             continue
         place = f"{where}, line {number}"
         if not colon:
-            raise InputError(f"{place}: {line.strip()!r} is no setting; write NAME: VALUE")
+            raise InputError(
+                f"{place}: {line.strip()!r} is no setting; write NAME: VALUE"
+            )
         if name.startswith(_NO_STYLE):
-            raise InputError(f"{place}: {name} is a setting of the program, not of a figure; leave it out")
+            raise InputError(
+                f"{place}: {name} is a setting of the program, not of a figure; leave it out"
+            )
         if name not in mpl.rcParams:
-            raise InputError(f"{place}: matplotlib has no setting {name!r}{nearest(name, list(mpl.rcParams))}")
+            raise InputError(
+                f"{place}: matplotlib has no setting {name!r}{nearest(name, list(mpl.rcParams))}"
+            )
         try:
             settings[name] = re.sub(r'^"(.*)"$', r"\1", value.strip())
         except ValueError as error:
@@ -177,5 +222,8 @@ def _parsed(text: str, where: str) -> dict[Any, Any]:
 def _style(path: str | None) -> dict[Any, Any]:
     if path is None:
         name = "chemage.mplstyle"
-        return _parsed(resources.files("chemage.foundation").joinpath(name).read_text("utf-8"), name)
+        return _parsed(
+            resources.files("chemage.foundation").joinpath(name).read_text("utf-8"),
+            name,
+        )
     return _parsed(read_text(path, 1e6), path)

@@ -27,7 +27,9 @@ _OF_NUMPY = {"X86_V4", "AVX512_SKX"}
 def cache_folder() -> Path:
     """The folder for what can be computed again: ``CHEMAGE_CACHE``, or ``chemage`` where this system has such folders
     (``$XDG_CACHE_HOME`` or ``~/.cache``, ``~/Library/Caches``, ``%LOCALAPPDATA%``). It may not be there yet."""
-    chosen = os.environ.get("CHEMAGE_CACHE") or platformdirs.user_cache_dir("chemage", appauthor=False)
+    chosen = os.environ.get("CHEMAGE_CACHE") or platformdirs.user_cache_dir(
+        "chemage", appauthor=False
+    )
     return Path(chosen)
 
 
@@ -66,7 +68,9 @@ def _temporary() -> Path:
         folder.mkdir(mode=0o700, exist_ok=True)
         status = folder.lstat()
         # compiled code is executed, so that nobody else may be able to put any there
-        ours = os.name != "posix" or (status.st_uid == os.getuid() and not status.st_mode & 0o022)
+        ours = os.name != "posix" or (
+            status.st_uid == os.getuid() and not status.st_mode & 0o022
+        )
         if ours and not folder.is_symlink():
             return folder
     return Path(tempfile.mkdtemp(prefix="chemage-kernels-"))
@@ -91,10 +95,17 @@ def blas_kernel() -> str:
     import numpy as np
 
     package = Path(np.__file__).parent
-    for folder in (package.parent / "numpy.libs", package / ".dylibs"):  # of wheels; numpy has loaded it
+    for folder in (
+        package.parent / "numpy.libs",
+        package / ".dylibs",
+    ):  # of wheels; numpy has loaded it
         for path in folder.glob("*openblas*"):
             library = ctypes.CDLL(str(path))
-            for name in ("scipy_openblas_get_corename64_", "openblas_get_corename64_", "openblas_get_corename"):
+            for name in (
+                "scipy_openblas_get_corename64_",
+                "openblas_get_corename64_",
+                "openblas_get_corename",
+            ):
                 if (ask := getattr(library, name, None)) is not None:
                     ask.restype = ctypes.c_char_p
                     return ask().decode()
@@ -110,7 +121,9 @@ def _instructions() -> str:
     except (ImportError, RuntimeError, OSError):
         return f"{named} (NUMBA_CPU_NAME)" if named else platform.machine()
     wide = bool(there.get("avx512f"))
-    in_numpy = wide and not _OF_NUMPY & set(os.environ.get("NPY_DISABLE_CPU_FEATURES", "").replace(",", " ").split())
+    in_numpy = wide and not _OF_NUMPY & set(
+        os.environ.get("NPY_DISABLE_CPU_FEATURES", "").replace(",", " ").split()
+    )
     if named:
         return f"{named} (NUMBA_CPU_NAME{', numpy with AVX-512' * in_numpy})"
     features = [feature for feature in _FEATURES if there.get(feature)]
@@ -132,7 +145,9 @@ def slowness() -> float:
     identity = {"version": _VERSION, "processor": processor(), "node": platform.node()}
     with suppress(OSError, ValueError, TypeError, KeyError):
         kept = read_json(file)
-        if {name: kept[name] for name in identity} == identity and 0 < (seconds := float(kept["seconds"])) < 1:
+        if {name: kept[name] for name in identity} == identity and 0 < (
+            seconds := float(kept["seconds"])
+        ) < 1:
             return seconds / REFERENCE_SECONDS
     seconds = _seconds_of_load()
     with suppress(Exception):  # a folder that cannot be written is no reason to fail

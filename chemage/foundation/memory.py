@@ -28,7 +28,9 @@ def capacity() -> float:
     if text := os.environ.get(VARIABLE, "").strip():
         match = re.fullmatch(r"(\d+(?:\.\d*)?(?:e\d+)?)\s*([kmgt]?)i?b?", text.lower())
         if match is None:
-            raise InputError.of(VARIABLE, text, "is no amount of memory", "write it as '64 GB'")
+            raise InputError.of(
+                VARIABLE, text, "is no amount of memory", "write it as '64 GB'"
+            )
         return float(match[1]) * _UNITS[match[2]]
     return min(_of_machine(), _of_group(), _of_process())
 

@@ -125,7 +125,9 @@ def load(name: str, target: str = "") -> Any:
     value = resolve_name(target or f"chemage.{HOME[name]}:{name}")
     if isinstance(value, FunctionType) or hasattr(value, "cache_info"):
         return _checked(name, value)
-    if isinstance(value, type) and isinstance(vars(value).get("__init__"), FunctionType):
+    if isinstance(value, type) and isinstance(
+        vars(value).get("__init__"), FunctionType
+    ):
         value.__init__ = _checked(name, value.__init__)  # pyright: ignore[reportAttributeAccessIssue]
     return value
 
@@ -149,14 +151,20 @@ def _checked(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
             if isinstance(error, OSError) and error.strerror:
                 from chemage.foundation.errors import StoreError, shortened
 
-                raise StoreError(f"{shortened(error.filename)}: {error.strerror}") from error
+                raise StoreError(
+                    f"{shortened(error.filename)}: {error.strerror}"
+                ) from error
             raise
 
-    checked.__module__ = "chemage.plugin" if name in HOME and name not in USERS else "chemage"  # where pickle finds it
+    checked.__module__ = (
+        "chemage.plugin" if name in HOME and name not in USERS else "chemage"
+    )  # where pickle finds it
     return checked
 
 
-def _blame(function: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any]) -> None:
+def _blame(
+    function: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any]
+) -> None:
     from chemage.foundation.checks import check_arguments
 
     check_arguments(function, args, kwargs)

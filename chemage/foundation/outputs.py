@@ -30,7 +30,16 @@ _HOLD_TIMES = "hold_times"
 RECORDED = "observable."
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
 #: names of variables and dimensions that a result or the table of a sweep has anyway
-_TAKEN = ("hold_times", "hold_time", "replica", "point", "bonds", "sites", "events", "rupture_force")
+_TAKEN = (
+    "hold_times",
+    "hold_time",
+    "replica",
+    "point",
+    "bonds",
+    "sites",
+    "events",
+    "rupture_force",
+)
 
 
 @dataclass(frozen=True)
@@ -58,7 +67,11 @@ class Output:
 
     def todict(self) -> dict[str, Any]:
         """Plain JSON values."""
-        return {"dims": list(self.dims), "unit": self.unit, "description": self.description}
+        return {
+            "dims": list(self.dims),
+            "unit": self.unit,
+            "description": self.description,
+        }
 
 
 @dataclass(frozen=True)
@@ -106,10 +119,14 @@ def record_by(who: str, values: Mapping[str, Any]) -> None:
     block = _block.get()
     for name, declared in values.items():
         if not isinstance(declared, RecordedValue):
-            raise PluginError(f"{who}: {name!r} is recorded without its unit; give Output(dims, unit, ...).of(values)")
+            raise PluginError(
+                f"{who}: {name!r} is recorded without its unit; give Output(dims, unit, ...).of(values)"
+            )
         if block is not None:
             if (other := block.get(name, (who,))[0]) != who:
-                raise PluginError(f"{name!r} is recorded by {other} and by {who}; rename one")
+                raise PluginError(
+                    f"{name!r} is recorded by {other} and by {who}; rename one"
+                )
             block[name] = Recorded(who, declared)
 
 
@@ -131,9 +148,16 @@ def kept(record: Any, block: Mapping[str, Recorded]) -> dict[str, Any]:
         if problems := declaration_problems({name: output}):
             raise PluginError(f"{who}: {problems[0]}")
         if times is None and HOLD_TIME in output.dims:
-            raise PluginError(f"{who}: output {name!r}: there are no hold times at this stage; name the dimension else")
-        checker = checkers.setdefault(who, Checker(who, None if times is None else times.size))
-        observables[name], outputs[name] = checker.values(name, values, output), output.todict()
+            raise PluginError(
+                f"{who}: output {name!r}: there are no hold times at this stage; name the dimension else"
+            )
+        checker = checkers.setdefault(
+            who, Checker(who, None if times is None else times.size)
+        )
+        observables[name], outputs[name] = (
+            checker.values(name, values, output),
+            output.todict(),
+        )
     return {"observables": observables, "outputs": outputs}
 
 
@@ -144,7 +168,9 @@ def joined(before: Mapping[str, np.ndarray], after: Any) -> dict[str, Any]:
     for name, values in observables.items():
         dims = after.outputs[name]["dims"]
         if HOLD_TIME in dims and name in before:
-            observables[name] = np.concatenate([before[name], values], axis=dims.index(HOLD_TIME))
+            observables[name] = np.concatenate(
+                [before[name], values], axis=dims.index(HOLD_TIME)
+            )
     return {"observables": observables, "outputs": after.outputs}
 
 
@@ -167,7 +193,10 @@ class Observing:
     @property
     def measured(self) -> dict[str, MeasuredOutput]:
         """What was recorded on the way to this, with dimensions and units, by name."""
-        return measured({name: values[None] for name, values in self.observables.items()}, self.outputs)
+        return measured(
+            {name: values[None] for name, values in self.observables.items()},
+            self.outputs,
+        )
 
     @property
     def recorded(self) -> Block:
@@ -189,8 +218,18 @@ def file_problem(name: Any) -> str:
     """Why an output that is not declared cannot be stored under ``name``; "" where it can."""
     if not isinstance(name, str):
         return f"the name {name!r} is not a string"
-    bad = [letter for letter in name if letter in "/\\" or unicodedata.category(letter)[0] == "C"]
-    if bad or not name or name != name.strip() or name in (".", "..") or len(name) > 100:
+    bad = [
+        letter
+        for letter in name
+        if letter in "/\\" or unicodedata.category(letter)[0] == "C"
+    ]
+    if (
+        bad
+        or not name
+        or name != name.strip()
+        or name in (".", "..")
+        or len(name) > 100
+    ):
         return f"the name {name!r} cannot be that of a variable in a file"
     return ""
 
@@ -198,23 +237,33 @@ def file_problem(name: Any) -> str:
 def declaration_problems(outputs: Any) -> list[str]:
     """What is wrong with ``outputs`` of a component, a sentence each; it must map names to :class:`Output`."""
     if not isinstance(outputs, Mapping):
-        return [f"outputs = {outputs!r}: give a mapping from names to chemage.plugin.Output"]
+        return [
+            f"outputs = {outputs!r}: give a mapping from names to chemage.plugin.Output"
+        ]
     problems = []
     for name, output in outputs.items():
         if problem := name_problem(name):
             problems.append(f"output {problem}")
         elif name in _TAKEN:
-            problems.append(f"output {name!r}: every result has this name already; rename it")
+            problems.append(
+                f"output {name!r}: every result has this name already; rename it"
+            )
         if not isinstance(output, Output):
-            problems.append(f"output {name!r} is a {type(output).__name__}; give a chemage.plugin.Output")
+            problems.append(
+                f"output {name!r} is a {type(output).__name__}; give a chemage.plugin.Output"
+            )
             continue
         for dim in output.dims:
             if problem := name_problem(dim):
                 problems.append(f"output {name!r}: dimension {problem}")
             elif dim in outputs or (dim in _TAKEN and dim != HOLD_TIME):
-                problems.append(f"output {name!r}: the dimension {dim!r} has the name of a variable; rename it")
+                problems.append(
+                    f"output {name!r}: the dimension {dim!r} has the name of a variable; rename it"
+                )
         if len(set(output.dims)) < len(output.dims):
-            problems.append(f"output {name!r}: dims = {output.dims} lists one dimension twice")
+            problems.append(
+                f"output {name!r}: dims = {output.dims} lists one dimension twice"
+            )
         if not isinstance(output.unit, str) or not isinstance(output.description, str):
             problems.append(f"output {name!r}: unit and description must be strings")
     return problems
@@ -230,12 +279,18 @@ class Checker:
     def names(self, measured: Any, outputs: Mapping[str, Output]) -> None:
         """Require that what is measured are just the outputs."""
         if not isinstance(measured, Mapping):
-            raise PluginError(f"{self._who} measured {type(measured).__name__}; give a mapping from names to numbers")
+            raise PluginError(
+                f"{self._who} measured {type(measured).__name__}; give a mapping from names to numbers"
+            )
         for name in {**dict.fromkeys(outputs), **dict.fromkeys(measured)}:
             if outputs and name not in measured:
-                raise PluginError(f"{self._who} declares the output {name!r} and does not measure it")
+                raise PluginError(
+                    f"{self._who} declares the output {name!r} and does not measure it"
+                )
             if outputs and name not in outputs:
-                raise PluginError(f"{self._who} measured {name!r}, which it does not declare; add it to outputs")
+                raise PluginError(
+                    f"{self._who} measured {name!r}, which it does not declare; add it to outputs"
+                )
 
     def values(self, name: Any, values: Any, output: Output | None) -> np.ndarray:
         """``values`` as an array, which must have the number and the lengths of the declared dimensions."""
@@ -245,7 +300,9 @@ class Checker:
                 raise PluginError(f"{self._who}: {problem}; rename it")
             return array
         if array.dtype.kind not in "fiub":
-            raise PluginError(f"{self._who}: output {name!r} has values of type {array.dtype}; give numbers")
+            raise PluginError(
+                f"{self._who}: output {name!r} has values of type {array.dtype}; give numbers"
+            )
         if array.ndim != len(output.dims):
             raise PluginError(
                 f"{self._who}: output {name!r} has the shape {array.shape}, but declares the dimensions {output.dims}"
@@ -309,7 +366,13 @@ class MeasuredOutput:
         return Curve(*self._declared()).of_replicas(hold_times, self.values, over)
 
     def _declared(self) -> tuple[str, str, str, str, str]:
-        return f"{RECORDED}{self.name}", self.unit or ONE, self.words, "", self.description
+        return (
+            f"{RECORDED}{self.name}",
+            self.unit or ONE,
+            self.words,
+            "",
+            self.description,
+        )
 
     def row(self) -> tuple[str, str]:
         """Of an array its name, and size, range of values and meaning."""
@@ -329,7 +392,11 @@ class MeasuredOutput:
         }
         if self.is_number or self.is_curve:
             values = self.values.astype(np.float64)
-            shown |= {"mean": values.mean(axis=0), "stderr": standard_error(values), "half_width": half_width(values)}
+            shown |= {
+                "mean": values.mean(axis=0),
+                "stderr": standard_error(values),
+                "half_width": half_width(values),
+            }
         return shown
 
 
@@ -338,6 +405,8 @@ def measured(
 ) -> dict[str, MeasuredOutput]:
     """What was measured by name: ``observables`` are the values, ``outputs`` the declarations as plain values."""
     return {
-        name: MeasuredOutput(name, values, Output(**outputs[name]) if name in outputs else None)
+        name: MeasuredOutput(
+            name, values, Output(**outputs[name]) if name in outputs else None
+        )
         for name, values in observables.items()
     }

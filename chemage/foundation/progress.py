@@ -28,7 +28,9 @@ AGAIN = 1.5
 _silent = False
 
 LOGGER = logging.getLogger("chemage")
-LOGGER.addHandler(logging.NullHandler())  # Python itself prints errors of a logger without a handler
+LOGGER.addHandler(
+    logging.NullHandler()
+)  # Python itself prints errors of a logger without a handler
 
 
 class Report(Protocol):
@@ -86,7 +88,13 @@ def progress_bars(units: Mapping[str, str] | None = None) -> Iterator[Report]:
             yield lines
         return
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        SpinnerColumn,
+        TextColumn,
+        TimeElapsedColumn,
+    )
 
     columns = (
         SpinnerColumn(),
@@ -107,7 +115,11 @@ def progress_bars(units: Mapping[str, str] | None = None) -> Iterator[Report]:
                 done = total = totals.get(stage, 1)
             totals[stage] = total
             bars.update(
-                tasks[stage], completed=done, total=total or None, note=note, count=_count(named, stage, done, total)
+                tasks[stage],
+                completed=done,
+                total=total or None,
+                note=note,
+                count=_count(named, stage, done, total),
             )
 
         yield draw
@@ -134,7 +146,9 @@ class _Lines:
     def __call__(self, stage: str, done: int, total: int, note: str = "") -> None:
         with self._lock:
             begins = stage not in self._begun
-            elapsed = time.perf_counter() - self._begun.setdefault(stage, time.perf_counter())
+            elapsed = time.perf_counter() - self._begun.setdefault(
+                stage, time.perf_counter()
+            )
             if total and done == total:
                 self._now.pop(stage, None)
                 del self._begun[stage]
@@ -179,7 +193,9 @@ class _Lines:
         if time.monotonic() - self._printed < wait:
             return
         done, total, note = self._now[stage]
-        count = _count(self._units, stage, done, total) or (f"{done} done" if done else "")
+        count = _count(self._units, stage, done, total) or (
+            f"{done} done" if done else ""
+        )
         words = [count, note] if stage in self._units else [count]
         self._print(f"{stage}: {', '.join([*filter(None, words), f'{elapsed:.0f} s'])}")
 
@@ -208,7 +224,11 @@ def loading(message: str) -> None:
             return
         print(message, file=sys.stderr, flush=True)
         while not ended.wait(AGAIN):
-            print(f"{message}: {time.monotonic() - begin:.0f} s", file=sys.stderr, flush=True)
+            print(
+                f"{message}: {time.monotonic() - begin:.0f} s",
+                file=sys.stderr,
+                flush=True,
+            )
 
     thread = threading.Thread(target=show, daemon=True)
     thread.start()
@@ -252,15 +272,26 @@ def logged(stage: str, what: str = "begins") -> Iterator[Callable[[str], None]]:
     try:
         yield outcome.append
     except BaseException as error:
-        LOGGER.info("%s: ended by %s after %.2f s", stage, type(error).__name__, time.perf_counter() - wall)
+        LOGGER.info(
+            "%s: ended by %s after %.2f s",
+            stage,
+            type(error).__name__,
+            time.perf_counter() - wall,
+        )
         raise
     wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
     LOGGER.info(
-        "%s: done in %.2f s (%.2f s of CPU time)%s", stage, wall, cpu, "".join(f"; {words}" for words in outcome)
+        "%s: done in %.2f s (%.2f s of CPU time)%s",
+        stage,
+        wall,
+        cpu,
+        "".join(f"; {words}" for words in outcome),
     )
 
 
-def counted(stage: str, unit: str, progress: Callable[[int, int], None] | None) -> Callable[[int, int], None] | None:
+def counted(
+    stage: str, unit: str, progress: Callable[[int, int], None] | None
+) -> Callable[[int, int], None] | None:
     """A function to report (done, total) with: it logs them, and passes them on to ``progress``; None where nobody
     reads either."""
     if progress is None and not LOGGER.isEnabledFor(logging.INFO):
@@ -276,4 +307,6 @@ def counted(stage: str, unit: str, progress: Callable[[int, int], None] | None) 
 
 def of_plugins(plugins: dict[str, str]) -> str:
     """Which plugins took part, in words."""
-    return "plugins: " + (", ".join(f"{name} ({source})" for name, source in plugins.items()) or "none")
+    return "plugins: " + (
+        ", ".join(f"{name} ({source})" for name, source in plugins.items()) or "none"
+    )

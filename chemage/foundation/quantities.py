@@ -42,7 +42,9 @@ def unit_text(unit: str) -> str:
     if unit == ONE:
         return ""
     plain = unit.replace("**", "").replace("^", "").replace("angstrom", "Å")
-    return re.sub(r"(?<=[^\W\d_])\d+", lambda power: power[0].translate(_SUPERSCRIPTS), plain)
+    return re.sub(
+        r"(?<=[^\W\d_])\d+", lambda power: power[0].translate(_SUPERSCRIPTS), plain
+    )
 
 
 def headed(text: str, unit: str) -> str:
@@ -76,7 +78,9 @@ class Declared:
 
     def __post_init__(self) -> None:
         if not self.unit or not self.label:
-            raise ValueError(f'{self.name}: give its unit ("1" for a pure number) and what it is, in words')
+            raise ValueError(
+                f'{self.name}: give its unit ("1" for a pure number) and what it is, in words'
+            )
 
     @property
     def title(self) -> str:
@@ -101,7 +105,11 @@ _OF_ERRORS = {
     "low": "lower end of the {level} % interval of {}",
     "high": "upper end of the {level} % interval of {}",
 }
-_COLUMNS = {"": (), "half_width": ("stderr", "half_width"), "ends": ("stderr", "low", "high")}
+_COLUMNS = {
+    "": (),
+    "half_width": ("stderr", "half_width"),
+    "ends": ("stderr", "low", "high"),
+}
 
 
 @dataclass(frozen=True)
@@ -133,7 +141,13 @@ class Quantity(Declared):
         parts = []
         for cause, part in self.errors.items():
             share = part.size / abs(self.value) if self.value else math.nan
-            parts.append((cause, percent(share) if math.isfinite(share) else "not known", part.how))
+            parts.append(
+                (
+                    cause,
+                    percent(share) if math.isfinite(share) else "not known",
+                    part.how,
+                )
+            )
         return parts
 
     @property
@@ -144,11 +158,17 @@ class Quantity(Declared):
     def between(self, half: float, stderr: float = math.nan, **more: Any) -> Self:
         """The same with an interval of this half width about the value."""
         ends = {"low": self.value - half, "high": self.value + half}
-        return self.but(stated="half_width", stderr=stderr, half_width=half, **ends, **more)
+        return self.but(
+            stated="half_width", stderr=stderr, half_width=half, **ends, **more
+        )
 
-    def within(self, low: float, high: float, stderr: float = math.nan, **more: Any) -> Self:
+    def within(
+        self, low: float, high: float, stderr: float = math.nan, **more: Any
+    ) -> Self:
         """The same with an interval between these ends."""
-        return self.but(stderr=stderr, half_width=0.5 * (high - low), low=low, high=high, **more)
+        return self.but(
+            stderr=stderr, half_width=0.5 * (high - low), low=low, high=high, **more
+        )
 
     def of_replicas(self, values: np.ndarray) -> Self:
         """The same with the mean of independent ``values`` and Student's interval; one value has none."""
@@ -157,18 +177,32 @@ class Quantity(Declared):
 
     def row(self) -> tuple[str, str]:
         """Its line in a table: what it is, and its value with error and unit."""
-        return " ".join(filter(None, (self.title, self.of if self.of.startswith("at ") else ""))), self.text()
+        return " ".join(
+            filter(None, (self.title, self.of if self.of.startswith("at ") else ""))
+        ), self.text()
 
     def text(self) -> str:
         """The value with its interval and unit, or why there is none."""
         if not self.known:
             return self.reason or NONE
         about = "" if self.of.startswith("at ") else self.of
-        return " ".join(filter(None, (self.bare(), unit_text(self.unit), about, self.reason and f"({self.reason})")))
+        return " ".join(
+            filter(
+                None,
+                (
+                    self.bare(),
+                    unit_text(self.unit),
+                    about,
+                    self.reason and f"({self.reason})",
+                ),
+            )
+        )
 
     def bare(self) -> str:
         """The value with its interval, without unit."""
-        beside_middle = abs(self.low + self.high - 2 * self.value) > UNEVEN * (self.high - self.low)
+        beside_middle = abs(self.low + self.high - 2 * self.value) > UNEVEN * (
+            self.high - self.low
+        )
         if math.isfinite(self.low) and (self.stated == "ends" or beside_middle):
             return with_interval(self.value, self.low, self.high)
         if self.stated:
@@ -181,21 +215,31 @@ class Quantity(Declared):
 
     def short(self) -> str:
         """Symbol, and value with its error in brackets, for legends: ``β = 0.466(12)``."""
-        text = " ".join(filter(None, (with_error(self.value, self.half_width), unit_text(self.unit))))
+        text = " ".join(
+            filter(
+                None, (with_error(self.value, self.half_width), unit_text(self.unit))
+            )
+        )
         return f"{self.symbol or self.label} = {text}"
 
     def columns(self) -> list[tuple[str, str, str]]:
         """The columns that it takes in a table: (name, unit, meaning)."""
         words = self.meaning or self.label
         errors = [
-            (f"{self.name}_{part}", self.unit, _OF_ERRORS[part].format(self.label, level=self.level))
+            (
+                f"{self.name}_{part}",
+                self.unit,
+                _OF_ERRORS[part].format(self.label, level=self.level),
+            )
             for part in _COLUMNS[self.stated]
         ]
         return [(self.name, self.unit, words), *errors]
 
     def numbers(self) -> dict[str, float]:
         """Its numbers by the names of :meth:`columns`."""
-        return {self.name: self.value} | {f"{self.name}_{part}": getattr(self, part) for part in _COLUMNS[self.stated]}
+        return {self.name: self.value} | {
+            f"{self.name}_{part}": getattr(self, part) for part in _COLUMNS[self.stated]
+        }
 
 
 #: as plugins of before call it
@@ -238,7 +282,14 @@ class Curve(Declared):
         with np.errstate(over="ignore", invalid="ignore"):
             errors = standard_error(values), half_width(values)
             mean, samples = values.mean(axis=0), (values,) if len(values) > 1 else ()
-        return self.but(x=x, mean=mean, stderr=errors[0], half_width=errors[1], samples=samples, over=over)
+        return self.but(
+            x=x,
+            mean=mean,
+            stderr=errors[0],
+            half_width=errors[1],
+            samples=samples,
+            over=over,
+        )
 
     def at(self, x: float) -> Quantity:
         """The number at ``x``, interpolated linearly in log x; the interval is at most too wide there. Not known
@@ -257,9 +308,15 @@ class Curve(Declared):
             part = math.log(x / self.x[low]) / math.log(self.x[high] / self.x[low])
 
         def between(values: np.ndarray) -> float:
-            return float(values[low] * (1 - part) + values[high] * part) if values.size else math.nan
+            return (
+                float(values[low] * (1 - part) + values[high] * part)
+                if values.size
+                else math.nan
+            )
 
-        return number.but(value=between(self.mean), of=where).between(between(self.half_width), between(self.stderr))
+        return number.but(value=between(self.mean), of=where).between(
+            between(self.half_width), between(self.stderr)
+        )
 
     def last(self) -> Quantity:
         """The number at the last point."""
@@ -271,12 +328,26 @@ class Curve(Declared):
 
     def numbers(self) -> dict[str, np.ndarray]:
         """Its arrays by the names of :meth:`columns`."""
-        numbers = {self.name: self.mean, f"{self.name}_stderr": self.stderr, f"{self.name}_half_width": self.half_width}
-        return numbers | {f"{self.name}.{cause}": part for cause, part in self.errors.items()}
+        numbers = {
+            self.name: self.mean,
+            f"{self.name}_stderr": self.stderr,
+            f"{self.name}_half_width": self.half_width,
+        }
+        return numbers | {
+            f"{self.name}.{cause}": part for cause, part in self.errors.items()
+        }
 
     def number(self) -> Quantity:
         """What it is at one point, without a value."""
-        return Quantity(self.name, self.unit, self.label, self.symbol, self.meaning, self.rank, stated="half_width")
+        return Quantity(
+            self.name,
+            self.unit,
+            self.label,
+            self.symbol,
+            self.meaning,
+            self.rank,
+            stated="half_width",
+        )
 
 
 D = TypeVar("D", bound=Declared)
@@ -289,5 +360,7 @@ def by_name(declared: Iterable[D]) -> dict[str, D]:
 
 def number_text(value: float) -> str:
     """A number without error, to four digits; whole numbers as they are."""
-    whole = isinstance(value, int | np.integer) or (abs(value) < 1e6 and float(value).is_integer())
+    whole = isinstance(value, int | np.integer) or (
+        abs(value) < 1e6 and float(value).is_integer()
+    )
     return f"{value:.0f}" if whole else f"{value:.4g}"

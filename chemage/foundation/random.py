@@ -70,7 +70,12 @@ def philox(c0, c1, c2, c3, k0, k1):
     for _ in range(10):
         p0 = _M0 * c0
         p1 = _M1 * c2
-        c0, c1, c2, c3 = (p1 >> _S32) ^ c1 ^ k0, p1 & _LOW, (p0 >> _S32) ^ c3 ^ k1, p0 & _LOW
+        c0, c1, c2, c3 = (
+            (p1 >> _S32) ^ c1 ^ k0,
+            p1 & _LOW,
+            (p0 >> _S32) ^ c3 ^ k1,
+            p0 & _LOW,
+        )
         k0 = (k0 + _W0) & _LOW
         k1 = (k1 + _W1) & _LOW
     return c0, c1, c2, c3
@@ -91,7 +96,9 @@ def uniform_pair(k0, k1, stream, index, block):
     i = np.uint64(index)
     b = np.uint64(block)
     top = np.uint64(stream) | (((b >> _S32) & _BLOCK_TOP) << _S16)
-    r0, r1, r2, r3 = philox(i & _LOW, i >> _S32, b & _LOW, top, np.uint64(k0), np.uint64(k1))
+    r0, r1, r2, r3 = philox(
+        i & _LOW, i >> _S32, b & _LOW, top, np.uint64(k0), np.uint64(k1)
+    )
     return to_double(r0, r1), to_double(r2, r3)
 
 
@@ -109,7 +116,14 @@ def pair_uniform(k0, k1, stream, first, second):
     a = np.uint64(min(first, second))
     b = np.uint64(max(first, second))
     tops = (a >> _S32) | ((b >> _S32) << _S16)
-    r0, r1, _, _ = philox(a & _LOW, b & _LOW, tops, np.uint64(stream) | _PAIR_BIT, np.uint64(k0), np.uint64(k1))
+    r0, r1, _, _ = philox(
+        a & _LOW,
+        b & _LOW,
+        tops,
+        np.uint64(stream) | _PAIR_BIT,
+        np.uint64(k0),
+        np.uint64(k1),
+    )
     return to_double(r0, r1)
 
 
@@ -139,7 +153,11 @@ def key(seed: Keyed) -> NDArray[np.uint64]:
     Raises ValueError for a negative number and TypeError for anything else.
     """
     if isinstance(seed, np.ndarray):
-        if seed.shape != (2,) or seed.dtype != np.uint64 or int(seed.max()) > 0xFFFFFFFF:
+        if (
+            seed.shape != (2,)
+            or seed.dtype != np.uint64
+            or int(seed.max()) > 0xFFFFFFFF
+        ):
             raise ValueError(
                 "seed: an array must be a key as `chemage.plugin.random.key` returns it; give a whole number"
             )
@@ -150,9 +168,13 @@ def key(seed: Keyed) -> NDArray[np.uint64]:
         try:
             number = operator.index(seed)
         except TypeError:
-            raise TypeError(f"seed: {seed!r} is neither a whole number nor a numpy SeedSequence") from None
+            raise TypeError(
+                f"seed: {seed!r} is neither a whole number nor a numpy SeedSequence"
+            ) from None
         if number < 0:
-            raise ValueError(f"seed: {number} is negative; give a whole number from 0 up")
+            raise ValueError(
+                f"seed: {number} is negative; give a whole number from 0 up"
+            )
         seed = np.random.SeedSequence(number)
     return seed.generate_state(2, np.uint32).astype(np.uint64)
 
@@ -170,12 +192,19 @@ def stream(name: str) -> int:
         Another name has the same stream in this process; choose another name.
     """
     if not name:
-        raise ValueError("name = '': a stream needs a name, such as 'my-plugin/defects'")
+        raise ValueError(
+            "name = '': a stream needs a name, such as 'my-plugin/defects'"
+        )
     free = LAST_STREAM + 1 - FIRST_FREE_STREAM
-    number = FIRST_FREE_STREAM + int.from_bytes(hashlib.blake2b(name.encode(), digest_size=8).digest()) % free
+    number = (
+        FIRST_FREE_STREAM
+        + int.from_bytes(hashlib.blake2b(name.encode(), digest_size=8).digest()) % free
+    )
     other = _claimed.setdefault(number, name)
     if other != name:
-        raise ValueError(f"name = {name!r}: its stream {number} belongs to {other!r} already; choose another name")
+        raise ValueError(
+            f"name = {name!r}: its stream {number} belongs to {other!r} already; choose another name"
+        )
     return number
 
 
@@ -191,14 +220,18 @@ def _indices(name: str, values: ArrayLike, last: int) -> NDArray[np.int64]:
     if array.size == 0:
         return np.zeros(array.shape, np.int64)
     if array.dtype.kind not in "iu":
-        raise TypeError(f"{name}: an array of {array.dtype} where whole numbers are needed")
+        raise TypeError(
+            f"{name}: an array of {array.dtype} where whole numbers are needed"
+        )
     low, high = int(array.min()), int(array.max())
     if low < 0 or high > last:
         raise ValueError(f"{name}: {low if low < 0 else high} is outside 0 to {last}")
     return np.ascontiguousarray(array, np.int64)
 
 
-def uniforms(seed: Keyed, stream: int, index: ArrayLike, draw: int = 0) -> NDArray[np.float64]:
+def uniforms(
+    seed: Keyed, stream: int, index: ArrayLike, draw: int = 0
+) -> NDArray[np.float64]:
     """Doubles in (0, 1), both ends excluded; one per index, a pure function of (seed, stream, index, draw).
 
     seed: as for `key`. stream: 0 to 65535, what the numbers are for. index: whole numbers from 0 up, any shape (a flat
@@ -211,20 +244,35 @@ def uniforms(seed: Keyed, stream: int, index: ArrayLike, draw: int = 0) -> NDArr
     indices = _indices("index", index, np.iinfo(np.int64).max)
     words = key(seed)
     out = np.empty(indices.shape)
-    _fill(words[0], words[1], np.uint64(_stream(stream)), indices.reshape(-1), np.uint64(number), out.reshape(-1))
+    _fill(
+        words[0],
+        words[1],
+        np.uint64(_stream(stream)),
+        indices.reshape(-1),
+        np.uint64(number),
+        out.reshape(-1),
+    )
     return out
 
 
-def pair_uniforms(seed: Keyed, stream: int, first: ArrayLike, second: ArrayLike) -> NDArray[np.float64]:
+def pair_uniforms(
+    seed: Keyed, stream: int, first: ArrayLike, second: ArrayLike
+) -> NDArray[np.float64]:
     """Doubles in (0, 1), one per unordered pair of indices: `first` and `second` may be swapped anywhere.
 
     The two arrays have one shape, or broadcast to it; indices are from 0 to 2**48 - 1. Returns float64 of that shape.
     """
     one, two = np.broadcast_arrays(
-        _indices("first", first, LAST_PAIR_INDEX), _indices("second", second, LAST_PAIR_INDEX)
+        _indices("first", first, LAST_PAIR_INDEX),
+        _indices("second", second, LAST_PAIR_INDEX),
     )
     words = key(seed)
     out = np.empty(one.shape)
-    one, two = np.ascontiguousarray(one).reshape(-1), np.ascontiguousarray(two).reshape(-1)
-    _fill_pairs(words[0], words[1], np.uint64(_stream(stream)), one, two, out.reshape(-1))
+    one, two = (
+        np.ascontiguousarray(one).reshape(-1),
+        np.ascontiguousarray(two).reshape(-1),
+    )
+    _fill_pairs(
+        words[0], words[1], np.uint64(_stream(stream)), one, two, out.reshape(-1)
+    )
     return out

@@ -27,10 +27,16 @@ def merged_approximations(*lists: Any) -> list[dict[str, Any]]:
     """Join lists of approximations, each entry once; what is no mapping with a ``kind`` is left out."""
     entries: list[dict[str, Any]] = []
     for candidates in lists:
-        if not isinstance(candidates, Iterable) or isinstance(candidates, str | Mapping):
+        if not isinstance(candidates, Iterable) or isinstance(
+            candidates, str | Mapping
+        ):
             continue
         for entry in candidates:
-            if isinstance(entry, Mapping) and isinstance(entry.get("kind"), str) and dict(entry) not in entries:
+            if (
+                isinstance(entry, Mapping)
+                and isinstance(entry.get("kind"), str)
+                and dict(entry) not in entries
+            ):
                 entries.append(dict(entry))
     return entries
 
@@ -41,13 +47,18 @@ def approximation_made_by(component: Any) -> list[dict[str, Any]]:
         return []
     entry: dict[str, Any] = {"role": component.role, "kind": component.kind}
     if component.declared_error is not None:
-        entry |= {"declared_error": float(component.declared_error), "of": component.error_of}
+        entry |= {
+            "declared_error": float(component.declared_error),
+            "of": component.error_of,
+        }
     return [entry]
 
 
 def approximations_in_words(approximations: Iterable[Mapping[str, Any]]) -> str:
     """The one sentence by which everything that prints a number marks it: ``KIND (declared error 2 % of ...)``."""
-    return "; ".join(f"{entry['kind']} ({_error_in_words(entry)})" for entry in approximations)
+    return "; ".join(
+        f"{entry['kind']} ({_error_in_words(entry)})" for entry in approximations
+    )
 
 
 def _error_in_words(entry: Mapping[str, Any]) -> str:
@@ -56,7 +67,9 @@ def _error_in_words(entry: Mapping[str, Any]) -> str:
     error = entry.get("declared_error")
     if not isinstance(error, int | float):
         return "no error declared"
-    return f"declared error {100 * error:.3g} % of {entry.get('of') or 'what it computes'}"
+    return (
+        f"declared error {100 * error:.3g} % of {entry.get('of') or 'what it computes'}"
+    )
 
 
 def content_hash(content: Any) -> str:
@@ -64,7 +77,9 @@ def content_hash(content: Any) -> str:
     try:
         return text_hash(json.dumps(content, sort_keys=True))
     except (TypeError, ValueError, RecursionError) as error:
-        raise InputError.of("content", content, f"is not made of plain JSON values ({error})") from None
+        raise InputError.of(
+            "content", content, f"is not made of plain JSON values ({error})"
+        ) from None
 
 
 def text_hash(text: str, size: int = 16) -> str:
@@ -82,7 +97,9 @@ def file_hash(path: str, stamp: FileStamp) -> str:
         The file cannot be read.
     """
     with open_file(path) as file:
-        return hashlib.file_digest(file, lambda: hashlib.blake2b(digest_size=16)).hexdigest()
+        return hashlib.file_digest(
+            file, lambda: hashlib.blake2b(digest_size=16)
+        ).hexdigest()
 
 
 def frozen(array: Any, *dtypes: type[np.generic]) -> np.ndarray:
@@ -93,12 +110,17 @@ def frozen(array: Any, *dtypes: type[np.generic]) -> np.ndarray:
     """
     values = array_in(array)
     if values.size > _LARGE:  # a view may repeat one number
-        require(8.0 * values.size, f"an array of shape {values.shape}", "give a smaller one")
+        require(
+            8.0 * values.size, f"an array of shape {values.shape}", "give a smaller one"
+        )
     if values.dtype.kind not in "fiubc":
         raise ValueError(f"expected numbers, not {_kind(values)}")
     if dtypes and values.dtype not in dtypes:
         target = np.dtype(dtypes[0])
-        mixed = values.size and (values.dtype.kind == "c" or (values.dtype.kind == "b") != (target.kind == "b"))
+        mixed = values.size and (
+            values.dtype.kind == "c"
+            or (values.dtype.kind == "b") != (target.kind == "b")
+        )
         if mixed and not (target.kind == "b" and _is_zero_or_one(values)):
             raise ValueError(f"expected {_KINDS[target.kind]}, not {_kind(values)}")
         if target.kind in "iu" and values.dtype.kind == "f" and values.size:
@@ -106,13 +128,19 @@ def frozen(array: Any, *dtypes: type[np.generic]) -> np.ndarray:
         if target.kind == "i" and values.dtype.kind in "iu" and values.size:
             limits = np.iinfo(target.name)
             if int(values.min()) < limits.min or int(values.max()) > limits.max:
-                raise ValueError(f"values from {values.min()} to {values.max()} do not fit {target}")
+                raise ValueError(
+                    f"values from {values.min()} to {values.max()} do not fit {target}"
+                )
         with np.errstate(over="ignore"):
             values = values.astype(target)
         values.setflags(write=False)
     if values.dtype.kind == "b" and not is_boolean(np.ascontiguousarray(values)):
-        raise ValueError("bytes other than 0 and 1 in an array of bool; make it with values != 0")
-    if not (values.flags.c_contiguous and values.flags.aligned and values.dtype.isnative) or _can_change(values):
+        raise ValueError(
+            "bytes other than 0 and 1 in an array of bool; make it with values != 0"
+        )
+    if not (
+        values.flags.c_contiguous and values.flags.aligned and values.dtype.isnative
+    ) or _can_change(values):
         values = np.array(values, values.dtype.newbyteorder("="), order="C", copy=True)
         values.setflags(write=False)
     return values
@@ -120,11 +148,18 @@ def frozen(array: Any, *dtypes: type[np.generic]) -> np.ndarray:
 
 #: numbers of an array that is checked against the memory
 _LARGE = 1 << 27
-_KINDS = {"f": "numbers", "i": "whole numbers", "u": "whole numbers", "b": "True or False"}
+_KINDS = {
+    "f": "numbers",
+    "i": "whole numbers",
+    "u": "whole numbers",
+    "b": "True or False",
+}
 
 
 def _is_zero_or_one(values: np.ndarray) -> bool:
-    return values.dtype.kind in "iu" and int(values.min()) >= 0 and int(values.max()) <= 1
+    return (
+        values.dtype.kind in "iu" and int(values.min()) >= 0 and int(values.max()) <= 1
+    )
 
 
 def _kind(values: np.ndarray) -> str:
@@ -152,7 +187,10 @@ Indices = Annotated[np.ndarray, _array(np.int64)]
 Counts = Annotated[np.ndarray, _array(np.int64, np.float64)]
 Shorts = Annotated[np.ndarray, _array(np.int32)]
 Flags = Annotated[np.ndarray, _array(np.bool_)]
-Named = Annotated[dict[str, np.ndarray], AfterValidator(lambda value: {n: frozen(a) for n, a in value.items()})]
+Named = Annotated[
+    dict[str, np.ndarray],
+    AfterValidator(lambda value: {n: frozen(a) for n, a in value.items()}),
+]
 
 
 def _plain(value: dict[str, Any]) -> dict[str, Any]:
@@ -175,7 +213,9 @@ PositiveNumber = Annotated[float, Field(gt=0, allow_inf_nan=False), _Ranged]
 class Record(Frozen):
     """Base of the frozen objects."""
 
-    model_config = ConfigDict(validate_default=False, arbitrary_types_allowed=True, allow_inf_nan=True)
+    model_config = ConfigDict(
+        validate_default=False, arbitrary_types_allowed=True, allow_inf_nan=True
+    )
     #: field name -> (dimension names, unit, meaning)
     arrays: ClassVar[dict[str, tuple[tuple[str, ...], str, str]]] = {}
     #: fields whose arrays have another name in files, that of their dimension
@@ -222,7 +262,13 @@ class Record(Frozen):
             else:
                 digest.update(json.dumps(value, default=str, sort_keys=True).encode())
 
-        feed({name: value for name, value in self.todict().items() if not self.is_left_out(name, value)})
+        feed(
+            {
+                name: value
+                for name, value in self.todict().items()
+                if not self.is_left_out(name, value)
+            }
+        )
         return digest.hexdigest()
 
     def declared(self, name: str) -> tuple[tuple[str, ...], str, str] | None:
@@ -231,7 +277,9 @@ class Record(Frozen):
 
     def is_left_out(self, name: str, value: Any) -> bool:
         """Whether a field is one of :attr:`added` and empty."""
-        return name in self.added and (value is None or (isinstance(value, Mapping | str) and not value))
+        return name in self.added and (
+            value is None or (isinstance(value, Mapping | str) and not value)
+        )
 
     def digest(self) -> str:
         """Content hash over every field, arrays included."""
@@ -241,7 +289,9 @@ class Record(Frozen):
         # built anew, so that the arrays of the copy are read-only as well (pickle drops that flag)
         return _rebuilt, (type(self), self.todict())
 
-    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+    def model_copy(
+        self, *, update: Mapping[str, Any] | None = None, deep: bool = False
+    ) -> Self:
         """A copy with some fields changed, validated again (pydantic's own would keep the digest of the original)."""
         return type(self).fromdict({**self.todict(), **(update or {})})
 
@@ -290,7 +340,11 @@ class Record(Frozen):
         rows, texts = [], meanings(type(self))
         for name, value in self.todict().items():
             unit, meaning = self.arrays[name][1:] if name in self.arrays else ("", "")
-            shown = f"{value.dtype} {value.shape}" if isinstance(value, np.ndarray) else shortened(value)
+            shown = (
+                f"{value.dtype} {value.shape}"
+                if isinstance(value, np.ndarray)
+                else shortened(value)
+            )
             rows.append((name, shown, unit, meaning or texts.get(name, "")))
         return html_table(repr(self), rows)
 
@@ -303,7 +357,9 @@ class Record(Frozen):
 def require_finite(name: str, values: np.ndarray, remedy: str) -> None:
     bad = int(values.size - np.count_nonzero(np.isfinite(values)))
     if bad:
-        raise ValueError(f"{name}: {bad} of {values.size} values are not finite; {remedy}")
+        raise ValueError(
+            f"{name}: {bad} of {values.size} values are not finite; {remedy}"
+        )
 
 
 def _rebuilt(cls: type[Record], fields: dict[str, Any]) -> Record:

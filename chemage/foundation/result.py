@@ -135,7 +135,9 @@ class Ageing:
     draw_fit: Callable[[Axes, str, str], None] | None = None
     #: ΔF (nN, (m,)) at a load (nN), a temperature (K) and hold times (s), and its covariance (m, m), where a result can
     #: say it
-    predict: Callable[[float, float, np.ndarray], tuple[np.ndarray, np.ndarray]] | None = None
+    predict: (
+        Callable[[float, float, np.ndarray], tuple[np.ndarray, np.ndarray]] | None
+    ) = None
 
 
 class Result:
@@ -196,13 +198,22 @@ class Result:
 
     def rows(self, every: bool = False) -> Rows:
         """The table of its main numbers, or of ``every`` one: (what, text with error and unit)."""
-        rows, curves = self.facts(), [curve for curve in self.curves() if not curve.is_distribution]
-        numbers = sorted([*(curve.last() for curve in curves), *self.quantities()], key=lambda one: one.rank)
+        rows = self.facts()
+        curves = [curve for curve in self.curves() if not curve.is_distribution]
+        numbers = sorted(
+            [*(curve.last() for curve in curves), *self.quantities()],
+            key=lambda one: one.rank,
+        )
         for one in numbers:
             if every or one.rank <= Rank.TABLE:
                 rows.append(one.row())
                 for cause, size, how in one.parts():
-                    rows.append((f"error of {one.symbol or one.label}: {cause}", f"{size} (standard error), {how}"))
+                    rows.append(
+                        (
+                            f"error of {one.symbol or one.label}: {cause}",
+                            f"{size} (standard error), {how}",
+                        )
+                    )
         if self.errors and any(math.isfinite(one.half_width) for one in numbers):
             rows.append(("every ± is", self.errors))
         return [*rows, *self.remarks()]
@@ -225,7 +236,9 @@ class Result:
     def first(self) -> list[Quantity]:
         """The quantities of the first rank; curves at a time that other results have, too."""
         curves = [curve for curve in self.curves() if curve.rank is Rank.FIRST]
-        numbers = [one for one in self.quantities() if one.rank is Rank.FIRST and one.known]
+        numbers = [
+            one for one in self.quantities() if one.rank is Rank.FIRST and one.known
+        ]
         return [*(curve.at(compared_time(curve.x)) for curve in curves), *numbers]
 
     def notes(self) -> list[str]:
@@ -251,9 +264,19 @@ class Result:
         if not curves:
             return []
         axis, x = curves[0].axis_of, curves[0].x
-        rows = [(f"{at:.6g}", *(curve.at(at).bare_or_none() for curve in curves)) for at in x.tolist()]
+        rows = [
+            (f"{at:.6g}", *(curve.at(at).bare_or_none() for curve in curves))
+            for at in x.tolist()
+        ]
         title = f"{curves[0].over}" if curves[0].over else ""
-        return [Table(title, [axis.axis, *(curve.axis for curve in curves)], rows, f"Against {axis.label}")]
+        return [
+            Table(
+                title,
+                [axis.axis, *(curve.axis for curve in curves)],
+                rows,
+                f"Against {axis.label}",
+            )
+        ]
 
     def columns(self) -> dict[str, Any]:
         """Its many values, for CSV: name and unit of a column -> values; empty: the rows are all there is."""
@@ -261,7 +284,10 @@ class Result:
         columns: dict[str, Any] = {}
         for curve in curves:
             columns[headed(curve.axis_of.name, curve.axis_of.unit)] = curve.x
-            columns |= {headed(name, curve.unit): values for name, values in curve.numbers().items()}
+            columns |= {
+                headed(name, curve.unit): values
+                for name, values in curve.numbers().items()
+            }
         return columns
 
     def cite(self) -> tuple[list[str], str]:
@@ -291,7 +317,9 @@ class Result:
 
     def draw(self, axes: Axes, medium: Medium = FILE) -> None:
         """Draw its main plot: the first panel of the first picture; a kind may have options for it."""
-        panels = [panel for picture in self.pictures().values() for panel in picture.panels]
+        panels = [
+            panel for picture in self.pictures().values() for panel in picture.panels
+        ]
         if not panels:
             raise InputError(f"{with_article(self.name)} has no picture")
         panels[0].draw(axes, medium)
@@ -313,7 +341,9 @@ class Result:
             return ""
         try:
             with drawn_as():
-                figure, axes = panels(_CELL_SIZE[0] * len(chosen), _CELL_SIZE[1], len(chosen), dpi=96)
+                figure, axes = panels(
+                    _CELL_SIZE[0] * len(chosen), _CELL_SIZE[1], len(chosen), dpi=96
+                )
                 for plot, panel in zip(axes, chosen, strict=True):
                     panel.draw(plot, CELL)
                 return png(figure, self.heading)
@@ -347,25 +377,38 @@ class OfRecord(Result, Generic[R]):
         return self.record.plugins
 
     def arrays(self) -> Rows:
-        found = self.record.measured.values() if isinstance(self.record, Observing) else ()
+        found = (
+            self.record.measured.values() if isinstance(self.record, Observing) else ()
+        )
         return [output.row() for output in found if output.numbers is None]
 
     def numbers(self) -> dict[str, Any]:
         fields = {
-            name: f"array {value.shape} {value.dtype}" if isinstance(value, np.ndarray) else value
+            name: f"array {value.shape} {value.dtype}"
+            if isinstance(value, np.ndarray)
+            else value
             for name, value in self.record.todict().items()
         }
         if isinstance(self.record, Observing):
             del fields["outputs"]
-            fields["observables"] = {name: output.summary() for name, output in self.record.measured.items()}
-        numbers = {name: value for one in self.quantities() for name, value in one.numbers().items()}
+            fields["observables"] = {
+                name: output.summary() for name, output in self.record.measured.items()
+            }
+        numbers = {
+            name: value
+            for one in self.quantities()
+            for name, value in one.numbers().items()
+        }
         return {"object": self.name, **jsonable({**numbers, **fields})}
 
     def notes(self) -> list[str]:
         return list(dict.fromkeys(getattr(self.record, "notes", ())))
 
     def provenance(self) -> Rows:
-        return [*super().provenance(), (f"content hash of {self.name}", self.record.digest())]
+        return [
+            *super().provenance(),
+            (f"content hash of {self.name}", self.record.digest()),
+        ]
 
 
 #: class of a result -> the class that shows it
@@ -392,18 +435,29 @@ class RecordDisplay(OfRecord[Record]):
     """A record without a display of its own: its fields."""
 
     def facts(self) -> Rows:
-        fields = {name: value for name, value in self.numbers().items() if name != "object"}
-        return [*self.remarks(), *((name, str(value)) for name, value in fields.items())]
+        fields = {
+            name: value for name, value in self.numbers().items() if name != "object"
+        }
+        return [
+            *self.remarks(),
+            *((name, str(value)) for name, value in fields.items()),
+        ]
 
 
 def _display_of(cls: type) -> Callable[[Any], Result] | None:
     """What shows objects of a class; the displays of a package are imported when one of its results is shown."""
     for base in cls.__mro__:
         package = base.__module__.rpartition(".")[0]
-        if base not in _DISPLAYS and hasattr(sys.modules.get(package), "__path__") and find_spec(f"{package}.display"):
+        if (
+            base not in _DISPLAYS
+            and hasattr(sys.modules.get(package), "__path__")
+            and find_spec(f"{package}.display")
+        ):
             import_module(f"{package}.display")
     if cls not in _DISPLAYS:
-        import_module(f"chemage.{PICTURES}")  # chemage's own kinds; what shows them is in rooms above this one
+        import_module(
+            f"chemage.{PICTURES}"
+        )  # chemage's own kinds; what shows them is in rooms above this one
     return next((_DISPLAYS[base] for base in cls.__mro__ if base in _DISPLAYS), None)
 
 
@@ -424,7 +478,9 @@ def result_of(thing: Any) -> Result:
         return thing
     if (display := _display_of(type(thing))) is not None:
         return display(thing)
-    raise InputError(f"{with_article(type(thing).__name__)} is no result that can be shown")
+    raise InputError(
+        f"{with_article(type(thing).__name__)} is no result that can be shown"
+    )
 
 
 def drawn_picture(picture: Picture) -> Figure:
@@ -437,12 +493,16 @@ def drawn_picture(picture: Picture) -> Figure:
         if picture.finish is not None:
             picture.finish(drawn, axes)
         if picture.title:
-            drawn.suptitle(picture.title, parse_math=False)  # a dollar sign in a title is not a formula
+            drawn.suptitle(
+                picture.title, parse_math=False
+            )  # a dollar sign in a title is not a formula
         arrange(drawn)
     return drawn
 
 
-def single_panels(pictures: Mapping[str, Picture], names: Sequence[str]) -> dict[str, Picture]:
+def single_panels(
+    pictures: Mapping[str, Picture], names: Sequence[str]
+) -> dict[str, Picture]:
     """Pictures of one panel each: those called ``names``, or all of a picture with this name.
 
     Raises
@@ -453,14 +513,19 @@ def single_panels(pictures: Mapping[str, Picture], names: Sequence[str]) -> dict
     every: dict[str, list[tuple[str, Picture]]] = {}
     for of, picture in pictures.items():
         rows = -(-len(picture.panels) // (picture.columns or len(picture.panels)))
-        width, height = picture.size[0] * rows / len(picture.panels), picture.size[1] / rows
+        width = picture.size[0] * rows / len(picture.panels)
+        height = picture.size[1] / rows
         for panel in picture.panels:
             name = of if panel.name in ("", of) else f"{of}-{panel.name}"
             alone = replace(picture, panels=(panel,), size=(width, height), columns=1)
             for called in dict.fromkeys((panel.name or of, name, of)):
                 every.setdefault(called, []).append((name, alone))
     if missing := [name for name in names if name not in every]:
-        known = ", ".join(dict.fromkeys(panel.name or of for of, one in pictures.items() for panel in one.panels))
+        known = ", ".join(
+            dict.fromkeys(
+                panel.name or of for of, one in pictures.items() for panel in one.panels
+            )
+        )
         problem = f"is no panel of this result{nearest(missing[0], list(every))}"
         raise InputError.of("panel", missing[0], problem, f"choose of {known}")
     return dict(entry for name in names for entry in every[name])
@@ -487,7 +552,9 @@ def draw_parts(thing: Any, names: Sequence[str]) -> tuple[Axes, ...]:
     parts = shown.parts()
     chosen = tuple(names) or tuple(parts)
     if missing := [name for name in chosen if name not in parts]:
-        raise InputError(f"plot: {shown.name} has no {missing[0]!r}; it has {', '.join(parts)}")
+        raise InputError(
+            f"plot: {shown.name} has no {missing[0]!r}; it has {', '.join(parts)}"
+        )
     axes = _new_axes(len(chosen))
     for plot, name in zip(axes, chosen, strict=True):
         parts[name].draw(plot)

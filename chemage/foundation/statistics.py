@@ -28,7 +28,9 @@ def standard_error(values: np.ndarray) -> np.ndarray:
 def jackknife_error(left_out: np.ndarray) -> np.ndarray:
     """Standard error of an estimate, (...), from its values with each of r ≥ 2 replicas left out in turn, (r, ...)."""
     r = len(left_out)
-    return np.sqrt((r - 1) / r * np.sum((left_out - left_out.mean(axis=0)) ** 2, axis=0))
+    return np.sqrt(
+        (r - 1) / r * np.sum((left_out - left_out.mean(axis=0)) ** 2, axis=0)
+    )
 
 
 #: standard errors on either side of a normal mean that hold the truth with a probability of 95 %
@@ -96,14 +98,24 @@ def crossed_half_width(values: np.ndarray, factors: int) -> np.ndarray:
         others = tuple(other for other in range(factors) if other != axis)
         held = finite.sum(axis=others)
         with np.errstate(invalid="ignore", divide="ignore"):
-            means = np.where(finite, values, 0.0).sum(axis=others) / np.where(held > 0, held, np.nan)
+            means = np.where(finite, values, 0.0).sum(axis=others) / np.where(
+                held > 0, held, np.nan
+            )
             there = held > 0
             count = there.sum(axis=0)
-            centre = np.where(there, means, 0.0).sum(axis=0) / np.where(count > 0, count, np.nan)
-            part = (np.where(there, means - centre, 0.0) ** 2).sum(axis=0) / (count - 1) / count
+            centre = np.where(there, means, 0.0).sum(axis=0) / np.where(
+                count > 0, count, np.nan
+            )
+            part = (
+                (np.where(there, means - centre, 0.0) ** 2).sum(axis=0)
+                / (count - 1)
+                / count
+            )
         parts.append(np.where(count > 1, part, np.nan))
         freedoms.append(np.maximum(count - 1, 1))
     if not parts:
         return np.full(values.shape[factors:], np.nan)
     largest = np.argmax(parts, axis=0)[None]
-    return np.sqrt(np.sum(parts, axis=0)) * student_limits(np.take_along_axis(np.array(freedoms), largest, axis=0)[0])
+    return np.sqrt(np.sum(parts, axis=0)) * student_limits(
+        np.take_along_axis(np.array(freedoms), largest, axis=0)[0]
+    )

@@ -40,7 +40,11 @@ _PREAMBLE = 40
 #: rows and columns of a table with names, characters of a name, and ways to write the unit of a column
 _ROWS, _COLUMNS, _LONGEST, _SPELLINGS = 100_000, 1000, 200, 100
 #: of a workbook: its parts, their bytes, cells with their values, other elements, attributes
-_PARTS, _BYTES, _CELLS, _ELEMENTS, _ATTRIBUTES = 1000, 1 << 25, 300_000, 10_000, 1_000_000
+_PARTS = 1000
+_BYTES = 1 << 25
+_CELLS = 300_000
+_ELEMENTS = 10_000
+_ATTRIBUTES = 1_000_000
 _OF_CELLS = re.compile(rb"<(?:\w{1,20}:)?(?:row|c|v|f|si|t)[\s/>]")
 _ELEMENT = re.compile(rb"<[A-Za-z_]")
 _NUMBER = re.compile(
@@ -65,7 +69,9 @@ def separator_of(line: str) -> str | None:
     return next((mark for mark in ",;\t" if mark in line), None)
 
 
-def numbers(lines: Sequence[Line], source: str, separator: str | None = None) -> np.ndarray:
+def numbers(
+    lines: Sequence[Line], source: str, separator: str | None = None
+) -> np.ndarray:
     """Read lines of numbers: (rows, columns) float64. ``separator`` None means blanks.
 
     Raises
@@ -74,8 +80,12 @@ def numbers(lines: Sequence[Line], source: str, separator: str | None = None) ->
         A cell is not a number, or lines have different numbers of columns; names ``source``, line and column.
     """
     try:
-        return np.loadtxt([line for _, line in lines], delimiter=separator, comments=None, ndmin=2)
-    except ValueError as error:  # numpy counts rows without comments; find the line and the column
+        return np.loadtxt(
+            [line for _, line in lines], delimiter=separator, comments=None, ndmin=2
+        )
+    except (
+        ValueError
+    ) as error:  # numpy counts rows without comments; find the line and the column
         cells = [line.split(separator) for _, line in lines]
         for (number, _), row in zip(lines, cells, strict=True):
             for column, cell in enumerate(row, 1):
@@ -83,12 +93,16 @@ def numbers(lines: Sequence[Line], source: str, separator: str | None = None) ->
                     float(cell)
                 except ValueError:
                     where = f"{source}, line {number}, column {column}"
-                    raise StoreError(f"{where}: {shown(cell.strip())} is not a number") from None
+                    raise StoreError(
+                        f"{where}: {shown(cell.strip())} is not a number"
+                    ) from None
             if len(row) != len(cells[0]):
                 raise StoreError(
                     f"{source}, line {number}: {len(row)} columns where line {lines[0][0]} has {len(cells[0])}"
                 ) from None
-        raise StoreError(f"{source} is not a table of numbers: {shortened(error, 200)}") from None
+        raise StoreError(
+            f"{source} is not a table of numbers: {shortened(error, 200)}"
+        ) from None
 
 
 @dataclass(frozen=True)
@@ -115,7 +129,9 @@ class ColumnTable:
             The cell holds none, or no unit says what it is.
         """
         value, own, where = self._value(row, name)
-        return in_unit(value, unit_of(own, name) or self.columns[name][1], name, target, where)
+        return in_unit(
+            value, unit_of(own, name) or self.columns[name][1], name, target, where
+        )
 
     def error(self, row: Cells, of: str, value: float, target: str) -> float:
         """The standard error of ``value`` in a row: in its own unit, else that of the column ``of``, or in %."""
@@ -123,7 +139,9 @@ class ColumnTable:
         unit = unit_of(own, "error") or self.columns["error"][1]
         if unit == "%" and target:
             return error / 100 * abs(value)
-        return in_unit(error, self.columns[of][1] if unit is None else unit, "error", target, where)
+        return in_unit(
+            error, self.columns[of][1] if unit is None else unit, "error", target, where
+        )
 
     def _value(self, row: Cells, name: str) -> tuple[float, str, str]:
         """A finite number as it is written, its unit where it has one, and where that, or the unit of all, stands."""
@@ -132,17 +150,27 @@ class ColumnTable:
             value, own = float(cell), ""
         elif (match := _NUMBER.fullmatch(cell)) is None:
             lost = cell.lower() in ("", "nan", "inf", "-inf", "n/a", "na", "-", "--")
-            remedy = "fill in the number, or leave that row out" if lost else _PLAIN_NUMBERS
-            raise InputError(f"{where}: {shown(cell)} is not a {'finite ' * lost}number; {remedy}")
+            remedy = (
+                "fill in the number, or leave that row out" if lost else _PLAIN_NUMBERS
+            )
+            raise InputError(
+                f"{where}: {shown(cell)} is not a {'finite ' * lost}number; {remedy}"
+            )
         else:
-            value, own = float(match["number"].replace(self.decimal, ".")), match["unit"] or ""
+            value = float(match["number"].replace(self.decimal, "."))
+            own = match["unit"] or ""
         if not math.isfinite(value):
-            raise InputError(f"{where}: {shown(cell)} is not a finite number; leave that row out")
+            raise InputError(
+                f"{where}: {shown(cell)} is not a finite number; leave that row out"
+            )
         return value, own, where if own else self.where
 
 
 def read_columns(
-    source: Any, known: Mapping[str, str], example: str, unclear: Mapping[str, str] | None = None
+    source: Any,
+    known: Mapping[str, str],
+    example: str,
+    unclear: Mapping[str, str] | None = None,
 ) -> ColumnTable:
     """Read a table with named columns: a text file, an Excel file (.xlsx) or a data frame.
 
@@ -169,10 +197,21 @@ def read_columns(
     """
     name, lines, notes = _lines(source, known)
     if not lines:
-        raise InputError(f"{name}: there is nothing in it; the first line names the columns, such as {example}")
-    first = next((at for at, (_, _, cells) in enumerate(lines[:_PREAMBLE]) if _is_header(cells, known)), 0)
+        raise InputError(
+            f"{name}: there is nothing in it; the first line names the columns, such as {example}"
+        )
+    first = next(
+        (
+            at
+            for at, (_, _, cells) in enumerate(lines[:_PREAMBLE])
+            if _is_header(cells, known)
+        ),
+        0,
+    )
     if first:
-        notes.append(f"{first} line{'s' * (first > 1)} before the names of the columns left out")
+        notes.append(
+            f"{first} line{'s' * (first > 1)} before the names of the columns left out"
+        )
     (_, where, header), *rest = lines[first:]
     if len(rest) > _ROWS or len(header) > _COLUMNS:
         raise InputError(
@@ -192,12 +231,20 @@ def unit_of(text: str | None, name: str) -> str | None:
     if text is None:
         return None
     text = " ".join(text.replace("\u03bc", "u").replace("\u00b5", "u").split())
-    if name == "temperature" and (match := re.fullmatch(r"(?:°|deg|º)?\s*(C|F|celsius|fahrenheit)|(℃)", text, re.I)):
+    if name == "temperature" and (
+        match := re.fullmatch(
+            r"(?:°|deg|º)?\s*(C|F|celsius|fahrenheit)|(℃)", text, re.I
+        )
+    ):
         return "degF" if (match[1] or "C")[0] in "fF" else "degC"
-    return {"-": "", "–": "", "—": "", "1": "", "sec": "s", "percent": "%"}.get(text, text)
+    return {"-": "", "–": "", "—": "", "1": "", "sec": "s", "percent": "%"}.get(
+        text, text
+    )
 
 
-def in_unit(value: float, unit: str | None, name: str, target: str, where: str) -> float:
+def in_unit(
+    value: float, unit: str | None, name: str, target: str, where: str
+) -> float:
     """A number of a column in the unit ``target``; "" for pure numbers.
 
     Raises
@@ -207,7 +254,9 @@ def in_unit(value: float, unit: str | None, name: str, target: str, where: str) 
     """
     if unit in (None, ""):
         if target:
-            raise UnitError(f"{where}: the column {name} has no unit; write it as {name} ({target})")
+            raise UnitError(
+                f"{where}: the column {name} has no unit; write it as {name} ({target})"
+            )
         return value
     try:
         zero, one = _line(unit, target)
@@ -231,13 +280,21 @@ def _lines(source: Any, known: Mapping[str, str]) -> tuple[str, list[Cells], lis
     if hasattr(source, "columns") and hasattr(source, "itertuples"):
         return "the data frame", _frame_lines(source), []
     if not isinstance(source, str | PathLike):
-        raise InputError.of("table", source, "is neither the path of a file nor a data frame")
+        raise InputError.of(
+            "table", source, "is neither the path of a file nor a data frame"
+        )
     path = Path(source)
     if path.suffix.lower() in (".xlsx", ".xlsm"):
         return str(path), *_excel_lines(path)
     if path.suffix.lower() in (".xls", ".ods"):
-        raise InputError(f"{path}: files ending in {path.suffix} are not read; save it as .xlsx or as CSV")
-    return str(path), _text_lines(text_of(read_bytes(path), str(path)), str(path), known), []
+        raise InputError(
+            f"{path}: files ending in {path.suffix} are not read; save it as .xlsx or as CSV"
+        )
+    return (
+        str(path),
+        _text_lines(text_of(read_bytes(path), str(path)), str(path), known),
+        [],
+    )
 
 
 def text_of(data: bytes, source: str) -> str:
@@ -251,7 +308,10 @@ def text_of(data: bytes, source: str) -> str:
     code = "utf-8-sig"
     if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         code = "utf-16"
-    for first, name in ((1, "utf-16-le"), (0, "utf-16-be")):  # every other byte of western text is zero
+    for first, name in (
+        (1, "utf-16-le"),
+        (0, "utf-16-be"),
+    ):  # every other byte of western text is zero
         if data[first:64:2].count(0) > 0.8 * len(data[first:64:2]):
             code = name
     for name in (code, "cp1252"):
@@ -267,20 +327,37 @@ def text_of(data: bytes, source: str) -> str:
 def _text_lines(text: str, source: str, known: Mapping[str, str]) -> list[Cells]:
     """The lines without comments, split by the separator that makes a header of one of them."""
     text = re.sub("[\u00a0\u202f\u2007]", " ", text.replace("\u2212", "-"))
-    every = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip(' \t,;"')]
+    every = [
+        (number, line)
+        for number, line in enumerate(text.splitlines(), 1)
+        if line.strip(' \t,;"')
+    ]
     lines = [line for line in every if not line[1].lstrip().startswith("#")]
     marks: list[str | None] = [";", "\t", ",", None]
-    if lines and (match := re.fullmatch(r'"?sep=(.)"?\s*', lines[0][1])):  # as Excel writes and reads it
+    if lines and (
+        match := re.fullmatch(r'"?sep=(.)"?\s*', lines[0][1])
+    ):  # as Excel writes and reads it
         marks, lines = [match[1]], lines[1:]
-    begin = next((at for at, (_, line) in enumerate(lines) if re.match(r'\s*"?[-+.]?\d', line)), len(lines))
+    begin = next(
+        (at for at, (_, line) in enumerate(lines) if re.match(r'\s*"?[-+.]?\d', line)),
+        len(lines),
+    )
     # of comments the last one, as numpy.savetxt writes the names
-    commented = [(n, line.lstrip("# \t")) for n, line in every if line.lstrip().startswith("#")]
-    for number, line in [*lines[: min(begin + 1, _PREAMBLE)], *reversed(commented[:_PREAMBLE])]:
+    commented = [
+        (n, line.lstrip("# \t")) for n, line in every if line.lstrip().startswith("#")
+    ]
+    for number, line in [
+        *lines[: min(begin + 1, _PREAMBLE)],
+        *reversed(commented[:_PREAMBLE]),
+    ]:
         for mark in marks:
             if len(cells := _cells(line, mark)) > 1 and _is_header(cells, known):
                 if (number, line) not in lines:
                     lines = [(number, line), *lines]
-                return [(n, f"{source}, line {n}", list(_cells(line, mark))) for n, line in lines]
+                return [
+                    (n, f"{source}, line {n}", list(_cells(line, mark)))
+                    for n, line in lines
+                ]
     mark = next((mark for mark in marks if mark and lines and mark in lines[0][1]), ",")
     return [(n, f"{source}, line {n}", list(_cells(line, mark))) for n, line in lines]
 
@@ -291,9 +368,18 @@ def _cells(line: str, separator: str | None) -> list[str]:
         if re.match(r"[-+.,]?\d", line):
             return line.split()
         parts = re.split(r"\t|\s{2,}", line)
-        return parts if len(parts) > 1 else re.findall(r'"[^"]*"|[^\s(\[]+(?:\s*[(\[][^()\[\]]*[)\]])?', line)
+        return (
+            parts
+            if len(parts) > 1
+            else re.findall(r'"[^"]*"|[^\s(\[]+(?:\s*[(\[][^()\[\]]*[)\]])?', line)
+        )
     try:
-        return [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])]
+        return [
+            cell.strip()
+            for cell in next(
+                csv.reader([line], delimiter=separator, skipinitialspace=True), []
+            )
+        ]
     except csv.Error as error:  # a cell of more than 131072 characters
         raise InputError(f"{shown(line, 40)}: {error}") from None
 
@@ -308,24 +394,41 @@ def _excel_lines(path: Path) -> tuple[list[Cells], list[str]]:
             book = openpyxl.load_workbook(stream, read_only=True, data_only=True)
             sheets = [(sheet.title, _rows_of(sheet)) for sheet in book.worksheets]
         except Exception as error:  # of whatever is in it
-            raise StoreError(f"{path} is no Excel file that can be read: {shortened(error, 200)}") from None
+            raise StoreError(
+                f"{path} is no Excel file that can be read: {shortened(error, 200)}"
+            ) from None
     filled = [(title, rows) for title, rows in sheets if rows]
     if not filled:
         return [], []
     title, rows = filled[0]
-    notes = [f"sheet {title!r} is read; {len(filled) - 1} others are left out"] if len(filled) > 1 else []
+    notes = (
+        [f"sheet {title!r} is read; {len(filled) - 1} others are left out"]
+        if len(filled) > 1
+        else []
+    )
     lines = []
     for number, row in rows:
         at = f"{path}, sheet {title}, row {number}"
         cells = [_cell(value, at) for value in row]
         if any(cell != "" for cell in cells) and not str(cells[0]).startswith("#"):
             lines.append((number, at, cells))
-    width = max((at + 1 for _, _, cells in lines for at, cell in enumerate(cells) if cell != ""), default=0)
+    width = max(
+        (
+            at + 1
+            for _, _, cells in lines
+            for at, cell in enumerate(cells)
+            if cell != ""
+        ),
+        default=0,
+    )
     if len(lines) * width > 10 * _CELLS:
         raise InputError(
             f"{path}, sheet {title}: {len(lines)} rows and {width} columns are no table; delete the cells far from it"
         )
-    return [(number, at, [*cells[:width], *[""] * (width - len(cells))]) for number, at, cells in lines], notes
+    return [
+        (number, at, [*cells[:width], *[""] * (width - len(cells))])
+        for number, at, cells in lines
+    ], notes
 
 
 def _check_book(stream: IO[bytes]) -> None:
@@ -335,7 +438,9 @@ def _check_book(stream: IO[bytes]) -> None:
         parts = archive.infolist()
         unpacked = sum(part.file_size for part in parts)
         if len(parts) > _PARTS or unpacked > _BYTES + size:
-            raise ValueError(f"{len(parts)} parts of {unpacked} bytes in all; save the table alone, or as CSV")
+            raise ValueError(
+                f"{len(parts)} parts of {unpacked} bytes in all; save the table alone, or as CSV"
+            )
         cells = elements = attributes = 0
         for part in parts:
             data = archive.read(part).replace(b"\0", b"")  # in UTF-16 as in UTF-8
@@ -348,7 +453,9 @@ def _check_book(stream: IO[bytes]) -> None:
             elements += len(_ELEMENT.findall(data)) - of_cells
             attributes += data.count(b"=")
     if cells > _CELLS or elements > _ELEMENTS or attributes > _ATTRIBUTES:
-        raise ValueError(f"{cells + elements} elements are too many; save the table alone, or as CSV")
+        raise ValueError(
+            f"{cells + elements} elements are too many; save the table alone, or as CSV"
+        )
 
 
 def _rows_of(sheet: Any) -> list[tuple[int, list[Any]]]:
@@ -358,7 +465,9 @@ def _rows_of(sheet: Any) -> list[tuple[int, list[Any]]]:
     for number, row in enumerate(sheet.iter_rows(values_only=True), 1):
         cells += len(row)
         if number > 1 << 20 or len(row) > 1 << 14 or cells > 10 * _CELLS:
-            raise ValueError(f"it has cells at row {number}, column {len(row)}; delete what is far from the table")
+            raise ValueError(
+                f"it has cells at row {number}, column {len(row)}; delete what is far from the table"
+            )
         last = next((at for at in range(len(row), 0, -1) if row[at - 1] is not None), 0)
         if last:
             rows.append((number, list(row[:last])))
@@ -371,7 +480,9 @@ def _frame_lines(frame: Any) -> list[Cells]:
     if names:
         frame = frame.reset_index()
     heads = [
-        f"{name[0]} ({name[1]})".removesuffix(" ()") if isinstance(name, tuple) and len(name) == 2 else str(name)
+        f"{name[0]} ({name[1]})".removesuffix(" ()")
+        if isinstance(name, tuple) and len(name) == 2
+        else str(name)
         for name in frame.columns
     ]
     lines: list[Cells] = [(0, "the data frame", list(heads))]
@@ -386,7 +497,9 @@ def _cell(value: Any, where: str) -> Cell:
         return " ".join((value or "").replace("\u2212", "-").split())
     if isinstance(value, bool) or not hasattr(value, "__float__"):
         remedy = "; spreadsheets make dates of numbers such as 1.5: format the cells as numbers"
-        raise InputError(f"{where}: {shown(value)} is not a number{remedy if hasattr(value, 'isoformat') else ''}")
+        raise InputError(
+            f"{where}: {shown(value)} is not a number{remedy if hasattr(value, 'isoformat') else ''}"
+        )
     return float(value)
 
 
@@ -415,8 +528,13 @@ def _parted(text: str) -> tuple[str, str | None]:
     *_, last = text.rsplit(None, 1)
     begin = len(text) - len(last)
     head = text[:begin].rstrip()
-    place = begin + min((at for mark in ",/" if 0 <= (at := last.find(mark)) < len(last) - 1), default=len(last))
-    if head.endswith(",") or (head.endswith("/") and (begin - len(head) == 1 or head[-2:-1].isspace())):
+    place = begin + min(
+        (at for mark in ",/" if 0 <= (at := last.find(mark)) < len(last) - 1),
+        default=len(last),
+    )
+    if head.endswith(",") or (
+        head.endswith("/") and (begin - len(head) == 1 or head[-2:-1].isspace())
+    ):
         place = len(head) - 1
     if place < (brackets.start() if brackets else len(text)):
         return text[:place].rstrip(), text[place + 1 :].strip()
@@ -436,11 +554,17 @@ def _known(text: str, known: Mapping[str, str]) -> str | None:
 
 def _is_header(cells: Sequence[Cell], known: Mapping[str, str]) -> bool:
     """Whether two cells name columns, or one of two that a mistake is in."""
-    return sum(_named(cell, known) is not None for cell in cells[:_COLUMNS]) >= min(2, len(cells))
+    return sum(_named(cell, known) is not None for cell in cells[:_COLUMNS]) >= min(
+        2, len(cells)
+    )
 
 
 def _header(
-    cells: Sequence[Cell], where: str, known: Mapping[str, str], unclear: Mapping[str, str], example: str
+    cells: Sequence[Cell],
+    where: str,
+    known: Mapping[str, str],
+    unclear: Mapping[str, str],
+    example: str,
 ) -> tuple[dict[str, tuple[int, str | None]], list[str]]:
     columns: dict[str, tuple[int, str | None]] = {}
     left, read = [], []
@@ -452,7 +576,9 @@ def _header(
                 continue
             head = re.sub(r"[\s_]+", " ", re.sub(r"[(\[,/].*", "", text)).strip()
             if (question := _known(head, unclear)) is not None:
-                raise InputError(f"{where}: column {place + 1}, {shown(text)}, {question}")
+                raise InputError(
+                    f"{where}: column {place + 1}, {shown(text)}, {question}"
+                )
             head = head.lower().replace(" ", "_")
             number = _NUMBER.fullmatch(text) is not None
             if number or difflib.get_close_matches(head, known, n=1, cutoff=0.7):
@@ -470,7 +596,9 @@ def _header(
             read.append(f"{text} as {name}")
     notes = [f"read {', '.join(read)}"] if read else []
     if left:
-        notes.append(f"{len(left)} column{'s' * (len(left) > 1)} left out: {shortened(', '.join(left), 120)}")
+        notes.append(
+            f"{len(left)} column{'s' * (len(left) > 1)} left out: {shortened(', '.join(left), 120)}"
+        )
     return columns, notes
 
 
@@ -478,12 +606,24 @@ def _units_below(
     cells: Sequence[Cell], columns: dict[str, tuple[int, str | None]]
 ) -> dict[str, tuple[int, str | None]] | None:
     """The columns with the units of the line below their names; None where it is a line of numbers."""
-    texts = {name: str(cells[place]).strip("()[] ") for name, (place, _) in columns.items() if place < len(cells)}
-    if not any(texts.values()) or any(re.match(r"[-+.,]*\d", text) and text != "1" for text in texts.values()):
+    texts = {
+        name: str(cells[place]).strip("()[] ")
+        for name, (place, _) in columns.items()
+        if place < len(cells)
+    }
+    if not any(texts.values()) or any(
+        re.match(r"[-+.,]*\d", text) and text != "1" for text in texts.values()
+    ):
         return None
-    if any(text and unit is not None for text, (_, unit) in zip(texts.values(), columns.values(), strict=False)):
+    if any(
+        text and unit is not None
+        for text, (_, unit) in zip(texts.values(), columns.values(), strict=False)
+    ):
         return None
-    return {name: (place, unit_of(texts.get(name) or None, name) or unit) for name, (place, unit) in columns.items()}
+    return {
+        name: (place, unit_of(texts.get(name) or None, name) or unit)
+        for name, (place, unit) in columns.items()
+    }
 
 
 # -- numbers ----------------------------------------------------------------------------------------------------------
@@ -506,16 +646,24 @@ def _decimal(rows: Sequence[Cells], places: Sequence[int]) -> str:
     unsure: dict[str, tuple[str, str]] = {}
     for place in places:
         texts = [(at, cells[place]) for _, at, cells in rows]
-        matches = [(at, _NUMBER.fullmatch(cell)) for at, cell in texts if isinstance(cell, str)]
+        matches = [
+            (at, _NUMBER.fullmatch(cell)) for at, cell in texts if isinstance(cell, str)
+        ]
         column = [(at, match["number"]) for at, match in matches if match]
         if len({match["unit"] for _, match in matches if match}) > _SPELLINGS:
-            raise InputError(f"{texts[0][0]}: a column with more than {_SPELLINGS} units; write one above the column")
+            raise InputError(
+                f"{texts[0][0]}: a column with more than {_SPELLINGS} units; write one above the column"
+            )
         whole = any(text.lstrip("+-").isdigit() for _, text in column)
         for at, text in column:
             if sum(text.count(mark) for mark in ",.") > 1:
-                raise InputError(f"{at}: {text} has marks of thousands; {_PLAIN_NUMBERS}")
+                raise InputError(
+                    f"{at}: {text} has marks of thousands; {_PLAIN_NUMBERS}"
+                )
             for mark in (mark for mark in ",." if mark in text):
-                if re.fullmatch(rf"[+-]?[1-9]\d{{0,2}}[{mark}]\d{{3}}", text) and (whole or mark == ","):
+                if re.fullmatch(rf"[+-]?[1-9]\d{{0,2}}[{mark}]\d{{3}}", text) and (
+                    whole or mark == ","
+                ):
                     unsure[mark] = at, text
                 else:
                     sure[mark] = at
@@ -524,5 +672,7 @@ def _decimal(rows: Sequence[Cells], places: Sequence[int]) -> str:
             other = f"{text.replace(mark, '')} or {text.replace(mark, '.')}"
             raise InputError(f"{at}: {text} may be {other}; {_PLAIN_NUMBERS}")
     if len(sure) > 1:
-        raise InputError(f"{sure[',']}: it has a decimal comma, where others have a point; {_PLAIN_NUMBERS}")
+        raise InputError(
+            f"{sure[',']}: it has a decimal comma, where others have a point; {_PLAIN_NUMBERS}"
+        )
     return next(iter(sure), ".")

@@ -29,7 +29,11 @@ def decimals(error: float) -> int:
     Everything that prints or draws a value with its error rounds both to this place; negative: tens, hundreds, …
     """
     exponent = int(f"{error:.0e}".partition("e")[2])
-    return 1 - exponent if f"{error:.1e}"[0] == "1" or f"{error:.0e}"[0] == "1" else -exponent
+    return (
+        1 - exponent
+        if f"{error:.1e}"[0] == "1" or f"{error:.0e}"[0] == "1"
+        else -exponent
+    )
 
 
 def plus_minus(value: float, error: float, unit: str = "") -> str:
@@ -47,10 +51,14 @@ def plus_minus(value: float, error: float, unit: str = "") -> str:
 
 def with_error(value: float, error: float) -> str:
     """``0.43(3)``: a value with its error in units of the last digit, rounded to :func:`decimals`, for legends."""
-    if not (math.isfinite(value) and math.isfinite(error) and error > ROUNDING * abs(value)):
+    if not (
+        math.isfinite(value) and math.isfinite(error) and error > ROUNDING * abs(value)
+    ):
         return f"{value:.3g}"
     digits = decimals(error)
-    if value and digits > 5 - math.floor(math.log10(abs(value))):  # more digits than a legend has room for
+    if value and digits > 5 - math.floor(
+        math.log10(abs(value))
+    ):  # more digits than a legend has room for
         return f"{value:.4g}"
     return f"{_rounded(value, digits)}({round(error * 10.0 ** max(digits, 0), min(digits, 0)):.0f})"
 
@@ -90,7 +98,11 @@ def with_interval(value: float, low: float, high: float) -> str:
     else:
         figures = max(0, digits + math.floor(math.log10(largest)))
         text, *ends = (f"{number:.{figures}e}" for number in (value, low, high))
-    return f"{text} ± {0.5 * width:.1g}" if ends[0] == ends[1] else f"{text} [{', '.join(ends)}]"
+    return (
+        f"{text} ± {0.5 * width:.1g}"
+        if ends[0] == ends[1]
+        else f"{text} [{', '.join(ends)}]"
+    )
 
 
 def jsonable(value: Any) -> Any:

@@ -51,12 +51,21 @@ def restored() -> Iterator[None]:
 
 def environment(threads: int) -> dict[str, str]:
     """Environment variables that hold a new process, and the libraries in it, to ``threads`` threads."""
-    names = ("CHEMAGE_THREADS", "NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+    names = (
+        "CHEMAGE_THREADS",
+        "NUMBA_NUM_THREADS",
+        "OMP_NUM_THREADS",
+        "OPENBLAS_NUM_THREADS",
+        "MKL_NUM_THREADS",
+    )
     return dict.fromkeys(names, str(threads))
 
 
 def in_order(
-    task: Callable[[int], T], count: int, threads: int, progress: Callable[[int, int], None] | None
+    task: Callable[[int], T],
+    count: int,
+    threads: int,
+    progress: Callable[[int, int], None] | None,
 ) -> list[T]:
     """Results of ``task(0 … count−1)`` in that order, ``threads`` at a time; the first failure stops the rest.
 
@@ -77,7 +86,9 @@ def in_order(
             # one more for each thread, so that none waits; not all, because there may be 10^9
             while begun < count and len(running) < 2 * threads:
                 # options of plugins are context variables, which the threads would not see
-                running[pool.submit(contextvars.copy_context().run, task, begun)] = begun
+                running[pool.submit(contextvars.copy_context().run, task, begun)] = (
+                    begun
+                )
                 begun += 1
             finished, _ = wait(running, return_when=FIRST_COMPLETED)
             for future in finished:

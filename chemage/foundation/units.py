@@ -17,7 +17,15 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from decimal import Decimal
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Protocol, TypeAlias, get_args
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    NamedTuple,
+    Protocol,
+    TypeAlias,
+    get_args,
+)
 
 import ase.units
 import numpy as np
@@ -104,7 +112,11 @@ def convert(value: object, unit: str, field: str = "") -> float:
         raise UnitError(f"{shown(value)}: {error}") from None
     except Exception:  # of whatever library
         what = "a quantity; give a" if data is None else "one quantity; give one"
-        several = "; several are compared by a sweep, see docs/sweeps.md" if isinstance(value, list | tuple) else ""
+        several = (
+            "; several are compared by a sweep, see docs/sweeps.md"
+            if isinstance(value, list | tuple)
+            else ""
+        )
         raise UnitError(
             f"{shown(value)} is not {what} number in {unit or 'no unit'} or a string with its unit{several}"
         ) from None
@@ -134,24 +146,50 @@ def carried(value: Any) -> Carried | None:
     try:
         attrs = getattr(value, "attrs", None)
         if not isinstance(attrs, Mapping):
-            unit = next((own for name in _NAMES if (own := getattr(value, name, None)) is not None), None)
+            unit = next(
+                (
+                    own
+                    for name in _NAMES
+                    if (own := getattr(value, name, None)) is not None
+                ),
+                None,
+            )
             numbers = getattr(value, "magnitude", getattr(value, "value", value))
             to = None if numbers is value else value.to
-        elif (unit := next((attrs[name] for name in _NAMES if name in attrs), None)) is None:
-            return carried(value.data) if hasattr(value, "dims") else None  # xarray around a quantity
+        elif (
+            unit := next((attrs[name] for name in _NAMES if name in attrs), None)
+        ) is None:
+            return (
+                carried(value.data) if hasattr(value, "dims") else None
+            )  # xarray around a quantity
         else:
             numbers, to = value, None
     except Exception:  # attributes that cannot be read
         return None
     if unit is None:
         return None
-    text = (unit.decode("utf-8", "replace") if isinstance(unit, bytes) else str(unit)).strip()
+    text = (
+        unit.decode("utf-8", "replace") if isinstance(unit, bytes) else str(unit)
+    ).strip()
     text = "dimensionless" if text in ("", "1") else text
     return Carried(numbers, text[1:] if text.startswith("1/") else text, to)
 
 
 _NAMES = ("units", "unit")
-_PLAIN = (int, float, complex, str, bytes, list, tuple, dict, type, np.generic, type(None), Path)
+_PLAIN = (
+    int,
+    float,
+    complex,
+    str,
+    bytes,
+    list,
+    tuple,
+    dict,
+    type,
+    np.generic,
+    type(None),
+    Path,
+)
 
 
 def magnitudes(data: Carried, unit: str) -> Any:
@@ -174,7 +212,11 @@ def magnitudes(data: Carried, unit: str) -> Any:
             f'"{shortened(" ".join(f"{data.numbers} {data.unit}".split()))}" is a quantity of {data.unit}, '
             f"but this field is in {unit or 'pure numbers'}"
         ) from error
-    return data.numbers if (zero, one) == (0.0, 1.0) else zero + plain_array(data.numbers) * (one - zero)
+    return (
+        data.numbers
+        if (zero, one) == (0.0, 1.0)
+        else zero + plain_array(data.numbers) * (one - zero)
+    )
 
 
 def plain_array(value: Any) -> np.ndarray:
@@ -207,7 +249,9 @@ def array_in(value: Any, unit: str = "") -> np.ndarray:
         return value
     if (data := carried(value)) is not None:
         return plain_array(magnitudes(data, unit))
-    if isinstance(value, list | tuple) and any(carried(item) is not None for item in value):
+    if isinstance(value, list | tuple) and any(
+        carried(item) is not None for item in value
+    ):
         return np.array([convert(item, unit) for item in value])
     return plain_array(value)
 
@@ -216,7 +260,10 @@ def in_words(data: Any, path: str = "") -> Any:
     """A copy of scene data without anything of another library: what carries a unit becomes a string with it, such as
     ``"20.0 micronewton"``, or a list of strings, and an array a list."""
     if isinstance(data, Mapping):
-        return {name: in_words(item, f"{path}.{name}".lstrip(".")) for name, item in data.items()}
+        return {
+            name: in_words(item, f"{path}.{name}".lstrip("."))
+            for name, item in data.items()
+        }
     if isinstance(data, list | tuple):
         return [in_words(item, path) for item in data]
     own = carried(data)
@@ -228,7 +275,11 @@ def in_words(data: Any, path: str = "") -> Any:
         raise UnitError(f"{path}: {error}") from None
     if own is None:
         return in_words(numbers, path) if isinstance(numbers, list) else numbers
-    return [_word(item, own.unit) for item in numbers] if isinstance(numbers, list) else _word(numbers, own.unit)
+    return (
+        [_word(item, own.unit) for item in numbers]
+        if isinstance(numbers, list)
+        else _word(numbers, own.unit)
+    )
 
 
 def _word(number: Any, unit: str) -> str:
@@ -251,7 +302,9 @@ def in_range(value: float, unit: str) -> float:
     """
     if value != 0 and math.isfinite(value) and not SMALLEST <= abs(value) <= LARGEST:
         text = f"{value:g} {unit}".strip()
-        raise InputError(f"{text} is out of range; give 0, or {SMALLEST:g} to {LARGEST:g} {unit}".strip())
+        raise InputError(
+            f"{text} is out of range; give 0, or {SMALLEST:g} to {LARGEST:g} {unit}".strip()
+        )
     return value
 
 
@@ -264,7 +317,9 @@ _QUANTITY = re.compile(
 @lru_cache(maxsize=4096)
 def _parse(text: str, unit: str) -> float:
     if len(text) > 200:
-        raise UnitError(f"{shown(text)} is too long for a quantity; write one number and its unit")
+        raise UnitError(
+            f"{shown(text)} is too long for a quantity; write one number and its unit"
+        )
     try:
         plain = float(text)
     except ValueError:
@@ -272,7 +327,9 @@ def _parse(text: str, unit: str) -> float:
     else:
         if not unit or not math.isfinite(plain):
             return plain
-        raise UnitError(f'"{text}" has no unit; write "{text} {unit}", or the bare number {text} (read as {unit})')
+        raise UnitError(
+            f'"{text}" has no unit; write "{text} {unit}", or the bare number {text} (read as {unit})'
+        )
     # pint reads "1,5 nm" as 15 nm and "1 2 nm" as 2 nm, so the number is split off and both parts are checked here
     match = _QUANTITY.fullmatch(text.strip().replace("\u2212", "-"))
     if match is None:
@@ -289,26 +346,41 @@ def _parse(text: str, unit: str) -> float:
     units = unit_registry()
     try:
         # degC has an offset, so "27 degC" is built, not multiplied out
-        quantity = units.Quantity(Decimal(number), f"1{rest}" if rest.startswith("/") else rest)
+        quantity = units.Quantity(
+            Decimal(number), f"1{rest}" if rest.startswith("/") else rest
+        )
         return float(quantity.to(unit or "dimensionless").magnitude)
     except pint.DimensionalityError as error:
         raise UnitError(
             f'"{text}" is a quantity of {error.units1}, but this field is in {unit or "pure numbers"}'
         ) from None
     except pint.UndefinedUnitError as error:
-        names = error.unit_names if isinstance(error.unit_names, str) else ", ".join(error.unit_names)
-        raise UnitError(f'"{text}": unknown unit {names}; this field is in {unit or "pure numbers"}') from None
+        names = (
+            error.unit_names
+            if isinstance(error.unit_names, str)
+            else ", ".join(error.unit_names)
+        )
+        raise UnitError(
+            f'"{text}": unknown unit {names}; this field is in {unit or "pure numbers"}'
+        ) from None
     except Exception as error:
-        raise UnitError(f'"{text}" cannot be read as a quantity in {unit or "pure numbers"} ({error})') from None
+        raise UnitError(
+            f'"{text}" cannot be read as a quantity in {unit or "pure numbers"} ({error})'
+        ) from None
 
 
 def in_one_unit(values: Sequence[object]) -> tuple[list[float], str] | None:
     """The numbers and the unit of ``values`` as they were written, where all are strings with the same unit."""
-    matches = [_QUANTITY.fullmatch(value.strip()) if isinstance(value, str) else None for value in values]
+    matches = [
+        _QUANTITY.fullmatch(value.strip()) if isinstance(value, str) else None
+        for value in values
+    ]
     units = {None if match is None else match["unit"].strip() for match in matches}
     if len(units) != 1 or None in units:
         return None
-    return [float(match["number"]) for match in matches if match is not None], str(units.pop())
+    return [float(match["number"]) for match in matches if match is not None], str(
+        units.pop()
+    )
 
 
 class Unit:
@@ -332,14 +404,20 @@ class Unit:
         self.unit = unit
         self.wide = wide or unit in ("", "eV")  # barriers are limited by the engines
         bounds: dict[str, Any] = {"gt": gt, "ge": ge, "lt": lt, "le": le}
-        self._bounds = {name: bound for name, bound in bounds.items() if bound is not None}
+        self._bounds = {
+            name: bound for name, bound in bounds.items() if bound is not None
+        }
 
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> core_schema.CoreSchema:
         number = core_schema.float_schema(allow_inf_nan=False, **self._bounds)
         return core_schema.no_info_before_validator_function(
             self._read,
             number,
-            json_schema_input_schema=core_schema.union_schema([number, core_schema.str_schema()]),
+            json_schema_input_schema=core_schema.union_schema(
+                [number, core_schema.str_schema()]
+            ),
         )
 
     def _read(self, value: object) -> float:
@@ -362,17 +440,29 @@ class UnitOrWord(Unit):
         super().__init__(unit, **bounds)
         self.word = word
 
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> core_schema.CoreSchema:
         number = core_schema.float_schema(allow_inf_nan=False, **self._bounds)
 
-        def read(value: object, check: core_schema.ValidatorFunctionWrapHandler) -> object:
-            return value if isinstance(value, str) and value == self.word else check(self._read(value))
+        def read(
+            value: object, check: core_schema.ValidatorFunctionWrapHandler
+        ) -> object:
+            return (
+                value
+                if isinstance(value, str) and value == self.word
+                else check(self._read(value))
+            )
 
         return core_schema.no_info_wrap_validator_function(
             read,
             number,
-            json_schema_input_schema=core_schema.union_schema([number, core_schema.str_schema()]),
-            serialization=core_schema.plain_serializer_function_ser_schema(lambda value: value),
+            json_schema_input_schema=core_schema.union_schema(
+                [number, core_schema.str_schema()]
+            ),
+            serialization=core_schema.plain_serializer_function_ser_schema(
+                lambda value: value
+            ),
         )
 
 
@@ -388,7 +478,10 @@ def is_file_path(field: FieldInfo) -> bool:
 
 def _marks(field: FieldInfo) -> Iterator[Any]:
     # those of an optional field are one level deeper
-    for place in (field.metadata, *(getattr(part, "__metadata__", ()) for part in get_args(field.annotation))):
+    for place in (
+        field.metadata,
+        *(getattr(part, "__metadata__", ()) for part in get_args(field.annotation)),
+    ):
         yield from place
 
 

@@ -19,7 +19,10 @@ if TYPE_CHECKING:
     from chemage.lattices.chemistry import Chemistry
     from chemage.lattices.lattice import ReactionLattice
 
-ROLES = {"rupture": "chemage.friction.role:Rupture", "pulling": "chemage.friction.pulling:Pulling"}
+ROLES = {
+    "rupture": "chemage.friction.role:Rupture",
+    "pulling": "chemage.friction.pulling:Pulling",
+}
 
 
 @hookspec(firstresult=True)
@@ -55,12 +58,16 @@ class OwnRuptureMethod:
     own method."""
 
     @hookimpl(trylast=True)
-    def chemage_rupture_bonds(self, rupture: Rupture | None, bonded: Bonded) -> np.ndarray:
+    def chemage_rupture_bonds(
+        self, rupture: Rupture | None, bonded: Bonded
+    ) -> np.ndarray:
         if rupture is not None:
             import numpy as np
 
             return np.asarray(rupture.force(bonded))
-        return bonded.bonds * (bonded.chemistry.bond_force * bonded.chemistry.front_factor)
+        return bonded.bonds * (
+            bonded.chemistry.bond_force * bonded.chemistry.front_factor
+        )
 
     @hookimpl(trylast=True)
     def chemage_pull_bonds(
@@ -74,7 +81,15 @@ class OwnRuptureMethod:
         start: PullHistory | BondHistory | np.ndarray | None,
         partners: Partners | None,
     ) -> PullHistory:
-        return engine.run(lattice, drive, times, temperature=temperature, seed=seed, start=start, partners=partners)
+        return engine.run(
+            lattice,
+            drive,
+            times,
+            temperature=temperature,
+            seed=seed,
+            start=start,
+            partners=partners,
+        )
 
 
 ANSWERS = OwnRuptureMethod
@@ -112,7 +127,13 @@ class _Rupture(Stage):
             return {}
         hold, known = parts["hold"], self._known(parts, stated)
         known |= {"chemistry": parts["chemistry"], "temperature": hold.temperature}
-        return call_with(parts[self.section].expected, sites, hold.hold_times.size, hold.replicas, **known)
+        return call_with(
+            parts[self.section].expected,
+            sites,
+            hold.hold_times.size,
+            hold.replicas,
+            **known,
+        )
 
     def rows(self, parts: Parts, stated: Stated) -> Mapping[str, str]:
         if "engine" not in parts or self.section in parts:
@@ -125,13 +146,23 @@ class _Rupture(Stage):
         from chemage.foundation.components import call_with
 
         if self.section in parts and "hold" in parts:
-            known = {"sites": stated.get("chemistry", {}).get("sites"), **self._known(parts, stated)}
+            known = {
+                "sites": stated.get("chemistry", {}).get("sites"),
+                **self._known(parts, stated),
+            }
             check = parts[self.section].check
-            for text in call_with(check, parts["chemistry"], parts["hold"].temperature, **known) or ():
+            for text in (
+                call_with(check, parts["chemistry"], parts["hold"].temperature, **known)
+                or ()
+            ):
                 yield Doubt("parts", text)
 
     def doubts_of_sweep(self, parts: Parts, varied: Collection[str]) -> Iterator[Doubt]:
-        if "hold.temperature" in varied and "hold" in parts and self.section not in parts:
+        if (
+            "hold.temperature" in varied
+            and "hold" in parts
+            and self.section not in parts
+        ):
             force = parts["chemistry"].bond_force
             yield Doubt(
                 "bond force",

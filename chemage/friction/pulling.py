@@ -11,7 +11,13 @@ import numpy as np
 from pydantic import model_validator
 
 from chemage.contacts.solution import ContactSolution
-from chemage.foundation.checks import Seed, check_times, checked_seed, expect, temperature_value
+from chemage.foundation.checks import (
+    Seed,
+    check_times,
+    checked_seed,
+    expect,
+    temperature_value,
+)
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
 from chemage.foundation.figures import BLUE, from_zero
@@ -74,17 +80,23 @@ class Partners(NamedTuple):
     shift: np.ndarray
 
 
-def partners_of(chemistry: Chemistry, lattice: ReactionLattice, contact: ContactSolution) -> Partners:
+def partners_of(
+    chemistry: Chemistry, lattice: ReactionLattice, contact: ContactSolution
+) -> Partners:
     """New partners with the barriers of ``chemistry``: between 65,536 quantiles, at the pressure of each site."""
     pressure = lattice.pressures(contact)
-    shift = effective_forming(np.zeros(pressure.size), chemistry.activation_volume, pressure)
+    shift = effective_forming(
+        np.zeros(pressure.size), chemistry.activation_volume, pressure
+    )
     return Partners(_quantiles(chemistry.forming), shift)  # pyright: ignore[reportArgumentType]: hashable it is
 
 
 @lru_cache(maxsize=4)
 def _quantiles(forming: Barriers) -> np.ndarray:
     """Of a distribution, at equal steps; kept, because a run pulls hundreds of times with the same one."""
-    quantiles = np.maximum.accumulate(forming.quantile((np.arange(QUANTILES) + 0.5) / QUANTILES))
+    quantiles = np.maximum.accumulate(
+        forming.quantile((np.arange(QUANTILES) + 0.5) / QUANTILES)
+    )
     quantiles.setflags(write=False)
     return quantiles
 
@@ -108,8 +120,16 @@ class PullHistory(Followed):
         "state": (("site",), "", "whether each site is bonded at the end"),
         "stretch": (("site",), "nm", "of each bond at the end, 0 where there is none"),
         "slips": (("site",), "", "bonds that each site has lost"),
-        "forming": (("site",), "eV", "barrier to forming a bond with the present partner, no neighbour bonded"),
-        "avalanches": (("size",), "", "number of slips in which 2^j to 2^(j+1) bonds broke"),
+        "forming": (
+            ("site",),
+            "eV",
+            "barrier to forming a bond with the present partner, no neighbour bonded",
+        ),
+        "avalanches": (
+            ("size",),
+            "",
+            "number of slips in which 2^j to 2^(j+1) bonds broke",
+        ),
     }
     stored_names = {"times": "time"}
 
@@ -172,7 +192,9 @@ class PullHistory(Followed):
         """Work less what was dissipated, rubbed and is stored, relative to the work, (m,); rounding if the pull began
         with unstretched bonds."""
         lost = self.work - self.dissipated - self.rubbed - self.stored
-        return lost / np.maximum(np.maximum(self.work, self.dissipated + self.rubbed + self.stored), 1e-300)
+        return lost / np.maximum(
+            np.maximum(self.work, self.dissipated + self.rubbed + self.stored), 1e-300
+        )
 
     @property
     def history(self) -> BondHistory:
@@ -191,9 +213,20 @@ class PullHistory(Followed):
 
     def fault(self) -> str:
         """See :meth:`Followed.fault`."""
-        if self.stretch.size and (float(self.stretch.min()) < 0 or self.stretch[~self.state].any()):
-            return "stretch: a bond is compressed, or a site without a bond is stretched"
-        for name in ("displacement", "formed", "broken", "work", "dissipated", "rubbed"):
+        if self.stretch.size and (
+            float(self.stretch.min()) < 0 or self.stretch[~self.state].any()
+        ):
+            return (
+                "stretch: a bond is compressed, or a site without a bond is stretched"
+            )
+        for name in (
+            "displacement",
+            "formed",
+            "broken",
+            "work",
+            "dissipated",
+            "rubbed",
+        ):
             values = getattr(self, name)
             if np.any(values[1:] < values[:-1]) or (values.size and values[0] < 0):
                 return f"{name} falls, or is negative"
@@ -204,9 +237,7 @@ class PullHistory(Followed):
         return super().fault()
 
     def __repr__(self) -> str:
-        return (
-            f"<PullHistory peak {self.peak:.4g} nN, {self.displacement[-1]:.4g} nm by {self.time:g} s ({self.engine})>"
-        )
+        return f"<PullHistory peak {self.peak:.4g} nN, {self.displacement[-1]:.4g} nm by {self.time:g} s ({self.engine})>"
 
     __str__ = __repr__
 
@@ -220,7 +251,9 @@ class Pulling(Component, ABC):
     role = "pulling"
     error_of = "the force"
 
-    def warm_up(self, lattice: ReactionLattice, drive: Drive, temperature: float) -> None:
+    def warm_up(
+        self, lattice: ReactionLattice, drive: Drive, temperature: float
+    ) -> None:
         """Compile what :meth:`run` will need."""
         self.run(lattice, drive, [0.0], temperature=temperature)
 
@@ -274,27 +307,46 @@ class Pulling(Component, ABC):
         InputError
             Naming the argument that is wrong.
         """
-        expect("lattice", lattice, ReactionLattice, "make one with chemistry.on(contact), or from arrays")
+        expect(
+            "lattice",
+            lattice,
+            ReactionLattice,
+            "make one with chemistry.on(contact), or from arrays",
+        )
         expect("drive", drive, Drive, "make one with chemage.plugin.Drive(speed=...)")
         moments, kelvin = check_times(times), temperature_value(temperature)
         if not isinstance(seed, np.random.SeedSequence):
             seed = checked_seed(seed)
         n = lattice.sites.size
         if lattice.breaking is None:
-            raise InputError("lattice: bonds last on it, so that no force breaks them; give breaking barriers")
+            raise InputError(
+                "lattice: bonds last on it, so that no force breaks them; give breaking barriers"
+            )
         start = checked_start(start, Followed, lattice, moments, "times")
         if drive.partner == "new" and partners is None:
             raise InputError(
                 "partners: a site meets a new one; give chemage.plugin.partners_of(...), or partner='kept'"
             )
-        if partners is not None and (partners.shift.shape != (n,) or partners.quantiles.size < 2):
-            raise InputError("partners: give two quantiles or more, and one shift for each site")
+        if partners is not None and (
+            partners.shift.shape != (n,) or partners.quantiles.size < 2
+        ):
+            raise InputError(
+                "partners: give two quantiles or more, and one shift for each site"
+            )
         with recording() as recorded:
             pulled = self._run(
-                lattice, drive, moments, kelvin, seed, start, partners if drive.partner == "new" else None
+                lattice,
+                drive,
+                moments,
+                kelvin,
+                seed,
+                start,
+                partners if drive.partner == "new" else None,
             )
         if isinstance(start, Followed):
-            pulled = pulled.model_copy(update={"resume": {**counters_of(start.resume), **pulled.resume}})
+            pulled = pulled.model_copy(
+                update={"resume": {**counters_of(start.resume), **pulled.resume}}
+            )
         return pulled.model_copy(update=kept(pulled, recorded)) if recorded else pulled
 
 
@@ -355,17 +407,35 @@ class PullDisplay(OfRecord[PullHistory]):
         pull = self.record
         return [
             ("sites", str(pull.state.size)),
-            ("peak", f"{pull.peak:.4g} nN at {pull.peak_displacement:.4g} nm, {pull.peak_time:.4g} s"),
+            (
+                "peak",
+                f"{pull.peak:.4g} nN at {pull.peak_displacement:.4g} nm, {pull.peak_time:.4g} s",
+            ),
             (f"at {pull.time:g} s", f"{pull.force[-1]:.4g} nN, {pull.bonds[-1]} bonds"),
-            ("work", f"{pull.work[-1]:.4g} nN nm, of which {pull.dissipated[-1]:.4g} nN nm were lost with bonds"),
+            (
+                "work",
+                f"{pull.work[-1]:.4g} nN nm, of which {pull.dissipated[-1]:.4g} nN nm were lost with bonds",
+            ),
             ("formed and broken so far", f"{pull.formed[-1]}, {pull.broken[-1]}"),
-            ("slips", f"{pull.avalanches.sum()}, the largest by {pull.largest_drop:.4g} nN"),
+            (
+                "slips",
+                f"{pull.avalanches.sum()}, the largest by {pull.largest_drop:.4g} nN",
+            ),
             ("temperature", f"{pull.temperature:g} K"),
             ("pulled by", pull.engine),
         ]
 
     def pictures(self) -> dict[str, Picture]:
-        return {"pull": Picture((Panel(self._draw, "Force of the drive against the displacement of the slider."),))}
+        return {
+            "pull": Picture(
+                (
+                    Panel(
+                        self._draw,
+                        "Force of the drive against the displacement of the slider.",
+                    ),
+                )
+            )
+        }
 
     def _draw(self, axes: Axes, medium: Medium) -> None:
         pull = self.record

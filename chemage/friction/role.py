@@ -39,7 +39,9 @@ class Bonded:
     def seed_at(self, number: int) -> np.random.SeedSequence:
         """The seed for the hold time with this number."""
         if isinstance(self.seed, np.random.SeedSequence):
-            return type(self.seed)(self.seed.entropy, spawn_key=(*self.seed.spawn_key, number))
+            return type(self.seed)(
+                self.seed.entropy, spawn_key=(*self.seed.spawn_key, number)
+            )
         return np.random.SeedSequence(self.seed, spawn_key=(number,))
 
     @property
@@ -67,7 +69,9 @@ class Bonded:
             Nothing asked for them: the class of the rupture law must set ``states = True``.
         """
         if self.history.states is None:
-            raise PluginError("the states at every hold time were not asked for; set states = True in the class")
+            raise PluginError(
+                "the states at every hold time were not asked for; set states = True in the class"
+            )
         return self.history.states
 
 
@@ -97,7 +101,9 @@ class RuptureForce(Observing, Record):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.hold_times.ndim != 1 or self.force.shape != self.hold_times.shape:
-            raise ValueError(f"force: shape {self.force.shape}; give one number for each of the hold times")
+            raise ValueError(
+                f"force: shape {self.force.shape}; give one number for each of the hold times"
+            )
         return self
 
     def __repr__(self) -> str:
@@ -121,7 +127,9 @@ class Rupture(Component, ABC):
         #: able to resume from a history (``restart``)
         states: ClassVar[bool] = False
 
-    def expected(self, sites: float, hold_times: int, replicas: int) -> dict[str, float]:
+    def expected(
+        self, sites: float, hold_times: int, replicas: int
+    ) -> dict[str, float]:
         """Estimate the cost for all replicas on ``sites`` sites, as far as it is known: ``cpu_seconds``, ``bytes``.
 
         A component may add ``chemistry``, ``times`` (the hold times, s), ``temperature`` (K) and ``pressure`` (the mean
@@ -169,7 +177,12 @@ def rupture_bonds(bonded: Bonded, rupture: Rupture | None = None) -> RuptureForc
     PluginError
         What a law or a plugin gave is no force for each hold time.
     """
-    expect("bonded", bonded, Bonded, "make one with chemage.plugin.Bonded(contact, chemistry, lattice, history)")
+    expect(
+        "bonded",
+        bonded,
+        Bonded,
+        "make one with chemage.plugin.Bonded(contact, chemistry, lattice, history)",
+    )
     if rupture is not None:
         expect("rupture", rupture, Rupture, 'make one with chemage.rupture("...")')
     force, plugins, recorded = registry.current().answer(

@@ -13,8 +13,26 @@ from chemage.foundation.codec import dataset, frame
 from chemage.foundation.errors import InputError
 from chemage.foundation.figures import BLUE, from_zero
 from chemage.foundation.outputs import Observing, joined
-from chemage.foundation.records import Doubles, Flags, Indices, Named, Number, Plain, PositiveNumber, Record
-from chemage.foundation.result import Medium, OfRecord, Panel, Picture, Rows, displays, draw_result, notebook_html
+from chemage.foundation.records import (
+    Doubles,
+    Flags,
+    Indices,
+    Named,
+    Number,
+    Plain,
+    PositiveNumber,
+    Record,
+)
+from chemage.foundation.result import (
+    Medium,
+    OfRecord,
+    Panel,
+    Picture,
+    Rows,
+    displays,
+    draw_result,
+    notebook_html,
+)
 
 if TYPE_CHECKING:
     import pandas
@@ -61,14 +79,19 @@ class Followed(Observing, Record):
 
     def fault(self) -> str:
         """What contradicts itself in this history, in words; "" if nothing does. A run goes on from none that does."""
-        last, bonded = getattr(self, self.of_times)[-1], int(np.count_nonzero(self.state))
+        last = getattr(self, self.of_times)[-1]
+        bonded = int(np.count_nonzero(self.state))
         if self.time != last:
-            return f"time = {self.time:g} s is not the last of {self.of_times}, {last:g} s"
+            return (
+                f"time = {self.time:g} s is not the last of {self.of_times}, {last:g} s"
+            )
         if self.bonds[-1] != bonded:
             return f"bonds[-1] = {self.bonds[-1]}, but {bonded} sites are bonded in the state"
         return ""
 
-    def fault_of(self, lattice: Any, temperature: float, start: Any = None, **arguments: Any) -> str:
+    def fault_of(
+        self, lattice: Any, temperature: float, start: Any = None, **arguments: Any
+    ) -> str:
         """How it contradicts a run on ``lattice`` with these arguments, in words; "" if it does not."""
         ours, times = getattr(self, self.of_times), arguments[self.of_times]
         if not np.array_equal(ours, times):
@@ -98,7 +121,11 @@ class BondHistory(Followed):
         "formed": (("hold_time",), "", "bonds formed so far"),
         "broken": (("hold_time",), "", "bonds broken so far"),
         "state": (("site",), "", "whether each site is bonded at the end"),
-        "states": (("hold_time", "site"), "", "whether each site is bonded at each hold time"),
+        "states": (
+            ("hold_time", "site"),
+            "",
+            "whether each site is bonded at each hold time",
+        ),
     }
     stored_names = {"hold_times": "hold_time"}
     added = ("states", "observables", "outputs")
@@ -121,11 +148,21 @@ class BondHistory(Followed):
     @model_validator(mode="after")
     def _check(self) -> Self:
         shape = self.hold_times.shape
-        if self.hold_times.ndim != 1 or not (self.bonds.shape == self.formed.shape == self.broken.shape == shape):
-            raise ValueError("hold_times, bonds, formed, broken: must be one-dimensional and of equal length")
+        if self.hold_times.ndim != 1 or not (
+            self.bonds.shape == self.formed.shape == self.broken.shape == shape
+        ):
+            raise ValueError(
+                "hold_times, bonds, formed, broken: must be one-dimensional and of equal length"
+            )
         if self.states is not None and self.states.shape != (*shape, *self.state.shape):
-            raise ValueError(f"states: shape {self.states.shape}; give ({shape[0]}, {self.state.size})")
-        if self.states is not None and shape[0] and not np.array_equal(self.states[-1], self.state):
+            raise ValueError(
+                f"states: shape {self.states.shape}; give ({shape[0]}, {self.state.size})"
+            )
+        if (
+            self.states is not None
+            and shape[0]
+            and not np.array_equal(self.states[-1], self.state)
+        ):
             raise ValueError("states: the last of them is not the state at the end")
         self._check_counts()
         return self
@@ -133,10 +170,14 @@ class BondHistory(Followed):
     def _check_counts(self) -> None:
         check_times(self.hold_times)
         if self.state.ndim != 1:
-            raise ValueError(f"state: shape {self.state.shape}; give one entry per site")
+            raise ValueError(
+                f"state: shape {self.state.shape}; give one entry per site"
+            )
         for name in ("bonds", "formed", "broken"):
             if int(getattr(self, name).min()) < 0:
-                raise ValueError(f"{name}: {getattr(self, name).min()} is negative; give counts")
+                raise ValueError(
+                    f"{name}: {getattr(self, name).min()} is negative; give counts"
+                )
 
     def fault(self) -> str:
         """See :meth:`Followed.fault`."""
@@ -162,15 +203,24 @@ class BondHistory(Followed):
             ``later`` has another number of sites or begins before this one ends.
         """
         if later.state.size != self.state.size or later.hold_times[0] < self.time:
-            raise InputError.of("later", repr(later), "was not resumed from this history", "pass what start=... gave")
+            raise InputError.of(
+                "later",
+                repr(later),
+                "was not resumed from this history",
+                "pass what start=... gave",
+            )
         both: dict[str, Any] = {
             name: np.concatenate([getattr(self, name), getattr(later, name)])
             for name in ("hold_times", "bonds", "formed", "broken")
         }
-        states = [history.states for history in (self, later) if history.states is not None]
+        states = [
+            history.states for history in (self, later) if history.states is not None
+        ]
         both["states"] = np.concatenate(states) if len(states) == 2 else None
         both["notes"] = tuple(dict.fromkeys((*self.notes, *later.notes)))
-        whole = BondHistory(**{**later.todict(), **both, **joined(self.observables, later)})
+        whole = BondHistory(
+            **{**later.todict(), **both, **joined(self.observables, later)}
+        )
         return whole.noting(self.plugins, self.approximate)
 
     def plot(self, ax: Axes | None = None) -> Axes:
@@ -184,7 +234,11 @@ class BondHistory(Followed):
     def to_pandas(self) -> pandas.DataFrame:
         """One row for each hold time (s): bonds, and those formed and broken so far. Needs pandas."""
         columns = {name: getattr(self, name) for name in ("bonds", "formed", "broken")}
-        return frame({"hold_time": self.hold_times, **columns}, "hold_time", {"temperature": self.temperature})
+        return frame(
+            {"hold_time": self.hold_times, **columns},
+            "hold_time",
+            {"temperature": self.temperature},
+        )
 
     def _repr_html_(self) -> str:
         return notebook_html(self)
@@ -195,7 +249,13 @@ class BondHistory(Followed):
     __str__ = __repr__
 
 
-def checked_start(start: Any, kind: type[Followed], lattice: ReactionLattice, times: np.ndarray, name: str) -> Any:
+def checked_start(
+    start: Any,
+    kind: type[Followed],
+    lattice: ReactionLattice,
+    times: np.ndarray,
+    name: str,
+) -> Any:
     """What a run to ``times``, its argument ``name``, begins from: a history of a ``kind``, states or None.
 
     Raises
@@ -209,10 +269,15 @@ def checked_start(start: Any, kind: type[Followed], lattice: ReactionLattice, ti
     if not isinstance(start, kind):
         return checked_states("start", start, sites)
     if fault := start.fault():
-        raise InputError(f"start: a history that contradicts itself: {fault}; pass one as an engine gave it")
+        raise InputError(
+            f"start: a history that contradicts itself: {fault}; pass one as an engine gave it"
+        )
     if start.state.size != sites:
-        problem, remedy = f"the lattice has {sites}", "resume with the lattice that it came from"
-        raise InputError.of("start", f"a history of {start.state.size} sites", problem, remedy)
+        problem = f"the lattice has {sites}"
+        remedy = "resume with the lattice that it came from"
+        raise InputError.of(
+            "start", f"a history of {start.state.size} sites", problem, remedy
+        )
     if times[0] < start.time:
         problem = f"the history to resume from ends at {start.time} s"
         raise InputError.of(name, float(times[0]), problem, "give later times")
@@ -242,7 +307,10 @@ class HistoryDisplay(OfRecord[BondHistory]):
         return [
             ("sites", str(history.state.size)),
             (f"bonds at {history.time:g} s", str(int(history.bonds[-1]))),
-            ("formed and broken so far", f"{int(history.formed[-1])}, {int(history.broken[-1])}"),
+            (
+                "formed and broken so far",
+                f"{int(history.formed[-1])}, {int(history.broken[-1])}",
+            ),
             ("temperature", f"{history.temperature:g} K"),
             ("engine", history.engine),
         ]
@@ -253,6 +321,13 @@ class HistoryDisplay(OfRecord[BondHistory]):
     def _draw(self, axes: Axes, medium: Medium) -> None:
         history = self.record
         drawn = history.hold_times > 0
-        axes.plot(history.hold_times[drawn], history.bonds[drawn], color=BLUE, marker="o", ms=3.5, lw=1)
+        axes.plot(
+            history.hold_times[drawn],
+            history.bonds[drawn],
+            color=BLUE,
+            marker="o",
+            ms=3.5,
+            lw=1,
+        )
         axes.set(xscale="log", xlabel="hold time (s)", ylabel="bonds")
         from_zero(axes)

@@ -52,7 +52,9 @@ class OwnEngineMethod:
         seed: Seed,
         start: BondHistory | None,
     ) -> BondHistory:
-        return engine.run(lattice, hold_times, temperature=temperature, seed=seed, start=start)
+        return engine.run(
+            lattice, hold_times, temperature=temperature, seed=seed, start=start
+        )
 
 
 ANSWERS = OwnEngineMethod
@@ -75,13 +77,21 @@ class _Engine(Stage):
         """Of one replica on all sites: ``cpu_seconds``, with least and most where it is a range, and ``bytes``."""
         from chemage.foundation.components import call_with
 
-        sites, events = stated["chemistry"].get("sites"), stated["chemistry"].get("events")
-        if sites is None or "pixels" not in stated["contact"]:  # without a map there is no site in memory
+        sites = stated["chemistry"].get("sites")
+        events = stated["chemistry"].get("events")
+        if (
+            sites is None or "pixels" not in stated["contact"]
+        ):  # without a map there is no site in memory
             return {}
         coupled = "interaction" in parts
-        replica = dict(call_with(parts[self.section].expected, sites, coupled, events=events))
+        replica = dict(
+            call_with(parts[self.section].expected, sites, coupled, events=events)
+        )
         for name in (name for name in SECONDS if name in replica):
-            replica[name] += REPLICA_SECONDS + (SITE_SECONDS if coupled else SITE_SECONDS / 2) * sites
+            replica[name] += (
+                REPLICA_SECONDS
+                + (SITE_SECONDS if coupled else SITE_SECONDS / 2) * sites
+            )
         if "bytes" in replica:
             replica["bytes"] += LATTICE_BYTES[coupled] * sites
         return replica
@@ -94,7 +104,11 @@ class _Engine(Stage):
             return {}
         hold, method = parts["hold"], parts.get("ageing")
         times = hold.hold_times
-        replicas = f", {hold.replicas} replicas, seed {hold.seed}" if method is None or method.replicates else ""
+        replicas = (
+            f", {hold.replicas} replicas, seed {hold.seed}"
+            if method is None or method.replicates
+            else ""
+        )
         held = f"{hold.temperature:g} K, {times.size} hold times from {times[0]:g} to {times[-1]:g} s{replicas}"
         return {"kinetics": f"{engine.kind}, {held}"}
 
@@ -115,18 +129,26 @@ class _Engine(Stage):
             return
         surface, density = parts["surface"].expected(), parts["chemistry"].site_density
         pixel = surface.get("pixel_size", PIXEL_SIZE)
-        n = PIXELS if isinstance(density, str) else max(PIXELS, round(SITES / (pixel * density**0.5)))
+        n = (
+            PIXELS
+            if isinstance(density, str)
+            else max(PIXELS, round(SITES / (pixel * density**0.5)))
+        )
         pressure = np.zeros((n, n))
         pressure[n // 4 : n // 4 + n // 2, n // 4 : n // 4 + n // 2] = 1.0
         contact = ContactSolution(
             pressure=pressure,
-            gap=np.where(pressure > 0, 0.0, pixel) if getattr(solver, "gap", False) else None,
+            gap=np.where(pressure > 0, 0.0, pixel)
+            if getattr(solver, "gap", False)
+            else None,
             load=float(pressure.sum()) * pixel**2,
             pixel_size=pixel,
             modulus=getattr(solver, "modulus", 1.0),
             periodic=bool(surface.get("periodic", 1)),
         )
-        parts[self.section].warm_up(build_lattice(parts["chemistry"], contact), parts["hold"].temperature)
+        parts[self.section].warm_up(
+            build_lattice(parts["chemistry"], contact), parts["hold"].temperature
+        )
 
 
 STAGES = (

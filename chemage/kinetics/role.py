@@ -9,7 +9,13 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from chemage.contacts.solution import ContactSolution
-from chemage.foundation.checks import Seed, check_times, checked_seed, expect, temperature_value
+from chemage.foundation.checks import (
+    Seed,
+    check_times,
+    checked_seed,
+    expect,
+    temperature_value,
+)
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
 from chemage.foundation.outputs import kept, recording
@@ -127,14 +133,27 @@ class Engine(Component, ABC):
             history = self._run(lattice, times, kelvin, seed, start)
         if isinstance(start, BondHistory):
             # an engine hands on the counters that it does not know
-            history = history.model_copy(update={"resume": {**counters_of(start.resume), **history.resume}})
-        return history.model_copy(update=kept(history, recorded)) if recorded else history
+            history = history.model_copy(
+                update={"resume": {**counters_of(start.resume), **history.resume}}
+            )
+        return (
+            history.model_copy(update=kept(history, recorded)) if recorded else history
+        )
 
     def checked(
-        self, lattice: ReactionLattice, hold_times: Sequence[float] | np.ndarray, temperature: QuantityLike, start: Any
+        self,
+        lattice: ReactionLattice,
+        hold_times: Sequence[float] | np.ndarray,
+        temperature: QuantityLike,
+        start: Any,
     ) -> tuple[np.ndarray, float, Any]:
         """The hold times (m,) s, temperature (K) and start of a run, if it can be made."""
-        expect("lattice", lattice, ReactionLattice, "make one with chemistry.on(contact), or from arrays")
+        expect(
+            "lattice",
+            lattice,
+            ReactionLattice,
+            "make one with chemistry.on(contact), or from arrays",
+        )
         times = check_times(hold_times)
         start = checked_start(start, BondHistory, lattice, times, "hold_times")
         self.check(lattice.interacting)
@@ -173,8 +192,17 @@ def run_kinetics(
         What the engine or a plugin gave contradicts itself or the lattice.
     """
     expect("engine", engine, Engine, 'make one with chemage.engine("bkl")')
-    expect("lattice", lattice, ReactionLattice, "make one with chemistry.on(contact), or from arrays")
-    arguments: dict[str, Any] = {"lattice": lattice, "temperature": temperature_value(temperature), "seed": seed}
+    expect(
+        "lattice",
+        lattice,
+        ReactionLattice,
+        "make one with chemistry.on(contact), or from arrays",
+    )
+    arguments: dict[str, Any] = {
+        "lattice": lattice,
+        "temperature": temperature_value(temperature),
+        "seed": seed,
+    }
     arguments |= {"contact": contact, "chemistry": chemistry}
     times = check_times(hold_times)
     if not states:
@@ -183,7 +211,9 @@ def run_kinetics(
         raise InputError(cannot_give_states(engine))
     seen, whole = [], None
     for number in range(times.size):
-        start = _answered(engine, hold_times=times[number : number + 1], start=start, **arguments)
+        start = _answered(
+            engine, hold_times=times[number : number + 1], start=start, **arguments
+        )
         seen.append(start.state)
         whole = start if whole is None else whole.then(start)
     assert whole is not None
@@ -203,5 +233,9 @@ def _answered(engine: Engine, **arguments: Any) -> BondHistory:
         "chemage_run_kinetics", BondHistory, engine=engine, **arguments
     )
     # an engine that selects another one, and a plugin that answers with one, record which
-    used = approximation_of("engine", history.engine) if history.engine != engine.kind else []
+    used = (
+        approximation_of("engine", history.engine)
+        if history.engine != engine.kind
+        else []
+    )
     return noted(history, recorded, plugins, engine).noting({}, used)

@@ -16,10 +16,24 @@ from chemage.foundation.components import Component, call_with
 from chemage.foundation.errors import InputError
 from chemage.foundation.records import frozen
 from chemage.foundation.threads import OncePerObject
-from chemage.foundation.units import EV_PER_GPA_NM3, KB, Force, Frequency, Pressure, Unit, UnitOrWord, Volume
+from chemage.foundation.units import (
+    EV_PER_GPA_NM3,
+    KB,
+    Force,
+    Frequency,
+    Pressure,
+    Unit,
+    UnitOrWord,
+    Volume,
+)
 from chemage.lattices.lattice import ReactionLattice
 from chemage.lattices.role import Barriers, Interaction
-from chemage.lattices.site_grid import ONE_PER_PIXEL, ContactSites, Density, contact_sites
+from chemage.lattices.site_grid import (
+    ONE_PER_PIXEL,
+    ContactSites,
+    Density,
+    contact_sites,
+)
 from chemage.plugins import registry
 from chemage.plugins.options import Choice
 from chemage.plugins.sources import noted
@@ -35,9 +49,13 @@ GRID = 32
 _graphs: OncePerObject[np.ndarray] = OncePerObject()
 
 
-def effective_forming(intrinsic: np.ndarray, activation_volume: float, pressure: np.ndarray) -> np.ndarray:
+def effective_forming(
+    intrinsic: np.ndarray, activation_volume: float, pressure: np.ndarray
+) -> np.ndarray:
     """E_intrinsic − ΔV·P in eV; ΔV in nm³, P in GPa. Li, Pastewka & Szlufarska 2018, eq. 3."""
-    return intrinsic - activation_volume * EV_PER_GPA_NM3 * pressure.astype(np.float64, copy=False)
+    return intrinsic - activation_volume * EV_PER_GPA_NM3 * pressure.astype(
+        np.float64, copy=False
+    )
 
 
 class Chemistry(Component):
@@ -50,7 +68,11 @@ class Chemistry(Component):
     """
 
     #: options with which a result is compared: they change no bond, and are no part of :meth:`identity`
-    limits: ClassVar[tuple[str, ...]] = ("hardness", "shear_strength", "work_of_adhesion")
+    limits: ClassVar[tuple[str, ...]] = (
+        "hardness",
+        "shear_strength",
+        "work_of_adhesion",
+    )
 
     forming: Choice[Barriers]
     """distribution of the intrinsic barrier to forming a bond"""
@@ -68,7 +90,9 @@ class Chemistry(Component):
     """fraction of the bonds that carry load at once as the detachment front passes"""
     hydroxylation: float = Field(default=1.0, ge=0, le=1)
     """probability that a site in contact is reactive"""
-    site_density: Annotated[Density, UnitOrWord("pixel", "1/nm**2", gt=0)] = SITE_DENSITY
+    site_density: Annotated[Density, UnitOrWord("pixel", "1/nm**2", gt=0)] = (
+        SITE_DENSITY
+    )
     """sites per nm²; where their spacing differs from the pixels of the contact, the pressure is reconstructed below
     the pixel, or averaged; "pixel": one site per pixel, whatever its size"""
     tensile_sites: bool = True
@@ -87,7 +111,11 @@ class Chemistry(Component):
     def identity(self) -> dict[str, Any]:
         """What decides the bonds: the options without :attr:`limits`, and without the defaults of ``site_density``,
         which changes nothing where the pixels of the contact are sites, and of ``tensile_sites``."""
-        options = {name: value for name, value in super().identity().items() if name not in self.limits}
+        options = {
+            name: value
+            for name, value in super().identity().items()
+            if name not in self.limits
+        }
         if options["site_density"] == SITE_DENSITY:
             del options["site_density"]
         if self.tensile_sites:
@@ -96,12 +124,18 @@ class Chemistry(Component):
 
     def given_limits(self) -> dict[str, float]:
         """Those of :attr:`limits` that are given: name -> GPa, and J/m² of the work of adhesion."""
-        return {name: value for name in self.limits if (value := getattr(self, name)) is not None}
+        return {
+            name: value
+            for name in self.limits
+            if (value := getattr(self, name)) is not None
+        }
 
     def rates(self, barriers: np.ndarray, temperature: float) -> np.ndarray:
         """ν exp(−E/k_B T) of ``barriers`` E (eV) at ``temperature`` K, Hz; ν where E is not above 0."""
         with np.errstate(under="ignore", over="ignore"):
-            return self.attempt_frequency * np.exp(-np.maximum(barriers, 0.0) / (KB * temperature))
+            return self.attempt_frequency * np.exp(
+                -np.maximum(barriers, 0.0) / (KB * temperature)
+            )
 
     def sites_of(self, contact: ContactSolution) -> ContactSites:
         """The sites of ``contact`` in contact, and their pressures; see :func:`chemage.plugin.contact_sites`."""
@@ -134,7 +168,13 @@ class Chemistry(Component):
         sites = self.sites_of(solution)
         return {} if sites.words == ONE_PER_PIXEL else sites.describe(solution)
 
-    def on(self, contact: ContactSolution, seed: Seed = 0, *, sites: np.ndarray | None = None) -> ReactionLattice:
+    def on(
+        self,
+        contact: ContactSolution,
+        seed: Seed = 0,
+        *,
+        sites: np.ndarray | None = None,
+    ) -> ReactionLattice:
         """The reactive sites of ``contact``, or those of them that are among ``sites`` (ascending flat indices).
 
         Every random number belongs to a site (or a pair of sites), known by its place on the grid of sites: at the same
@@ -146,14 +186,24 @@ class Chemistry(Component):
             seed = checked_seed(seed)
         touching = self.sites_of(contact)
         whole = sites is None and self.hydroxylation == 1
-        sites, pressure = (touching.sites, touching.pressure) if sites is None else _chosen(touching, sites)
+        sites, pressure = (
+            (touching.sites, touching.pressure)
+            if sites is None
+            else _chosen(touching, sites)
+        )
         graph = None
         if self.hydroxylation < 1:
-            kept = random.uniforms(seed, random.HYDROXYLATION, sites) < self.hydroxylation
+            kept = (
+                random.uniforms(seed, random.HYDROXYLATION, sites) < self.hydroxylation
+            )
             sites, pressure = sites[kept], pressure[kept]
         if self.interaction is not None:
             # that of every site is shared by the replicas
-            graph = neighbours_of(touching, self.interaction) if whole else graph_of(touching, self.interaction, sites)
+            graph = (
+                neighbours_of(touching, self.interaction)
+                if whole
+                else graph_of(touching, self.interaction, sites)
+            )
         fields: dict[str, Any] = {
             "pixels": touching.shape,
             "sites": sites,
@@ -168,18 +218,29 @@ class Chemistry(Component):
         if touching.rule != "pixels":
             fields |= {"pressure": pressure, "origin": touching.origin}
         if self.breaking is not None:
-            fields["breaking"] = self.breaking.quantile(random.uniforms(seed, random.BREAKING, sites))
+            fields["breaking"] = self.breaking.quantile(
+                random.uniforms(seed, random.BREAKING, sites)
+            )
         if self.interaction is not None and graph is not None:
-            fields |= {"neighbours": graph, "coupling": coupling_of(touching, self.interaction, sites, graph, seed)}
+            fields |= {
+                "neighbours": graph,
+                "coupling": coupling_of(touching, self.interaction, sites, graph, seed),
+            }
         return ReactionLattice(**fields)
 
 
 def neighbours_of(contact: ContactSites, interaction: Interaction) -> np.ndarray:
     """Which sites in contact are neighbours under ``interaction``: (n, k) int32, -1 = none; read-only."""
-    return _graphs.get(contact, interaction, lambda: frozen(graph_of(contact, interaction, contact.sites), np.int32))
+    return _graphs.get(
+        contact,
+        interaction,
+        lambda: frozen(graph_of(contact, interaction, contact.sites), np.int32),
+    )
 
 
-def graph_of(contact: ContactSites, interaction: Interaction, sites: np.ndarray) -> np.ndarray:
+def graph_of(
+    contact: ContactSites, interaction: Interaction, sites: np.ndarray
+) -> np.ndarray:
     """Which of ``sites``, in contact, are neighbours under ``interaction``: (n, k) int32, -1 = none."""
     return call_with(
         interaction.neighbours,
@@ -192,7 +253,11 @@ def graph_of(contact: ContactSites, interaction: Interaction, sites: np.ndarray)
 
 
 def coupling_of(
-    contact: ContactSites, interaction: Interaction, sites: np.ndarray, neighbours: np.ndarray, seed: Seed
+    contact: ContactSites,
+    interaction: Interaction,
+    sites: np.ndarray,
+    neighbours: np.ndarray,
+    seed: Seed,
 ) -> np.ndarray:
     """What a bonded neighbour adds to the forming barrier of each of ``sites``: (n, k) eV."""
     return call_with(
@@ -210,11 +275,17 @@ def coupling_of(
 def _chosen(touching: ContactSites, sites: Any) -> tuple[np.ndarray, np.ndarray]:
     """Sites in contact and their pressures, of those that are asked for by their flat indices."""
     chosen = np.asarray(sites)
-    if chosen.ndim != 1 or chosen.dtype.kind not in "iu" or (chosen[1:] <= chosen[:-1]).any():
+    if (
+        chosen.ndim != 1
+        or chosen.dtype.kind not in "iu"
+        or (chosen[1:] <= chosen[:-1]).any()
+    ):
         raise InputError("sites: give ascending flat indices of sites, each once")
     at = np.searchsorted(touching.sites, chosen)
     if (at == touching.sites.size).any() or (touching.sites[at] != chosen).any():
-        raise InputError("sites: some are not in contact; choose from chemistry.sites_of(contact).sites")
+        raise InputError(
+            "sites: some are not in contact; choose from chemistry.sites_of(contact).sites"
+        )
     return touching.sites[at], touching.pressure[at]
 
 
@@ -223,7 +294,9 @@ def chemistry(**options: Any) -> Chemistry:
     return Chemistry(**options)
 
 
-def contact_statistics(contact: ContactSolution | ContactStatistics, chemistry: Chemistry) -> ContactStatistics:
+def contact_statistics(
+    contact: ContactSolution | ContactStatistics, chemistry: Chemistry
+) -> ContactStatistics:
     """The statistics of ``contact``, at the sites of ``chemistry``; itself where that is all there is of it.
 
     Each class has the mean pressure of its sites. Without an interaction no site has neighbours, and ``missing`` is
@@ -233,7 +306,12 @@ def contact_statistics(contact: ContactSolution | ContactStatistics, chemistry: 
         return cast("ContactStatistics", contact)
     contact = cast("ContactSolution", contact)
     expect_contact(contact)
-    expect("chemistry", chemistry, Chemistry, "make one with chemage.chemistry(forming=...)")
+    expect(
+        "chemistry",
+        chemistry,
+        Chemistry,
+        "make one with chemage.chemistry(forming=...)",
+    )
     sites = chemistry.sites_of(contact)
     pressure = sites.pressure.astype(np.float64)
     if float(pressure.min(initial=0.0)) < 0:
@@ -242,16 +320,24 @@ def contact_statistics(contact: ContactSolution | ContactStatistics, chemistry: 
             "[chemistry], or simulate every site"
         )
     top = float(pressure.max(initial=0.0))
-    place = np.minimum((pressure * (CLASSES / top)).astype(np.int64), CLASSES - 1) if top > 0 else np.zeros(0, np.int64)
+    place = (
+        np.minimum((pressure * (CLASSES / top)).astype(np.int64), CLASSES - 1)
+        if top > 0
+        else np.zeros(0, np.int64)
+    )
     counts = np.bincount(place, minlength=CLASSES)
     there = counts > 0
     mean = np.bincount(place, pressure, CLASSES)[there] / counts[there]
     most, lacking = 0, np.zeros(pressure.size, np.int64)
     if chemistry.interaction is not None and pressure.size:
         most = coordination(chemistry.interaction, sites.spacing)  # pyright: ignore[reportArgumentType]
-        present = np.count_nonzero(neighbours_of(sites, chemistry.interaction) >= 0, axis=1)
+        present = np.count_nonzero(
+            neighbours_of(sites, chemistry.interaction) >= 0, axis=1
+        )
         lacking = np.clip(most - present, 0, most)
-    joint = np.bincount(place * (most + 1) + lacking, minlength=CLASSES * (most + 1)).reshape(CLASSES, most + 1)
+    joint = np.bincount(
+        place * (most + 1) + lacking, minlength=CLASSES * (most + 1)
+    ).reshape(CLASSES, most + 1)
     return ContactStatistics(
         pressure=mean,
         area=counts[there] * sites.spacing**2,
@@ -270,7 +356,14 @@ def contact_statistics(contact: ContactSolution | ContactStatistics, chemistry: 
 def coordination(interaction: Interaction, spacing: float) -> int:
     """Neighbours of a site inside a contact, under ``interaction`` on sites at a distance of ``spacing`` nm."""
     sites = np.arange(GRID * GRID)
-    graph = call_with(interaction.neighbours, (GRID, GRID), True, sites, pixel_size=spacing, positions=None)
+    graph = call_with(
+        interaction.neighbours,
+        (GRID, GRID),
+        True,
+        sites,
+        pixel_size=spacing,
+        positions=None,
+    )
     return int(np.count_nonzero(graph >= 0, axis=1).max(initial=0))
 
 
@@ -285,7 +378,11 @@ def interaction(kind: str, **options: Any) -> Any:
 
 
 def build_lattice(
-    chemistry: Chemistry, contact: ContactSolution, seed: Seed = 0, *, sites: np.ndarray | None = None
+    chemistry: Chemistry,
+    contact: ContactSolution,
+    seed: Seed = 0,
+    *,
+    sites: np.ndarray | None = None,
 ) -> ReactionLattice:
     """The reactive sites of ``contact``, or those among ``sites``, through the hook ``chemage_build_lattice``.
 
@@ -296,9 +393,19 @@ def build_lattice(
     PluginError
         What a plugin gave contradicts the contact, or are others than the ``sites`` that are given.
     """
-    expect("chemistry", chemistry, Chemistry, "make one with chemage.chemistry(forming=...)")
+    expect(
+        "chemistry",
+        chemistry,
+        Chemistry,
+        "make one with chemage.chemistry(forming=...)",
+    )
     expect_contact(contact)
     lattice, plugins, recorded = registry.current().answer(
-        "chemage_build_lattice", ReactionLattice, chemistry=chemistry, contact=contact, seed=seed, sites=sites
+        "chemage_build_lattice",
+        ReactionLattice,
+        chemistry=chemistry,
+        contact=contact,
+        seed=seed,
+        sites=sites,
     )
     return noted(lattice, recorded, plugins, chemistry)

@@ -15,7 +15,10 @@ if TYPE_CHECKING:
     from chemage.lattices.chemistry import Chemistry
     from chemage.lattices.lattice import ReactionLattice
 
-ROLES = {"barriers": "chemage.lattices.role:Barriers", "interaction": "chemage.lattices.role:Interaction"}
+ROLES = {
+    "barriers": "chemage.lattices.role:Barriers",
+    "interaction": "chemage.lattices.role:Interaction",
+}
 
 
 @hookspec(firstresult=True)
@@ -34,7 +37,11 @@ class OwnChemistryMethod:
 
     @hookimpl(trylast=True)
     def chemage_build_lattice(
-        self, chemistry: Chemistry, contact: ContactSolution, seed: Seed, sites: np.ndarray | None
+        self,
+        chemistry: Chemistry,
+        contact: ContactSolution,
+        seed: Seed,
+        sites: np.ndarray | None,
     ) -> ReactionLattice:
         return chemistry.on(contact, seed, sites=sites)
 
@@ -50,7 +57,9 @@ class _Chemistry(Stage):
 
     def key_entries(self, sections: Mapping[str, Any]) -> list[Any]:
         own = sections.get(self.section)
-        if own is not None:  # what the density makes of the sites is in the key, see key_ends
+        if (
+            own is not None
+        ):  # what the density makes of the sites is in the key, see key_ends
             own = {name: value for name, value in own.items() if name != "site_density"}
         return super().key_entries({**sections, self.section: own})
 
@@ -65,27 +74,49 @@ class _Chemistry(Stage):
             ends["result"] = limits
         return ends
 
-    def recorded(self, aging: Mapping[str, Any], contact: Mapping[str, Any]) -> Mapping[str, Any]:
-        return {name: aging.get(name) or aging.get(self.section, {}).get(name) for name in self.parts}
+    def recorded(
+        self, aging: Mapping[str, Any], contact: Mapping[str, Any]
+    ) -> Mapping[str, Any]:
+        return {
+            name: aging.get(name) or aging.get(self.section, {}).get(name)
+            for name in self.parts
+        }
 
     def estimate(self, parts: Parts, stated: Stated) -> Mapping[str, float]:
-        from chemage.lattices.independent import expected_kinetics, rough_pressures, smooth_pressures
+        from chemage.lattices.independent import (
+            expected_kinetics,
+            rough_pressures,
+            smooth_pressures,
+        )
 
-        chemistry, contact, grids = parts[self.section], stated["contact"], parts.get("grids")
-        fraction, density, pressure = contact.get("area_fraction"), chemistry.site_density, contact.get("mean_pressure")
+        chemistry = parts[self.section]
+        contact = stated["contact"]
+        grids = parts.get("grids")
+        fraction = contact.get("area_fraction")
+        density = chemistry.site_density
+        pressure = contact.get("mean_pressure")
         numbers: dict[str, float] = {}
         whole = contact.get("pixels")
-        if whole is None and not isinstance(density, str):  # no map, and so no grid of sites
+        if whole is None and not isinstance(
+            density, str
+        ):  # no map, and so no grid of sites
             whole = contact["nominal_area"] * density
         elif whole and grids:
             whole = float(grids[1][0] * grids[1][1])
         if fraction is not None and whole:
             numbers["sites"] = fraction * whole * chemistry.hydroxylation
         if "hold" in parts and pressure is not None:
-            spread = smooth_pressures if "radius" in stated["surface"] else rough_pressures
-            last, temperature = float(parts["hold"].hold_times[-1]), parts["hold"].temperature
+            spread = (
+                smooth_pressures if "radius" in stated["surface"] else rough_pressures
+            )
+            last = float(parts["hold"].hold_times[-1])
+            temperature = parts["hold"].temperature
             expected = expected_kinetics(chemistry, spread(pressure), last, temperature)
-            numbers |= {"events": expected.events, "bonded": expected.bonded, "pressure": pressure}
+            numbers |= {
+                "events": expected.events,
+                "bonded": expected.bonded,
+                "pressure": pressure,
+            }
         return numbers
 
     def doubts(self, parts: Parts, stated: Stated) -> Iterator[Doubt]:
@@ -93,9 +124,17 @@ class _Chemistry(Stage):
         from chemage.lattices.site_grid import adhering
 
         grids = parts.get("grids")
-        if grids and parts["contact"].adheres and grids[1][0] * grids[1][1] > grids[0][0] * grids[0][1]:
+        if (
+            grids
+            and parts["contact"].adheres
+            and grids[1][0] * grids[1][1] > grids[0][0] * grids[0][1]
+        ):
             density = parts[self.section].site_density
-            raise InputError.of("site_density", density, *adhering(stated["surface"]["pixel_size"], density))
+            raise InputError.of(
+                "site_density",
+                density,
+                *adhering(stated["surface"]["pixel_size"], density),
+            )
         return iter(())
 
     def fault(self, answer: Any, arguments: Mapping[str, Any]) -> str:
@@ -131,12 +170,18 @@ class _Chemistry(Stage):
                 if chemistry.activation_volume
                 else ", pressure only decides who is in contact"
             ),
-            "breaking": chemistry.breaking.kind if chemistry.breaking else "not modelled: bonds last",
-            "interaction": chemistry.interaction.kind if chemistry.interaction else "not modelled: no neighbour list",
+            "breaking": chemistry.breaking.kind
+            if chemistry.breaking
+            else "not modelled: bonds last",
+            "interaction": chemistry.interaction.kind
+            if chemistry.interaction
+            else "not modelled: no neighbour list",
         }
         if grids:
             gap = getattr(parts["contact"], "gap", False) is True
-            ratio = nominal_ratio(stated["surface"]["pixel_size"], chemistry.site_density)
+            ratio = nominal_ratio(
+                stated["surface"]["pixel_size"], chemistry.site_density
+            )
             rows["sites"] = in_words(*grids, gap=gap, ratio=ratio)
         return rows
 
@@ -144,9 +189,15 @@ class _Chemistry(Stage):
 STAGES = (
     _Chemistry(
         "chemistry",
-        parts={"forming": "barriers", "breaking": "barriers", "interaction": "interaction"},
+        parts={
+            "forming": "barriers",
+            "breaking": "barriers",
+            "interaction": "interaction",
+        },
         about="what turns a contact into reactive sites",
-        missing={"forming": "needs [forming], the barriers to forming a bond; add it, or leave this out"},
+        missing={
+            "forming": "needs [forming], the barriers to forming a bond; add it, or leave this out"
+        },
         needs="forming",
         inputs=("contact",),
         key="aging",

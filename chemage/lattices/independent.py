@@ -40,7 +40,12 @@ class TwoState:
     def equilibrium(self) -> np.ndarray:
         """a/(a + b), the probability of a bond after a long time; 0 where nothing happens."""
         with np.errstate(under="ignore"):
-            return np.divide(self.forming, self.total, out=np.zeros_like(self.total), where=self.total > 0)
+            return np.divide(
+                self.forming,
+                self.total,
+                out=np.zeros_like(self.total),
+                where=self.total > 0,
+            )
 
     def relaxed(self, times: np.ndarray | float) -> np.ndarray:
         """1 − exp(−(a + b) t) after ``times`` (s): how much of the way to the equilibrium is gone."""
@@ -82,7 +87,9 @@ def smooth_pressures(mean: float) -> np.ndarray:
     return 1.5 * np.sqrt(1 - _middles(PRESSURES)) * mean
 
 
-def expected_kinetics(chemistry: Chemistry, pressures: np.ndarray, hold_time: float, temperature: float) -> Expected:
+def expected_kinetics(
+    chemistry: Chemistry, pressures: np.ndarray, hold_time: float, temperature: float
+) -> Expected:
     """Bonds formed and broken per reactive site until ``hold_time``, and the bonds then: means over the barriers.
 
     Couplings mostly raise barriers; with an ``interaction`` half of the events of sites without are expected (measured
@@ -98,7 +105,9 @@ def expected_kinetics(chemistry: Chemistry, pressures: np.ndarray, hold_time: fl
     """
     ranks, forming_weights = _ranks(FORMING)
     intrinsic = chemistry.forming.quantile(ranks)
-    barriers = effective_forming(intrinsic, chemistry.activation_volume, np.asarray(pressures, float)[:, None])
+    barriers = effective_forming(
+        intrinsic, chemistry.activation_volume, np.asarray(pressures, float)[:, None]
+    )
     breaking, breaking_weights = np.zeros(1), np.ones(1)
     if chemistry.breaking is not None:
         ranks, breaking_weights = _ranks(BREAKING)
@@ -108,11 +117,17 @@ def expected_kinetics(chemistry: Chemistry, pressures: np.ndarray, hold_time: fl
     def mean(values: np.ndarray) -> float:
         """The mean of (pressures, forming barriers, breaking barriers)."""
         with np.errstate(under="ignore"):
-            return float(np.sum(values.mean(axis=0) * breaking_weights * forming_weights[:, None]))
+            return float(
+                np.sum(
+                    values.mean(axis=0) * breaking_weights * forming_weights[:, None]
+                )
+            )
 
     bonded = sites.bonded(hold_time)
     events = mean(np.minimum(bonded + 2 * sites.broken(hold_time), 1e300))
-    return Expected(events if chemistry.interaction is None else COUPLED * events, mean(bonded))
+    return Expected(
+        events if chemistry.interaction is None else COUPLED * events, mean(bonded)
+    )
 
 
 @lru_cache(maxsize=4)

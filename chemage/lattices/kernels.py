@@ -88,7 +88,9 @@ def _slope(i, j, nx, ny, periodic, place, level):  # pragma: no cover - compiled
 
 
 @compiled
-def rim(pixels, bounds, place, opening, level, nx, ny, periodic, passes):  # pragma: no cover - compiled
+def rim(
+    pixels, bounds, place, opening, level, nx, ny, periodic, passes
+):  # pragma: no cover - compiled
     """The level of the pixels outside, negative, from their gap and the pressure of their neighbours in contact.
 
     pixels : flat indices; the first `bounds[0]` are in contact, up to `bounds[1]` touch one of these, the rest one of
@@ -196,13 +198,17 @@ def most_sites(place, inside, grid, sites, periodic):  # pragma: no cover - comp
         if rows > 0 and _touched(i, place, inside, grid, periodic, active):
             for j in range(first, ny):
                 if active[j - first]:
-                    columns = min(_first(j + 1, my, ny, oy), my) - max(_first(j, my, ny, oy), 0)
+                    columns = min(_first(j + 1, my, ny, oy), my) - max(
+                        _first(j, my, ny, oy), 0
+                    )
                     count += rows * max(columns, 0)
     return count
 
 
 @compiled
-def place_sites(place, inside, level, grid, sites, periodic, shift, out, values):  # pragma: no cover - compiled
+def place_sites(
+    place, inside, level, grid, sites, periodic, shift, out, values
+):  # pragma: no cover - compiled
     """Sites with a positive level, ascending: their number; flat index and pressure are written into `out`, `values`.
 
     The level at a site is interpolated by cubic convolution, and lowered by `shift` times its slope per pixel, which
@@ -219,17 +225,22 @@ def place_sites(place, inside, level, grid, sites, periodic, shift, out, values)
     for i in range(first, nx):
         if not _touched(i, place, inside, grid, periodic, active):
             continue
-        for row in range(max(_first(i, mx, nx, ox), 0), min(_first(i + 1, mx, nx, ox), mx)):
+        for row in range(
+            max(_first(i, mx, nx, ox), 0), min(_first(i + 1, mx, nx, ox), mx)
+        ):
             _weights((2 * row * nx + ox - 2 * i * mx) / (2.0 * mx), wx, vx)
             for j in range(first, ny):
                 if not active[j - first]:
                     continue
-                begin, end = max(_first(j, my, ny, oy), 0), min(_first(j + 1, my, ny, oy), my)
+                begin = max(_first(j, my, ny, oy), 0)
+                end = min(_first(j + 1, my, ny, oy), my)
                 if begin >= end:
                     continue
                 for k in range(4):
                     for m in range(4):
-                        z[k, m] = level[place[_near(i + k - 1, j + m - 1, nx, ny, periodic)]]
+                        z[k, m] = level[
+                            place[_near(i + k - 1, j + m - 1, nx, ny, periodic)]
+                        ]
                 for column in range(begin, end):
                     _weights((2 * column * ny + oy - 2 * j * my) / (2.0 * my), wy, vy)
                     f, fx, fy = 0.0, 0.0, 0.0
@@ -270,7 +281,9 @@ def _parts(pixels, sites, offset):  # pragma: no cover - compiled
 
 
 @compiled
-def balance(place, pixels, load, grid, sites, periodic, index, values):  # pragma: no cover - compiled
+def balance(
+    place, pixels, load, grid, sites, periodic, index, values
+):  # pragma: no cover - compiled
     """Scale the pressures of sites, in place, so that in each neighbourhood of 3 x 3 pixels they carry the load there.
 
     load : pressure of each listed pixel, in units of `values`. The factor is between ½ and 2 and interpolated linearly.
@@ -305,13 +318,17 @@ def balance(place, pixels, load, grid, sites, periodic, index, values):  # pragm
                 if other >= 0 and place[other] >= 0:
                     wanted += load[place[other]]
                     # how many sites belong to a pixel changes from one to the next
-                    found += carried[place[other]] / (across[other // ny] * along[other % ny])
+                    found += carried[place[other]] / (
+                        across[other // ny] * along[other % ny]
+                    )
             if found > 0.0:
                 factor[k] = min(max(wanted / found, 0.5), 2.0)
 
 
 @compiled
-def overlaps(pixels, pressure, grid, sites, periodic, index, share, carried):  # pragma: no cover - compiled
+def overlaps(
+    pixels, pressure, grid, sites, periodic, index, share, carried
+):  # pragma: no cover - compiled
     """The share of each site that each pixel in contact covers, and its part of the site's mean pressure: their number.
 
     Sites are larger than pixels, so that a pixel covers parts of at most four. In units of half a pixel over `sites`,
@@ -331,7 +348,8 @@ def overlaps(pixels, pressure, grid, sites, periodic, index, share, carried):  #
             if width <= 0:
                 continue
             for dj in range(2):
-                below, above = (2 * (column + dj) - e) * ny, (2 * (column + dj + 1) - e) * ny
+                below = (2 * (column + dj) - e) * ny
+                above = (2 * (column + dj + 1) - e) * ny
                 height = min(y + 2 * my, above) - max(y, below)
                 if height <= 0:
                     continue

@@ -54,10 +54,22 @@ class ReactionLattice(Observing, Record):
         "sites": (("site",), "", "flat pixel index"),
         "positions": (("site", "xy"), "nm", "position of the site"),
         "pressure": (("site",), "GPa", "pressure on the site"),
-        "forming": (("site",), "eV", "barrier to forming a bond with no neighbour bonded"),
+        "forming": (
+            ("site",),
+            "eV",
+            "barrier to forming a bond with no neighbour bonded",
+        ),
         "breaking": (("site",), "eV", "barrier to breaking the bond"),
-        "neighbours": (("site", "slot"), "", "position of the neighbour in the list of sites, -1 = none"),
-        "coupling": (("site", "slot"), "eV", "what a bonded neighbour adds to the forming barrier"),
+        "neighbours": (
+            ("site", "slot"),
+            "",
+            "position of the neighbour in the list of sites, -1 = none",
+        ),
+        "coupling": (
+            ("site", "slot"),
+            "eV",
+            "what a bonded neighbour adds to the forming barrier",
+        ),
     }
 
     added = ("positions", "pressure", "origin", "observables", "outputs")
@@ -97,28 +109,46 @@ class ReactionLattice(Observing, Record):
         if min(self.pixels) < 1:
             raise ValueError(f"pixels: {self.pixels}; give two positive numbers")
         if self.pixels[0] * self.pixels[1] > MOST_PIXELS:
-            raise ValueError(f"pixels: {self.pixels} is a grid of more than {MOST_PIXELS} pixels; give a smaller one")
+            raise ValueError(
+                f"pixels: {self.pixels} is a grid of more than {MOST_PIXELS} pixels; give a smaller one"
+            )
         if n > MOST_SITES:
             raise ValueError(f"sites: {n}; a lattice has at most {MOST_SITES}")
         if self.sites.ndim != 1:
-            raise ValueError(f"sites: shape {self.sites.shape}; give a one-dimensional array")
+            raise ValueError(
+                f"sites: shape {self.sites.shape}; give a one-dimensional array"
+            )
         if n:
             if self.sites[0] < 0 or self.sites[-1] >= self.pixels[0] * self.pixels[1]:
-                raise ValueError(f"sites: from {self.sites[0]} to {self.sites[-1]}, outside the grid of {self.pixels}")
+                raise ValueError(
+                    f"sites: from {self.sites[0]} to {self.sites[-1]}, outside the grid of {self.pixels}"
+                )
             # compared, not subtracted: a difference could overflow
             before, after = self.sites[:-1], self.sites[1:]
             if self.positions is None and np.any(after == before):
                 twice = int(after[after == before][0])
-                raise ValueError(f"sites: pixel {twice} is listed twice; list each once, or give positions as well")
+                raise ValueError(
+                    f"sites: pixel {twice} is listed twice; list each once, or give positions as well"
+                )
             if np.any(after < before):
-                raise ValueError("sites: not in ascending order; sort them (and what goes with them)")
+                raise ValueError(
+                    "sites: not in ascending order; sort them (and what goes with them)"
+                )
         for name in ("forming", "breaking", "pressure"):
             values = getattr(self, name)
             if values is None:
                 continue
             if values.shape != (n,):
-                raise ValueError(f"{name}: shape {values.shape}, but there are {n} sites; give one value per site")
-            _in_range(name, values, "give pressures in GPa" if name == "pressure" else "give barriers in eV")
+                raise ValueError(
+                    f"{name}: shape {values.shape}, but there are {n} sites; give one value per site"
+                )
+            _in_range(
+                name,
+                values,
+                "give pressures in GPa"
+                if name == "pressure"
+                else "give barriers in eV",
+            )
         if self.origin is not None and not np.isfinite(self.origin).all():
             raise ValueError(f"origin: {self.origin} is not finite; give x and y in nm")
         if self.positions is not None:
@@ -128,11 +158,16 @@ class ReactionLattice(Observing, Record):
 
     def _check_positions(self, positions: np.ndarray, n: int) -> None:
         if positions.shape != (n, 2):
-            raise ValueError(f"positions: shape {positions.shape}, but there are {n} sites; give x and y of each in nm")
+            raise ValueError(
+                f"positions: shape {positions.shape}, but there are {n} sites; give x and y of each in nm"
+            )
         require_finite("positions", positions, "give x and y in nm")
         centres = np.stack(np.divmod(self.sites, self.pixels[1]), axis=1) + 0.5
         # a site on the edge of two pixels may be counted to either, whatever the rounding
-        outside = np.abs(positions / self.pixel_size - centres).max(axis=1, initial=0) > 0.5 + 1e-6
+        outside = (
+            np.abs(positions / self.pixel_size - centres).max(axis=1, initial=0)
+            > 0.5 + 1e-6
+        )
         if outside.any():
             site = int(np.argmax(outside))
             raise ValueError(
@@ -148,11 +183,17 @@ class ReactionLattice(Observing, Record):
             raise ValueError("neighbours and coupling: give both, or neither")
         if neighbours is None or coupling is None:
             return
-        if neighbours.ndim != 2 or neighbours.shape[0] != n or coupling.shape != neighbours.shape:
+        if (
+            neighbours.ndim != 2
+            or neighbours.shape[0] != n
+            or coupling.shape != neighbours.shape
+        ):
             raise ValueError(
                 f"neighbours {neighbours.shape} and coupling {coupling.shape}: both must be ({n}, k) for {n} sites"
             )
-        _in_range("coupling", coupling, "give energies in eV, 0 where there is no neighbour")
+        _in_range(
+            "coupling", coupling, "give energies in eV, 0 where there is no neighbour"
+        )
         from chemage.lattices.kernels import find_fault
 
         fault, site, slot = find_fault(neighbours, coupling)
@@ -208,7 +249,9 @@ class ReactionLattice(Observing, Record):
 
     def per_pixel(self, values: np.ndarray) -> np.ndarray:
         """The sum of ``values`` (n,) over the sites of each pixel: (nx, ny) float64, 0 where there is no site."""
-        sums = np.bincount(self.sites, weights=values, minlength=self.pixels[0] * self.pixels[1])
+        sums = np.bincount(
+            self.sites, weights=values, minlength=self.pixels[0] * self.pixels[1]
+        )
         return sums.reshape(self.pixels)
 
     def to_atoms(self, state: np.ndarray | None = None) -> Atoms:
@@ -216,7 +259,11 @@ class ReactionLattice(Observing, Record):
         from ase import Atoms
 
         n = self.sites.size
-        bonded = np.zeros(n, dtype=bool) if state is None else checked_states("state", state, n)
+        bonded = (
+            np.zeros(n, dtype=bool)
+            if state is None
+            else checked_states("state", state, n)
+        )
         step = 10.0 * self.pixel_size
         x, y = np.divmod(self.sites, self.pixels[1])
         plane = np.stack([(x + 0.5) * step, (y + 0.5) * step], axis=1)

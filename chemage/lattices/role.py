@@ -49,12 +49,16 @@ class Interaction(Component, ABC):
     error_of = "the couplings"
 
     @abstractmethod
-    def neighbours(self, pixels: tuple[int, int], periodic: bool, sites: np.ndarray) -> np.ndarray:
+    def neighbours(
+        self, pixels: tuple[int, int], periodic: bool, sites: np.ndarray
+    ) -> np.ndarray:
         """The graph: (n, k) int32, entry ``[i, s]`` the position in ``sites`` of a neighbour of ``i``, or -1.
 
         It depends on geometry alone, so replicas share it. ``sites`` are sorted flat pixel indices, (n,) int64.
         """
 
     @abstractmethod
-    def coupling(self, sites: np.ndarray, neighbours: np.ndarray, seed: Seed) -> np.ndarray:
+    def coupling(
+        self, sites: np.ndarray, neighbours: np.ndarray, seed: Seed
+    ) -> np.ndarray:
         """What a bonded neighbour adds to a site's forming barrier, (n, k) eV, symmetric, 0 where there is none."""

@@ -33,7 +33,10 @@ REACH = (math.pi - 1 + math.log(2)) / 24 * 4 / math.pi
 #: ... and the rim reconstructed from such a contact reaches this many pixels further; without the gap this many. Then
 #: both for pixels in contact if their centres are. Measured by tests/benchmarks/site_constants.py, on rough surfaces
 #: (the first two) and on spheres, with a scatter of 0.01, 0.01, 0.01 and 0.03.
-BEYOND, BEYOND_WITHOUT_GAP, BEYOND_CENTRES, BEYOND_CENTRES_WITHOUT_GAP = 0.04, 0.02, 0.0, -0.10
+BEYOND = 0.04
+BEYOND_WITHOUT_GAP = 0.02
+BEYOND_CENTRES = 0.0
+BEYOND_CENTRES_WITHOUT_GAP = -0.10
 #: how fast the share of a site in contact falls as the rim moves, per spacing, where half of it is: the length of the
 #: rim in the site, 1/max(|cos|, |sin|) of its direction, averaged over directions
 FALL = 4 / math.pi * math.log(1 + math.sqrt(2))
@@ -41,7 +44,10 @@ FALL = 4 / math.pi * math.log(1 + math.sqrt(2))
 #: out, in sites per pixel a side (at least the second number): with the gap and without; and of averages. Then what
 #: does average out, per root of the edges. Measured on 400, 150 and 80 random contacts; tested on others by
 #: tests/benchmarks/stated_errors.py
-ALIKE, ALIKE_WITHOUT_GAP, ALIKE_AVERAGED, APART = (0.015, 0.5), (0.045, 0.6), 0.024, 0.23
+ALIKE = (0.015, 0.5)
+ALIKE_WITHOUT_GAP = (0.045, 0.6)
+ALIKE_AVERAGED = 0.024
+APART = 0.23
 #: passes in which the rim and its normal are found
 PASSES = 2
 
@@ -50,7 +56,9 @@ Density = float | Literal["pixel"]
 Rule = Literal["pixels", "reconstructed", "averaged"]
 
 
-def site_shape(pixels: tuple[int, int], pixel_size: float, density: Density) -> tuple[int, int]:
+def site_shape(
+    pixels: tuple[int, int], pixel_size: float, density: Density
+) -> tuple[int, int]:
     """The grid of sites on a contact of ``pixels`` of ``pixel_size`` nm: the pixels themselves where ``density`` is
     "pixel" or where the spacing of ``density`` (1/nm²) agrees with them within half a percent.
 
@@ -69,10 +77,18 @@ def site_shape(pixels: tuple[int, int], pixel_size: float, density: Density) -> 
     nx, ny = (count * ratio for count in pixels)
     if not nx * ny <= MOST_SITES:
         remedy = "give a smaller one, fewer pixels or a smaller pixel size"
-        raise InputError.of("site_density", density, f"gives {nx:.3g} x {ny:.3g} sites on this contact", remedy)
+        raise InputError.of(
+            "site_density",
+            density,
+            f"gives {nx:.3g} x {ny:.3g} sites on this contact",
+            remedy,
+        )
     if max(nx, ny) < 0.5:
         raise InputError.of(
-            "site_density", density, f"gives less than one site on pixels of {pixel_size:g} nm", "give it per nm²"
+            "site_density",
+            density,
+            f"gives less than one site on pixels of {pixel_size:g} nm",
+            "give it per nm²",
         )
     return max(round(nx), 1), max(round(ny), 1)
 
@@ -85,7 +101,12 @@ def site_rule(pixels: tuple[int, int], sites: tuple[int, int]) -> Rule:
     return "reconstructed" if few else "averaged"
 
 
-def in_words(pixels: tuple[int, int], sites: tuple[int, int], gap: bool = True, ratio: float = 1.0) -> str:
+def in_words(
+    pixels: tuple[int, int],
+    sites: tuple[int, int],
+    gap: bool = True,
+    ratio: float = 1.0,
+) -> str:
     """What a grid of ``sites`` is to one of ``pixels``, in words; ``ratio``: sites per pixel of the chemistry."""
     rule = site_rule(pixels, sites)
     if rule == "pixels":
@@ -99,7 +120,11 @@ def in_words(pixels: tuple[int, int], sites: tuple[int, int], gap: bool = True, 
         return f"{grids}, {1 / per:.3g} pixels per site: pressure averaged over the pixels of a site"
     if per < 1:
         words = f"{grids}, {1 / per:.3g} pixels per site: pressure averaged over the pixels of a site, the rim "
-        return words + ("between pixels" if gap else "halfway between pixels because the contact has no gap")
+        return words + (
+            "between pixels"
+            if gap
+            else "halfway between pixels because the contact has no gap"
+        )
     if gap:
         return f"{grids}, {per:.3g} sites per pixel: pressure and rim reconstructed below the pixel"
     return (
@@ -141,7 +166,11 @@ class ContactSites:
         edges, size = self._edges(), contact.pixel_size / self.spacing
         slope, least = ALIKE if contact.gap is not None else ALIKE_WITHOUT_GAP
         alike = ALIKE_AVERAGED if self.rule == "averaged" else slope * max(size, least)
-        return NORMAL_LIMIT * math.hypot(alike * edges, APART * max(size, 1.0) * math.sqrt(edges)) / self.sites.size
+        return (
+            NORMAL_LIMIT
+            * math.hypot(alike * edges, APART * max(size, 1.0) * math.sqrt(edges))
+            / self.sites.size
+        )
 
     def _edges(self) -> int:
         """Edges between a site in contact and one that is not, or the end of the grid."""
@@ -180,7 +209,9 @@ class ContactSites:
 _kept: OncePerObject[ContactSites] = OncePerObject()
 
 
-def contact_sites(contact: ContactSolution, density: Density, pressed: bool = False) -> ContactSites:
+def contact_sites(
+    contact: ContactSolution, density: Density, pressed: bool = False
+) -> ContactSites:
     """The sites of ``density`` (1/nm², or "pixel") that are in contact, and their pressures.
 
     Site (0, 0) is at pixel (0, 0) of a periodic contact; on one that is not, both grids cover the same square. Where
@@ -203,7 +234,9 @@ def contact_sites(contact: ContactSolution, density: Density, pressed: bool = Fa
 
     Results are kept as long as the contact is, because replicas share them.
     """
-    return _kept.get(contact, (density, pressed), lambda: _made(contact, density, pressed))
+    return _kept.get(
+        contact, (density, pressed), lambda: _made(contact, density, pressed)
+    )
 
 
 def _made(contact: ContactSolution, density: Density, pressed: bool) -> ContactSites:
@@ -212,23 +245,44 @@ def _made(contact: ContactSolution, density: Density, pressed: bool) -> ContactS
     size = contact.pixel_size
     if contact.touching is not None and rule == "reconstructed":
         if shape[0] * shape[1] > contact.pressure.size:
-            raise InputError.of("site_density", density, *adhering(contact.pixel_size, density))
+            raise InputError.of(
+                "site_density", density, *adhering(contact.pixel_size, density)
+            )
         rule = "averaged"
     if rule == "pixels":
         sites, pressure = contact.sites, contact.pressure.ravel()[contact.sites]
     else:
         size *= math.sqrt(contact.pressure.size / (shape[0] * shape[1]))
         expected = contact.sites.size * (contact.pixel_size / size) ** 2
-        require(BYTES_PER_SITE * expected, f"{expected:.3g} sites in contact", "use a smaller site_density")
+        require(
+            BYTES_PER_SITE * expected,
+            f"{expected:.3g} sites in contact",
+            "use a smaller site_density",
+        )
         make = _reconstructed if rule == "reconstructed" else _averaged
-        sites, pressure = make(contact, shape, size) if contact.sites.size else (contact.sites, np.empty(0))
+        sites, pressure = (
+            make(contact, shape, size)
+            if contact.sites.size
+            else (contact.sites, np.empty(0))
+        )
     # site (0, 0) is in the middle of pixel (0, 0) where both grids repeat
-    corner = 0.5 * (contact.pixel_size - size) if contact.periodic and rule != "pixels" else 0.0
+    corner = (
+        0.5 * (contact.pixel_size - size)
+        if contact.periodic and rule != "pixels"
+        else 0.0
+    )
     if pressed:
         sites, pressure = sites[pressure > 0], pressure[pressure > 0]
-    words = in_words(contact.shape, shape, contact.gap is not None, nominal_ratio(contact.pixel_size, density))
+    words = in_words(
+        contact.shape,
+        shape,
+        contact.gap is not None,
+        nominal_ratio(contact.pixel_size, density),
+    )
     arrays = frozen(sites, np.int64), frozen(pressure)
-    return ContactSites(shape, size, contact.periodic, (corner, corner), *arrays, rule, words)
+    return ContactSites(
+        shape, size, contact.periodic, (corner, corner), *arrays, rule, words
+    )
 
 
 def adhering(pixel_size: float, density: Density) -> tuple[str, str]:
@@ -248,7 +302,9 @@ def _bearing(contact: ContactSolution, pressure: np.ndarray, area: float) -> np.
     return pressure * (load / area / float(pressure.sum()))
 
 
-def _reconstructed(contact: ContactSolution, shape: tuple[int, int], spacing: float) -> tuple[np.ndarray, np.ndarray]:
+def _reconstructed(
+    contact: ContactSolution, shape: tuple[int, int], spacing: float
+) -> tuple[np.ndarray, np.ndarray]:
     from chemage.lattices import kernels
 
     nx, ny = grid = contact.shape
@@ -258,71 +314,118 @@ def _reconstructed(contact: ContactSolution, shape: tuple[int, int], spacing: fl
     place[contact.sites] = np.arange(contact.sites.size, dtype=np.int32)
     for _ in range(2):
         neighbours = kernels.around(listed[-1], place, nx, ny, periodic)
-        place[neighbours] = np.arange(neighbours.size, dtype=np.int32) + sum(pixels.size for pixels in listed)
+        place[neighbours] = np.arange(neighbours.size, dtype=np.int32) + sum(
+            pixels.size for pixels in listed
+        )
         listed.append(neighbours)
     pixels, inside = np.concatenate(listed), contact.sites.size
     bounds = (inside, inside + listed[1].size, pixels.size)
     highest = float(contact.pressure.max())
     pressure = np.zeros(pixels.size)
-    pressure[:inside] = contact.pressure.ravel()[contact.sites].astype(np.float64) / highest
+    pressure[:inside] = (
+        contact.pressure.ravel()[contact.sites].astype(np.float64) / highest
+    )
     opening = np.full(pixels.size, -1.0)
     if contact.gap is not None:
         gap = contact.gap.ravel()[pixels].astype(np.float64)
         with np.errstate(over="ignore", under="ignore"):
-            opening = np.clip(0.75 * contact.modulus / contact.pixel_size / highest * gap, 0.0, 1e100)
+            opening = np.clip(
+                0.75 * contact.modulus / contact.pixel_size / highest * gap, 0.0, 1e100
+            )
     level = pressure**2
     kernels.rim(pixels, bounds, place, opening, level, nx, ny, periodic, PASSES)
     sizes = spacing / contact.pixel_size
     if contact.contact_pixels == "centres":
-        shift = BEYOND_CENTRES if contact.gap is not None else BEYOND_CENTRES_WITHOUT_GAP
+        shift = (
+            BEYOND_CENTRES if contact.gap is not None else BEYOND_CENTRES_WITHOUT_GAP
+        )
     else:
-        shift = (BEYOND if contact.gap is not None else BEYOND_WITHOUT_GAP) - REACH * sizes
+        shift = (
+            BEYOND if contact.gap is not None else BEYOND_WITHOUT_GAP
+        ) - REACH * sizes
     most = kernels.most_sites(place, inside, grid, shape, periodic)
-    require(16.0 * most, f"{most:.3g} places for sites in and around the contact", "use a smaller site_density")
+    require(
+        16.0 * most,
+        f"{most:.3g} places for sites in and around the contact",
+        "use a smaller site_density",
+    )
     sites, values = np.empty(most, np.int64), np.empty(most)
-    count = kernels.place_sites(place, inside, level, grid, shape, periodic, shift, sites, values)
+    count = kernels.place_sites(
+        place, inside, level, grid, shape, periodic, shift, sites, values
+    )
     if not count:  # the contact is smaller than the distance of sites
         sites, values = _nearest(contact, shape)
         return sites, _bearing(contact, values, spacing**2)
     sites, values = sites[:count].copy(), values[:count].copy()
     if sizes > 1:
         squares, _, mean = _squares(contact, shape)
-        sites, at, _ = np.intersect1d(squares, sites, assume_unique=True, return_indices=True)
+        sites, at, _ = np.intersect1d(
+            squares, sites, assume_unique=True, return_indices=True
+        )
         values = mean[at]
     else:
         kernels.balance(place, pixels, pressure, grid, shape, periodic, sites, values)
     return sites, _bearing(contact, values, spacing**2)
 
 
-def _nearest(contact: ContactSolution, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+def _nearest(
+    contact: ContactSolution, shape: tuple[int, int]
+) -> tuple[np.ndarray, np.ndarray]:
     """The site nearest to each pixel in contact, and the sum of their pressures."""
     offset = 0.0 if contact.periodic else 0.5
     at = [
-        np.floor((where + offset) * (sites / pixels) + (0.5 - offset)).astype(np.int64) % sites
-        for where, sites, pixels in zip(np.divmod(contact.sites, contact.shape[1]), shape, contact.shape, strict=True)
+        np.floor((where + offset) * (sites / pixels) + (0.5 - offset)).astype(np.int64)
+        % sites
+        for where, sites, pixels in zip(
+            np.divmod(contact.sites, contact.shape[1]),
+            shape,
+            contact.shape,
+            strict=True,
+        )
     ]
     sites, which = np.unique(at[0] * shape[1] + at[1], return_inverse=True)
     return sites, np.bincount(which, weights=contact.pressure.ravel()[contact.sites])
 
 
-def _squares(contact: ContactSolution, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _squares(
+    contact: ContactSolution, shape: tuple[int, int]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Larger sites with a pixel in contact, the share of each that is in contact, and its mean pressure."""
     from chemage.lattices import kernels
 
     pixels = contact.sites
-    index, share, carried = np.empty(4 * pixels.size, np.int64), np.empty(4 * pixels.size), np.empty(4 * pixels.size)
+    index = np.empty(4 * pixels.size, np.int64)
+    share = np.empty(4 * pixels.size)
+    carried = np.empty(4 * pixels.size)
     pressure = contact.pressure.ravel()[pixels].astype(np.float64)
-    call = (pixels, pressure, contact.shape, shape, contact.periodic, index, share, carried)
+    call = (
+        pixels,
+        pressure,
+        contact.shape,
+        shape,
+        contact.periodic,
+        index,
+        share,
+        carried,
+    )
     count = kernels.overlaps(*call)
     sites, which = np.unique(index[:count], return_inverse=True)
-    shares, mean = (np.bincount(which, weights=values[:count]) for values in (share, carried))
+    shares, mean = (
+        np.bincount(which, weights=values[:count]) for values in (share, carried)
+    )
     return sites, shares, mean
 
 
-def _averaged(contact: ContactSolution, shape: tuple[int, int], spacing: float) -> tuple[np.ndarray, np.ndarray]:
+def _averaged(
+    contact: ContactSolution, shape: tuple[int, int], spacing: float
+) -> tuple[np.ndarray, np.ndarray]:
     sites, shares, mean = _squares(contact, shape)
     # the outline of small pixels is nearer to the rim than that of pixels as large as sites would be
-    reach = 0.0 if contact.contact_pixels == "centres" else REACH * (1 - contact.pixel_size / spacing)
+    reach = (
+        0.0
+        if contact.contact_pixels == "centres"
+        else REACH * (1 - contact.pixel_size / spacing)
+    )
     # against rounding where exactly half is in contact, and never above what the best site has
     least = min(0.5 - FALL * reach - 1e-9, float(shares.max()))
     chosen = shares >= least

@@ -19,8 +19,12 @@ from typing import Any
 
 #: the variable that names the plugins that come first, separated by commas
 PREFER = "CHEMAGE_PREFER"
-_options: ContextVar[Mapping[str, Any]] = ContextVar("chemage_plugin_options", default=MappingProxyType({}))
-_prefer: ContextVar[tuple[str, ...] | None] = ContextVar("chemage_preferred_plugins", default=None)
+_options: ContextVar[Mapping[str, Any]] = ContextVar(
+    "chemage_plugin_options", default=MappingProxyType({})
+)
+_prefer: ContextVar[tuple[str, ...] | None] = ContextVar(
+    "chemage_preferred_plugins", default=None
+)
 
 
 def options() -> Mapping[str, Any]:
@@ -37,7 +41,9 @@ def preference() -> tuple[str, ...]:
 
 
 @contextmanager
-def applied(options: Mapping[str, Any], prefer: tuple[str, ...] | None) -> Iterator[None]:
+def applied(
+    options: Mapping[str, Any], prefer: tuple[str, ...] | None
+) -> Iterator[None]:
     """Set the options of plugins, and unless it is None the preference, within a block."""
     before = _options.set(options)
     order = _prefer.set(_prefer.get() if prefer is None else prefer)
@@ -56,7 +62,9 @@ Plugins = dict[str, str]
 #: checks what one plugin, or chemage's own implementation (""), answered; raises PluginError
 Check = Callable[[Any, str], None]
 
-_noted: ContextVar[Plugins | None] = ContextVar("chemage_plugins_taking_part", default=None)
+_noted: ContextVar[Plugins | None] = ContextVar(
+    "chemage_plugins_taking_part", default=None
+)
 _check: ContextVar[Check | None] = ContextVar("chemage_check_of_answers", default=None)
 
 
@@ -83,7 +91,9 @@ def note(name: str, source: str) -> None:
         plugins[name] = source
 
 
-def record_participation(implementation: Any, name: str, source: Callable[[], str], *, many: bool) -> None:
+def record_participation(
+    implementation: Any, name: str, source: Callable[[], str], *, many: bool
+) -> None:
     """Wrap a hook implementation (pluggy's ``HookImpl``) so that its part in an answer is noted, and that is checked.
 
     ``source`` is asked at that moment, because it contains the options then in use. ``many`` is for hooks that collect
@@ -130,7 +140,10 @@ def record_participation(implementation: Any, name: str, source: Callable[[], st
         steps = function(*arguments)
         next(steps)
         outcome = yield
-        before = (outcome.exception, None if outcome.exception else outcome.get_result())
+        before = (
+            outcome.exception,
+            None if outcome.exception else outcome.get_result(),
+        )
         try:
             steps.send(outcome)
         except StopIteration:

@@ -29,7 +29,12 @@ API_VERSION = 1
 SUPPORTED_API_VERSIONS = (1,)
 
 #: what a plugin may offer besides components, each by a hook, as name -> target: in the plural, and one of it
-OFFERED = {"scenes": "scene", "materials": "material", "results": "result", "names": "name"}
+OFFERED = {
+    "scenes": "scene",
+    "materials": "material",
+    "results": "result",
+    "names": "name",
+}
 #: hooks that are called once, at discovery, by which a plugin offers what it has
 OFFERS = ("chemage_register", *(f"chemage_{what}" for what in OFFERED))
 
@@ -37,15 +42,24 @@ hookspec = pluggy.HookspecMarker("chemage")
 hookimpl = pluggy.HookimplMarker("chemage")
 
 
-def lazy_attributes(kinds: Mapping[str, Mapping[str, str]], *further: str) -> Callable[[str], Any]:
+def lazy_attributes(
+    kinds: Mapping[str, Mapping[str, str]], *further: str
+) -> Callable[[str], Any]:
     """The ``__getattr__`` of a plugin package: the classes in ``kinds``, as for :func:`chemage_register`, and
     ``further`` objects (``"module:name"``), each imported on first use."""
-    paths = [*further, *(path for offered in kinds.values() for path in offered.values())]
-    homes = {name: module for module, _, name in (path.partition(":") for path in paths)}
+    paths = [
+        *further,
+        *(path for offered in kinds.values() for path in offered.values()),
+    ]
+    homes = {
+        name: module for module, _, name in (path.partition(":") for path in paths)
+    }
 
     def attribute(name: str) -> Any:
         if name not in homes:
-            raise AttributeError(f"no attribute {name!r}; there are {', '.join(sorted(homes))}")
+            raise AttributeError(
+                f"no attribute {name!r}; there are {', '.join(sorted(homes))}"
+            )
         return getattr(import_module(homes[name]), name)
 
     return attribute
@@ -184,7 +198,9 @@ class Stage:
     def run(self, inputs: StageInputs) -> Any:
         """What it makes, of the class of what it changes; what it measures it records
         (:func:`chemage.plugin.record`)."""
-        raise NotImplementedError(f"the stage {self.section!r} makes {self.makes!r} and has no method run")
+        raise NotImplementedError(
+            f"the stage {self.section!r} makes {self.makes!r} and has no method run"
+        )
 
     def model(self) -> Any:
         """The class of its options, where it has no role; None for a table that :meth:`make` reads."""
@@ -206,7 +222,9 @@ class Stage:
         """What is wrong although every section is right by itself: (path, message)."""
         return ()
 
-    def todict(self, parts: Parts, options_of: Callable[[Any], dict[str, Any]]) -> dict[str, Any]:
+    def todict(
+        self, parts: Parts, options_of: Callable[[Any], dict[str, Any]]
+    ) -> dict[str, Any]:
         """Its sections as plain data; ``options_of`` gives the options of a component."""
         if (value := parts.get(self.section)) is None:
             return {}
@@ -216,9 +234,18 @@ class Stage:
         if hasattr(value, "identity"):
             options = options_of(value)
         else:
-            options = value.model_dump(mode="json", exclude_none=True) if hasattr(value, "model_dump") else dict(value)
+            options = (
+                value.model_dump(mode="json", exclude_none=True)
+                if hasattr(value, "model_dump")
+                else dict(value)
+            )
         beside = {name: parts[f"{self.section}.{name}"] for name in self.beside}
-        return data | {self.section: {name: options[name] for name in options if name not in self.parts} | beside}
+        return data | {
+            self.section: {
+                name: options[name] for name in options if name not in self.parts
+            }
+            | beside
+        }
 
     def fault(self, answer: Any, arguments: Mapping[str, Any]) -> str:
         """What contradicts itself in the ``answer`` to its hook, or the ``arguments`` of the call, in words; "" if
@@ -233,15 +260,23 @@ class Stage:
         """What its sections, as plain data, add to its key."""
         if self.always_in_key:
             return [sections.get(name) for name in (*self.parts, self.section)]
-        return [{self.section: sections[self.section]}] if self.section in sections else []
+        return (
+            [{self.section: sections[self.section]}] if self.section in sections else []
+        )
 
     def key_ends(self, parts: Parts) -> Mapping[str, Any]:
         """What it adds beside its options, after all sections: key -> content."""
         return {}
 
-    def recorded(self, aging: Mapping[str, Any], contact: Mapping[str, Any]) -> Mapping[str, Any]:
+    def recorded(
+        self, aging: Mapping[str, Any], contact: Mapping[str, Any]
+    ) -> Mapping[str, Any]:
         """Path -> plain options with kind, as the provenance of an ageing curve and of its contact has them."""
-        return {self.section: (contact if self.makes == "contact" else aging).get(self.section)}
+        return {
+            self.section: (contact if self.makes == "contact" else aging).get(
+                self.section
+            )
+        }
 
     def estimate(self, parts: Parts, stated: Stated) -> Mapping[str, float]:
         """What is stated of it before anything is computed; ``cpu_seconds`` among it, on the machine of reference."""
@@ -250,7 +285,11 @@ class Stage:
     def rows(self, parts: Parts, stated: Stated) -> Mapping[str, str]:
         """Name -> what is modelled, in words."""
         component = parts.get(self.section)
-        return {self.section: component.kind} if self.role and not self.many and component is not None else {}
+        return (
+            {self.section: component.kind}
+            if self.role and not self.many and component is not None
+            else {}
+        )
 
     def doubts(self, parts: Parts, stated: Stated) -> Iterator[Doubt]:
         """What to warn of; raises InputError for what the run would refuse."""
@@ -266,7 +305,9 @@ class Stage:
 
 def options_in(provenance: Any) -> dict[str, Any]:
     """The component that made a surface or a contact, where its provenance has ``kind`` and ``options``."""
-    if not isinstance(provenance, Mapping) or not isinstance(provenance.get("options"), Mapping):
+    if not isinstance(provenance, Mapping) or not isinstance(
+        provenance.get("options"), Mapping
+    ):
         return {}
     return {**provenance["options"], "kind": provenance.get("kind")}
 
@@ -274,7 +315,11 @@ def options_in(provenance: Any) -> dict[str, Any]:
 def in_order(stages: Iterable[Stage]) -> list[Stage]:
     """Stages after those that they rest on, and otherwise as they were declared."""
     declared = {stage.section: stage for stage in stages}
-    makers = {stage.makes: stage.section for stage in declared.values() if stage.makes and not stage.changes}
+    makers = {
+        stage.makes: stage.section
+        for stage in declared.values()
+        if stage.makes and not stage.changes
+    }
     changers: dict[str, list[str]] = {}
     for stage in declared.values():
         if stage.changes:
@@ -286,11 +331,15 @@ def in_order(stages: Iterable[Stage]) -> list[Stage]:
         for name in stage.takes:
             yield makers[name]
             others = changers.get(name, [])
-            yield from others[: others.index(stage.section)] if stage.makes == name else others
+            yield from (
+                others[: others.index(stage.section)] if stage.makes == name else others
+            )
 
     def add(stage: Stage, above: tuple[str, ...] = ()) -> None:
         if stage.section in above:
-            raise ValueError(f"each of these stages needs the next: {', '.join((*above, stage.section))}")
+            raise ValueError(
+                f"each of these stages needs the next: {', '.join((*above, stage.section))}"
+            )
         for name in before(stage):
             if name not in ordered:
                 add(declared[name], (*above, stage.section))

@@ -47,7 +47,9 @@ class PluginRecord:
     @property
     def source(self) -> str:
         """``distribution version (library version, ...)``, or the module where there is no distribution."""
-        libraries = ", ".join(f"{name} {version}" for name, version in self.libraries.items())
+        libraries = ", ".join(
+            f"{name} {version}" for name, version in self.libraries.items()
+        )
         return f"{self.distribution or self.module} {self.version} {f'({libraries})' if libraries else ''}".strip()
 
 
@@ -61,7 +63,9 @@ class Hooks(pluggy.PluginManager):
     def parse_hookimpl_opts(self, plugin: Any, name: str) -> Any:
         """The options of a hook implementation, as its marker gave them."""
         options = super().parse_hookimpl_opts(plugin, name)
-        if options is not None and any(plugin is preferred for preferred in self._first):
+        if options is not None and any(
+            plugin is preferred for preferred in self._first
+        ):
             return {**options, "tryfirst": True, "trylast": False}
         return options
 
@@ -72,19 +76,34 @@ def installed(group: str) -> list[metadata.EntryPoint]:
     if "" not in sys.path:
         return list(metadata.entry_points(group=group))
     distributions: dict[str, metadata.Distribution] = {}
-    for distribution in metadata.distributions(path=[folder for folder in sys.path if folder]):
-        distributions.setdefault(str(distribution.metadata["Name"]).lower().replace("_", "-"), distribution)
-    return [point for one in distributions.values() for point in one.entry_points if point.group == group]
+    for distribution in metadata.distributions(
+        path=[folder for folder in sys.path if folder]
+    ):
+        distributions.setdefault(
+            str(distribution.metadata["Name"]).lower().replace("_", "-"), distribution
+        )
+    return [
+        point
+        for one in distributions.values()
+        for point in one.entry_points
+        if point.group == group
+    ]
 
 
 def is_own(point: metadata.EntryPoint) -> bool:
     return point.dist is not None and point.dist.name == "chemage"
 
 
-def selected(installed_points: Iterable[metadata.EntryPoint]) -> list[metadata.EntryPoint]:
+def selected(
+    installed_points: Iterable[metadata.EntryPoint],
+) -> list[metadata.EntryPoint]:
     """The entry points that ``CHEMAGE_PLUGINS`` allows: names besides chemage's own, or ``-name`` to leave out."""
     points = list(installed_points)
-    words = [word.strip() for word in os.environ.get("CHEMAGE_PLUGINS", "").split(",") if word.strip()]
+    words = [
+        word.strip()
+        for word in os.environ.get("CHEMAGE_PLUGINS", "").split(",")
+        if word.strip()
+    ]
     without = {word[1:] for word in words if word.startswith("-")}
     only = {word for word in words if not word.startswith("-")}
     if unknown := (without | only) - {point.name for point in points}:
@@ -94,7 +113,9 @@ def selected(installed_points: Iterable[metadata.EntryPoint]) -> list[metadata.E
         )
 
     def wanted(point: metadata.EntryPoint) -> bool:
-        return point.name not in without and (is_own(point) or not only or point.name in only)
+        return point.name not in without and (
+            is_own(point) or not only or point.name in only
+        )
 
     return [point for point in points if wanted(point)]
 
@@ -104,7 +125,9 @@ _sources: weakref.WeakKeyDictionary[type, str] = weakref.WeakKeyDictionary()
 
 
 def short_hash(text: str, size: int) -> str:
-    from chemage.foundation.records import text_hash  # imports numpy, which the command line can do without
+    from chemage.foundation.records import (
+        text_hash,
+    )  # imports numpy, which the command line can do without
 
     return text_hash(text, size)
 
@@ -128,8 +151,12 @@ def full_name(record: PluginRecord) -> str:
 
 def versions(libraries: Any) -> dict[str, str]:
     """The versions of the distributions that a plugin names as its basis."""
-    if isinstance(libraries, str) or not all(isinstance(name, str) for name in libraries):
-        raise PluginError(f"CHEMAGE_LIBRARIES = {libraries!r}: give a tuple of names of distributions")
+    if isinstance(libraries, str) or not all(
+        isinstance(name, str) for name in libraries
+    ):
+        raise PluginError(
+            f"CHEMAGE_LIBRARIES = {libraries!r}: give a tuple of names of distributions"
+        )
     return {name: metadata.version(name) for name in libraries}
 
 
@@ -139,7 +166,9 @@ def add_specifications(manager: pluggy.PluginManager, room: Any) -> None:
         manager.add_hookspecs(room)
 
 
-def checked_stages(plugin: Any, there: Sequence[Stage], roles: Mapping[str, str]) -> tuple[Any, Mapping[str, str]]:
+def checked_stages(
+    plugin: Any, there: Sequence[Stage], roles: Mapping[str, str]
+) -> tuple[Any, Mapping[str, str]]:
     """The stages and roles that the module of a plugin declares (``STAGES``, ``ROLES``), beside those ``there``.
 
     Raises
@@ -149,8 +178,14 @@ def checked_stages(plugin: Any, there: Sequence[Stage], roles: Mapping[str, str]
     """
     stages, own = getattr(plugin, "STAGES", ()), getattr(plugin, "ROLES", {})
     if taken := roles.keys() & own.keys():
-        raise PluginError(f"ROLES: there is a role {min(taken)!r} already; choose another name")
-    sections = {*TOP, *BOTTOM, *(name for stage in there for name in (*stage.parts, stage.section))}
+        raise PluginError(
+            f"ROLES: there is a role {min(taken)!r} already; choose another name"
+        )
+    sections = {
+        *TOP,
+        *BOTTOM,
+        *(name for stage in there for name in (*stage.parts, stage.section)),
+    }
     made = {stage.makes for stage in there if stage.makes}
     for stage in stages:
         if not isinstance(stage, Stage):
@@ -160,11 +195,19 @@ def checked_stages(plugin: Any, there: Sequence[Stage], roles: Mapping[str, str]
             raise PluginError(f"{where} this name is taken, or none; choose another")
         sections.add(stage.section)
         if stage.role and stage.role not in {**roles, **own}:
-            raise PluginError(f"{where} there is no role {stage.role!r}; declare it in ROLES")
-        if unknown := [name for name in (*stage.takes, stage.makes) if name and name not in made]:
-            raise PluginError(f"{where} nothing makes {unknown[0]!r}; there are {', '.join(sorted(made))}")
+            raise PluginError(
+                f"{where} there is no role {stage.role!r}; declare it in ROLES"
+            )
+        if unknown := [
+            name for name in (*stage.takes, stage.makes) if name and name not in made
+        ]:
+            raise PluginError(
+                f"{where} nothing makes {unknown[0]!r}; there are {', '.join(sorted(made))}"
+            )
         if stage.makes and not stage.changes:
-            raise PluginError(f"{where} a plugin's stage changes what it makes; add takes = ({stage.makes!r},)")
+            raise PluginError(
+                f"{where} a plugin's stage changes what it makes; add takes = ({stage.makes!r},)"
+            )
     return stages, own
 
 
@@ -180,7 +223,9 @@ def check_hook_names(plugin: Any, hooks: list[str]) -> None:
     for name in dir(plugin):
         function = getattr(plugin, name)
         marked = getattr(function, "chemage_impl", None)
-        if not callable(function) or (marked is None and not name.startswith("chemage_")):
+        if not callable(function) or (
+            marked is None and not name.startswith("chemage_")
+        ):
             continue
         hook = (marked or {}).get("specname") or name
         if hook not in hooks:
@@ -188,7 +233,9 @@ def check_hook_names(plugin: Any, hooks: list[str]) -> None:
                 f"implements {hook}, which is not a hook{nearest(hook, hooks)}; the hooks are {', '.join(hooks)}"
             )
         if marked is None:
-            raise PluginError(f"{name} is not marked as a hook; write @chemage.plugin.hookimpl above it")
+            raise PluginError(
+                f"{name} is not marked as a hook; write @chemage.plugin.hookimpl above it"
+            )
         count += 1
     if not count:
         raise PluginError(f"implements no hook; the hooks are {', '.join(hooks)}")
@@ -203,20 +250,35 @@ def clash(role: str, kind: str, offers: list[PluginRecord]) -> str:
 
 def checked_targets(where: str, targets: Any) -> dict[str, str]:
     if not isinstance(targets, Mapping):
-        raise PluginError(f"{where}: expected {{name: 'module:thing'}}, got {targets!r}")
+        raise PluginError(
+            f"{where}: expected {{name: 'module:thing'}}, got {targets!r}"
+        )
     for name, target in targets.items():
-        if not isinstance(name, str) or not isinstance(target, str) or target.count(":") != 1:
-            raise PluginError(f"{where} {name!r}: expected 'module:thing', got {target!r}")
+        if (
+            not isinstance(name, str)
+            or not isinstance(target, str)
+            or target.count(":") != 1
+        ):
+            raise PluginError(
+                f"{where} {name!r}: expected 'module:thing', got {target!r}"
+            )
     return dict(targets)
 
 
 def checked_kinds(offer: Any, roles: Mapping[str, str]) -> dict[str, dict[str, str]]:
     """What ``chemage_register`` of a plugin gave, which must be kinds of the ``roles``."""
     if not isinstance(offer, Mapping):
-        raise PluginError(f"chemage_register gave {offer!r}; expected {{role: {{kind: 'module:Class'}}}}")
+        raise PluginError(
+            f"chemage_register gave {offer!r}; expected {{role: {{kind: 'module:Class'}}}}"
+        )
     if unknown := [role for role in offer if role not in roles]:
-        raise PluginError(f"chemage_register names the role {unknown[0]!r}; the roles are {', '.join(roles)}")
-    return {role: checked_targets(f"chemage_register: {role}", targets) for role, targets in offer.items()}
+        raise PluginError(
+            f"chemage_register names the role {unknown[0]!r}; the roles are {', '.join(roles)}"
+        )
+    return {
+        role: checked_targets(f"chemage_register: {role}", targets)
+        for role, targets in offer.items()
+    }
 
 
 def checked_class(cls: Any, role: type, kind: str, record: PluginRecord) -> Any:
@@ -227,12 +289,20 @@ def checked_class(cls: Any, role: type, kind: str, record: PluginRecord) -> Any:
     if not (isinstance(cls, type) and issubclass(cls, role)):
         raise PluginError(f"{where}: {target} is not a chemage.plugin.{role.__name__}")
     if cls.kind != kind:  # pyright: ignore[reportAttributeAccessIssue]
-        raise PluginError(f"{where}: the class calls itself {cls.kind!r}; set kind = {kind!r}")  # pyright: ignore[reportAttributeAccessIssue]
+        raise PluginError(
+            f"{where}: the class calls itself {cls.kind!r}; set kind = {kind!r}"
+        )
     if abstract := getattr(cls, "__abstractmethods__", None):
-        raise PluginError(f"{where}: {target} does not define {', '.join(sorted(abstract))}")
+        raise PluginError(
+            f"{where}: {target} does not define {', '.join(sorted(abstract))}"
+        )
     # an option hides the method of its name
-    if hidden := [option for option in cls.model_fields if callable(getattr(role, option, None))]:  # pyright: ignore[reportAttributeAccessIssue]
-        raise PluginError(f"{where}: the option {hidden[0]!r} has the name of a method of its role; rename it")
+    if hidden := [
+        option for option in cls.model_fields if callable(getattr(role, option, None))
+    ]:  # pyright: ignore[reportAttributeAccessIssue]
+        raise PluginError(
+            f"{where}: the option {hidden[0]!r} has the name of a method of its role; rename it"
+        )
     check_signatures(cls, role, where)
     return cls
 
@@ -246,10 +316,15 @@ def scene_text(target: str) -> str:
 
 
 def trace_before(hook_name: str, methods: Any, kwargs: Mapping[str, Any]) -> None:
-    print(f"chemage hook {hook_name}({', '.join(kwargs)}) -> {[m.plugin_name for m in methods]}", file=sys.stderr)
+    print(
+        f"chemage hook {hook_name}({', '.join(kwargs)}) -> {[m.plugin_name for m in methods]}",
+        file=sys.stderr,
+    )
 
 
-def trace_after(outcome: Any, hook_name: str, methods: Any, kwargs: Mapping[str, Any]) -> None:
+def trace_after(
+    outcome: Any, hook_name: str, methods: Any, kwargs: Mapping[str, Any]
+) -> None:
     print(f"chemage hook {hook_name} done", file=sys.stderr)
 
 
@@ -258,7 +333,9 @@ def checked_options(target: Any, record: PluginRecord) -> str:
     if not target:
         return ""
     if record.name == "prefer":
-        raise PluginError("a plugin with options cannot be called 'prefer', which is an entry of [plugins]")
+        raise PluginError(
+            "a plugin with options cannot be called 'prefer', which is an entry of [plugins]"
+        )
     return checked_targets("CHEMAGE_OPTIONS", {"": target})[""]
 
 
@@ -269,11 +346,17 @@ def check_signatures(cls: type, role: type, where: str) -> None:
     components that name them.
     """
     for base in role.__mro__:
-        if base.__module__.startswith("chemage.foundation") or not base.__module__.startswith("chemage."):
+        if base.__module__.startswith(
+            "chemage.foundation"
+        ) or not base.__module__.startswith("chemage."):
             continue
         for name, expected in vars(base).items():
             method = inspect.getattr_static(cls, name, expected)
-            if name.startswith("__") or method is expected or not inspect.isfunction(expected):
+            if (
+                name.startswith("__")
+                or method is expected
+                or not inspect.isfunction(expected)
+            ):
                 continue
             if not inspect.isfunction(method):
                 continue
@@ -281,7 +364,8 @@ def check_signatures(cls: type, role: type, where: str) -> None:
             needed = [
                 parameter
                 for parameter in parameters
-                if parameter.kind in (parameter.POSITIONAL_ONLY, parameter.POSITIONAL_OR_KEYWORD)
+                if parameter.kind
+                in (parameter.POSITIONAL_ONLY, parameter.POSITIONAL_OR_KEYWORD)
             ]
             try:
                 inspect.signature(method).bind(*needed)
@@ -295,7 +379,9 @@ def check_signatures(cls: type, role: type, where: str) -> None:
 
 def called(hook: Any, plugin: Any) -> Any:
     """What one plugin answers to a hook without arguments."""
-    return next(impl.function() for impl in hook.get_hookimpls() if impl.plugin is plugin)
+    return next(
+        impl.function() for impl in hook.get_hookimpls() if impl.plugin is plugin
+    )
 
 
 def wraps_others(implementation: Any) -> bool:

@@ -29,7 +29,9 @@ if TYPE_CHECKING:
         @overload
         def __get__(self, instance: object, owner: Any) -> _T: ...
         def __get__(self, instance: Any, owner: Any) -> Any: ...
-        def __set__(self, instance: Any, value: _T | str | Mapping[str, Any]) -> None: ...
+        def __set__(
+            self, instance: Any, value: _T | str | Mapping[str, Any]
+        ) -> None: ...
 
 else:
 
@@ -42,8 +44,12 @@ else:
 
         def __class_getitem__(cls, role: type) -> Any:
             if not getattr(role, "role", ""):
-                raise TypeError(f"Choice[{role!r}]: give the class of a role, such as chemage.plugin.ContactSolver")
-            return Annotated[SerializeAsAny[role], BeforeValidator(partial(_chosen, role))]
+                raise TypeError(
+                    f"Choice[{role!r}]: give the class of a role, such as chemage.plugin.ContactSolver"
+                )
+            return Annotated[
+                SerializeAsAny[role], BeforeValidator(partial(_chosen, role))
+            ]
 
 
 def _chosen(role: Any, value: Any) -> Any:
@@ -55,8 +61,14 @@ def _chosen(role: Any, value: Any) -> Any:
     except ChemageError as error:
         raise ValueError(str(error)) from None
     if not isinstance(value, role):
-        maker = f'chemage.{FACTORIES.get(role.role, role.role)}("...")' if role.role != "reader" else "a reader"
-        raise ValueError(f"expected a component made with {maker}, its kind, or a table with kind and options")
+        maker = (
+            f'chemage.{FACTORIES.get(role.role, role.role)}("...")'
+            if role.role != "reader"
+            else "a reader"
+        )
+        raise ValueError(
+            f"expected a component made with {maker}, its kind, or a table with kind and options"
+        )
     return value
 
 
@@ -82,13 +94,19 @@ class PluginOptions(Component):
     def changed(self) -> dict[str, Any]:
         """The options that decide the answer and differ from their defaults, as plain JSON values."""
         defaults = type(self)().identity()
-        return {name: value for name, value in self.identity().items() if value != defaults[name]}
+        return {
+            name: value
+            for name, value in self.identity().items()
+            if value != defaults[name]
+        }
 
     def text(self) -> str:
         """The options that decide the answer in one line: ``peak = 2.0 GPa, smooth = true``."""
         fields = type(self).model_fields
         shown = {
-            name: "none" if value is None else f"{json.dumps(value, sort_keys=True)} {unit_of(fields[name])}".rstrip()
+            name: "none"
+            if value is None
+            else f"{json.dumps(value, sort_keys=True)} {unit_of(fields[name])}".rstrip()
             for name, value in self.identity().items()
         }
         return ", ".join(f"{name} = {value}" for name, value in shown.items())
@@ -105,7 +123,9 @@ def options_for(name: str, options: Mapping[str, Any]) -> PluginOptions:
     return current().options_class(name)(**options)
 
 
-def joined(outer: Mapping[str, PluginOptions], inner: Mapping[str, PluginOptions]) -> dict[str, PluginOptions]:
+def joined(
+    outer: Mapping[str, PluginOptions], inner: Mapping[str, PluginOptions]
+) -> dict[str, PluginOptions]:
     """Options of plugins, where those that ``inner`` sets replace those of ``outer``, each by itself."""
     together = dict(outer)
     for name, options in inner.items():
@@ -126,7 +146,11 @@ def completed(data: Mapping[str, Any]) -> dict[str, Any]:
     """
     section = data.get("plugins", {})
     in_block = {
-        name: {field: value for field, value in options.todict().items() if field in options.model_fields_set}
+        name: {
+            field: value
+            for field, value in options.todict().items()
+            if field in options.model_fields_set
+        }
         for name, options in context.options().items()
     }
     if not isinstance(section, Mapping) or not (in_block or context.preference()):
@@ -159,7 +183,9 @@ def plugin_options(name: str, /, **options: Any) -> Iterator[PluginOptions]:
         if not error.problems:
             raise
         lines = "; ".join(f"{path}: {message}" for path, message in error.problems)
-        raise InputError(f"options of plugin {name!r}: {lines}", error.problems) from None
+        raise InputError(
+            f"options of plugin {name!r}: {lines}", error.problems
+        ) from None
     together = joined(context.options(), {name: inner})
     with context.applied(together, None):
         yield together[name]

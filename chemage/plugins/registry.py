@@ -25,7 +25,13 @@ from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from chemage.foundation import names
-from chemage.foundation.errors import InputError, PluginError, UnknownKindError, imported, nearest
+from chemage.foundation.errors import (
+    InputError,
+    PluginError,
+    UnknownKindError,
+    imported,
+    nearest,
+)
 from chemage.plugins import context, hooks
 from chemage.plugins.context import Plugins, record_participation, taking_part
 from chemage.plugins.hooks import Stage, in_order
@@ -82,16 +88,25 @@ class Registry:
     """One set of plugins; :func:`current` gives the one in use."""
 
     def __init__(
-        self, entry_points: Iterable[metadata.EntryPoint] | None = None, *, strict: bool | None = None
+        self,
+        entry_points: Iterable[metadata.EntryPoint] | None = None,
+        *,
+        strict: bool | None = None,
     ) -> None:
-        self.strict = os.environ.get("CHEMAGE_STRICT", "") not in ("", "0") if strict is None else strict
+        self.strict = (
+            os.environ.get("CHEMAGE_STRICT", "") not in ("", "0")
+            if strict is None
+            else strict
+        )
         self.manager = Hooks()
         #: the same hooks in another order, by the names of the plugins that come first
         self._preferring: dict[tuple[str, ...], Hooks] = {}
         self.records: list[PluginRecord] = []
         self.roles: dict[str, str] = {}  # role -> "module:Class" of its abstract class
         self.rooms: list[Any] = []  # modules that declare roles, stages and hooks
-        self.owners: dict[str, PluginRecord] = {}  # section -> the plugin whose stage it is
+        self.owners: dict[
+            str, PluginRecord
+        ] = {}  # section -> the plugin whose stage it is
         self._stages: list[Stage] | None = None
         self._classes: dict[tuple[str, str], type] = {}
         self._monitor(self.manager)
@@ -101,11 +116,19 @@ class Registry:
         # by name: the order never depends on the file system; pluggy asks those first that were registered last
         for point in sorted(points, key=lambda p: (is_own(p), p.name), reverse=True):
             self._load(point)
-        self.records.sort(key=lambda record: (record.distribution != "chemage", record.name, record.distribution))
+        self.records.sort(
+            key=lambda record: (
+                record.distribution != "chemage",
+                record.name,
+                record.distribution,
+            )
+        )
         for record in self.records:
             if record.error:
                 warnings.warn(
-                    f"plugin {record.name!r} ({record.source}) was skipped: {record.error}", PluginWarning, stacklevel=2
+                    f"plugin {record.name!r} ({record.source}) was skipped: {record.error}",
+                    PluginWarning,
+                    stacklevel=2,
                 )
 
     def add_room(self, room: Any) -> None:
@@ -130,19 +153,29 @@ class Registry:
     def stages(self) -> list[Stage]:
         """What the rooms declare of their stages, each after those that it rests on."""
         if self._stages is None:
-            self._stages = in_order(stage for room in self.rooms for stage in getattr(room, "STAGES", ()))
+            self._stages = in_order(
+                stage for room in self.rooms for stage in getattr(room, "STAGES", ())
+            )
         return self._stages
 
     def _load(self, point: metadata.EntryPoint) -> None:
         dist = point.dist
-        record = PluginRecord(point.name, dist.name if dist else "", dist.version if dist else "", point.value)
+        record = PluginRecord(
+            point.name,
+            dist.name if dist else "",
+            dist.version if dist else "",
+            point.value,
+        )
         self.records.append(record)
         try:
             begin = time.perf_counter()
             plugin = point.load()
             record.seconds = time.perf_counter() - begin
             self._register(plugin, record)
-        except (Exception, SystemExit) as error:  # a plugin that exits when imported must not end the program
+        except (
+            Exception,
+            SystemExit,
+        ) as error:  # a plugin that exits when imported must not end the program
             if self.strict:
                 raise PluginError(
                     f"plugin {record.name!r} ({record.source}): {type(error).__name__}: {error}"
@@ -151,11 +184,15 @@ class Registry:
 
     def register(self, plugin: Any, name: str) -> PluginRecord:
         """Add a plugin by hand (a module or any object with hook implementations); a broken one raises."""
-        record = PluginRecord(name, "", "", getattr(plugin, "__name__", type(plugin).__name__))
+        record = PluginRecord(
+            name, "", "", getattr(plugin, "__name__", type(plugin).__name__)
+        )
         try:
             self._register(plugin, record)
         except Exception as error:
-            raise PluginError(f"plugin {name!r}: {type(error).__name__}: {error}") from error
+            raise PluginError(
+                f"plugin {name!r}: {type(error).__name__}: {error}"
+            ) from error
         self.records.append(record)
         return record
 
@@ -175,7 +212,14 @@ class Registry:
         name = f"{cls.__module__}.{cls.__qualname__}"
         self.records = [record for record in self.records if record.name != name]
         self._classes.pop((role, kind), None)
-        record = PluginRecord(name, "", source_version(cls), cls.__module__, {role: {kind: name}}, component=cls)
+        record = PluginRecord(
+            name,
+            "",
+            source_version(cls),
+            cls.__module__,
+            {role: {kind: name}},
+            component=cls,
+        )
         if others := self.offers(role, kind):
             raise PluginError(clash(role, kind, [*others, record]))
         self._classes[role, kind] = checked_class(cls, self.role(role), kind, record)
@@ -184,13 +228,17 @@ class Registry:
 
     def unregister_class(self, cls: Any) -> None:
         """The inverse of :meth:`register_class`."""
-        self.records = [record for record in self.records if record.component is not cls]
+        self.records = [
+            record for record in self.records if record.component is not cls
+        ]
         self._classes.pop((getattr(cls, "role", ""), getattr(cls, "kind", "")), None)
 
     def _register(self, plugin: Any, record: PluginRecord) -> None:
         api = getattr(plugin, "CHEMAGE_API", hooks.API_VERSION)
         if api not in hooks.SUPPORTED_API_VERSIONS:
-            raise PluginError(f"made for plugin interface {api}, this chemage has {hooks.API_VERSION}")
+            raise PluginError(
+                f"made for plugin interface {api}, this chemage has {hooks.API_VERSION}"
+            )
         record.libraries = versions(getattr(plugin, "CHEMAGE_LIBRARIES", ()))
         record.options = checked_options(getattr(plugin, "CHEMAGE_OPTIONS", ""), record)
         name = full_name(record)
@@ -204,9 +252,13 @@ class Registry:
             self._attach(self.manager, plugin, record)
             for hook in self.manager.get_hookcallers(plugin) or ():
                 if hook.name == "chemage_register":
-                    record.kinds = checked_kinds(called(hook, plugin), {**self.roles, **roles})
+                    record.kinds = checked_kinds(
+                        called(hook, plugin), {**self.roles, **roles}
+                    )
                 elif (what := hook.name.removeprefix("chemage_")) in hooks.OFFERED:
-                    record.offered[what] = checked_targets(hook.name, called(hook, plugin))
+                    record.offered[what] = checked_targets(
+                        hook.name, called(hook, plugin)
+                    )
         except (Exception, SystemExit):
             # older pluggy keeps the hooks that come before the one at fault
             if self.manager.is_registered(plugin):
@@ -222,19 +274,25 @@ class Registry:
         manager.register(plugin, full_name(record))
         self._record(manager, plugin, record.name, partial(self.source_in_use, record))
 
-    def _record(self, manager: Hooks, plugin: Any, name: str, source: Callable[[], str]) -> None:
+    def _record(
+        self, manager: Hooks, plugin: Any, name: str, source: Callable[[], str]
+    ) -> None:
         for hook in manager.get_hookcallers(plugin) or ():
             if hook.name not in hooks.OFFERS:
                 for impl in hook.get_hookimpls():
                     if impl.plugin is plugin:
-                        record_participation(impl, name, source, many=not is_stage(hook))
+                        record_participation(
+                            impl, name, source, many=not is_stage(hook)
+                        )
 
     def _hook_names(self) -> list[str]:
         return [name for name in dir(self.manager.hook) if name.startswith("chemage_")]
 
     # -- stages -------------------------------------------------------------------------------------------------------
 
-    def answer(self, hook: str, expected: type[T], **arguments: Any) -> tuple[T, Plugins, Block]:
+    def answer(
+        self, hook: str, expected: type[T], **arguments: Any
+    ) -> tuple[T, Plugins, Block]:
         """Call the hook of a stage: its answer, the plugins that answered or changed it (name -> version), and what was
         recorded meanwhile (:mod:`chemage.foundation.outputs`).
 
@@ -243,7 +301,9 @@ class Registry:
         PluginError
             Names the plugin or component that gave something else than ``expected``, or a :meth:`Stage.fault`.
         """
-        from chemage.foundation.outputs import recording  # imports numpy, which the command line can do without
+        from chemage.foundation.outputs import (
+            recording,
+        )  # imports numpy, which the command line can do without
 
         stage = next((stage for stage in self.stages() if hook in stage.hooks), None)
 
@@ -252,7 +312,9 @@ class Registry:
             there = recorded.keys() | getattr(answer, "observables", {}).keys()
             problem = ""
             if missing := getattr(component, "outputs", {}).keys() - there:
-                problem = f" declares the output {min(missing)!r} and does not record it"
+                problem = (
+                    f" declares the output {min(missing)!r} and does not record it"
+                )
             elif not isinstance(answer, expected):
                 problem = f" answered {hook} with {type(answer).__name__}; expected {expected.__name__} or None"
             elif stage is not None and (fault := stage.fault(answer, arguments)):
@@ -261,20 +323,27 @@ class Registry:
                 raise PluginError((who or self._named(component)) + problem)
 
         with recording() as recorded, taking_part(check) as plugins:
-            result = getattr(self._in_order(context.preference()).hook, hook)(**arguments)
+            result = getattr(self._in_order(context.preference()).hook, hook)(
+                **arguments
+            )
         return result, dict(plugins), recorded
 
     def _own(self, stage: Stage | None, arguments: Mapping[str, Any]) -> Any:
         """The component whose method chemage calls where no plugin answers."""
         role = (stage is not None and stage.role) or None
-        return next((part for part in arguments.values() if getattr(part, "role", "") == role), None)
+        return next(
+            (part for part in arguments.values() if getattr(part, "role", "") == role),
+            None,
+        )
 
     def _named(self, component: Any) -> str:
         """A component with the plugin that provides it."""
         if component is None:
             return "chemage"
         cls, record = type(component), self.provider(type(component))
-        whose = full_name(record) if record else f"{cls.__qualname__} {source_version(cls)}"
+        whose = (
+            full_name(record) if record else f"{cls.__qualname__} {source_version(cls)}"
+        )
         return f"{component.role} {component.kind!r} of {whose}"
 
     def check_preference(self, names: Iterable[str], where: str) -> None:
@@ -294,13 +363,23 @@ class Registry:
         if prefer not in self._preferring:
             self.check_preference(prefer, f"the preference {', '.join(prefer)}")
             records = {full_name(record): record for record in self.records}
-            first = {name: record for name, record in records.items() if record.name in prefer}
+            first = {
+                name: record
+                for name, record in records.items()
+                if record.name in prefer
+            }
             manager = Hooks([self.manager.get_plugin(name) for name in first])
             self._monitor(manager)
             for room in self.rooms:
                 self._attach_room(manager, room)
-            rest = [name for name, _ in self.manager.list_name_plugin() if name in records and name not in first]
-            preferred = sorted(first, key=lambda name: prefer.index(first[name].name), reverse=True)
+            rest = [
+                name
+                for name, _ in self.manager.list_name_plugin()
+                if name in records and name not in first
+            ]
+            preferred = sorted(
+                first, key=lambda name: prefer.index(first[name].name), reverse=True
+            )
             for name in [*rest, *preferred]:
                 plugin = self.manager.get_plugin(name)
                 if plugin is not None:  # a class that was registered has no hooks
@@ -310,26 +389,51 @@ class Registry:
 
     def implementing(self, *hook_names: str) -> Plugins:
         """The plugins, other than chemage's own rooms, that implement any of these hooks: name -> source, sorted."""
-        records = {record.name: record for hook in hook_names for record, _ in self.functions(hook)}
-        return {name: self.source_in_use(record) for name, record in sorted(records.items())}
+        records = {
+            record.name: record
+            for hook in hook_names
+            for record, _ in self.functions(hook)
+        }
+        return {
+            name: self.source_in_use(record) for name, record in sorted(records.items())
+        }
 
     def functions(self, hook: str) -> list[tuple[PluginRecord, Any]]:
         """Each plugin that implements ``hook``, with its function, sorted by the name of the plugin."""
-        implementations = {each.plugin_name: each.function for each in getattr(self.manager.hook, hook).get_hookimpls()}
+        implementations = {
+            each.plugin_name: each.function
+            for each in getattr(self.manager.hook, hook).get_hookimpls()
+        }
         records = sorted(self.records, key=lambda record: record.name)
-        return [(record, implementations[name]) for record in records if (name := full_name(record)) in implementations]
+        return [
+            (record, implementations[name])
+            for record in records
+            if (name := full_name(record)) in implementations
+        ]
 
     def implementation(self, name: str) -> Any:
         """The module or object with the hooks of the plugin ``name``."""
-        return self.manager.get_plugin(next(full_name(record) for record in self.records if record.name == name))
+        return self.manager.get_plugin(
+            next(full_name(record) for record in self.records if record.name == name)
+        )
 
     def state(self) -> str:
         """A hash of all plugins with their versions."""
-        return short_hash("\n".join(sorted(f"{each.name} {each.source} {each.error}" for each in self.records)), 8)
+        return short_hash(
+            "\n".join(
+                sorted(
+                    f"{each.name} {each.source} {each.error}" for each in self.records
+                )
+            ),
+            8,
+        )
 
     def source(self, name: str) -> str | None:
         """The source of the plugin ``name``, with its version and the options in use; None if it is not in use."""
-        record = next((each for each in self.records if each.name == name and not each.error), None)
+        record = next(
+            (each for each in self.records if each.name == name and not each.error),
+            None,
+        )
         return None if record is None else self.source_in_use(record)
 
     def source_in_use(self, record: PluginRecord) -> str:
@@ -337,7 +441,9 @@ class Registry:
         if not record.options:
             return record.source
         try:
-            options = context.options().get(record.name) or self.options_class(record.name)()
+            options = (
+                context.options().get(record.name) or self.options_class(record.name)()
+            )
         except (PluginError, InputError):
             return record.source  # a hook that reads them raises this error
         return f"{record.source} [{options.text()}]"
@@ -357,38 +463,65 @@ class Registry:
             with_options = [each.name for each in self.records if each.options]
             hint = f"; plugins with options: {', '.join(with_options) or 'none'}"
             if record is None:
-                raise InputError(f"no plugin {name!r}{nearest(name, with_options)} is installed{hint}")
-            problem = f"was skipped: {record.error}" if record.error else f"has no options{hint}"
+                raise InputError(
+                    f"no plugin {name!r}{nearest(name, with_options)} is installed{hint}"
+                )
+            problem = (
+                f"was skipped: {record.error}"
+                if record.error
+                else f"has no options{hint}"
+            )
             raise InputError(f"plugin {name!r} {problem}")
         where = f"the options of plugin {record.name!r} ({record.source})"
         cls = imported(record.options, where)
         # known by its methods, because the module of the base imports this one
-        if not (isinstance(cls, type) and hasattr(cls, "changed") and hasattr(cls, "current")):
-            raise PluginError(f"{where}: {record.options} is not a chemage.plugin.PluginOptions")
-        if required := [option for option, info in cls.model_fields.items() if info.is_required()]:
-            raise PluginError(f"{where}: {', '.join(required)} must have a default, for scenes that do not set it")
+        if not (
+            isinstance(cls, type)
+            and hasattr(cls, "changed")
+            and hasattr(cls, "current")
+        ):
+            raise PluginError(
+                f"{where}: {record.options} is not a chemage.plugin.PluginOptions"
+            )
+        if required := [
+            option for option, info in cls.model_fields.items() if info.is_required()
+        ]:
+            raise PluginError(
+                f"{where}: {', '.join(required)} must have a default, for scenes that do not set it"
+            )
         return cls
 
     def provider(self, cls: type) -> PluginRecord | None:
         """The plugin whose component ``cls`` is; None for a class that is not registered."""
         role, kind = getattr(cls, "role", ""), getattr(cls, "kind", "")
-        is_imported = self._classes.get((role, kind)) is cls  # perhaps under another path than its own
+        is_imported = (
+            self._classes.get((role, kind)) is cls
+        )  # perhaps under another path than its own
         for record in self.records:
             offered = record.kinds.get(role, {}).get(kind)
-            own = record.component is cls or offered == f"{cls.__module__}:{cls.__qualname__}"
+            own = (
+                record.component is cls
+                or offered == f"{cls.__module__}:{cls.__qualname__}"
+            )
             if offered is not None and (own or is_imported):
                 return record
         return None
 
     def stage_hooks(self) -> list[str]:
         """The hooks of which one answer is used: those of the stages."""
-        return [name for name in self._hook_names() if is_stage(getattr(self.manager.hook, name))]
+        return [
+            name
+            for name in self._hook_names()
+            if is_stage(getattr(self.manager.hook, name))
+        ]
 
     # -- components ---------------------------------------------------------------------------------------------------
 
     def kinds(self, role: str) -> list[str]:
         """Kinds installed for ``role``, sorted."""
-        return sorted({kind for record in self.records for kind in record.kinds.get(role, ())})
+        return sorted(
+            {kind for record in self.records for kind in record.kinds.get(role, ())}
+        )
 
     def offers(self, role: str, kind: str) -> list[PluginRecord]:
         """The plugins that claim ``kind``."""
@@ -396,10 +529,19 @@ class Registry:
 
     def clashes(self) -> list[str]:
         """A sentence for each kind, scene and name of a plugin that is claimed more than once."""
-        claims = [(role, kind, self.offers(role, kind)) for role in self.roles for kind in self.kinds(role)]
+        claims = [
+            (role, kind, self.offers(role, kind))
+            for role in self.roles
+            for kind in self.kinds(role)
+        ]
         for what, one in hooks.OFFERED.items():
-            claims += [(one, name, self._offering(what, name)) for name in self.offered(what)]
-        called = {record.name: [each for each in self.records if each.name == record.name] for record in self.records}
+            claims += [
+                (one, name, self._offering(what, name)) for name in self.offered(what)
+            ]
+        called = {
+            record.name: [each for each in self.records if each.name == record.name]
+            for record in self.records
+        }
         claims += [("the name", name, records) for name, records in called.items()]
         return [clash(*claim) for claim in claims if len(claim[2]) > 1]
 
@@ -432,7 +574,9 @@ class Registry:
     def role(self, name: str) -> Any:
         """The abstract class of a role; InputError if there is none."""
         if name not in self.roles:
-            raise InputError(f"no such role {name!r}; the roles are {', '.join(self.roles)}")
+            raise InputError(
+                f"no such role {name!r}; the roles are {', '.join(self.roles)}"
+            )
         return imported(self.roles[name])
 
     def make(self, role: str, kind: str, options: Mapping[str, Any]) -> Any:
@@ -441,11 +585,15 @@ class Registry:
 
     def fromdict(self, role: str, fields: Mapping[str, Any]) -> Any:
         """A component from its ``todict()``."""
-        if not isinstance(fields, Mapping) or not all(isinstance(name, str) for name in fields):
+        if not isinstance(fields, Mapping) or not all(
+            isinstance(name, str) for name in fields
+        ):
             raise InputError.of("fields", fields, "is not a table of options by name")
         options = dict(fields)
         if "kind" not in options:
-            raise InputError(f"{role}: kind is required; installed: {', '.join(self.kinds(role)) or 'none'}")
+            raise InputError(
+                f"{role}: kind is required; installed: {', '.join(self.kinds(role)) or 'none'}"
+            )
         return self.make(role, options.pop("kind"), options)
 
     def scenes(self) -> dict[str, str]:
@@ -458,10 +606,16 @@ class Registry:
 
     def offered(self, what: str) -> dict[str, str]:
         """All that :data:`chemage.plugins.hooks.OFFERED` has under ``what``: name -> target."""
-        return {name: target for record in self.records for name, target in record.offered.get(what, {}).items()}
+        return {
+            name: target
+            for record in self.records
+            for name, target in record.offered.get(what, {}).items()
+        }
 
     def _offering(self, what: str, name: str) -> list[PluginRecord]:
-        return [record for record in self.records if name in record.offered.get(what, {})]
+        return [
+            record for record in self.records if name in record.offered.get(what, {})
+        ]
 
     def target(self, what: str, name: str) -> tuple[PluginRecord, str]:
         """The plugin that offers ``name``, and its target; two such plugins are an error."""
@@ -472,7 +626,11 @@ class Registry:
 
     def check(self) -> list[str]:
         """Everything that is wrong, a sentence each: broken plugins, clashes, what cannot be imported or called."""
-        problems = [f"plugin {r.name!r} ({r.source}): {r.error}" for r in self.records if r.error]
+        problems = [
+            f"plugin {r.name!r} ({r.source}): {r.error}"
+            for r in self.records
+            if r.error
+        ]
         problems += self.clashes()
         for record in self.records:
             if record.options:
@@ -486,12 +644,18 @@ class Registry:
                         self._import(role, kind, record)
                     except PluginError as error:
                         problems.append(str(error))
-            for what, read in (("scenes", scene_text), ("results", resolve_name), ("names", resolve_name)):
+            for what, read in (
+                ("scenes", scene_text),
+                ("results", resolve_name),
+                ("names", resolve_name),
+            ):
                 for name, target in record.offered.get(what, {}).items():
                     try:
                         read(target)
                     except Exception as error:
-                        problems.append(f"{hooks.OFFERED[what]} {name!r} of plugin {record.name!r}: {target}: {error}")
+                        problems.append(
+                            f"{hooks.OFFERED[what]} {name!r} of plugin {record.name!r}: {target}: {error}"
+                        )
         return problems
 
     def notes(self) -> list[str]:
@@ -504,20 +668,41 @@ class Registry:
             if record.seconds > SLOW
         ]
         for name in self.stage_hooks():
-            implementations = getattr(self._in_order(context.preference()).hook, name).get_hookimpls()
-            for wraps, verb, wins in ((False, "answer", "is asked first"), (True, "wrap", "has the last word")):
-                order = [each.plugin_name for each in reversed(implementations) if wraps_others(each) == wraps]
-                sharing = [record for full in order for record in self.records if full_name(record) == full]
+            implementations = getattr(
+                self._in_order(context.preference()).hook, name
+            ).get_hookimpls()
+            for wraps, verb, wins in (
+                (False, "answer", "is asked first"),
+                (True, "wrap", "has the last word"),
+            ):
+                order = [
+                    each.plugin_name
+                    for each in reversed(implementations)
+                    if wraps_others(each) == wraps
+                ]
+                sharing = [
+                    record
+                    for full in order
+                    for record in self.records
+                    if full_name(record) == full
+                ]
                 if len(sharing) > 1:
-                    listed = " and ".join(f"{each.name!r} ({each.source})" for each in sharing)
+                    listed = " and ".join(
+                        f"{each.name!r} ({each.source})" for each in sharing
+                    )
                     how = prefer_another(sharing[1].name)
-                    said.append(f"{listed} {verb} {name}; {sharing[0].name!r} {wins}; to change this, {how}")
+                    said.append(
+                        f"{listed} {verb} {name}; {sharing[0].name!r} {wins}; to change this, {how}"
+                    )
         return said
 
     def _import(self, role: str, kind: str, record: PluginRecord) -> Any:
         if record.component is not None:
             return record.component
-        cls = imported(record.kinds[role][kind], f"{role} {kind!r} of plugin {record.name!r} ({record.source})")
+        cls = imported(
+            record.kinds[role][kind],
+            f"{role} {kind!r} of plugin {record.name!r} ({record.source})",
+        )
         return checked_class(cls, self.role(role), kind, record)
 
 
@@ -538,7 +723,9 @@ def current() -> Registry:
     if _current is None:
         with _discovery:
             if _finding:
-                raise PluginError("a plugin asks for other plugins while it is imported; do so inside a function")
+                raise PluginError(
+                    "a plugin asks for other plugins while it is imported; do so inside a function"
+                )
             if _current is None:
                 _finding = True
                 try:

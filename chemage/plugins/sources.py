@@ -16,7 +16,11 @@ import pluggy
 from chemage.foundation.components import Component
 from chemage.foundation.errors import ChemageError, PluginError
 from chemage.foundation.outputs import Block, kept, recording
-from chemage.foundation.records import Record, approximation_made_by, merged_approximations
+from chemage.foundation.records import (
+    Record,
+    approximation_made_by,
+    merged_approximations,
+)
 from chemage.plugins.context import Plugins, taking_part
 from chemage.plugins.hooks import Stage, StageInputs, hookimpl
 from chemage.plugins.loading import add_specifications, full_name
@@ -67,7 +71,9 @@ def _providers(parts: Iterable[Any]) -> Plugins:
 
 def approximations(*components: Any) -> list[dict[str, Any]]:
     """What is approximate about the components and their parts, as :mod:`chemage.foundation.records` has it."""
-    return merged_approximations(*map(approximation_made_by, components_in(*components)))
+    return merged_approximations(
+        *map(approximation_made_by, components_in(*components))
+    )
 
 
 def noted(record: R, block: Block, plugins: Plugins, *components: Any) -> R:
@@ -103,11 +109,19 @@ def run_stage(stage: Stage, inputs: StageInputs) -> Any:
     with recording() as block, taking_part() as took_part:
         made = stage.run(inputs)
     if type(made) is not type(before):
-        raise PluginError(f"{who} made {type(made).__name__}; expected {type(before).__name__}")
-    maker = next(each for each in plugins.stages() if each.makes == stage.makes and not each.changes)
+        raise PluginError(
+            f"{who} made {type(made).__name__}; expected {type(before).__name__}"
+        )
+    maker = next(
+        each
+        for each in plugins.stages()
+        if each.makes == stage.makes and not each.changes
+    )
     if fault := maker.fault_of(made, inputs):
         raise PluginError(f"{who}: {fault}")
-    made = noted(made, block, {record.name: plugins.source_in_use(record), **took_part}, options)
+    made = noted(
+        made, block, {record.name: plugins.source_in_use(record), **took_part}, options
+    )
     said = stage.todict({stage.section: options}, methodcaller("todict"))
     return made.model_copy(update={"provenance": {**made.provenance, **said}})
 
@@ -119,7 +133,11 @@ def changed(recorded: Plugins, *, options: bool = True) -> dict[str, tuple[str, 
     """
     plugins, shown = current(), (lambda source: source) if options else without_options
     now = {name: plugins.source(name) or "not installed" for name in recorded}
-    return {name: (source, now[name]) for name, source in recorded.items() if shown(now[name]) != shown(source)}
+    return {
+        name: (source, now[name])
+        for name, source in recorded.items()
+        if shown(now[name]) != shown(source)
+    }
 
 
 def without_options(source: str) -> str:
@@ -137,7 +155,9 @@ def stage_hooks() -> list[str]:
     return [*current().stage_hooks(), "chemage_observe"]
 
 
-def would_change(names: Iterable[str], hook: str, answer: Any, **arguments: Any) -> bool:
+def would_change(
+    names: Iterable[str], hook: str, answer: Any, **arguments: Any
+) -> bool:
     """Whether any of the plugins ``names`` would answer this call of a stage's hook, or change ``answer``.
 
     A plugin that fails counts as one that would.

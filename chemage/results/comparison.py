@@ -76,7 +76,11 @@ class Entry:
         result = result_of(thing)
         # a kind of result that lays out its own rows and numbers
         own = type(result).rows is not Result.rows
-        plain = {name: value for name, value in result.numbers().items() if isinstance(value, int | float | str | None)}
+        plain = {
+            name: value
+            for name, value in result.numbers().items()
+            if isinstance(value, int | float | str | None)
+        }
         return cls(
             printable(name or result.name),
             printable(source),
@@ -109,7 +113,14 @@ class Entry:
     @property
     def last(self) -> float:
         """The last hold time, s; nan without any."""
-        return next((float(one.x[-1]) for one in self.curves.values() if not one.is_distribution), math.nan)
+        return next(
+            (
+                float(one.x[-1])
+                for one in self.curves.values()
+                if not one.is_distribution
+            ),
+            math.nan,
+        )
 
     def at(self, name: str, time: float | None) -> Quantity | None:
         """A curve at ``time`` (s), or at its last hold time."""
@@ -132,15 +143,31 @@ class Entry:
         if not self.ages:
             return {}
         parts = self.ageing.chemistry
-        own = {name: value for name, value in parts.get("chemistry", {}).items() if name not in Chemistry.limits}
+        own = {
+            name: value
+            for name, value in parts.get("chemistry", {}).items()
+            if name not in Chemistry.limits
+        }
         # results from before there was a choice
-        return dict(_flat({**parts, "chemistry": {"site_density": SITE_DENSITY, **own}}))
+        return dict(
+            _flat({**parts, "chemistry": {"site_density": SITE_DENSITY, **own}})
+        )
 
     def elsewhere(self) -> dict[str, Any]:
         """The other fields of the scene (surface, contact, engine, hold and fit): dotted path -> value."""
-        left = {name: part for name, part in self.scene.items() if name not in (*_CHEMICAL, "name", "title", "observe")}
-        limits = {name: self.scene.get("chemistry", {}).get(name) for name in Chemistry.limits}
-        return {path: value for path, value in _flat({**left, "chemistry": limits}) if path != "hold.temperature"}
+        left = {
+            name: part
+            for name, part in self.scene.items()
+            if name not in (*_CHEMICAL, "name", "title", "observe")
+        }
+        limits = {
+            name: self.scene.get("chemistry", {}).get(name) for name in Chemistry.limits
+        }
+        return {
+            path: value
+            for path, value in _flat({**left, "chemistry": limits})
+            if path != "hold.temperature"
+        }
 
 
 @dataclass(frozen=True)
@@ -162,25 +189,37 @@ class Comparison:
         names: dict[str, list[str]] = {}
         for entry in self.results:
             names.setdefault(entry.errors, []).append(entry.name)
-        every = [(f" of {', '.join(of)}" if len(names) > 1 else "", text) for text, of in names.items() if text]
+        every = [
+            (f" of {', '.join(of)}" if len(names) > 1 else "", text)
+            for text, of in names.items()
+            if text
+        ]
         return " ".join(f"Errors{of} are {text}." for of, text in every)
 
     def chemistry_differences(self) -> dict[str, tuple[Any, ...]]:
         """The fields in which the chemistry of the aged results differs, each with its values in the order of the
         results, None where it is absent; empty if it is the same."""
-        return _differences([result.chemistry() for result in self.results if result.ages])
+        return _differences(
+            [result.chemistry() for result in self.results if result.ages]
+        )
 
     def other_differences(self) -> dict[str, tuple[Any, ...]]:
         """The other fields in which the scenes differ, without options that exist for one kind only.
 
         A section that only some of the scenes have appears with its kind.
         """
-        fields = _differences([result.elsewhere() for result in self.results if result.scene])
-        other_kinds = tuple(path.removesuffix("kind") for path in fields if path.endswith(".kind"))
+        fields = _differences(
+            [result.elsewhere() for result in self.results if result.scene]
+        )
+        other_kinds = tuple(
+            path.removesuffix("kind") for path in fields if path.endswith(".kind")
+        )
         return {
             path: values
             for path, values in fields.items()
-            if None not in values or path.endswith(".kind") or not path.startswith(other_kinds)
+            if None not in values
+            or path.endswith(".kind")
+            or not path.startswith(other_kinds)
         }
 
     def statement(self) -> str:
@@ -196,23 +235,47 @@ class Comparison:
     def table(self) -> list[tuple[str, list[str]]]:
         """The rows of the printed table: (quantity, text of each result)."""
         labels = _joined(result.facts for result in self.results)
-        rows = [(label, [result.facts.get(label, NONE) for result in self.results]) for label in labels]
+        rows = [
+            (label, [result.facts.get(label, NONE) for result in self.results])
+            for label in labels
+        ]
         for moment, several in self._numbers():
             label, texts = in_a_row(several)
             if moment:
-                label, texts = moment, [NONE if one is None else one.text() for one in several]
-            if any(one is not None and one.rank < Rank.REST and (one.known or one.reason) for one in several):
+                label = moment
+                texts = [NONE if one is None else one.text() for one in several]
+            if any(
+                one is not None and one.rank < Rank.REST and (one.known or one.reason)
+                for one in several
+            ):
                 rows.append((label, texts))
             causes = _joined(one.errors for one in several if one is not None)
             for cause in causes:
-                parts = [{} if one is None else {name: size for name, size, _ in one.parts()} for one in several]
-                rows.append((f"error of {label}: {cause}", [each.get(cause, NONE) for each in parts]))
+                parts = [
+                    {} if one is None else {name: size for name, size, _ in one.parts()}
+                    for one in several
+                ]
+                rows.append(
+                    (
+                        f"error of {label}: {cause}",
+                        [each.get(cause, NONE) for each in parts],
+                    )
+                )
         if any(result.errors for result in self.results):
-            rows.append(("every ± is", [result.errors or NONE for result in self.results]))
+            rows.append(
+                ("every ± is", [result.errors or NONE for result in self.results])
+            )
         if any(result.approximation for result in self.results):
-            rows.append(("approximate", [result.approximation or NONE for result in self.results]))
+            rows.append(
+                (
+                    "approximate",
+                    [result.approximation or NONE for result in self.results],
+                )
+            )
         if any(result.plugins for result in self.results):
-            texts = [", ".join(result.plugins.values()) or NONE for result in self.results]
+            texts = [
+                ", ".join(result.plugins.values()) or NONE for result in self.results
+            ]
             rows.append(("plugins that took part", texts))
         return rows
 
@@ -221,15 +284,23 @@ class Comparison:
         for name in self._curve_names():
             for time in (*self.times, None):
                 several = [result.at(name, time) for result in self.results]
-                (title, *_) = [result.curves[name].title for result in self.results if name in result.curves]
-                yield f"{title} at {'the last hold time' if time is None else f'{time:g} s'}", several
+                (title, *_) = [
+                    result.curves[name].title
+                    for result in self.results
+                    if name in result.curves
+                ]
+                yield (
+                    f"{title} at {'the last hold time' if time is None else f'{time:g} s'}",
+                    several,
+                )
         for name in _joined(result.quantities for result in self.results):
             yield "", [result.quantities.get(name) for result in self.results]
 
     def _curve_names(self) -> list[str]:
         """The curves against hold time of any result."""
         return _joined(
-            [name for name, curve in result.curves.items() if not curve.is_distribution] for result in self.results
+            [name for name, curve in result.curves.items() if not curve.is_distribution]
+            for result in self.results
         )
 
     def numbers(self) -> list[dict[str, Any]]:
@@ -251,8 +322,12 @@ class Comparison:
             moment: dict[str, Any] = {"time": result.last if time is None else time}
             for name in names:
                 one = result.at(name, time)
-                (like, *_) = [each.curves[name] for each in self.results if name in each.curves]
-                moment |= dict.fromkeys(like.numbers()) if one is None else one.numbers()
+                (like, *_) = [
+                    each.curves[name] for each in self.results if name in each.curves
+                ]
+                moment |= (
+                    dict.fromkeys(like.numbers()) if one is None else one.numbers()
+                )
             moments.append(moment)
         return {"plugins": dict(result.plugins), "at": moments}
 
@@ -260,58 +335,92 @@ class Comparison:
         """The whole comparison as plain JSON values."""
 
         def listed(differences: dict[str, tuple[Any, ...]]) -> list[dict[str, Any]]:
-            return [{"field": path, "values": jsonable(list(values))} for path, values in differences.items()]
+            return [
+                {"field": path, "values": jsonable(list(values))}
+                for path, values in differences.items()
+            ]
 
         different = self.chemistry_differences()
         return {
             "results": self.numbers(),
-            "same_chemistry": not different if sum(result.ages for result in self.results) > 1 else None,
+            "same_chemistry": not different
+            if sum(result.ages for result in self.results) > 1
+            else None,
             "chemistry_differences": listed(different),
             "other_differences": listed(self.other_differences()),
             "verdicts": [each.todict() for each in self.verdicts()],
             "fits": [{"data": name, **fit.todict()} for name, fit in self.fits()],
             "not_fitted": [
-                {"data": name, "model": model, "reason": reason} for name, model, reason in self.not_fitted()
+                {"data": name, "model": model, "reason": reason}
+                for name, model, reason in self.not_fitted()
             ],
         }
 
     def csv(self) -> str:
         """The comparison as CSV with one line per result and units in the header."""
-        declared = [one for result in self.results for one in (*result.quantities.values(), *result.curves.values())]
+        declared = [
+            one
+            for result in self.results
+            for one in (*result.quantities.values(), *result.curves.values())
+        ]
         units = {name: unit for one in declared for name, unit, _ in one.columns()}
-        whens = [*(f"{time:g} s" for time in self.times), "last"] if self._curve_names() else []
+        whens = (
+            [*(f"{time:g} s" for time in self.times), "last"]
+            if self._curve_names()
+            else []
+        )
         lines = []
         for numbers in self.numbers():
             moments = numbers.pop("at")
-            numbers["plugins"] = "; ".join(f"{name}: {source}" for name, source in numbers["plugins"].items())
-            line = {headed(name, units.get(name, "")): value for name, value in numbers.items()}
+            numbers["plugins"] = "; ".join(
+                f"{name}: {source}" for name, source in numbers["plugins"].items()
+            )
+            line = {
+                headed(name, units.get(name, "")): value
+                for name, value in numbers.items()
+            }
             for when, moment in zip(whens, moments, strict=bool(whens)):
                 line[f"time, {when} (s)"] = moment.pop("time")
-                line |= {headed(f"{name} at {when}", units[name]): value for name, value in moment.items()}
+                line |= {
+                    headed(f"{name} at {when}", units[name]): value
+                    for name, value in moment.items()
+                }
             lines.append(line)
-        return csv_text(lines[0], [[line.get(name) for name in lines[0]] for line in lines])
+        return csv_text(
+            lines[0], [[line.get(name) for name in lines[0]] for line in lines]
+        )
 
     def tables(self) -> list[Table]:
         """How measurements and results differ, and the same fits to both."""
         tables: list[Table] = []
         if verdicts := self.verdicts():
-            notes = dict.fromkeys(f"note: {data.name}: {note}" for data in self.measured for note in data.notes)
+            notes = dict.fromkeys(
+                f"note: {data.name}: {note}"
+                for data in self.measured
+                for note in data.notes
+            )
             rows = [each.row() for each in verdicts]
             title = "Measured = offset + slope × model"
-            tables.append(Table(title, COLUMNS, rows, remarks=list(notes), in_detail=False))
+            tables.append(
+                Table(title, COLUMNS, rows, remarks=list(notes), in_detail=False)
+            )
             tables += [each.table() for each in verdicts if each.values.size]
         if fits := self.fits():
             columns = ("data", "model", "β per decade", "b per e-fold", "cut-off time")
             rows = [(name, fit.describe(), *fit.texts()) for name, fit in fits]
             tables.append(Table("Fits, 95 % intervals", columns, rows, in_detail=False))
         if left_out := self.not_fitted():
-            tables.append(Table("Fits that cannot be made", ("data", "model", "reason"), left_out))
+            tables.append(
+                Table("Fits that cannot be made", ("data", "model", "reason"), left_out)
+            )
         return tables
 
     def verdicts(self) -> list[Verdict]:
         """Each measured curve beside each result: offset, slope, χ², residuals, and what they mean."""
         return [
-            verdict(data, entry.name, entry.ageing, entry.curves) for data in self.measured for entry in self.results
+            verdict(data, entry.name, entry.ageing, entry.curves)
+            for data in self.measured
+            for entry in self.results
         ]
 
     def fits(self) -> list[tuple[str, Fit]]:
@@ -321,7 +430,11 @@ class Comparison:
     def not_fitted(self) -> list[tuple[str, str, str]]:
         """The fits of :meth:`fits` that cannot be made: (name, model in words, reason)."""
         words = {"line": "β log10(t/t_c)", "curve": "β log10(1 + t/t_c)"}
-        return [(name, words[model], reason) for name, model, reason in self._fits() if isinstance(reason, str)]
+        return [
+            (name, words[model], reason)
+            for name, model, reason in self._fits()
+            if isinstance(reason, str)
+        ]
 
     def _fits(self) -> Iterator[tuple[str, Model, Fit | str]]:
         """Each fit, or the reason why there is none: (name, model, fit or reason)."""
@@ -336,13 +449,19 @@ class Comparison:
                 window = fit.window or (float(positive.min()), float(positive.max()))
                 for result in self.results:
                     if result.ageing.fit is not None:
-                        yield result.name, model, result.ageing.fit(model, window, data.quantity)
+                        yield (
+                            result.name,
+                            model,
+                            result.ageing.fit(model, window, data.quantity),
+                        )
 
     def measured_fit(self, data: Measurements, model: Model) -> Fit | str:
         """Fit a model to measurements, or say why it cannot be fitted."""
         # the line over the window of the results if it contains enough measurements, else over all of them
         reason = ""
-        for window in [self.results[0].ageing.window, None] if model == "line" else [None]:
+        for window in (
+            [self.results[0].ageing.window, None] if model == "line" else [None]
+        ):
             try:
                 return fit_aging(data, model=model, window=window)
             except InputError as error:
@@ -380,11 +499,19 @@ def compare_files(
     seconds = tuple(convert(time, "s") for time in times)
     for time, value in zip(times, seconds, strict=True):
         if not (math.isfinite(value) and value > 0):
-            raise InputError.of("times", time, "must be above zero and finite", 'give times such as "1e3 s"')
+            raise InputError.of(
+                "times",
+                time,
+                "must be above zero and finite",
+                'give times such as "1e3 s"',
+            )
     every = [(path, curve) for path in measured for curve in read_table(path)]
     repeated = Counter(curve.name for _, curve in every)
     data = [
-        curve if repeated[curve.name] == 1 else replace(curve, name=f"{path}, {curve.name}") for path, curve in every
+        curve
+        if repeated[curve.name] == 1
+        else replace(curve, name=f"{path}, {curve.name}")
+        for path, curve in every
     ]
     return Comparison(_entries(files), data, seconds)
 
@@ -401,12 +528,17 @@ def _entries(files: Sequence[str | Path]) -> list[Entry]:
         if count > 1:
             twice = next(path for path in places if os.path.realpath(path) == place)
             raise InputError(f"{twice} is given twice; give each file once")
-    names = [f"{path.parent.resolve().name}/{path.name}" if is_point(path) else path.stem for path in places]
+    names = [
+        f"{path.parent.resolve().name}/{path.name}" if is_point(path) else path.stem
+        for path in places
+    ]
     entries = []
     for name, place in zip(names, places, strict=True):
         own = name if names.count(name) == 1 else str(place)
         # one file at a time: the maps of a large run take 100 MB
-        entries.append(Entry.of(load(place, maps=False), own, str(place), partial(load, place)))
+        entries.append(
+            Entry.of(load(place, maps=False), own, str(place), partial(load, place))
+        )
     return entries
 
 
@@ -418,7 +550,9 @@ def _places(path: Path) -> list[Path]:
     done = [index for index, state in enumerate(states) if state == "done"]
     left = in_words(Counter(states))
     if not done:
-        raise InputError(f"{path}: no point of this sweep is complete ({left}); see `chemage status {path}`")
+        raise InputError(
+            f"{path}: no point of this sweep is complete ({left}); see `chemage status {path}`"
+        )
     if left:
         text = f"{path}: {len(done)} of {len(states)} points are complete and compared ({left})"
         warnings.warn(text, SweepWarning, stacklevel=5)
@@ -456,11 +590,19 @@ def _differences(flats: Sequence[Mapping[str, Any]]) -> dict[str, tuple[Any, ...
     every = {path: tuple(flat.get(path) for flat in flats) for path in paths}
 
     def same(a: Any, b: Any) -> bool:
-        if isinstance(a, float | int) and isinstance(b, float | int) and not isinstance(a, bool):
+        if (
+            isinstance(a, float | int)
+            and isinstance(b, float | int)
+            and not isinstance(a, bool)
+        ):
             return math.isclose(a, b, rel_tol=1e-9)
         return a == b
 
-    return {path: values for path, values in every.items() if not all(same(values[0], value) for value in values[1:])}
+    return {
+        path: values
+        for path, values in every.items()
+        if not all(same(values[0], value) for value in values[1:])
+    }
 
 
 def _flat(data: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

@@ -40,7 +40,14 @@ from chemage.foundation.figures import (
 from chemage.foundation.looks import drawn_as
 from chemage.foundation.outputs import RECORDED
 from chemage.foundation.quantities import Curve, Rank
-from chemage.foundation.result import Medium, Panel, Picture, drawn_picture, result_of, single_panels
+from chemage.foundation.result import (
+    Medium,
+    Panel,
+    Picture,
+    drawn_picture,
+    result_of,
+    single_panels,
+)
 from chemage.foundation.statistics import NORMAL_LIMIT
 from chemage.foundation.units import convert
 from chemage.lattices.chemistry import Chemistry
@@ -92,7 +99,9 @@ class _PlannedFigure(NamedTuple):
             what = f"the figure {self.name!r} of {self.bringer} was left out"
             _warn(f"{what}: it cannot be drawn: {type(error).__name__}: {error}")
             return None
-        return figure if any(one.has_data() or one.texts for one in figure.axes) else None
+        return (
+            figure if any(one.has_data() or one.texts for one in figure.axes) else None
+        )
 
 
 def _warn(text: str) -> None:
@@ -109,22 +118,36 @@ def _of_components(sources: Sequence[Source]) -> Iterator[_PlannedFigure]:
         for path, component in entry.components:
             measured = component.role != "observable" or plotted.aging is not None
             if type(component).figures and measured:
-                groups.setdefault((component.role, component.kind), []).append((number, path, component))
+                groups.setdefault((component.role, component.kind), []).append(
+                    (number, path, component)
+                )
     for (role, kind), components in groups.items():
         component = components[0][2]
         results = _results(sources, components)
-        bringer, record = f"{role} {kind!r}", registry.current().provider(type(component))
+        bringer = f"{role} {kind!r}"
+        record = registry.current().provider(type(component))
         if record is not None and record.distribution != "chemage":
             bringer += f" (plugin {record.name}, {record.source})"
         figures = type(component).figures
         if not isinstance(figures, Mapping):
-            _warn(f"the figures of {bringer} were left out: figures = {figures!r} does not map names to captions")
+            _warn(
+                f"the figures of {bringer} were left out: figures = {figures!r} does not map names to captions"
+            )
             continue
         for name, caption in figures.items():
-            yield _PlannedFigure(str(name), str(caption), bringer, kind, partial(component.draw, name), results)
+            yield _PlannedFigure(
+                str(name),
+                str(caption),
+                bringer,
+                kind,
+                partial(component.draw, name),
+                results,
+            )
 
 
-def _results(sources: Sequence[Source], components: Sequence[tuple[int, str, Component]]) -> list[PlottedResult]:
+def _results(
+    sources: Sequence[Source], components: Sequence[tuple[int, str, Component]]
+) -> list[PlottedResult]:
     """What to draw of the results; one with several components of the kind is there once for each of them."""
     numbers = [number for number, _, _ in components]
     several = len(set(numbers)) < len(numbers)
@@ -155,13 +178,17 @@ def _of_hooks(sources: Sequence[Source]) -> Iterator[_PlannedFigure]:
         own = [
             plotted
             for entry, plotted in sources
-            if record.name in entry.plugins or not (record.kinds or record.name in computing)
+            if record.name in entry.plugins
+            or not (record.kinds or record.name in computing)
         ]
         if not own:
             continue
         bringer = f"plugin {record.name!r} ({record.source})"
         try:
-            offered = [(name, caption, draw) for name, (caption, draw) in (function() or {}).items()]
+            offered = [
+                (name, caption, draw)
+                for name, (caption, draw) in (function() or {}).items()
+            ]
         except (Exception, SystemExit) as error:
             if plugins.strict:
                 raise
@@ -171,7 +198,9 @@ def _of_hooks(sources: Sequence[Source]) -> Iterator[_PlannedFigure]:
             )
             continue
         for name, caption, draw in offered:
-            yield _PlannedFigure(str(name), str(caption), bringer, record.name, draw, own)
+            yield _PlannedFigure(
+                str(name), str(caption), bringer, record.name, draw, own
+            )
 
 
 _MARKERS = "osD^vP*X"
@@ -201,15 +230,27 @@ def figures(thing: Any, panels: Sequence[str] = (), **choice: Any) -> dict[str, 
     result = result_of(thing)
     pictures = result.pictures(**choice)
     if panels:
-        return {name: drawn_picture(picture) for name, picture in single_panels(pictures, panels).items()}
+        return {
+            name: drawn_picture(picture)
+            for name, picture in single_panels(pictures, panels).items()
+        }
     drawn = {name: drawn_picture(picture) for name, picture in pictures.items()}
-    return drawn | {name: figure for name, (figure, _) in brought_figures([Entry.of(result)], (5.4, 4.0)).items()}
+    return drawn | {
+        name: figure
+        for name, (figure, _) in brought_figures([Entry.of(result)], (5.4, 4.0)).items()
+    }
 
 
 def comparison_figures(comparison: Comparison) -> dict[str, Figure]:
     """Draw every figure of several results for which there are data, those of plugins last: name -> figure."""
-    drawn = {name: drawn_picture(picture) for name, picture in curve_pictures(comparison).items()}
-    return drawn | {name: figure for name, (figure, _) in brought_figures(comparison.results).items()}
+    drawn = {
+        name: drawn_picture(picture)
+        for name, picture in curve_pictures(comparison).items()
+    }
+    return drawn | {
+        name: figure
+        for name, (figure, _) in brought_figures(comparison.results).items()
+    }
 
 
 # -- curves of several results ----------------------------------------------------------------------------------------
@@ -224,31 +265,50 @@ def curve_pictures(comparison: Comparison) -> dict[str, Picture]:
             if curve.rank < Rank.REST and (several or curve.alone):
                 curves.setdefault(name, []).append((entry, curve))
     return {
-        name.replace("_", "-").removeprefix(RECORDED): Picture([_panel(comparison, name, drawn)], _SIZE)
+        name.replace("_", "-").removeprefix(RECORDED): Picture(
+            [_panel(comparison, name, drawn)], _SIZE
+        )
         for name, drawn in curves.items()
     }
 
 
-def _panel(comparison: Comparison, name: str, curves: Sequence[tuple[Entry, Curve]]) -> Panel:
+def _panel(
+    comparison: Comparison, name: str, curves: Sequence[tuple[Entry, Curve]]
+) -> Panel:
     """One curve of each result with its 95 % interval, what is known beside them, and measurements."""
 
     def draw(axes: Axes, medium: Medium) -> None:
-        legend(axes, title=_draw_curves(axes, comparison, name, curves) or None, alignment="left")
+        legend(
+            axes,
+            title=_draw_curves(axes, comparison, name, curves) or None,
+            alignment="left",
+        )
 
-    sample, bars = curves[0][1], _BARS if len({curve.band for _, curve in curves}) > 1 else ""
+    sample = curves[0][1]
+    bars = _BARS if len({curve.band for _, curve in curves}) > 1 else ""
     label = sample.axis_of.label
     if sample.is_distribution:
         caption = f"Distribution of the {label}."
-        return Panel(draw, caption + bars, f"{caption} Curves for {', '.join(entry.name for entry, _ in curves)}.")
+        return Panel(
+            draw,
+            caption + bars,
+            f"{caption} Curves for {', '.join(entry.name for entry, _ in curves)}.",
+        )
     caption = f"{sample.title} against {label}, means and 95 % intervals."
     texts = [
         f"{entry.name} goes from {curve.mean[0]:.3g} at {curve.x[0]:g} s to {curve.mean[-1]:.3g} at {curve.x[-1]:g} s"
         for entry, curve in curves
     ]
-    return Panel(draw, caption[0].upper() + caption[1:] + bars, f"{sample.axis} against {label}: {'; '.join(texts)}.")
+    return Panel(
+        draw,
+        caption[0].upper() + caption[1:] + bars,
+        f"{sample.axis} against {label}: {'; '.join(texts)}.",
+    )
 
 
-def _draw_curves(axes: Axes, comparison: Comparison, name: str, curves: Sequence[tuple[Entry, Curve]]) -> str:
+def _draw_curves(
+    axes: Axes, comparison: Comparison, name: str, curves: Sequence[tuple[Entry, Curve]]
+) -> str:
     """Draw the curves; return the title of their legend, which says what is common to all."""
     alone, few = len(comparison.results) == 1, len(comparison.results) <= _FITTED
     measured = _measurements(comparison, name)
@@ -258,7 +318,14 @@ def _draw_curves(axes: Axes, comparison: Comparison, name: str, curves: Sequence
         marker = _MARKERS[number % len(_MARKERS)]
         styles[entry.name] = {"color": PALETTE[number % len(PALETTE)], "marker": marker}
     last = [
-        _draw_curve(axes, comparison, entry, curve, styles[entry.name], words.get(entry.name, ""))
+        _draw_curve(
+            axes,
+            comparison,
+            entry,
+            curve,
+            styles[entry.name],
+            words.get(entry.name, ""),
+        )
         for entry, curve in curves
     ]
     sample = curves[0][1]
@@ -271,7 +338,9 @@ def _draw_curves(axes: Axes, comparison: Comparison, name: str, curves: Sequence
         if entry.ageing.draw_fit is not None:
             # the legend has its β with the curve
             color = styles[entry.name]["color"]
-            darker = "#" + "".join(f"{round(0.6 * int(color[at : at + 2], 16)):02X}" for at in (1, 3, 5))
+            darker = "#" + "".join(
+                f"{round(0.6 * int(color[at : at + 2], 16)):02X}" for at in (1, 3, 5)
+            )
             entry.ageing.draw_fit(axes, *(("", "") if alone else (_UNNAMED, darker)))
     _draw_measurements(axes, measured, words)
     positive = [value for value in last if value > 0]
@@ -284,15 +353,26 @@ def _draw_curves(axes: Axes, comparison: Comparison, name: str, curves: Sequence
 
 
 def _fit_words(
-    comparison: Comparison, quantity: str, measured: Sequence[tuple[Measurements, Fit | None]]
+    comparison: Comparison,
+    quantity: str,
+    measured: Sequence[tuple[Measurements, Fit | None]],
 ) -> tuple[dict[str, str], str]:
     """β of the lines of measurements and of a few results, for the legend, and what all have in common for its
     title."""
     fits = {data.name: fit for data, fit in measured if fit is not None}
-    drawn = comparison.results if quantity == "friction_coefficient_drop" and len(comparison.results) <= _FITTED else []
+    drawn = (
+        comparison.results
+        if quantity == "friction_coefficient_drop"
+        and len(comparison.results) <= _FITTED
+        else []
+    )
     for entry in drawn:
         ageing = entry.ageing
-        fit = ageing.fit("line", ageing.window, quantity) if ageing.fit is not None else ""
+        fit = (
+            ageing.fit("line", ageing.window, quantity)
+            if ageing.fit is not None
+            else ""
+        )
         if isinstance(fit, Fit) and fit.drawable:
             fits[entry.name] = fit
     spans = {span_text(fit.span) for fit in fits.values()}
@@ -308,49 +388,87 @@ def _fit_words(
 
 
 def _draw_curve(
-    axes: Axes, comparison: Comparison, entry: Entry, curve: Curve, style: dict[str, Any], fitted: str
+    axes: Axes,
+    comparison: Comparison,
+    entry: Entry,
+    curve: Curve,
+    style: dict[str, Any],
+    fitted: str,
 ) -> float:
     """Draw a curve, with β of its ``fitted`` line in the legend; return its last value. A band contains
     the scatter between surfaces; bars are errors of replicas on one surface."""
     if curve.is_distribution:
         axes.stairs(curve.mean, curve.x, color=style["color"], lw=1.4)
-        middles, every = 0.5 * (curve.x[1:] + curve.x[:-1]), max(1, curve.mean.size // 8)
+        middles = 0.5 * (curve.x[1:] + curve.x[:-1])
+        every = max(1, curve.mean.size // 8)
         axes.plot(middles, curve.mean, ls="none", markevery=every, ms=3.5, **style)
-        axes.plot([], [], lw=1.4, ms=3.5, label=entry.legend_name, **style)  # both in one entry of the legend
+        axes.plot(
+            [], [], lw=1.4, ms=3.5, label=entry.legend_name, **style
+        )  # both in one entry of the legend
         return 0.0
     what = curve.over
     if comparison.has_several_errors and not curve.band and " replicas," in what:
         what = what.replace(" replicas,", " replicas on one surface,")
-    label, positive = ", ".join(filter(None, (entry.legend_name, what))) + fitted, curve.x > 0
-    x, mean, half = (values[positive] if values.size else values for values in (curve.x, curve.mean, curve.half_width))
+    label = ", ".join(filter(None, (entry.legend_name, what))) + fitted
+    positive = curve.x > 0
+    x, mean, half = (
+        values[positive] if values.size else values
+        for values in (curve.x, curve.mean, curve.half_width)
+    )
     error = np.nan_to_num(half)
     if curve.band:
         axes.plot(x, mean, ms=3.5, lw=1, label=label, **style)
         if np.isfinite(half).any():
-            axes.fill_between(x, mean - half, mean + half, color=style["color"], alpha=0.25, lw=0)
+            axes.fill_between(
+                x, mean - half, mean + half, color=style["color"], alpha=0.25, lw=0
+            )
     else:
-        axes.errorbar(x, mean, yerr=error if error.any() else None, ms=3.5, lw=1, capsize=2, label=label, **style)
+        axes.errorbar(
+            x,
+            mean,
+            yerr=error if error.any() else None,
+            ms=3.5,
+            lw=1,
+            capsize=2,
+            label=label,
+            **style,
+        )
     return float(curve.mean[-1])
 
 
-def _measurements(comparison: Comparison, quantity: str) -> list[tuple[Measurements, Fit | None]]:
+def _measurements(
+    comparison: Comparison, quantity: str
+) -> list[tuple[Measurements, Fit | None]]:
     """Measurements of a quantity, or of another that one common load turns into it, and the line fitted to each."""
     if quantity not in DROPS:
         return []
     loads = {entry.ageing.load for entry in comparison.results}
     load = loads.pop() if len(loads) == 1 else None
     found = [original.as_quantity(quantity, load) for original in comparison.measured]  # pyright: ignore[reportArgumentType]
-    fits = [(data, comparison.measured_fit(data, "line")) for data in found if data is not None]
-    return [(data, fit if isinstance(fit, Fit) and fit.drawable else None) for data, fit in fits]
+    fits = [
+        (data, comparison.measured_fit(data, "line"))
+        for data in found
+        if data is not None
+    ]
+    return [
+        (data, fit if isinstance(fit, Fit) and fit.drawable else None)
+        for data, fit in fits
+    ]
 
 
 def _draw_measurements(
-    axes: Axes, measured: Sequence[tuple[Measurements, Fit | None]], words: Mapping[str, str]
+    axes: Axes,
+    measured: Sequence[tuple[Measurements, Fit | None]],
+    words: Mapping[str, str],
 ) -> None:
     """Draw measurements, and the line fitted to each, which is in the legend with them where there are ``words``."""
     for number, (data, fit) in enumerate(measured):
         positive = data.hold_times > 0
-        label = f"{data.name} (measured)" if data.error is None else f"{data.name} (measured, 95 %)"
+        label = (
+            f"{data.name} (measured)"
+            if data.error is None
+            else f"{data.name} (measured, 95 %)"
+        )
         axes.errorbar(
             data.hold_times[positive],
             data.values[positive],
@@ -365,14 +483,27 @@ def _draw_measurements(
         )
         if fit is not None:
             line = np.geomspace(*fit.span, 100)
-            label = _UNNAMED if data.name in words else plain(f"{data.name}: {fit.short_text()}")
-            axes.plot(line, fit(line), color=BLACK, lw=1, ls=("--", ":", "-.")[number % 3], label=label)
+            label = (
+                _UNNAMED
+                if data.name in words
+                else plain(f"{data.name}: {fit.short_text()}")
+            )
+            axes.plot(
+                line,
+                fit(line),
+                color=BLACK,
+                lw=1,
+                ls=("--", ":", "-.")[number % 3],
+                label=label,
+            )
 
 
 # -- of plugins -------------------------------------------------------------------------------------------------------
 
 
-def brought_figures(results: Sequence[Entry], size: tuple[float, float] = _SIZE) -> dict[str, tuple[Figure, str]]:
+def brought_figures(
+    results: Sequence[Entry], size: tuple[float, float] = _SIZE
+) -> dict[str, tuple[Figure, str]]:
     """Draw every figure that plugins bring to one result or several: name -> figure and caption.
 
     What leaves its axes empty, because these results do not hold what it shows, is no figure. A name that another
@@ -386,16 +517,33 @@ def brought_figures(results: Sequence[Entry], size: tuple[float, float] = _SIZE)
     sources = []
     for number, entry in enumerate(results):
         chemistry = None
-        with suppress(KeyError, ChemageError):  # without provenance, or without the plugins that made it
-            chemistry = Chemistry.fromdict(entry.aging.provenance["chemistry"]) if entry.aging is not None else None
-        more: Mapping[str, Any] = {"scene": entry.scene, "load_maps": partial(maps, number)}
-        plotted = PlottedResult(entry.legend_name, entry.aging, chemistry, PALETTE[number % len(PALETTE)], **more)
+        with suppress(
+            KeyError, ChemageError
+        ):  # without provenance, or without the plugins that made it
+            chemistry = (
+                Chemistry.fromdict(entry.aging.provenance["chemistry"])
+                if entry.aging is not None
+                else None
+            )
+        more: Mapping[str, Any] = {
+            "scene": entry.scene,
+            "load_maps": partial(maps, number),
+        }
+        plotted = PlottedResult(
+            entry.legend_name,
+            entry.aging,
+            chemistry,
+            PALETTE[number % len(PALETTE)],
+            **more,
+        )
         sources.append((entry, plotted))
     drawn: dict[str, tuple[Figure, str]] = {}
     owners = dict.fromkeys(CORE, "chemage itself")
     for plan in (*_of_components(sources), *_of_hooks(sources)):
         if not _NAME.fullmatch(plan.name):
-            _warn(f"the figure {plan.name!r} of {plan.bringer} was left out: the name of a figure names a file")
+            _warn(
+                f"the figure {plan.name!r} of {plan.bringer} was left out: the name of a figure names a file"
+            )
             continue
         name = plan.name
         while name in owners:
@@ -442,9 +590,21 @@ def window_figure(path: Path, window: str | Sequence[float | str]) -> Figure:
             label, pool, colours = _MAPS[name]
             part, extent = _part(stored, lengths, window)
             values = pooled(part, pool)
-            shown = np.ma.masked_equal(values, 0.0) if name == "contact/pressure" else values
-            draw_map(entry, shown, extent, f"{label} ({stored.unit})", cmap=colours or pressure_colours())
-            entry.set_title(f"{part.shape[0]} x {part.shape[1]} pixels of {stored.pixel_size:g} nm")
+            shown = (
+                np.ma.masked_equal(values, 0.0)
+                if name == "contact/pressure"
+                else values
+            )
+            draw_map(
+                entry,
+                shown,
+                extent,
+                f"{label} ({stored.unit})",
+                cmap=colours or pressure_colours(),
+            )
+            entry.set_title(
+                f"{part.shape[0]} x {part.shape[1]} pixels of {stored.pixel_size:g} nm"
+            )
         arrange(figure)
     return figure
 
@@ -457,7 +617,9 @@ def _part(
     for low, high, pixels in zip(edges[::2], edges[1::2], stored.shape, strict=True):
         if not (0 <= low < high <= pixels * size * (1 + 1e-9)):
             sides = " x ".join(f"{side * size:g}" for side in stored.shape)
-            raise InputError.of("window", window, f"must lie within the map of {sides} nm", _EXPECTED)
+            raise InputError.of(
+                "window", window, f"must lie within the map of {sides} nm", _EXPECTED
+            )
         parts.append(slice(math.floor(low / size), min(math.ceil(high / size), pixels)))
     x, y = parts
     return stored[x, y], (x.start * size, x.stop * size, y.start * size, y.stop * size)

@@ -98,7 +98,9 @@ def read(path: str | os.PathLike[str], *, maps: bool = True) -> Any:
     if not parts and not maps:
         return read(source)
     if len(parts) != 1:
-        raise StoreError(f"{source} holds {', '.join(parts) or 'nothing'}; expected one object or a run")
+        raise StoreError(
+            f"{source} holds {', '.join(parts) or 'nothing'}; expected one object or a run"
+        )
     return next(iter(parts.values()))
 
 
@@ -134,20 +136,34 @@ class StoredMap:
         DamagedError
             The part cannot be read.
         """
-        two = isinstance(part, tuple) and len(part) == 2 and all(isinstance(axis, slice) for axis in part)
+        two = (
+            isinstance(part, tuple)
+            and len(part) == 2
+            and all(isinstance(axis, slice) for axis in part)
+        )
         if not two or any(axis.step is not None and axis.step < 1 for axis in part):
-            raise InputError.of(self._name, part, "is no part of a map", "give two slices, such as [0:512, 0:512]")
+            raise InputError.of(
+                self._name,
+                part,
+                "is no part of a map",
+                "give two slices, such as [0:512, 0:512]",
+            )
         (first, last, every), (left, right, step) = (
             axis.indices(length) for axis, length in zip(part, self.shape, strict=True)
         )
-        values = np.empty((len(range(first, last, every)), len(range(left, right, step))), self._data.dtype)
+        values = np.empty(
+            (len(range(first, last, every)), len(range(left, right, step))),
+            self._data.dtype,
+        )
         if values.size:
             # HDF5 reads every n-th number one by one: a band of rows is read whole
             height = max(1, _ROWS // every)
             for row in range(0, values.shape[0], height):
                 begin = first + row * every
                 with container.decoding(self._data.file.filename, self._name):
-                    band = self._data[begin : min(begin + height * every, last), left:right]
+                    band = self._data[
+                        begin : min(begin + height * every, last), left:right
+                    ]
                 values[row : row + height] = band[::every, ::step]
         return values
 
@@ -174,10 +190,16 @@ def open_maps(path: str | os.PathLike[str]) -> Iterator[Mapping[str, StoredMap]]
     source = Path(path)
     with container.opened(source) as file:
         stored = {
-            name: StoredMap(name, file[name], float(np.ravel(file[name.partition("/")[0]].attrs["pixel_size"])[0]))
+            name: StoredMap(
+                name,
+                file[name],
+                float(np.ravel(file[name.partition("/")[0]].attrs["pixel_size"])[0]),
+            )
             for name in MAPS
             if name in file
         }
         if not stored:
-            raise StoreError(f"{source} holds no map; `chemage run` writes files with maps")
+            raise StoreError(
+                f"{source} holds no map; `chemage run` writes files with maps"
+            )
         yield stored

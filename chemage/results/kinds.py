@@ -35,7 +35,9 @@ def load(path: str | os.PathLike[str], *, maps: bool = True) -> Result:
         sweep, index = load_sweep(source.parent), int(source.name)
         if index >= len(sweep):
             folder = source.parent
-            raise InputError(f"{folder} has {len(sweep)} points, from {folder}/0 on; there is no {folder}/{index}")
+            raise InputError(
+                f"{folder} has {len(sweep)} points, from {folder}/0 on; there is no {folder}/{index}"
+            )
         return result_of(sweep[index])
     if source.is_dir():
         return result_of(load_sweep(source))
@@ -46,7 +48,11 @@ def load(path: str | os.PathLike[str], *, maps: bool = True) -> Result:
 
 def is_point(path: Path) -> bool:
     """Whether a path is a point of a sweep."""
-    return path.name.isdecimal() and (path.parent / "sweep.json").is_file() and not (path / "sweep.json").is_file()
+    return (
+        path.name.isdecimal()
+        and (path.parent / "sweep.json").is_file()
+        and not (path / "sweep.json").is_file()
+    )
 
 
 def components(result: Result) -> list[tuple[str, Component]]:

@@ -97,7 +97,9 @@ def write_report(
     target = Path(out)
     for source in (*files, *measured):
         if os.path.realpath(source) == os.path.realpath(target):
-            raise InputError(f"{target} is an input of this report; choose another --out")
+            raise InputError(
+                f"{target} is an input of this report; choose another --out"
+            )
     preflight(target, force=force)
     page = html(files, measured=measured)
     write_file(target, page, force=force)
@@ -110,22 +112,46 @@ def html(files: Sequence[str | Path], *, measured: Sequence[str | Path] = ()) ->
     several = len(comparison.results) > 1
     sections, cite, please = [], {}, ""
     if several or comparison.measured:
-        sections.append(_comparison(comparison, "Comparison" if several else "Measurements"))
+        sections.append(
+            _comparison(comparison, "Comparison" if several else "Measurements")
+        )
     for number, entry in enumerate(comparison.results, 1):
-        result = entry.whole()  # one file at a time: the maps of a large run take 100 MB
-        title = entry.title if not entry.title or entry.title.startswith(entry.name) else f"{entry.name}: {entry.title}"
+        result = (
+            entry.whole()
+        )  # one file at a time: the maps of a large run take 100 MB
+        title = (
+            entry.title
+            if not entry.title or entry.title.startswith(entry.name)
+            else f"{entry.name}: {entry.title}"
+        )
         name = (title or entry.name) if several else "Result"
-        sections.append(PageSection(f"r{number}", name, list(_parts(entry, result, f"r{number}"))))
+        sections.append(
+            PageSection(f"r{number}", name, list(_parts(entry, result, f"r{number}")))
+        )
         cite |= dict.fromkeys(result.cite()[0])
         please = please or result.please_cite
     if cite:
-        sections.append(PageSection("cite", "References", [PagePart(items=list(cite))], [please]))
-    style = resources.files("chemage.results").joinpath("report.css").read_text(encoding="utf-8")
+        sections.append(
+            PageSection("cite", "References", [PagePart(items=list(cite))], [please])
+        )
+    style = (
+        resources.files("chemage.results")
+        .joinpath("report.css")
+        .read_text(encoding="utf-8")
+    )
     only = comparison.results[0]
-    page = resources.files("chemage.results").joinpath("page.html.j2").read_text(encoding="utf-8")
-    template = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined).from_string(page)
+    page = (
+        resources.files("chemage.results")
+        .joinpath("page.html.j2")
+        .read_text(encoding="utf-8")
+    )
+    template = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined
+    ).from_string(page)
     return template.render(
-        title=f"Comparison of {len(comparison.results)} results" if several else (only.title or only.name),
+        title=f"Comparison of {len(comparison.results)} results"
+        if several
+        else (only.title or only.name),
         policy=_POLICY,
         style=Markup(style),
         sources=[entry.source for entry in comparison.results],
@@ -139,18 +165,27 @@ def html(files: Sequence[str | Path], *, measured: Sequence[str | Path] = ()) ->
 
 
 def _comparison(comparison: Comparison, name: str) -> PageSection:
-    names, several = [entry.name for entry in comparison.results], len(comparison.results) > 1
+    names = [entry.name for entry in comparison.results]
+    several = len(comparison.results) > 1
     tables: list[Table] = []
     if several:
         rows = [(label, *values) for label, values in comparison.table()]
         tables.append(Table("Comparison of the results", ["", *names], rows))
         for caption, differences in (
             ("Differences in chemistry", comparison.chemistry_differences()),
-            ("Other differences between the scenes, in internal units", comparison.other_differences()),
+            (
+                "Other differences between the scenes, in internal units",
+                comparison.other_differences(),
+            ),
         ):
             rows = []
             for path, values in differences.items():
-                rows.append((path, *("none" if value is None else f"{value}" for value in values)))
+                rows.append(
+                    (
+                        path,
+                        *("none" if value is None else f"{value}" for value in values),
+                    )
+                )
             if rows:
                 tables.append(Table(caption, ["field", *names], rows))
     tables += comparison.tables()
@@ -160,10 +195,21 @@ def _comparison(comparison: Comparison, name: str) -> PageSection:
         every = [by_name(entry.first) for entry in comparison.results]
         numbers = dict.fromkeys(number for one in every for number in one)
         columns = [in_a_row([one.get(number) for one in every]) for number in numbers]
-        rows = [(entry, *(texts[place] for _, texts in columns)) for place, entry in enumerate(names)]
-        leading.tables = [Table("Main numbers", ["", *(label for label, _ in columns)], rows)]
-    parts = [leading, PagePart(tables=tables), *([PagePart("Figures", figures=others)] if others else [])]
-    return PageSection(name.lower(), name, parts, [comparison.statement()] if several else [])
+        rows = [
+            (entry, *(texts[place] for _, texts in columns))
+            for place, entry in enumerate(names)
+        ]
+        leading.tables = [
+            Table("Main numbers", ["", *(label for label, _ in columns)], rows)
+        ]
+    parts = [
+        leading,
+        PagePart(tables=tables),
+        *([PagePart("Figures", figures=others)] if others else []),
+    ]
+    return PageSection(
+        name.lower(), name, parts, [comparison.statement()] if several else []
+    )
 
 
 def _parts(entry: Entry, result: Result, key: str) -> Iterator[PagePart]:
@@ -175,15 +221,23 @@ def _parts(entry: Entry, result: Result, key: str) -> Iterator[PagePart]:
         for number, panel in enumerate(picture.panels):
             if panel.caption:
                 anchor = re.sub(r"[^\w-]", "-", f"{key}-{name}-{number}")
-                headed.append((panel.heading, _panel(panel, anchor, _approximate(alone))))
+                headed.append(
+                    (panel.heading, _panel(panel, anchor, _approximate(alone)))
+                )
     headed += [("Figures", picture) for picture in _brought(alone, key)]
-    approximate = [f"approximate: {result.approximation}"] if result.approximation else []
+    approximate = (
+        [f"approximate: {result.approximation}"] if result.approximation else []
+    )
     first = [picture for _, picture in headed[:1]]
-    yield PagePart(numbers=result.summary(), figures=first, notes=[*approximate, *result.notes()])
+    yield PagePart(
+        numbers=result.summary(), figures=first, notes=[*approximate, *result.notes()]
+    )
     below = {heading: PagePart(heading) for heading, _ in headed[1:]}
     for heading, picture in headed[1:]:
         below[heading].figures.append(picture)
-    below["Key numbers"] = PagePart("Key numbers", tables=[Table("", ["quantity", "value"], result.rows())])
+    below["Key numbers"] = PagePart(
+        "Key numbers", tables=[Table("", ["quantity", "value"], result.rows())]
+    )
     for table in result.tables():
         part = below.setdefault(table.heading, PagePart(table.heading))
         part.tables.append(table)
@@ -192,7 +246,9 @@ def _parts(entry: Entry, result: Result, key: str) -> Iterator[PagePart]:
     about, scene = result.stated()
     if scene:
         # what stands between backticks is code
-        marked = Markup(re.sub(r"`([^`]*)`", r"<code>\1</code>", escape(about, quote=False)))
+        marked = Markup(
+            re.sub(r"`([^`]*)`", r"<code>\1</code>", escape(about, quote=False))
+        )
         yield PagePart("Scene", paragraphs=[marked], code=tomli_w.dumps(scene))
     provenance = [("file", entry.source), *result.provenance()]
     yield PagePart("Provenance", tables=[Table("", ["item", "value"], provenance)])
@@ -227,14 +283,18 @@ def _brought(comparison: Comparison, key: str) -> list[tuple[Any, str]]:
     for name, (figure, caption) in brought_figures(comparison.results).items():
         alt = f"{caption} Curves for {', '.join(entry.name for entry in comparison.results)}."
         anchor = re.sub(r"[^\w-]", "-", f"{key}-{name}")
-        drawn.append((Markup(svg(figure, alt, anchor)), caption + _approximate(comparison)))
+        drawn.append(
+            (Markup(svg(figure, alt, anchor)), caption + _approximate(comparison))
+        )
     return drawn
 
 
 def _panel(panel: Panel, anchor: str, approximate: str) -> tuple[Any, str]:
     figure = drawn_picture(Picture((panel,), panel.size))
     alt = panel.alt or panel.caption
-    return Markup(png(figure, alt) if panel.is_map else svg(figure, alt, anchor)), panel.caption + approximate
+    return Markup(
+        png(figure, alt) if panel.is_map else svg(figure, alt, anchor)
+    ), panel.caption + approximate
 
 
 def svg(figure: Figure, alt: str, key: str) -> str:
@@ -243,7 +303,10 @@ def svg(figure: Figure, alt: str, key: str) -> str:
 
     data = io.StringIO()
     nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
-    with drawn_as(), mpl.rc_context({"svg.fonttype": "path", "svg.hashsalt": "chemage"}):
+    with (
+        drawn_as(),
+        mpl.rc_context({"svg.fonttype": "path", "svg.hashsalt": "chemage"}),
+    ):
         figure.savefig(data, format="svg", transparent=True, metadata=nothing)
     text = data.getvalue()
     text = text[text.index("<svg") :]

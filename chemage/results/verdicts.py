@@ -50,20 +50,29 @@ class Verdict:
     @property
     def residuals(self) -> np.ndarray:
         """(m,) measured minus model over both errors together."""
-        return (self.values - self.model) / np.hypot(self.measured_errors, self.model_errors)
+        return (self.values - self.model) / np.hypot(
+            self.measured_errors, self.model_errors
+        )
 
     def trend(self) -> str:
         """How the measurements differ from the model, from offset and slope."""
         (offset, offset_error), (slope, slope_error) = self.offset, self.slope
-        scaled, shifted = abs(slope - 1) > 2 * slope_error, abs(offset) > 2 * offset_error
+        scaled = abs(slope - 1) > 2 * slope_error
+        shifted = abs(offset) > 2 * offset_error
         factor = f"{plus_minus(slope, slope_error, '')} times the model"
         side = "above" if offset > 0 else "below"
-        shift = f"{plus_minus(abs(offset), offset_error, UNIT[self.quantity])} {side} it"
+        shift = (
+            f"{plus_minus(abs(offset), offset_error, UNIT[self.quantity])} {side} it"
+        )
         if scaled and shifted:
             return f"measured values are {factor} and {shift}"
         if scaled:
             return f"measured values are {factor}"
-        return f"measured values lie {shift}" if shifted else "neither an offset nor a factor between them"
+        return (
+            f"measured values lie {shift}"
+            if shifted
+            else "neither an offset nor a factor between them"
+        )
 
     def in_words(self, fitted: float) -> str:
         """The verdict; ``fitted`` is the probability of the χ² of offset and slope."""
@@ -77,27 +86,55 @@ class Verdict:
             return f"{sure}: the same shape, but {trend}"
         worst = int(np.argmax(np.abs(self.residuals)))
         where = f"{self.residuals[worst]:+.1f} standard errors at {power_text(self.hold_times[worst])} s"
-        largest = "model" if np.median(self.model_errors) > np.median(self.measured_errors) else "measurements"
+        largest = (
+            "model"
+            if np.median(self.model_errors) > np.median(self.measured_errors)
+            else "measurements"
+        )
         return f"{sure} in shape: up to {where}; the errors are mainly those of the {largest}"
 
     def row(self) -> tuple[str, ...]:
         """Its line in a table."""
         if not self.values.size:
             return self.measured, self.result, "", "", "", self.verdict
-        chi2 = "errors unknown" if math.isnan(self.chi2) else f"{self.chi2:.1f} of {self.values.size}"
+        chi2 = (
+            "errors unknown"
+            if math.isnan(self.chi2)
+            else f"{self.chi2:.1f} of {self.values.size}"
+        )
         unit = UNIT[self.quantity]
         offset = plus_minus(*self.offset, unit)
-        return self.measured, self.result, offset, plus_minus(*self.slope, ""), chi2, self.verdict
+        return (
+            self.measured,
+            self.result,
+            offset,
+            plus_minus(*self.slope, ""),
+            chi2,
+            self.verdict,
+        )
 
     def table(self) -> Table:
         """Both kinds of error at every hold time."""
-        columns = ("hold time (s)", "measured", "its error", "model", "its error", "residual (both errors)")
+        columns = (
+            "hold time (s)",
+            "measured",
+            "its error",
+            "model",
+            "its error",
+            "residual (both errors)",
+        )
         arrays = (self.values, self.measured_errors, self.model, self.model_errors)
         rows = []
-        for time, *row, off in zip(self.hold_times, *arrays, self.residuals, strict=True):
+        for time, *row, off in zip(
+            self.hold_times, *arrays, self.residuals, strict=True
+        ):
             texts = [NONE if np.isnan(x) else f"{x:.4g}" for x in row]
-            rows.append((f"{time:.4g}", *texts, NONE if np.isnan(off) else f"{off:+.1f}"))
-        return Table(f"Residuals of {self.measured} against {self.result}", columns, rows)
+            rows.append(
+                (f"{time:.4g}", *texts, NONE if np.isnan(off) else f"{off:+.1f}")
+            )
+        return Table(
+            f"Residuals of {self.measured} against {self.result}", columns, rows
+        )
 
     def todict(self) -> dict[str, Any]:
         """Plain JSON values; what is not known is null."""
@@ -108,7 +145,9 @@ class Verdict:
 COLUMNS = ("measured", "result", "offset", "slope", "χ²", "verdict")
 
 
-def verdict(data: Measurements, name: str, ageing: Ageing, curves: Mapping[str, Curve]) -> Verdict:
+def verdict(
+    data: Measurements, name: str, ageing: Ageing, curves: Mapping[str, Curve]
+) -> Verdict:
     """Judge measurements beside a result, interpolated in log t at the measured hold times."""
     said = _model(data, ageing, curves)
     if isinstance(said, str):
@@ -116,8 +155,14 @@ def verdict(data: Measurements, name: str, ageing: Ageing, curves: Mapping[str, 
     data, model = said
     inside = np.isfinite(model.mean)
     if inside.sum() < 3:
-        return Verdict(data.name, name, f"not compared: only {inside.sum()} hold times in common, which needs 3")
-    times, values, mean = (array[inside] for array in (data.hold_times, data.values, model.mean))
+        return Verdict(
+            data.name,
+            name,
+            f"not compared: only {inside.sum()} hold times in common, which needs 3",
+        )
+    times, values, mean = (
+        array[inside] for array in (data.hold_times, data.values, model.mean)
+    )
     stated = data.error is not None
     own = np.full(times.size, math.nan) if data.error is None else data.error[inside]
     known, places = model.known[np.ix_(inside, inside)], model.places[inside]
@@ -132,10 +177,23 @@ def verdict(data: Measurements, name: str, ageing: Ageing, curves: Mapping[str, 
     design = np.stack([np.ones(times.size), mean], axis=1) * weight[:, None]
     inverse = np.linalg.pinv(design.T @ design)
     offset, slope = inverse @ design.T @ (values * weight)
-    left = float(np.sum((values * weight - design @ (offset, slope)) ** 2)) / max(times.size - 2, 1)
+    left = float(np.sum((values * weight - design @ (offset, slope)) ** 2)) / max(
+        times.size - 2, 1
+    )
     errors = np.sqrt(np.diag(inverse) * (max(left, 1.0) if stated else left))
     line = (float(offset), float(errors[0])), (float(slope), float(errors[1]))
-    found = Verdict(data.name, name, "", data.quantity, times, values, mean, own, model_errors, *line)
+    found = Verdict(
+        data.name,
+        name,
+        "",
+        data.quantity,
+        times,
+        values,
+        mean,
+        own,
+        model_errors,
+        *line,
+    )
     if not stated:
         away = float(np.sqrt(np.mean((values - mean) ** 2)))
         text = f"{found.trend()}; r.m.s. difference {away:.3g} {UNIT[data.quantity]}".rstrip()
@@ -147,7 +205,9 @@ def verdict(data: Measurements, name: str, ageing: Ageing, curves: Mapping[str, 
     if error is None:
         chance = float(distribution.sf(chi2, times.size))
     found = replace(found, chi2=chi2, chance=chance)
-    text = found.in_words(float(distribution.sf(left * max(times.size - 2, 1), max(times.size - 2, 1))))
+    text = found.in_words(
+        float(distribution.sf(left * max(times.size - 2, 1), max(times.size - 2, 1)))
+    )
     if chance < AGREE and not covariance.any():
         text += "; the result has no error of its own, as a single replica has none: age several"
     return replace(found, verdict=text)
@@ -171,7 +231,13 @@ class _Model(NamedTuple):
         """A curve at the hold times of measurements, linear in log t."""
         positive = curve.x > 0
         x, at = np.log(curve.x[positive]), np.log(np.maximum(hold_times, 1e-300))
-        places = np.stack([np.interp(at, x, one, left=math.nan, right=math.nan) for one in np.eye(x.size)], axis=1)
+        places = np.stack(
+            [
+                np.interp(at, x, one, left=math.nan, right=math.nan)
+                for one in np.eye(x.size)
+            ],
+            axis=1,
+        )
         known = curve.known
         if not known.size:
             # of a curve without samples its interval is all that is known
@@ -183,7 +249,9 @@ class _Model(NamedTuple):
         return cls(places @ mean, np.outer(shared, shared), mean, samples, places)
 
 
-def _model(data: Measurements, ageing: Ageing, curves: Mapping[str, Curve]) -> tuple[Measurements, _Model] | str:
+def _model(
+    data: Measurements, ageing: Ageing, curves: Mapping[str, Curve]
+) -> tuple[Measurements, _Model] | str:
     """The measurements in the quantity of the result, and what that says of them; or why it says nothing."""
     if ageing.predict is not None:
         if data.load is None or data.temperature is None:
@@ -191,15 +259,22 @@ def _model(data: Measurements, ageing: Ageing, curves: Mapping[str, Curve]) -> t
         there = data.as_quantity("friction_drop", data.load)
         assert there is not None
         kept = there.hold_times > 0
-        mean, covariance = np.full(kept.size, math.nan), np.zeros((kept.size, kept.size))
-        mean[kept], covariance[np.ix_(kept, kept)] = ageing.predict(data.load, data.temperature, there.hold_times[kept])
+        mean = np.full(kept.size, math.nan)
+        covariance = np.zeros((kept.size, kept.size))
+        mean[kept], covariance[np.ix_(kept, kept)] = ageing.predict(
+            data.load, data.temperature, there.hold_times[kept]
+        )
         return there, _Model(mean, covariance, mean, (), np.eye(mean.size))
     kelvin = ageing.chemistry.get("temperature")
-    for own, theirs, unit in ((data.load, ageing.load, "nN"), (data.temperature, kelvin, "K")):
+    for own, theirs, unit in (
+        (data.load, ageing.load, "nN"),
+        (data.temperature, kelvin, "K"),
+    ):
         if own is not None and theirs is not None and abs(own - theirs) > SAME * own:
             return f"measured at {own:g} {unit}, the result is at {theirs:g} {unit}"
     for quantity in (data.quantity, *UNIT):
-        there = data.as_quantity(quantity, ageing.load if np.isfinite(ageing.load) else None)  # pyright: ignore[reportArgumentType]
+        load = ageing.load if np.isfinite(ageing.load) else None
+        there = data.as_quantity(quantity, load)  # pyright: ignore[reportArgumentType]
         curve = curves.get(quantity)
         if there is not None and curve is not None:
             return there, _Model.of(curve, there.hold_times)

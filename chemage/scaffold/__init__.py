@@ -40,11 +40,18 @@ def new(name: str, role: str, folder: Path) -> list[Path]:
     """
     roles = list(registry.current().roles)
     if role not in roles:
-        raise InputError(f"no role {role!r}{nearest(role, roles)}; the roles are {', '.join(roles)}")
+        raise InputError(
+            f"no role {role!r}{nearest(role, roles)}; the roles are {', '.join(roles)}"
+        )
     module = name.replace("-", "_")
-    if not re.fullmatch(r"[a-z][a-z0-9]*(-[a-z0-9]+)*", name) or keyword.iskeyword(module):
+    if not re.fullmatch(r"[a-z][a-z0-9]*(-[a-z0-9]+)*", name) or keyword.iskeyword(
+        module
+    ):
         raise InputError.of(
-            "name", name, "is not a valid kind", "use lower-case words joined by -, such as my-barriers"
+            "name",
+            name,
+            "is not a valid kind",
+            "use lower-case words joined by -, such as my-barriers",
         )
     package = f"chemage_{module}"
     words = {
@@ -63,7 +70,9 @@ def new(name: str, role: str, folder: Path) -> list[Path]:
         Path("README.md"): "README.md",
         Path(package, "__init__.py"): "package.py",
         Path(package, f"{module}.py"): f"role_{role}.py",
-        Path("tests", f"test_{module}.py"): "test_reader.py" if role == "reader" else "test.py",
+        Path("tests", f"test_{module}.py"): "test_reader.py"
+        if role == "reader"
+        else "test.py",
     }
     if role == "reader":
         contents[Path("tests", "map.xyz")] = "map.xyz"
@@ -74,7 +83,9 @@ def new(name: str, role: str, folder: Path) -> list[Path]:
             (target / path).parent.mkdir(parents=True, exist_ok=True)
             create(target / path, _template(template).format(**words).encode())
     except FileExistsError:
-        raise StoreError(f"{target} is already there; choose another name or folder") from None
+        raise StoreError(
+            f"{target} is already there; choose another name or folder"
+        ) from None
     except OSError as error:
         raise StoreError(f"cannot write {target}: {error.strerror}") from error
     return [target / path for path in contents]
@@ -88,8 +99,15 @@ def version_range() -> str:
 
 def _warn_if_taken(name: str, role: str, package: str) -> None:
     plugins = registry.current()
-    taken = [f"{role} {name!r} comes with {record.name!r} ({record.source})" for record in plugins.offers(role, name)]
-    taken += [f"a plugin {package!r} is there: {record.source}" for record in plugins.records if record.name == package]
+    taken = [
+        f"{role} {name!r} comes with {record.name!r} ({record.source})"
+        for record in plugins.offers(role, name)
+    ]
+    taken += [
+        f"a plugin {package!r} is there: {record.source}"
+        for record in plugins.records
+        if record.name == package
+    ]
     if taken:
         warnings.warn(
             f"{'; '.join(taken)}; the new plugin cannot be used beside it, so choose another name",
@@ -99,7 +117,11 @@ def _warn_if_taken(name: str, role: str, package: str) -> None:
 
 
 def _template(name: str) -> str:
-    return resources.files("chemage.scaffold").joinpath("templates", f"{name}.in").read_text(encoding="utf-8")
+    return (
+        resources.files("chemage.scaffold")
+        .joinpath("templates", f"{name}.in")
+        .read_text(encoding="utf-8")
+    )
 
 
 _MADE = "# Made by `chemage plugins stubs`; do not edit.\n"
@@ -117,7 +139,10 @@ def stubs() -> dict[str, str]:
     A kind that the stub does not know is an error to a type checker; use its class, or make a stub of your own.
     """
     authors = {*HOME, *MODULES} - USERS
-    return {"__init__.pyi": _users_stub(), "plugin.pyi": "".join([_MADE, *_imports(authors)])}
+    return {
+        "__init__.pyi": _users_stub(),
+        "plugin.pyi": "".join([_MADE, *_imports(authors)]),
+    }
 
 
 def _imports(names: Iterable[str]) -> Iterable[str]:
@@ -130,9 +155,16 @@ def _imports(names: Iterable[str]) -> Iterable[str]:
 
 def _users_stub() -> str:
     plugins = registry.current()
-    factories = {role: name for role in plugins.roles if (name := FACTORIES.get(role, role)) in HOME}
+    factories = {
+        role: name
+        for role in plugins.roles
+        if (name := FACTORIES.get(role, role)) in HOME
+    }
     returned = {plugins.role(role).__name__ for role in factories}
-    lines = [_HEAD, *_imports({*USERS, *plugins.offered("names")} - set(factories.values()))]
+    lines = [
+        _HEAD,
+        *_imports({*USERS, *plugins.offered("names")} - set(factories.values())),
+    ]
     lines += [f"from chemage.{HOME[name]} import {name}\n" for name in sorted(returned)]
     for role, factory in factories.items():
         base = plugins.role(role).__name__
@@ -141,10 +173,14 @@ def _users_stub() -> str:
             try:
                 options = list(_options(plugins.component(role, kind)))
             except PluginError as error:
-                warnings.warn(f"not in the stubs: {error}", registry.PluginWarning, stacklevel=2)
+                warnings.warn(
+                    f"not in the stubs: {error}", registry.PluginWarning, stacklevel=2
+                )
                 continue
             arguments = f", *, {', '.join(options)}" if options else ""
-            lines.append(f'\n@overload\ndef {factory}(kind: Literal["{kind}"]{arguments}) -> {base}: ...')
+            lines.append(
+                f'\n@overload\ndef {factory}(kind: Literal["{kind}"]{arguments}) -> {base}: ...'
+            )
         if len(kinds) == 1:  # one overload is none
             lines[-1] = lines[-1].replace("@overload\n", "")
         lines.append("\n")
@@ -155,21 +191,39 @@ def _options(cls: Any) -> Iterable[str]:
     """``name: type`` or ``name: type = ...`` of each option."""
     properties = cls.model_json_schema(mode="validation").get("properties", {})
     for name, info in cls.model_fields.items():
-        yield f"{name}: {_type(properties.get(name, {}))}" + ("" if info.is_required() else " = ...")
+        yield f"{name}: {_type(properties.get(name, {}))}" + (
+            "" if info.is_required() else " = ..."
+        )
 
 
 def _type(schema: Mapping[str, Any]) -> str:
     """A JSON Schema as a Python type; what is not plain is Any."""
     if "unit" in schema:
-        further = [_type(part) for part in schema.get("anyOf", ()) if part.get("type") not in ("number", "string")]
+        further = [
+            _type(part)
+            for part in schema.get("anyOf", ())
+            if part.get("type") not in ("number", "string")
+        ]
         return " | ".join(dict.fromkeys(["QuantityLike", *further]))
     if "enum" in schema or "const" in schema:
         return f"Literal[{', '.join(repr(value) for value in schema.get('enum', [schema.get('const')]))}]"
     if "anyOf" in schema:
         parts = list(dict.fromkeys(_type(part) for part in schema["anyOf"]))
-        return "Any" if "Any" in parts else " | ".join(part for part in parts if part != "int" or "float" not in parts)
+        return (
+            "Any"
+            if "Any" in parts
+            else " | ".join(
+                part for part in parts if part != "int" or "float" not in parts
+            )
+        )
     if schema.get("type") == "array":
         return f"Sequence[{_type(schema.get('items', {})) if isinstance(schema.get('items'), dict) else 'Any'}]"
-    names = {"number": "float", "integer": "int", "string": "str", "boolean": "bool", "null": "None"}
+    names = {
+        "number": "float",
+        "integer": "int",
+        "string": "str",
+        "boolean": "bool",
+        "null": "None",
+    }
     names["object"] = "dict[str, Any]"
     return names.get(schema.get("type", ""), "Any")

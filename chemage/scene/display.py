@@ -45,7 +45,9 @@ def published(scene: Mapping[str, Any]) -> list[PublishedRate]:
     for record, function in plugins.functions("chemage_published"):
         try:
             for where, beta, source in function() or ():
-                if where and all(_same(_value(scene, path), value) for path, value in where.items()):
+                if where and all(
+                    _same(_value(scene, path), value) for path, value in where.items()
+                ):
                     values.append(PublishedRate(float(beta), str(source)))
         except (Exception, SystemExit) as error:
             if plugins.strict:
@@ -68,7 +70,15 @@ def draw_published(axes: Axes, scene: Mapping[str, Any], fit: Fit | None) -> Non
         line = np.geomspace(*fit.span, 50)
         values = float(fit(middle)) + value.beta * np.log10(line / middle)
         label = plain(f"published β = {value.beta:g} ({value.source})")
-        axes.plot(line, values, color=BLACK, lw=1.2, ls=("--", ":", "-.")[number % 3], zorder=4, label=label)
+        axes.plot(
+            line,
+            values,
+            color=BLACK,
+            lw=1.2,
+            ls=("--", ":", "-.")[number % 3],
+            zorder=4,
+            label=label,
+        )
 
 
 def _value(scene: Mapping[str, Any], path: str) -> Any:
@@ -79,7 +89,11 @@ def _value(scene: Mapping[str, Any], path: str) -> Any:
 
 
 def _same(values: Any, expected: Any) -> bool:
-    if isinstance(expected, float | int) and isinstance(values, float | int) and not isinstance(values, bool):
+    if (
+        isinstance(expected, float | int)
+        and isinstance(values, float | int)
+        and not isinstance(values, bool)
+    ):
         return math.isclose(values, expected, rel_tol=1e-6)
     return values == expected
 
@@ -89,7 +103,9 @@ class AgingOfScene(AgingDisplay):
     """An ageing curve with what is known of its surface, and with what was published about its ``scene``."""
 
     def __init__(self, aging: Aging, run: Run | None = None) -> None:
-        super().__init__(aging, run.window, run.name) if run is not None else super().__init__(aging)
+        super().__init__(
+            aging, run.window, run.name
+        ) if run is not None else super().__init__(aging)
         self._scene = {} if run is None else run.scene
 
     @property
@@ -133,27 +149,46 @@ class RunDisplay(Result):
 
     def facts(self) -> Rows:
         scene = self.run.scene
-        facts = [(section, f"{scene[section]['kind']}, {words}") for section, words in self._stages()]
-        facts += [(section, options_text(scene[section])) for section in registry.current().owners if section in scene]
+        facts = [
+            (section, f"{scene[section]['kind']}, {words}")
+            for section, words in self._stages()
+        ]
+        facts += [
+            (section, options_text(scene[section]))
+            for section in registry.current().owners
+            if section in scene
+        ]
         facts += self.aging.facts() if self.aging is not None else []
         facts += [(f"plugin {name}", source) for name, source in self.plugins.items()]
         return facts
 
     def remarks(self) -> Rows:
-        return [*super().remarks(), *([("wall time", self._timings())] if self.run.timings else [])]
+        return [
+            *super().remarks(),
+            *([("wall time", self._timings())] if self.run.timings else []),
+        ]
 
     def _stages(self) -> Rows:
         return [("surface", self.contact.extent()), ("contact", self.contact.solved())]
 
     def quantities(self) -> list[Quantity]:
-        aged = self.run.aging.quantities(self.run.window) if self.run.aging is not None else []
+        aged = (
+            self.run.aging.quantities(self.run.window)
+            if self.run.aging is not None
+            else []
+        )
         return [*self.contact.quantities(), *aged]
 
     def curves(self) -> list[Curve]:
-        return [*(self.aging.curves() if self.aging is not None else ()), *self.contact.curves()]
+        return [
+            *(self.aging.curves() if self.aging is not None else ()),
+            *self.contact.curves(),
+        ]
 
     def _timings(self) -> str:
-        return ", ".join(f"{stage} {seconds:.2f} s" for stage, seconds in self.run.timings.items())
+        return ", ".join(
+            f"{stage} {seconds:.2f} s" for stage, seconds in self.run.timings.items()
+        )
 
     def numbers(self) -> dict[str, Any]:
         return self.run.summary()
@@ -168,9 +203,15 @@ class RunDisplay(Result):
         return {name: part for name, part in parts.items() if part is not None}
 
     def pictures(self) -> dict[str, Picture]:
-        found = {name: picture for part in self.parts().values() for name, picture in part.pictures().items()}
+        found = {
+            name: picture
+            for part in self.parts().values()
+            for name, picture in part.pictures().items()
+        }
         if self.aging is not None and "friction" in found:
-            approximate = f"\napproximate: {self.approximation}" if self.approximation else ""
+            approximate = (
+                f"\napproximate: {self.approximation}" if self.approximation else ""
+            )
             title = f"{self.title}, {self.aging.record.temperature:g} K{approximate}"
             found["friction"] = replace(found["friction"], title=title)
         return found
@@ -182,19 +223,32 @@ class RunDisplay(Result):
         return {"scene": self.scene, "aging": self.run.aging}
 
     def maps(self) -> Mapping[str, Any]:
-        return {name: whole for part in self.parts().values() for name, whole in part.maps().items()}
+        return {
+            name: whole
+            for part in self.parts().values()
+            for name, whole in part.maps().items()
+        }
 
     def provenance(self) -> Rows:
         run, scene = self.run, self.run.scene
         return [
             ("seed of the surface", str(scene.get("surface", {}).get("seed", NONE))),
-            ("seed of disorder and kinetics", str(scene.get("hold", {}).get("seed", NONE))),
+            (
+                "seed of disorder and kinetics",
+                str(scene.get("hold", {}).get("seed", NONE)),
+            ),
             ("solver", f"{scene['contact']['kind']}, {self.contact.solved()}"),
             ("wall time", self._timings() or NONE),
-            *((f"version of {name}", version) for name, version in run.versions.items()),
+            *(
+                (f"version of {name}", version)
+                for name, version in run.versions.items()
+            ),
             *super().provenance(),
             *((f"key of stage {stage}", value) for stage, value in run.keys.items()),
-            *((f"content hash of {name}", part.digest()) for name, part in run.parts().items()),
+            *(
+                (f"content hash of {name}", part.digest())
+                for name, part in run.parts().items()
+            ),
         ]
 
     def ageing(self) -> Ageing:
@@ -206,10 +260,16 @@ class RunDisplay(Result):
 
 def options_text(options: Mapping[str, Any]) -> str:
     """The options of a section in one line, its kind first."""
-    return ", ".join(str(value) if name == "kind" else f"{name} {value}" for name, value in options.items())
+    return ", ".join(
+        str(value) if name == "kind" else f"{name} {value}"
+        for name, value in options.items()
+    )
 
 
 def chemistry_of_scene(scene: Mapping[str, Any], temperature: float) -> dict[str, Any]:
     """The sections of a scene that determine the kinetics of the sites, and the temperature."""
     sections = ("forming", "breaking", "interaction", "chemistry")
-    return {**{name: scene[name] for name in sections if name in scene}, "temperature": temperature}
+    return {
+        **{name: scene[name] for name in sections if name in scene},
+        "temperature": temperature,
+    }

@@ -36,7 +36,11 @@ from chemage.scene.scene import Scene
 
 def section_names() -> list[str]:
     """Every section and top-level entry that a scene may have."""
-    sections = [name for stage in registry.current().stages() for name in (*stage.parts, stage.section)]
+    sections = [
+        name
+        for stage in registry.current().stages()
+        for name in (*stage.parts, stage.section)
+    ]
     return [*TOP, *sections, *BOTTOM]
 
 
@@ -64,20 +68,32 @@ class _Parser:
         self.problems: list[tuple[str, str]] = []
         #: what stages are given, see chemage.plugins.hooks
         self.parts: dict[str, Any] = {}
-        if not isinstance(data, Mapping) or not all(isinstance(name, str) for name in data):
-            raise SceneError(source, [("", f"{shown(data)} is not a table of sections")])
+        if not isinstance(data, Mapping) or not all(
+            isinstance(name, str) for name in data
+        ):
+            raise SceneError(
+                source, [("", f"{shown(data)} is not a table of sections")]
+            )
         try:
             check_data(dict(data), MOST_NAMES)
         except InputError as error:
             raise SceneError(source, error.problems) from None
-        self.data, self.material, self.from_material = self._with_material(in_words(data))
+        self.data, self.material, self.from_material = self._with_material(
+            in_words(data)
+        )
 
-    def _with_material(self, data: Mapping[str, Any]) -> tuple[dict[str, Any], str, tuple[MaterialValue, ...]]:
+    def _with_material(
+        self, data: Mapping[str, Any]
+    ) -> tuple[dict[str, Any], str, tuple[MaterialValue, ...]]:
         try:
             data_filled, material, values = filled(data)
         except UnknownKindError as error:
             self.problems.append(("material", str(error)))
-            return {name: part for name, part in data.items() if name != "material"}, "", ()
+            return (
+                {name: part for name, part in data.items() if name != "material"},
+                "",
+                (),
+            )
         return data_filled, material.name if material is not None else "", values
 
     def scene(self) -> Scene:
@@ -95,7 +111,11 @@ class _Parser:
         if not self.problems:
             try:
                 return Scene(
-                    **{name: self.data[name] for name in ("name", "title") if name in self.data},
+                    **{
+                        name: self.data[name]
+                        for name in ("name", "title")
+                        if name in self.data
+                    },
                     **Scene.fields_of(self.parts),
                     plugins=options,
                     prefer=prefer,
@@ -104,24 +124,40 @@ class _Parser:
                 )
             except InputError as error:
                 paths = {
-                    beside.field: f"{stage.section}.{name}" for stage in stages for name, beside in stage.beside.items()
+                    beside.field: f"{stage.section}.{name}"
+                    for stage in stages
+                    for name, beside in stage.beside.items()
                 }
-                self.problems += [(paths.get(path, path), message) for path, message in error.problems]
+                self.problems += [
+                    (paths.get(path, path), message) for path, message in error.problems
+                ]
         raise SceneError(self.source, self.problems)
 
     def _take(self, path: str, error: ChemageError) -> None:
         inner = error.problems if isinstance(error, InputError) else []
-        self.problems += [(f"{path}.{name}" if name else path, text) for name, text in inner] or [(path, str(error))]
+        self.problems += [
+            (f"{path}.{name}" if name else path, text) for name, text in inner
+        ] or [(path, str(error))]
 
     # -- sections -----------------------------------------------------------------------------------------------------
 
     def _read(self, stage: Stage) -> None:
         """The parts of one stage."""
-        tables = {name: self._table(name) for name in (*stage.parts, stage.section) if not stage.many}
+        tables = {
+            name: self._table(name)
+            for name in (*stage.parts, stage.section)
+            if not stage.many
+        }
         names = [name for name in (*stage.parts, stage.section) if name in self.data]
         if stage.needs and stage.needs not in self.data:
-            missing = {name: text for each in registry.current().stages() for name, text in each.missing.items()}
-            text = missing.get(stage.needs, f"needs [{stage.needs}]; add it, or leave this out")
+            missing = {
+                name: text
+                for each in registry.current().stages()
+                for name, text in each.missing.items()
+            }
+            text = missing.get(
+                stage.needs, f"needs [{stage.needs}]; add it, or leave this out"
+            )
             self.problems += [(name, text) for name in names]
             return
         if stage.many:
@@ -129,11 +165,20 @@ class _Parser:
             return
         if stage.section not in self.data:
             if stage.required:
-                self.problems.append((stage.section, "is required; every scene needs a surface and a contact"))
+                self.problems.append(
+                    (
+                        stage.section,
+                        "is required; every scene needs a surface and a contact",
+                    )
+                )
             elif stage.required_with and stage.required_with[0] in self.data:
                 self.problems.append((stage.section, stage.required_with[1]))
         options = tables[stage.section]
-        beside = {name: options.pop(name, None) for name in stage.beside} if options is not None else {}
+        beside = (
+            {name: options.pop(name, None) for name in stage.beside}
+            if options is not None
+            else {}
+        )
         for name, role in stage.parts.items():
             if (table := tables[name]) is not None:
                 self._set(name, self._component(role, name, table))
@@ -141,7 +186,10 @@ class _Parser:
             self._set(stage.section, self._value(stage, options or {}))
         for name, value in beside.items():
             try:
-                self._set(f"{stage.section}.{name}", stage.read_beside(name, value, self.parts))
+                self._set(
+                    f"{stage.section}.{name}",
+                    stage.read_beside(name, value, self.parts),
+                )
             except ChemageError as error:
                 text = str(error).removeprefix(f"{name} = ").removeprefix(f"{name}: ")
                 self.problems.append((f"{stage.section}.{name}", text))
@@ -154,13 +202,20 @@ class _Parser:
         section = self.data.get(name)
         if section is None or isinstance(section, Mapping):
             return None if section is None else dict(section)
-        self.problems.append((name, f"{shown(section)} is not a section; write [{name}] with options below it"))
+        self.problems.append(
+            (
+                name,
+                f"{shown(section)} is not a section; write [{name}] with options below it",
+            )
+        )
         return None
 
     def _read_many(self, stage: Stage) -> None:
         items, name = self.data.get(stage.section, []), stage.section
         if not isinstance(items, list):
-            self.problems.append((name, f"write each {stage.role} as [[{name}]] with its kind"))
+            self.problems.append(
+                (name, f"write each {stage.role} as [[{name}]] with its kind")
+            )
             return
         components = []
         for number, item in enumerate(items):
@@ -168,7 +223,12 @@ class _Parser:
             if isinstance(item, Mapping):
                 components.append(self._component(stage.role, path, dict(item)))
             else:
-                self.problems.append((path, f"{shown(item)} is not a section; write [[{name}]] with its kind"))
+                self.problems.append(
+                    (
+                        path,
+                        f"{shown(item)} is not a section; write [[{name}]] with its kind",
+                    )
+                )
         if components:
             self.parts[name] = tuple(components)
 
@@ -180,14 +240,22 @@ class _Parser:
         if model is None:
             return self._made(stage.make, stage, options)
         for part in [part for part in stage.parts if part in options]:
-            self.problems.append((f"{name}.{part}", f"is a section of its own; write [{part}]"))
+            self.problems.append(
+                (f"{name}.{part}", f"is a section of its own; write [{part}]")
+            )
             del options[part]
         parts = {part: self.parts[part] for part in stage.parts if part in self.parts}
-        if any(part not in parts for part in stage.parts if model.model_fields[part].is_required()):
+        if any(
+            part not in parts
+            for part in stage.parts
+            if model.model_fields[part].is_required()
+        ):
             return None  # what is wrong with it is said
         return self._made(partial(model, **parts), stage, options)
 
-    def _made(self, make: Callable[..., Any], stage: Stage, options: dict[str, Any]) -> Any:
+    def _made(
+        self, make: Callable[..., Any], stage: Stage, options: dict[str, Any]
+    ) -> Any:
         """What ``make`` returns; None, and what is wrong is noted, where it refuses the options."""
         model, name = stage.model(), stage.section
         try:
@@ -196,24 +264,32 @@ class _Parser:
             self._take(name, error)
         return None
 
-    def _component(self, role: str, path: str, options: dict[str, Any]) -> Component | None:
+    def _component(
+        self, role: str, path: str, options: dict[str, Any]
+    ) -> Component | None:
         plugins = registry.current()
         kind = options.pop("kind", None)
         if not isinstance(kind, str):
             installed = ", ".join(plugins.kinds(role)) or "none"
-            self.problems.append((f"{path}.kind", f"is required; installed: {installed}"))
+            self.problems.append(
+                (f"{path}.kind", f"is required; installed: {installed}")
+            )
             return None
         try:
             return plugins.make(role, kind, options)
         except PluginError:
             raise
         except ChemageError as error:
-            self._take(path if getattr(error, "problems", None) else f"{path}.kind", error)
+            self._take(
+                path if getattr(error, "problems", None) else f"{path}.kind", error
+            )
             return None
 
     # -- plugins ------------------------------------------------------------------------------------------------------
 
-    def _plugins(self, section: Any) -> tuple[tuple[str, ...], dict[str, PluginOptions]]:
+    def _plugins(
+        self, section: Any
+    ) -> tuple[tuple[str, ...], dict[str, PluginOptions]]:
         options: dict[str, PluginOptions] = {}
         if not isinstance(section, Mapping):
             text = f"{section!r} is not a section; write [plugins.NAME] with options below it"
@@ -221,8 +297,12 @@ class _Parser:
             return (), options
         prefer = section.get("prefer", [])
         try:
-            if not isinstance(prefer, list | tuple) or not all(isinstance(name, str) for name in prefer):
-                raise InputError(f'{shown(prefer)}: give a list of names of plugins, such as ["my-plugin"]')
+            if not isinstance(prefer, list | tuple) or not all(
+                isinstance(name, str) for name in prefer
+            ):
+                raise InputError(
+                    f'{shown(prefer)}: give a list of names of plugins, such as ["my-plugin"]'
+                )
             registry.current().check_preference(prefer, "it")
         except InputError as error:
             self.problems.append(("plugins.prefer", str(error)))
@@ -232,7 +312,12 @@ class _Parser:
             if name == "prefer":
                 continue
             if not isinstance(table, Mapping):
-                self.problems.append((path, f"{table!r} is not a section; write [{path}] with options below it"))
+                self.problems.append(
+                    (
+                        path,
+                        f"{table!r} is not a section; write [{path}] with options below it",
+                    )
+                )
                 continue
             try:
                 options[name] = options_for(name, table)
@@ -242,7 +327,9 @@ class _Parser:
 
 
 #: a key of TOML with too many parts
-_DEEP_KEY = re.compile(rf"""(?<![\w-])(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){{{DEEPEST + 1}}}""")
+_DEEP_KEY = re.compile(
+    rf"""(?<![\w-])(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){{{DEEPEST + 1}}}"""
+)
 
 #: fields and sections that no title is about
 _UNTITLED = {"name", "title", "seed", "replicas", "ensemble", "accuracy"}
@@ -254,7 +341,9 @@ def installed_text(name: str) -> str:
     try:
         return registry.scene_text(target)
     except Exception as error:  # whatever importing another's package raises
-        raise PluginError(f"the installed scene {name!r} ({target}) cannot be read: {error}") from error
+        raise PluginError(
+            f"the installed scene {name!r} ({target}) cannot be read: {error}"
+        ) from error
 
 
 def scene_data(where: str | Path) -> tuple[dict[str, Any], str]:
@@ -284,7 +373,9 @@ def _parsed(where: str | Path) -> tuple[dict[str, Any], str, Path | None]:
         except StoreError as error:
             raise StoreError(f"{error}: it cannot be read as a scene") from None
     data = parse_toml(text, source)
-    data.setdefault("name", os.fsencode(path.stem).decode(errors="replace"))  # also where the locale is ASCII
+    data.setdefault(
+        "name", os.fsencode(path.stem).decode(errors="replace")
+    )  # also where the locale is ASCII
     return data, source, folder
 
 
@@ -303,12 +394,21 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
     SceneError
         It is not TOML, or nested too deeply, or holds numbers or texts that are too large.
     """
-    if _DEEP_KEY.search(text):  # tomllib takes a time that grows with the square of the length of a key
-        raise SceneError(source, [("", f"a key of more than {DEEPEST} parts; write it flatter")])
+    if _DEEP_KEY.search(
+        text
+    ):  # tomllib takes a time that grows with the square of the length of a key
+        raise SceneError(
+            source, [("", f"a key of more than {DEEPEST} parts; write it flatter")]
+        )
     try:
         data = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # also whole numbers of thousands of digits
-        raise SceneError(source, [("", f"not valid TOML: {shortened(error, 300)}")]) from None
+    except (
+        ValueError,
+        RecursionError,
+    ) as error:  # also whole numbers of thousands of digits
+        raise SceneError(
+            source, [("", f"not valid TOML: {shortened(error, 300)}")]
+        ) from None
     try:
         check_data(data, MOST_NAMES)
     except InputError as error:
@@ -326,20 +426,29 @@ def located(data: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     plugins, axes = data.get("plugins"), data.get("sweep")
     if isinstance(plugins, Mapping):
         options = {name: _options_classes(name) for name in plugins}
-        copy["plugins"] = {name: _in_options(table, folder, options[name]) for name, table in plugins.items()}
+        copy["plugins"] = {
+            name: _in_options(table, folder, options[name])
+            for name, table in plugins.items()
+        }
     if isinstance(axes, Mapping):
         copy["sweep"] = _located_axes(axes, folder, data, "")
     return copy
 
 
-def _located_axes(axes: Mapping[str, Any], folder: Path, data: Mapping[str, Any], prefix: str) -> dict[str, Any]:
+def _located_axes(
+    axes: Mapping[str, Any], folder: Path, data: Mapping[str, Any], prefix: str
+) -> dict[str, Any]:
     """Axes of a sweep, nested or dotted, of the scene ``data``."""
     copy: dict[str, Any] = {}
     for name, value in axes.items():
         path = f"{prefix}{name}"
         if path == "zip" and isinstance(value, list):
             groups = [group if isinstance(group, Mapping) else {} for group in value]
-            copy[name] = [_located_axes(group, folder, data, "") for group in groups] if all(groups) else value
+            copy[name] = (
+                [_located_axes(group, folder, data, "") for group in groups]
+                if all(groups)
+                else value
+            )
         elif isinstance(value, Mapping):
             copy[name] = _located_axes(value, folder, data, f"{path}.")
         elif isinstance(value, list):
@@ -354,7 +463,11 @@ def _located_at(path: str, value: Any, folder: Path, data: Mapping[str, Any]) ->
     section, *options = path.split(".")
     if not isinstance(value, str | Mapping | list):
         return value
-    kind = {"kind": data[section]["kind"]} if options and "kind" in (data.get(section) or ()) else {}
+    kind = (
+        {"kind": data[section]["kind"]}
+        if options and "kind" in (data.get(section) or ())
+        else {}
+    )
     table = value
     for number, option in enumerate(reversed(options), 1):
         table = {**(kind if number == len(options) else {}), option: table}
@@ -367,7 +480,9 @@ def _located_at(path: str, value: Any, folder: Path, data: Mapping[str, Any]) ->
 def _located(table: Any, folder: Path, section: str) -> Any:
     """The content of a section."""
     for stage in registry.current().stages():
-        if role := stage.parts.get(section, "") or (stage.role if stage.section == section else ""):
+        if role := stage.parts.get(section, "") or (
+            stage.role if stage.section == section else ""
+        ):
             return _in_component(table, folder, role)
         if stage.section == section and (model := stage.model()) is not None:
             return _in_options(table, folder, [model])
@@ -381,7 +496,9 @@ def _in_component(table: Any, folder: Path, role: str) -> Any:
         return table
     kind = table.get("kind")
     own = _kinds(role, kind) if isinstance(kind, str) else []
-    complete = all(any(name in cls.model_fields for cls in own) for name in table if name != "kind")
+    complete = all(
+        any(name in cls.model_fields for cls in own) for name in table if name != "kind"
+    )
     return _in_options(table, folder, own if complete else _kinds(role))
 
 
@@ -431,7 +548,11 @@ def override(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, A
     changed, unless ``changes`` has another.
     """
     copy = deepcopy(dict(data))
-    if any(path.partition(".")[0] not in _UNTITLED and path.rpartition(".")[2] not in _UNTITLED for path in changes):
+    if any(
+        path.partition(".")[0] not in _UNTITLED
+        and path.rpartition(".")[2] not in _UNTITLED
+        for path in changes
+    ):
         copy.pop("title", None)
     for path, value in changes.items():
         *parents, last = path.split(".")
@@ -439,9 +560,16 @@ def override(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, A
         if value is None and parents and parents[0] not in copy:
             continue
         for name in parents:
-            place = place[_position(path, name, place)] if isinstance(place, list) else place.setdefault(name, {})
+            place = (
+                place[_position(path, name, place)]
+                if isinstance(place, list)
+                else place.setdefault(name, {})
+            )
             if not isinstance(place, dict | list):
-                raise InputError(f"{path}: {name!r} is a value, not a section", [(path, f"{name!r} is a value")])
+                raise InputError(
+                    f"{path}: {name!r} is a value, not a section",
+                    [(path, f"{name!r} is a value")],
+                )
         if isinstance(place, list):
             number = _position(path, last, place)
             place[number : number + 1] = [] if value is None else [deepcopy(value)]
@@ -463,11 +591,31 @@ def named(text: str, name: str) -> str:
     """The text of a scene with another name, and without its title; everything else, comments included, stays."""
     lines = text.splitlines()
     line = f"name = {json.dumps(name, ensure_ascii=False)}"
-    top = next((at for at, written in enumerate(lines) if written.lstrip().startswith("[")), len(lines))
-    lines[:top] = [written for written in lines[:top] if written.partition("=")[0].strip() != "title"]
-    old = next((at for at, written in enumerate(lines[:top]) if written.partition("=")[0].strip() == "name"), None)
+    top = next(
+        (at for at, written in enumerate(lines) if written.lstrip().startswith("[")),
+        len(lines),
+    )
+    lines[:top] = [
+        written
+        for written in lines[:top]
+        if written.partition("=")[0].strip() != "title"
+    ]
+    old = next(
+        (
+            at
+            for at, written in enumerate(lines[:top])
+            if written.partition("=")[0].strip() == "name"
+        ),
+        None,
+    )
     if old is None:
-        lines.insert(next((at for at, written in enumerate(lines) if not written.startswith("#")), 0), line)
+        lines.insert(
+            next(
+                (at for at, written in enumerate(lines) if not written.startswith("#")),
+                0,
+            ),
+            line,
+        )
     else:
         lines[old] = line
     return "\n".join(lines) + "\n"
@@ -478,7 +626,10 @@ def is_sweep(where: str | Path) -> bool:
     return "sweep" in _parsed(where)[0]
 
 
-def load_scene(where: Scene | str | Path | Mapping[str, Any], changes: Mapping[str, Any] | None = None) -> Scene:
+def load_scene(
+    where: Scene | str | Path | Mapping[str, Any],
+    changes: Mapping[str, Any] | None = None,
+) -> Scene:
     """A validated scene from a TOML file, the name of an installed scene, scene data or another scene, with dotted-path
     ``changes`` applied."""
     if isinstance(where, Scene):
@@ -486,9 +637,21 @@ def load_scene(where: Scene | str | Path | Mapping[str, Any], changes: Mapping[s
             return where
         scene = parse_scene(override(where.todict(), changes))
         # what the material gave is written out in the data
-        return scene.model_copy(update={"material": where.material, "from_material": where.from_material})
-    data, source = (where, "the scene") if isinstance(where, Mapping) else scene_data(where)
+        return scene.model_copy(
+            update={"material": where.material, "from_material": where.from_material}
+        )
+    data, source = (
+        (where, "the scene") if isinstance(where, Mapping) else scene_data(where)
+    )
     data = override(data, changes or {})
     if "sweep" in data:
-        raise SceneError(source, [("sweep", "this scene is a sweep of many; use chemage.sweep, or `chemage run`")])
+        raise SceneError(
+            source,
+            [
+                (
+                    "sweep",
+                    "this scene is a sweep of many; use chemage.sweep, or `chemage run`",
+                )
+            ],
+        )
     return parse_scene(data, source)

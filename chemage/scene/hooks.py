@@ -37,7 +37,8 @@ class _Fit(Stage):
 
         if self.section not in parts:
             return
-        window, times = (parts[self.section].start, parts[self.section].stop), parts["hold"].hold_times
+        window = (parts[self.section].start, parts[self.section].stop)
+        times = parts["hold"].hold_times
         used = times[within(times, window) & (times > 0)]
         if reason := why_not_fitted(times, window):
             yield Doubt("fit", f"beta will not be fitted: {reason}")

@@ -14,7 +14,15 @@ from typing import Annotated, Any
 
 from pydantic import TypeAdapter, ValidationError
 
-from chemage.foundation.errors import ChemageError, InputError, PluginError, UnknownKindError, explain, nearest, shown
+from chemage.foundation.errors import (
+    ChemageError,
+    InputError,
+    PluginError,
+    UnknownKindError,
+    explain,
+    nearest,
+    shown,
+)
 from chemage.foundation.files import check_data
 from chemage.foundation.text import html_table
 from chemage.lattices.chemistry import Chemistry
@@ -80,7 +88,11 @@ class Material:
 
     def options(self, section: str) -> dict[str, Any]:
         """The values in one section of a scene: ``ca.contact(kind, **silica.options("contact"))``."""
-        return {entry.option: entry.value for entry in self.values if entry.section == section}
+        return {
+            entry.option: entry.value
+            for entry in self.values
+            if entry.section == section
+        }
 
     def chemistry(self, **changes: Any) -> Chemistry:
         """The :class:`chemage.Chemistry` of the material, with ``changes`` to its options.
@@ -93,7 +105,10 @@ class Material:
         parts = {
             name: registry.current().fromdict(role, self.options(name))
             for name, role in filled_sections().items()
-            if role and name in Chemistry.model_fields and name not in changes and self.options(name)
+            if role
+            and name in Chemistry.model_fields
+            and name not in changes
+            and self.options(name)
         }
         return Chemistry(**{**parts, **self.options("chemistry"), **changes})
 
@@ -104,8 +119,17 @@ class Material:
 
     def todict(self) -> dict[str, Any]:
         """Plain JSON values."""
-        values = [{"path": entry.path, **{name: getattr(entry, name) for name in _ENTRIES}} for entry in self.values]
-        return {"name": self.name, "title": self.title, "about": self.about, "from": self.source, "values": values}
+        values = [
+            {"path": entry.path, **{name: getattr(entry, name) for name in _ENTRIES}}
+            for entry in self.values
+        ]
+        return {
+            "name": self.name,
+            "title": self.title,
+            "about": self.about,
+            "from": self.source,
+            "values": values,
+        }
 
     def toml(self) -> str:
         """The sections of a scene that the material fills, with the source of each value as a comment."""
@@ -115,23 +139,37 @@ class Material:
             if values:
                 lines += ["", f"[{section}]"]
             for entry in values:
-                lines.append(f"# {entry.how}: {entry.source}" + (f"; {entry.note}" if entry.note else ""))
+                lines.append(
+                    f"# {entry.how}: {entry.source}"
+                    + (f"; {entry.note}" if entry.note else "")
+                )
                 lines.append(f"{entry.option} = {_toml_value(entry.value)}")
         return "\n".join(lines) + "\n"
 
     def _repr_html_(self) -> str:
-        rows = ((entry.path, entry.text, entry.how, entry.source, entry.note) for entry in self.values)
+        rows = (
+            (entry.path, entry.text, entry.how, entry.source, entry.note)
+            for entry in self.values
+        )
         return html_table(f"material {self.name}: {self.title}", rows)
 
 
 def _toml_value(value: Any) -> str:
     import tomli_w
 
-    return tomli_w.dumps({"x": value}).partition(" = ")[2].strip() if not isinstance(value, Mapping) else _inline(value)
+    return (
+        tomli_w.dumps({"x": value}).partition(" = ")[2].strip()
+        if not isinstance(value, Mapping)
+        else _inline(value)
+    )
 
 
 def _inline(table: Mapping[str, Any]) -> str:
-    return "{ " + ", ".join(f"{name} = {_toml_value(value)}" for name, value in table.items()) + " }"
+    return (
+        "{ "
+        + ", ".join(f"{name} = {_toml_value(value)}" for name, value in table.items())
+        + " }"
+    )
 
 
 def material(name: str) -> Material:
@@ -148,7 +186,9 @@ def material(name: str) -> Material:
     targets = plugins.materials()
     if not isinstance(name, str) or name not in targets:
         installed = f"installed: {', '.join(sorted(targets)) or 'none'}"
-        raise UnknownKindError(f"no material {shown(name)}{nearest(str(name)[:200], list(targets))}; {installed}")
+        raise UnknownKindError(
+            f"no material {shown(name)}{nearest(str(name)[:200], list(targets))}; {installed}"
+        )
     record, target = plugins.target("materials", name)
     where = f"material {name!r} of plugin {record.name!r} ({record.source}): {target}"
     try:
@@ -172,25 +212,43 @@ def _read(name: str, data: Mapping[str, Any], source: str) -> Material:
                 f"{section}: no such section{nearest(section, names)}; the sections are {', '.join(names)}"
             )
         if not isinstance(options, Mapping):
-            raise InputError(f"{section}: write each value as [{section}.NAME] with value, how and source below it")
-        values += [_value(f"{section}.{option}", entry) for option, entry in options.items()]
+            raise InputError(
+                f"{section}: write each value as [{section}.NAME] with value, how and source below it"
+            )
+        values += [
+            _value(f"{section}.{option}", entry) for option, entry in options.items()
+        ]
     if not values:
         raise InputError("has no values")
-    return Material(name, data.get("title", ""), data.get("about", ""), tuple(values), source)
+    return Material(
+        name, data.get("title", ""), data.get("about", ""), tuple(values), source
+    )
 
 
 def _value(path: str, entry: Any) -> MaterialValue:
     if not isinstance(entry, Mapping) or "value" not in entry:
         raise InputError(f"{path}: write [{path}] with value, how and source below it")
     if unknown := [name for name in entry if name not in _ENTRIES]:
-        raise InputError(f"{path}.{unknown[0]}: no such entry; the entries are {', '.join(_ENTRIES)}")
+        raise InputError(
+            f"{path}.{unknown[0]}: no such entry; the entries are {', '.join(_ENTRIES)}"
+        )
     if entry.get("how") not in HOW:
-        raise InputError(f"{path}.how = {shown(entry.get('how'))}: give one of {', '.join(HOW)}")
+        raise InputError(
+            f"{path}.how = {shown(entry.get('how'))}: give one of {', '.join(HOW)}"
+        )
     for text in ("source", "note"):
         words = entry.get(text, "")
         if not isinstance(words, str) or (text == "source" and not words.strip()):
-            raise InputError(f"{path}.{text}: give a text, such as the paper in which the value is")
-    return MaterialValue(path, entry["value"], entry["how"], entry["source"].strip(), entry.get("note", "").strip())
+            raise InputError(
+                f"{path}.{text}: give a text, such as the paper in which the value is"
+            )
+    return MaterialValue(
+        path,
+        entry["value"],
+        entry["how"],
+        entry["source"].strip(),
+        entry.get("note", "").strip(),
+    )
 
 
 def material_problems(name: str | None = None) -> list[str]:
@@ -222,7 +280,10 @@ def problems_of(material: Material) -> list[str]:
                 plugins.fromdict(role, options)
             except ChemageError as error:
                 problems.append(f"{section}: {error}")
-    return [f"material {material.name!r} ({material.source}): {problem}" for problem in problems]
+    return [
+        f"material {material.name!r} ({material.source}): {problem}"
+        for problem in problems
+    ]
 
 
 def _contact_problems(path: str, name: str, value: Any) -> list[str]:
@@ -230,17 +291,25 @@ def _contact_problems(path: str, name: str, value: Any) -> list[str]:
     if name in ("kind", "load"):
         return [f"{path}: is no property of a material"]
     having = [
-        cls for kind in plugins.kinds("contact") if name in (cls := plugins.component("contact", kind)).model_fields
+        cls
+        for kind in plugins.kinds("contact")
+        if name in (cls := plugins.component("contact", kind)).model_fields
     ]
     if not having:
         return [f"{path}: no installed contact has this option"]
-    return list(dict.fromkeys(text for cls in having for text in _field_problems(path, cls, name, value)))
+    return list(
+        dict.fromkeys(
+            text for cls in having for text in _field_problems(path, cls, name, value)
+        )
+    )
 
 
 def _field_problems(path: str, cls: Any, name: str, value: Any) -> list[str]:
     names = [option for option in cls.model_fields if option not in filled_sections()]
     if name not in names:
-        return [f"{path}: no such option{nearest(name, names)}; the options are {', '.join(names)}"]
+        return [
+            f"{path}: no such option{nearest(name, names)}; the options are {', '.join(names)}"
+        ]
     info = cls.model_fields[name]
     kind: Any = info.annotation
     for mark in info.metadata:
@@ -254,7 +323,9 @@ def _field_problems(path: str, cls: Any, name: str, value: Any) -> list[str]:
     return []
 
 
-def filled(data: Mapping[str, Any]) -> tuple[dict[str, Any], Material | None, tuple[MaterialValue, ...]]:
+def filled(
+    data: Mapping[str, Any],
+) -> tuple[dict[str, Any], Material | None, tuple[MaterialValue, ...]]:
     """Scene data with the values of its ``material`` where the scene gives none; the material, and the values used.
 
     Sections of the chemistry are filled where the scene has bonds, that is [hold] or [forming]. A section whose kind is
@@ -276,22 +347,41 @@ def filled(data: Mapping[str, Any]) -> tuple[dict[str, Any], Material | None, tu
             del sections[section]
             continue
         table = sections.get(section, {})
-        values = {entry.option: entry for entry in chosen.values if entry.section == section}
-        if not values or not isinstance(table, Mapping) or not (bonds if section != "contact" else table):
+        values = {
+            entry.option: entry for entry in chosen.values if entry.section == section
+        }
+        if (
+            not values
+            or not isinstance(table, Mapping)
+            or not (bonds if section != "contact" else table)
+        ):
             continue
         fitting = _fitting(section, table, values)
-        own = {name: value for name, value in table.items() if value is not False or name not in fitting}
+        own = {
+            name: value
+            for name, value in table.items()
+            if value is not False or name not in fitting
+        }
         added = {name: entry for name, entry in fitting.items() if name not in table}
-        sections[section] = {**{name: entry.value for name, entry in added.items()}, **own}
+        sections[section] = {
+            **{name: entry.value for name, entry in added.items()},
+            **own,
+        }
         used += added.values()
     return sections, chosen, tuple(used)
 
 
-def _fitting(section: str, table: Mapping[str, Any], values: Mapping[str, MaterialValue]) -> dict[str, MaterialValue]:
+def _fitting(
+    section: str, table: Mapping[str, Any], values: Mapping[str, MaterialValue]
+) -> dict[str, MaterialValue]:
     """The values of a material that a section can use."""
     if section == "contact":
         try:
-            fields = registry.current().component("contact", table.get("kind", "")).model_fields
+            fields = (
+                registry.current()
+                .component("contact", table.get("kind", ""))
+                .model_fields
+            )
         except ChemageError:  # reported where the scene is read
             return {}
         return {name: entry for name, entry in values.items() if name in fields}

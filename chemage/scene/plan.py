@@ -36,12 +36,37 @@ MAP_BYTES = 16.0
 BYTES_PER_PIXEL = 24.0
 #: sizes that quantities have, whatever the option is called: unit -> (least, most, what they are, a remedy); 0 is fine
 USUAL: dict[str, tuple[float, float, str, str]] = {
-    "nm": (1e-3, 1e9, "lengths in contacts are between picometres and a metre", 'such as "0.45 nm" or "10 um"'),
-    "GPa": (1e-9, 2000.0, "moduli and strengths of solids are between 1 Pa and 2000 GPa", 'such as "35.3 GPa"'),
-    "Hz": (1e8, 1e16, "attempt frequencies are those of atoms, 1e12 to 1e14 Hz", 'such as "10 THz"'),
-    "nm**3": (0.0, 1.0, "activation volumes are a few atoms, 0.001 to 0.1 nm³", 'such as "6.4 angstrom**3"'),
+    "nm": (
+        1e-3,
+        1e9,
+        "lengths in contacts are between picometres and a metre",
+        'such as "0.45 nm" or "10 um"',
+    ),
+    "GPa": (
+        1e-9,
+        2000.0,
+        "moduli and strengths of solids are between 1 Pa and 2000 GPa",
+        'such as "35.3 GPa"',
+    ),
+    "Hz": (
+        1e8,
+        1e16,
+        "attempt frequencies are those of atoms, 1e12 to 1e14 Hz",
+        'such as "10 THz"',
+    ),
+    "nm**3": (
+        0.0,
+        1.0,
+        "activation volumes are a few atoms, 0.001 to 0.1 nm³",
+        'such as "6.4 angstrom**3"',
+    ),
     "eV": (0.0, 20.0, "barriers of bonds are 0.1 to 5 eV", 'such as "0.8 eV"'),
-    "1/nm**2": (1e-6, 100.0, "surfaces have some sites per nm²", 'such as "4.9 /nm**2"'),
+    "1/nm**2": (
+        1e-6,
+        100.0,
+        "surfaces have some sites per nm²",
+        'such as "4.9 /nm**2"',
+    ),
 }
 #: the same of forces in the options of a chemistry, which are those of one bond
 BOND_FORCES = (1e-3, 100.0, "bonds break at some nN", 'such as "3 nN"')
@@ -90,16 +115,22 @@ class Plan:
     #: bonds formed and broken per site of a replica
     events = _stated("chemistry", "events")
     #: peak memory of the contact, and of one replica, bytes
-    contact_bytes, replica_bytes = _stated("contact", "bytes"), _stated("ageing", "bytes")
+    contact_bytes = _stated("contact", "bytes")
+    replica_bytes = _stated("ageing", "bytes")
     #: of the gap, if the contact has one, and of the rupture law for all replicas, bytes
-    gap_bytes, rupture_bytes = _stated("contact", "gap_bytes", 0.0), _stated("rupture", "bytes", 0.0)
+    gap_bytes = _stated("contact", "gap_bytes", 0.0)
+    rupture_bytes = _stated("rupture", "bytes", 0.0)
 
     @property
     def sites(self) -> float | None:
         """Expected reactive sites in contact; without a chemistry, pixels."""
         if "chemistry" in self.stated:
             return self.stated["chemistry"].get("sites")
-        return self.area_fraction * self.pixels if self.area_fraction is not None and self.pixels else None
+        return (
+            self.area_fraction * self.pixels
+            if self.area_fraction is not None and self.pixels
+            else None
+        )
 
     @property
     def contact_file(self) -> float:
@@ -128,7 +159,11 @@ class Plan:
         """CPU seconds of the stages in these keys, but for those that contact and ageing state themselves."""
         stages = [stage for stage in registry.current().stages() if stage.key in keys]
         own = {"surface", "contact", "engine", "ageing"}
-        return sum(self._seconds(stage.section) or 0.0 for stage in stages if stage.section not in own)
+        return sum(
+            self._seconds(stage.section) or 0.0
+            for stage in stages
+            if stage.section not in own
+        )
 
     @property
     def kinetics_cpu_seconds(self) -> float | None:
@@ -139,7 +174,9 @@ class Plan:
     @property
     def kinetics_range(self) -> tuple[float, float] | None:
         """Least and most CPU seconds of all replicas, where no single number can be given."""
-        least, most = (self._seconds("ageing", f"cpu_seconds_{end}") for end in ("least", "most"))
+        least, most = (
+            self._seconds("ageing", f"cpu_seconds_{end}") for end in ("least", "most")
+        )
         return None if least is None or most is None else (least, most)
 
     @property
@@ -147,30 +184,47 @@ class Plan:
         """Why the time is a range, where it is one."""
         if self.kinetics_range is None:
             return ""
-        by = next(part for part in (self.scene.ageing, self.scene.engine) if part is not None)
-        return f"the cost of {by.role} {by.kind!r} depends on what happens during the run"
+        by = next(
+            part for part in (self.scene.ageing, self.scene.engine) if part is not None
+        )
+        return (
+            f"the cost of {by.role} {by.kind!r} depends on what happens during the run"
+        )
 
     @property
     def seconds_range(self) -> tuple[float, float] | None:
         """Least and most CPU seconds, where no single number can be given."""
         if self.kinetics_range is None or self.contact_cpu_seconds is None:
             return None
-        return self.contact_cpu_seconds + self.kinetics_range[0], self.contact_cpu_seconds + self.kinetics_range[1]
+        return self.contact_cpu_seconds + self.kinetics_range[
+            0
+        ], self.contact_cpu_seconds + self.kinetics_range[1]
 
     @property
     def at_once(self) -> int:
         """How many replicas run at the same time."""
         method = self.scene.ageing
-        if self.scene.hold is None or self.scene.engine is None or (method is not None and not method.replicates):
+        if (
+            self.scene.hold is None
+            or self.scene.engine is None
+            or (method is not None and not method.replicates)
+        ):
             return 1
-        return max(1, min(self.scene.hold.replicas, available() // self.scene.engine.concurrency()))
+        return max(
+            1,
+            min(
+                self.scene.hold.replicas, available() // self.scene.engine.concurrency()
+            ),
+        )
 
     def duration(self, *, most: bool = False) -> float | None:
         """Wall time of a run, s; None where a component gives no estimate. ``most``: of a range, its upper end."""
         contact, kinetics = self.contact_cpu_seconds, self.kinetics_cpu_seconds
         if contact is None or kinetics is None:
             return None
-        concurrent = self.at_once * (self.scene.engine.concurrency() if self.scene.engine is not None else 1)
+        concurrent = self.at_once * (
+            self.scene.engine.concurrency() if self.scene.engine is not None else 1
+        )
         kinetics = self.kinetics_range[1] if most and self.kinetics_range else kinetics
         return contact / available() + kinetics / min(concurrent, available())
 
@@ -185,26 +239,47 @@ class Plan:
             With the numbers and the remedy.
         """
         scene, grids, hold = self.scene, self.parts["grids"], self.scene.hold
-        asked = [stage for stage in registry.current().stages() if stage.asked(self.parts)]
+        asked = [
+            stage for stage in registry.current().stages() if stage.asked(self.parts)
+        ]
         made = {stage.makes for stage in asked if not stage.changes}
         for stage in asked:
             if stage.changes and stage.makes not in made:
                 problem = f"changes what this scene does not compute, {stage.makes!r}; leave it out"
                 raise InputError(f"[{stage.section}] {problem}")
-        grid = f"{self.surface.get('nx', 0):.0f} x {self.surface.get('ny', 0):.0f} pixels"
+        grid = (
+            f"{self.surface.get('nx', 0):.0f} x {self.surface.get('ny', 0):.0f} pixels"
+        )
         most = max(self.contact_bytes or 0.0, BYTES_PER_PIXEL * self.pixels)
         require(most, f"[surface] {grid}", "use fewer pixels")
         if hold is None:
             return
-        if grids and (scene.load > 0 or scene.contact.adheres):  # a contact has one pixel at least
+        if grids and (
+            scene.load > 0 or scene.contact.adheres
+        ):  # a contact has one pixel at least
             least = grids[1][0] * grids[1][1] / (grids[0][0] * grids[0][1])
-            require(BYTES_PER_SITE * least, f"[chemistry] {least:.3g} sites per pixel", "use a smaller site_density")
+            require(
+                BYTES_PER_SITE * least,
+                f"[chemistry] {least:.3g} sites per pixel",
+                "use a smaller site_density",
+            )
         times = hold.hold_times.size
-        on = f" on {grids[1][0]} x {grids[1][1]} sites" if grids and grids[1] != grids[0] else ""
-        remedy = "ask for fewer replicas, or fewer hold times" + (", or use a smaller site_density" if on else "")
-        most = kept_bytes(hold.replicas, times) + (self.replica_bytes or 0.0) * self.at_once
+        on = (
+            f" on {grids[1][0]} x {grids[1][1]} sites"
+            if grids and grids[1] != grids[0]
+            else ""
+        )
+        remedy = "ask for fewer replicas, or fewer hold times" + (
+            ", or use a smaller site_density" if on else ""
+        )
+        most = (
+            kept_bytes(hold.replicas, times)
+            + (self.replica_bytes or 0.0) * self.at_once
+        )
         most += self.rupture_bytes
-        require(most, f"[hold] {hold.replicas} replicas at {times} hold times{on}", remedy)
+        require(
+            most, f"[hold] {hold.replicas} replicas at {times} hold times{on}", remedy
+        )
 
     def doubts(self) -> list[Doubt]:
         """Everything to warn of before the scene runs.
@@ -219,7 +294,9 @@ class Plan:
             try:
                 doubts += stage.doubts(self.parts, self.stated)
             except InputError as error:
-                error.add_note(f"in the stage {stage.section!r} of scene {self.scene.name!r}")
+                error.add_note(
+                    f"in the stage {stage.section!r} of scene {self.scene.name!r}"
+                )
                 raise
         return [*doubts, *self._units()]
 
@@ -238,8 +315,12 @@ class Plan:
     def _units(self) -> Iterator[Doubt]:
         """Quantities of a size that nothing has."""
         for section, part in self.parts.items():
-            is_chemistry = isinstance(part, Component) and not part.role  # its parts are sections of their own
-            for path, component in [(section, part)] if is_chemistry else nested(part, section):
+            is_chemistry = (
+                isinstance(part, Component) and not part.role
+            )  # its parts are sections of their own
+            for path, component in (
+                [(section, part)] if is_chemistry else nested(part, section)
+            ):
                 yield from _unusual(path, component, bonds=is_chemistry)
 
     # -- what is shown ------------------------------------------------------------------------------------------------
@@ -256,8 +337,13 @@ class Plan:
         rows: dict[str, str] = {}
         for stage in registry.current().stages():
             if scene.material and not stage.required:
-                values = ", ".join(f"{value.path} = {value.text}" for value in scene.from_material)
-                rows.setdefault("material", f"{scene.material}: {values or 'the scene gives every value itself'}")
+                values = ", ".join(
+                    f"{value.path} = {value.text}" for value in scene.from_material
+                )
+                rows.setdefault(
+                    "material",
+                    f"{scene.material}: {values or 'the scene gives every value itself'}",
+                )
             rows |= stage.rows(self.parts, self.stated)
         return rows
 
@@ -267,12 +353,20 @@ class Plan:
         numbers: dict[str, float | None] = {}
         if self.pixels:
             # heights are noise and do not compress; a pressure map is as large as what carries pressure
-            carrying = 1.0 if self.area_fraction is None else min(1.0, 2 * self.area_fraction)
+            carrying = (
+                1.0 if self.area_fraction is None else min(1.0, 2 * self.area_fraction)
+            )
             file = (8 + 8 * carrying) * self.pixels + self.gap_bytes
-            numbers |= {"nx": self.surface["nx"], "ny": self.surface["ny"], "file": file}
+            numbers |= {
+                "nx": self.surface["nx"],
+                "ny": self.surface["ny"],
+                "file": file,
+            }
         if self.pixels or not self.has_map:
             numbers |= {"sites": self.sites, "area_fraction": self.area_fraction}
-        contact, kinetics, seconds = self.contact_cpu_seconds, self.kinetics_cpu_seconds, self.duration()
+        contact = self.contact_cpu_seconds
+        kinetics = self.kinetics_cpu_seconds
+        seconds = self.duration()
         if contact is not None and kinetics is not None:
             numbers["cpu_seconds"] = contact + kinetics
         if self.contact_bytes is not None and self.replica_bytes is not None:
@@ -282,7 +376,13 @@ class Plan:
         if seconds is not None:
             numbers |= {"seconds": seconds, "machine_speed": 1 / self.slowness}
         if self.seconds_range is not None:
-            numbers |= dict(zip(("cpu_seconds_least", "cpu_seconds_most"), self.seconds_range, strict=True))
+            numbers |= dict(
+                zip(
+                    ("cpu_seconds_least", "cpu_seconds_most"),
+                    self.seconds_range,
+                    strict=True,
+                )
+            )
         numbers["events"] = self.events
         return {name: value for name, value in numbers.items() if value is not None}
 
@@ -314,15 +414,29 @@ class Plan:
         if "area_fraction" in numbers:
             rows.append(("expected area fraction", f"{numbers['area_fraction']:.3g}"))
         else:
-            rows.append(("expected area fraction", "not known before the contact is solved"))
+            rows.append(
+                ("expected area fraction", "not known before the contact is solved")
+            )
         if "sites" in numbers:
-            rows.append(("expected sites", f"{numbers['sites']:.3g} in contact per replica"))
+            rows.append(
+                ("expected sites", f"{numbers['sites']:.3g} in contact per replica")
+            )
         if "events" in numbers:
-            rows.append(("expected events", f"about {numbers['events']:.2g} bonds formed and broken per site"))
+            rows.append(
+                (
+                    "expected events",
+                    f"about {numbers['events']:.2g} bonds formed and broken per site",
+                )
+            )
         if text := self.seconds_text():
             rows.append(("expected cost", text))
         if text and "machine_speed" in numbers:
-            rows.append(("speed of this machine", f"{numbers['machine_speed']:.2g} times the reference, measured once"))
+            rows.append(
+                (
+                    "speed of this machine",
+                    f"{numbers['machine_speed']:.2g} times the reference, measured once",
+                )
+            )
         if "memory" in numbers:
             rows.append(("expected memory", f"about {numbers['memory'] / 1e9:.2g} GB"))
         if "file" in numbers:
@@ -345,7 +459,9 @@ def cost(scene: Scene, *, here: bool = True) -> Plan:
     with scene.in_use():
         parts = scene.solved_parts
         for stage in registry.current().stages():
-            if stage.section not in parts and stage.section != "ageing":  # where there is no method, all sites age
+            if (
+                stage.section not in parts and stage.section != "ageing"
+            ):  # where there is no method, all sites age
                 continue
             try:
                 stated[stage.section] = stage.estimate(parts, stated)
@@ -353,7 +469,11 @@ def cost(scene: Scene, *, here: bool = True) -> Plan:
                 error.add_note(f"in [{stage.section}] of scene {scene.name!r}")
                 raise
         if "pixels" not in stated["contact"]:
-            stated["surface"] = {name: value for name, value in stated["surface"].items() if name not in _MAP}
+            stated["surface"] = {
+                name: value
+                for name, value in stated["surface"].items()
+                if name not in _MAP
+            }
         return Plan(scene, parts, stated, slowness() if here else 1.0)
 
 
@@ -383,17 +503,32 @@ def _unusual(path: str, component: Component, *, bonds: bool) -> Iterator[Doubt]
             continue
         if not usual[0] <= abs(value) <= usual[1]:
             text = f"{usual[2]}; a bare number is in {unit}, give another unit as text, {usual[3]}"
-            yield Doubt(f"unit of {path}.{name}", f"{path}.{name} = {value:g} {unit}: {text}")
+            yield Doubt(
+                f"unit of {path}.{name}", f"{path}.{name} = {value:g} {unit}: {text}"
+            )
         elif unit == "eV" and value < 0 and component.role == "barriers":
-            yield Doubt(f"unit of {path}.{name}", f"{path}.{name} = {value:g} eV: a barrier is not negative")
+            yield Doubt(
+                f"unit of {path}.{name}",
+                f"{path}.{name} = {value:g} eV: a barrier is not negative",
+            )
 
 
 def in_hours(seconds: float) -> str:
     """A long time in minutes, hours or days."""
     if seconds < LONG:
         return f"{seconds / 60:.2g} minutes"
-    return f"{seconds / 3600:.2g} hours" if seconds < 48 * 3600 else f"{seconds / 86400:.3g} days"
+    return (
+        f"{seconds / 3600:.2g} hours"
+        if seconds < 48 * 3600
+        else f"{seconds / 86400:.3g} days"
+    )
 
 
 def _time(seconds: float) -> str:
-    return in_hours(seconds) if seconds >= 120 else f"{seconds:.0f} s" if seconds >= 10 else f"{seconds:.2g} s"
+    return (
+        in_hours(seconds)
+        if seconds >= 120
+        else f"{seconds:.0f} s"
+        if seconds >= 10
+        else f"{seconds:.2g} s"
+    )

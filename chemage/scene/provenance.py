@@ -30,13 +30,19 @@ from chemage.surfaces.role import Scatter, SurfaceMaker
 LIBRARIES = ("numpy", "scipy", "numba", "h5py")
 
 
-def versions(scene: Scene | None = None, results: tuple[Record | None, ...] = ()) -> dict[str, str]:
+def versions(
+    scene: Scene | None = None, results: tuple[Record | None, ...] = ()
+) -> dict[str, str]:
     """Versions of chemage, of the libraries below it, and of the plugins that took part; and the processor.
 
     Those are the plugins that provide the components of ``scene``, and those that took part in ``results``; and the
     libraries that they name as their basis.
     """
-    numbers = {"chemage": __version__, "python": platform.python_version(), "processor": processor()}
+    numbers = {
+        "chemage": __version__,
+        "python": platform.python_version(),
+        "processor": processor(),
+    }
     for name in LIBRARIES:
         numbers[name] = _version(name)
     taking_part = providers(*scene.components()) if scene is not None else {}
@@ -62,7 +68,9 @@ def _version(distribution: str) -> str:
 
 
 def components_of(
-    scene: Mapping[str, Any], aging: Aging | None = None, contact: Mapping[str, Any] | None = None
+    scene: Mapping[str, Any],
+    aging: Aging | None = None,
+    contact: Mapping[str, Any] | None = None,
 ) -> list[tuple[str, Component]]:
     """The components that a result was made with, as far as their plugins are installed: (path, component).
 
@@ -76,7 +84,9 @@ def components_of(
     ]
 
 
-def scatter_of(scene: Mapping[str, Any], aging: Aging | None, contact: Mapping[str, float]) -> Scatter | None:
+def scatter_of(
+    scene: Mapping[str, Any], aging: Aging | None, contact: Mapping[str, float]
+) -> Scatter | None:
     """What the maker of a result's surface knows of the scatter between surfaces (:meth:`SurfaceMaker.scatter`).
 
     ``contact`` are the measures of the contact; the other arguments are those of :func:`components_of`.
@@ -96,13 +106,27 @@ def _recorded(
     below = contact or provenance.get("contact") or {}
     for stage in registry.current().stages():
         stored = stage.recorded(provenance, below)
-        for section, role in {**stage.parts, **({stage.section: stage.role} if stage.role else {})}.items():
+        for section, role in {
+            **stage.parts,
+            **({stage.section: stage.role} if stage.role else {}),
+        }.items():
             options = scene.get(section) or stored.get(section)
             if stage.many:
-                yield from ((f"{section}.{number}", role, table) for number, table in enumerate(options or ()))
+                yield from (
+                    (f"{section}.{number}", role, table)
+                    for number, table in enumerate(options or ())
+                )
             elif isinstance(options, Mapping) and "kind" in options:
                 beside = stage.beside if scene.get(section) else ()
-                yield section, role, {name: value for name, value in options.items() if name not in beside}
+                yield (
+                    section,
+                    role,
+                    {
+                        name: value
+                        for name, value in options.items()
+                        if name not in beside
+                    },
+                )
 
 
 def _installed(role: str, options: Mapping[str, Any]) -> Component | None:
@@ -126,7 +150,11 @@ _PAPER_BIBTEX = """@article{li2018,
 _ENTRY = re.compile(r"\s*@(\w+)\s*\{\s*([^\s,{}]+)\s*,(.*)\}\s*\Z", re.DOTALL)
 _DOI = re.compile(r"\b10\.\d{4,9}/[^\s,;]+")
 #: what LaTeX takes for a command
-_SPECIAL = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
+_SPECIAL = {
+    "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+}
 _SPECIAL |= {letter: f"\\{letter}" for letter in "&%$#_"}
 _SPECIAL |= {"{": r"\textbraceleft{}", "}": r"\textbraceright{}"}
 
@@ -152,7 +180,9 @@ def bibtex_problem(entry: str) -> str:
 
 
 def references(
-    texts: Iterable[str], components: Iterable[Component | type[Component]], version: str = __version__
+    texts: Iterable[str],
+    components: Iterable[Component | type[Component]],
+    version: str = __version__,
 ) -> list[Reference]:
     """What to cite: chemage itself, the paper of its model, and ``texts``, whose entries ``components`` may know."""
     entries = {PAPER: _PAPER_BIBTEX}
@@ -160,8 +190,16 @@ def references(
         cls = component if isinstance(component, type) else type(component)
         entries |= {text: entry for text, entry in entries_of(cls).items() if entry}
     title = "chemage: chemical ageing of frictional contacts"
-    own = Reference(f"The chemage developers, {title}, version {version}", _own(title, version))
-    return [own, *(Reference(text, entries.get(text, "")) for text in dict.fromkeys([PAPER, *texts]))]
+    own = Reference(
+        f"The chemage developers, {title}, version {version}", _own(title, version)
+    )
+    return [
+        own,
+        *(
+            Reference(text, entries.get(text, ""))
+            for text in dict.fromkeys([PAPER, *texts])
+        ),
+    ]
 
 
 def entries_of(cls: type[Component]) -> dict[str, str]:
@@ -181,7 +219,9 @@ def _own(title: str, version: str) -> str:
 def bibtex(cited: Iterable[Reference]) -> str:
     """References as the content of a ``.bib`` file; each entry has a key of its own."""
     entries = [
-        reference.bibtex if reference.bibtex and not bibtex_problem(reference.bibtex) else _misc(reference.text)
+        reference.bibtex
+        if reference.bibtex and not bibtex_problem(reference.bibtex)
+        else _misc(reference.text)
         for reference in cited
     ]
     used: dict[str, int] = {}
@@ -211,7 +251,9 @@ def latex(words: str) -> str:
 def _misc(words: str) -> str:
     """A text of which nothing else is known, as an entry; its DOI and year where it names them."""
     fields: Mapping[str, str] = {"note": latex(words)}
-    if years := re.findall(r"\((\d{4})\)", words) or re.findall(r"\b(1[89]\d\d|20\d\d)\b", words):
+    if years := re.findall(r"\((\d{4})\)", words) or re.findall(
+        r"\b(1[89]\d\d|20\d\d)\b", words
+    ):
         fields = {**fields, "year": years[-1]}
     if doi := _DOI.search(words):
         fields = {**fields, "doi": doi[0].rstrip(".")}
@@ -222,7 +264,11 @@ def _misc(words: str) -> str:
 def _key(words: str, year: str) -> str:
     """The first author's surname and the year, as ``li2018``."""
     first = re.split(r",| and | & | et al|;|:", words.strip(), maxsplit=1)[0].split()
-    plain = unicodedata.normalize("NFKD", first[-1] if first else "").encode("ascii", "ignore").decode()
+    plain = (
+        unicodedata.normalize("NFKD", first[-1] if first else "")
+        .encode("ascii", "ignore")
+        .decode()
+    )
     return (re.sub(r"[^A-Za-z0-9]", "", plain).lower() or "reference") + year
 
 

@@ -30,11 +30,22 @@ from chemage.ageing.replicas import keep, resumed
 from chemage.contacts.role import elasticity_notes
 from chemage.contacts.solution import ContactSolution, ContactStatistics
 from chemage.foundation.codec import EXTRA
-from chemage.foundation.errors import ChemageError, InputError, PlanWarning, StoreError, optional_module
+from chemage.foundation.errors import (
+    ChemageError,
+    InputError,
+    PlanWarning,
+    StoreError,
+    optional_module,
+)
 from chemage.foundation.files import make_folder
 from chemage.foundation.outputs import MeasuredOutput
 from chemage.foundation.progress import progress_bars
-from chemage.foundation.records import Record, approximations_in_words, content_hash, merged_approximations
+from chemage.foundation.records import (
+    Record,
+    approximations_in_words,
+    content_hash,
+    merged_approximations,
+)
 from chemage.foundation.result import draw_parts, notebook_html
 from chemage.foundation.text import jsonable
 from chemage.plugins import registry
@@ -86,7 +97,9 @@ class Run:
         notes += elastic_notes(self.aging)
         if (fit := self.fit()) is not None and fit.doubt:
             notes.append(fit.doubt)
-        if self.contact.area_fraction == 1 and not any(note.startswith("full contact") for note in notes):
+        if self.contact.area_fraction == 1 and not any(
+            note.startswith("full contact") for note in notes
+        ):
             notes.append(
                 "full contact: every pixel carries pressure, and more load adds pressure but no contact area; "
                 "an elastic model is of little use for a surface pressed flat"
@@ -102,25 +115,38 @@ class Run:
     @property
     def plugins(self) -> dict[str, str]:
         """Plugins that answered or changed a stage on the way to this result: name -> distribution and version."""
-        return {**self.contact.plugins, **(self.aging.plugins if self.aging is not None else {})}
+        return {
+            **self.contact.plugins,
+            **(self.aging.plugins if self.aging is not None else {}),
+        }
 
     @property
     def measured(self) -> dict[str, MeasuredOutput]:
         """What observables measured, and what components and hooks recorded at any stage, by name."""
-        return {**self.contact.measured, **(self.aging.measured if self.aging is not None else {})}
+        return {
+            **self.contact.measured,
+            **(self.aging.measured if self.aging is not None else {}),
+        }
 
     @property
     def approximate(self) -> str:
         """What is approximate about this result, in words: the kinds and their declared errors; "" if nothing is."""
         return approximations_in_words(
-            merged_approximations(self.contact.approximate, self.aging.approximate if self.aging is not None else ())
+            merged_approximations(
+                self.contact.approximate,
+                self.aging.approximate if self.aging is not None else (),
+            )
         )
 
     @property
     def scatter(self) -> Scatter | None:
         """How much β differs between surfaces of other seeds, where the maker of the surface says so; None without
         ageing."""
-        return scatter_of(self.scene, self.aging, self.contact.summary()) if self.aging is not None else None
+        return (
+            scatter_of(self.scene, self.aging, self.contact.summary())
+            if self.aging is not None
+            else None
+        )
 
     def fit(self) -> Fit | None:
         """Line of Δμ against log t over the scene's fit window; None without ageing or without times in the window."""
@@ -134,7 +160,9 @@ class Run:
         return {name: part.size / beta for name, part in parts.items()}
 
     def _fitted(self) -> tuple[Fit | None, str]:
-        return (None, "") if self.aging is None else fit_or_reason(self.aging, self.window)
+        return (
+            (None, "") if self.aging is None else fit_or_reason(self.aging, self.window)
+        )
 
     def summary(self) -> dict[str, Any]:
         """One JSON-able object with the numbers users compare; what does not exist is None, as is nan."""
@@ -151,13 +179,21 @@ class Run:
             "sites": float(aging.sites.mean()) if aging else _sites(contact),
             "site_grid": aging.site_grid if aging else None,
             "replicas": aging.replicas if aging else 0,
-            "events": (None if aging.events is None else int(aging.events.sum())) if aging else 0,
+            "events": (None if aging.events is None else int(aging.events.sum()))
+            if aging
+            else 0,
             "common_random_numbers": aging.provenance.get("common") if aging else None,
             "hold_times": aging.hold_times.tolist() if aging else [],
             **self._curves(),
             **bond_errors(aging),
-            "observables": {name: quantity.summary() for name, quantity in self.measured.items()},
-            **{name: value for one in (fit.quantities() if fit else FIT) for name, value in one.numbers().items()},
+            "observables": {
+                name: quantity.summary() for name, quantity in self.measured.items()
+            },
+            **{
+                name: value
+                for one in (fit.quantities() if fit else FIT)
+                for name, value in one.numbers().items()
+            },
             "fit_range": list(fit.span) if fit else None,
             "beta_reason": reason or None,
             "cutoff_reason": (fit.cutoff_reason or None) if fit else None,
@@ -175,10 +211,19 @@ class Run:
 
     def _curves(self) -> dict[str, Any]:
         """ΔF and Δμ with their errors; nan where one is not known, and empty without ageing."""
-        known = {curve.name: curve for curve in self.aging.curves()} if self.aging is not None else {}
+        known = (
+            {curve.name: curve for curve in self.aging.curves()}
+            if self.aging is not None
+            else {}
+        )
         none = np.full(0 if self.aging is None else self.aging.hold_times.size, np.nan)
-        curves = [known.get(name, curve.but(mean=none, stderr=none, half_width=none)) for name, curve in DROPS.items()]
-        return {name: values for curve in curves for name, values in curve.numbers().items()}
+        curves = [
+            known.get(name, curve.but(mean=none, stderr=none, half_width=none))
+            for name, curve in DROPS.items()
+        ]
+        return {
+            name: values for curve in curves for name, values in curve.numbers().items()
+        }
 
     def plot(self, *what: Literal["surface", "contact", "aging"]) -> tuple[Axes, ...]:
         """Draw surface, contact and ageing side by side in a figure of pyplot, or only those named; return their axes.
@@ -193,9 +238,17 @@ class Run:
     def to_xarray(self) -> xarray.Dataset:
         """The arrays of surface, contact and ageing in one dataset, named as in the file. Needs xarray."""
         there = {"surface": self.surface, "contact": self.contact, "aging": self.aging}
-        parts = {name: part.to_xarray() for name, part in there.items() if part is not None}
-        merged = optional_module("xarray", EXTRA).merge(parts.values(), combine_attrs="drop_conflicts", join="outer")
-        attributes = {f"{name}.{key}": value for name, part in parts.items() for key, value in part.attrs.items()}
+        parts = {
+            name: part.to_xarray() for name, part in there.items() if part is not None
+        }
+        merged = optional_module("xarray", EXTRA).merge(
+            parts.values(), combine_attrs="drop_conflicts", join="outer"
+        )
+        attributes = {
+            f"{name}.{key}": value
+            for name, part in parts.items()
+            for key, value in part.attrs.items()
+        }
         merged.attrs = {"name": self.name, **attributes}
         return merged
 
@@ -232,12 +285,16 @@ class Run:
         missing = [name for name in _ATTRIBUTES if name not in attributes]
         contact = parts.get("contact") or parts.get("statistics")
         if missing or contact is None:
-            raise StoreError(f"not a complete run: without {', '.join(missing) or 'a contact'}")
+            raise StoreError(
+                f"not a complete run: without {', '.join(missing) or 'a contact'}"
+            )
         try:
             fields = {name: json.loads(attributes[name]) for name in _ATTRIBUTES}
         except (ValueError, TypeError, RecursionError) as error:
             raise StoreError(f"not a complete run: {error}") from error
-        if wrong := [name for name, value in fields.items() if not _is_sound(name, value)]:
+        if wrong := [
+            name for name, value in fields.items() if not _is_sound(name, value)
+        ]:
             raise StoreError(f"not a complete run: damaged {', '.join(wrong)}")
         return cls(
             contact=contact,
@@ -253,7 +310,9 @@ def _kinds(aging: Aging | None) -> dict[str, str | None]:
     for stage in registry.current().stages():
         if stage.role and stage.key == "aging" and not stage.many:
             part = aging.provenance.get(stage.section) if aging is not None else None
-            kinds[stage.section] = part.get("kind") if isinstance(part, Mapping) else None
+            kinds[stage.section] = (
+                part.get("kind") if isinstance(part, Mapping) else None
+            )
     return kinds
 
 
@@ -261,7 +320,11 @@ def _solve(contact: ContactSolution | ContactStatistics) -> dict[str, Any]:
     """How the contact was solved; nothing of that where it was not."""
     if isinstance(contact, ContactStatistics):
         return {"converged": True, "residual": 0.0, "iterations": 0}
-    return {"converged": contact.converged, "residual": contact.residual, "iterations": contact.iterations}
+    return {
+        "converged": contact.converged,
+        "residual": contact.residual,
+        "iterations": contact.iterations,
+    }
 
 
 def _sites(contact: ContactSolution | ContactStatistics) -> float | None:
@@ -277,10 +340,15 @@ def _is_sound(name: str, value: Any) -> bool:
     if name == "scene":
         sections = [value.get("surface"), value.get("contact")]
         texts = [value.get("name", ""), value.get("title", "")]
-        texts += [section.get("kind") if isinstance(section, dict) else None for section in sections]
+        texts += [
+            section.get("kind") if isinstance(section, dict) else None
+            for section in sections
+        ]
         window = value.get("fit", {})
         times = list(window.values()) if isinstance(window, dict) else [None]
-        return all(isinstance(text, str) for text in texts) and all(isinstance(time, int | float) for time in times)
+        return all(isinstance(text, str) for text in texts) and all(
+            isinstance(time, int | float) for time in times
+        )
     kind = int | float if name == "timings" else str
     return all(isinstance(item, kind) for item in value.values())
 
@@ -319,7 +387,11 @@ def run(
         for doubt in plan.doubts() if warn else ():
             category = LongRunWarning if doubt.kind == "long" else PlanWarning
             warnings.warn(doubt.text, category, stacklevel=3)
-        report = stack.enter_context(progress_bars()) if progress is True else (progress or None)
+        report = (
+            stack.enter_context(progress_bars())
+            if progress is True
+            else (progress or None)
+        )
         return _run(scene, report, threads, surface, contact, checkpoints, members)
 
 
@@ -334,15 +406,34 @@ def _run(
 ) -> Run:
     timings: dict[str, float] = {}
     given: dict[str, Any] = {"surface": surface, "contact": contact}
-    made = compute_stages(scene, ("contact", "aging"), progress, timings, threads, checkpoints, **given)
+    made = compute_stages(
+        scene, ("contact", "aging"), progress, timings, threads, checkpoints, **given
+    )
     solved, aging = made["contact"], made.get("aging")
-    if members and aging is not None and scene.chemistry is not None and scene.chemistry.forming.members(1):
-        how = arguments_of(scene.parts) | {"threads": threads, "progress": progress and partial(progress, BARRIERS)}
+    if (
+        members
+        and aging is not None
+        and scene.chemistry is not None
+        and scene.chemistry.forming.members(1)
+    ):
+        how = arguments_of(scene.parts) | {
+            "threads": threads,
+            "progress": progress and partial(progress, BARRIERS),
+        }
         with _timed(BARRIERS, scene, timings, progress):
             aging = with_members(aging, solved, scene.chemistry, **how)
     took_part = versions(scene, (solved, aging))
     keys = run_keys(scene, solved, aging)
-    return Run(scene.todict(), solved, made.get("surface"), aging, timings, took_part, keys, tuple(scene.cite()))
+    return Run(
+        scene.todict(),
+        solved,
+        made.get("surface"),
+        aging,
+        timings,
+        took_part,
+        keys,
+        tuple(scene.cite()),
+    )
 
 
 def compute_stages(
@@ -362,12 +453,21 @@ def compute_stages(
         progress = report and partial(report, stage.section)
         inputs = StageInputs(parts, made, threads, checkpoints, progress)
         with _timed(stage.section, scene, {} if timings is None else timings, report):
-            kept = checkpoints is not None and stage.makes == "contact" and "surface" in made and not stage.changes
-            made[stage.makes] = _kept(stage, scene, inputs) if kept else run_stage(stage, inputs)
+            kept = (
+                checkpoints is not None
+                and stage.makes == "contact"
+                and "surface" in made
+                and not stage.changes
+            )
+            made[stage.makes] = (
+                _kept(stage, scene, inputs) if kept else run_stage(stage, inputs)
+            )
     return made
 
 
-def _needed(parts: Mapping[str, Any], wanted: set[str], made: Collection[str]) -> list[Stage]:
+def _needed(
+    parts: Mapping[str, Any], wanted: set[str], made: Collection[str]
+) -> list[Stage]:
     """The stages that a scene asks for and that are needed, in the order in which they run."""
     needed: list[Stage] = []
     for stage in reversed(registry.current().stages()):
@@ -388,7 +488,9 @@ def contact_of(scene: Scene, surface: Surface | None = None) -> Any:
         return compute_stages(scene, {"contact"}, surface=surface)["contact"]
 
 
-def aged(scene: Scene, contact: ContactSolution | ContactStatistics, **changes: Any) -> Aging | None:
+def aged(
+    scene: Scene, contact: ContactSolution | ContactStatistics, **changes: Any
+) -> Aging | None:
     """The ageing of ``scene`` on ``contact``, with ``changes`` to the arguments of :func:`chemage.age`; None if the
     scene stops at the contact."""
     if not scene.ages:
@@ -398,16 +500,28 @@ def aged(scene: Scene, contact: ContactSolution | ContactStatistics, **changes: 
         return age(contact, scene.chemistry, **(arguments_of(scene.parts) | changes))
 
 
-def run_keys(scene: Scene, contact: ContactSolution | ContactStatistics, aging: Aging | None) -> dict[str, str]:
+def run_keys(
+    scene: Scene, contact: ContactSolution | ContactStatistics, aging: Aging | None
+) -> dict[str, str]:
     """The keys of the stages of a finished run, in which the plugins that took part enter."""
     below = contact.provenance.get("surface")
-    plugins = {"surface": below.get("plugins", {}) if isinstance(below, Mapping) else {}, "contact": contact.plugins}
-    plugins["aging"] = plugins["result"] = contact.plugins if aging is None else aging.plugins
-    return {key: content_hash([own, plugins[key]]) if plugins[key] else own for key, own in scene.keys().items()}
+    plugins = {
+        "surface": below.get("plugins", {}) if isinstance(below, Mapping) else {},
+        "contact": contact.plugins,
+    }
+    plugins["aging"] = plugins["result"] = (
+        contact.plugins if aging is None else aging.plugins
+    )
+    return {
+        key: content_hash([own, plugins[key]]) if plugins[key] else own
+        for key, own in scene.keys().items()
+    }
 
 
 @contextmanager
-def _timed(stage: str, scene: Scene, timings: dict[str, float], report: Progress | None) -> Iterator[None]:
+def _timed(
+    stage: str, scene: Scene, timings: dict[str, float], report: Progress | None
+) -> Iterator[None]:
     """Report the begin and end of a stage, note its wall seconds, and name it in errors."""
     if report:
         report(stage, 0, 0)
@@ -430,7 +544,12 @@ def _kept(stage: Stage, scene: Scene, inputs: StageInputs) -> ContactSolution:
     path, key = folder / "contact.h5", scene.keys()["contact"]
     other = f"{folder} holds checkpoints of another scene; choose another folder"
     how = {"run": key, "before": surface.plugins, "hooks": stage.hooks}
-    call = {"solver": inputs.parts["contact"], "surface": surface, "load": scene.load, "start": None}
+    call = {
+        "solver": inputs.parts["contact"],
+        "surface": surface,
+        "load": scene.load,
+        "start": None,
+    }
     solution = resumed(path, "contact", ContactSolution, key, other, **how, **call)
     if solution is None:
         solution = stage.run(inputs)

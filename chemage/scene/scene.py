@@ -92,13 +92,19 @@ class Hold(Section):
     def _times(cls, value: Any) -> Any:
         if isinstance(value, Sequence) and not isinstance(value, str):
             value = [convert(item, "s") for item in value]
-        return value if value is None or isinstance(value, str) else tuple(check_times(value).tolist())
+        return (
+            value
+            if value is None or isinstance(value, str)
+            else tuple(check_times(value).tolist())
+        )
 
     @model_validator(mode="after")
     def _complete(self) -> Self:
         if self.times is None:
             if self.start is None or self.stop is None:
-                raise ValueError('give start and stop (such as "1 ms" and "1e5 s"), or times')
+                raise ValueError(
+                    'give start and stop (such as "1 ms" and "1e5 s"), or times'
+                )
             hold_times(self.start, self.stop, self.per_decade)
         elif self.start is not None or self.stop is not None:
             raise ValueError("give either times, or start and stop")
@@ -125,7 +131,9 @@ class FitWindow(Section):
     @model_validator(mode="after")
     def _ordered(self) -> Self:
         if self.stop <= self.start:
-            raise ValueError(f"stop ({self.stop:g} s) must be after start ({self.start:g} s)")
+            raise ValueError(
+                f"stop ({self.stop:g} s) must be after start ({self.start:g} s)"
+            )
         return self
 
 
@@ -153,7 +161,9 @@ def accuracies(options: Any) -> dict[str, float]:
         It is no mapping, or an accuracy is not above 0 and below 1.
     """
     if not isinstance(options, Mapping):
-        raise InputError(f'accuracy = {shown(options)}: give names and accuracies, such as {{"beta": "2 %"}}')
+        raise InputError(
+            f'accuracy = {shown(options)}: give names and accuracies, such as {{"beta": "2 %"}}'
+        )
     return {str(name): _accuracy(str(name), value) for name, value in options.items()}
 
 
@@ -186,7 +196,12 @@ def budget_seconds(value: Any) -> float:
     except ChemageError as error:
         raise InputError(f"budget: {error}") from None
     if not 0 < seconds <= LONGEST:
-        raise InputError.of("budget", value, f"must be above 0 s, at most {LONGEST:g} s", 'give a time such as "60 s"')
+        raise InputError.of(
+            "budget",
+            value,
+            f"must be above 0 s, at most {LONGEST:g} s",
+            'give a time such as "60 s"',
+        )
     return seconds
 
 
@@ -237,10 +252,17 @@ class Scene(Section):
         fields: dict[str, Any] = {"others": {}}
         for stage in registry.current().stages():
             if stage.section in parts:
-                place = fields if stage.section in cls.model_fields else fields["others"]
+                place = (
+                    fields if stage.section in cls.model_fields else fields["others"]
+                )
                 place[stage.section] = parts[stage.section]
-            paths = {beside.field: f"{stage.section}.{name}" for name, beside in stage.beside.items()}
-            fields |= {name: parts[path] for name, path in paths.items() if path in parts}
+            paths = {
+                beside.field: f"{stage.section}.{name}"
+                for name, beside in stage.beside.items()
+            }
+            fields |= {
+                name: parts[path] for name, path in paths.items() if path in parts
+            }
         return fields
 
     @property
@@ -249,15 +271,26 @@ class Scene(Section):
         ``parts["contact.load"]`` a number; what it does not model is not there."""
         parts: dict[str, Any] = {}
         for stage in registry.current().stages():
-            value = getattr(self, stage.section) if stage.section in Scene.model_fields else None
+            value = (
+                getattr(self, stage.section)
+                if stage.section in Scene.model_fields
+                else None
+            )
             value = self.others.get(stage.section) if value is None else value
             if value is None or (isinstance(value, tuple | Mapping) and not value):
                 continue
             if stage.only_with and getattr(self, stage.only_with) is None:
                 continue
-            parts |= {name: part for name in stage.parts if (part := getattr(value, name)) is not None}
+            parts |= {
+                name: part
+                for name in stage.parts
+                if (part := getattr(value, name)) is not None
+            }
             parts[stage.section] = value
-            parts |= {f"{stage.section}.{name}": getattr(self, beside.field) for name, beside in stage.beside.items()}
+            parts |= {
+                f"{stage.section}.{name}": getattr(self, beside.field)
+                for name, beside in stage.beside.items()
+            }
         return parts
 
     def sections(self) -> dict[str, Component]:
@@ -265,7 +298,10 @@ class Scene(Section):
         components: dict[str, Component] = {}
         for path, part in self.parts.items():
             if isinstance(part, tuple):
-                components |= {f"{path}.{number}": component for number, component in enumerate(part)}
+                components |= {
+                    f"{path}.{number}": component
+                    for number, component in enumerate(part)
+                }
             elif isinstance(part, Component) and part.role:
                 components[path] = part
         return components
@@ -276,7 +312,9 @@ class Scene(Section):
 
     def components(self) -> list[Component]:
         """Every component of the scene, those of the chemistry last."""
-        chemical = {name for stage in registry.current().stages() for name in stage.parts}
+        chemical = {
+            name for stage in registry.current().stages() for name in stage.parts
+        }
         sections = self.sections()
         return [sections[path] for path in sorted(sections, key=chemical.__contains__)]
 
@@ -290,23 +328,38 @@ class Scene(Section):
         }
         if path in beside:
             return beside[path]
-        owner = self.plugins.get(section.removeprefix("plugins.")) or self.parts.get(section)
-        info = type(owner).model_fields.get(option) if isinstance(owner, BaseModel) else None
+        owner = self.plugins.get(section.removeprefix("plugins.")) or self.parts.get(
+            section
+        )
+        info = (
+            type(owner).model_fields.get(option)
+            if isinstance(owner, BaseModel)
+            else None
+        )
         return unit_of(info) if info is not None else ""
 
     def todict(self) -> dict[str, Any]:
         """The scene as plain TOML-like data, every option spelled out; :func:`parse_scene` reads it back."""
-        data: dict[str, Any] = {"name": self.name, **({"title": self.title} if self.title else {})}
+        data: dict[str, Any] = {
+            "name": self.name,
+            **({"title": self.title} if self.title else {}),
+        }
         data |= _sections(self.parts, methodcaller("todict"))
         if self.plugins or self.prefer:
             prefer = {"prefer": list(self.prefer)} if self.prefer else {}
-            data["plugins"] = prefer | {name: options.todict() for name, options in self.plugins.items()}
+            data["plugins"] = prefer | {
+                name: options.todict() for name, options in self.plugins.items()
+            }
         return _without_none(data)
 
     def cite(self) -> list[str]:
         """What to cite when a result of this scene is used."""
         sources = [value.source for value in self.from_material]
-        return list(dict.fromkeys([*(text for part in self.components() for text in part.cite), *sources]))
+        return list(
+            dict.fromkeys(
+                [*(text for part in self.components() for text in part.cite), *sources]
+            )
+        )
 
     # -- what it asks for ---------------------------------------------------------------------------------------------
 
@@ -314,12 +367,18 @@ class Scene(Section):
     def is_ensemble(self) -> bool:
         """Whether the answer is a mean over surfaces, for :func:`chemage.ensemble`, and not one run."""
         wish = self.ensemble
-        return bool(self.accuracy) or (wish is not None and (wish.surfaces != 1 or wish.budget is not None))
+        return bool(self.accuracy) or (
+            wish is not None and (wish.surfaces != 1 or wish.budget is not None)
+        )
 
     @property
     def ages(self) -> bool:
         """Whether the scene goes on after the contact."""
-        return self.chemistry is not None and self.hold is not None and self.engine is not None
+        return (
+            self.chemistry is not None
+            and self.hold is not None
+            and self.engine is not None
+        )
 
     @property
     def site_grids(self) -> tuple[tuple[int, int], tuple[int, int]] | None:
@@ -329,7 +388,9 @@ class Scene(Section):
         try:
             expected = self.surface.expected()
             pixels = int(expected["nx"]), int(expected["ny"])
-            return pixels, site_shape(pixels, expected["pixel_size"], self.chemistry.site_density)
+            return pixels, site_shape(
+                pixels, expected["pixel_size"], self.chemistry.site_density
+            )
         except (ChemageError, KeyError):  # reported where the scene is checked
             return None
 
@@ -359,7 +420,9 @@ class Scene(Section):
         """This scene with the options of plugins that a block (:func:`chemage.plugin_options`) sets and it does not."""
         if not context.options():
             return self
-        return self.model_copy(update={"plugins": joined(context.options(), self.plugins)})
+        return self.model_copy(
+            update={"plugins": joined(context.options(), self.plugins)}
+        )
 
     # -- keys ---------------------------------------------------------------------------------------------------------
 
@@ -377,12 +440,18 @@ class Scene(Section):
 
     def with_hold(self, **values: Any) -> Self:
         """The scene with these values in its hold, if it has one."""
-        return self if self.hold is None else self.model_copy(update={"hold": self.hold.model_copy(update=values)})
+        return (
+            self
+            if self.hold is None
+            else self.model_copy(update={"hold": self.hold.model_copy(update=values)})
+        )
 
     def bare(self, **hold: Any) -> Self:
         """The scene with one replica, without what the numbers do not need; ``hold``: further values of its hold."""
         update: dict[str, Any] = {"observe": (), "ensemble": None, "accuracy": {}}
-        return self.with_hold(**{"replicas": 1, "common": "all", **hold}).model_copy(update=update)
+        return self.with_hold(**{"replicas": 1, "common": "all", **hold}).model_copy(
+            update=update
+        )
 
     def task_keys(self) -> dict[str, str]:
         """Like :meth:`keys`, and also of what the scene sets for plugins that may take part in the stage.
@@ -397,11 +466,19 @@ class Scene(Section):
             within = [stage for stage in stages if (stage.key or "aging") == key]
             hooks = {hook for stage in within for hook in stage.hooks}
             if key == "aging":  # and every hook of no declared stage
-                hooks |= {*stage_hooks()} - {hook for stage in stages for hook in stage.hooks}
-            components = [parts.get(name) for stage in within for name in (stage.section, *stage.parts)]
+                hooks |= {*stage_hooks()} - {
+                    hook for stage in stages for hook in stage.hooks
+                }
+            components = [
+                parts.get(name)
+                for stage in within
+                for name in (stage.section, *stage.parts)
+            ]
             names = {*implementing(*sorted(hooks)), *providers(*components)}
             extra[key] = {
-                name: changed for name in names & set(self.plugins) if (changed := self.plugins[name].changed())
+                name: changed
+                for name in names & set(self.plugins)
+                if (changed := self.plugins[name].changed())
             }
         if self.prefer:
             extra["surface"]["prefer"] = self.prefer
@@ -419,7 +496,11 @@ class Scene(Section):
                 content[key].append(end)
         keys: dict[str, str] = {}
         for key, entries in content.items():
-            whole = [*list(keys.values())[-1:], *entries, *([extra[key]] if extra.get(key) else [])]
+            whole = [
+                *list(keys.values())[-1:],
+                *entries,
+                *([extra[key]] if extra.get(key) else []),
+            ]
             keys[key] = content_hash(whole if len(whole) > 1 else whole[0])
         return keys
 
@@ -428,7 +509,9 @@ class Scene(Section):
         return content_hash(self.todict())
 
 
-def _sections(parts: Mapping[str, Any], options_of: Callable[[Component], dict[str, Any]]) -> dict[str, Any]:
+def _sections(
+    parts: Mapping[str, Any], options_of: Callable[[Component], dict[str, Any]]
+) -> dict[str, Any]:
     """Every section that is there, lists of tables last; ``options_of`` gives the options of a component."""
     data: dict[str, Any] = {}
     for stage in sorted(registry.current().stages(), key=attrgetter("many")):
@@ -438,8 +521,14 @@ def _sections(parts: Mapping[str, Any], options_of: Callable[[Component], dict[s
 
 def file_name(name: str) -> str:
     """``name`` if it can name a scene and its result file; else a ValueError that says why."""
-    if not name or name.startswith(".") or any(letter in "/\\" or not letter.isprintable() for letter in name):
-        raise ValueError("it names the result file; leave out slashes, a leading dot and invisible characters")
+    if (
+        not name
+        or name.startswith(".")
+        or any(letter in "/\\" or not letter.isprintable() for letter in name)
+    ):
+        raise ValueError(
+            "it names the result file; leave out slashes, a leading dot and invisible characters"
+        )
     return name
 
 
@@ -448,7 +537,10 @@ def heading(scene: Mapping[str, Any], name: str = "") -> str:
     if title := scene.get("title"):
         return str(title)
     name = name or str(scene.get("name", ""))
-    kind, load = (scene.get(section, {}).get(field) for section, field in (("surface", "kind"), ("contact", "load")))
+    kind, load = (
+        scene.get(section, {}).get(field)
+        for section, field in (("surface", "kind"), ("contact", "load"))
+    )
     if kind is None or not isinstance(load, int | float):
         return name
     return f"{name}: {kind} at {force_text(load)}"
@@ -456,7 +548,11 @@ def heading(scene: Mapping[str, Any], name: str = "") -> str:
 
 def _without_none(data: Any) -> Any:
     if isinstance(data, dict):
-        return {key: _without_none(value) for key, value in data.items() if value is not None}
+        return {
+            key: _without_none(value)
+            for key, value in data.items()
+            if value is not None
+        }
     if isinstance(data, list | tuple):
         return [_without_none(value) for value in data]
     return data
@@ -479,11 +575,15 @@ def coarser(scene: Scene, factor: int) -> Scene | None:
         return None
     update: dict[str, Any] = {"surface": maker}
     if scene.chemistry is not None and scene.chemistry.site_density == "pixel":
-        update["chemistry"] = scene.chemistry.replace(site_density=expected["pixel_size"] ** -2)
+        update["chemistry"] = scene.chemistry.replace(
+            site_density=expected["pixel_size"] ** -2
+        )
     return scene.model_copy(update=update)
 
 
 def question(scene: Scene) -> str:
     """Content hash of what a scene asks but for seeds, replicas, goals and observables, which change neither costs per
     replica nor errors of its settings."""
-    return content_hash(scene.bare(seed=0).model_copy(update={"surface_seed": 0}).keys()["result"])
+    return content_hash(
+        scene.bare(seed=0).model_copy(update={"surface_seed": 0}).keys()["result"]
+    )

@@ -20,8 +20,12 @@ def scene_schema() -> dict[str, Any]:
     plugins = registry.current()
     stages, components = plugins.stages(), _components(plugins)
     models: list[Any] = [cls for classes in components.values() for cls in classes]
-    others: list[Any] = [model for stage in stages if (model := stage.model()) is not None]
-    refs, top = models_json_schema([(model, "validation") for model in [*models, *others]])
+    others: list[Any] = [
+        model for stage in stages if (model := stage.model()) is not None
+    ]
+    refs, top = models_json_schema(
+        [(model, "validation") for model in [*models, *others]]
+    )
     definitions = top.get("$defs", {})
 
     def target(model: Any) -> str:
@@ -29,7 +33,10 @@ def scene_schema() -> dict[str, Any]:
 
     for model in models:
         part = definitions[target(model)]
-        part["properties"] = {"kind": {"const": model.kind}, **part.get("properties", {})}
+        part["properties"] = {
+            "kind": {"const": model.kind},
+            **part.get("properties", {}),
+        }
         part["required"] = ["kind", *part.get("required", [])]
     by_role = {
         role: {"oneOf": [{"$ref": f"#/$defs/{target(cls)}"} for cls in classes]}
@@ -42,23 +49,42 @@ def scene_schema() -> dict[str, Any]:
         if cls.__name__ in definitions and role in by_role:
             definitions[cls.__name__] = {"anyOf": [by_role[role], {"type": "string"}]}
     installed = sorted(plugins.materials())
-    properties: dict[str, Any] = {"name": {"type": "string"}, "title": {"type": "string"}}
-    properties["material"] = {"enum": installed, "description": "material that fills what the scene does not say"}
+    properties: dict[str, Any] = {
+        "name": {"type": "string"},
+        "title": {"type": "string"},
+    }
+    properties["material"] = {
+        "enum": installed,
+        "description": "material that fills what the scene does not say",
+    }
     for stage in stages:
         for section, role in {**stage.parts, stage.section: stage.role}.items():
             part = by_role.get(role, {"type": "object"})
             if not role:
-                part = stage.schema() if stage.model() is None else _of_model(stage, refs, definitions)
+                part = (
+                    stage.schema()
+                    if stage.model() is None
+                    else _of_model(stage, refs, definitions)
+                )
             elif installed and stage.of_material and not stage.required:
                 part = {"anyOf": [part, _OF_MATERIAL, {"const": False}]}
-            properties[section] = {"type": "array", "items": part} if stage.many else part
-        from_materials = _of_materials(stage.section) if stage.of_material and stage.required else set()
+            properties[section] = (
+                {"type": "array", "items": part} if stage.many else part
+            )
+        from_materials = (
+            _of_materials(stage.section)
+            if stage.of_material and stage.required
+            else set()
+        )
         extra = {name: {**entry.schema} for name, entry in stage.beside.items()}
         required = [name for name, entry in stage.beside.items() if entry.required]
         for cls in components.get(stage.role, ()) if extra or from_materials else ():
             own = definitions[target(cls)]
             own["properties"].update(extra)
-            own["required"] = [*(name for name in own["required"] if name not in from_materials), *required]
+            own["required"] = [
+                *(name for name in own["required"] if name not in from_materials),
+                *required,
+            ]
     properties["plugins"] = _plugins_section(plugins, definitions)
     definitions |= _SWEEP
     properties["sweep"] = {"$ref": "#/$defs/Sweep"}
@@ -81,7 +107,9 @@ def _components(plugins: registry.Registry) -> dict[str, list[Any]]:
             try:
                 components[role].append(plugins.component(role, kind))
             except PluginError as error:
-                warnings.warn(f"not in the schema: {error}", registry.PluginWarning, stacklevel=3)
+                warnings.warn(
+                    f"not in the schema: {error}", registry.PluginWarning, stacklevel=3
+                )
     return components
 
 
@@ -91,8 +119,17 @@ def _of_model(stage: Stage, refs: Any, definitions: dict[str, Any]) -> dict[str,
     if not stage.parts:
         return ref
     whole = definitions[ref["$ref"].removeprefix("#/$defs/")]
-    properties = {name: part for name, part in whole["properties"].items() if name not in stage.parts}
-    return {"type": "object", "additionalProperties": False, "properties": properties, "description": stage.about}
+    properties = {
+        name: part
+        for name, part in whole["properties"].items()
+        if name not in stage.parts
+    }
+    return {
+        "type": "object",
+        "additionalProperties": False,
+        "properties": properties,
+        "description": stage.about,
+    }
 
 
 _SWEEP: dict[str, Any] = {
@@ -114,7 +151,9 @@ _SWEEP: dict[str, Any] = {
         "minProperties": 1,
         "additionalProperties": {"$ref": "#/$defs/SweepValues"},
     },
-    "SweepValues": {"anyOf": [{"type": "array", "minItems": 1}, {"$ref": "#/$defs/SweepLines"}]},
+    "SweepValues": {
+        "anyOf": [{"type": "array", "minItems": 1}, {"$ref": "#/$defs/SweepLines"}]
+    },
 }
 #: a section whose kind the material gives
 _OF_MATERIAL = {"type": "object", "not": {"required": ["kind"]}}
@@ -127,11 +166,15 @@ def _of_materials(section: str) -> set[str]:
         try:
             options |= material(name).options(section).keys()
         except PluginError as error:
-            warnings.warn(f"not in the schema: {error}", registry.PluginWarning, stacklevel=3)
+            warnings.warn(
+                f"not in the schema: {error}", registry.PluginWarning, stacklevel=3
+            )
     return options
 
 
-def _plugins_section(plugins: registry.Registry, definitions: dict[str, Any]) -> dict[str, Any]:
+def _plugins_section(
+    plugins: registry.Registry, definitions: dict[str, Any]
+) -> dict[str, Any]:
     """What a scene sets for plugins; adds the definitions of their options."""
     installed = sorted(record.name for record in plugins.records if not record.error)
     prefer = {
@@ -155,7 +198,9 @@ def plugins_with_options(plugins: registry.Registry) -> dict[str, Any]:
             try:
                 classes[record.name] = plugins.options_class(record.name)
             except PluginError as error:
-                warnings.warn(f"not in the schema: {error}", registry.PluginWarning, stacklevel=2)
+                warnings.warn(
+                    f"not in the schema: {error}", registry.PluginWarning, stacklevel=2
+                )
     return classes
 
 
@@ -169,7 +214,9 @@ def options_of(cls: type[Component]) -> list[dict[str, str]]:
             {
                 "name": name,
                 "unit": _unit(part),
-                "default": "required" if info.is_required() else str(info.get_default(call_default_factory=True)),
+                "default": "required"
+                if info.is_required()
+                else str(info.get_default(call_default_factory=True)),
                 "meaning": " ".join(texts.get(name, "").split()),
             }
         )
@@ -178,5 +225,10 @@ def options_of(cls: type[Component]) -> list[dict[str, str]]:
 
 def _unit(part: dict[str, Any]) -> str:
     """The unit of a property, also where the quantity may be left out, or is one of a list."""
-    inner = [*part.get("anyOf", []), *([part["items"]] if isinstance(part.get("items"), dict) else [])]
-    return part.get("unit", "") or next((unit for item in inner if (unit := _unit(item))), "")
+    inner = [
+        *part.get("anyOf", []),
+        *([part["items"]] if isinstance(part.get("items"), dict) else []),
+    ]
+    return part.get("unit", "") or next(
+        (unit for item in inner if (unit := _unit(item))), ""
+    )

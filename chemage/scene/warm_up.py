@@ -33,7 +33,9 @@ def form(scene: Scene) -> str:
     """What kernels may depend on: the scene without the sizes of its numbers. Scenes of one form share their kernels,
     up to those that depend on a number of pixels."""
     data = scene.todict() | {"name": "", "title": ""}
-    return json.dumps(_without_numbers(data), sort_keys=True) + str(scene.surface.expected().get("nx", ""))
+    return json.dumps(_without_numbers(data), sort_keys=True) + str(
+        scene.surface.expected().get("nx", "")
+    )
 
 
 def _without_numbers(value: Any) -> Any:
@@ -41,12 +43,19 @@ def _without_numbers(value: Any) -> Any:
         return {name: _without_numbers(item) for name, item in value.items()}
     if isinstance(value, list):
         return [_without_numbers(item) for item in value]
-    return type(value).__name__ if isinstance(value, int | float) and not isinstance(value, bool) else value
+    return (
+        type(value).__name__
+        if isinstance(value, int | float) and not isinstance(value, bool)
+        else value
+    )
 
 
 @contextmanager
 def compiled_ahead(
-    scene: Scene, report: Report, threads: int | None = None, early: compiling.Helpers | None = None
+    scene: Scene,
+    report: Report,
+    threads: int | None = None,
+    early: compiling.Helpers | None = None,
 ) -> Iterator[Report]:
     """Report the kernels that are compiled during a block, and compile in other processes what it will need later.
 
@@ -92,6 +101,11 @@ def _wait(helper: compiling.Process | None, report: Report, compiled: int) -> No
     report(compiling.STAGE, compiled, 0)
 
 
-def compile_stage(stage: str, scene: Mapping[str, Any] | str, changes: Mapping[str, Any] | None) -> None:
+def compile_stage(
+    stage: str, scene: Mapping[str, Any] | str, changes: Mapping[str, Any] | None
+) -> None:
     """Compile the kernels of a stage of a scene, given as data, or by name with ``changes``."""
-    warm_up(load_scene(scene, changes) if isinstance(scene, str) else parse_scene(scene), stage)
+    warm_up(
+        load_scene(scene, changes) if isinstance(scene, str) else parse_scene(scene),
+        stage,
+    )

@@ -28,7 +28,11 @@ from chemage.foundation.units import KB, convert
 Level = Literal["friction_coefficient_drop", "friction_drop", "bonds_per_site"]
 
 #: quantity -> how it is written
-SYMBOLS: dict[str, str] = {"friction_coefficient_drop": "Δμ", "friction_drop": "ΔF", "bonds_per_site": "bonds per site"}
+SYMBOLS: dict[str, str] = {
+    "friction_coefficient_drop": "Δμ",
+    "friction_drop": "ΔF",
+    "bonds_per_site": "bonds per site",
+}
 #: fewer temperatures make no line with an error
 LEAST = 3
 #: levels that are chosen where none are given
@@ -79,13 +83,21 @@ class ActivationEnergy:
     def todict(self) -> dict[str, Any]:
         """Plain JSON values."""
         values = vars(self)
-        ends = {name: [value.low, value.high] for name, value in values.items() if name.endswith("_interval")}
+        ends = {
+            name: [value.low, value.high]
+            for name, value in values.items()
+            if name.endswith("_interval")
+        }
         return jsonable({**values, **ends})
 
 
 def _with(value: float, interval: Interval) -> str:
     finite = math.isfinite(interval.low) and math.isfinite(interval.high)
-    return with_interval(value, interval.low, interval.high) if finite else f"{value:.4g} (no interval)"
+    return (
+        with_interval(value, interval.low, interval.high)
+        if finite
+        else f"{value:.4g} (no interval)"
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +156,9 @@ class _Curve:
     def left_out(self) -> np.ndarray:
         """(replicas, m): means with each replica left out in turn; (1, m), the mean itself, for a single one."""
         r = len(self.values)
-        return self.values if r < 2 else (self.values.sum(axis=0) - self.values) / (r - 1)
+        return (
+            self.values if r < 2 else (self.values.sum(axis=0) - self.values) / (r - 1)
+        )
 
 
 def activation_energies(
@@ -190,18 +204,31 @@ def activation_energies(
     ordered = sorted(_checked(results), key=lambda aging: aging.temperature)
     chosen = _quantity(quantity, ordered)
     if not 0 < confidence < 1:
-        raise InputError.of("confidence", confidence, "must lie between 0 and 1", "give 0.95, say")
+        raise InputError.of(
+            "confidence", confidence, "must lie between 0 and 1", "give 0.95, say"
+        )
     curves = [_curve(aging, chosen) for aging in ordered]
     asked = None if levels is None else _given(levels, UNIT.get(chosen, ""))
-    energies = [_at_level(level, curves, confidence) for level in (_default(curves) if asked is None else asked)]
-    energies = [energy for energy in energies if asked is not None or math.isfinite(energy.energy)]
+    energies = [
+        _at_level(level, curves, confidence)
+        for level in (_default(curves) if asked is None else asked)
+    ]
+    energies = [
+        energy
+        for energy in energies
+        if asked is not None or math.isfinite(energy.energy)
+    ]
     limits = convert(window[0], "s"), convert(window[1], "s")
     fits = tuple(_fit(aging, chosen, limits) for aging in ordered)
-    notes = list(dict.fromkeys(fit.doubt for fit in fits if fit is not None and fit.doubt))
+    notes = list(
+        dict.fromkeys(fit.doubt for fit in fits if fit is not None and fit.doubt)
+    )
     if (cutoff := _of_cutoff(ordered, fits, limits, confidence)) is not None:
         energies.append(cutoff)
     if asked is None and not any(energy.level is not None for energy in energies):
-        notes.append("no level is reached at three temperatures within the hold times; give more hold times")
+        notes.append(
+            "no level is reached at three temperatures within the hold times; give more hold times"
+        )
     return Arrhenius(
         chosen,
         np.array([curve.temperature for curve in curves]),
@@ -216,13 +243,19 @@ def _checked(results: Sequence[Aging]) -> list[Aging]:
     curves = list(results)
     for curve in curves:
         if not isinstance(curve, Aging):
-            raise InputError(f"results: got a {type(curve).__name__}; give ageing curves, one for each temperature")
+            raise InputError(
+                f"results: got a {type(curve).__name__}; give ageing curves, one for each temperature"
+            )
     kelvins = sorted(curve.temperature for curve in curves)
     if len(kelvins) < LEAST:
-        raise InputError(f"results: {len(kelvins)} temperatures; a line with an error needs {LEAST} or more")
+        raise InputError(
+            f"results: {len(kelvins)} temperatures; a line with an error needs {LEAST} or more"
+        )
     for first, second in pairwise(kelvins):
         if second - first <= 1e-9 * second:
-            raise InputError(f"results: two of them are at {first:g} K; give one for each temperature")
+            raise InputError(
+                f"results: two of them are at {first:g} K; give one for each temperature"
+            )
     for name in ("load", "bond_force", "front_factor"):
         if len(values := {getattr(curve, name) for curve in curves}) > 1:
             raise InputError(
@@ -230,8 +263,13 @@ def _checked(results: Sequence[Aging]) -> list[Aging]:
                 "temperature alone; give results of one contact and one chemistry"
             )
     for name in ("chemistry", "contact"):
-        if any(curve.provenance.get(name) != curves[0].provenance.get(name) for curve in curves):
-            raise InputError(f"results: differ in their {name}, not in temperature alone; give results of one {name}")
+        if any(
+            curve.provenance.get(name) != curves[0].provenance.get(name)
+            for curve in curves
+        ):
+            raise InputError(
+                f"results: differ in their {name}, not in temperature alone; give results of one {name}"
+            )
     return curves
 
 
@@ -239,9 +277,13 @@ def _quantity(quantity: Level | None, curves: Sequence[Aging]) -> Level:
     if quantity is None:
         return "friction_coefficient_drop" if curves[0].load > 0 else "friction_drop"
     if quantity not in get_args(Level):
-        raise InputError.of("quantity", quantity, f"choose {', '.join(get_args(Level))}")
+        raise InputError.of(
+            "quantity", quantity, f"choose {', '.join(get_args(Level))}"
+        )
     if quantity == "friction_coefficient_drop" and curves[0].load == 0:
-        raise InputError("load = 0: the friction coefficient is undefined; choose quantity = 'friction_drop'")
+        raise InputError(
+            "load = 0: the friction coefficient is undefined; choose quantity = 'friction_drop'"
+        )
     return quantity
 
 
@@ -249,26 +291,45 @@ def _curve(aging: Aging, quantity: Level) -> _Curve:
     if quantity == "bonds_per_site":
         values = aging.bonds / np.where(aging.sites > 0, aging.sites, np.nan)[:, None]
     else:
-        values = aging.friction_drop if quantity == "friction_drop" else aging.friction_coefficient_drop
+        values = (
+            aging.friction_drop
+            if quantity == "friction_drop"
+            else aging.friction_coefficient_drop
+        )
     shown = aging.hold_times > 0
-    return _Curve(aging.temperature, aging.hold_times[shown], np.asarray(values, dtype=np.float64)[:, shown])
+    return _Curve(
+        aging.temperature,
+        aging.hold_times[shown],
+        np.asarray(values, dtype=np.float64)[:, shown],
+    )
 
 
 def _given(levels: float | str | Sequence[float | str], unit: str) -> list[float]:
-    listed = levels if isinstance(levels, Sequence) and not isinstance(levels, str) else [levels]
+    listed = (
+        levels
+        if isinstance(levels, Sequence) and not isinstance(levels, str)
+        else [levels]
+    )
     numbers = sorted({convert(level, unit) for level in listed})
     if not numbers:
         raise InputError("levels: an empty list; give levels, or leave them out")
     for level in numbers:
         if not (math.isfinite(level) and level > 0):
-            raise InputError.of("level", level, "must be finite and positive", "give a level that is reached")
+            raise InputError.of(
+                "level",
+                level,
+                "must be finite and positive",
+                "give a level that is reached",
+            )
     return numbers
 
 
 def _default(curves: Sequence[_Curve]) -> list[float]:
     """Levels between those that the first and the last hold times reach at the largest number of temperatures."""
     ranges = [
-        (max(float(mean[0]), 0.0), float(mean.max())) for curve in curves if (mean := curve.values.mean(axis=0)).size
+        (max(float(mean[0]), 0.0), float(mean.max()))
+        for curve in curves
+        if (mean := curve.values.mean(axis=0)).size
     ]
     ranges = [(low, high) for low, high in ranges if high > low]
     ends = sorted({end for pair in ranges for end in pair})
@@ -282,7 +343,11 @@ def _default(curves: Sequence[_Curve]) -> list[float]:
     low, high = best
     levels = [low + (high - low) * (k + 0.5) / CHOSEN for k in range(CHOSEN)]
     short = [float(f"{level:.3g}") for level in levels]
-    return short if len(set(short)) == CHOSEN and low < short[0] and short[-1] < high else levels
+    return (
+        short
+        if len(set(short)) == CHOSEN and low < short[0] and short[-1] < high
+        else levels
+    )
 
 
 def _log_time(times: np.ndarray, means: np.ndarray, level: float) -> np.ndarray:
@@ -292,15 +357,28 @@ def _log_time(times: np.ndarray, means: np.ndarray, level: float) -> np.ndarray:
         above = np.flatnonzero(mean >= level)
         if above.size and (at := int(above[0])) > 0:
             below, log_t = mean[at - 1], np.log(times[at - 1 : at + 1])
-            logs[row] = log_t[0] + (log_t[1] - log_t[0]) * (level - below) / (mean[at] - below)
+            logs[row] = log_t[0] + (log_t[1] - log_t[0]) * (level - below) / (
+                mean[at] - below
+            )
     return logs
 
 
-def _at_level(level: float, curves: Sequence[_Curve], confidence: float) -> ActivationEnergy:
-    logs = np.array([_log_time(curve.times, curve.values.mean(axis=0)[None, :], level)[0] for curve in curves])
+def _at_level(
+    level: float, curves: Sequence[_Curve], confidence: float
+) -> ActivationEnergy:
+    logs = np.array(
+        [
+            _log_time(curve.times, curve.values.mean(axis=0)[None, :], level)[0]
+            for curve in curves
+        ]
+    )
     reached = np.isfinite(logs)
     if np.count_nonzero(reached) < LEAST:
-        kelvins = ", ".join(f"{curve.temperature:g} K" for curve, there in zip(curves, reached, strict=True) if there)
+        kelvins = ", ".join(
+            f"{curve.temperature:g} K"
+            for curve, there in zip(curves, reached, strict=True)
+            if there
+        )
         raise InputError.of(
             "level",
             level,
@@ -311,19 +389,34 @@ def _at_level(level: float, curves: Sequence[_Curve], confidence: float) -> Acti
         )
     used = [curve for curve, there in zip(curves, reached, strict=True) if there]
     left_out = [_log_time(curve.times, curve.left_out, level) for curve in used]
-    return _line(level, np.array([curve.temperature for curve in used]), logs[reached], left_out, confidence)
+    return _line(
+        level,
+        np.array([curve.temperature for curve in used]),
+        logs[reached],
+        left_out,
+        confidence,
+    )
 
 
 def _line(
-    level: float | None, kelvins: np.ndarray, logs: np.ndarray, left_out: Sequence[np.ndarray], confidence: float
+    level: float | None,
+    kelvins: np.ndarray,
+    logs: np.ndarray,
+    left_out: Sequence[np.ndarray],
+    confidence: float,
 ) -> ActivationEnergy:
     """The line through ln t (n,); ``left_out`` are its values with each replica left out, for each temperature."""
     counts = [len(logs_of_one) for logs_of_one in left_out]
     errors = np.array(
-        [float(jackknife_error(logs_of_one)) if len(logs_of_one) > 1 else math.nan for logs_of_one in left_out]
+        [
+            float(jackknife_error(logs_of_one)) if len(logs_of_one) > 1 else math.nan
+            for logs_of_one in left_out
+        ]
     )
     x = 1 / (KB * kelvins)
-    weighted = min(counts) >= FOR_WEIGHTS and bool((np.isfinite(errors) & (errors > 0)).all())
+    weighted = min(counts) >= FOR_WEIGHTS and bool(
+        (np.isfinite(errors) & (errors > 0)).all()
+    )
     weight = 1 / errors**2 if weighted else np.ones(x.size)
     rows = _rows(x, weight)
     energy, log_prefactor = rows @ logs
@@ -335,13 +428,18 @@ def _line(
         error = np.sqrt(share @ residual**2 / freedom * (rows**2 / share).sum(axis=1))
         words = f"Student's t, scatter about the line, {x.size} temperatures"
     elif len(set(counts)) == 1:
-        error, freedom = _jackknife(x, weight, logs, left_out, weighted, range(x.size)), counts[0] - 1.0
+        error = _jackknife(x, weight, logs, left_out, weighted, range(x.size))
+        freedom = counts[0] - 1.0
         words = f"Student's t, jackknife over {counts[0]} replicas"
     else:
         # the degrees of freedom are those of the temperature with the largest part: those of Welch and Satterthwaite
         # are too many where a few replicas decide
-        parts = [_jackknife(x, weight, logs, left_out, weighted, [k]) ** 2 for k in range(x.size)]
-        error, freedom = np.sqrt(np.sum(parts, axis=0)), np.array(counts)[np.argmax(parts, axis=0)] - 1.0
+        parts = [
+            _jackknife(x, weight, logs, left_out, weighted, [k]) ** 2
+            for k in range(x.size)
+        ]
+        error = np.sqrt(np.sum(parts, axis=0))
+        freedom = np.array(counts)[np.argmax(parts, axis=0)] - 1.0
         words = f"Student's t, jackknife over {min(counts)} to {max(counts)} replicas"
     half = error * student_limits(np.broadcast_to(freedom, 2), confidence)
     finite = bool(np.isfinite(half).all())
@@ -350,12 +448,17 @@ def _line(
         temperatures=kelvins,
         times=np.exp(logs),
         log_time_errors=errors,
-        log_time_half_widths=errors * student_limits(np.maximum(np.array(counts) - 1.0, 1.0), confidence),
+        log_time_half_widths=errors
+        * student_limits(np.maximum(np.array(counts) - 1.0, 1.0), confidence),
         energy=float(energy),
         energy_stderr=float(error[0]),
-        energy_interval=Interval(float(energy - half[0]), float(energy + half[0])) if finite else UNKNOWN,
+        energy_interval=Interval(float(energy - half[0]), float(energy + half[0]))
+        if finite
+        else UNKNOWN,
         prefactor=math.exp(log_prefactor),
-        prefactor_interval=Interval(*np.exp([log_prefactor - half[1], log_prefactor + half[1]]).tolist())
+        prefactor_interval=Interval(
+            *np.exp([log_prefactor - half[1], log_prefactor + half[1]]).tolist()
+        )
         if finite
         else UNKNOWN,
         rms_residual=float(np.sqrt(np.mean(residual**2))),
@@ -408,25 +511,35 @@ def _jackknife(
 def _fit(aging: Aging, quantity: Level, window: tuple[float, float]) -> Fit | None:
     of_force = quantity == "friction_drop" or aging.load == 0
     try:
-        return fit_aging(aging, window=window, quantity="friction_drop" if of_force else None)
+        return fit_aging(
+            aging, window=window, quantity="friction_drop" if of_force else None
+        )
     except InputError:
         return None
 
 
 def _of_cutoff(
-    results: Sequence[Aging], fits: Sequence[Fit | None], window: tuple[float, float], confidence: float
+    results: Sequence[Aging],
+    fits: Sequence[Fit | None],
+    window: tuple[float, float],
+    confidence: float,
 ) -> ActivationEnergy | None:
     """The activation energy of the cut-off time; None where it is known at fewer than three temperatures."""
     kelvins, logs, left_out = [], [], []
     for result, fit in zip(results, fits, strict=True):
-        curve = _curve(result, "friction_drop")  # of which the cut-off time is that of Δμ
+        curve = _curve(
+            result, "friction_drop"
+        )  # of which the cut-off time is that of Δμ
         use = within(curve.times, window)
         if fit is None or not (math.isfinite(fit.cutoff_time) and fit.cutoff_time > 0):
             continue
         kelvins.append(curve.temperature)
         logs.append(math.log(fit.cutoff_time))
         even = np.ones((1, int(np.count_nonzero(use))))
-        left_out.append(solve("line", curve.times[use], curve.left_out[:, use], even)[1] * math.log(10))
+        left_out.append(
+            solve("line", curve.times[use], curve.left_out[:, use], even)[1]
+            * math.log(10)
+        )
     if len(kelvins) < LEAST:
         return None
     return _line(None, np.array(kelvins), np.array(logs), left_out, confidence)

@@ -35,7 +35,9 @@ _LOCAL: dict[str, Any] = {
 
 
 @contextmanager
-def open_client(detail: str, workers: int | None, threads: int, patience: float | None = None) -> Iterator[Any]:
+def open_client(
+    detail: str, workers: int | None, threads: int, patience: float | None = None
+) -> Iterator[Any]:
     """Connect a ``distributed.Client`` for the duration of a block.
 
     Parameters
@@ -77,7 +79,9 @@ def open_client(detail: str, workers: int | None, threads: int, patience: float 
             if not detail:
                 cluster = distributed.LocalCluster(n_workers=workers, **_LOCAL)
                 options = {"address": stack.enter_context(cluster)}
-            client = distributed.Client(**options, timeout=ANSWER_TIME, set_as_default=False)
+            client = distributed.Client(
+                **options, timeout=ANSWER_TIME, set_as_default=False
+            )
         except (OSError, TimeoutError, ValueError, RuntimeError) as error:
             raise _unavailable(detail, error) from None
         try:

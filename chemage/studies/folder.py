@@ -26,8 +26,21 @@ from typing import Annotated, Any, Self
 from pydantic import BaseModel, Field, ValidationError, model_validator
 
 from chemage.contacts.solution import ContactSolution
-from chemage.foundation.container import archive, check_json, read, read_json, sealed_json
-from chemage.foundation.errors import AbsentError, DamagedError, InputError, StoreError, explain, in_lines
+from chemage.foundation.container import (
+    archive,
+    check_json,
+    read,
+    read_json,
+    sealed_json,
+)
+from chemage.foundation.errors import (
+    AbsentError,
+    DamagedError,
+    InputError,
+    StoreError,
+    explain,
+    in_lines,
+)
 from chemage.foundation.files import (
     LARGEST_DESCRIPTION,
     check_data,
@@ -86,11 +99,22 @@ class _Manifest(BaseModel):
     def _fits(self) -> Self:
         axes = self.grid.axes
         lengths = [len(axis.values) for axis in axes]
-        if any(len(values) != len(axis.paths) for axis in axes for values in axis.values):
-            raise ValueError("an axis of the grid has values for other fields than it names")
-        if math.prod(lengths) != len(self.keys) or [len(values) for values in self.resolved] != lengths:
-            raise ValueError(f"the grid has {math.prod(lengths)} points, but there are {len(self.keys)} keys")
-        if len(self.contact_of) != len(self.keys) or max(self.contact_of, default=0) >= max(len(self.contacts), 1):
+        if any(
+            len(values) != len(axis.paths) for axis in axes for values in axis.values
+        ):
+            raise ValueError(
+                "an axis of the grid has values for other fields than it names"
+            )
+        if (
+            math.prod(lengths) != len(self.keys)
+            or [len(values) for values in self.resolved] != lengths
+        ):
+            raise ValueError(
+                f"the grid has {math.prod(lengths)} points, but there are {len(self.keys)} keys"
+            )
+        if len(self.contact_of) != len(self.keys) or max(
+            self.contact_of, default=0
+        ) >= max(len(self.contacts), 1):
             raise ValueError("contact_of does not name a contact for each point")
         if "chemage" not in self.versions:
             raise ValueError("the version of chemage is missing")
@@ -131,14 +155,22 @@ class Folder:
             check_data(data)
             if isinstance(layout := data.get("format"), int) and layout > FORMAT:
                 version = data["versions"]["chemage"]
-                raise StoreError(f"{self.path} was made by chemage {version}; update chemage to read it")
+                raise StoreError(
+                    f"{self.path} was made by chemage {version}; update chemage to read it"
+                )
             _Manifest.model_validate(data, strict=True)
         except FileNotFoundError:
-            raise StoreError(f"{self.path} is not the folder of a sweep: it has no sweep.json") from None
+            raise StoreError(
+                f"{self.path} is not the folder of a sweep: it has no sweep.json"
+            ) from None
         except ValidationError as error:
-            raise StoreError(f"{self.manifest} does not describe a sweep: {in_lines(explain(error)[:1])}") from None
+            raise StoreError(
+                f"{self.manifest} does not describe a sweep: {in_lines(explain(error)[:1])}"
+            ) from None
         except InputError as error:
-            raise StoreError(f"{self.manifest} does not describe a sweep: {in_lines(error.problems[:1])}") from None
+            raise StoreError(
+                f"{self.manifest} does not describe a sweep: {in_lines(error.problems[:1])}"
+            ) from None
         return data
 
     def intact_manifest(self) -> dict[str, Any] | None:
@@ -154,7 +186,11 @@ class Folder:
         try:
             text = read_bytes(path, LARGEST_DESCRIPTION, links=False)
             # only the beginning is needed of a file that is as it was written
-            if check_json(text, path) and (begin := _POINT.match(text)) and begin[2] in (None, key.encode()):
+            if (
+                check_json(text, path)
+                and (begin := _POINT.match(text))
+                and begin[2] in (None, key.encode())
+            ):
                 return begin[1].decode()
         except StoreError:
             pass
@@ -169,7 +205,10 @@ class Folder:
         except StoreError:
             return {"status": "damaged"}
         # the file of another point, or of something else, is no less wrong than a damaged one
-        right = content.pop("key", key) == key and content.get("status") in ("done", "failed")
+        right = content.pop("key", key) == key and content.get("status") in (
+            "done",
+            "failed",
+        )
         return content if right else {"status": "damaged"}
 
     def write_point(self, key: str, content: Mapping[str, Any]) -> None:
@@ -177,16 +216,24 @@ class Folder:
         if content["status"] != "done" and self.state(key) == "done":
             return  # another process has computed it
         # with these two first: `state` reads no more of it
-        self.place(self.point(key), sealed_json({"status": content["status"], "key": key, **content}))
+        self.place(
+            self.point(key),
+            sealed_json({"status": content["status"], "key": key, **content}),
+        )
 
-    def write_manifest(self, content: Mapping[str, Any], *, first: bool = False) -> None:
+    def write_manifest(
+        self, content: Mapping[str, Any], *, first: bool = False
+    ) -> None:
         """Write ``sweep.json``; with ``first`` only if there is none."""
         self.place(self.manifest, sealed_json(content, indent=1), over=not first)
 
     def keep_contact(self, key: str, solution: ContactSolution) -> ContactSolution:
         """Write a contact, unless another process has done so before: all points use the one that is returned."""
         path, content = self.contact(key), archive({"contact": solution}, {"key": key})
-        if not self.place(path, content, over=False) and self.intact_contact(key) is None:
+        if (
+            not self.place(path, content, over=False)
+            and self.intact_contact(key) is None
+        ):
             self.place(path, content)  # it was damaged
         return self.read_contact(key) or solution
 
@@ -206,7 +253,9 @@ class Folder:
     def _in_contact(self, key: str, kinds: dict[str, type[Record]]) -> dict[str, Any]:
         records, about = read(self.contact(key), kinds, links=False)
         if about.get("key", key) != key:
-            raise DamagedError(f"{self.contact(key)} is damaged: it is the contact of other points")
+            raise DamagedError(
+                f"{self.contact(key)} is damaged: it is the contact of other points"
+            )
         return records
 
     def contact_state(self, key: str) -> str:
@@ -226,7 +275,9 @@ class Folder:
         except StoreError:
             return None
 
-    def place(self, target: Path, content: bytes | memoryview, *, over: bool = True) -> bool:
+    def place(
+        self, target: Path, content: bytes | memoryview, *, over: bool = True
+    ) -> bool:
         """Put a file in its place, with ``over`` in that of another one; else False where there is one."""
         part = temporary(target, self.path / ".parts")
         try:
@@ -246,7 +297,9 @@ class Folder:
                 on_disk(target.parent)
             return placed
         except OSError as error:
-            raise CannotWrite(f"cannot write {target}: {error.strerror or error}; {RESUME}") from None
+            raise CannotWrite(
+                f"cannot write {target}: {error.strerror or error}; {RESUME}"
+            ) from None
         finally:
             with contextlib.suppress(OSError):
                 part.unlink(missing_ok=True)
@@ -261,7 +314,9 @@ class Folder:
         try:
             (self.path / ".parts").mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise CannotWrite(f"cannot write in {self.path}: {error.strerror or error}; {RESUME}") from None
+            raise CannotWrite(
+                f"cannot write in {self.path}: {error.strerror or error}; {RESUME}"
+            ) from None
 
     def is_locked(self) -> bool:
         """Whether another process of this machine computes into the folder at present."""
@@ -284,13 +339,17 @@ class Folder:
             return
         with log_file(self.path / ".lock") as stream:
             try:
-                fcntl.flock(stream, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
+                fcntl.flock(
+                    stream, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB
+                )
             except BlockingIOError:
                 stream.seek(0)
                 # only a process that computes the whole has its name there
                 process = stream.read().strip()
                 owner = f"process {process}" if process else "another process"
-                raise StoreError(f"{self.path} is being computed by {owner}; wait for it, or stop it") from None
+                raise StoreError(
+                    f"{self.path} is being computed by {owner}; wait for it, or stop it"
+                ) from None
             except OSError:  # a file system without locks
                 yield
                 return
@@ -318,9 +377,22 @@ def refuse_links(folder: Path, *more: str) -> None:
     StoreError
         Naming the link.
     """
-    paths = [folder / name for name in ("sweep.json", ".lock", ".parts", ".shares", "contacts", "points", *more)]
+    paths = [
+        folder / name
+        for name in (
+            "sweep.json",
+            ".lock",
+            ".parts",
+            ".shares",
+            "contacts",
+            "points",
+            *more,
+        )
+    ]
     with contextlib.suppress(OSError), os.scandir(folder / "points") as entries:
         paths += [Path(entry.path) for entry in entries]
     for path in paths:
         if path.is_symlink():
-            raise StoreError(f"{path} is a link, which is not followed; remove it, or choose another folder")
+            raise StoreError(
+                f"{path} is a link, which is not followed; remove it, or choose another folder"
+            )

@@ -82,7 +82,9 @@ class Pool:
 class Serial(Executor):
     """Runs each task in the calling thread when it is submitted."""
 
-    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+    def submit(
+        self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any
+    ) -> Future[Any]:
         """Run the task; the future has its result or its exception."""
         future: Future[Any] = Future()
         future.set_running_or_notify_cancel()
@@ -96,7 +98,9 @@ class Serial(Executor):
 class Threads(ThreadPoolExecutor):
     """Threads of this process, which see the options of plugins of the thread that submits a task."""
 
-    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+    def submit(
+        self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any
+    ) -> Future[Any]:
         """Queue a task."""
         return super().submit(contextvars.copy_context().run, fn, *args, **kwargs)
 
@@ -116,7 +120,9 @@ class Processes(Executor):
         self.workers, self._threads = workers, threads
         self._inner = self._started()
 
-    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+    def submit(
+        self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any
+    ) -> Future[Any]:
         """Queue a task, in new processes if one has died."""
         try:
             return self._inner.submit(fn, *args, **kwargs)
@@ -197,19 +203,39 @@ def open_pool(
             checked_count(name, count)
     limit = None if patience is None else seconds(patience)
     if isinstance(executor, Executor):
-        width = workers or getattr(executor, "_max_workers", None) or thread_budget.processors()
+        width = (
+            workers
+            or getattr(executor, "_max_workers", None)
+            or thread_budget.processors()
+        )
         here = isinstance(executor, ThreadPoolExecutor)
-        yield Pool(executor, type(executor).__name__, threads or 1, lambda: width, remote=not here)
+        yield Pool(
+            executor,
+            type(executor).__name__,
+            threads or 1,
+            lambda: width,
+            remote=not here,
+        )
         return
     name, _, detail = executor.partition(":")
     if name not in NAMES or (detail and name != "dask"):
         remedy = "choose serial, threads, processes, dask, dask:ADDRESS or dask:SCHEDULER.json"
-        raise InputError.of("executor", executor, f"no such executor{nearest(name, NAMES)}", remedy)
+        raise InputError.of(
+            "executor", executor, f"no such executor{nearest(name, NAMES)}", remedy
+        )
     if name == "serial":
         if workers not in (None, 1):
             remedy = "choose another executor, or set threads"
-            raise InputError.of("workers", workers, "serial runs one task at a time", remedy)
-        yield Pool(Serial(), name, threads or thread_budget.available(), lambda: 1, remote=False)
+            raise InputError.of(
+                "workers", workers, "serial runs one task at a time", remedy
+            )
+        yield Pool(
+            Serial(),
+            name,
+            threads or thread_budget.available(),
+            lambda: 1,
+            remote=False,
+        )
     elif name == "threads":
         workers, threads = shares(workers, threads)
         with Threads(workers, thread_name_prefix="chemage-task") as executor:
@@ -225,13 +251,22 @@ def open_pool(
             pool = client.get_executor(pure=False)
 
             def concurrent() -> int:
-                with suppress(OSError, RuntimeError, AttributeError):  # the scheduler is busy; or gone: its tasks fail
+                with suppress(
+                    OSError, RuntimeError, AttributeError
+                ):  # the scheduler is busy; or gone: its tasks fail
                     return max(1, sum(client.nthreads().values()))
                 return 1
 
             # what waits in a client that has given up its scheduler may not be told
             given_up = ("closing", "closed")
-            yield Pool(pool, name, threads or 1, concurrent, here=False, lost=lambda: client.status in given_up)
+            yield Pool(
+                pool,
+                name,
+                threads or 1,
+                concurrent,
+                here=False,
+                lost=lambda: client.status in given_up,
+            )
 
 
 def shares(workers: int | None, threads: int | None) -> tuple[int, int]:
@@ -292,7 +327,13 @@ class Runner:
         Called several times a second while tasks run, with this runner.
     """
 
-    def __init__(self, pool: Pool, place: Place | None, known: Known, watch: Callable[[Runner], None] | None) -> None:
+    def __init__(
+        self,
+        pool: Pool,
+        place: Place | None,
+        known: Known,
+        watch: Callable[[Runner], None] | None,
+    ) -> None:
         self._pool, self._place, self._known, self._watch = pool, place, known, watch
         self._whole = None if place is None else place.whole
         self._ready: deque[Piece] = deque()
@@ -323,17 +364,23 @@ class Runner:
         ExecutorError
             The workers cannot be started, or have ended.
         """
-        for ageings in by_contact(tasks):  # in an order in which successive contacts share a surface
+        for ageings in by_contact(
+            tasks
+        ):  # in an order in which successive contacts share a surface
             self._divide(ageings)
         reported = 0.0
         try:
             while self._ready or self._contacts or self._running or self._suspects:
                 self._submit()
-                finished, _ = wait(self._running, timeout=0.5, return_when=FIRST_COMPLETED)
+                finished, _ = wait(
+                    self._running, timeout=0.5, return_when=FIRST_COMPLETED
+                )
                 for future in finished:
                     self._settle(self._running.pop(future), future, told)
                 if not finished and self._pool.lost():
-                    raise ExecutorError(f"the executor dropped its tasks: its scheduler is gone; {RESUME}")
+                    raise ExecutorError(
+                        f"the executor dropped its tasks: its scheduler is gone; {RESUME}"
+                    )
                 now = time.perf_counter()
                 if self._watch is not None and now > reported + PERIOD:
                     reported = now
@@ -349,9 +396,18 @@ class Runner:
 
     def remaining(self) -> float | None:
         """Estimated wall time of what is left, s; None before the first piece has ended."""
-        waiting = [*self._ready, *(piece for pieces in (*self._contacts, *self._behind.values()) for piece in pieces)]
+        waiting = [
+            *self._ready,
+            *(
+                piece
+                for pieces in (*self._contacts, *self._behind.values())
+                for piece in pieces
+            ),
+        ]
         weights = [piece.weight for piece in waiting]
-        weights += [piece.weight / 2 for piece in (*self._running.values(), *self._suspects)]
+        weights += [
+            piece.weight / 2 for piece in (*self._running.values(), *self._suspects)
+        ]
         if not self._ended:
             return None
         each = self._seconds / self._ended / max(1, self.width)
@@ -367,7 +423,9 @@ class Runner:
         first = ageings[0][0]
         if self._whole is None:
             ageings = self._joined(ageings)
-        pieces = [Piece(tasks, False, ageing_seconds(tasks) + 1e-3) for tasks in ageings]
+        pieces = [
+            Piece(tasks, False, ageing_seconds(tasks) + 1e-3) for tasks in ageings
+        ]
         if self._is_there(first):
             self._ready.extend(pieces)
             return
@@ -377,7 +435,10 @@ class Runner:
 
     def _is_there(self, task: Task) -> bool:
         """Whether the contact of a task is in the folder."""
-        return self._whole is not None and self._whole.contact_state(task.contact) == "done"
+        return (
+            self._whole is not None
+            and self._whole.contact_state(task.contact) == "done"
+        )
 
     def _joined(self, ageings: list[list[Task]]) -> list[list[Task]]:
         """Ageings of a contact that is not kept, in so many pieces as it pays to solve the contact for."""
@@ -385,13 +446,23 @@ class Runner:
         total = sum(ageing_seconds(tasks) + 1e-3 for tasks in ageings)
         count = len(ageings)
         if math.isfinite(contact + total):
-            count = max(1, min(count, 4 * self.width, math.ceil(total / max(contact, 1e-9))))
+            count = max(
+                1, min(count, 4 * self.width, math.ceil(total / max(contact, 1e-9)))
+            )
         edges = [k * len(ageings) // count for k in range(count + 1)]
-        return [[task for ageing in ageings[begin:end] for task in ageing] for begin, end in pairwise(edges)]
+        return [
+            [task for ageing in ageings[begin:end] for task in ageing]
+            for begin, end in pairwise(edges)
+        ]
 
     def _submit(self) -> None:
         width = self.width
-        if self._suspects and not self._running and not self._ready and not self._contacts:
+        if (
+            self._suspects
+            and not self._running
+            and not self._ready
+            and not self._contacts
+        ):
             piece = self._suspects.popleft()
             piece.alone = True
             self._start(piece)
@@ -412,13 +483,17 @@ class Runner:
 
     def _fits(self) -> bool:
         """Whether the memory of this machine holds one more piece like those that run."""
-        sizes = [max(task.bytes for task in piece.tasks) for piece in self._running.values()]
+        sizes = [
+            max(task.bytes for task in piece.tasks) for piece in self._running.values()
+        ]
         return not sizes or sum(sizes) + max(sizes) <= self._memory
 
     def _start(self, piece: Piece) -> None:
         remote = self._pool.remote
         tasks = [task.loaded() for task in piece.tasks] if remote else piece.tasks
-        future = self._pool.executor.submit(compute, self._place, tasks, self._pool.threads, self._known, remote)
+        future = self._pool.executor.submit(
+            compute, self._place, tasks, self._pool.threads, self._known, remote
+        )
         self._running[future] = piece
 
     # -- what comes of them -------------------------------------------------------------------------------------------
@@ -430,7 +505,9 @@ class Runner:
             lost = self._death(error)
             piece.deaths += piece.alone
             if piece.deaths <= (RETRIES if piece.alone else 0):
-                self._suspects.append(piece)  # perhaps it only ran beside the piece that killed the worker
+                self._suspects.append(
+                    piece
+                )  # perhaps it only ran beside the piece that killed the worker
                 return
             outcomes = self._lost(piece, lost)
         else:
@@ -448,18 +525,26 @@ class Runner:
             return error
         if type(error).__name__ == "KilledWorker":  # of Dask
             return WorkerLost(str(error))
-        if isinstance(error, BrokenProcessPool) and isinstance(self._pool.executor, Processes):
+        if isinstance(error, BrokenProcessPool) and isinstance(
+            self._pool.executor, Processes
+        ):
             codes = re.findall(r"[A-Z]+\(-?[1-9]\d*\)", str(error))
             if codes or self._ended:
                 status = ", ".join(codes) or "exit status 0"
                 return WorkerLost(
                     f"the worker process died at this task: {status} (SIGKILL: most often, memory ran out)"
                 )
-            raise ExecutorError(f"a worker process could not start; its own message is above; {RESUME}") from error
+            raise ExecutorError(
+                f"a worker process could not start; its own message is above; {RESUME}"
+            ) from error
         if isinstance(error, CancelledError):
-            raise ExecutorError(f"the executor dropped a task: its scheduler is gone, or it was shut down; {RESUME}")
+            raise ExecutorError(
+                f"the executor dropped a task: its scheduler is gone, or it was shut down; {RESUME}"
+            )
         if isinstance(error, BrokenExecutor):
-            raise ExecutorError(f"the executor gave up ({type(error).__name__}: {error}); {RESUME}") from error
+            raise ExecutorError(
+                f"the executor gave up ({type(error).__name__}: {error}); {RESUME}"
+            ) from error
         if isinstance(error, ExecutorError):
             raise ExecutorError(f"{error}; {RESUME}") from error
         raise error
@@ -485,4 +570,6 @@ class Runner:
     def _record(self, task: Task, outcome: Outcome) -> None:
         """Write that a task failed, which no worker could."""
         if self._whole is not None and outcome.error is not None:
-            self._whole.write_point(task.key, failure(task, outcome.stage, outcome.error))
+            self._whole.write_point(
+                task.key, failure(task, outcome.stage, outcome.error)
+            )

@@ -27,7 +27,15 @@ from chemage.scene.scene import Scene
 from chemage.studies.clusters import seconds
 from chemage.studies.folder import RESUME, Folder
 from chemage.studies.runner import Pool, Runner, Told, open_pool
-from chemage.studies.tasks import Known, Outcome, Place, Task, for_workers, forget, registered_classes
+from chemage.studies.tasks import (
+    Known,
+    Outcome,
+    Place,
+    Task,
+    for_workers,
+    forget,
+    registered_classes,
+)
 
 #: largest number of shares
 MANY_SHARES = 1_000_000
@@ -37,10 +45,20 @@ _AUTO = re.compile(r"auto(?:/(\d{1,9}))?")
 _NUMBERS = re.compile(r"\d{1,12}(-\d{1,12})?(,\d{1,12}(-\d{1,12})?)*")
 #: the number of a task in a job array, by scheduler; first, last and step where the scheduler gives them
 _ARRAYS = {
-    "SLURM": ("SLURM_ARRAY_TASK_ID", "SLURM_ARRAY_TASK_MIN", "SLURM_ARRAY_TASK_MAX", "SLURM_ARRAY_TASK_STEP"),
+    "SLURM": (
+        "SLURM_ARRAY_TASK_ID",
+        "SLURM_ARRAY_TASK_MIN",
+        "SLURM_ARRAY_TASK_MAX",
+        "SLURM_ARRAY_TASK_STEP",
+    ),
     "PBS": ("PBS_ARRAY_INDEX",),
     "Torque": ("PBS_ARRAYID",),
-    "Grid Engine": ("SGE_TASK_ID", "SGE_TASK_FIRST", "SGE_TASK_LAST", "SGE_TASK_STEPSIZE"),
+    "Grid Engine": (
+        "SGE_TASK_ID",
+        "SGE_TASK_FIRST",
+        "SGE_TASK_LAST",
+        "SGE_TASK_STEPSIZE",
+    ),
     "LSF": ("LSB_JOBINDEX",),
 }
 
@@ -68,12 +86,17 @@ class Selection:
         """
         compact = text.replace(" ", "")
         if auto := _AUTO.fullmatch(compact):
-            compact = _share_of_array(text, auto[1], os.environ if environment is None else environment)
+            compact = _share_of_array(
+                text, auto[1], os.environ if environment is None else environment
+            )
         if match := _SHARE.fullmatch(compact):
             number, count = int(match[1]), int(match[2])
             if not 1 <= number <= count <= MANY_SHARES:
                 raise InputError.of(
-                    "points", text, f"there is no share {number} of {count}; shares count from 1", _FORM
+                    "points",
+                    text,
+                    f"there is no share {number} of {count}; shares count from 1",
+                    _FORM,
                 )
             return cls(share=(number, count))
         if not _NUMBERS.fullmatch(compact):
@@ -83,13 +106,18 @@ class Selection:
             first, _, last = part.partition("-")
             ranges.append((int(first), int(last or first)))
             if ranges[-1][0] > ranges[-1][1]:
-                raise InputError.of("points", text, f"{part} ends before it begins", _FORM)
+                raise InputError.of(
+                    "points", text, f"{part} ends before it begins", _FORM
+                )
         return cls(ranges=tuple(ranges))
 
     def __str__(self) -> str:
         if self.share is not None:
             return f"{self.share[0]}/{self.share[1]}"
-        return ",".join(str(first) if first == last else f"{first}-{last}" for first, last in self.ranges)
+        return ",".join(
+            str(first) if first == last else f"{first}-{last}"
+            for first, last in self.ranges
+        )
 
     def describe(self) -> str:
         """What is computed, in words."""
@@ -98,12 +126,27 @@ class Selection:
         return f"points {self}"
 
 
-def _share_of_array(text: str, count: str | None, environment: Mapping[str, str]) -> str:
-    numbers = {name: int(value) for name, value in environment.items() if re.fullmatch(r"\d{1,9}", value)}
-    arrays = {scheduler: variables for scheduler, variables in _ARRAYS.items() if variables[0] in numbers}
+def _share_of_array(
+    text: str, count: str | None, environment: Mapping[str, str]
+) -> str:
+    numbers = {
+        name: int(value)
+        for name, value in environment.items()
+        if re.fullmatch(r"\d{1,9}", value)
+    }
+    arrays = {
+        scheduler: variables
+        for scheduler, variables in _ARRAYS.items()
+        if variables[0] in numbers
+    }
     if not arrays:
         every = ", ".join(variables[0] for variables in _ARRAYS.values())
-        raise InputError.of("points", text, f"this is no task of a job array: none of {every} is set", _FORM)
+        raise InputError.of(
+            "points",
+            text,
+            f"this is no task of a job array: none of {every} is set",
+            _FORM,
+        )
     if len(arrays) > 1:
         names = " and ".join(variables[0] for variables in arrays.values())
         raise InputError.of("points", text, f"{names} are both set; {_FORM}")
@@ -112,15 +155,23 @@ def _share_of_array(text: str, count: str | None, environment: Mapping[str, str]
     if count is not None:
         if not 1 <= at <= int(count):
             remedy = f"number the tasks from 1 to {count}"
-            raise InputError.of("points", text, f"{name} is {at}, which is no share of {count}", remedy)
+            raise InputError.of(
+                "points", text, f"{name} is {at}, which is no share of {count}", remedy
+            )
         return f"{at}/{count}"
     first, last, step = (numbers.get(bound) for bound in (*bounds, "", "", "")[:3])
     if first is None or last is None:
         problem = f"{scheduler} does not say how many tasks the array has"
-        raise InputError.of("points", text, problem, f"give the number: auto/16, or {option}")
+        raise InputError.of(
+            "points", text, problem, f"give the number: auto/16, or {option}"
+        )
     step = step or 1
     tasks = (last - first) // step + 1
-    if numbers.get("SLURM_ARRAY_TASK_COUNT", tasks) != tasks or (at - first) % step or not first <= at <= last:
+    if (
+        numbers.get("SLURM_ARRAY_TASK_COUNT", tasks) != tasks
+        or (at - first) % step
+        or not first <= at <= last
+    ):
         problem = "the numbers of the array's tasks are no range, so that shares are not clear"
         raise InputError.of("points", text, problem, f"give {option}")
     return f"{(at - first) // step + 1}/{tasks}"
@@ -134,7 +185,9 @@ def in_ranges(numbers: Iterable[int]) -> str:
             ranges[-1][1] = number
         else:
             ranges.append([number, number])
-    return ",".join(str(first) if first == last else f"{first}-{last}" for first, last in ranges)
+    return ",".join(
+        str(first) if first == last else f"{first}-{last}" for first, last in ranges
+    )
 
 
 #: the stage that is reported
@@ -173,12 +226,16 @@ class Part:
     patience: float = PATIENCE
 
     @classmethod
-    def of(cls, share: tuple[int, int], folder: Folder, patience: float | str | None) -> Part:
+    def of(
+        cls, share: tuple[int, int], folder: Folder, patience: float | str | None
+    ) -> Part:
         """A share of several; ``patience`` as users give it."""
         return cls(*share, folder, PATIENCE if patience is None else seconds(patience))
 
     @classmethod
-    def read(cls, points: str, place: Place | None, patience: float | str | None) -> Part:
+    def read(
+        cls, points: str, place: Place | None, patience: float | str | None
+    ) -> Part:
         """As users write it: ``3/16``, or ``auto``.
 
         Raises
@@ -188,9 +245,19 @@ class Part:
         """
         share = Selection.read(points).share
         if share is None:
-            raise InputError.of("points", points, "only a sweep has points", "give a share, such as 3/16 or auto")
+            raise InputError.of(
+                "points",
+                points,
+                "only a sweep has points",
+                "give a share, such as 3/16 or auto",
+            )
         if place is None:
-            raise InputError.of("points", points, "shares meet in a folder", "name the one that all of them see")
+            raise InputError.of(
+                "points",
+                points,
+                "shares meet in a folder",
+                "name the one that all of them see",
+            )
         return cls.of(share, place.folder, patience)
 
     def is_mine(self, task: Task) -> bool:
@@ -257,7 +324,9 @@ class Study:
         self.told = self.asked = 0
 
     def __enter__(self) -> Self:
-        self._stack.enter_context(restored())  # tasks that run in this process set their own number of threads
+        self._stack.enter_context(
+            restored()
+        )  # tasks that run in this process set their own number of threads
         return self
 
     def __exit__(self, *error: Any) -> None:
@@ -358,7 +427,11 @@ def carry_out(
     place = Place.at(folder, processor=design.timed)
     part = None if points is None else Part.read(points, place, patience)
     with ExitStack() as stack:
-        report = stack.enter_context(progress_bars({RUNS: RUNS})) if progress is True else progress or None
+        report = (
+            stack.enter_context(progress_bars({RUNS: RUNS}))
+            if progress is True
+            else progress or None
+        )
         study = stack.enter_context(Study(executor, workers, threads, patience))
 
         def watch(_: Runner) -> None:

@@ -28,7 +28,12 @@ from chemage.ageing.aging import elastic_limits
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation import threads as thread_budget
 from chemage.foundation.codec import to_json
-from chemage.foundation.errors import ChemageError, ExecutorError, InputError, StoreError
+from chemage.foundation.errors import (
+    ChemageError,
+    ExecutorError,
+    InputError,
+    StoreError,
+)
 from chemage.foundation.names import __version__
 from chemage.plugins import registry
 from chemage.plugins.sources import changed, components_in, stage_hooks
@@ -48,7 +53,11 @@ def registered_classes(components: Iterable[Any]) -> set[type]:
     """The classes of ``components`` and of their parts that are registered by hand."""
     plugins = registry.current()
     classes = {type(part) for part in components_in(list(components))}
-    return {cls for cls in classes if (record := plugins.provider(cls)) is not None and record.component is cls}
+    return {
+        cls
+        for cls in classes
+        if (record := plugins.provider(cls)) is not None and record.component is cls
+    }
 
 
 def for_workers(executor: str | Executor, classes: Iterable[type]) -> Known:
@@ -59,15 +68,23 @@ def for_workers(executor: str | Executor, classes: Iterable[type]) -> Known:
     InputError
         The executor uses other processes, and they cannot import one of them.
     """
-    context = getattr(executor, "_mp_context", None)  # forked workers are copies of this process
+    context = getattr(
+        executor, "_mp_context", None
+    )  # forked workers are copies of this process
     forked = context is not None and context.get_start_method() == "fork"
     if executor == "serial" or isinstance(executor, ThreadPoolExecutor) or forked:
         return ()
     modules = []
     for cls in sorted(classes, key=lambda one: one.__qualname__):
-        if "." in cls.__qualname__ or not _importable(cls.__module__, cls.__qualname__, cls):
+        if "." in cls.__qualname__ or not _importable(
+            cls.__module__, cls.__qualname__, cls
+        ):
             role, kind = getattr(cls, "role", ""), getattr(cls, "kind", "")
-            raise InputError(_refusal(f"the class {cls.__qualname__} ({role} {kind!r})", cls.__module__))
+            raise InputError(
+                _refusal(
+                    f"the class {cls.__qualname__} ({role} {kind!r})", cls.__module__
+                )
+            )
         modules.append((cls.__qualname__, f"{cls.__module__}:{cls.__qualname__}"))
     plugins = registry.current()
     answering = plugins.implementing(*stage_hooks())
@@ -96,7 +113,10 @@ def _importable(module: str, name: str, expected: Any) -> bool:
     except (ImportError, ValueError):
         return False
     loaded = sys.modules[module]
-    return spec is not None and (getattr(loaded, name, None) if name else loaded) is expected
+    return (
+        spec is not None
+        and (getattr(loaded, name, None) if name else loaded) is expected
+    )
 
 
 def learn(known: Known) -> None:
@@ -117,7 +137,11 @@ def learn(known: Known) -> None:
             raise ExecutorError(
                 f"a worker cannot import {target} ({error}); the module must be on the import path of every worker"
             ) from None
-        classes = [record.component for record in plugins.records if record.component is not None]
+        classes = [
+            record.component
+            for record in plugins.records
+            if record.component is not None
+        ]
         others = [record.name for record in plugins.records if record.component is None]
         if name in others or any(cls is component for cls in classes):
             continue
@@ -179,12 +203,25 @@ class Task:
             costs = costs or cost(scene)
             costs.check()
             estimates = costs.contact_cpu_seconds, costs.kinetics_cpu_seconds
-            contact, ageing = (math.nan if seconds is None else seconds for seconds in estimates)
+            contact, ageing = (
+                math.nan if seconds is None else seconds for seconds in estimates
+            )
             size = max(costs.contact_bytes or 0.0, costs.replica_bytes or 0.0)
-            more |= {"contact_seconds": contact, "ageing_seconds": ageing, "bytes": size}
+            more |= {
+                "contact_seconds": contact,
+                "ageing_seconds": ageing,
+                "bytes": size,
+            }
         # shares are divided by the numbers of tasks
         more = {"number": int(keys["contact"][:8], 16), "changes": changes or {}} | more
-        return cls(keys["result"], keys["aging"], keys["contact"], keys["surface"], scene, **more)
+        return cls(
+            keys["result"],
+            keys["aging"],
+            keys["contact"],
+            keys["surface"],
+            scene,
+            **more,
+        )
 
     @property
     def scene(self) -> Scene:
@@ -209,7 +246,11 @@ def by_contact(tasks: Iterable[Task]) -> list[list[list[Task]]]:
     for task in tasks:
         ageings = surfaces.setdefault(task.surface, {}).setdefault(task.contact, {})
         ageings.setdefault(task.ageing, []).append(task)
-    return [list(ageings.values()) for contacts in surfaces.values() for ageings in contacts.values()]
+    return [
+        list(ageings.values())
+        for contacts in surfaces.values()
+        for ageings in contacts.values()
+    ]
 
 
 def ageing_seconds(tasks: Iterable[Task]) -> float:
@@ -257,7 +298,9 @@ class Place:
             return None
         recorded = content["summary"]["versions"]
         for name, text in versions(task.scene).items():
-            if recorded.get(name, text) != text and (name != "processor" or self.processor):
+            if recorded.get(name, text) != text and (
+                name != "processor" or self.processor
+            ):
                 return None
         return Outcome(content=content, kept=True)
 
@@ -267,7 +310,9 @@ class Place:
             return outcome
         content = self.folder.read_point(task.key)
         if (version := content["summary"]["versions"]["chemage"]) != __version__:
-            text = f"a worker has chemage {version}, but the study is run by {__version__}"
+            text = (
+                f"a worker has chemage {version}, but the study is run by {__version__}"
+            )
             return Outcome(error=ExecutorError(text))
         return Outcome(content=content)
 
@@ -366,16 +411,22 @@ def _opened(path: str, digest: str, durable: bool) -> Folder:
             "machines need a shared file system"
         ) from None
     if manifest["digest"] != digest:
-        raise ExecutorError(f"worker {process_name()} finds another sweep in {path}; start the sweep again")
+        raise ExecutorError(
+            f"worker {process_name()} finds another sweep in {path}; start the sweep again"
+        )
     if (version := manifest["versions"]["chemage"]) != __version__:
-        raise ExecutorError(f"worker {process_name()} has chemage {__version__}, but the sweep is run by {version}")
+        raise ExecutorError(
+            f"worker {process_name()} has chemage {__version__}, but the sweep is run by {version}"
+        )
     return folder
 
 
 # -- computing --------------------------------------------------------------------------------------------------------
 
 
-def compute(place: Place | None, tasks: Sequence[Task], threads: int, known: Known, remote: bool) -> Answer:
+def compute(
+    place: Place | None, tasks: Sequence[Task], threads: int, known: Known, remote: bool
+) -> Answer:
     """Compute tasks that have one contact.
 
     Parameters
@@ -416,7 +467,10 @@ class Worker:
             outcome = task.outcome(self)
         except CannotWrite:
             raise
-        except (Exception, SystemExit) as error:  # a plugin that calls exit must not end the study
+        except (
+            Exception,
+            SystemExit,
+        ) as error:  # a plugin that calls exit must not end the study
             return self._failed(task, error)
         if outcome.run is not None and (self._folder is not None or self._remote):
             outcome = Outcome(content=content_of(outcome.run, task))
@@ -435,9 +489,21 @@ class Worker:
         try:
             self.stage = "contact"
             theory = not task.scene.contact.gives_map
-            contact = None if theory else _contacts.get(f"{self.owner} {task.contact}", lambda: self.contact(task))
+            contact = (
+                None
+                if theory
+                else _contacts.get(
+                    f"{self.owner} {task.contact}", lambda: self.contact(task)
+                )
+            )
             self.stage = "ageing"
-            self._run = run(task.scene, contact=contact, threads=self._threads, warn=False, members=task.members)
+            self._run = run(
+                task.scene,
+                contact=contact,
+                threads=self._threads,
+                warn=False,
+                members=task.members,
+            )
         except (Exception, SystemExit) as error:
             self._error = error
             raise
@@ -457,7 +523,9 @@ class Worker:
         # the name contains the study: in another one other plugins may change the surface of the same options
         scene = task.scene
         with scene.in_use():
-            surface = _surfaces.get(f"{self.owner} {task.surface}", lambda: surface_of(scene))
+            surface = _surfaces.get(
+                f"{self.owner} {task.surface}", lambda: surface_of(scene)
+            )
             return contact_of(scene, surface)
 
     def _failed(self, task: Task, error: BaseException) -> Outcome:
@@ -473,7 +541,9 @@ class Worker:
 
 def _fitted_again(before: Run, scene: Scene) -> Run:
     """The run of a scene that differs from that of ``made`` in its fit and in the limits of its material only."""
-    before = replace(before, scene=scene.todict(), keys=run_keys(scene, before.contact, before.aging))
+    before = replace(
+        before, scene=scene.todict(), keys=run_keys(scene, before.contact, before.aging)
+    )
     if before.aging is not None and scene.chemistry is not None:
         limits = {"elasticity": elastic_limits(before.contact, scene.chemistry)}
         before = replace(before, aging=before.aging.model_copy(update=limits))
@@ -500,7 +570,16 @@ def content_of(run: Run, task: Task) -> dict[str, Any]:
 
 def failure(task: Task, stage: str, error: BaseException) -> dict[str, Any]:
     """The content of the file of a task that failed."""
-    report: dict[str, Any] = {"stage": stage, "type": type(error).__name__, "message": str(error)}
+    report: dict[str, Any] = {
+        "stage": stage,
+        "type": type(error).__name__,
+        "message": str(error),
+    }
     if not isinstance(error, ChemageError):
         report["traceback"] = "".join(traceback.format_exception(error)[-6:])
-    return {"status": "failed", "point": task.number, "changes": dict(task.changes), "error": report}
+    return {
+        "status": "failed",
+        "point": task.number,
+        "changes": dict(task.changes),
+        "error": report,
+    }

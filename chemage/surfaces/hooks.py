@@ -6,14 +6,27 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
-from chemage.plugins.hooks import Beside, Doubt, Parts, Stage, StageInputs, Stated, hookimpl, hookspec, options_in
+from chemage.plugins.hooks import (
+    Beside,
+    Doubt,
+    Parts,
+    Stage,
+    StageInputs,
+    Stated,
+    hookimpl,
+    hookspec,
+    options_in,
+)
 
 if TYPE_CHECKING:
     from chemage.foundation.checks import Seed
     from chemage.surfaces.role import SurfaceMaker
     from chemage.surfaces.surface import Surface
 
-ROLES = {"surface": "chemage.surfaces.role:SurfaceMaker", "reader": "chemage.surfaces.reading:Reader"}
+ROLES = {
+    "surface": "chemage.surfaces.role:SurfaceMaker",
+    "reader": "chemage.surfaces.reading:Reader",
+}
 
 
 @hookspec(firstresult=True)
@@ -42,7 +55,9 @@ class _Surface(Stage):
 
         return make_surface(inputs.parts[self.section], inputs.parts["surface.seed"])
 
-    def recorded(self, aging: Mapping[str, Any], contact: Mapping[str, Any]) -> Mapping[str, Any]:
+    def recorded(
+        self, aging: Mapping[str, Any], contact: Mapping[str, Any]
+    ) -> Mapping[str, Any]:
         return {self.section: options_in(contact.get(self.section))}
 
     def estimate(self, parts: Parts, stated: Stated) -> Mapping[str, float]:
@@ -50,7 +65,11 @@ class _Surface(Stage):
 
     def rows(self, parts: Parts, stated: Stated) -> Mapping[str, str]:
         numbers, seed = stated[self.section], parts["surface.seed"]
-        grid = f", {numbers['nx']:.0f} x {numbers['ny']:.0f} pixels" if {"nx", "ny"} <= numbers.keys() else ""
+        grid = (
+            f", {numbers['nx']:.0f} x {numbers['ny']:.0f} pixels"
+            if {"nx", "ny"} <= numbers.keys()
+            else ""
+        )
         return {self.section: f"{parts[self.section].kind}{grid}, seed {seed}"}
 
     def fault(self, answer: Any, arguments: Mapping[str, Any]) -> str:
@@ -87,7 +106,13 @@ STAGES = (
         always_in_key=True,
         beside={
             "seed": Beside(
-                "surface_seed", {"type": "integer", "minimum": 0, "default": 0, "description": "of the surface"}
+                "surface_seed",
+                {
+                    "type": "integer",
+                    "minimum": 0,
+                    "default": 0,
+                    "description": "of the surface",
+                },
             )
         },
         hooks=("chemage_make_surface",),

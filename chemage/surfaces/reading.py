@@ -45,16 +45,28 @@ class HeightMap:
 
     def __post_init__(self) -> None:
         heights = self.heights
-        if not isinstance(heights, np.ndarray) or heights.dtype.kind != "f" or carried(heights) is not None:
-            raise InputError.of("heights", type(heights).__name__, "is no plain array of real numbers")
+        if (
+            not isinstance(heights, np.ndarray)
+            or heights.dtype.kind != "f"
+            or carried(heights) is not None
+        ):
+            raise InputError.of(
+                "heights", type(heights).__name__, "is no plain array of real numbers"
+            )
         if isinstance(heights, np.ma.MaskedArray):
             object.__setattr__(self, "heights", heights.filled(np.nan))
         if heights.ndim != 2 or heights.size == 0:
             raise InputError(
                 f"{self.source} holds an array of shape {heights.shape}; an image has two dimensions (nx, ny)"
             )
-        sizes = (*(self.pixel_size or ()), *(() if self.height_unit is None else (self.height_unit,)))
-        if not all(isinstance(size, int | float | np.number) and np.isfinite(size) and size > 0 for size in sizes):
+        sizes = (
+            *(self.pixel_size or ()),
+            *(() if self.height_unit is None else (self.height_unit,)),
+        )
+        if not all(
+            isinstance(size, int | float | np.number) and np.isfinite(size) and size > 0
+            for size in sizes
+        ):
             raise InputError(
                 f"{self.source} states pixels of {self.pixel_size} nm and a height unit of {self.height_unit} nm; "
                 "both must be above 0: give pixel_size and height_unit"
@@ -92,9 +104,13 @@ class Reader(Component, ABC):
         """
         surface = self.read(path)
         if not isinstance(surface, Surface):
-            raise InputError(f"{path}: reader {self.kind!r} gives a {type(surface).__name__}, not a surface")
+            raise InputError(
+                f"{path}: reader {self.kind!r} gives a {type(surface).__name__}, not a surface"
+            )
         size = surface.pixel_size
-        return HeightMap(surface.heights, 1.0, (size, size), surface.periodic, source=str(path))
+        return HeightMap(
+            surface.heights, 1.0, (size, size), surface.periodic, source=str(path)
+        )
 
 
 #: bytes at the beginning of a file by which readers recognise it
@@ -122,16 +138,22 @@ def reader_for(path: str | PathLike[str]) -> Reader:
     kinds = _first(_able(path, readers, general, ending))[0]
     if not kinds:
         if not regular_file(path).st_size:
-            raise StoreError(f"{path} is empty, or a file of the system without a size; name another file")
+            raise StoreError(
+                f"{path} is empty, or a file of the system without a size; name another file"
+            )
         known_endings = ", ".join(sorted(readers)) or "nothing"
         what = f"files ending in {ending!r}" if ending else "a file without ending"
-        name = f'"{min(general)}", which says why it cannot read it' if general else "..."
+        name = (
+            f'"{min(general)}", which says why it cannot read it' if general else "..."
+        )
         raise StoreError(
             f"path = {str(path)!r}: no reader for {what} (there are readers for {known_endings}), nor for its content; "
             f"name one with reader = {name}"
         )
     if len(kinds) > 1:
-        kinds = {kind: kinds[kind] for kind in kinds if kind in readers.get(ending, {})} or kinds
+        kinds = {
+            kind: kinds[kind] for kind in kinds if kind in readers.get(ending, {})
+        } or kinds
     if len(kinds) > 1:
         raise InputError(
             f"path = {str(path)!r}: the readers {', '.join(sorted(kinds))} all read {ending or 'it'}; give reader = "
@@ -145,25 +167,46 @@ def reader_for(path: str | PathLike[str]) -> Reader:
 
 
 def _able(
-    path: str | PathLike[str], readers: dict[str, dict[str, PluginRecord]], general: set[str], ending: str
+    path: str | PathLike[str],
+    readers: dict[str, dict[str, PluginRecord]],
+    general: set[str],
+    ending: str,
 ) -> dict[str, PluginRecord]:
     """The readers of the first group that has any, in the order that :func:`reader_for` states."""
     plugins = registry.current()
     of_ending = readers.get(ending, {})
-    everyone = {kind: record for kinds in readers.values() for kind, record in kinds.items()}
+    everyone = {
+        kind: record for kinds in readers.values() for kind, record in kinds.items()
+    }
     try:
         head = _head(path, file_stamp(path))
     except StoreError:  # the reader of the ending says so
-        return {kind: record for kind, record in of_ending.items() if kind not in general} or of_ending
-    said = {kind: plugins.component("reader", kind).claims(head, path) for kind in everyone if kind not in general}
-    open_ = {kind: record for kind, record in of_ending.items() if kind in said and said[kind] is None}
+        return {
+            kind: record for kind, record in of_ending.items() if kind not in general
+        } or of_ending
+    said = {
+        kind: plugins.component("reader", kind).claims(head, path)
+        for kind in everyone
+        if kind not in general
+    }
+    open_ = {
+        kind: record
+        for kind, record in of_ending.items()
+        if kind in said and said[kind] is None
+    }
     claiming = {kind: everyone[kind] for kind in said if said[kind]}
     if claiming:  # a preferred plugin comes before them
-        return claiming | {kind: record for kind, record in open_.items() if record.name in context.preference()}
+        return claiming | {
+            kind: record
+            for kind, record in open_.items()
+            if record.name in context.preference()
+        }
     if open_:
         return open_
     for kind in general & everyone.keys():
-        said[kind] = kind in of_ending or (head and plugins.component("reader", kind).claims(head, path))
+        said[kind] = kind in of_ending or (
+            head and plugins.component("reader", kind).claims(head, path)
+        )
     by_general = {kind: everyone[kind] for kind in general if said.get(kind)}
     return by_general or of_ending
 
@@ -197,9 +240,15 @@ def _first(kinds: dict[str, PluginRecord]) -> tuple[dict[str, PluginRecord], str
     preferred = context.preference()
     registry.current().check_preference(preferred, "the preference of plugins")
     for name in preferred:
-        if first := {kind: record for kind, record in kinds.items() if record.name == name}:
+        if first := {
+            kind: record for kind, record in kinds.items() if record.name == name
+        }:
             return first, "its plugin is preferred"
-    own = {kind: record for kind, record in kinds.items() if record.distribution == "chemage"}
+    own = {
+        kind: record
+        for kind, record in kinds.items()
+        if record.distribution == "chemage"
+    }
     return (own, "it comes with chemage") if own else (kinds, "")
 
 
@@ -212,9 +261,20 @@ def shared_endings() -> list[str]:
         if len(kinds) < 2:
             continue
         first, why = _first(kinds)
-        listed = " and ".join(f"{kind!r} ({record.source})" for kind, record in sorted(kinds.items()))
-        wins = f"{next(iter(first))!r} is used, because {why}" if len(first) == 1 else "none is used by default"
-        other = next(iter({kind: record for kind, record in kinds.items() if kind not in first} or kinds))
+        listed = " and ".join(
+            f"{kind!r} ({record.source})" for kind, record in sorted(kinds.items())
+        )
+        wins = (
+            f"{next(iter(first))!r} is used, because {why}"
+            if len(first) == 1
+            else "none is used by default"
+        )
+        other = next(
+            iter(
+                {kind: record for kind, record in kinds.items() if kind not in first}
+                or kinds
+            )
+        )
         said.append(
             f"the readers {listed} all read {ending}; {wins}; to change this, write reader = "
             f'"{other}" where the file is named, or {registry.prefer_another(kinds[other].name)}'

@@ -31,7 +31,10 @@ class Scatter:
     def __post_init__(self) -> None:
         if self.relative is not None and not 0 <= self.relative < math.inf:
             raise InputError.of(
-                "relative", self.relative, "must be finite and at least 0", "or None if it is not known"
+                "relative",
+                self.relative,
+                "must be finite and at least 0",
+                "or None if it is not known",
             )
 
     def text(self, replicas: float = math.nan) -> str:
@@ -86,7 +89,9 @@ class SurfaceMaker(Component, ABC):
         control of an ensemble (:mod:`chemage.studies.ensembles.quantities`)."""
         return None
 
-    def coarser_errors(self, factor: int, contact: Mapping[str, float]) -> Mapping[str, float]:
+    def coarser_errors(
+        self, factor: int, contact: Mapping[str, float]
+    ) -> Mapping[str, float]:
         """Relative standard errors of what contacts on :meth:`coarser` pixels give, with these measures on average
         (:data:`chemage.contacts.solution.MEASURES`), as measured before on surfaces like this one: ``beta``, and
         ``friction_drop`` at any hold time. What is not in it is not known, and is measured by computing some surfaces
@@ -106,7 +111,11 @@ def make_surface(maker: SurfaceMaker, seed: Seed = 0) -> Surface:
     """
     expect("maker", maker, SurfaceMaker, 'make one with chemage.surface("sphere", ...)')
     with logged("surface", maker.kind) as outcome:
-        answer, plugins, recorded = registry.current().answer("chemage_make_surface", Surface, maker=maker, seed=seed)
+        answer, plugins, recorded = registry.current().answer(
+            "chemage_make_surface", Surface, maker=maker, seed=seed
+        )
         answer = noted(answer, recorded, plugins, maker)
-        outcome(f"{answer.shape[0]} x {answer.shape[1]} pixels; {of_plugins(answer.plugins)}")
+        outcome(
+            f"{answer.shape[0]} x {answer.shape[1]} pixels; {of_plugins(answer.plugins)}"
+        )
     return answer

@@ -83,10 +83,16 @@ def rms_slope(heights: np.ndarray, pixel_size: float, periodic: bool = True) -> 
             slope = line = (rows[:, -1:] - rows[:, :1]) / steps
             if steps > 1:
                 waves = np.zeros(rows.shape)
-                waves[:, 1:-1] = rows[:, 1:-1] - rows[:, :1] - line * np.arange(1, steps)
-                waves[:, 1:-1] = np.asarray(fft.dst(waves[:, 1:-1], type=1, axis=1, workers=available()))
+                waves[:, 1:-1] = (
+                    rows[:, 1:-1] - rows[:, :1] - line * np.arange(1, steps)
+                )
+                waves[:, 1:-1] = np.asarray(
+                    fft.dst(waves[:, 1:-1], type=1, axis=1, workers=available())
+                )
                 waves *= 0.5 * np.pi / steps**2 * np.arange(steps + 1)
-                slope = line + fft.dct(waves, type=1, axis=1, overwrite_x=True, workers=available())
+                slope = line + fft.dct(
+                    waves, type=1, axis=1, overwrite_x=True, workers=available()
+                )
             squared += float(np.mean(np.square(slope)))
     return math.sqrt(squared) * (scale / pixel_size)
 
@@ -99,7 +105,9 @@ def taper(heights: np.ndarray) -> None:
         heights *= window[:, None] if axis == 0 else window[None, :]
 
 
-def psd(heights: np.ndarray, pixel_size: float, periodic: bool = True, bins: int = 60) -> tuple[np.ndarray, np.ndarray]:
+def psd(
+    heights: np.ndarray, pixel_size: float, periodic: bool = True, bins: int = 60
+) -> tuple[np.ndarray, np.ndarray]:
     """Radially averaged power spectral density of (nx, ny) heights: wavenumbers q (1/nm) and C(q) (nm⁴).
 
     C(q) = |a² Σ h exp(−iq·r)|²/A0, so that the mean square height is ∫C d²q/(2π)². Averages over ``bins`` logarithmic
@@ -119,10 +127,15 @@ def psd(heights: np.ndarray, pixel_size: float, periodic: bool = True, bins: int
     q = np.hypot(qx[:, None], qy[None, :]).ravel()
     lowest, highest = 2 * np.pi / max(nx, ny), float(q.max())
     # a little wider than the spectrum, so that rounding drops no wave vector
-    edges = np.geomspace(lowest * (1 - 1e-9), max(highest, lowest) * (1 + 1e-9), bins + 1)
+    edges = np.geomspace(
+        lowest * (1 - 1e-9), max(highest, lowest) * (1 + 1e-9), bins + 1
+    )
     which = np.searchsorted(edges, q, side="right")
     weight = np.broadcast_to(multiplicity(ny), (nx, ny // 2 + 1)).ravel()
-    count, waves, total = (np.bincount(which, values, bins + 2)[1 : bins + 1] for values in (weight, weight * q, power))
+    count, waves, total = (
+        np.bincount(which, values, bins + 2)[1 : bins + 1]
+        for values in (weight, weight * q, power)
+    )
     filled = count > 0
     mean = total[filled] / count[filled] * heights.size
     return waves[filled] / count[filled] / pixel_size, mean * (scale * pixel_size) ** 2

@@ -13,7 +13,15 @@ from chemage.foundation.checks import MOST_BINS, checked_count
 from chemage.foundation.codec import dataset, map_frame
 from chemage.foundation.errors import InputError
 from chemage.foundation.outputs import Observing
-from chemage.foundation.records import Named, Number, Plain, PositiveNumber, Reals, Record, require_finite
+from chemage.foundation.records import (
+    Named,
+    Number,
+    Plain,
+    PositiveNumber,
+    Reals,
+    Record,
+    require_finite,
+)
 from chemage.foundation.result import draw_result, notebook_html
 from chemage.surfaces import roughness
 
@@ -50,7 +58,10 @@ class PixelMap:
 
     def coordinates(self) -> dict[str, np.ndarray]:
         """Centres of the pixels along ``x`` and ``y``, nm."""
-        return {name: (np.arange(n) + 0.5) * self.pixel_size for name, n in zip("xy", self.shape, strict=True)}
+        return {
+            name: (np.arange(n) + 0.5) * self.pixel_size
+            for name, n in zip("xy", self.shape, strict=True)
+        }
 
     def to_pandas(self) -> pandas.DataFrame:
         """The map, one row for each x and one column for each y, both in nm. Needs pandas."""
@@ -61,7 +72,9 @@ class PixelMap:
 class Surface(PixelMap, Observing, Record):
     """A rough (or spherical) body, given by its heights on a pixel grid."""
 
-    arrays = {"heights": (("x", "y"), "nm", "height, higher = nearer to the counter-body")}
+    arrays = {
+        "heights": (("x", "y"), "nm", "height, higher = nearer to the counter-body")
+    }
     added = ("observables", "outputs")
 
     heights: Reals
@@ -80,11 +93,15 @@ class Surface(PixelMap, Observing, Record):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.heights.ndim != 2 or self.heights.size == 0:
-            raise ValueError(f"heights: shape {self.heights.shape}; give a two-dimensional, non-empty array (nx, ny)")
+            raise ValueError(
+                f"heights: shape {self.heights.shape}; give a two-dimensional, non-empty array (nx, ny)"
+            )
         require_finite("heights", self.heights, "fill or crop missing data first")
         largest = max(abs(float(self.heights.max())), abs(float(self.heights.min())))
         if largest > LARGEST_HEIGHT:
-            raise ValueError(f"heights: up to {largest:g} nm, out of range; give heights in nm")
+            raise ValueError(
+                f"heights: up to {largest:g} nm, out of range; give heights in nm"
+            )
         if largest / self.pixel_size > LARGEST_RATIO:
             raise ValueError(
                 f"heights: up to {largest:g} nm on pixels of {self.pixel_size:g} nm, slopes are out of range; "
@@ -109,11 +126,15 @@ class Surface(PixelMap, Observing, Record):
         """
         try:
             count = checked_count("bins", bins, most=MOST_BINS)
-            waves, density = roughness.psd(self.heights, self.pixel_size, self.periodic, count)
+            waves, density = roughness.psd(
+                self.heights, self.pixel_size, self.periodic, count
+            )
         except OverflowError:
             density = waves = np.array([np.inf])
         if not np.isfinite(density).all():
-            raise InputError(f"heights: the power spectral density of {self!r} is out of the range of numbers; rescale")
+            raise InputError(
+                f"heights: the power spectral density of {self!r} is out of the range of numbers; rescale"
+            )
         return waves, density
 
     def plot(self, ax: Axes | None = None) -> Axes:

@@ -65,7 +65,9 @@ def independent_calls(checks: Checks[Any], **inputs: Any) -> None:
     asked = [ask for _, ask in islice(questions_of(component, inputs), 6)]
     ask = partial(answer, component)
     before, first = _given(asked), list(map(ask, asked))
-    require(list(map(ask, asked[::-1])) == first[::-1], "a second call gave another result")
+    require(
+        list(map(ask, asked[::-1])) == first[::-1], "a second call gave another result"
+    )
     if not isinstance(component, Engine) or component.concurrency() == 1:
         with ThreadPoolExecutor(3) as pool:
             concurrent = list(pool.map(ask, asked * 3))
@@ -75,19 +77,29 @@ def independent_calls(checks: Checks[Any], **inputs: Any) -> None:
 
 def _given(asked: list[Callable[[Any], Any]]) -> bytes:
     """What the questions are about: the arrays in it, of records too."""
-    given = [[*inspect.getclosurevars(ask).nonlocals.values(), *(ask.__defaults__ or ())] for ask in asked]
+    given = [
+        [*inspect.getclosurevars(ask).nonlocals.values(), *(ask.__defaults__ or ())]
+        for ask in asked
+    ]
     return as_bytes(given)
 
 
-def answers(component: Component, inputs: Mapping[str, Any], backwards: bool = False) -> dict[str, bytes]:
+def answers(
+    component: Component, inputs: Mapping[str, Any], backwards: bool = False
+) -> dict[str, bytes]:
     """The answers to all questions of the role, and those to the first of them with each option at another value, which
     are asked in order, or ``backwards``."""
     questions = list(questions_of(component, inputs))
     asked = [(what, component, ask) for what, ask in questions]
     for name in type(component).model_fields if questions else ():
         for option, variant in islice(Checks(component).other_values(name), 1):
-            asked.append((f"{questions[0][0]}, with {option}", variant, questions[0][1]))
-    return {what: answer(variant, ask) for what, variant, ask in (asked[::-1] if backwards else asked)}
+            asked.append(
+                (f"{questions[0][0]}, with {option}", variant, questions[0][1])
+            )
+    return {
+        what: answer(variant, ask)
+        for what, variant, ask in (asked[::-1] if backwards else asked)
+    }
 
 
 # -- another process --------------------------------------------------------------------------------------------------
@@ -180,7 +192,14 @@ class AnswerChecks(Checks[Component], of=Component):
         for name in self.cls.model_fields:
             tried = []
             for option, variant in self.other_values(name):
-                changed = next((what for what, ask in questions if answer(variant, ask) != own[what]), None)
+                changed = next(
+                    (
+                        what
+                        for what, ask in questions
+                        if answer(variant, ask) != own[what]
+                    ),
+                    None,
+                )
                 tried.append(option)
                 if name in self.cls.speed_only:
                     require(
@@ -191,7 +210,10 @@ class AnswerChecks(Checks[Component], of=Component):
                     break
             else:
                 require(
-                    not tried or name in read or name in self.cls.speed_only or self._is_rare(name),
+                    not tried
+                    or name in read
+                    or name in self.cls.speed_only
+                    or self._is_rare(name),
                     f"option {name!r} is not used and changes nothing ({', '.join(tried)} tried); use it, remove it, "
                     "or name it in speed_only if it only changes the cost",
                 )
@@ -202,18 +224,33 @@ class AnswerChecks(Checks[Component], of=Component):
         the questions are about independent sites. Its name is in the code of a method that the class adds to its role.
         """
         cls, value = self.cls, getattr(self.component, name)
-        others = [getattr(self.component, other) for other in cls.model_fields.keys() - {name}]
+        others = [
+            getattr(self.component, other) for other in cls.model_fields.keys() - {name}
+        ]
         off = any(other is None or other is False for other in others)
-        if is_number(value) and not off and not isinstance(self.component, AgeingMethod):
+        if (
+            is_number(value)
+            and not off
+            and not isinstance(self.component, AgeingMethod)
+        ):
             return False
-        own = {name for base in cls.__mro__ if not base.__module__.startswith("chemage.") for name in vars(base)}
+        own = {
+            name
+            for base in cls.__mro__
+            if not base.__module__.startswith("chemage.")
+            for name in vars(base)
+        }
         functions = [
-            inspect.unwrap(function) for name in own if inspect.isfunction(function := getattr(cls, name, None))
+            inspect.unwrap(function)
+            for name in own
+            if inspect.isfunction(function := getattr(cls, name, None))
         ]
         codes = [function.__code__ for function in functions]
         while codes:
             code = codes.pop()
             if name in code.co_names:
                 return True
-            codes += [constant for constant in code.co_consts if inspect.iscode(constant)]
+            codes += [
+                constant for constant in code.co_consts if inspect.iscode(constant)
+            ]
         return False

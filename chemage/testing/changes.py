@@ -13,7 +13,14 @@ from chemage.foundation.errors import InputError
 from chemage.foundation.outputs import HOLD_TIME
 from chemage.friction.role import Bonded, Rupture
 from chemage.testing.checks import Checks, Questions, dimensions, require, whole
-from chemage.testing.replicas import Asked, changed, finished, force_of, numbers, with_states
+from chemage.testing.replicas import (
+    Asked,
+    changed,
+    finished,
+    force_of,
+    numbers,
+    with_states,
+)
 
 check_observable, check_rupture = whole(Observable), whole(Rupture)
 
@@ -26,14 +33,27 @@ ENERGIES = ("forming", "breaking", "coupling")
 
 
 def rescaled_replica(
-    replica: Bonded, *, temperature: float = 300.0, pixel: float = 0.5, pressure: float = 1.0, energy: float = 1.0
+    replica: Bonded,
+    *,
+    temperature: float = 300.0,
+    pixel: float = 0.5,
+    pressure: float = 1.0,
+    energy: float = 1.0,
 ) -> Bonded:
     """The replica at another temperature (K), with pixels of another size (nm), and with pressures and energies times a
     factor."""
     contact, lattice = replica.contact, replica.lattice
     stress = contact.pressure * pressure
-    energies = {name: energy * values for name in ENERGIES if (values := getattr(lattice, name)) is not None}
-    of_contact = {"pressure": stress, "load": float(stress.sum()) * pixel**2, "modulus": contact.modulus * pressure}
+    energies = {
+        name: energy * values
+        for name in ENERGIES
+        if (values := getattr(lattice, name)) is not None
+    }
+    of_contact = {
+        "pressure": stress,
+        "load": float(stress.sum()) * pixel**2,
+        "modulus": contact.modulus * pressure,
+    }
     return changed(
         replica,
         contact={"pixel_size": pixel, **of_contact},
@@ -46,12 +66,22 @@ def shifted(replica: Bonded, step: tuple[int, int]) -> Bonded:
     """The same replica on a periodic surface that begins elsewhere, so that its sites are in another order."""
     contact, lattice, history = replica.contact, replica.lattice, replica.history
     states: Any = history.states
-    place = np.roll(np.arange(contact.pressure.size).reshape(contact.shape), (-step[0], -step[1]), (0, 1)).ravel()
+    place = np.roll(
+        np.arange(contact.pressure.size).reshape(contact.shape),
+        (-step[0], -step[1]),
+        (0, 1),
+    ).ravel()
     moved = place[lattice.sites]
     order = np.argsort(moved)
-    fields = {name: values[order] for name in ENERGIES if (values := getattr(lattice, name)) is not None}
+    fields = {
+        name: values[order]
+        for name in ENERGIES
+        if (values := getattr(lattice, name)) is not None
+    }
     if lattice.neighbours is not None:
-        fields["neighbours"] = np.append(np.argsort(order), -1).astype(np.int32)[lattice.neighbours[order]]
+        fields["neighbours"] = np.append(np.argsort(order), -1).astype(np.int32)[
+            lattice.neighbours[order]
+        ]
     return changed(
         replica,
         contact={"pressure": np.roll(contact.pressure, step, (0, 1))},
@@ -65,9 +95,15 @@ def shifted(replica: Bonded, step: tuple[int, int]) -> Bonded:
 
 def _replicas() -> Iterator[tuple[str, Bonded]]:
     changes: dict[str, Callable[[Bonded], Bonded]] = {
-        "at another temperature": lambda replica: rescaled_replica(replica, temperature=317.0),
-        "in pixels of another size": lambda replica: rescaled_replica(replica, pixel=0.7),
-        "under another pressure": lambda replica: rescaled_replica(replica, pressure=1.3),
+        "at another temperature": lambda replica: rescaled_replica(
+            replica, temperature=317.0
+        ),
+        "in pixels of another size": lambda replica: rescaled_replica(
+            replica, pixel=0.7
+        ),
+        "under another pressure": lambda replica: rescaled_replica(
+            replica, pressure=1.3
+        ),
         "with higher barriers": lambda replica: rescaled_replica(replica, energy=1.1),
         "elsewhere on the surface": lambda replica: shifted(replica, (3, 2)),
     }
@@ -76,7 +112,10 @@ def _replicas() -> Iterator[tuple[str, Bonded]]:
         yield f"{number} sites", plain
         yield f"{number} sites {what}", change(plain)
     yield "37 sites whose bonds last", with_states(finished(37, 19, breaking=False))
-    yield "37 sites that do not interact", with_states(finished(37, 19, interacting=False))
+    yield (
+        "37 sites that do not interact",
+        with_states(finished(37, 19, interacting=False)),
+    )
 
 
 class ChangedReplicaChecks(Checks[Asked], of=(Rupture, Observable)):
@@ -87,7 +126,9 @@ class ChangedReplicaChecks(Checks[Asked], of=(Rupture, Observable)):
     def order_of_the_sites_does_not_matter(self) -> None:
         """Where a periodic surface begins, and with it the order of the sites, changes neither a force nor a number."""
         component = self.component
-        if isinstance(component, Rupture) and component.sampled:  # its random numbers belong to the places
+        if (
+            isinstance(component, Rupture) and component.sampled
+        ):  # its random numbers belong to the places
             return
         replica = with_states(finished(40, 17, grid=(9, 7)))
         one = numbers(component, replica)
@@ -96,7 +137,11 @@ class ChangedReplicaChecks(Checks[Asked], of=(Rupture, Observable)):
             for name, values in one.items():
                 output = component.outputs.get(name)
                 # whether it has no place on the surface, as far as that is known
-                number = values.ndim == 0 if output is None else set(output.dims) <= {HOLD_TIME}
+                number = (
+                    values.ndim == 0
+                    if output is None
+                    else set(output.dims) <= {HOLD_TIME}
+                )
                 require(
                     np.allclose(values, two[name], equal_nan=True, **SAME)
                     or not (number or isinstance(component, Rupture)),
@@ -111,7 +156,12 @@ class ObservableUnitChecks(Checks[Observable], of=Observable):
 
     def questions(self) -> Questions:
         for what, one in _replicas():
-            yield what, lambda observable, one=one: observable.measure(one.contact, one.lattice, one.history)
+            yield (
+                what,
+                lambda observable, one=one: observable.measure(
+                    one.contact, one.lattice, one.history
+                ),
+            )
 
     # -- units ---------------------------------------------------------------------------------------------------------
 
@@ -123,10 +173,8 @@ class ObservableUnitChecks(Checks[Observable], of=Observable):
             doubled = self.rescaled(stress=1 / 8, length=2)
         except InputError:
             return
-        one, two = (
-            numbers(self.component, small),
-            numbers(doubled, rescaled_replica(small, pixel=1.0), "pixels of 1 nm"),
-        )
+        one = numbers(self.component, small)
+        two = numbers(doubled, rescaled_replica(small, pixel=1.0), "pixels of 1 nm")
         for name, output in self.component.outputs.items():
             mass, length, others = dimensions(output.unit)
             if mass or others or not length or one[name].shape != two[name].shape:
@@ -158,7 +206,8 @@ class RuptureUnitChecks(Checks[Rupture], of=Rupture):
         before = finished(40, 17)
         after = rescaled_replica(before, temperature=900.0, pressure=3.0, energy=3.0)
         chemistry = before.chemistry.replace(bond_force=3 * before.chemistry.bond_force)
-        one, two = force_of(self.component, before), force_of(strong, replace(after, chemistry=chemistry))
+        one = force_of(self.component, before)
+        two = force_of(strong, replace(after, chemistry=chemistry))
         require(
             np.allclose(two, 3 * one, **SAME) or np.array_equal(one, two),
             f"with energies, k_BT and forces three times as large the force is {two} nN instead of {3 * one}; is a "

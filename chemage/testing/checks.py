@@ -79,7 +79,9 @@ class Check(NamedTuple):
     def missing(self) -> tuple[str, ...]:
         """Inputs without which there is nothing to check, and which were not given."""
         needed = [
-            one.name for one in _taken(self.function) if one.default is one.empty and one.kind is not one.VAR_KEYWORD
+            one.name
+            for one in _taken(self.function)
+            if one.default is one.empty and one.kind is not one.VAR_KEYWORD
         ]
         return tuple(name for name in needed if self.inputs.get(name) is None)
 
@@ -98,7 +100,9 @@ class Check(NamedTuple):
             problem = f"the component warns ({type(warning).__name__}: {warning}); handle this case"
             raise CheckFailed(self.name, name, problem) from warning
         except Exception as error:
-            raise CheckFailed(self.name, name, f"raised {type(error).__name__}: {error}") from error
+            raise CheckFailed(
+                self.name, name, f"raised {type(error).__name__}: {error}"
+            ) from error
 
     def __repr__(self) -> str:
         return self.name
@@ -111,7 +115,9 @@ def _limited(problem: str) -> Iterator[None]:
     def stop(*_: Any) -> None:
         raise AssertionError(problem)
 
-    if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "setitimer"):
+    if threading.current_thread() is not threading.main_thread() or not hasattr(
+        signal, "setitimer"
+    ):
         yield
         return
     before = signal.signal(signal.SIGALRM, stop)
@@ -128,7 +134,9 @@ def _strict_warnings() -> Iterator[None]:
     """Warnings of numerics and of use are errors. Not those of an import, which are the library's own affair, nor
     announcements such as DeprecationWarning."""
 
-    def show(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
+    def show(
+        message: Warning | str, category: type[Warning], *_: Any, **__: Any
+    ) -> None:
         if not issubclass(category, RuntimeWarning | UserWarning):
             return
         frame = sys._getframe(1)
@@ -141,7 +149,11 @@ def _strict_warnings() -> Iterator[None]:
     with warnings.catch_warnings():
         warnings.simplefilter("always")
         # what loky says of the worker of the checks, which keeps what numba compiled, or by the clock
-        warnings.filterwarnings("ignore", "A worker (stopped|was restarted) while some jobs were given", UserWarning)
+        warnings.filterwarnings(
+            "ignore",
+            "A worker (stopped|was restarted) while some jobs were given",
+            UserWarning,
+        )
         warnings.showwarning = show
         yield
 
@@ -166,7 +178,9 @@ class Checks(Generic[C]):
     #: checks of every component that come after those of its role, which say more of what is wrong
     last: ClassVar[bool] = False
 
-    def __init_subclass__(cls, of: type[Component] | tuple[type[Component], ...]) -> None:
+    def __init_subclass__(
+        cls, of: type[Component] | tuple[type[Component], ...]
+    ) -> None:
         for role in of if isinstance(of, tuple) else (of,):
             CHECKS.setdefault(role.role, []).append(cls)
 
@@ -176,13 +190,18 @@ class Checks(Generic[C]):
     @classmethod
     def names(cls) -> list[str]:
         """Its checks."""
-        own = [name for name, value in vars(cls).items() if isfunction(value) and not name.startswith("_")]
+        own = [
+            name
+            for name, value in vars(cls).items()
+            if isfunction(value) and not name.startswith("_")
+        ]
         return [name for name in own if name not in vars(Checks)]
 
     def other_values(self, name: str) -> Iterator[tuple[str, Any]]:
         """Yield the component with option ``name`` at other values that it accepts, and what was changed."""
         parts = self.options().get(name, [])
-        types, value = {part.get("type") for part in parts}, getattr(self.component, name)
+        types = {part.get("type") for part in parts}
+        value = getattr(self.component, name)
         tried: list[Any] = [choice for part in parts for choice in part.get("enum", [])]
         tried += [True, False] if "boolean" in types else []
         tried += [1, 2, 3] if "integer" in types else []
@@ -193,7 +212,9 @@ class Checks(Generic[C]):
                 variant = self.component.replace(**{name: other})
             except InputError:
                 continue
-            if getattr(variant, name) != value or type(getattr(variant, name)) is not type(value):
+            if getattr(variant, name) != value or type(
+                getattr(variant, name)
+            ) is not type(value):
                 yield f"{name} = {other}", variant
 
     def option_variants(self) -> Iterator[tuple[str, Any]]:
@@ -212,7 +233,9 @@ class Checks(Generic[C]):
                 together[name] = getattr(others[-1][1], name)
         if len(together) > 1:
             try:
-                words = ", ".join(f"{name} = {value}" for name, value in together.items())
+                words = ", ".join(
+                    f"{name} = {value}" for name, value in together.items()
+                )
                 yield words, self.component.replace(**together)
             except InputError:
                 return
@@ -226,7 +249,9 @@ class Checks(Generic[C]):
             variants = []
             for value in values:
                 try:
-                    variants.append((f"{name} = {value}", self.component.replace(**{name: value})))
+                    variants.append(
+                        (f"{name} = {value}", self.component.replace(**{name: value}))
+                    )
                 except InputError:
                     continue
             if len(variants) > 1:
@@ -246,11 +271,19 @@ class Checks(Generic[C]):
     def options(self) -> dict[str, list[dict[str, Any]]]:
         """The JSON schemas of each option: its own, then those of the alternatives of its value."""
         properties = self.cls.model_json_schema().get("properties", {})
-        return {name: [schema, *schema.get("anyOf", [])] for name, schema in properties.items()}
+        return {
+            name: [schema, *schema.get("anyOf", [])]
+            for name, schema in properties.items()
+        }
 
     def units(self) -> dict[str, str]:
         """The units of the options that have one."""
-        return {name: part["unit"] for name, parts in self.options().items() for part in parts if part.get("unit")}
+        return {
+            name: part["unit"]
+            for name, parts in self.options().items()
+            for part in parts
+            if part.get("unit")
+        }
 
     def questions(self, *_: Any, **__: Any) -> Questions:
         """What can be asked of the component.
@@ -286,14 +319,20 @@ def checks_for(component: Component | type[Component], **inputs: Any) -> list[Ch
     role = component.role
     roles = registry.current().roles
     if role not in roles:
-        raise InputError.of("component", component, "has no role", f"the roles are {', '.join(roles)}")
+        raise InputError.of(
+            "component", component, "has no role", f"the roles are {', '.join(roles)}"
+        )
     checks, used = [], set[str]()
     for of in sorted((*CHECKS[""], *CHECKS.get(role, ())), key=lambda one: one.last):
         for name in of.names():
             taken = _taken(getattr(of, name))
             every = any(one.kind is one.VAR_KEYWORD for one in taken)
             names = {one.name for one in taken}
-            checks.append(Check(name, of, {k: v for k, v in inputs.items() if every or k in names}))
+            checks.append(
+                Check(
+                    name, of, {k: v for k, v in inputs.items() if every or k in names}
+                )
+            )
             used |= names
     if unused := set(inputs) - used:
         raise InputError(f"{role} checks take no {', '.join(sorted(unused))}")
@@ -303,7 +342,9 @@ def checks_for(component: Component | type[Component], **inputs: Any) -> list[Ch
 def parametrize_with_checks(
     components: Iterable[Component],
     *,
-    expected_failures: Mapping[str, str] | Callable[[Component], Mapping[str, str]] | None = None,
+    expected_failures: Mapping[str, str]
+    | Callable[[Component], Mapping[str, str]]
+    | None = None,
     **inputs: Any,
 ) -> Any:
     """Parametrise a test with ``component`` and ``check``: each check of each component becomes one test.
@@ -320,7 +361,11 @@ def parametrize_with_checks(
     """
     cases = []
     for number, component in enumerate(components):
-        excused = expected_failures(component) if callable(expected_failures) else expected_failures or {}
+        excused = (
+            expected_failures(component)
+            if callable(expected_failures)
+            else expected_failures or {}
+        )
         checks = checks_for(component, **inputs)
         if unknown := set(excused) - {check.name for check in checks}:
             raise InputError(
@@ -328,10 +373,25 @@ def parametrize_with_checks(
             )
         for check in checks:
             reason = excused.get(check.name)
-            marks: list[Any] = [pytest.mark.xfail(reason=reason, strict=True, raises=AssertionError)] if reason else []
+            marks: list[Any] = (
+                [pytest.mark.xfail(reason=reason, strict=True, raises=AssertionError)]
+                if reason
+                else []
+            )
             if check.missing:
-                marks = [pytest.mark.skip(reason=f"give {' and '.join(f'{name}=...' for name in check.missing)}")]
-            cases.append(pytest.param(component, check, id=f"{component.kind}{number}-{check.name}", marks=marks))
+                marks = [
+                    pytest.mark.skip(
+                        reason=f"give {' and '.join(f'{name}=...' for name in check.missing)}"
+                    )
+                ]
+            cases.append(
+                pytest.param(
+                    component,
+                    check,
+                    id=f"{component.kind}{number}-{check.name}",
+                    marks=marks,
+                )
+            )
 
     return pytest.mark.parametrize(("component", "check"), cases)
 
@@ -357,7 +417,9 @@ def check_component(component: Component, *, all: bool = False, **inputs: Any) -
             failures.append(failure)
     if failures:
         lines = "".join(f"\n- {failure}" for failure in failures)
-        raise ChecksFailed(f"{len(failures)} of {len(checks)} checks fail:{lines}", failures)
+        raise ChecksFailed(
+            f"{len(failures)} of {len(checks)} checks fail:{lines}", failures
+        )
 
 
 def whole(role: type[Component], **known: str) -> Callable[..., None]:
@@ -365,7 +427,9 @@ def whole(role: type[Component], **known: str) -> Callable[..., None]:
 
     def check(component: Component, *, all: bool = False, **inputs: Any) -> None:
         if not isinstance(component, role):
-            raise InputError.of("component", component, f"is not a chemage.plugin.{role.__name__}")
+            raise InputError.of(
+                "component", component, f"is not a chemage.plugin.{role.__name__}"
+            )
         check_component(component, all=all, **inputs)
 
     further = "".join(f"\n\n``{name}``: {meaning}." for name, meaning in known.items())
@@ -396,7 +460,9 @@ def naming(what: str) -> Iterator[None]:
         raise AssertionError(f"{what}: {type(error).__name__}: {error}") from error
 
 
-def refuses(what: str, call: Callable[[], Any], error: type[Exception] = InputError) -> str:
+def refuses(
+    what: str, call: Callable[[], Any], error: type[Exception] = InputError
+) -> str:
     """Require that ``call`` raises ``error`` with a message, and return the message."""
     try:
         answer = call()
@@ -404,7 +470,9 @@ def refuses(what: str, call: Callable[[], Any], error: type[Exception] = InputEr
         require(str(refusal), f"{what}: {type(refusal).__name__} without a message")
         return str(refusal)
     except Exception as other:
-        raise AssertionError(f"{what}: raised {type(other).__name__}: {other}; expected {error.__name__}") from other
+        raise AssertionError(
+            f"{what}: raised {type(other).__name__}: {other}; expected {error.__name__}"
+        ) from other
     raise AssertionError(f"{what}: returned {answer!r}; expected {error.__name__}")
 
 
@@ -414,10 +482,15 @@ def require_plain(value: Any, what: str) -> None:
         again = json.loads(json.dumps(value, allow_nan=False))
     except (TypeError, ValueError) as error:
         raise AssertionError(f"{what} is not plain JSON: {error}") from error
-    require(again == value, f"{what} changes when written as JSON (a tuple, or a key that is not a string?): {value!r}")
+    require(
+        again == value,
+        f"{what} changes when written as JSON (a tuple, or a key that is not a string?): {value!r}",
+    )
 
 
-def seeds_are_harmless(draw: Callable[[Any], Any], what: str, *, chance: bool = False) -> None:
+def seeds_are_harmless(
+    draw: Callable[[Any], Any], what: str, *, chance: bool = False
+) -> None:
     """Require that ``draw(seed)`` is reproducible, has no side effects, and differs between seeds.
 
     Without ``chance`` all seeds may give the same result.
@@ -430,16 +503,27 @@ def seeds_are_harmless(draw: Callable[[Any], Any], what: str, *, chance: bool = 
     before = global_state()
     answers = [draw(seed) for seed in range(4)]
     require(draw(1) == answers[1], f"{what}: the same seed gave two results")
-    distinct = sum(all(one != other for other in answers[:i]) for i, one in enumerate(answers))
+    distinct = sum(
+        all(one != other for other in answers[:i]) for i, one in enumerate(answers)
+    )
     right = (4,) if chance else (1, 4)
-    require(distinct in right, f"{what}: four seeds gave {distinct} different results; expected 4")
+    require(
+        distinct in right,
+        f"{what}: four seeds gave {distinct} different results; expected 4",
+    )
     sequence = np.random.SeedSequence(5, spawn_key=(2,))
     first = draw(sequence)
-    require(sequence.n_children_spawned == 0, f"{what}: spawned children of the given SeedSequence")
+    require(
+        sequence.n_children_spawned == 0,
+        f"{what}: spawned children of the given SeedSequence",
+    )
     require(draw(sequence) == first, f"{what}: the same SeedSequence gave two results")
     if distinct == 4:
         other = np.random.SeedSequence(5, spawn_key=(3,))
-        require(draw(other) != first, f"{what}: two children of one SeedSequence gave the same result")
+        require(
+            draw(other) != first,
+            f"{what}: two children of one SeedSequence gave the same result",
+        )
     require(global_state() == before, f"{what}: draws from numpy's global random state")
 
 
@@ -448,7 +532,9 @@ def dimensions(unit: str) -> tuple[float, float, bool]:
     from chemage.foundation.units import unit_registry as units
 
     found: dict[str, Any] = dict(units().parse_units(unit).dimensionality)
-    mass, metre, _ = (float(found.pop(name, 0)) for name in ("[mass]", "[length]", "[time]"))
+    mass, metre, _ = (
+        float(found.pop(name, 0)) for name in ("[mass]", "[length]", "[time]")
+    )
     return mass, metre, bool(found)
 
 
@@ -456,12 +542,19 @@ def binomial_chance(count: int, of: int, probability: float) -> float:
     """The probability of a deviation like ``count`` of ``of`` or larger, on either side, where ``probability`` is."""
     from scipy.stats import binom
 
-    return 2 * float(min(binom.cdf(count, of, probability), binom.sf(count - 1, of, probability)))
+    return 2 * float(
+        min(binom.cdf(count, of, probability), binom.sf(count - 1, of, probability))
+    )
 
 
 def require_estimates(what: str, estimates: Any, *names: str) -> None:
     """Require that ``estimates`` maps some ``names`` to finite numbers that are not negative."""
-    require(isinstance(estimates, Mapping), f"{what} returned {estimates!r}; expected a dict")
+    require(
+        isinstance(estimates, Mapping),
+        f"{what} returned {estimates!r}; expected a dict",
+    )
     for name, value in estimates.items():
-        require(name in names, f"{what} returned {name!r}; known are {', '.join(names)}")
+        require(
+            name in names, f"{what} returned {name!r}; known are {', '.join(names)}"
+        )
         require(0 <= value < math.inf, f"{what}: {name} = {value!r}")

@@ -31,7 +31,9 @@ from chemage.testing.checks import (
 from chemage.testing.known_contacts import flat, hertz, paraboloid, sinusoid
 
 
-def half_space_errors(surface: Surface, solution: ContactSolution) -> tuple[float, float]:
+def half_space_errors(
+    surface: Surface, solution: ContactSolution
+) -> tuple[float, float]:
     """Errors of a periodic contact on an elastic half-space, relative to the rms height: rms of the gap over the
     contact, and largest overlap outside. From the pressure alone, with u(q) = 2 p(q)/(E* |q|)."""
     qx, qy = (2 * np.pi * np.fft.fftfreq(n, surface.pixel_size) for n in surface.shape)
@@ -42,7 +44,9 @@ def half_space_errors(surface: Surface, solution: ContactSolution) -> tuple[floa
     touching = gap[solution.contact]
     level = float(touching.mean())
     overlap = max(level - float(gap.min()), 0.0)
-    return float(np.sqrt(np.mean((touching - level) ** 2))) / surface.rms_height, overlap / surface.rms_height
+    return float(
+        np.sqrt(np.mean((touching - level) ** 2))
+    ) / surface.rms_height, overlap / surface.rms_height
 
 
 check_contact_solver = whole(
@@ -52,7 +56,9 @@ check_contact_solver = whole(
 )
 
 
-def rough_surface(shape: tuple[int, int] = (32, 32), seed: int = 0, **fields: Any) -> Surface:
+def rough_surface(
+    shape: tuple[int, int] = (32, 32), seed: int = 0, **fields: Any
+) -> Surface:
     """Make a small random surface for tests: rms slope 0.1, pixels of 0.5 nm."""
     rng = np.random.default_rng(seed)
     x, y = np.meshgrid(*(np.arange(n) / n for n in shape), indexing="ij")
@@ -63,13 +69,19 @@ def rough_surface(shape: tuple[int, int] = (32, 32), seed: int = 0, **fields: An
             size = math.hypot(i / shape[0], j / shape[1])
             if size > 0:
                 phase, height = rng.random(), rng.standard_normal()
-                heights += height * (size * max(shape)) ** -1.8 * np.cos(2 * np.pi * (i * x + j * y + phase))
+                heights += (
+                    height
+                    * (size * max(shape)) ** -1.8
+                    * np.cos(2 * np.pi * (i * x + j * y + phase))
+                )
     fields = {"pixel_size": 0.5, **fields}
     slope = Surface(heights=heights, **fields).rms_slope
     return Surface(heights=heights * (0.1 / slope if slope > 0 else 0), **fields)
 
 
-def _accepted(component: ContactSolver, surface: Surface, load: float) -> ContactSolution | None:
+def _accepted(
+    component: ContactSolver, surface: Surface, load: float
+) -> ContactSolution | None:
     """The contact; None where the solver refuses it."""
     try:
         return component.solve(surface, load)
@@ -80,10 +92,16 @@ def _accepted(component: ContactSolver, surface: Surface, load: float) -> Contac
 def difference(one: np.ndarray, two: np.ndarray) -> float:
     """Relative L2 difference of two pressures."""
     size = float(np.linalg.norm(two))
-    return float(np.linalg.norm(one - two)) / size if size and one.shape == two.shape else math.inf
+    return (
+        float(np.linalg.norm(one - two)) / size
+        if size and one.shape == two.shape
+        else math.inf
+    )
 
 
-def _on_surfaces(function: Callable[[Any, Surface, ContactSolution], None]) -> Callable[..., None]:
+def _on_surfaces(
+    function: Callable[[Any, Surface, ContactSolution], None],
+) -> Callable[..., None]:
     """Declare a check of a solver with its solution on each surface that it accepts."""
 
     @wraps(function)
@@ -99,7 +117,9 @@ class ContactChecks(Checks[ContactSolver], of=ContactSolver):
 
     unless = (ContactTheory,)
 
-    def _solvable(self, surfaces: Sequence[Surface] = ()) -> list[tuple[Surface, float]]:
+    def _solvable(
+        self, surfaces: Sequence[Surface] = ()
+    ) -> list[tuple[Surface, float]]:
         """The surfaces that the solver accepts, each with a load (nN) that brings a part of it into contact: a fiftieth
         of E* h'_rms A0, at which a half-space is in full contact or nearly so."""
         accepted = []
@@ -113,17 +133,34 @@ class ContactChecks(Checks[ContactSolver], of=ContactSolver):
             light = _accepted(self.component, surface, 1e-3 * surface.nominal_area)
             if light is not None:
                 given = type(light).__name__
-                require(isinstance(light, ContactSolution), f"solve() returned {given}; expected a ContactSolution")
-                accepted.append((surface, 0.02 * light.modulus * surface.rms_slope * surface.nominal_area))
-        require(accepted, "refused rough surfaces and a paraboloid; give surfaces=[...] that it accepts")
+                require(
+                    isinstance(light, ContactSolution),
+                    f"solve() returned {given}; expected a ContactSolution",
+                )
+                accepted.append(
+                    (
+                        surface,
+                        0.02 * light.modulus * surface.rms_slope * surface.nominal_area,
+                    )
+                )
+        require(
+            accepted,
+            "refused rough surfaces and a paraboloid; give surfaces=[...] that it accepts",
+        )
         return accepted
 
     def _pressed(self, surface: Surface, load: float) -> ContactSolution | None:
         """The contact under the ``load`` (nN) times the modulus of the solver in GPa; None where it is refused."""
         none = _accepted(self.component, surface, 0)
-        return None if none is None else _accepted(self.component, surface, none.modulus * load)
+        return (
+            None
+            if none is None
+            else _accepted(self.component, surface, none.modulus * load)
+        )
 
-    def _require_same(self, what: str, one: np.ndarray, two: np.ndarray, least: float) -> None:
+    def _require_same(
+        self, what: str, one: np.ndarray, two: np.ndarray, least: float
+    ) -> None:
         """Require that two equivalent solutions differ by ``least`` at most, or by the error that the solver
         declares."""
         away = difference(one, two)
@@ -141,7 +178,10 @@ class ContactChecks(Checks[ContactSolver], of=ContactSolver):
 
         if isinstance(self.component, ContactTheory):
             for slope, load in ((0.11, 1.3e5), (0.12, 1.3e5), (0.11, 1.7e5)):
-                given = Roughness(rms_slope=slope, rms_height=1.0, nominal_area=1e6), load
+                given = (
+                    Roughness(rms_slope=slope, rms_height=1.0, nominal_area=1e6),
+                    load,
+                )
                 yield (
                     f"a slope of {slope} under {load:g} nN",
                     lambda theory, given=given: of_theory(theory.statistics(*given)),
@@ -151,31 +191,48 @@ class ContactChecks(Checks[ContactSolver], of=ContactSolver):
             radius = surface.provenance.get("radius")
             higher = {"provenance": {"radius": radius / 1.07}} if radius else {}
             yield f"surface {number}", ask(surface, 0.91 * load)
-            other = surface.model_copy(update={"heights": 1.07 * surface.heights, **higher})
+            other = surface.model_copy(
+                update={"heights": 1.07 * surface.heights, **higher}
+            )
             yield f"surface {number} with higher summits", ask(other, 0.91 * load)
-            yield f"surface {number} with higher summits under another load", ask(other, 0.73 * load)
+            yield (
+                f"surface {number} with higher summits under another load",
+                ask(other, 0.73 * load),
+            )
             if not radius:
-                larger = other.model_copy(update={"pixel_size": 1.3 * surface.pixel_size})
-                yield f"surface {number} with higher summits and larger pixels", ask(larger, 0.73 * load)
+                larger = other.model_copy(
+                    update={"pixel_size": 1.3 * surface.pixel_size}
+                )
+                yield (
+                    f"surface {number} with higher summits and larger pixels",
+                    ask(larger, 0.73 * load),
+                )
 
     # -- the form of the answer ----------------------------------------------------------------------------------------
 
     @known
-    def contact_carries_the_load(self, surfaces: Sequence[Surface] = (), force_tolerance=1e-6) -> None:
+    def contact_carries_the_load(
+        self, surfaces: Sequence[Surface] = (), force_tolerance=1e-6
+    ) -> None:
         """The pressure (GPa) adds up to the load (nN), and some but not all pixels are in contact. It is nowhere
         negative, unless the surfaces adhere: then there is tension (or ``carries`` says where the attraction is left
         out), and ``touching`` says where they touch."""
         component = self.component
         for surface, load in self._solvable(surfaces):
             solution = component.solve(surface, load)
-            require(solution.load == load, f"the load is {load} nN, the solution has {solution.load} nN")
+            require(
+                solution.load == load,
+                f"the load is {load} nN, the solution has {solution.load} nN",
+            )
             elsewhere = component.adheres and solution.carries
             require(
-                elsewhere or abs(solution.carried - load) <= force_tolerance * solution.borne,
+                elsewhere
+                or abs(solution.carried - load) <= force_tolerance * solution.borne,
                 f"the pressure integrates to {solution.carried!r} nN, the load is {load!r} nN (1 GPa nm² is 1 nN)",
             )
             require(
-                0 < solution.sites.size < solution.pressure.size, f"{solution.area_fraction=}: expected some contact"
+                0 < solution.sites.size < solution.pressure.size,
+                f"{solution.area_fraction=}: expected some contact",
             )
             told = solution.touching is not None
             require(
@@ -191,33 +248,59 @@ class ContactChecks(Checks[ContactSolver], of=ContactSolver):
             )
 
     @_on_surfaces
-    def contact_is_deterministic(self, surface: Surface, solution: ContactSolution) -> None:
+    def contact_is_deterministic(
+        self, surface: Surface, solution: ContactSolution
+    ) -> None:
         """The same contact gives the same bytes, whatever was solved before; the surface stays as it was."""
         heights = surface.heights.tobytes()
         self.component.solve(surface, 0.4 * solution.load)
         again = self.component.solve(surface, solution.load)
-        require(again.pressure.tobytes() == solution.pressure.tobytes(), "two solutions of the same contact differ")
-        require(surface.heights.tobytes() == heights, "the heights of the surface changed")
+        require(
+            again.pressure.tobytes() == solution.pressure.tobytes(),
+            "two solutions of the same contact differ",
+        )
+        require(
+            surface.heights.tobytes() == heights, "the heights of the surface changed"
+        )
 
     @_on_surfaces
-    def solution_describes_itself(self, surface: Surface, solution: ContactSolution) -> None:
+    def solution_describes_itself(
+        self, surface: Surface, solution: ContactSolution
+    ) -> None:
         """Grid, pixel size, periodicity and roughness are the surface's, the modulus is the solver's, and all that it
         implements is there."""
         for name in ("shape", "pixel_size", "periodic", "rms_slope", "rms_height"):
             mine, its = getattr(solution, name), getattr(surface, name)
-            same = mine == its or (name.startswith("rms") and math.isclose(mine, its, rel_tol=1e-6))
+            same = mine == its or (
+                name.startswith("rms") and math.isclose(mine, its, rel_tol=1e-6)
+            )
             require(same, f"{name} is {mine}, the surface has {its}")
         if "GPa" in self.units().get("modulus", ""):
             mine, its = solution.modulus, getattr(self.component, "modulus", None)
-            require(its is None or math.isclose(mine, its), f"modulus is {mine} GPa, the solver has {its} GPa")
+            require(
+                its is None or math.isclose(mine, its),
+                f"modulus is {mine} GPa, the solver has {its} GPa",
+            )
         for name in self.component.implemented_properties:
             # an option switches on what takes memory
-            complete = self.component.with_gap().solve(surface, solution.load) if name == "gap" else solution
-            require(getattr(complete, name, None) is not None, f"implements {name!r}, but the solution has none")
-        require(solution.converged, "did not converge, and did not raise ConvergenceError")
+            complete = (
+                self.component.with_gap().solve(surface, solution.load)
+                if name == "gap"
+                else solution
+            )
+            require(
+                getattr(complete, name, None) is not None,
+                f"implements {name!r}, but the solution has none",
+            )
+        require(
+            solution.converged, "did not converge, and did not raise ConvergenceError"
+        )
         require(math.isfinite(solution.residual), f"residual {solution.residual}")
         require_plain(solution.provenance, "provenance")
-        require(solution.provenance, "provenance is empty; record how the contact was solved, such as self.todict()")
+        require(
+            solution.provenance,
+            "provenance is empty; record how the contact was solved, such as self.todict()",
+        )
         require_plain(solution.convergence, "convergence")
 
     @known
@@ -226,16 +309,22 @@ class ContactChecks(Checks[ContactSolver], of=ContactSolver):
         for surface, _ in () if self.component.adheres else self._solvable(surfaces):
             solution = self.component.solve(surface, 0)
             require(
-                solution.sites.size == 0 and solution.load == 0, f"{solution.sites.size} pixels in contact at load 0"
+                solution.sites.size == 0 and solution.load == 0,
+                f"{solution.sites.size} pixels in contact at load 0",
             )
 
     @_on_surfaces
-    def wrong_load_is_refused(self, surface: Surface, solution: ContactSolution) -> None:
+    def wrong_load_is_refused(
+        self, surface: Surface, solution: ContactSolution
+    ) -> None:
         """Negative and infinite loads, and loads in another dimension, are InputErrors, and with adhesion a pull that
         parts the surfaces; a load may have its unit."""
         pull = -1e3 * solution.load if self.component.adheres else -1.0
         for wrong in (pull, math.nan, math.inf, "20 nm", "20", True):
-            refuses(f"load {wrong!r}", lambda wrong=wrong: self.component.solve(surface, wrong))
+            refuses(
+                f"load {wrong!r}",
+                lambda wrong=wrong: self.component.solve(surface, wrong),
+            )
         again = self.component.solve(surface, f"{solution.load!r} nN")
         require(again == solution, "a load with its unit gave another solution")
 
@@ -244,8 +333,17 @@ class ContactChecks(Checks[ContactSolver], of=ContactSolver):
         few = {"nx": 64.0, "ny": 48.0}
         many = {**few, "pixel_size": 0.5, "rms_slope": 0.1, "shortest_wavelength": 4.0}
         for surface, load in product(({}, few, many), (0.0, 1.0, 1e9)):
-            what, expected = f"expected({surface}, {load})", self.component.expected(surface, load)
-            require_estimates(what, expected, "cpu_seconds", "bytes", "gap_bytes", "max_pressure", "area_fraction")
+            what = f"expected({surface}, {load})"
+            expected = self.component.expected(surface, load)
+            require_estimates(
+                what,
+                expected,
+                "cpu_seconds",
+                "bytes",
+                "gap_bytes",
+                "max_pressure",
+                "area_fraction",
+            )
             share = expected.get("area_fraction", 0.0)
             require(share <= 1, f"{what}: area_fraction = {share!r}")
 
@@ -265,7 +363,9 @@ class ContactChecks(Checks[ContactSolver], of=ContactSolver):
             f"at a very small load the highest pixels, {np.argwhere(top)[:4].tolist()}, are not in contact; the "
             f"largest pressure is at {at}, which is {heights.max() - heights[at]:.3g} nm lower",
         )
-        size = np.maximum(pressure, 0)  # with adhesion the load is less than what presses
+        size = np.maximum(
+            pressure, 0
+        )  # with adhesion the load is less than what presses
         share = float(size[heights >= np.quantile(heights, 0.9)].sum() / size.sum())
         require(
             share > 0.5,
@@ -273,7 +373,9 @@ class ContactChecks(Checks[ContactSolver], of=ContactSolver):
         )
 
     @_on_surfaces
-    def contact_turns_with_the_surface(self, surface: Surface, solution: ContactSolution) -> None:
+    def contact_turns_with_the_surface(
+        self, surface: Surface, solution: ContactSolution
+    ) -> None:
         """Mirroring, transposing or (where periodic) shifting the surface does the same to the pressure, and no
         more."""
         turns: dict[str, Callable[[np.ndarray], np.ndarray]] = {
@@ -282,25 +384,38 @@ class ContactChecks(Checks[ContactSolver], of=ContactSolver):
             "transposed": np.transpose,
         }
         if surface.periodic:
-            turns["shifted by (3, 5) pixels"] = lambda array: np.roll(array, (3, 5), (0, 1))
+            turns["shifted by (3, 5) pixels"] = lambda array: np.roll(
+                array, (3, 5), (0, 1)
+            )
         for what, turn in turns.items():
             turned = _accepted(
-                self.component, surface.model_copy(update={"heights": turn(surface.heights)}), solution.load
+                self.component,
+                surface.model_copy(update={"heights": turn(surface.heights)}),
+                solution.load,
             )
             if turned is not None:
-                self._require_same(f"surface {what}", turned.pressure, turn(solution.pressure), 1e-2)
+                self._require_same(
+                    f"surface {what}", turned.pressure, turn(solution.pressure), 1e-2
+                )
 
     @_on_surfaces
-    def gap_is_closed_in_contact(self, surface: Surface, solution: ContactSolution) -> None:
+    def gap_is_closed_in_contact(
+        self, surface: Surface, solution: ContactSolution
+    ) -> None:
         """Where a gap (nm) is given: it is nowhere negative, and zero where the pressure is positive, to a hundredth of
         the rms height or ten times the declared error of it."""
         solution = self.component.with_gap().solve(surface, solution.load)
         if solution.gap is None:
             return
         scale = max(1e-3, self.component.declared_error or 0.0) * surface.rms_height
-        require(solution.gap.min() >= -scale, f"the bodies overlap by {-solution.gap.min():g} nm")
+        require(
+            solution.gap.min() >= -scale,
+            f"the bodies overlap by {-solution.gap.min():g} nm",
+        )
         gap = float(np.abs(solution.gap[solution.contact]).max())
-        require(gap <= 10 * scale, f"a gap of {gap:g} nm where the pressure is positive")
+        require(
+            gap <= 10 * scale, f"a gap of {gap:g} nm where the pressure is positive"
+        )
 
     @_on_surfaces
     def contact_scales(self, surface: Surface, solution: ContactSolution) -> None:
@@ -308,26 +423,47 @@ class ContactChecks(Checks[ContactSolver], of=ContactSolver):
         hidden in the solver."""
         if "modulus" in self.cls.model_fields:
             stiff = self.rescaled(stress=2).solve(surface, 2 * solution.load)
-            self._require_same("twice the modulus and load", stiff.pressure / 2, solution.pressure, 1e-3)
+            self._require_same(
+                "twice the modulus and load",
+                stiff.pressure / 2,
+                solution.pressure,
+                1e-3,
+            )
         radius = surface.provenance.get("radius")
         for what, heights, size in (
             ("three times the size", surface.heights * 3, 3),
             ("raised by 5 nm", surface.heights + 5, 1),
         ):
             provenance = {"radius": radius * size} if radius else {}
-            changes = {"heights": heights, "pixel_size": surface.pixel_size * size, "provenance": provenance}
+            changes = {
+                "heights": heights,
+                "pixel_size": surface.pixel_size * size,
+                "provenance": provenance,
+            }
             solver = self.rescaled(length=size)
-            scaled = _accepted(solver, surface.model_copy(update=changes), solution.load * size**2)
+            scaled = _accepted(
+                solver, surface.model_copy(update=changes), solution.load * size**2
+            )
             if scaled is not None:  # the solver needs no more than heights and radius
                 self._require_same(what, scaled.pressure, solution.pressure, 1e-3)
 
     @_on_surfaces
-    def contact_grows_with_load(self, surface: Surface, solution: ContactSolution) -> None:
+    def contact_grows_with_load(
+        self, surface: Surface, solution: ContactSolution
+    ) -> None:
         """A larger load brings more pixels into contact, and where it is given, a larger approach (nm)."""
-        solutions = [self.component.solve(surface, factor * solution.load) for factor in (0.3, 1.0, 2.0)]
+        solutions = [
+            self.component.solve(surface, factor * solution.load)
+            for factor in (0.3, 1.0, 2.0)
+        ]
         areas = [one.sites.size for one in solutions]
-        require(areas == sorted(areas) and areas[0] < areas[-1], f"pixels in contact at increasing load: {areas}")
-        approaches = [one.displacement for one in solutions if one.displacement is not None]
+        require(
+            areas == sorted(areas) and areas[0] < areas[-1],
+            f"pixels in contact at increasing load: {areas}",
+        )
+        approaches = [
+            one.displacement for one in solutions if one.displacement is not None
+        ]
         require(
             approaches == sorted(set(approaches)),
             f"displacement (approach of the bodies, nm) at increasing load: {approaches}; expected it to increase",
@@ -349,7 +485,8 @@ class ContactChecks(Checks[ContactSolver], of=ContactSolver):
                 continue
             solved += 1
             exact = solution.modulus * case.pressure
-            away, peak = difference(solution.pressure, exact), float(solution.pressure.max() / exact.max())
+            away = difference(solution.pressure, exact)
+            peak = float(solution.pressure.max() / exact.max())
             require(
                 away <= error + case.pixels,
                 f"{case.name}: the pressure differs from the closed form by {away:.2g} (relative L2 norm); "
@@ -357,7 +494,9 @@ class ContactChecks(Checks[ContactSolver], of=ContactSolver):
                 f"{solution.area_fraction:.3f} of the pixels, expected {np.mean(exact > 0):.3f}; the largest pressure "
                 f"is {peak:.3f} of the expected one",
             )
-        require(solved, "declares an error, but refuses all surfaces with a closed form")
+        require(
+            solved, "declares an error, but refuses all surfaces with a closed form"
+        )
 
     @known
     def contact_obeys_the_half_space(self) -> None:
@@ -368,9 +507,13 @@ class ContactChecks(Checks[ContactSolver], of=ContactSolver):
         error = 3 * self.component.declared_error + 1e-4
         for shape, seed in (((32, 32), 5), ((24, 40), 6)):
             rough = rough_surface(shape, seed)
-            surface = rough.model_copy(update={"heights": 0.05 * rough.heights, "provenance": {"rough": seed}})
+            surface = rough.model_copy(
+                update={"heights": 0.05 * rough.heights, "provenance": {"rough": seed}}
+            )
             for force in (0.01, 0.1, 0.4):
-                solution = self._pressed(surface, force * surface.rms_slope * surface.nominal_area)
+                solution = self._pressed(
+                    surface, force * surface.rms_slope * surface.nominal_area
+                )
                 if solution is None:
                     continue
                 gap, overlap = half_space_errors(surface, solution)
@@ -382,17 +525,34 @@ class ContactChecks(Checks[ContactSolver], of=ContactSolver):
                 )
 
     @_on_surfaces
-    def start_changes_nothing(self, surface: Surface, solution: ContactSolution) -> None:
+    def start_changes_nothing(
+        self, surface: Surface, solution: ContactSolution
+    ) -> None:
         """The solution does not depend on ``start``, be it of another load or of another surface."""
-        half = surface.model_copy(update={"heights": surface.heights[: surface.shape[0] // 2]})
-        others = [self.component.solve(surface, share * solution.load) for share in (0.5, 0)]
-        for start in (*others, _accepted(self.component, half, 1e-3 * half.nominal_area)):
+        half = surface.model_copy(
+            update={"heights": surface.heights[: surface.shape[0] // 2]}
+        )
+        others = [
+            self.component.solve(surface, share * solution.load) for share in (0.5, 0)
+        ]
+        for start in (
+            *others,
+            _accepted(self.component, half, 1e-3 * half.nominal_area),
+        ):
             try:
                 warm = self.component.solve(surface, solution.load, start=start)
             except InputError:
-                require(start is None or start.shape != surface.shape, "refused a start at another load")
+                require(
+                    start is None or start.shape != surface.shape,
+                    "refused a start at another load",
+                )
                 continue
-            self._require_same("the solution depends on the start", warm.pressure, solution.pressure, 1e-2)
+            self._require_same(
+                "the solution depends on the start",
+                warm.pressure,
+                solution.pressure,
+                1e-2,
+            )
 
     # -- speed, and grids ----------------------------------------------------------------------------------------------
 
@@ -400,12 +560,19 @@ class ContactChecks(Checks[ContactSolver], of=ContactSolver):
         """The values of each option of ``trade`` give the same contact, the last ones nearly so."""
         surface, load = self._solvable(surfaces)[0]
         for name, variants in self.trade_variants():
-            *others, last = (variant.solve(surface, load).pressure.astype(np.float64) for _, variant in variants)
+            *others, last = (
+                variant.solve(surface, load).pressure.astype(np.float64)
+                for _, variant in variants
+            )
             require(
-                all(one.shape == last.shape for one in others), f"trade of {name!r} changes the grid of the solution"
+                all(one.shape == last.shape for one in others),
+                f"trade of {name!r} changes the grid of the solution",
             )
             errors = [difference(pressure, last) for pressure in others]
-            listed = ", ".join(f"{what}: {error:.2g}" for (what, _), error in zip(variants, errors, strict=False))
+            listed = ", ".join(
+                f"{what}: {error:.2g}"
+                for (what, _), error in zip(variants, errors, strict=False)
+            )
             require(
                 max(errors) <= 0.3,
                 f"trade of {name!r} is another contact and not one at another accuracy; pressures differ from those of "
@@ -418,21 +585,28 @@ class ContactChecks(Checks[ContactSolver], of=ContactSolver):
             )
 
     @_on_surfaces
-    def reference_solves_the_same_contact(self, surface: Surface, solution: ContactSolution) -> None:
+    def reference_solves_the_same_contact(
+        self, surface: Surface, solution: ContactSolution
+    ) -> None:
         """``reference()`` returns a solver of the same class, with the same contact up to the errors of the
         component."""
         reference = self.component.reference()
         require(isinstance(reference, self.cls), f"reference() returned {reference!r}")
-        away = difference(solution.pressure, reference.solve(surface, solution.load).pressure)
+        away = difference(
+            solution.pressure, reference.solve(surface, solution.load).pressure
+        )
         require(away <= 1e-2, "reference() solves another contact")
 
     def odd_grids_are_solved(self) -> None:
         """Grids that are not square, odd, one pixel wide or one pixel are solved, or refused with an InputError."""
         for shape in ((15, 32), (9, 7), (1, 16), (1, 1)):
             for surface in (rough_surface(shape), rough_surface(shape, periodic=False)):
-                solution = _accepted(self.component, surface, 1e-2 * surface.nominal_area)
+                solution = _accepted(
+                    self.component, surface, 1e-2 * surface.nominal_area
+                )
                 require(
-                    solution is None or solution.shape == shape, f"a solution of another shape than {shape}: {solution}"
+                    solution is None or solution.shape == shape,
+                    f"a solution of another shape than {shape}: {solution}",
                 )
 
 
@@ -453,12 +627,25 @@ class TheoryChecks(Checks[ContactSolver], of=ContactSolver):
         for load in (0.0, 1e2, 1e4, 1e6, 1e8):
             statistics = component.statistics(roughness, load)
             force, area = statistics.carried, statistics.contact_area
-            require(math.isclose(force, load, rel_tol=1e-6), f"the pressures add up to {force:g} nN at {load:g} nN")
-            require(statistics.nominal_area == 1e6, f"nominal_area = {statistics.nominal_area:g} nm², expected 1e6 nm²")
-            require(area <= 1e6 * (1 + 1e-9), f"the contact area {area:g} is above the nominal")
-            require(component.statistics(roughness, load) == statistics, "a second call gave another contact")
+            require(
+                math.isclose(force, load, rel_tol=1e-6),
+                f"the pressures add up to {force:g} nN at {load:g} nN",
+            )
+            require(
+                statistics.nominal_area == 1e6,
+                f"nominal_area = {statistics.nominal_area:g} nm², expected 1e6 nm²",
+            )
+            require(
+                area <= 1e6 * (1 + 1e-9),
+                f"the contact area {area:g} is above the nominal",
+            )
+            require(
+                component.statistics(roughness, load) == statistics,
+                "a second call gave another contact",
+            )
             areas.append(area)
         require(
-            areas[0] == 0.0 and bool(np.all(np.diff(areas) > 0)), f"the area does not grow with the load: {areas} nm²"
+            areas[0] == 0.0 and bool(np.all(np.diff(areas) > 0)),
+            f"the area does not grow with the load: {areas} nm²",
         )
         refuses("a map", lambda: component.solve(flat().surface, 1.0))

@@ -55,8 +55,12 @@ def _trace(history: BondHistory) -> tuple[bytes, ...]:
 class EngineChecks(Checks[Engine], of=Engine):
     """What every engine must do."""
 
-    def _run(self, lattice: ReactionLattice, times: Any, seed: Any = 0, start: Any = None) -> BondHistory:
-        return self.component.run(lattice, times, temperature=TEMPERATURE, seed=seed, start=start)
+    def _run(
+        self, lattice: ReactionLattice, times: Any, seed: Any = 0, start: Any = None
+    ) -> BondHistory:
+        return self.component.run(
+            lattice, times, temperature=TEMPERATURE, seed=seed, start=start
+        )
 
     def _disordered(self, *rings: int, interacting: bool = True) -> ReactionLattice:
         """Rings of sites with rates over five decades, by default one of 40; with an interaction of nearest neighbours
@@ -70,28 +74,50 @@ class EngineChecks(Checks[Engine], of=Engine):
         if interacting and self.component.interacting:
             order, pair = rng.permutation(n), rng.uniform(-0.05, 0.1, n)
             blocks = np.split(np.arange(n), np.cumsum(rings)[:-1])
-            before, after = (np.concatenate([np.roll(block, step) for block in blocks]) for step in (1, -1))
-            fields["neighbours"] = np.argsort(order)[np.stack([after, before], axis=1)][order]
+            before, after = (
+                np.concatenate([np.roll(block, step) for block in blocks])
+                for step in (1, -1)
+            )
+            fields["neighbours"] = np.argsort(order)[np.stack([after, before], axis=1)][
+                order
+            ]
             fields["coupling"] = np.stack([pair, pair[before]], axis=1)[order]
         return ReactionLattice(pixels=(n, 1), **fields)
 
     def questions(self) -> Questions:
         def ask(lattice: ReactionLattice, **changes: Any) -> Any:
-            fields = {name: changes.pop(name) for name in [*changes] if name in ReactionLattice.model_fields}
-            how = {"hold_times": np.array([0.013, 1.7, 43.0]), "temperature": TEMPERATURE, "seed": 31, **changes}
-            return lambda engine: _trace(engine.run(lattice.model_copy(update=fields), **how))
+            fields = {
+                name: changes.pop(name)
+                for name in [*changes]
+                if name in ReactionLattice.model_fields
+            }
+            how = {
+                "hold_times": np.array([0.013, 1.7, 43.0]),
+                "temperature": TEMPERATURE,
+                "seed": 31,
+                **changes,
+            }
+            return lambda engine: _trace(
+                engine.run(lattice.model_copy(update=fields), **how)
+            )
 
         for number in range(31, 40):
             lattice = self._disordered(number)
             changes: dict[str, dict[str, Any]] = {
-                "of which every third is bonded at first": {"start": np.arange(number) % 3 == 0},
-                "with their forming barriers in another order": {"forming": lattice.forming[::-1]},
+                "of which every third is bonded at first": {
+                    "start": np.arange(number) % 3 == 0
+                },
+                "with their forming barriers in another order": {
+                    "forming": lattice.forming[::-1]
+                },
                 "at another temperature": {"temperature": 317.0},
                 "with another seed": {"seed": 32},
                 "at other hold times": {"hold_times": (0.017, 1.3, 41.0)},
                 "with another attempt frequency": {"attempt_frequency": 7e12},
                 "in pixels of another size": {"pixel_size": 2.1},
-                "with their breaking barriers in another order": {"breaking": np.asarray(lattice.breaking)[::-1]},
+                "with their breaking barriers in another order": {
+                    "breaking": np.asarray(lattice.breaking)[::-1]
+                },
                 "whose bonds last": {"breaking": None},
             }
             what = list(changes)[number - 31]
@@ -104,7 +130,10 @@ class EngineChecks(Checks[Engine], of=Engine):
             )
         if self.component.interacting:
             group, time, kelvin = FLICKERING["1 by 2 sites"]
-            yield "a site that flickers", ask(group.lattice(3), hold_times=[time], temperature=kelvin)
+            yield (
+                "a site that flickers",
+                ask(group.lattice(3), hold_times=[time], temperature=kelvin),
+            )
 
     def _trials(self, copies: int = COPIES, runs: int = 200) -> tuple[int, int]:
         """How many groups on how many lattices: of an approximate engine few large ones, as it may round the bonds."""
@@ -130,12 +159,22 @@ class EngineChecks(Checks[Engine], of=Engine):
         for seed in range(runs):
             lattice = group.lattice(copies, nu, slots, seed % 5)
             begin = np.ones(lattice.sites.size, dtype=bool) if start else None
-            history = self.component.run(lattice, [0.5 * time, time], temperature=temperature, seed=seed, start=begin)
+            history = self.component.run(
+                lattice,
+                [0.5 * time, time],
+                temperature=temperature,
+                seed=seed,
+                start=begin,
+            )
             counts += states(history.state, m)
-        probabilities = group.probabilities(time, temperature, nu, counts.size - 1 if start else 0)
+        probabilities = group.probabilities(
+            time, temperature, nu, counts.size - 1 if start else 0
+        )
         self._compare(f"{where}, after {time:.3g} s", counts, probabilities)
 
-    def _compare(self, where: str, counts: np.ndarray, probabilities: np.ndarray) -> None:
+    def _compare(
+        self, where: str, counts: np.ndarray, probabilities: np.ndarray
+    ) -> None:
         """Require that ``counts`` of groups in each state agree with the ``probabilities`` of the master equation.
 
         An exact engine: every site, every pair of sites and every state, each by its binomial distribution. An
@@ -158,9 +197,13 @@ class EngineChecks(Checks[Engine], of=Engine):
             return
         questions = {}
         for chosen in (*combinations(range(m), 1), *combinations(range(m), 2)):
-            questions[f"each of the sites {chosen} is bonded"] = bonded[:, chosen].all(axis=1)
+            questions[f"each of the sites {chosen} is bonded"] = bonded[:, chosen].all(
+                axis=1
+            )
         for state in every if m > 2 else ():
-            questions[f"just the sites {np.flatnonzero(bonded[state])} are bonded"] = every == state
+            questions[f"just the sites {np.flatnonzero(bonded[state])} are bonded"] = (
+                every == state
+            )
         for what, yes in questions.items():
             count, p = int(counts[yes].sum()), min(float(probabilities[yes].sum()), 1.0)
             require(
@@ -169,10 +212,16 @@ class EngineChecks(Checks[Engine], of=Engine):
                 f"± {math.sqrt(total * p * (1 - p)):.2g}",
             )
 
-    def _compare_mean(self, where: str, bonds: Sequence[int], of: int, probability: float) -> None:
+    def _compare_mean(
+        self, where: str, bonds: Sequence[int], of: int, probability: float
+    ) -> None:
         """Require that the ``bonds`` of runs with ``of`` independent sites each agree with ``probability``."""
         count, total = int(np.sum(bonds)), of * len(bonds)
-        self._compare(where, np.array([total - count, count]), np.array([1 - probability, probability]))
+        self._compare(
+            where,
+            np.array([total - count, count]),
+            np.array([1 - probability, probability]),
+        )
 
     # -- the form of the answer ----------------------------------------------------------------------------------------
 
@@ -182,15 +231,40 @@ class EngineChecks(Checks[Engine], of=Engine):
         times = np.geomspace(1e-3, 1e3, 13)
         lattice = self._disordered()
         history = self._run(lattice, times, 1)
-        require(isinstance(history, BondHistory), f"run() returned {type(history).__name__}; expected a BondHistory")
-        require(np.array_equal(history.hold_times, times), "the hold times are not the given ones")
-        bonds, formed, broken, state = history.bonds, history.formed, history.broken, history.state
-        require(state.shape == lattice.sites.shape, f"state of {state.shape} for {lattice.sites.size} sites")
-        require((bonds >= 0).all() and (bonds <= state.size).all(), f"{bonds} bonds on {state.size} sites")
-        require(bonds[-1] == state.sum(), f"the last count is {bonds[-1]} bonds; the final state has {state.sum()}")
-        require(np.array_equal(bonds, formed - broken), "bonds are not formed less broken")
-        require((np.diff([formed, broken]) >= 0).all(), "the numbers of events decrease")
-        require(history.events > 0, "nothing happened in 1000 s at rates up to 100 per second")
+        require(
+            isinstance(history, BondHistory),
+            f"run() returned {type(history).__name__}; expected a BondHistory",
+        )
+        require(
+            np.array_equal(history.hold_times, times),
+            "the hold times are not the given ones",
+        )
+        bonds = history.bonds
+        formed = history.formed
+        broken = history.broken
+        state = history.state
+        require(
+            state.shape == lattice.sites.shape,
+            f"state of {state.shape} for {lattice.sites.size} sites",
+        )
+        require(
+            (bonds >= 0).all() and (bonds <= state.size).all(),
+            f"{bonds} bonds on {state.size} sites",
+        )
+        require(
+            bonds[-1] == state.sum(),
+            f"the last count is {bonds[-1]} bonds; the final state has {state.sum()}",
+        )
+        require(
+            np.array_equal(bonds, formed - broken), "bonds are not formed less broken"
+        )
+        require(
+            (np.diff([formed, broken]) >= 0).all(), "the numbers of events decrease"
+        )
+        require(
+            history.events > 0,
+            "nothing happened in 1000 s at rates up to 100 per second",
+        )
         require(
             history.time == times[-1] and history.temperature == TEMPERATURE,
             f"wrong time or temperature: {history.time} s at {history.temperature} K; expected {times[-1]} s at 300 K",
@@ -205,7 +279,12 @@ class EngineChecks(Checks[Engine], of=Engine):
     def engine_cost_is_estimated(self) -> None:
         """``expected()`` returns finite costs, also for no sites and for ten million, no events and 1e12 a site."""
         for sites, events in product((0.0, 1.0, 1e7), (None, 0.0, 1e12)):
-            expected = call_with(self.component.expected, sites, self.component.interacting, events=events)
+            expected = call_with(
+                self.component.expected,
+                sites,
+                self.component.interacting,
+                events=events,
+            )
             names = ("cpu_seconds", "cpu_seconds_least", "cpu_seconds_most", "bytes")
             require_estimates(f"expected({sites})", expected, *names)
 
@@ -221,7 +300,9 @@ class EngineChecks(Checks[Engine], of=Engine):
         global random state is used."""
         lattice = self._disordered(100)
         seeds_are_harmless(
-            lambda seed: _trace(self._run(lattice, [0.1, 1, 10], seed)), "run", chance=self.component.exact
+            lambda seed: _trace(self._run(lattice, [0.1, 1, 10], seed)),
+            "run",
+            chance=self.component.exact,
         )
 
     calls_are_independent = independent_calls
@@ -230,17 +311,28 @@ class EngineChecks(Checks[Engine], of=Engine):
         """A lattice without sites is run, and has no bonds."""
         graphs: list[dict[str, Any]] = [{}, {"breaking": np.empty(0)}]
         if self.component.interacting:
-            graphs += [{"neighbours": np.empty((0, k), np.int32), "coupling": np.empty((0, k))} for k in (0, 8)]
+            graphs += [
+                {"neighbours": np.empty((0, k), np.int32), "coupling": np.empty((0, k))}
+                for k in (0, 8)
+            ]
         for graph in graphs:
-            empty = ReactionLattice(pixels=(3, 3), sites=np.empty(0, np.int64), forming=np.empty(0), **graph)
+            empty = ReactionLattice(
+                pixels=(3, 3), sites=np.empty(0, np.int64), forming=np.empty(0), **graph
+            )
             history = self._run(empty, [0, 1e5])
-            require(history.bonds.tolist() == [0, 0] and history.events == 0, f"{history.bonds} bonds without sites")
+            require(
+                history.bonds.tolist() == [0, 0] and history.events == 0,
+                f"{history.bonds} bonds without sites",
+            )
 
     def nothing_happens_at_rate_zero(self) -> None:
         """A lattice whose total rate is 0, also by underflow, does not change and is not an error."""
         for energy in (25.0, 1e4):
             history = self._run(Group((energy,)).lattice(7), [0, 1, 1e5])
-            require(history.events == 0 and history.time == 1e5, f"{history.events} events over {energy} eV")
+            require(
+                history.events == 0 and history.time == 1e5,
+                f"{history.events} events over {energy} eV",
+            )
 
     # -- the rates -----------------------------------------------------------------------------------------------------
 
@@ -253,27 +345,41 @@ class EngineChecks(Checks[Engine], of=Engine):
         theta = forming / total * (1 - np.exp(-total * times))
         # the mean number of bonds formed by t, ∫ k_f (1 − θ) dt
         formed = forming * (times - (forming * times - theta) / total)
-        for copies, number in ((48, 400), (600, 1), (1, 400)) if self.component.exact else ((LARGE, 8),):
+        for copies, number in (
+            ((48, 400), (600, 1), (1, 400)) if self.component.exact else ((LARGE, 8),)
+        ):
             lattice = single(forming, total - forming).lattice(copies)
             runs = [self._run(lattice, times, seed) for seed in range(number)]
             for at, t in enumerate(times):
                 where = f"sites that form bonds at 2 per second and break them at 0.7 per second: after {t} s"
-                self._compare_mean(where, [run.bonds[at] for run in runs], copies, float(theta[at]))
-                events, expected = int(sum(run.formed[at] for run in runs)), formed[at] * copies * number
+                self._compare_mean(
+                    where, [run.bonds[at] for run in runs], copies, float(theta[at])
+                )
+                events = int(sum(run.formed[at] for run in runs))
+                expected = formed[at] * copies * number
                 # alternating events scatter less than independent ones
                 require(
-                    not self.component.exact or abs(events - expected) < 6.5 * math.sqrt(expected) + 6.5,
+                    not self.component.exact
+                    or abs(events - expected) < 6.5 * math.sqrt(expected) + 6.5,
                     f"{where}, {events} bonds were formed; expected {expected:.0f}",
                 )
             states_at_end = np.sum([states(run.state, 1) for run in runs], axis=0)
-            self._compare("in the final states", states_at_end, np.array([1 - theta[-1], theta[-1]]))
+            self._compare(
+                "in the final states",
+                states_at_end,
+                np.array([1 - theta[-1], theta[-1]]),
+            )
 
     @known
     def sites_keep_their_own_rates(self) -> None:
         """Each site reacts over its own barriers, wherever its pixel is: the positions in the list are not the
         pixels."""
         for time in (0.3, 1.5):
-            self._follows("sites with different barriers", reacting((4.0, 0.25, 1.0), (0.1, 0.5, 2.0)), time)
+            self._follows(
+                "sites with different barriers",
+                reacting((4.0, 0.25, 1.0), (0.1, 0.5, 2.0)),
+                time,
+            )
 
     @known
     def rates_follow_the_temperature(self) -> None:
@@ -281,19 +387,30 @@ class EngineChecks(Checks[Engine], of=Engine):
         group = single(1.0)
         for kelvin in (260.0, 350.0, 900.0):
             time = math.exp(group.forming[0] / (KB * kelvin)) / NU
-            self._follows(f"at {kelvin:g} K, over {group.forming[0]:.4g} eV", group, time, temperature=kelvin)
+            self._follows(
+                f"at {kelvin:g} K, over {group.forming[0]:.4g} eV",
+                group,
+                time,
+                temperature=kelvin,
+            )
 
     def rates_follow_the_attempt_frequency(self) -> None:
         """Rates are proportional to the attempt frequency of the lattice."""
         for nu in (1e10, 4e15):
-            self._follows(f"at an attempt frequency of {nu:g} Hz", single(1.0), NU / nu, nu=nu)
+            self._follows(
+                f"at an attempt frequency of {nu:g} Hz", single(1.0), NU / nu, nu=nu
+            )
 
     @known
     def barrierless_is_the_attempt_frequency(self) -> None:
         """The rate over a barrier at or below zero is the attempt frequency ν."""
         for energy in (0.0, -0.3, -50.0):
             for time in (2e-14, 1e-13):
-                self._follows(f"over a barrier of {energy:g} eV (ν = 1e13 Hz)", Group((energy,)), time)
+                self._follows(
+                    f"over a barrier of {energy:g} eV (ν = 1e13 Hz)",
+                    Group((energy,)),
+                    time,
+                )
 
     def rates_span_many_decades(self) -> None:
         """Slow sites keep their rates of 1e-6 per second beside fast ones of 1e12: a total that is kept up by adding
@@ -303,38 +420,63 @@ class EngineChecks(Checks[Engine], of=Engine):
         copies, runs = self._trials(8, 100)
         many, early, bonded = 2 * copies, [], np.zeros(2, dtype=np.int64)
         for seed in range(runs):
-            rates = np.concatenate([np.tile(slow, copies), 10 ** rng.uniform(11, 12.5, many)])
+            rates = np.concatenate(
+                [np.tile(slow, copies), 10 ** rng.uniform(11, 12.5, many)]
+            )
             place = rng.permutation(rates.size)
-            history = self._run(reacting(rates[place].tolist()).lattice(1), [1.0, time], seed)
+            history = self._run(
+                reacting(rates[place].tolist()).lattice(1), [1.0, time], seed
+            )
             state = history.state[np.argsort(place)]
             early.append(int(history.bonds[0]) - many)
             bonded += state[:many].reshape(-1, 2).sum(axis=0)
-            require(state[many:].all(), f"sites with rates above 1e11 per second are not bonded after {time:g} s")
+            require(
+                state[many:].all(),
+                f"sites with rates above 1e11 per second are not bonded after {time:g} s",
+            )
         self._compare_mean("of the slow sites, after 1 s", early, many, 2.5e-6)
         for rate, count in zip(slow, bonded, strict=True):
             where = f"sites with a rate of {rate:g} per second among sites with rates of 1e12, after {time:g} s"
-            self._compare_mean(where, [int(count)], copies * runs, 1 - math.exp(-rate * time))
+            self._compare_mean(
+                where, [int(count)], copies * runs, 1 - math.exp(-rate * time)
+            )
 
     def hold_times_may_coincide(self) -> None:
         """There are no bonds at time 0; repeated hold times have equal counts and do not change the others."""
         lattice = self._disordered()
         once, twice, at_zero, only = (
-            self._run(lattice, times, 3) for times in ([0.5, 20], [0.5, 0.5, 20, 20], [0, 0, 20], [0.0])
+            self._run(lattice, times, 3)
+            for times in ([0.5, 20], [0.5, 0.5, 20, 20], [0, 0, 20], [0.0])
         )
         require(
-            twice.bonds.tolist() == np.repeat(once.bonds, 2).tolist(), f"{twice.bonds} where once gave {once.bonds}"
+            twice.bonds.tolist() == np.repeat(once.bonds, 2).tolist(),
+            f"{twice.bonds} where once gave {once.bonds}",
         )
-        require(np.array_equal(once.state, twice.state), "a repeated hold time changes the final state")
-        require(at_zero.bonds[:2].tolist() == [0, 0], f"{at_zero.bonds[0]} bonds at time 0")
-        require(only.bonds.tolist() == [0] and only.events == 0 and only.time == 0, f"{only.events} events by time 0")
+        require(
+            np.array_equal(once.state, twice.state),
+            "a repeated hold time changes the final state",
+        )
+        require(
+            at_zero.bonds[:2].tolist() == [0, 0], f"{at_zero.bonds[0]} bonds at time 0"
+        )
+        require(
+            only.bonds.tolist() == [0] and only.events == 0 and only.time == 0,
+            f"{only.events} events by time 0",
+        )
 
     def bonds_last_without_breaking(self) -> None:
         """On a lattice without breaking barriers no bond breaks, and every site is bonded in the end."""
         n = 600
         history = self._run(single(1.0).lattice(n), [0.1, 1.0, 1.0, 2.0, 50.0], 5)
-        require((history.broken == 0).all(), f"{history.broken[-1]} bonds broke on a lattice without breaking")
+        require(
+            (history.broken == 0).all(),
+            f"{history.broken[-1]} bonds broke on a lattice without breaking",
+        )
         require((np.diff(history.bonds) >= 0).all(), f"bonds {history.bonds}")
-        require(history.bonds[-1] == n, f"{history.bonds[-1]} of {n} bonded after fifty times the mean time")
+        require(
+            history.bonds[-1] == n,
+            f"{history.bonds[-1]} of {n} bonded after fifty times the mean time",
+        )
 
     # -- interaction ---------------------------------------------------------------------------------------------------
 
@@ -342,8 +484,14 @@ class EngineChecks(Checks[Engine], of=Engine):
     def coupled_sites_are_refused_or_right(self) -> None:
         """Four coupled sites follow their master equation of 16 states, or are refused with an InputError."""
         if not self.component.interacting:
-            message = refuses("a lattice whose sites interact", lambda: self._run(coupled().lattice(), [1.0]))
-            require(self.component.kind in message, f"the error does not name the engine: {message}")
+            message = refuses(
+                "a lattice whose sites interact",
+                lambda: self._run(coupled().lattice(), [1.0]),
+            )
+            require(
+                self.component.kind in message,
+                f"the error does not name the engine: {message}",
+            )
             return
         for time in (0.3, 2.0):
             self._follows("four coupled sites", coupled(), time)
@@ -352,10 +500,22 @@ class EngineChecks(Checks[Engine], of=Engine):
         """Entries -1 in ``neighbours`` mean no neighbour, wherever they stand among the slots."""
         if not self.component.interacting:
             return
-        self._follows("four coupled sites with empty neighbour slots between the others", coupled(), 1.0, slots=3)
+        self._follows(
+            "four coupled sites with empty neighbour slots between the others",
+            coupled(),
+            1.0,
+            slots=3,
+        )
         # a single-precision coupling, and sites without any neighbour
         alone = reacting([1.0, 1.0], pair=((0.0, 0.0), (0.0, 0.0)))
-        self._follows("sites all of whose neighbour slots are empty", alone, 1.0, copies=200, runs=1, slots=1)
+        self._follows(
+            "sites all of whose neighbour slots are empty",
+            alone,
+            1.0,
+            copies=200,
+            runs=1,
+            slots=1,
+        )
 
     def barriers_end_at_zero(self) -> None:
         """Neighbours are added to the barrier first, and a sum below zero counts as zero then."""
@@ -363,7 +523,10 @@ class EngineChecks(Checks[Engine], of=Engine):
             return
         lowered = Group((0.0, 0.2), (0.05, 0.3), ((0.0, -1.0), (-1.0, 0.0)))
         raised = Group((-0.3, 0.0), (0.05, 0.3), ((0.0, 0.33), (0.33, 0.0)))
-        for group, how in ((lowered, "lowers from 0.2 to -0.8 eV"), (raised, "raises from -0.3 to 0.03 eV")):
+        for group, how in (
+            (lowered, "lowers from 0.2 to -0.8 eV"),
+            (raised, "raises from -0.3 to 0.03 eV"),
+        ):
             self._follows(f"over a barrier that a bonded neighbour {how}", group, 2e-13)
 
     # -- starting and going on -----------------------------------------------------------------------------------------
@@ -373,18 +536,28 @@ class EngineChecks(Checks[Engine], of=Engine):
         lattice = self._disordered()
         start = np.arange(lattice.sites.size) % 3 == 0
         history = self._run(lattice, [0, 100], 4, start)
-        require(history.bonds[0] == start.sum(), f"{history.bonds[0]} bonds at time 0, started with {start.sum()}")
+        require(
+            history.bonds[0] == start.sum(),
+            f"{history.bonds[0]} bonds at time 0, started with {start.sum()}",
+        )
         gained = history.formed - history.broken
         require(
-            np.array_equal(history.bonds, start.sum() + gained), "bonds are not those at the start plus those formed"
+            np.array_equal(history.bonds, start.sum() + gained),
+            "bonds are not those at the start plus those formed",
         )
         full = self._run(single(1.0).lattice(7), [1, 1e5], start=np.ones(7, bool))
         require(
-            full.bonds.tolist() == [7, 7] and full.events == 0, "all sites are bonded for good, but the state changed"
+            full.bonds.tolist() == [7, 7] and full.events == 0,
+            "all sites are bonded for good, but the state changed",
         )
         for wrong in (start[:-1], start.astype(int), np.ones((2, 2), bool)):
-            refuses("a wrong start", lambda wrong=wrong: self._run(lattice, [1], start=wrong))
-        self._follows("from all sites bonded", reacting((2.0, 0.3), (0.7, 1.5)), 0.6, start=True)
+            refuses(
+                "a wrong start",
+                lambda wrong=wrong: self._run(lattice, [1], start=wrong),
+            )
+        self._follows(
+            "from all sites bonded", reacting((2.0, 0.3), (0.7, 1.5)), 0.6, start=True
+        )
 
     def going_on_counts_from_the_history(self) -> None:
         """A run that goes on from a history has its bonds, its clock and its numbers of events to begin with."""
@@ -393,36 +566,59 @@ class EngineChecks(Checks[Engine], of=Engine):
         rest = self._run(lattice, [2.0, 2.0, 50.0], 6, first)
         for name in ("bonds", "formed", "broken"):
             was, now = int(getattr(first, name)[-1]), int(getattr(rest, name)[0])
-            require(was == now, f"{name} is {was} at 2 s, and {now} at 2 s in the run that goes on from there")
+            require(
+                was == now,
+                f"{name} is {was} at 2 s, and {now} at 2 s in the run that goes on from there",
+            )
         require(
-            np.array_equal(rest.bonds, rest.formed - rest.broken), "bonds are not formed less broken over both runs"
+            np.array_equal(rest.bonds, rest.formed - rest.broken),
+            "bonds are not formed less broken over both runs",
         )
         require(
-            rest.hold_times.tolist() == [2.0, 2.0, 50.0], f"the hold times are {rest.hold_times}, not 2, 2 and 50 s"
+            rest.hold_times.tolist() == [2.0, 2.0, 50.0],
+            f"the hold times are {rest.hold_times}, not 2, 2 and 50 s",
         )
         require(rest.time == 50.0, f"the time at the end is {rest.time} s, not 50 s")
         refuses("going back", lambda: self._run(lattice, [0.5], 6, first))
-        refuses("another lattice", lambda: self._run(single(1.0).lattice(31), [3.0], 6, first))
+        refuses(
+            "another lattice",
+            lambda: self._run(single(1.0).lattice(31), [3.0], 6, first),
+        )
 
     def going_on_keeps_the_rates(self) -> None:
         """A run that goes on from a history with the same seed has the right rates from there on: neither the clock nor
         the random numbers begin again, and a new temperature counts."""
         group = single(1.0)
-        for copies, runs in ((1, 400), (12, 100)) if self.component.exact else ((LARGE, 8),):
+        for copies, runs in (
+            ((1, 400), (12, 100)) if self.component.exact else ((LARGE, 8),)
+        ):
             lattice = group.lattice(copies)
             for kelvin in (300.0, 330.0):
                 end = 1.0 + 0.3 * math.exp(group.forming[0] / (KB * kelvin)) / NU
                 unbonded = gained = 0
                 for seed in range(runs):
                     first = self._run(lattice, [1.0], seed)
-                    rest = self.component.run(lattice, [end], temperature=kelvin, seed=seed, start=first)
+                    rest = self.component.run(
+                        lattice, [end], temperature=kelvin, seed=seed, start=first
+                    )
                     unbonded += copies - int(first.bonds[-1])
                     gained += int(rest.bonds[-1] - first.bonds[-1])
                 where = f"{unbonded} sites unbonded at 1 s, going on to {end:.4g} s at {kelvin:g} K (same seed)"
                 self._compare_mean(where, [gained], unbonded, 1 - math.exp(-0.3))
-        by_hand = history_of(group.lattice(400), [1e7], np.zeros((1, 400), dtype=bool), TEMPERATURE, "another")
+        by_hand = history_of(
+            group.lattice(400),
+            [1e7],
+            np.zeros((1, 400), dtype=bool),
+            TEMPERATURE,
+            "another",
+        )
         bonds = self._run(group.lattice(400), [1e7 + 1], 1, by_hand).bonds.tolist()
-        self._compare_mean("1 s after a history of 1e7 s of another engine", bonds, 400, 1 - math.exp(-1))
+        self._compare_mean(
+            "1 s after a history of 1e7 s of another engine",
+            bonds,
+            400,
+            1 - math.exp(-1),
+        )
 
     @known
     def restart_is_exact(self) -> None:
@@ -431,7 +627,11 @@ class EngineChecks(Checks[Engine], of=Engine):
         if not self.component.restart:
             return
         times = np.array([0.0, 1e-3, 0.1, 0.1, 1.0, 30.0, 1e3])
-        for lattice in (self._disordered(), self._disordered(interacting=False), single(1.0).lattice(30)):
+        for lattice in (
+            self._disordered(),
+            self._disordered(interacting=False),
+            single(1.0).lattice(30),
+        ):
             whole = self._run(lattice, times, 6)
             for cut in range(1, times.size):
                 first = self._run(lattice, times[:cut], 6)
@@ -441,8 +641,14 @@ class EngineChecks(Checks[Engine], of=Engine):
                 for name in ("bonds", "formed", "broken"):
                     mine = np.concatenate([getattr(first, name), getattr(rest, name)])
                     its = getattr(whole, name)
-                    require(np.array_equal(mine, its), f"{where}: {name} {mine}, uninterrupted {its}")
-                require(np.array_equal(rest.state, whole.state), f"{where}: the final state differs")
+                    require(
+                        np.array_equal(mine, its),
+                        f"{where}: {name} {mine}, uninterrupted {its}",
+                    )
+                require(
+                    np.array_equal(rest.state, whole.state),
+                    f"{where}: the final state differs",
+                )
                 require(rest.time == whole.time, f"{where}: the time differs")
 
     # -- speed ---------------------------------------------------------------------------------------------------------
@@ -452,7 +658,8 @@ class EngineChecks(Checks[Engine], of=Engine):
         import numba
 
         lattice = self._disordered(100)
-        alone, threads = _trace(self._run(lattice, [0.1, 10.0])), numba.get_num_threads()
+        alone = _trace(self._run(lattice, [0.1, 10.0]))
+        threads = numba.get_num_threads()
         try:
             numba.set_num_threads(1)
             same = _trace(self._run(lattice, [0.1, 10.0])) == alone
@@ -467,9 +674,13 @@ class EngineChecks(Checks[Engine], of=Engine):
             return
         pixels = 2000
         sites = np.repeat(np.arange(pixels), 2)
-        x = np.stack([sites + np.tile([0.25, 0.75], pixels), np.full(sites.size, 0.5)], axis=1)
+        x = np.stack(
+            [sites + np.tile([0.25, 0.75], pixels), np.full(sites.size, 0.5)], axis=1
+        )
         forming = np.full(sites.size, barrier(math.log(2)))
-        lattice = ReactionLattice(pixels=(pixels, 1), sites=sites, positions=x, forming=forming)
+        lattice = ReactionLattice(
+            pixels=(pixels, 1), sites=sites, positions=x, forming=forming
+        )
         state = self._run(lattice, [1.0], 4).state.reshape(pixels, 2)
         both, (one, other) = int(state.all(axis=1).sum()), state.sum(axis=0)
         expected = one * other / pixels
@@ -482,7 +693,9 @@ class EngineChecks(Checks[Engine], of=Engine):
 
     def trade_keeps_the_rates(self) -> None:
         """Every value of ``trade`` gives the right mean number of bonds, to within the declared error."""
-        group, time = (coupled(), 1.0) if self.component.interacting else (single(2.0, 0.7), 0.3)
+        group, time = (
+            (coupled(), 1.0) if self.component.interacting else (single(2.0, 0.7), 0.3)
+        )
         for _, variants in self.trade_variants():
             for what, variant in variants:
                 EngineChecks(variant)._follows(what, group, time, runs=100)
@@ -494,21 +707,44 @@ class EngineChecks(Checks[Engine], of=Engine):
             for sites, (group, time, kelvin) in FLICKERING.items():
                 if self.component.interacting or group.pair is None:
                     EngineChecks(variant)._follows(
-                        f"{what}: {sites}", group, time, copies=1, runs=250, temperature=kelvin
+                        f"{what}: {sites}",
+                        group,
+                        time,
+                        copies=1,
+                        runs=250,
+                        temperature=kelvin,
                     )
 
     def wrong_input_is_refused(self) -> None:
         """Wrong hold times, temperatures and seeds are InputErrors; temperatures may have units."""
         lattice = self._disordered(5, interacting=False)
-        right: dict[str, Any] = {"hold_times": [1.0], "temperature": TEMPERATURE, "seed": 1}
+        right: dict[str, Any] = {
+            "hold_times": [1.0],
+            "temperature": TEMPERATURE,
+            "seed": 1,
+        }
         wrong: dict[str, list[Any]] = {
-            "hold_times": [[], [2, 1], [-1], [math.nan], [math.inf], ["soon"], [[1, 2]]],
+            "hold_times": [
+                [],
+                [2, 1],
+                [-1],
+                [math.nan],
+                [math.inf],
+                ["soon"],
+                [[1, 2]],
+            ],
             "temperature": [0, -3, math.nan, math.inf, "3 eV", "300"],
             "seed": [-1, 0.5, "x"],
         }
         for name, values in wrong.items():
             for value in values:
                 given = right | {name: value}
-                refuses(f"{name} {value!r}", lambda given=given: self.component.run(lattice, **given))
+                refuses(
+                    f"{name} {value!r}",
+                    lambda given=given: self.component.run(lattice, **given),
+                )
         warm = self.component.run(lattice, [1.0], temperature="26.85 degC", seed=1)
-        require(_trace(warm) == _trace(self.component.run(lattice, **right)), "26.85 degC is not 300 K")
+        require(
+            _trace(warm) == _trace(self.component.run(lattice, **right)),
+            "26.85 degC is not 300 K",
+        )

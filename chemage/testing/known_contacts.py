@@ -26,9 +26,16 @@ class Known(NamedTuple):
 
 def flat() -> Known:
     """A flat surface: the pressure is uniform."""
-    surface = Surface(heights=np.zeros((16, 24)), pixel_size=PIXEL, periodic=True, provenance={"known": "flat"})
+    surface = Surface(
+        heights=np.zeros((16, 24)),
+        pixel_size=PIXEL,
+        periodic=True,
+        provenance={"known": "flat"},
+    )
     pressure = np.full(surface.shape, 0.002)
-    return Known("a flat surface", surface, 0.002 * surface.nominal_area, pressure, 1e-4)
+    return Known(
+        "a flat surface", surface, 0.002 * surface.nominal_area, pressure, 1e-4
+    )
 
 
 def sinusoid(axis: int, mean: float, pixels: int = 64, width: int = 6) -> Known:
@@ -45,19 +52,39 @@ def sinusoid(axis: int, mean: float, pixels: int = 64, width: int = 6) -> Known:
         inside = np.sqrt(np.maximum(mean - np.sin(half) ** 2, 0.0))  # sin²(πa/λ) = mean
         profile = (2 * full * np.abs(np.cos(half)) * inside).mean(axis=1)
         profile *= mean * full / profile.mean()
-        name, error = f"a sinusoid at {mean:g} of the load of full contact (Westergaard)", 0.03
+        name = f"a sinusoid at {mean:g} of the load of full contact (Westergaard)"
+        error = 0.03
     heights, pressure = (
-        np.moveaxis(np.repeat(values[:, None], width, axis=1), 0, axis) for values in (heights, profile)
+        np.moveaxis(np.repeat(values[:, None], width, axis=1), 0, axis)
+        for values in (heights, profile)
     )
-    surface = Surface(heights=heights, pixel_size=PIXEL, periodic=True, provenance={"known": "sinusoid"})
-    return Known(f"{name}, along {'xy'[axis]}", surface, mean * full * surface.nominal_area, pressure, error)
+    surface = Surface(
+        heights=heights,
+        pixel_size=PIXEL,
+        periodic=True,
+        provenance={"known": "sinusoid"},
+    )
+    return Known(
+        f"{name}, along {'xy'[axis]}",
+        surface,
+        mean * full * surface.nominal_area,
+        pressure,
+        error,
+    )
 
 
-def paraboloid(pixels: int = 48, radius: float = 30.0, pixel_size: float = PIXEL) -> Surface:
+def paraboloid(
+    pixels: int = 48, radius: float = 30.0, pixel_size: float = PIXEL
+) -> Surface:
     """A tip with its apex in the middle; it records its radius for solvers that need one."""
     x = (np.arange(pixels) - (pixels - 1) / 2) * pixel_size
     heights = -(x[:, None] ** 2 + x**2) / (2 * radius)
-    return Surface(heights=heights, pixel_size=pixel_size, periodic=False, provenance={"radius": radius})
+    return Surface(
+        heights=heights,
+        pixel_size=pixel_size,
+        periodic=False,
+        provenance={"radius": radius},
+    )
 
 
 def hertz(pixels: int = 28) -> Known:
@@ -70,4 +97,6 @@ def hertz(pixels: int = 28) -> Known:
     pressure = inside.reshape(pixels, 16, pixels, 16).mean(axis=(1, 3))
     load = 4 * edge**3 / (3 * radius)
     pressure *= load / (pressure.sum() * PIXEL**2)
-    return Known("a paraboloid with free boundaries (Hertz)", surface, load, pressure, 0.03)
+    return Known(
+        "a paraboloid with free boundaries (Hertz)", surface, load, pressure, 0.03
+    )

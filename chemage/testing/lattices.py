@@ -40,16 +40,26 @@ _GRIDS = ((1, 1), (1, 2), (2, 2), (1, 7), (2, 5), (3, 3), (7, 5), (13, 11))
 
 
 def _graph(
-    component: Interaction, grid: _Grid, periodic: bool, sites: np.ndarray, seed: Any = 0, size: float = _PIXEL
+    component: Interaction,
+    grid: _Grid,
+    periodic: bool,
+    sites: np.ndarray,
+    seed: Any = 0,
+    size: float = _PIXEL,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Neighbours of each site, and the energies; neither may need the sites to be writable."""
     where = {"pixel_size": size, "positions": None}
     neighbours = call_with(component.neighbours, grid, periodic, sites, **where)
     rows = neighbours.ndim == 2 and len(neighbours) == sites.size
-    require(rows, f"{grid[0]}x{grid[1]} grid, {sites.size} sites: neighbours of shape {neighbours.shape}")
+    require(
+        rows,
+        f"{grid[0]}x{grid[1]} grid, {sites.size} sites: neighbours of shape {neighbours.shape}",
+    )
     given = np.array(neighbours)
     given.setflags(write=False)
-    return neighbours, call_with(component.coupling, sites, given, seed, pixels=grid, periodic=periodic, **where)
+    return neighbours, call_with(
+        component.coupling, sites, given, seed, pixels=grid, periodic=periodic, **where
+    )
 
 
 def _every_site(grid: _Grid) -> np.ndarray:
@@ -72,19 +82,32 @@ class BarriersChecks(Checks[Barriers], of=Barriers):
     @known
     def quantile_is_monotone(self) -> None:
         """Barriers are finite doubles that do not fall as the uniform number rises, from 2^-53 to 1 - 2^-53."""
-        uniform = np.concatenate([[_LOWEST, 1e-12, 1e-6], np.linspace(1e-4, 1 - 1e-4, 2001), [1 - 1e-6, _HIGHEST]])
+        uniform = np.concatenate(
+            [
+                [_LOWEST, 1e-12, 1e-6],
+                np.linspace(1e-4, 1 - 1e-4, 2001),
+                [1 - 1e-6, _HIGHEST],
+            ]
+        )
         energy = self.component.quantile(uniform)
         require(
             energy.shape == uniform.shape and energy.dtype == np.float64,
             f"quantile() returned {energy.dtype} of shape {energy.shape} for float64 of {uniform.shape}",
         )
-        require(np.isfinite(energy).all(), "a barrier is not finite for a uniform number between 2^-53 and 1 - 2^-53")
+        require(
+            np.isfinite(energy).all(),
+            "a barrier is not finite for a uniform number between 2^-53 and 1 - 2^-53",
+        )
         falls = np.flatnonzero(np.diff(energy) < 0)
-        require(not falls.size, f"the quantile function falls at u = {uniform[falls[:1]]}")
+        require(
+            not falls.size, f"the quantile function falls at u = {uniform[falls[:1]]}"
+        )
 
     def barriers_are_in_ev(self) -> None:
         """Barriers are energies in eV of a chemical bond, and lie between options named ``lower`` and ``upper``."""
-        low, middle, high = self.component.quantile(np.array([_LOWEST, 0.5, _HIGHEST])).tolist()
+        low, middle, high = self.component.quantile(
+            np.array([_LOWEST, 0.5, _HIGHEST])
+        ).tolist()
         require(
             middle == 0 or _SMALL <= abs(middle) <= _LARGE,
             f"half of the barriers are below {middle:.4g} eV; expected {_SMALL} to {_LARGE} eV: are they in k_BT, "
@@ -93,8 +116,13 @@ class BarriersChecks(Checks[Barriers], of=Barriers):
         for name, unit in self.units().items():
             bound = getattr(self.component, name)
             if name in ("lower", "upper") and isinstance(bound, float) and unit == "eV":
-                end, beyond = (low, bound - low) if name == "lower" else (high, high - bound)
-                require(beyond <= 1e-9 * max(abs(bound), 1.0), f"{name} = {bound} eV, but barriers reach {end} eV")
+                end, beyond = (
+                    (low, bound - low) if name == "lower" else (high, high - bound)
+                )
+                require(
+                    beyond <= 1e-9 * max(abs(bound), 1.0),
+                    f"{name} = {bound} eV, but barriers reach {end} eV",
+                )
 
     def barrier_is_the_pixels_own(self) -> None:
         """The barrier of a pixel depends only on its own number, not on other pixels; the numbers stay as they were."""
@@ -102,10 +130,16 @@ class BarriersChecks(Checks[Barriers], of=Barriers):
         uniform, others = np.random.default_rng(1).random(1000), np.full(1000, 0.3)
         kept = uniform.copy()
         energy = component.quantile(uniform)
-        require(np.array_equal(uniform, kept), "quantile() changed the array of uniform numbers")
+        require(
+            np.array_equal(uniform, kept),
+            "quantile() changed the array of uniform numbers",
+        )
         first = energy.tobytes()
         component.quantile(others)
-        require(energy.tobytes() == first, "a later call changed the barriers that an earlier one returned")
+        require(
+            energy.tobytes() == first,
+            "a later call changed the barriers that an earlier one returned",
+        )
         uniform.setflags(write=False)
         for part in (slice(None, None, -1), slice(10, 11), slice(3, 700, 7)):
             alone = component.quantile(np.ascontiguousarray(uniform[part]))
@@ -114,7 +148,10 @@ class BarriersChecks(Checks[Barriers], of=Barriers):
         grid = component.quantile(uniform.reshape(20, 50))
         same = grid.shape == (20, 50) and np.allclose(grid.ravel(), energy, rtol=1e-13)
         require(same, "the barriers do not have the shape of the numbers")
-        require(component.quantile(np.empty(0)).shape == (0,), "no pixels: expected an empty array")
+        require(
+            component.quantile(np.empty(0)).shape == (0,),
+            "no pixels: expected an empty array",
+        )
 
     calls_are_independent = independent_calls
 
@@ -134,12 +171,16 @@ class BarriersChecks(Checks[Barriers], of=Barriers):
         # midpoints: a density may jump at a quantile
         middle = low[:, None] + (np.arange(16) + 0.5) / 16 * width[:, None]
         density = component.density(middle)
-        require(density.shape == middle.shape, f"density of shape {density.shape} for energies of {middle.shape}")
+        require(
+            density.shape == middle.shape,
+            f"density of shape {density.shape} for energies of {middle.shape}",
+        )
         possible = (density >= 0).all() and np.isfinite(density).all()
         require(possible, "the density is negative or infinite between quantiles")
         total = density.mean(axis=1) * width
         for part in np.array_split(np.arange(low.size), 12):
-            integral, wanted = float(total[part].sum()), part.size * float(levels[1] - levels[0])
+            integral = float(total[part].sum())
+            wanted = part.size * float(levels[1] - levels[0])
             require(
                 abs(integral - wanted) < 1e-3,
                 f"the density integrates to {integral:.5f} from {low[part[:1]]} eV over {width[part].sum():.5f} eV; "
@@ -159,21 +200,34 @@ class BarriersChecks(Checks[Barriers], of=Barriers):
         own = component.quantile(uniform)
         for member, second in zip(members, again, strict=True):
             require(
-                isinstance(member, Barriers), f"members() returned {member!r}, which is no distribution of barriers"
+                isinstance(member, Barriers),
+                f"members() returned {member!r}, which is no distribution of barriers",
             )
-            require(not len(member.members(3)), f"{member!r} is a member and has members itself")
-            energy = member.quantile(uniform)
-            require(np.isfinite(energy).all(), f"{member!r} is a member and has barriers that are not finite")
             require(
-                not np.array_equal(energy, own), f"{member!r} is a member with the barriers of the distribution itself"
+                not len(member.members(3)),
+                f"{member!r} is a member and has members itself",
+            )
+            energy = member.quantile(uniform)
+            require(
+                np.isfinite(energy).all(),
+                f"{member!r} is a member and has barriers that are not finite",
+            )
+            require(
+                not np.array_equal(energy, own),
+                f"{member!r} is a member with the barriers of the distribution itself",
             )
             same = np.array_equal(second.quantile(uniform), energy)
-            require(same, "members() returned other distributions at the second call, so that a run would not repeat")
+            require(
+                same,
+                "members() returned other distributions at the second call, so that a run would not repeat",
+            )
 
     def trade_keeps_the_barriers(self) -> None:
         """Every value of ``trade`` gives the median of the last to within a tenth."""
         for name, variants in self.trade_variants():
-            medians = [float(variant.quantile(np.array([0.5]))[0]) for _, variant in variants]
+            medians = [
+                float(variant.quantile(np.array([0.5]))[0]) for _, variant in variants
+            ]
             require(
                 np.allclose(medians, medians[-1], rtol=0.1),
                 f"trade of {name!r} is another distribution and not one at another accuracy: medians {medians} eV",
@@ -181,10 +235,20 @@ class BarriersChecks(Checks[Barriers], of=Barriers):
 
     def questions(self) -> Questions:
         middle = (np.arange(37) + 0.5) / 37
-        for what, uniform in (("37 barriers", middle), ("37 others", middle**2), ("the last of them", middle[-1:])):
-            yield what, lambda barriers, uniform=uniform: barriers.quantile(uniform.copy())
+        for what, uniform in (
+            ("37 barriers", middle),
+            ("37 others", middle**2),
+            ("the last of them", middle[-1:]),
+        ):
+            yield (
+                what,
+                lambda barriers, uniform=uniform: barriers.quantile(uniform.copy()),
+            )
         energies = np.linspace(0.3, 2.9, 53)
-        for what, energy in (("the density", energies), ("that of other energies", energies + 0.011)):
+        for what, energy in (
+            ("the density", energies),
+            ("that of other energies", energies + 0.011),
+        ):
             yield what, lambda barriers, energy=energy: barriers.density(energy.copy())
 
 
@@ -214,21 +278,48 @@ class InteractionChecks(Checks[Interaction], of=Interaction):
         """The graph is symmetric, with one energy per pair, no self-loops and no double edges, on all small grids."""
         for grid, periodic in product(_GRIDS, (True, False)):
             for sites in _patches_of_sites(grid):
-                where = f"{grid[0]}x{grid[1]} grid, periodic={periodic}, {sites.size} sites"
+                where = (
+                    f"{grid[0]}x{grid[1]} grid, periodic={periodic}, {sites.size} sites"
+                )
                 neighbours, coupling = _graph(self.component, grid, periodic, sites)
-                require(neighbours.dtype == np.int32, f"{where}: neighbours are {neighbours.dtype}, not int32")
-                require(coupling.shape == neighbours.shape, f"{where}: coupling {coupling.shape}")
-                require((coupling[neighbours < 0] == 0).all(), f"{where}: energy without a neighbour")
-                fields: dict[str, Any] = {"neighbours": neighbours, "coupling": coupling}
+                require(
+                    neighbours.dtype == np.int32,
+                    f"{where}: neighbours are {neighbours.dtype}, not int32",
+                )
+                require(
+                    coupling.shape == neighbours.shape,
+                    f"{where}: coupling {coupling.shape}",
+                )
+                require(
+                    (coupling[neighbours < 0] == 0).all(),
+                    f"{where}: energy without a neighbour",
+                )
+                fields: dict[str, Any] = {
+                    "neighbours": neighbours,
+                    "coupling": coupling,
+                }
                 with naming(where):
-                    ReactionLattice(pixels=grid, sites=sites, forming=np.ones(sites.size), **fields)
+                    ReactionLattice(
+                        pixels=grid, sites=sites, forming=np.ones(sites.size), **fields
+                    )
 
-    def _pairs(self, grid: _Grid, periodic: bool, sites: np.ndarray, seed: Any = 0) -> dict[tuple[int, int], float]:
+    def _pairs(
+        self, grid: _Grid, periodic: bool, sites: np.ndarray, seed: Any = 0
+    ) -> dict[tuple[int, int], float]:
         """The energies of pairs of neighbours as pixels, each from both ends."""
         neighbours, coupling = _graph(self.component, grid, periodic, sites, seed)
         there = neighbours >= 0
-        ends = np.broadcast_to(sites[:, None], there.shape)[there], sites[neighbours[there]]
-        return dict(zip(zip(*(end.tolist() for end in ends), strict=True), coupling[there].tolist(), strict=True))
+        ends = (
+            np.broadcast_to(sites[:, None], there.shape)[there],
+            sites[neighbours[there]],
+        )
+        return dict(
+            zip(
+                zip(*(end.tolist() for end in ends), strict=True),
+                coupling[there].tolist(),
+                strict=True,
+            )
+        )
 
     calls_are_independent = independent_calls
 
@@ -242,7 +333,9 @@ class InteractionChecks(Checks[Interaction], of=Interaction):
             # rows or columns may be staggered, so the graph must repeat after two
             for step in ((2, 0), (0, 2)):
                 moved = np.roll(place, (-step[0], -step[1]), (0, 1)).ravel().tolist()
-                missing = sorted({(moved[a], moved[b]) for a, b in graph} - graph.keys())
+                missing = sorted(
+                    {(moved[a], moved[b]) for a, b in graph} - graph.keys()
+                )
                 pairs = [[divmod(pixel, ny) for pixel in pair] for pair in missing]
                 require(
                     not pairs,
@@ -256,14 +349,23 @@ class InteractionChecks(Checks[Interaction], of=Interaction):
         where nothing is periodic."""
         small, large, corner = (8, 6), (60, 52), (26, 22)
         inside = _every_site(small)
-        for sites in (inside, inside[np.random.default_rng(3).random(inside.size) < 0.7]):
+        for sites in (
+            inside,
+            inside[np.random.default_rng(3).random(inside.size) < 0.7],
+        ):
             x, y = np.divmod(sites, small[1])
             embedded = (x + corner[0]) * large[1] + y + corner[1]
             back = dict(zip(embedded.tolist(), sites.tolist(), strict=True))
             mine = self._pairs(small, False, sites).keys()
             for periodic in (False, True):
-                its = {(back[a], back[b]) for a, b in self._pairs(large, periodic, embedded)}
-                differing = [[divmod(pixel, small[1]) for pixel in pair] for pair in sorted(mine ^ its)]
+                its = {
+                    (back[a], back[b])
+                    for a, b in self._pairs(large, periodic, embedded)
+                }
+                differing = [
+                    [divmod(pixel, small[1]) for pixel in pair]
+                    for pair in sorted(mine ^ its)
+                ]
                 require(
                     not differing,
                     f"pixels {differing[:1]} of a patch are neighbours on one of two grids alone: of 8x6 pixels, not "
@@ -275,15 +377,28 @@ class InteractionChecks(Checks[Interaction], of=Interaction):
         """The energy of a pair of pixels does not depend on the other sites of the contact."""
         grid = (13, 11)
         everywhere, here, _ = _patches_of_sites(grid)
-        all_pairs, some = (self._pairs(grid, True, sites, 3) for sites in (everywhere, here))
+        all_pairs, some = (
+            self._pairs(grid, True, sites, 3) for sites in (everywhere, here)
+        )
         require(all_pairs and some, "no site has a neighbour on a full 13x11 grid")
         chosen = set(here.tolist())
-        expected = {pair: energy for pair, energy in all_pairs.items() if chosen.issuperset(pair)}
-        require(some == expected, "pairs or their energies changed when other sites were removed")
+        expected = {
+            pair: energy
+            for pair, energy in all_pairs.items()
+            if chosen.issuperset(pair)
+        }
+        require(
+            some == expected,
+            "pairs or their energies changed when other sites were removed",
+        )
 
     def energies_are_in_ev(self) -> None:
         """Energies are in eV: the largest is between 1e-6 and 10 eV, unless all are zero."""
-        largest = float(np.abs(_graph(self.component, (13, 11), True, _every_site((13, 11)), 1)[1]).max())
+        largest = float(
+            np.abs(
+                _graph(self.component, (13, 11), True, _every_site((13, 11)), 1)[1]
+            ).max()
+        )
         require(
             largest == 0 or 1e-6 <= largest <= 10,
             f"the largest energy of a pair is {largest:.3g} eV; expected 1e-6 to 10 eV: is it in k_BT, kJ/mol or J?",
@@ -292,7 +407,9 @@ class InteractionChecks(Checks[Interaction], of=Interaction):
     def coupling_follows_its_seed(self) -> None:
         """The same seed gives the same energies, other seeds give others or none does."""
         grid = (13, 11)
-        seeds_are_harmless(lambda seed: self._pairs(grid, True, _every_site(grid), seed), "coupling")
+        seeds_are_harmless(
+            lambda seed: self._pairs(grid, True, _every_site(grid), seed), "coupling"
+        )
 
     def lengths_are_in_nm(self) -> None:
         """On pixels twice as large, with all lengths among the options doubled, graph and energies are the same."""
@@ -300,9 +417,14 @@ class InteractionChecks(Checks[Interaction], of=Interaction):
         larger = self.rescaled(stress=1 / 8, length=2)
         for grid in ((13, 11), (11, 13)):
             own = _graph(self.component, grid, True, _every_site(grid), 3)
-            for one, two in zip(own, _graph(larger, grid, True, _every_site(grid), 3, 2 * _PIXEL), strict=True):
+            for one, two in zip(
+                own,
+                _graph(larger, grid, True, _every_site(grid), 3, 2 * _PIXEL),
+                strict=True,
+            ):
                 require(
-                    one.shape == two.shape and np.allclose(one, two, rtol=1e-9, atol=1e-12),
+                    one.shape == two.shape
+                    and np.allclose(one, two, rtol=1e-9, atol=1e-12),
                     "with pixels and all lengths among the options doubled, neighbours or energies differ; is a length "
                     "in pixels, or a size of pixels assumed?",
                 )

@@ -29,7 +29,15 @@ from chemage.lattices.independent import TwoState
 from chemage.lattices.lattice import ReactionLattice
 from chemage.lattices.role import Barriers
 from chemage.testing.answers import independent_calls
-from chemage.testing.checks import Checks, Questions, known, naming, refuses, require, whole
+from chemage.testing.checks import (
+    Checks,
+    Questions,
+    known,
+    naming,
+    refuses,
+    require,
+    whole,
+)
 
 
 class Even(Barriers):
@@ -50,11 +58,22 @@ TIMES = (0.0, 0.1, 10.0, 10.0, 1e4)
 def contact_of(pressure: np.ndarray, periodic: bool = True) -> ContactSolution:
     """A contact with this pressure, in pixels of 0.5 nm."""
     load = float(pressure.sum()) * 0.25
-    return ContactSolution(pressure=pressure, load=load, pixel_size=0.5, modulus=35.3, rms_slope=0.1, periodic=periodic)
+    return ContactSolution(
+        pressure=pressure,
+        load=load,
+        pixel_size=0.5,
+        modulus=35.3,
+        rms_slope=0.1,
+        periodic=periodic,
+    )
 
 
 def history_of(
-    lattice: ReactionLattice, times: Any, states: np.ndarray, temperature: float, engine: str
+    lattice: ReactionLattice,
+    times: Any,
+    states: np.ndarray,
+    temperature: float,
+    engine: str,
 ) -> BondHistory:
     """The history of sites with these ``states`` at each time, (m, n), of which no bond has broken."""
     bonds = states.sum(axis=1, dtype=np.int64)
@@ -84,7 +103,9 @@ def finished(
     rng = np.random.default_rng(n + 100 * grid[0])
     pixels = grid[0] * grid[1]
     # the last pixel is one of them
-    touching = np.sort(np.append(pixels - 1, rng.permutation(pixels - 1))[: n + 3 * (n > 1)])
+    touching = np.sort(
+        np.append(pixels - 1, rng.permutation(pixels - 1))[: n + 3 * (n > 1)]
+    )
     pressure = np.zeros(pixels)
     pressure[touching] = rng.uniform(0.3, 3.0, touching.size)
     fields: dict[str, Any] = {"forming": rng.uniform(0.8, 1.4, n)}
@@ -92,9 +113,13 @@ def finished(
         fields["breaking"] = rng.uniform(0.9, 1.3, n)
     if interacting:
         k = np.arange(n)
-        near = np.stack([np.where(k + 1 < n, k + 1, -1), k - 1], axis=1).astype(np.int32)
+        near = np.stack([np.where(k + 1 < n, k + 1, -1), k - 1], axis=1).astype(
+            np.int32
+        )
         fields |= {"neighbours": near, "coupling": np.where(near >= 0, 0.05, 0.0)}
-    lattice = ReactionLattice(pixels=grid, sites=touching[touching.size - n :], pixel_size=0.5, **fields)
+    lattice = ReactionLattice(
+        pixels=grid, sites=touching[touching.size - n :], pixel_size=0.5, **fields
+    )
     counts = np.linspace(bonded, 0, len(times)).astype(np.int64)[::-1]
     history = history_of(lattice, times, _states(n, counts), 300.0, "by-hand")
     of_bonds: Any = Even() if breaking else None
@@ -118,7 +143,12 @@ def changed(replica: Bonded, **changes: Mapping[str, Any]) -> Bonded:
     contact = replica.contact.model_copy(update=changes.get("contact"))
     lattice = replica.lattice.model_copy(update=changes.get("lattice"))
     update = {"lattice_hash": lattice.digest(), **changes.get("history", {})}
-    return replace(replica, contact=contact, lattice=lattice, history=replica.history.model_copy(update=update))
+    return replace(
+        replica,
+        contact=contact,
+        lattice=lattice,
+        history=replica.history.model_copy(update=update),
+    )
 
 
 #: what can be asked for its answer to a replica
@@ -128,14 +158,19 @@ Asked = Observable | Rupture
 def usual() -> list[tuple[str, Bonded]]:
     """Replicas with and without bonds and sites, each with what it is; the second is the plain one."""
     counts = ((40, 0), (40, 17), (40, 40), (1, 1), (0, 0))
-    return [(f"{bonded} of {n} sites bonded", finished(n, bonded)) for n, bonded in counts]
+    return [
+        (f"{bonded} of {n} sites bonded", finished(n, bonded)) for n, bonded in counts
+    ]
 
 
 #: what is left out or changed of a replica that is usual
 UNUSUAL: dict[str, dict[str, Any]] = {
     "a lattice without breaking": {"breaking": False},
     "a lattice without interaction": {"interacting": False},
-    "a lattice without breaking and interaction": {"breaking": False, "interacting": False},
+    "a lattice without breaking and interaction": {
+        "breaking": False,
+        "interacting": False,
+    },
     "a grid of 13x5 pixels": {"grid": (13, 5)},
     "a grid of 5x13 pixels": {"grid": (5, 13)},
     "a hold time of 10 s": {"times": (10.0,)},
@@ -145,10 +180,16 @@ UNUSUAL: dict[str, dict[str, Any]] = {
 
 
 def _given(component: Asked, replica: Bonded) -> Bonded:
-    return with_states(replica) if component.states and replica.history.states is None else replica
+    return (
+        with_states(replica)
+        if component.states and replica.history.states is None
+        else replica
+    )
 
 
-def numbers(component: Asked, replica: Bonded, what: str = "17 of 40 sites bonded") -> dict[str, np.ndarray]:
+def numbers(
+    component: Asked, replica: Bonded, what: str = "17 of 40 sites bonded"
+) -> dict[str, np.ndarray]:
     """What the observable measures, which must be named numbers; or the force of the law, in nN at each hold time."""
     seen = _given(component, replica)
     with naming(what):
@@ -156,15 +197,27 @@ def numbers(component: Asked, replica: Bonded, what: str = "17 of 40 sites bonde
             answer: Any = {"force": component.force(seen)}
         else:
             answer = component.measure(seen.contact, seen.lattice, seen.history)
-    require(isinstance(answer, Mapping) and answer, f"{what}: measure() returned {answer!r}; expected names")
-    require(all(isinstance(name, str) for name in answer), f"names {list(answer)} are not all str")
+    require(
+        isinstance(answer, Mapping) and answer,
+        f"{what}: measure() returned {answer!r}; expected names",
+    )
+    require(
+        all(isinstance(name, str) for name in answer),
+        f"names {list(answer)} are not all str",
+    )
     values = {name: np.asarray(value) for name, value in answer.items()}
     kinds = {name: value.dtype.kind for name, value in values.items()}
     require(set(kinds.values()) <= set("fiub"), f"{what}: not numbers: {kinds}")
     if isinstance(component, Rupture):
         force, times = values["force"], replica.hold_times.shape
-        require(force.shape == times, f"{what}: forces of the shape {force.shape}; expected {times}, of the hold times")
-        require(np.isfinite(force).all() and (force >= 0).all(), f"{what}: negative or not finite: {force} nN")
+        require(
+            force.shape == times,
+            f"{what}: forces of the shape {force.shape}; expected {times}, of the hold times",
+        )
+        require(
+            np.isfinite(force).all() and (force >= 0).all(),
+            f"{what}: negative or not finite: {force} nN",
+        )
     return values
 
 
@@ -180,10 +233,20 @@ class ObservableChecks(Checks[Observable], of=Observable):
             values = numbers(self.component, replica, what)
             shapes = {name: value.shape for name, value in values.items()}
             first = first or shapes
-            require(shapes == first, f"{what}: {shapes}, expected {first} as for the other replicas")
+            require(
+                shapes == first,
+                f"{what}: {shapes}, expected {first} as for the other replicas",
+            )
             if what == "17 of 40 sites bonded":
-                lost = [name for name, value in values.items() if value.size and not np.isfinite(value).any()]
-                require(not lost, f"{', '.join(lost)}: no finite number, although 17 of 40 sites are bonded")
+                lost = [
+                    name
+                    for name, value in values.items()
+                    if value.size and not np.isfinite(value).any()
+                ]
+                require(
+                    not lost,
+                    f"{', '.join(lost)}: no finite number, although 17 of 40 sites are bonded",
+                )
 
     def names_are_safe(self) -> None:
         """Names can be those of a variable in a file and of a column in a table: no slash, no control character, no
@@ -202,9 +265,15 @@ class ObservableChecks(Checks[Observable], of=Observable):
             with naming(f"output {name!r}: the unit {output.unit!r} cannot be read"):
                 unit_registry().parse_units(output.unit)
             require(output.description.strip(), f"output {name!r} has no description")
-        for times in ((0.0, 10.0), (0.0, 0.5, 2.0, 10.0, 10.0), (10.0,)) if component.outputs else ():
+        for times in (
+            ((0.0, 10.0), (0.0, 0.5, 2.0, 10.0, 10.0), (10.0,))
+            if component.outputs
+            else ()
+        ):
             checker = Checker("it", len(times))
-            values = numbers(component, finished(40, 17, times=times), f"{len(times)} hold times")
+            values = numbers(
+                component, finished(40, 17, times=times), f"{len(times)} hold times"
+            )
             with naming(f"{len(times)} hold times"):
                 checker.names(values, component.outputs)
                 for name, value in values.items():
@@ -216,9 +285,16 @@ class ObservableChecks(Checks[Observable], of=Observable):
         for grid in ((13, 5), (5, 13)):
             what = f"a grid of {grid} pixels (nx, ny)"
             values = numbers(self.component, finished(40, 17, grid=grid), what)
-            require(values.keys() == names, f"{what} has other names: {sorted(values.keys() ^ names)}")
-            swapped = [name for name, value in values.items() if value.shape[-2:] == grid[::-1]]
-            require(not swapped, f"{what}: {', '.join(swapped)} has the shape {grid[::-1]}")
+            require(
+                values.keys() == names,
+                f"{what} has other names: {sorted(values.keys() ^ names)}",
+            )
+            swapped = [
+                name for name, value in values.items() if value.shape[-2:] == grid[::-1]
+            ]
+            require(
+                not swapped, f"{what}: {', '.join(swapped)} has the shape {grid[::-1]}"
+            )
 
     calls_are_independent = independent_calls
 
@@ -229,7 +305,9 @@ class ObservableChecks(Checks[Observable], of=Observable):
 LEAST, MOST = 1e-4, 100.0
 
 
-def force_of(component: Rupture, bonded: Bonded, what: str = "17 of 40 sites bonded") -> np.ndarray:
+def force_of(
+    component: Rupture, bonded: Bonded, what: str = "17 of 40 sites bonded"
+) -> np.ndarray:
     """What the law gives, which must be a force in nN for each hold time."""
     return numbers(component, bonded, what)["force"]
 
@@ -267,7 +345,10 @@ class RuptureChecks(Checks[Rupture], of=Rupture):
         """The force is 0 wherever there is no bond."""
         for what, replica in usual():
             force = force_of(self.component, replica, what)[replica.bonds == 0]
-            require((force == 0).all(), f"{what}: a force of {force.max(initial=0.0):.4g} nN where there is no bond")
+            require(
+                (force == 0).all(),
+                f"{what}: a force of {force.max(initial=0.0):.4g} nN where there is no bond",
+            )
 
     def forces_are_in_nn(self) -> None:
         """Forces are in nN: the mean force per bond is between 1e-4 and 100 nN, unless all are zero."""
@@ -288,8 +369,15 @@ class RuptureChecks(Checks[Rupture], of=Rupture):
             # had it been stopped there
             names = ("hold_times", "bonds", "formed", "broken")
             until = {name: getattr(bonded.history, name)[:number] for name in names}
-            end = {"state": _states(40, until["bonds"])[-1], "time": float(until["hold_times"][-1])}
-            force = force_of(self.component, changed(bonded, history=until | end), f"the first {number} hold times")
+            end = {
+                "state": _states(40, until["bonds"])[-1],
+                "time": float(until["hold_times"][-1]),
+            }
+            force = force_of(
+                self.component,
+                changed(bonded, history=until | end),
+                f"the first {number} hold times",
+            )
             require(
                 np.allclose(force, whole[:number], rtol=1e-9, atol=0.0),
                 f"the first {number} hold times alone: {force} nN, but {whole[:number]} nN where later ones follow; "
@@ -302,8 +390,14 @@ class RuptureChecks(Checks[Rupture], of=Rupture):
         if not self.component.states or self.component.sampled:
             return
         bonded = finished(40, 17)
-        raised = {name: getattr(bonded.lattice, name) + 0.1 * ~bonded.history.state for name in ("forming", "breaking")}
-        here, there = (force_of(self.component, case) for case in (bonded, changed(bonded, lattice=raised)))
+        raised = {
+            name: getattr(bonded.lattice, name) + 0.1 * ~bonded.history.state
+            for name in ("forming", "breaking")
+        }
+        here, there = (
+            force_of(self.component, case)
+            for case in (bonded, changed(bonded, lattice=raised))
+        )
         require(
             np.allclose(here, there, rtol=1e-9, atol=0.0),
             f"barriers of unbonded sites were raised by 0.1 eV: {there} nN instead of {here} nN; states are (hold "
@@ -335,9 +429,13 @@ class Single(Engine):
         seed: Seed,
         start: BondHistory | np.ndarray | None,
     ) -> BondHistory:
-        rate = lattice.attempt_frequency * np.exp(-np.maximum(lattice.forming, 0.0) / (KB * temperature))
+        rate = lattice.attempt_frequency * np.exp(
+            -np.maximum(lattice.forming, 0.0) / (KB * temperature)
+        )
         formed = -np.log(random.uniforms(seed, 900, lattice.random_index)) / rate
-        return history_of(lattice, hold_times, formed <= hold_times[:, None], temperature, self.kind)
+        return history_of(
+            lattice, hold_times, formed <= hold_times[:, None], temperature, self.kind
+        )
 
 
 def _contacts() -> Iterator[tuple[str, ContactSolution]]:
@@ -345,27 +443,57 @@ def _contacts() -> Iterator[tuple[str, ContactSolution]]:
     rows, columns = np.indices((64, 40))
     rough = 3.0 * np.sin(rows / 5.0) * np.cos(columns / 4.0) - 0.8
     yield "a contact of several patches", contact_of(np.maximum(rough, 0.0))
-    yield "a contact that does not repeat", contact_of(np.maximum(rough[:40], 0.0), periodic=False)
+    yield (
+        "a contact that does not repeat",
+        contact_of(np.maximum(rough[:40], 0.0), periodic=False),
+    )
     yield "a contact of one pixel", contact_of(np.pad([[1.5]], 7))
     yield "no contact", contact_of(np.zeros((16, 16)))
 
 
 def _chemistry(**options: Any) -> Chemistry:
-    return Chemistry(**{"forming": Even(), "activation_volume": 0.01, "site_density": "pixel", **options})
+    return Chemistry(
+        **{
+            "forming": Even(),
+            "activation_volume": 0.01,
+            "site_density": "pixel",
+            **options,
+        }
+    )
 
 
 def _request(contact: ContactSolution, **changes: Any) -> AgeingRequest:
-    own = {"chemistry": _chemistry(), "engine": Single(), "hold_times": METHOD_TIMES, "temperature": TEMPERATURE}
-    return AgeingRequest(**{"contact": contact, **own, "replicas": REPLICAS, "seed": 5, "common": "none", **changes})
+    own = {
+        "chemistry": _chemistry(),
+        "engine": Single(),
+        "hold_times": METHOD_TIMES,
+        "temperature": TEMPERATURE,
+    }
+    return AgeingRequest(
+        **{
+            "contact": contact,
+            **own,
+            "replicas": REPLICAS,
+            "seed": 5,
+            "common": "none",
+            **changes,
+        }
+    )
 
 
-def _expected(contact: ContactSolution, chemistry: Chemistry, kelvin: float, times: np.ndarray) -> np.ndarray:
+def _expected(
+    contact: ContactSolution, chemistry: Chemistry, kelvin: float, times: np.ndarray
+) -> np.ndarray:
     """Mean number of bonds at each of ``times``, (m,): sites that do not interact, over 4000 barriers each."""
     ranks = (np.arange(4000) + 0.5) / 4000
     total = np.zeros(times.size)
-    pressures, counts = np.unique(chemistry.sites_of(contact).pressure, return_counts=True)
+    pressures, counts = np.unique(
+        chemistry.sites_of(contact).pressure, return_counts=True
+    )
     for pressure, count in zip(pressures, counts, strict=True):
-        barrier = chemistry.forming.quantile(ranks) - chemistry.activation_volume * EV_PER_GPA_NM3 * float(pressure)
+        barrier = chemistry.forming.quantile(
+            ranks
+        ) - chemistry.activation_volume * EV_PER_GPA_NM3 * float(pressure)
         sites = TwoState(chemistry.rates(barrier, kelvin))
         total += count * sites.bonded(times[:, None]).mean(axis=1)
     return total * chemistry.hydroxylation
@@ -376,7 +504,15 @@ class AgeingMethodChecks(Checks[AgeingMethod], of=AgeingMethod):
 
     def _aged(self, request: AgeingRequest) -> Aging:
         """What the stage makes of the answer, which it validates."""
-        fields = ("engine", "hold_times", "temperature", "replicas", "seed", "common", "threads")
+        fields = (
+            "engine",
+            "hold_times",
+            "temperature",
+            "replicas",
+            "seed",
+            "common",
+            "threads",
+        )
         options = {name: getattr(request, name) for name in fields}
         return age(request.contact, request.chemistry, method=self.component, **options)
 
@@ -385,7 +521,9 @@ class AgeingMethodChecks(Checks[AgeingMethod], of=AgeingMethod):
 
         def ask(rows: int, pressure: float = 1.7, **changes: Any) -> Any:
             contact = contact_of(np.full((rows, 13), pressure))
-            request = _request(contact, **{"temperature": 303.0, "replicas": 2, **changes})
+            request = _request(
+                contact, **{"temperature": 303.0, "replicas": 2, **changes}
+            )
             return lambda method: answered(method.age(request))
 
         changes: dict[str, dict[str, Any]] = {
@@ -393,7 +531,9 @@ class AgeingMethodChecks(Checks[AgeingMethod], of=AgeingMethod):
             "under another pressure": {"pressure": 1.9},
             "with another seed": {"seed": 6},
             "at other hold times": {"hold_times": 1.3 * METHOD_TIMES},
-            "with another attempt frequency": {"chemistry": _chemistry(attempt_frequency=7e12)},
+            "with another attempt frequency": {
+                "chemistry": _chemistry(attempt_frequency=7e12)
+            },
             "with fewer hydroxyl groups": {"chemistry": _chemistry(hydroxylation=0.8)},
         }
         for rows, (what, change) in enumerate(changes.items(), 17):
@@ -405,9 +545,16 @@ class AgeingMethodChecks(Checks[AgeingMethod], of=AgeingMethod):
         each hold time; what it says of errors is complete."""
         for what, contact in _contacts():
             aged = self.component.age(_request(contact))
-            require(isinstance(aged, AgedBonds), f"{what}: age() returned {type(aged).__name__}; give an AgedBonds")
-            shape, expected = np.shape(aged.bonds), (REPLICAS if self.component.replicates else 1, METHOD_TIMES.size)
-            require(shape == expected, f"{what}: bonds have the shape {shape}; expected {expected}")
+            require(
+                isinstance(aged, AgedBonds),
+                f"{what}: age() returned {type(aged).__name__}; give an AgedBonds",
+            )
+            shape = np.shape(aged.bonds)
+            expected = (REPLICAS if self.component.replicates else 1, METHOD_TIMES.size)
+            require(
+                shape == expected,
+                f"{what}: bonds have the shape {shape}; expected {expected}",
+            )
             with naming(what):
                 self._aged(_request(contact))
 
@@ -415,22 +562,47 @@ class AgeingMethodChecks(Checks[AgeingMethod], of=AgeingMethod):
     def bonds_are_those_of_the_whole_contact(self) -> None:
         """Bonds and sites are those of the whole contact: sites that do not interact have the mean of the closed form,
         within the errors that the method states."""
-        conditions = ((1.0, 1e13, 0.01, 300.0, 0.5, METHOD_TIMES), (0.7, 3e11, 0.02, 360.0, 0.8, METHOD_TIMES[1:] / 7))
-        for (share, nu, volume, kelvin, pixel, times), (what, contact) in product(conditions, _contacts()):
-            chemistry = _chemistry(hydroxylation=share, attempt_frequency=nu, activation_volume=volume)
+        conditions = (
+            (1.0, 1e13, 0.01, 300.0, 0.5, METHOD_TIMES),
+            (0.7, 3e11, 0.02, 360.0, 0.8, METHOD_TIMES[1:] / 7),
+        )
+        for (share, nu, volume, kelvin, pixel, times), (what, contact) in product(
+            conditions, _contacts()
+        ):
+            chemistry = _chemistry(
+                hydroxylation=share, attempt_frequency=nu, activation_volume=volume
+            )
             load = contact.load * (pixel / contact.pixel_size) ** 2
             contact = contact.model_copy(update={"pixel_size": pixel, "load": load})
-            aging = self._aged(_request(contact, chemistry=chemistry, temperature=kelvin, hold_times=times))
-            sites, exact = share * contact.sites.size, _expected(contact, chemistry, kelvin, times)
-            spread, size = FAR * math.sqrt(max(sites * (1 - share), 0.25)), float(aging.sites.mean())
-            require(abs(size - sites) <= spread + 0.5, f"{what}: {size:g} sites, expected {sites:g}")
+            aging = self._aged(
+                _request(
+                    contact, chemistry=chemistry, temperature=kelvin, hold_times=times
+                )
+            )
+            sites = share * contact.sites.size
+            exact = _expected(contact, chemistry, kelvin, times)
+            spread = FAR * math.sqrt(max(sites * (1 - share), 0.25))
+            size = float(aging.sites.mean())
+            require(
+                abs(size - sites) <= spread + 0.5,
+                f"{what}: {size:g} sites, expected {sites:g}",
+            )
             bonds, stated = aging.bonds.mean(axis=0), np.zeros(times.size)
             for name, error in aging.errors.items():
                 worst = float(np.nan_to_num(error[exact > 1]).max(initial=0.0))
-                require(worst < 1, f"{what}: the error {name!r} is up to {worst:.3g}; errors are relative, 0.05 is 5 %")
+                require(
+                    worst < 1,
+                    f"{what}: the error {name!r} is up to {worst:.3g}; errors are relative, 0.05 is 5 %",
+                )
                 stated += np.nan_to_num(error) ** 2
-            allowed = FAR * np.sqrt(stated) * exact + (1e-3 + (self.component.declared_error or 0.0)) * exact + 1e-9
-            if self.component.replicates:  # replicas differ by their disorder as well: at most as Poisson numbers
+            allowed = (
+                FAR * np.sqrt(stated) * exact
+                + (1e-3 + (self.component.declared_error or 0.0)) * exact
+                + 1e-9
+            )
+            if (
+                self.component.replicates
+            ):  # replicas differ by their disorder as well: at most as Poisson numbers
                 allowed += FAR * np.sqrt(exact / len(aging.bonds)) + 0.5
             at = int(np.argmax(np.abs(bonds - exact) - allowed))
             require(
@@ -444,13 +616,25 @@ class AgeingMethodChecks(Checks[AgeingMethod], of=AgeingMethod):
     def answers_are_repeatable(self) -> None:
         """An answer does not depend on the number of threads."""
         for _, contact in islice(_contacts(), 3):
-            one, three = (self.component.age(_request(contact, threads=threads)) for threads in (1, 3))
-            require(np.array_equal(one.bonds, three.bonds), "the bonds depend on the number of threads")
+            one, three = (
+                self.component.age(_request(contact, threads=threads))
+                for threads in (1, 3)
+            )
+            require(
+                np.array_equal(one.bonds, three.bonds),
+                "the bonds depend on the number of threads",
+            )
 
     def fewer_replicas_are_the_first_ones(self) -> None:
         """Replica r does not depend on how many replicas there are."""
         if not self.component.replicates:
             return
         contact = next(_contacts())[1]
-        many, few = (np.asarray(self.component.age(_request(contact, replicas=count)).bonds) for count in (REPLICAS, 2))
-        require(np.array_equal(many[:2], few), "2 replicas are not the first 2 of 6; the seed belongs to the replica")
+        many, few = (
+            np.asarray(self.component.age(_request(contact, replicas=count)).bonds)
+            for count in (REPLICAS, 2)
+        )
+        require(
+            np.array_equal(many[:2], few),
+            "2 replicas are not the first 2 of 6; the seed belongs to the replica",
+        )

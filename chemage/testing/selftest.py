@@ -45,12 +45,18 @@ class PartOutcome(NamedTuple):
 def selftest() -> Iterator[PartOutcome]:
     """Run the tests, one part at a time: random numbers, files, then every component that can be made."""
     yield _outcome("random numbers", [random_numbers_are_the_published_ones])
-    yield _outcome("files", [files_give_back_what_was_written, bytes_are_the_known_ones])
+    yield _outcome(
+        "files", [files_give_back_what_was_written, bytes_are_the_known_ones]
+    )
     components, unmade = examples()
     with tempfile.TemporaryDirectory() as folder:
         for component in components:
             ready, inputs = _with_file(component, Path(folder))
-            known = [check for check in checks_for(ready, **inputs) if getattr(check.function, "known", False)]
+            known = [
+                check
+                for check in checks_for(ready, **inputs)
+                if getattr(check.function, "known", False)
+            ]
             part = f"{component.role} {component.kind}"
             if tests := [partial(check, ready) for check in known if not check.missing]:
                 yield _outcome(part, tests)
@@ -68,7 +74,9 @@ def _outcome(part: str, tests: list[Callable[[], None]]) -> PartOutcome:
             problems.append(f"{failure.check}: {failure.args[2]}")
         except Exception as error:
             problems.append(f"{type(error).__name__}: {error}")
-    return PartOutcome(part, len(tests) - len(problems), problems, time.perf_counter() - begin)
+    return PartOutcome(
+        part, len(tests) - len(problems), problems, time.perf_counter() - begin
+    )
 
 
 def examples() -> tuple[list[Component], dict[str, str]]:
@@ -80,7 +88,10 @@ def examples() -> tuple[list[Component], dict[str, str]]:
         if not is_sweep(name):
             for part in components_in(load_scene(name).parts):
                 used.setdefault((part.role, part.kind), part)
-                values |= {(part.role, option): getattr(part, option) for option in part.model_fields_set}
+                values |= {
+                    (part.role, option): getattr(part, option)
+                    for option in part.model_fields_set
+                }
     components, unmade = [], {}
     for role in plugins.roles:
         # the surfaces of scenes are too large, and that contacts of known ones are found tests what matters of them
@@ -88,9 +99,12 @@ def examples() -> tuple[list[Component], dict[str, str]]:
             try:
                 cls = plugins.component(role, kind)
                 options = {
-                    option: values[role, option] if (role, option) in values else field.examples[0]
+                    option: values[role, option]
+                    if (role, option) in values
+                    else field.examples[0]
                     for option, field in cls.model_fields.items()
-                    if field.is_required() and ((role, option) in values or field.examples)
+                    if field.is_required()
+                    and ((role, option) in values or field.examples)
                 }
                 components.append(used.get((role, kind)) or cls(**options))
             except (InputError, PluginError) as error:
@@ -100,10 +114,15 @@ def examples() -> tuple[list[Component], dict[str, str]]:
 
 def _with_file(component: Any, folder: Path) -> tuple[Any, dict[str, Any]]:
     """A component and the inputs of its checks: of a reader a file, where numpy or h5py can write what it reads."""
-    endings = [one for one in (".npy", ".txt", ".h5") if one in getattr(component, "suffixes", ())]
+    endings = [
+        one
+        for one in (".npy", ".txt", ".h5")
+        if one in getattr(component, "suffixes", ())
+    ]
     if not endings:
         return component, {}
-    surface, path = rough_surface((6, 9), periodic=False), folder / f"{component.kind}{endings[0]}"
+    surface = rough_surface((6, 9), periodic=False)
+    path = folder / f"{component.kind}{endings[0]}"
     if endings[0] == ".npy":
         np.save(path, surface.heights)
     elif endings[0] == ".txt":
@@ -113,7 +132,10 @@ def _with_file(component: Any, folder: Path) -> tuple[Any, dict[str, Any]]:
 
         with h5py.File(path, "w") as file:
             file["heights"] = surface.heights
-    return component.replace(pixel_size=surface.pixel_size), {"path": path, "surface": surface}
+    return component.replace(pixel_size=surface.pixel_size), {
+        "path": path,
+        "surface": surface,
+    }
 
 
 # -- what is no component ---------------------------------------------------------------------------------------------
@@ -130,18 +152,26 @@ def files_give_back_what_was_written() -> None:
     """Records come back equal from both kinds of files, and a file of which one bit differs is refused."""
     replica = finished(12, 5)
     parts: dict[str, Record] = {
-        type(part).__name__: part for part in (replica.contact, replica.lattice, replica.history)
+        type(part).__name__: part
+        for part in (replica.contact, replica.lattice, replica.history)
     }
     kinds = {name: type(part) for name, part in parts.items()}
     with tempfile.TemporaryDirectory() as folder:
         for compact in (False, True):
             path = Path(folder) / f"file{compact}"
             container.write(path, parts, {"title": "selftest"}, compact=compact)
-            require(container.read(path, kinds)[0] == parts, "records that were read differ from those written")
+            require(
+                container.read(path, kinds)[0] == parts,
+                "records that were read differ from those written",
+            )
             content = bytearray(read_bytes(path))
             content[len(content) // 2] ^= 1
             write_file(path, bytes(content), force=True)
-            refuses("a file with one wrong bit", lambda path=path: container.read(path, kinds), ChemageError)
+            refuses(
+                "a file with one wrong bit",
+                lambda path=path: container.read(path, kinds),
+                ChemageError,
+            )
 
 
 #: SHA-256 of a description, and the digest of a record
@@ -153,5 +183,7 @@ def bytes_are_the_known_ones() -> None:
     """Descriptions have the bytes, and records the digests, that they have everywhere."""
     sealed = container.sealed_json({"title": "selftest", "numbers": [1, 2.5, 1e-9]})
     require(_SEALED in sealed.decode(), f"a description has other bytes: {sealed!r}")
-    record = container.Arrays(values={"a": np.arange(6.0).reshape(2, 3), "b": np.arange(4)})
+    record = container.Arrays(
+        values={"a": np.arange(6.0).reshape(2, 3), "b": np.arange(4)}
+    )
     require(record.digest() == _DIGEST, f"the digest of a record is {record.digest()}")

@@ -25,7 +25,9 @@ def barrier(rate: Any, temperature: float = TEMPERATURE, nu: float = NU) -> Any:
     return KB * temperature * np.log(nu / np.asarray(rate))
 
 
-def evolved(generator: np.ndarray, time: float, events: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+def evolved(
+    generator: np.ndarray, time: float, events: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """The master equation solved for rates over any number of decades: (n, n), the probability of state i after
     ``time`` (s) from state j, where ``generator`` is the rate (1/s) from j to i, whose columns sum to 0; and (n, k),
     the mean number of events of k kinds from each state, where ``events`` (n, k), 1/s, is their rate in each.
@@ -43,8 +45,12 @@ def evolved(generator: np.ndarray, time: float, events: np.ndarray | None = None
     doublings = max(math.ceil(math.log2(fastest) + math.log2(time)), 0)
     span = math.ldexp(time, -doublings)
     steps = fastest * span
-    jumps = np.where(identity == 1.0, np.maximum(1.0 + generator / fastest, 0.0), generator / fastest)
-    power = chances = so_far = identity  # the k-th power of the jumps, and the sum of those before
+    jumps = np.where(
+        identity == 1.0, np.maximum(1.0 + generator / fastest, 0.0), generator / fastest
+    )
+    power = chances = so_far = (
+        identity  # the k-th power of the jumps, and the sum of those before
+    )
     waits, weight = np.zeros_like(identity), 1.0
     for k in range(1, 22):
         weight *= steps / k
@@ -74,7 +80,9 @@ class Group:
         """Rates (1/s) from every state to every other, (2**m, 2**m), columns sum to 0; bit i of a state is set where
         site i is bonded."""
         m = len(self.forming)
-        pair = None if self.pair is None else np.array(self.pair, np.float32).astype(float)
+        pair = (
+            None if self.pair is None else np.array(self.pair, np.float32).astype(float)
+        )
         generator = np.zeros((2**m, 2**m))
         for state in range(2**m):
             bonded = [j for j in range(m) if state >> j & 1]
@@ -82,20 +90,28 @@ class Group:
                 if i in bonded:
                     energy = math.inf if self.breaking is None else self.breaking[i]
                 else:
-                    energy = self.forming[i] + (0.0 if pair is None else float(pair[i, bonded].sum()))
+                    energy = self.forming[i] + (
+                        0.0 if pair is None else float(pair[i, bonded].sum())
+                    )
                 rate = nu * math.exp(-max(energy, 0.0) / (KB * temperature))
                 generator[state ^ 1 << i, state] += rate
                 generator[state, state] -= rate
         return generator
 
     def probabilities(
-        self, time: float, temperature: float = TEMPERATURE, nu: float = NU, start: int = 0
+        self,
+        time: float,
+        temperature: float = TEMPERATURE,
+        nu: float = NU,
+        start: int = 0,
     ) -> np.ndarray:
         """Probability of every state after ``time`` s, (2**m,)."""
         return evolved(self.generator(temperature, nu), time)[0][:, start]
 
     @lru_cache(maxsize=256)  # noqa: B019
-    def lattice(self, copies: int = COPIES, nu: float = NU, slots: int = 0, seed: int = 1) -> ReactionLattice:
+    def lattice(
+        self, copies: int = COPIES, nu: float = NU, slots: int = 0, seed: int = 1
+    ) -> ReactionLattice:
         """``copies`` of the group next to each other, none coupled to another.
 
         The sites are every third pixel, so that a site's position in the list is not its pixel. With ``slots`` more
@@ -108,12 +124,18 @@ class Group:
             fields["breaking"] = np.tile(self.breaking, copies)
         if self.pair is not None:
             neighbours = np.full((n, m - 1 + slots), -1, dtype=np.int32)
-            coupling = np.zeros(neighbours.shape, np.float32)  # as interactions give them
+            coupling = np.zeros(
+                neighbours.shape, np.float32
+            )  # as interactions give them
             rng = np.random.default_rng(seed)
             for site in range(n):
                 first, i = site - site % m, site % m
                 others = [j for j in range(m) if j != i and self.pair[i][j] != 0.0]
-                places = np.arange(m - 1) if not slots else rng.permutation(neighbours.shape[1])
+                places = (
+                    np.arange(m - 1)
+                    if not slots
+                    else rng.permutation(neighbours.shape[1])
+                )
                 for place, j in zip(places, others, strict=False):
                     neighbours[site, place] = first + j
                     coupling[site, place] = self.pair[i][j]
@@ -127,7 +149,9 @@ class Group:
         )
 
 
-def reacting(forming: Sequence[float], breaking: Sequence[float] | None = None, pair: Any = None) -> Group:
+def reacting(
+    forming: Sequence[float], breaking: Sequence[float] | None = None, pair: Any = None
+) -> Group:
     """Sites with these rates (1/s) at 300 K."""
     over = None if breaking is None else tuple(barrier(breaking).tolist())
     return Group(tuple(barrier(forming).tolist()), over, pair)
@@ -140,13 +164,20 @@ def single(forming: float, breaking: float | None = None) -> Group:
 
 def coupled() -> Group:
     """Four sites, each coupled to the other three, with rates of about one per second."""
-    pair = ((0.0, 0.05, -0.03, 0.02), (0.05, 0.0, 0.07, -0.02), (-0.03, 0.07, 0.0, 0.04), (0.02, -0.02, 0.04, 0.0))
+    pair = (
+        (0.0, 0.05, -0.03, 0.02),
+        (0.05, 0.0, 0.07, -0.02),
+        (-0.03, 0.07, 0.0, 0.04),
+        (0.02, -0.02, 0.04, 0.0),
+    )
     return reacting((3.0, 1.0, 0.6, 2.0), (0.5, 1.5, 0.2, 0.9), pair)
 
 
 def states(history_state: np.ndarray, m: int) -> np.ndarray:
     """How many groups are in each state, (2**m,)."""
-    return np.bincount(history_state.reshape(-1, m) @ (1 << np.arange(m)), minlength=2**m)
+    return np.bincount(
+        history_state.reshape(-1, m) @ (1 << np.arange(m)), minlength=2**m
+    )
 
 
 #: grids of coupled sites with rates over 60 decades, one of which is bonded in 5 to 95 % of all cases at the end and
@@ -154,7 +185,11 @@ def states(history_state: np.ndarray, m: int) -> np.ndarray:
 FLICKERING: dict[str, tuple[Group, float, float]] = {
     "1 by 1 sites": (Group((3.5173,), (3.5173,)), 1.5157e6, 995.07),
     "1 by 2 sites": (
-        Group((0.470982, 0.035126), (1.122745, 0.750901), ((0.0, 0.310722), (0.310722, 0.0))),
+        Group(
+            (0.470982, 0.035126),
+            (1.122745, 0.750901),
+            ((0.0, 0.310722), (0.310722, 0.0)),
+        ),
         6.094e17,
         127.368,
     ),
@@ -164,7 +199,11 @@ FLICKERING: dict[str, tuple[Group, float, float]] = {
         934.28,
     ),
     "1 by 2 weakly coupled sites": (
-        Group((1.094946, 1.15692), (1.094946, 2.700944), ((0.0, -0.012724), (-0.012724, 0.0))),
+        Group(
+            (1.094946, 1.15692),
+            (1.094946, 2.700944),
+            ((0.0, -0.012724), (-0.012724, 0.0)),
+        ),
         5.6,
         416.637,
     ),

@@ -37,13 +37,22 @@ def _seam(heights: np.ndarray, axis: int) -> tuple[float, float]:
     """How the edge compares with the inside: mean square second difference at the edge over the largest inside; and a
     measure that is about 1 if a correlated surface goes on across the edge, and infinite if that cannot be told."""
     rows = np.moveaxis(heights.astype(np.float64), axis, 0)
-    second = np.mean((np.roll(rows, -1, 0) - 2 * rows + np.roll(rows, 1, 0)) ** 2, axis=1)
+    second = np.mean(
+        (np.roll(rows, -1, 0) - 2 * rows + np.roll(rows, 1, 0)) ** 2, axis=1
+    )
     inside = float(second[1:-1].max())
     edge = float(max(second[0], second[-1]))
     smallest = 1e-20 * float(np.mean(rows**2)) + 1e-300
     kink = edge / max(inside, smallest) if edge > smallest else 0.0
     near = float(np.median(np.mean(np.diff(rows, axis=0) ** 2, axis=1)))
-    far = float(np.median(np.mean((rows[rows.shape[0] // 2 :] - rows[: -(rows.shape[0] // 2)]) ** 2, axis=1)))
+    far = float(
+        np.median(
+            np.mean(
+                (rows[rows.shape[0] // 2 :] - rows[: -(rows.shape[0] // 2)]) ** 2,
+                axis=1,
+            )
+        )
+    )
     step = float(np.mean((rows[0] - rows[-1]) ** 2))
     # told apart only if neighbours are much more alike than distant rows, and the edge is not tapered to nothing
     if near == 0 or near > 0.2 * far or step < 0.05 * near or kink > 2:
@@ -55,23 +64,34 @@ class SurfaceChecks(Checks[SurfaceMaker], of=SurfaceMaker):
     """What everything that makes a surface must do."""
 
     def _random(self) -> bool:
-        return self.component.make(0).heights.tobytes() != self.component.make(1).heights.tobytes()
+        return (
+            self.component.make(0).heights.tobytes()
+            != self.component.make(1).heights.tobytes()
+        )
 
     def makes_a_surface(self) -> None:
         """``make()`` returns a Surface with finite heights and a record of how it was made, the same as ``make(0)``."""
         surface = self.component.make(0)
-        require(isinstance(surface, Surface), f"make() returned {type(surface).__name__}; expected a chemage.Surface")
+        require(
+            isinstance(surface, Surface),
+            f"make() returned {type(surface).__name__}; expected a chemage.Surface",
+        )
         require(np.isfinite(surface.heights).all(), "heights are not finite")
         require_plain(surface.provenance, "provenance")
         require(
-            surface.provenance, "provenance is empty; record how the surface was made, as self.todict() and the seed"
+            surface.provenance,
+            "provenance is empty; record how the surface was made, as self.todict() and the seed",
         )
         require(self.component.make() == surface, "make() and make(0) differ")
-        require(self.component.make(seed=0) == surface, "make(0) and make(seed=0) differ")
+        require(
+            self.component.make(seed=0) == surface, "make(0) and make(seed=0) differ"
+        )
 
     def surface_follows_its_seed(self) -> None:
         """The same seed gives the same bytes, other seeds give others or none does, and wrong seeds are InputErrors."""
-        seeds_are_harmless(lambda seed: self.component.make(seed).heights.tobytes(), "make")
+        seeds_are_harmless(
+            lambda seed: self.component.make(seed).heights.tobytes(), "make"
+        )
         if self._random():
             for seed in (-1, 0.5):
                 refuses(f"make({seed})", lambda seed=seed: self.component.make(seed))  # pyright: ignore[reportArgumentType]
@@ -82,21 +102,27 @@ class SurfaceChecks(Checks[SurfaceMaker], of=SurfaceMaker):
         count = 16 if self._random() else 1
         for maker in self._grids():
             surface, pixels = maker.make(0), getattr(maker, "pixels", None)
-            wanted = {name: getattr(maker, name, None) for name in ("pixel_size", "periodic")}
+            wanted = {
+                name: getattr(maker, name, None) for name in ("pixel_size", "periodic")
+            }
             wanted["shape"] = (pixels, pixels) if isinstance(pixels, int) else pixels
             for name, value in wanted.items():
                 its = getattr(surface, name)
                 if isinstance(value, float | bool | tuple):
                     require(
-                        np.allclose(its, value, rtol=1e-9, atol=0.0), f"{name} = {value}, but the surface has {its}"
+                        np.allclose(its, value, rtol=1e-9, atol=0.0),
+                        f"{name} = {value}, but the surface has {its}",
                     )
             for name in ("rms_slope", "rms_height"):
                 value = getattr(maker, name, None)
                 if isinstance(value, float):
-                    values = np.array([getattr(maker.make(seed), name) for seed in range(count)])
+                    values = np.array(
+                        [getattr(maker.make(seed), name) for seed in range(count)]
+                    )
                     mean = float(np.sqrt(np.mean(values**2)))
                     require(
-                        abs(mean - value) <= 0.05 * value + 10 * float(values.std()) / math.sqrt(count),
+                        abs(mean - value)
+                        <= 0.05 * value + 10 * float(values.std()) / math.sqrt(count),
                         f"{name} = {value}, but surfaces of {surface.shape} pixels have {mean:.4g} (nm, or slopes of "
                         "the Fourier series where they are periodic)",
                     )
@@ -117,7 +143,11 @@ class SurfaceChecks(Checks[SurfaceMaker], of=SurfaceMaker):
     def lengths_scale_together(self) -> None:
         """With all lengths among its options doubled, the same surface is twice as large: pixels and nanometres, or two
         units of length, are not mixed up."""
-        lengths = {name: getattr(self.component, name) for name, unit in self.units().items() if unit == "nm"}
+        lengths = {
+            name: getattr(self.component, name)
+            for name, unit in self.units().items()
+            if unit == "nm"
+        }
         if lengths.get("pixel_size") is None:
             return
         try:
@@ -128,7 +158,8 @@ class SurfaceChecks(Checks[SurfaceMaker], of=SurfaceMaker):
         if None in lengths.values() and np.array_equal(larger.heights, surface.heights):
             return  # their unit is not among the options, but stated by a file
         require(
-            larger.shape == surface.shape and math.isclose(larger.pixel_size, 2 * surface.pixel_size),
+            larger.shape == surface.shape
+            and math.isclose(larger.pixel_size, 2 * surface.pixel_size),
             f"with all lengths doubled: {larger.shape} pixels of {larger.pixel_size} nm; "
             f"expected {surface.shape} of {2 * surface.pixel_size} nm",
         )
@@ -148,11 +179,15 @@ class SurfaceChecks(Checks[SurfaceMaker], of=SurfaceMaker):
             radius = surface.provenance.get("radius")
             if not is_number(radius) or min(surface.shape) < 8:
                 return
-            x, y = ((np.arange(n) - (n - 1) / 2) * surface.pixel_size for n in surface.shape)
+            x, y = (
+                (np.arange(n) - (n - 1) / 2) * surface.pixel_size for n in surface.shape
+            )
             squared = x[:, None] ** 2 + y**2
             near = squared <= (4 * surface.pixel_size) ** 2
-            heights, paraboloid = surface.heights.astype(np.float64), -squared / (2 * radius)
-            away, allowed = float(np.ptp((heights - paraboloid)[near])), 0.05 * float(np.ptp(paraboloid[near]))
+            heights = surface.heights.astype(np.float64)
+            paraboloid = -squared / (2 * radius)
+            away = float(np.ptp((heights - paraboloid)[near]))
+            allowed = 0.05 * float(np.ptp(paraboloid[near]))
             top = tuple(map(int, np.unravel_index(np.argmax(heights), surface.shape)))
             require(
                 away <= allowed,
@@ -161,7 +196,8 @@ class SurfaceChecks(Checks[SurfaceMaker], of=SurfaceMaker):
                 f"nm are allowed, and the highest pixel is {top}",
             )
             require(
-                not surface.periodic, "a single sphere (provenance has a radius) is not periodic; pass periodic=False"
+                not surface.periodic,
+                "a single sphere (provenance has a radius) is not periodic; pass periodic=False",
             )
 
     def edges_fit_where_periodic(self) -> None:
@@ -169,9 +205,14 @@ class SurfaceChecks(Checks[SurfaceMaker], of=SurfaceMaker):
         periodic."""
         random = self._random()
         surfaces = [self.component.make(seed) for seed in range(4 if random else 1)]
-        if min(surfaces[0].shape) < 8 or getattr(self.component, "periodic", None) is not None:
+        if (
+            min(surfaces[0].shape) < 8
+            or getattr(self.component, "periodic", None) is not None
+        ):
             return  # with an option of that name it is the user's statement
-        seams = np.array([[_seam(surface.heights, axis) for axis in (0, 1)] for surface in surfaces])
+        seams = np.array(
+            [[_seam(surface.heights, axis) for axis in (0, 1)] for surface in surfaces]
+        )
         for axis, worst in zip("xy", seams[:, :, 0].min(axis=0), strict=True):
             require(
                 worst <= 9 or not surfaces[0].periodic,
@@ -188,21 +229,45 @@ class SurfaceChecks(Checks[SurfaceMaker], of=SurfaceMaker):
         """The properties that ``expected()`` returns are those of the surface: lengths in nm, the slope as a ratio."""
         for maker in self._grids():
             surface, expected = maker.make(0), maker.expected()
-            exact = {"nx": surface.shape[0], "ny": surface.shape[1], "pixel_size": surface.pixel_size}
-            names = (*exact, "rms_slope", "shortest_wavelength", "radius", "periodic", "cpu_seconds")
+            exact = {
+                "nx": surface.shape[0],
+                "ny": surface.shape[1],
+                "pixel_size": surface.pixel_size,
+            }
+            names = (
+                *exact,
+                "rms_slope",
+                "shortest_wavelength",
+                "radius",
+                "periodic",
+                "cpu_seconds",
+            )
             require_estimates("expected()", expected, *names)
             for name in exact.keys() & expected.keys():
-                require(expected[name] == exact[name], f"expected() has {name} = {expected[name]}, not {exact[name]}")
-            slope, shortest = expected.get("rms_slope", surface.rms_slope), expected.get("shortest_wavelength", 0.0)
+                require(
+                    expected[name] == exact[name],
+                    f"expected() has {name} = {expected[name]}, not {exact[name]}",
+                )
+            slope = expected.get("rms_slope", surface.rms_slope)
+            shortest = expected.get("shortest_wavelength", 0.0)
             require(
                 math.isclose(slope, surface.rms_slope, rel_tol=0.3, abs_tol=1e-9),
                 f"expected() has rms_slope = {slope}, the surface has {surface.rms_slope}",
             )
             if shortest > 0 and surface.periodic and surface.rms_height > 0:
-                qx, qy = (2 * np.pi * np.fft.fftfreq(n, surface.pixel_size) for n in surface.shape)
+                qx, qy = (
+                    2 * np.pi * np.fft.fftfreq(n, surface.pixel_size)
+                    for n in surface.shape
+                )
                 squared = qx[:, None] ** 2 + qy**2
-                power = np.abs(np.fft.fft2(surface.heights - np.mean(surface.heights))) ** 2 * squared
-                beyond = float(power[np.sqrt(squared) > 1.25 * 2 * np.pi / shortest].sum() / power.sum())
+                power = (
+                    np.abs(np.fft.fft2(surface.heights - np.mean(surface.heights))) ** 2
+                    * squared
+                )
+                beyond = float(
+                    power[np.sqrt(squared) > 1.25 * 2 * np.pi / shortest].sum()
+                    / power.sum()
+                )
                 require(
                     beyond < 0.25,
                     f"expected() has shortest_wavelength = {shortest:.4g} nm, but {beyond:.0%} of the mean square "
@@ -213,19 +278,28 @@ class SurfaceChecks(Checks[SurfaceMaker], of=SurfaceMaker):
         """``roughness()`` has the nominal area of the surface, and about its rms slope and rms height if it gives
         one."""
         surface, roughness = self.component.make(3), self.component.roughness(3)
-        for name, allowed in (("nominal_area", 1e-9), ("rms_slope", 0.3), ("rms_height", 0.5)):
+        for name, allowed in (
+            ("nominal_area", 1e-9),
+            ("rms_slope", 0.3),
+            ("rms_height", 0.5),
+        ):
             mine, its = getattr(roughness, name), getattr(surface, name)
             require(
-                math.isnan(mine) or math.isclose(mine, its, rel_tol=allowed, abs_tol=1e-12),
+                math.isnan(mine)
+                or math.isclose(mine, its, rel_tol=allowed, abs_tol=1e-12),
                 f"roughness() has {name} = {mine:.4g}, the surface has {its:.4g}",
             )
 
-    def _require_same_surface(self, how: str, other: Any, most: float, factor: int = 0) -> None:
+    def _require_same_surface(
+        self, how: str, other: Any, most: float, factor: int = 0
+    ) -> None:
         """Require that ``other`` makes a surface as large on fewer pixels, ``factor`` times as large where it is given,
         whose heights are those of the fine grid at its pixels, or their means, to ``most`` rms heights."""
         if other is None:
             return
-        require(isinstance(other, SurfaceMaker), f"{how} returned {type(other).__name__}")
+        require(
+            isinstance(other, SurfaceMaker), f"{how} returned {type(other).__name__}"
+        )
         fine, made = self.component.make(3), other.make(3)
         ratio = made.pixel_size / fine.pixel_size
         require(
@@ -241,8 +315,15 @@ class SurfaceChecks(Checks[SurfaceMaker], of=SurfaceMaker):
         )
         candidates = [heights[np.ix_(rows, columns)]]
         if factor:
-            candidates.append(heights.reshape(made.shape[0], factor, made.shape[1], factor).mean(axis=(1, 3)))
-        away = min(float(np.std(made.heights - one)) / (float(np.std(one)) or math.inf) for one in candidates)
+            candidates.append(
+                heights.reshape(made.shape[0], factor, made.shape[1], factor).mean(
+                    axis=(1, 3)
+                )
+            )
+        away = min(
+            float(np.std(made.heights - one)) / (float(np.std(one)) or math.inf)
+            for one in candidates
+        )
         require(
             away <= most,
             f"{how} makes another surface at the same seed: heights differ by {away:.2g} rms heights from those of the "
@@ -259,8 +340,14 @@ class SurfaceChecks(Checks[SurfaceMaker], of=SurfaceMaker):
 
     def questions(self) -> Questions:
         for seed in (31, 32):
-            yield f"the surface of seed {seed}", lambda maker, seed=seed: _of_image(maker.make(seed))
-        yield "the roughness", lambda maker: attrgetter("rms_slope", "rms_height")(maker.roughness(31))
+            yield (
+                f"the surface of seed {seed}",
+                lambda maker, seed=seed: _of_image(maker.make(seed)),
+            )
+        yield (
+            "the roughness",
+            lambda maker: attrgetter("rms_slope", "rms_height")(maker.roughness(31)),
+        )
 
     def trade_keeps_the_surface(self) -> None:
         """Every value of ``trade`` gives a surface of the same size and roughness."""
@@ -270,8 +357,12 @@ class SurfaceChecks(Checks[SurfaceMaker], of=SurfaceMaker):
             sides = np.multiply(last.shape, last.pixel_size)
             for what, other in made.items():
                 require(
-                    np.allclose(np.multiply(other.shape, other.pixel_size), sides, rtol=0.01)
-                    and math.isclose(other.rms_height, last.rms_height, rel_tol=0.3, abs_tol=1e-12),
+                    np.allclose(
+                        np.multiply(other.shape, other.pixel_size), sides, rtol=0.01
+                    )
+                    and math.isclose(
+                        other.rms_height, last.rms_height, rel_tol=0.3, abs_tol=1e-12
+                    ),
                     f"trade of {name!r} is another surface and not one at another accuracy: {what} gives {other!r}, "
                     f"the last value {last!r}",
                 )
@@ -280,10 +371,17 @@ class SurfaceChecks(Checks[SurfaceMaker], of=SurfaceMaker):
         """``scatter()`` is None or a Scatter, 0 if and only if the seed does not change the surface; it takes the
         measures of any contact."""
         random = self._random()
-        for contact in ({}, {"patches": 0, "area_fraction": 0.0}, {"patches": 30, "area_fraction": 0.02}):
+        for contact in (
+            {},
+            {"patches": 0, "area_fraction": 0.0},
+            {"patches": 30, "area_fraction": 0.02},
+        ):
             scatter = self.component.scatter(contact)
             right = isinstance(scatter, Scatter | None)
-            require(right, f"scatter({contact}) returned {scatter!r}; give a chemage.plugin.Scatter")
+            require(
+                right,
+                f"scatter({contact}) returned {scatter!r}; give a chemage.plugin.Scatter",
+            )
             require(
                 scatter is None or (scatter.relative == 0) != random,
                 f"scatter({contact}) is {scatter}, but the seed {'changes' if random else 'does not change'} the "
@@ -300,7 +398,9 @@ check_reader = whole(
 
 def _alike(one: np.ndarray, two: np.ndarray) -> bool:
     """Equal to a ten thousandth of the range, which a format of 16 bits keeps."""
-    return one.shape == two.shape and bool(np.abs(one - two).max() <= 1e-4 * max(float(np.ptp(two)), 1e-300))
+    return one.shape == two.shape and bool(
+        np.abs(one - two).max() <= 1e-4 * max(float(np.ptp(two)), 1e-300)
+    )
 
 
 def _difference(found: np.ndarray, wanted: np.ndarray) -> str:
@@ -311,7 +411,9 @@ def _difference(found: np.ndarray, wanted: np.ndarray) -> str:
         "mirrored along y": found[:, ::-1],
         "turned by 180 degrees": found[::-1, ::-1],
         "transposed": found.T,
-        "in another order of rows and columns": found.ravel().reshape(found.shape, order="F"),
+        "in another order of rows and columns": found.ravel().reshape(
+            found.shape, order="F"
+        ),
     }
     for how, heights in turned.items():
         if heights.shape != wanted.shape:
@@ -332,7 +434,10 @@ def _difference(found: np.ndarray, wanted: np.ndarray) -> str:
 
 def _of_image(read: Any) -> Any:
     """What counts of a surface, a height map or another object."""
-    return [getattr(read, name, None) for name in ("heights", "pixel_size", "height_unit", "periodic")] + [type(read)]
+    return [
+        getattr(read, name, None)
+        for name in ("heights", "pixel_size", "height_unit", "periodic")
+    ] + [type(read)]
 
 
 class ReaderChecks(Checks[Reader], of=Reader):
@@ -342,28 +447,49 @@ class ReaderChecks(Checks[Reader], of=Reader):
         """``suffixes`` names the file endings that the reader accepts, in lower case and with the dot."""
         suffixes = self.cls.suffixes
         require(
-            isinstance(suffixes, tuple) and suffixes, f"suffixes = {suffixes!r}: name the file endings that it reads"
+            isinstance(suffixes, tuple) and suffixes,
+            f"suffixes = {suffixes!r}: name the file endings that it reads",
         )
         for ending in suffixes:
-            fits = isinstance(ending, str) and ending.startswith(".") and ending == ending.lower() and len(ending) > 1
+            fits = (
+                isinstance(ending, str)
+                and ending.startswith(".")
+                and ending == ending.lower()
+                and len(ending) > 1
+            )
             require(fits, f"{suffixes}: {ending!r} must be in lower case, with the dot")
         ending = Path(path or f"file{suffixes[0]}").suffix.lower()
-        require(ending in suffixes, f"the file ends in {ending!r}, but suffixes = {suffixes}")
+        require(
+            ending in suffixes,
+            f"the file ends in {ending!r}, but suffixes = {suffixes}",
+        )
 
     def bad_files_are_refused(self, path: Any = None) -> None:
         """A missing, empty or truncated file, or one of another format, raises a ChemageError that names the file."""
         with TemporaryDirectory() as name:
-            contents = {"empty": b"", "foreign": b"\x89not this format at all\r\n\x1a\n\x00" * 20}
+            contents = {
+                "empty": b"",
+                "foreign": b"\x89not this format at all\r\n\x1a\n\x00" * 20,
+            }
             suffix = self.cls.suffixes[0]
             if path is not None:
                 good, suffix = read_bytes(path), Path(path).suffix
                 contents["truncated"] = good[: len(good) // 2]
-            files = {what: Path(name) / f"{what}{suffix}" for what in ("missing", *contents)} | {"folder": Path(name)}
+            files = {
+                what: Path(name) / f"{what}{suffix}" for what in ("missing", *contents)
+            } | {"folder": Path(name)}
             for what, content in contents.items():
                 create(files[what], content)
             for what, file in files.items():
-                message = refuses(f"a {what} file", lambda file=file: self.component.read(file), ChemageError)
-                require(file.name in message, f"a {what} file: the message does not name it: {message}")
+                message = refuses(
+                    f"a {what} file",
+                    lambda file=file: self.component.read(file),
+                    ChemageError,
+                )
+                require(
+                    file.name in message,
+                    f"a {what} file: the message does not name it: {message}",
+                )
 
     def reads_its_file(self, path: Any) -> None:
         """The file is read into a Surface or another object of chemage, the same each time, and stays as it was."""
@@ -372,10 +498,17 @@ class ReaderChecks(Checks[Reader], of=Reader):
         require(read_bytes(path) == before, "reading changed the file")
         given = "None" if first is None else type(first).__name__
         require(
-            isinstance(first, Record), f"read() returned {given}; expected a chemage.Surface or another object of it"
+            isinstance(first, Record),
+            f"read() returned {given}; expected a chemage.Surface or another object of it",
         )
-        require(first == self.component.read(str(path)), "reading the file as Path and as str gave different objects")
-        require(first == self.component.read(Path(path)), "reading the file twice gave different objects")
+        require(
+            first == self.component.read(str(path)),
+            "reading the file as Path and as str gave different objects",
+        )
+        require(
+            first == self.component.read(Path(path)),
+            "reading the file twice gave different objects",
+        )
 
     def file_is_in_nm(self, path: Any) -> None:
         """Heights and pixel size are in nm, as far as it can be told without the surface: slopes are neither below 1e-8
@@ -399,13 +532,26 @@ class ReaderChecks(Checks[Reader], of=Reader):
         """The file that holds ``surface`` gives just that: heights in nm with x as the first index, pixel size in nm,
         periodicity."""
         read: Any = self.component.read(path)
-        require(isinstance(read, Surface), f"read() returned {type(read).__name__}; expected a chemage.Surface")
+        require(
+            isinstance(read, Surface),
+            f"read() returned {type(read).__name__}; expected a chemage.Surface",
+        )
         turned = ": x and y are swapped" if read.shape == surface.shape[::-1] else ""
-        require(read.shape == surface.shape, f"{read.shape} pixels (nx, ny), expected {surface.shape}{turned}")
-        heights, wanted = read.heights.astype(np.float64), surface.heights.astype(np.float64)
-        require(_alike(heights, wanted), f"other heights than those in the file{_difference(heights, wanted)}")
+        require(
+            read.shape == surface.shape,
+            f"{read.shape} pixels (nx, ny), expected {surface.shape}{turned}",
+        )
+        heights = read.heights.astype(np.float64)
+        wanted = surface.heights.astype(np.float64)
+        require(
+            _alike(heights, wanted),
+            f"other heights than those in the file{_difference(heights, wanted)}",
+        )
         size, right = read.pixel_size, surface.pixel_size
-        require(math.isclose(size, right, rel_tol=1e-6), f"pixels of {size} nm, expected {right} nm")
+        require(
+            math.isclose(size, right, rel_tol=1e-6),
+            f"pixels of {size} nm, expected {right} nm",
+        )
         require(
             read.periodic == surface.periodic,
             f"periodic is {read.periodic}, expected {surface.periodic} (the default of chemage.Surface is True)",
@@ -418,7 +564,8 @@ class ReaderChecks(Checks[Reader], of=Reader):
             size = 2.5 * stated.pixel_size
             other = self.component.replace(pixel_size=size).read(path).pixel_size
             require(
-                math.isclose(other, size), f"pixel_size = {size} nm was given, but the surface has pixels of {other} nm"
+                math.isclose(other, size),
+                f"pixel_size = {size} nm was given, but the surface has pixels of {other} nm",
             )
 
     def questions(self, path: Any = None, **_: Any) -> Questions:
@@ -433,10 +580,19 @@ class ReaderChecks(Checks[Reader], of=Reader):
             copy = Path(name) / f"a copy{Path(path).suffix.upper()}"
             create(copy, read_bytes(path))
             for read in (self.component.read, self.component.height_map):
-                same = as_bytes(_of_image(read(copy))) == as_bytes(_of_image(read(path)))
-                require(same, f"a copy of the file, {copy.name!r}, is read as something else")
+                same = as_bytes(_of_image(read(copy))) == as_bytes(
+                    _of_image(read(path))
+                )
+                require(
+                    same,
+                    f"a copy of the file, {copy.name!r}, is read as something else",
+                )
             write_file(copy, b"", force=True)
-            refuses("a file that was emptied after it was read", lambda: self.component.read(copy), ChemageError)
+            refuses(
+                "a file that was emptied after it was read",
+                lambda: self.component.read(copy),
+                ChemageError,
+            )
 
     def height_map_is_the_surface(self, path: Any) -> None:
         """``height_map`` gives a HeightMap with the heights, the pixels and the periodicity of the surface that
@@ -444,17 +600,25 @@ class ReaderChecks(Checks[Reader], of=Reader):
         counts there too.
         """
         surface, image = self.component.read(path), self.component.height_map(path)
-        require(isinstance(image, HeightMap), f"height_map() returned {type(image).__name__}; give a HeightMap")
+        require(
+            isinstance(image, HeightMap),
+            f"height_map() returned {type(image).__name__}; give a HeightMap",
+        )
         require_plain(dict(image.notes), "the notes of the height map")
         if not isinstance(surface, Surface):
             return
         require(
-            image.heights.shape == surface.shape, f"the image has {image.heights.shape} pixels, not {surface.shape}"
+            image.heights.shape == surface.shape,
+            f"the image has {image.heights.shape} pixels, not {surface.shape}",
         )
         there, size = np.isfinite(image.heights), surface.pixel_size
         if image.height_unit is not None and there.any():
             read = surface.heights.astype(np.float64)[there]
-            away = float(np.ptp(image.heights.astype(np.float64)[there] * image.height_unit - read))
+            away = float(
+                np.ptp(
+                    image.heights.astype(np.float64)[there] * image.height_unit - read
+                )
+            )
             require(
                 away <= 1e-4 * max(float(np.ptp(read)), 1e-300),
                 f"heights of the image times height_unit = {image.height_unit:g} nm differ from those of the surface "
@@ -462,11 +626,22 @@ class ReaderChecks(Checks[Reader], of=Reader):
             )
         if image.pixel_size is not None:
             right = np.allclose(image.pixel_size, size, rtol=1e-6, atol=0.0)
-            require(right, f"the pixels of the image are {image.pixel_size} nm, those of the surface {size} nm")
             require(
-                image.periodic == surface.periodic, f"the image has periodic = {image.periodic}, the surface has not"
+                right,
+                f"the pixels of the image are {image.pixel_size} nm, those of the surface {size} nm",
+            )
+            require(
+                image.periodic == surface.periodic,
+                f"the image has periodic = {image.periodic}, the surface has not",
             )
         if "pixel_size" in self.cls.model_fields:
-            stated = self.component.replace(pixel_size=2.5 * size).height_map(path).pixel_size
+            stated = (
+                self.component.replace(pixel_size=2.5 * size)
+                .height_map(path)
+                .pixel_size
+            )
             right = stated is None or np.allclose(stated, 2.5 * size, atol=0.0)
-            require(right, f"pixel_size = {2.5 * size} nm was given, but the image has pixels of {stated} nm")
+            require(
+                right,
+                f"pixel_size = {2.5 * size} nm was given, but the image has pixels of {stated} nm",
+            )

@@ -14,7 +14,10 @@ if TYPE_CHECKING:
     from chemage_ageing.spectra import PressureSpectrum as PressureSpectrum
 
 KINDS = {
-    "ageing": {"closure": "chemage_ageing.closure:Closure", "sample": "chemage_ageing.sample:Sample"},
+    "ageing": {
+        "closure": "chemage_ageing.closure:Closure",
+        "sample": "chemage_ageing.sample:Sample",
+    },
     "observable": {
         "barrier-spectrum": "chemage_ageing.spectra:BarrierSpectrum",
         "pressure-spectrum": "chemage_ageing.spectra:PressureSpectrum",

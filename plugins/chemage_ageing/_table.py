@@ -54,7 +54,12 @@ def shift_per_gpa(chemistry: Chemistry) -> float:
     return chemistry.activation_volume * EV_PER_GPA_NM3
 
 
-def bonded_share(chemistry: Chemistry, temperature: float, hold_times: np.ndarray, pressure: np.ndarray) -> np.ndarray:
+def bonded_share(
+    chemistry: Chemistry,
+    temperature: float,
+    hold_times: np.ndarray,
+    pressure: np.ndarray,
+) -> np.ndarray:
     """Share of the sites in contact that are bonded if none interacts, (n, m), at each ``pressure`` (n,) GPa.
 
     A site forms its bond at the rate a = ν exp(−E_f/k_BT) and breaks it at b = ν exp(−E_b/k_BT), a barrier at or below
@@ -66,15 +71,26 @@ def bonded_share(chemistry: Chemistry, temperature: float, hold_times: np.ndarra
     shift = shift_per_gpa(chemistry) * np.asarray(pressure, dtype=np.float64) / step
     longest = float(hold_times.max(initial=0.0))
     # barriers that are crossed, and those whose share of crossings is in proportion to the rate
-    crossed = int((np.log(max(chemistry.attempt_frequency * longest, 1.0)) + 40.0) * PER_KT) + MARGIN
-    highest = int(min(chemistry.forming.quantile(_ranks()[0]).max() / step, MOST_STEPS)) + MARGIN + 1
+    crossed = (
+        int((np.log(max(chemistry.attempt_frequency * longest, 1.0)) + 40.0) * PER_KT)
+        + MARGIN
+    )
+    highest = (
+        int(min(chemistry.forming.quantile(_ranks()[0]).max() / step, MOST_STEPS))
+        + MARGIN
+        + 1
+    )
     # a power of two, so that contacts share the result
-    shifts = 1 << max(4, int(np.ceil(min(shift.max(initial=0.0), MOST_STEPS)) + 3).bit_length())
+    shifts = 1 << max(
+        4, int(np.ceil(min(shift.max(initial=0.0), MOST_STEPS)) + 3).bit_length()
+    )
     shifts = min(shifts, max(crossed, highest) + 4)
     # pressure brings higher barriers into the range
     nodes = max(crossed, min(crossed + shifts, highest))
     curves = _curves(chemistry, kt, hold_times.tobytes(), crossed, nodes, shifts)  # pyright: ignore[reportArgumentType]
-    return interpolated(curves, np.minimum(shift, shifts - 2.0)) * chemistry.hydroxylation
+    return (
+        interpolated(curves, np.minimum(shift, shifts - 2.0)) * chemistry.hydroxylation
+    )
 
 
 def grouped_bonds(
@@ -99,7 +115,9 @@ def grouped_bonds(
 
 
 @lru_cache(maxsize=32)
-def _curves(chemistry: Chemistry, kt: float, times: bytes, crossed: int, nodes: int, shifts: int) -> np.ndarray:
+def _curves(
+    chemistry: Chemistry, kt: float, times: bytes, crossed: int, nodes: int, shifts: int
+) -> np.ndarray:
     """The share at ``shifts`` equal steps of the barrier, (shifts + 1, m); the first row is at one step above 0.
 
     ``crossed`` and ``nodes`` (at least as many): nodes of the energies of breaking and of forming barriers.
@@ -110,24 +128,34 @@ def _curves(chemistry: Chemistry, kt: float, times: bytes, crossed: int, nodes: 
     share = _of_energy(chemistry, kt, hold_times, crossed, nodes)
     # barriers below 0 react as those at 0
     below = np.concatenate([np.repeat(share[:1], shifts, axis=0), share, share[-1:]])
-    rows = [np.einsum("i,im->m", forming, below[shifts - j : shifts - j + nodes]) for j in range(-1, shifts)]
+    rows = [
+        np.einsum("i,im->m", forming, below[shifts - j : shifts - j + nodes])
+        for j in range(-1, shifts)
+    ]
     return np.clip(np.stack(rows), 0.0, 1.0)
 
 
-def _of_energy(chemistry: Chemistry, kt: float, hold_times: np.ndarray, crossed: int, nodes: int) -> np.ndarray:
+def _of_energy(
+    chemistry: Chemistry, kt: float, hold_times: np.ndarray, crossed: int, nodes: int
+) -> np.ndarray:
     """The share of sites of one forming barrier, averaged over their breaking barriers, (nodes, m)."""
     energy = np.arange(nodes) / PER_KT
     forming = chemistry.attempt_frequency * np.exp(-energy)
     if chemistry.breaking is None:
         return TwoState(forming[:, None]).relaxed(hold_times)
     # higher barriers are not crossed
-    barriers = np.minimum(chemistry.breaking.quantile(_ranks()[0]), (crossed - MARGIN) * kt / PER_KT)
+    barriers = np.minimum(
+        chemistry.breaking.quantile(_ranks()[0]), (crossed - MARGIN) * kt / PER_KT
+    )
     weights = _weights(barriers, kt / PER_KT, crossed)
     chosen = np.flatnonzero(weights)
     breaking = chemistry.attempt_frequency * np.exp(-energy[chosen])
     sites = TwoState(forming[:, None], breaking)
     settled = sites.equilibrium * weights[chosen]
-    return np.stack([np.einsum("ij,ij->i", settled, sites.relaxed(time)) for time in hold_times], axis=1)
+    return np.stack(
+        [np.einsum("ij,ij->i", settled, sites.relaxed(time)) for time in hold_times],
+        axis=1,
+    )
 
 
 @lru_cache(maxsize=1)
@@ -153,7 +181,9 @@ def _weights(energies: np.ndarray, step: float, nodes: int) -> np.ndarray:
     shares = np.zeros(nodes)
     first, parts = cubic(place, lowest=-1)
     for offset, part in enumerate(parts):
-        shares += np.bincount(np.clip(first + offset, 0, nodes - 1), ranked * part, nodes)
+        shares += np.bincount(
+            np.clip(first + offset, 0, nodes - 1), ranked * part, nodes
+        )
     return shares
 
 
@@ -169,7 +199,10 @@ def interpolated(curves: np.ndarray, place: np.ndarray) -> np.ndarray:
     """``curves`` (k + 1, m), of which row 1 is at place 0, at each ``place`` (n,), cubic: (n, m)."""
     first, parts = cubic(place, lowest=-1)
     return sum(
-        (part[:, None] * curves[np.clip(first + offset + 1, 0, len(curves) - 1)] for offset, part in enumerate(parts)),
+        (
+            part[:, None] * curves[np.clip(first + offset + 1, 0, len(curves) - 1)]
+            for offset, part in enumerate(parts)
+        ),
         np.zeros((place.size, curves.shape[1])),
     )
 
@@ -227,7 +260,9 @@ class Setting:
     def times(self) -> np.ndarray:
         """(m,) s."""
         first, last = self.decades
-        return 10.0 ** (np.arange(first * PER_DECADE, last * PER_DECADE + 1) / PER_DECADE)
+        return 10.0 ** (
+            np.arange(first * PER_DECADE, last * PER_DECADE + 1) / PER_DECADE
+        )
 
     @property
     def pressure_step(self) -> float:
@@ -253,7 +288,9 @@ class Setting:
     @property
     def own_chemistry(self) -> Chemistry:
         """The chemistry with a site in each pixel, and without what changes no bond."""
-        return self.chemistry.replace(site_density="pixel", **dict.fromkeys(self.chemistry.limits))
+        return self.chemistry.replace(
+            site_density="pixel", **dict.fromkeys(self.chemistry.limits)
+        )
 
     def pressure(self, number: int) -> float:
         """GPa at a node of this number; a contact without pressure would have no sites."""
@@ -263,18 +300,41 @@ class Setting:
         """A contact under the pressure of a node, ``where`` there are sites."""
         pressure = np.where(where, self.pressure(number), 0.0)
         load = float(pressure.sum()) * self.spacing**2
-        return ContactSolution(pressure=pressure, load=load, pixel_size=self.spacing, modulus=1.0, periodic=True)
+        return ContactSolution(
+            pressure=pressure,
+            load=load,
+            pixel_size=self.spacing,
+            modulus=1.0,
+            periodic=True,
+        )
 
     def taking_part(self) -> Took:
         """What takes part in the table now, from a small contact."""
-        lattice = build_lattice(self.own_chemistry, self.contact(0, np.ones((4, 4), dtype=bool)), 0)
-        history = run_kinetics(self.engine, lattice, self.times[:1], temperature=self.temperature, seed=0)
-        return Took(lattice.plugins | history.plugins, [*lattice.approximate, *history.approximate])
+        lattice = build_lattice(
+            self.own_chemistry, self.contact(0, np.ones((4, 4), dtype=bool)), 0
+        )
+        history = run_kinetics(
+            self.engine, lattice, self.times[:1], temperature=self.temperature, seed=0
+        )
+        return Took(
+            lattice.plugins | history.plugins,
+            [*lattice.approximate, *history.approximate],
+        )
 
-    def nodes(self, numbers: list[int], threads: int, progress: Callable[[int, int], None] | None) -> dict[int, Node]:
+    def nodes(
+        self,
+        numbers: list[int],
+        threads: int,
+        progress: Callable[[int, int], None] | None,
+    ) -> dict[int, Node]:
         """The nodes of these numbers; node k is at k times :attr:`pressure_step`."""
         several = max(1, min(threads, len(numbers)))
-        nodes = processors.in_order(lambda k: _Samples(self, numbers[k]).enough(), len(numbers), several, progress)
+        nodes = processors.in_order(
+            lambda k: _Samples(self, numbers[k]).enough(),
+            len(numbers),
+            several,
+            progress,
+        )
         return dict(zip(numbers, nodes, strict=True))
 
     def path(self, folder: Path) -> Path:
@@ -283,7 +343,11 @@ class Setting:
 
     def about(self, took: Took) -> dict[str, Any]:
         """What the file says of the table."""
-        about = {"identity": self.identity(), "plugins": took.plugins, "approximate": took.approximate}
+        about = {
+            "identity": self.identity(),
+            "plugins": took.plugins,
+            "approximate": took.approximate,
+        }
         return json.loads(json.dumps(about, default=str))
 
     def load(self, path: Path, took: Took) -> tuple[dict[int, Node], str]:
@@ -299,21 +363,32 @@ class Setting:
         if about != self.about(took):
             return {}, f"{path} was made with other plugins"
         arrays = parts["table"].values
-        rows = zip(*(arrays[name] for name in ("numbers", "change", "error", "replicas")), strict=True)
-        return {int(number): Node(change, error, int(replicas)) for number, change, error, replicas in rows}, ""
+        rows = zip(
+            *(arrays[name] for name in ("numbers", "change", "error", "replicas")),
+            strict=True,
+        )
+        return {
+            int(number): Node(change, error, int(replicas))
+            for number, change, error, replicas in rows
+        }, ""
 
     def keep(self, path: Path, took: Took, nodes: dict[int, Node]) -> str:
         """Write a table; what prevents it in words, else nothing."""
         numbers = sorted(nodes)
         arrays = {
             "numbers": np.array(numbers),
-            **{name: np.stack([getattr(nodes[number], name) for number in numbers]) for name in ("change", "error")},
+            **{
+                name: np.stack([getattr(nodes[number], name) for number in numbers])
+                for name in ("change", "error")
+            },
             "replicas": np.array([nodes[number].replicas for number in numbers]),
         }
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             table = container.Arrays(values=arrays)
-            container.write(path, {"table": table}, self.about(took), compact=True, force=True)
+            container.write(
+                path, {"table": table}, self.about(took), compact=True, force=True
+            )
         except OSError as error:  # a StoreError is one as well
             return f"the table could not be kept in {path.parent} ({error})"
         return ""
@@ -346,15 +421,20 @@ class _Samples:
 
     def __init__(self, setting: Setting, number: int) -> None:
         self.setting, self.number, self.replicas = setting, number, 0
-        generator = np.random.default_rng(np.random.SeedSequence(setting.seed, spawn_key=(number,)))
+        generator = np.random.default_rng(
+            np.random.SeedSequence(setting.seed, spawn_key=(number,))
+        )
         # from nearly no site to nearly every one, so that sites have every number of neighbours
         share = (np.arange(SIDE)[:, None] + 0.5) / SIDE
         thinned = [generator.random((SIDE, SIDE)) < share for _ in range(THINNED)]
         self.full, *self.thinned = (
-            setting.contact(number, where) for where in (np.ones((SIDE, SIDE), dtype=bool), *thinned)
+            setting.contact(number, where)
+            for where in (np.ones((SIDE, SIDE), dtype=bool), *thinned)
         )
         #: class of each pixel of the full contact and of the thinned ones: its band and its neighbours in contact
-        self.classes = [self._classes(contact) for contact in (self.full, *self.thinned)]
+        self.classes = [
+            self._classes(contact) for contact in (self.full, *self.thinned)
+        ]
         self.shape = SIDE // BAND, setting.most + 1
         size = self.shape[0] * self.shape[1]
         held = sum(
@@ -366,16 +446,22 @@ class _Samples:
         self.held[:, -1] = SIDE * BAND
         pressure = np.array([setting.pressure(number)])
         #: (m,) share of bonded sites without interaction
-        self.independent = bonded_share(setting.chemistry, setting.temperature, setting.times, pressure)[0]
+        self.independent = bonded_share(
+            setting.chemistry, setting.temperature, setting.times, pressure
+        )[0]
         #: (bands, neighbours + 1, m) bonds in each replica
         self.coupled: list[np.ndarray] = []
         self.control: list[np.ndarray] = []
 
     def _classes(self, contact: ContactSolution) -> np.ndarray:
-        lattice = build_lattice(self.setting.own_chemistry.replace(hydroxylation=1.0), contact, 0)
+        lattice = build_lattice(
+            self.setting.own_chemistry.replace(hydroxylation=1.0), contact, 0
+        )
         assert lattice.neighbours is not None
         place = np.zeros(SIDE * SIDE, np.int64)
-        place[lattice.sites] = np.minimum(np.count_nonzero(lattice.neighbours >= 0, axis=1), self.setting.most)
+        place[lattice.sites] = np.minimum(
+            np.count_nonzero(lattice.neighbours >= 0, axis=1), self.setting.most
+        )
         return place + (np.arange(SIDE * SIDE) % SIDE // BAND) * (self.setting.most + 1)
 
     def enough(self) -> Node:
@@ -391,13 +477,22 @@ class _Samples:
 
     def add(self, replica: int) -> None:
         setting, chemistry = self.setting, self.setting.own_chemistry
-        disorder = np.random.SeedSequence(setting.seed, spawn_key=(self.number, replica, 0))
+        disorder = np.random.SeedSequence(
+            setting.seed, spawn_key=(self.number, replica, 0)
+        )
         noise = random.CommonSeed(setting.seed, spawn_key=(self.number, replica, 1))
 
-        def states(chemistry: Chemistry, contact: ContactSolution) -> tuple[ReactionLattice, np.ndarray]:
+        def states(
+            chemistry: Chemistry, contact: ContactSolution
+        ) -> tuple[ReactionLattice, np.ndarray]:
             lattice = build_lattice(chemistry, contact, disorder)
             history = run_kinetics(
-                setting.engine, lattice, setting.times, temperature=setting.temperature, seed=noise, states=True
+                setting.engine,
+                lattice,
+                setting.times,
+                temperature=setting.temperature,
+                seed=noise,
+                states=True,
             )
             assert history.states is not None
             return lattice, history.states
@@ -405,7 +500,9 @@ class _Samples:
         alone, independent = states(chemistry.replace(interaction=None), self.full)
         coupled = np.zeros((*self.shape, setting.times.size))
         control = np.zeros_like(coupled)
-        for place, contact in zip(self.classes, (self.full, *self.thinned), strict=True):
+        for place, contact in zip(
+            self.classes, (self.full, *self.thinned), strict=True
+        ):
             lattice, bonded = states(chemistry, contact)
             same = independent[:, np.searchsorted(alone.sites, lattice.sites)]
             which = slice(-1, None) if contact is self.full else slice(0, -1)
@@ -417,7 +514,9 @@ class _Samples:
 
     def _sums(self, place: np.ndarray, states: np.ndarray) -> np.ndarray:
         size = self.shape[0] * self.shape[1]
-        counts = [np.bincount(place[state], minlength=size) for state in states.astype(bool)]
+        counts = [
+            np.bincount(place[state], minlength=size) for state in states.astype(bool)
+        ]
         return np.stack(counts, axis=-1).reshape(*self.shape, len(states))
 
     def node(self) -> Node:
@@ -428,21 +527,33 @@ class _Samples:
         # residuals about the ratio of bonds to sites, and the coefficient of least variance of the control
         away = coupled - held * (coupled.sum(axis=0) / sites)
         spread = (control**2).sum(axis=0)
-        factor = np.divide((away * control).sum(axis=0), spread, out=np.ones_like(spread), where=spread > 0)
+        factor = np.divide(
+            (away * control).sum(axis=0),
+            spread,
+            out=np.ones_like(spread),
+            where=spread > 0,
+        )
         enough = sites * self.independent >= CONTROLLED
         factor = np.where(enough, np.clip(factor, 0.0, 1.0), 1.0)
         values = coupled - factor * control
         share = values.sum(axis=0) / sites
         bands = len(coupled)
-        error = np.sqrt(((values - held * share) ** 2).sum(axis=0) * bands / (bands - 1)) / sites
+        error = (
+            np.sqrt(((values - held * share) ** 2).sum(axis=0) * bands / (bands - 1))
+            / sites
+        )
         exact = np.where(self.independent > NONE, self.independent, np.inf)
         # a change in fewer than one site of the table is not seen
         neighbours = np.arange(self.setting.most + 1)[:, None]
-        unseen = np.minimum(1 / (sites * exact), neighbours * np.minimum(self.independent, 1.0))
+        unseen = np.minimum(
+            1 / (sites * exact), neighbours * np.minimum(self.independent, 1.0)
+        )
         relative = np.where(np.isfinite(exact), share / exact - 1, 0.0)
         alone = neighbours == 0  # nothing changes a site without neighbours
         return Node(
-            np.where(alone, 0.0, relative), np.where(alone, 0.0, np.hypot(error / exact, unseen)), self.replicas
+            np.where(alone, 0.0, relative),
+            np.where(alone, 0.0, np.hypot(error / exact, unseen)),
+            self.replicas,
         )
 
     def sufficient(self, node: Node) -> bool:
@@ -451,8 +562,19 @@ class _Samples:
         at = slice(None, None, PER_DECADE)
         alone = self.independent[at]
         rim = math.sqrt(float(self.setting.most - 1)) if self.setting.most > 1 else 1.0
-        several = np.sqrt((node.error[1:-1, at] ** 2).mean(axis=0)) / rim if self.setting.most > 1 else 0.0 * alone
-        share = np.stack([alone * (1 + node.change[-1, at]), alone * (1 + node.change[1:, at].mean(axis=0))])
+        several = (
+            np.sqrt((node.error[1:-1, at] ** 2).mean(axis=0)) / rim
+            if self.setting.most > 1
+            else 0.0 * alone
+        )
+        share = np.stack(
+            [
+                alone * (1 + node.change[-1, at]),
+                alone * (1 + node.change[1:, at].mean(axis=0)),
+            ]
+        )
         error = alone * np.stack([node.error[-1, at], several])
         sites = SIDE * SIDE * node.replicas
-        return bool((error <= self.setting.accuracy * np.maximum(share, RESOLVED / sites)).all())
+        return bool(
+            (error <= self.setting.accuracy * np.maximum(share, RESOLVED / sites)).all()
+        )

@@ -118,8 +118,14 @@ class Closure(AgeingMethod):
                 highest = mean_pressure * math.sqrt(-4 / math.pi * math.log(TAIL))
                 step = _table.pressure_step(chemistry, temperature)
                 nodes = 4 + int(highest / step) if step else 1
-            most = curve + nodes * NODE_SECONDS * max((0.01 / self.accuracy) ** 2, COARSE_SHARE)
-            cost |= {"cpu_seconds": math.sqrt(curve * most), "cpu_seconds_least": curve, "cpu_seconds_most": most}
+            most = curve + nodes * NODE_SECONDS * max(
+                (0.01 / self.accuracy) ** 2, COARSE_SHARE
+            )
+            cost |= {
+                "cpu_seconds": math.sqrt(curve * most),
+                "cpu_seconds_least": curve,
+                "cpu_seconds_most": most,
+            }
         return cost
 
     def age(self, request: AgeingRequest) -> AgedBonds:
@@ -128,14 +134,20 @@ class Closure(AgeingMethod):
         statistics = contact_statistics(request.contact, chemistry)
         per_area = chemistry.sites_per_area(request.contact)
         sites = np.array([chemistry.hydroxylation * statistics.contact_area * per_area])
-        independent = bonded_share(chemistry, request.temperature, times, statistics.pressure)
+        independent = bonded_share(
+            chemistry, request.temperature, times, statistics.pressure
+        )
         bonds = np.einsum("c,cm->m", statistics.area * per_area, independent)
         error, notes, took = np.full(times.size, INDEPENDENT_ERROR), (), _table.Took()
         source = f"at most {100 * INDEPENDENT_ERROR:g} %, of the quadrature"
         if chemistry.interaction is not None and statistics.pressure.size:
-            changed, absolute, notes, took = self._interaction(request, statistics, per_area, independent)
+            changed, absolute, notes, took = self._interaction(
+                request, statistics, per_area, independent
+            )
             bonds = bonds + changed
-            relative = np.divide(absolute, bonds, out=np.zeros_like(absolute), where=bonds > 0)
+            relative = np.divide(
+                absolute, bonds, out=np.zeros_like(absolute), where=bonds > 0
+            )
             error = np.hypot(relative, INDEPENDENT_ERROR)
             source = "standard error: that of the table, and of the approximation, from the rim and the pressures"
         return AgedBonds(
@@ -145,13 +157,19 @@ class Closure(AgeingMethod):
             errors={"closure": error},
             error_sources={"closure": source},
             notes=notes,
-            engine=self.engine.kind if chemistry.interaction is not None else "quadrature",
+            engine=self.engine.kind
+            if chemistry.interaction is not None
+            else "quadrature",
             plugins=took.plugins,
             approximate=took.approximate,
         )
 
     def _interaction(
-        self, request: AgeingRequest, statistics: ContactStatistics, per_area: float, independent: np.ndarray
+        self,
+        request: AgeingRequest,
+        statistics: ContactStatistics,
+        per_area: float,
+        independent: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...], _table.Took]:
         """What the interaction changes of the bonds, (m,), and the error of that; notes; plugins. ``independent``:
         (classes, m) without interaction."""
@@ -172,11 +190,20 @@ class Closure(AgeingMethod):
         # the highest pressures, which few sites have, count as those before them: what they cost would be the same
         beyond = np.cumsum(statistics.area[::-1])[::-1] - statistics.area
         kept = np.count_nonzero(beyond > TAIL * statistics.contact_area)
-        pressure = np.minimum(statistics.pressure, statistics.pressure[min(kept, statistics.area.size - 1)])
+        pressure = np.minimum(
+            statistics.pressure,
+            statistics.pressure[min(kept, statistics.area.size - 1)],
+        )
         first, parts = np.zeros(pressure.size, np.int64), [np.ones(pressure.size)]
         if setting.pressure_step:
             first, parts = cubic(pressure / setting.pressure_step, lowest=0)
-        needed = sorted({int(number) for offset in range(len(parts)) for number in np.unique(first + offset)})
+        needed = sorted(
+            {
+                int(number)
+                for offset in range(len(parts))
+                for number in np.unique(first + offset)
+            }
+        )
         if len(needed) > MOST_NODES:
             raise InputError(
                 f"ageing 'closure' would tabulate {len(needed)} pressures up to {statistics.pressure[-1]:.3g} GPa; "
@@ -184,24 +211,51 @@ class Closure(AgeingMethod):
             )
         took = setting.taking_part()
         nodes, notes = self._nodes(setting, needed, took, request)
-        tabulated = [np.stack([getattr(nodes[number], name) for number in needed]) for name in ("change", "error")]
+        tabulated = [
+            np.stack([getattr(nodes[number], name) for number in needed])
+            for name in ("change", "error")
+        ]
         # an error in bonds that formed early stays when the interaction changes little any more
         tabulated.append(np.maximum.accumulate(np.abs(tabulated[0]), axis=-1))
-        change, error, largest = (_in_time(setting, request.hold_times, values) for values in tabulated)
+        change, error, largest = (
+            _in_time(setting, request.hold_times, values) for values in tabulated
+        )
         # (classes, nodes): the part of each node of the table in the pressure of each class
         part = np.zeros((first.size, len(needed)))
         for offset, weight in enumerate(parts):
-            np.add.at(part, (np.arange(first.size), np.searchsorted(needed, first + offset)), weight)
+            np.add.at(
+                part,
+                (np.arange(first.size), np.searchsorted(needed, first + offset)),
+                weight,
+            )
         if request.contact.has_map:
-            present, effective = _rim_of_map(request.solution, request.chemistry, statistics, independent, setting.most)
+            present, effective = _rim_of_map(
+                request.solution,
+                request.chemistry,
+                statistics,
+                independent,
+                setting.most,
+            )
         else:
             present = _rim_of_statistics(statistics, per_area, setting.most)
-            effective = np.zeros((*present.shape, request.hold_times.size)) + present[..., None]
+            effective = (
+                np.zeros((*present.shape, request.hold_times.size)) + present[..., None]
+            )
             effective = np.pad(effective, ((0, 0), (0, len(BEYOND)), (0, 0)))
-        return *_changed(part, change, np.abs(error), present, effective, independent, largest), notes, took
+        return (
+            *_changed(
+                part, change, np.abs(error), present, effective, independent, largest
+            ),
+            notes,
+            took,
+        )
 
     def _nodes(
-        self, setting: _table.Setting, needed: list[int], took: _table.Took, request: AgeingRequest
+        self,
+        setting: _table.Setting,
+        needed: list[int],
+        took: _table.Took,
+        request: AgeingRequest,
     ) -> tuple[dict[int, _table.Node], tuple[str, ...]]:
         """The table at the pressures that are needed: known, read, or computed now and kept."""
         path = setting.path(Path(self.folder) if self.folder else cache_folder())
@@ -213,7 +267,11 @@ class Closure(AgeingMethod):
             kept, problem = setting.load(path, took)
             nodes |= kept
             missing = [number for number in needed if number not in nodes]
-            notes = [f"{problem}, so that the table of ageing 'closure' is computed again"] if problem else []
+            notes = (
+                [f"{problem}, so that the table of ageing 'closure' is computed again"]
+                if problem
+                else []
+            )
             if missing:
                 nodes |= setting.nodes(missing, request.threads, request.progress)
                 if problem := setting.keep(path, took, nodes):
@@ -244,7 +302,9 @@ def _changed(
     # so many times the neighbours of a site inside: independent of each other if they block, added if they help
     blocked = np.maximum(1 + inside, 0.0) ** times
     further = np.where(inside < 0, blocked - 1, times * inside)
-    slope = np.where(inside < 0, times * np.maximum(1 + inside, 1e-12) ** (times - 1), times)
+    slope = np.where(
+        inside < 0, times * np.maximum(1 + inside, 1e-12) ** (times - 1), times
+    )
     columns = np.concatenate([change, np.moveaxis(further, 0, 1)], axis=1)
     weights = np.einsum("ck,cjm->kjm", part, effective * independent[:, None])
     bonds = np.einsum("kjm,kjm->m", weights, columns)
@@ -255,23 +315,36 @@ def _changed(
     alone = present[..., None] * independent[:, None]
     alike = np.einsum("ck,kjm->cjm", part, change) * alone
     lack = 1 - np.arange(most + 1) / most
-    rim = np.einsum("cjm,j->m", np.abs(np.einsum("ck,kjm->cjm", part, largest) * alone), lack**2)
+    rim = np.einsum(
+        "cjm,j->m", np.abs(np.einsum("ck,kjm->cjm", part, largest) * alone), lack**2
+    )
     uneven = np.abs(
-        alike.sum(axis=1) - np.einsum("ck,cjm,kjm->cm", part, effective * independent[:, None], columns)
+        alike.sum(axis=1)
+        - np.einsum("ck,cjm,kjm->cm", part, effective * independent[:, None], columns)
     ).sum(axis=0)
-    return bonds, np.sqrt(table**2 + np.hypot(RIM_ERROR * rim, UNEVEN_ERROR * uneven) ** 2)
+    return bonds, np.sqrt(
+        table**2 + np.hypot(RIM_ERROR * rim, UNEVEN_ERROR * uneven) ** 2
+    )
 
 
-def _in_time(setting: _table.Setting, hold_times: np.ndarray, values: np.ndarray) -> np.ndarray:
+def _in_time(
+    setting: _table.Setting, hold_times: np.ndarray, values: np.ndarray
+) -> np.ndarray:
     """Values (..., times of the table) at the hold times: monotone interpolation in the logarithm of time."""
     from scipy.interpolate import PchipInterpolator
 
     first, last = setting.decades
     places = np.clip(np.log10(np.maximum(hold_times, 10.0**first)), first, last)
-    return np.where(hold_times > 0, PchipInterpolator(np.log10(setting.times), values, axis=-1)(places), 0.0)
+    return np.where(
+        hold_times > 0,
+        PchipInterpolator(np.log10(setting.times), values, axis=-1)(places),
+        0.0,
+    )
 
 
-def _rim_of_statistics(statistics: ContactStatistics, per_area: float, most: int) -> np.ndarray:
+def _rim_of_statistics(
+    statistics: ContactStatistics, per_area: float, most: int
+) -> np.ndarray:
     """(classes, most + 1): sites of each class of pressure that have so many neighbours."""
     held = np.zeros((statistics.area.size, most + 1))
     if statistics.missing is None:
@@ -283,7 +356,11 @@ def _rim_of_statistics(statistics: ContactStatistics, per_area: float, most: int
 
 
 def _rim_of_map(
-    contact: ContactSolution, chemistry: Chemistry, statistics: ContactStatistics, independent: np.ndarray, most: int
+    contact: ContactSolution,
+    chemistry: Chemistry,
+    statistics: ContactStatistics,
+    independent: np.ndarray,
+    most: int,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Sites of each class of pressure that have so many neighbours, (classes, most + 1); and so many effective ones,
     (classes, most + 1 + beyond, m).
@@ -295,29 +372,44 @@ def _rim_of_map(
     assert lattice.neighbours is not None
     pressure = np.asarray(chemistry.sites_of(contact).pressure, dtype=np.float64)
     between = 0.5 * (statistics.pressure[1:] + statistics.pressure[:-1])
-    place = np.append(np.searchsorted(between, pressure), len(independent))  # the last: no neighbour
+    place = np.append(
+        np.searchsorted(between, pressure), len(independent)
+    )  # the last: no neighbour
     chosen = np.arange(pressure.size)
     if pressure.size > SITES:
-        chosen = np.argsort(pressure, kind="stable")[((np.arange(SITES) + 0.5) * (pressure.size / SITES)).astype(int)]
+        chosen = np.argsort(pressure, kind="stable")[
+            ((np.arange(SITES) + 0.5) * (pressure.size / SITES)).astype(int)
+        ]
     share = np.concatenate([independent, np.zeros((1, independent.shape[1]))])
-    classes, columns = len(independent), np.concatenate([np.arange(most + 1.0), most * np.array(BEYOND)])
+    classes = len(independent)
+    columns = np.concatenate([np.arange(most + 1.0), most * np.array(BEYOND)])
     present = np.zeros(classes * (most + 1))
     effective = np.zeros((classes * columns.size, independent.shape[1]))
     for begin in range(0, chosen.size, CHUNK):
         some = chosen[begin : begin + CHUNK]
         graph, own = lattice.neighbours[some], place[some]
         present += np.bincount(
-            own * (most + 1) + np.minimum(np.count_nonzero(graph >= 0, axis=1), most), minlength=present.size
+            own * (most + 1) + np.minimum(np.count_nonzero(graph >= 0, axis=1), most),
+            minlength=present.size,
         )
         around = place[graph]
         for time in range(independent.shape[1]):
             column = share[:, time]
-            count = np.divide(column[around].sum(axis=1), column[own], out=np.zeros(own.size), where=column[own] > 0)
+            count = np.divide(
+                column[around].sum(axis=1),
+                column[own],
+                out=np.zeros(own.size),
+                where=column[own] > 0,
+            )
             count = np.minimum(count, columns[-1])
-            left = np.clip(np.searchsorted(columns, count, side="right") - 1, 0, columns.size - 2)
+            left = np.clip(
+                np.searchsorted(columns, count, side="right") - 1, 0, columns.size - 2
+            )
             right = (count - columns[left]) / (columns[left + 1] - columns[left])
             at = own * columns.size + left
             effective[:, time] += np.bincount(at, 1 - right, len(effective))
             effective[:, time] += np.bincount(at + 1, right, len(effective))
     scale = pressure.size / chosen.size
-    return scale * present.reshape(classes, -1), scale * effective.reshape(classes, columns.size, -1)
+    return scale * present.reshape(classes, -1), scale * effective.reshape(
+        classes, columns.size, -1
+    )

@@ -10,7 +10,15 @@ import numpy as np
 from pydantic import Field
 
 from chemage import Chemistry, InputError
-from chemage.plugin import AgedBonds, AgeingMethod, AgeingRequest, Engine, Unit, random, statistics
+from chemage.plugin import (
+    AgedBonds,
+    AgeingMethod,
+    AgeingRequest,
+    Engine,
+    Unit,
+    random,
+    statistics,
+)
 from chemage_ageing._table import grouped_bonds
 
 STREAM = "chemage-ageing/windows"
@@ -47,7 +55,9 @@ class Sample(AgeingMethod):
     """
 
     kind = "sample"
-    cite: ClassVar[tuple[str, ...]] = ("M. H. Hansen, W. N. Hurwitz, Ann. Math. Stat. 14, 333 (1943)",)
+    cite: ClassVar[tuple[str, ...]] = (
+        "M. H. Hansen, W. N. Hurwitz, Ann. Math. Stat. 14, 333 (1943)",
+    )
     bibtex: ClassVar[tuple[str, ...]] = (HANSEN,)
     trade: ClassVar[Mapping[str, tuple[Any, ...]]] = {"share": (0.02, 0.05, 0.1, 0.2)}
 
@@ -70,7 +80,9 @@ class Sample(AgeingMethod):
         """See :meth:`chemage.plugin.AgeingMethod.check_sites`."""
         fitting(self.window, shape)
 
-    def expected(self, sites: float, kinetics: Mapping[str, float], replicas: int) -> dict[str, float]:
+    def expected(
+        self, sites: float, kinetics: Mapping[str, float], replicas: int
+    ) -> dict[str, float]:
         """The cost of the sites in windows and margins."""
         simulated = min(1.0, self.share * (1 + 2 * self.margin / self.window) ** 2)
         cost = {
@@ -95,15 +107,26 @@ class Sample(AgeingMethod):
         if not touching.sites.size:
             nothing = np.zeros((request.replicas, request.hold_times.size), np.int64)
             return AgedBonds(nothing, nothing[:, 0])
-        windows = Windows.of(touching.shape, touching.periodic, touching.sites, self.window)
+        windows = Windows.of(
+            touching.shape, touching.periodic, touching.sites, self.window
+        )
         count = round(self.share * touching.sites.size / windows.mean_held)
         if count < FEWEST or count * request.replicas < FEWEST_IN_ALL:
             return self._every_site(request)
-        square = np.searchsorted(windows.squares, square_of(touching.sites, touching.shape, self.window))
-        compared = grouped_bonds(
-            chemistry, request.temperature, request.hold_times, touching.pressure, square, windows.squares.size
+        square = np.searchsorted(
+            windows.squares, square_of(touching.sites, touching.shape, self.window)
         )
-        replicas = request.each(lambda number: self._replica(request, windows, count, number))
+        compared = grouped_bonds(
+            chemistry,
+            request.temperature,
+            request.hold_times,
+            touching.pressure,
+            square,
+            windows.squares.size,
+        )
+        replicas = request.each(
+            lambda number: self._replica(request, windows, count, number)
+        )
         return self._estimated(request, windows, compared, replicas)
 
     def _every_site(self, request: AgeingRequest) -> AgedBonds:
@@ -115,49 +138,81 @@ class Sample(AgeingMethod):
             return replica.history.bonds, replica.lattice.sites.size, replica.origin()
 
         bonds, sites, origins = zip(*request.each(follow), strict=True)
-        return AgedBonds.of(origins, bonds=np.stack(bonds), sites=np.array(sites), notes=(why,))
+        return AgedBonds.of(
+            origins, bonds=np.stack(bonds), sites=np.array(sites), notes=(why,)
+        )
 
-    def _replica(self, request: AgeingRequest, windows: Windows, count: int, number: int) -> _Windowed:
+    def _replica(
+        self, request: AgeingRequest, windows: Windows, count: int, number: int
+    ) -> _Windowed:
         """Bonds in each window that is drawn, (windows, m), the positions of these among the squares, the sites that
         were followed, those of margins included, and where the bonds come from."""
         drawn = windows.drawn(request.seeds(number)[0], count)
         chosen = np.unique(drawn)
-        replica = request.follow(number, sites=windows.sites_around(chosen, self.margin), states=True)
+        replica = request.follow(
+            number, sites=windows.sites_around(chosen, self.margin), states=True
+        )
         lattice, history = replica.lattice, replica.history
         assert history.states is not None
-        squares, square = windows.squares[chosen], square_of(lattice.sites, windows.shape, windows.side)
+        squares = windows.squares[chosen]
+        square = square_of(lattice.sites, windows.shape, windows.side)
         at = np.minimum(np.searchsorted(squares, square), chosen.size - 1)
         counted = squares[at] == square
-        bonds = np.stack([np.bincount(at[counted & state], minlength=chosen.size) for state in history.states], axis=-1)
-        return bonds[np.searchsorted(chosen, drawn)], drawn, lattice.sites.size, replica.origin()
+        bonds = np.stack(
+            [
+                np.bincount(at[counted & state], minlength=chosen.size)
+                for state in history.states
+            ],
+            axis=-1,
+        )
+        return (
+            bonds[np.searchsorted(chosen, drawn)],
+            drawn,
+            lattice.sites.size,
+            replica.origin(),
+        )
 
     def _estimated(
-        self, request: AgeingRequest, windows: Windows, compared: np.ndarray, replicas: list[_Windowed]
+        self,
+        request: AgeingRequest,
+        windows: Windows,
+        compared: np.ndarray,
+        replicas: list[_Windowed],
     ) -> AgedBonds:
         """Scale the windows up; ``compared`` are the bonds of independent sites in every square, (squares, m)."""
         sites = int(windows.held.sum())
         # what each window says of the whole: (replicas, windows, m)
         found, drawn, followed, origins = zip(*replicas, strict=True)
-        scale = np.stack([sites / windows.held[squares] for squares in drawn])[..., None]
+        scale = np.stack([sites / windows.held[squares] for squares in drawn])[
+            ..., None
+        ]
         bonds = np.stack(found) * scale
         total = compared.sum(axis=0)
         alone = np.stack([compared[squares] for squares in drawn]) * scale - total
         count = bonds.shape[1]
         # standard error of the mean if sites are independent and the coefficient is 1
         share = np.clip(compared / windows.held[:, None], 0.0, 1.0)
-        known = np.sqrt(sites * (share * (1 - share)).sum(axis=0) / (count * len(replicas)))
+        known = np.sqrt(
+            sites * (share * (1 - share)).sum(axis=0) / (count * len(replicas))
+        )
         few = known > FEW_BONDS * total
         values = np.empty_like(bonds)
         for half in (0, 1):
             own, other = slice(half, None, 2), slice(1 - half, None, 2)
-            coefficient = np.where(few, 1.0, _coefficient(bonds[:, other], alone[:, other]))
+            coefficient = np.where(
+                few, 1.0, _coefficient(bonds[:, other], alone[:, other])
+            )
             values[:, own] = bonds[:, own] - coefficient * alone[:, own]
         windowed = values.var(axis=1, ddof=1) / count
         error = np.sqrt(windowed.sum(axis=0)) / len(replicas)
         # by so much it is larger because the coefficient comes from so many windows, which adds its own error (Cochran,
         # Sampling Techniques, 3rd ed. (1977), section 12.6), and the error itself (Student's t)
         half = bonds[:, 1::2, 0].size
-        error = error * (math.sqrt(1 + 1 / (half - 3)) * statistics.student_limit(half - 2) / statistics.NORMAL_LIMIT)
+        error = error * (
+            math.sqrt(1 + 1 / (half - 3))
+            * statistics.student_limit(half - 2)
+            / statistics.NORMAL_LIMIT
+        )
         error = np.where(few, np.maximum(error, known), error)
         estimates = values.mean(axis=1)
         mean = estimates.mean(axis=0)
@@ -175,8 +230,14 @@ class Sample(AgeingMethod):
             # not limited to what is possible, which would bias their mean where bonds are few or nearly all there
             bonds=estimates,
             sites=np.full(len(replicas), reactive),
-            errors={"sampling": np.divide(error, mean, out=np.full(mean.shape, np.nan), where=mean > 0)},
-            error_sources={"sampling": "from the scatter of the windows; part of the scatter of the replicas"},
+            errors={
+                "sampling": np.divide(
+                    error, mean, out=np.full(mean.shape, np.nan), where=mean > 0
+                )
+            },
+            error_sources={
+                "sampling": "from the scatter of the windows; part of the scatter of the replicas"
+            },
             notes=tuple(notes),
         )
 
@@ -205,7 +266,9 @@ class Windows(NamedTuple):
     held: np.ndarray
 
     @classmethod
-    def of(cls, shape: tuple[int, int], periodic: bool, sites: np.ndarray, side: int) -> Windows:
+    def of(
+        cls, shape: tuple[int, int], periodic: bool, sites: np.ndarray, side: int
+    ) -> Windows:
         """Cut the grid into squares of ``side`` sites; those at the far edges may be smaller.
 
         Raises
@@ -238,9 +301,13 @@ class Windows(NamedTuple):
             parts = []
             for first, length in zip(place, self.shape, strict=True):
                 begin = first * self.side
-                part = np.arange(begin - margin, min(begin + self.side, length) + margin)
+                part = np.arange(
+                    begin - margin, min(begin + self.side, length) + margin
+                )
                 # what reaches over an edge goes on at the other
-                parts.append(part % length if self.periodic else part.clip(0, length - 1))
+                parts.append(
+                    part % length if self.periodic else part.clip(0, length - 1)
+                )
             inside[np.ix_(*parts)] = True
         return self.sites[inside.ravel()[self.sites]]
 
@@ -249,7 +316,10 @@ def fitting(side: int, shape: tuple[int, int]) -> None:
     """Refuse windows larger than the grid of sites."""
     if side > min(shape):
         raise InputError.of(
-            "window", side, f"is larger than the contact of {shape[0]} x {shape[1]} sites", "take a smaller window"
+            "window",
+            side,
+            f"is larger than the contact of {shape[0]} x {shape[1]} sites",
+            "take a smaller window",
         )
 
 

@@ -9,7 +9,16 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from chemage import ContactSolution, ReactionLattice
-from chemage.plugin import BondHistory, Energy, Observable, Observed, Output, Pressure, figures, text
+from chemage.plugin import (
+    BondHistory,
+    Energy,
+    Observable,
+    Observed,
+    Output,
+    Pressure,
+    figures,
+    text,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,10 +44,20 @@ class BarrierSpectrum(Observable):
     }
 
     outputs: ClassVar[Mapping[str, Output]] = {
-        "barrier_edges": Output(("barrier_edge",), "eV", "edges of the bins of the barrier"),
-        "barriers_start": Output(("barrier",), "1/eV", "density per site before any bond has formed"),
-        "barriers_open": Output(("barrier",), "1/eV", "density per site of the sites unbonded at the end"),
-        "barriers_bonded": Output(("barrier",), "1/eV", "density per site of the initial barriers of bonded sites"),
+        "barrier_edges": Output(
+            ("barrier_edge",), "eV", "edges of the bins of the barrier"
+        ),
+        "barriers_start": Output(
+            ("barrier",), "1/eV", "density per site before any bond has formed"
+        ),
+        "barriers_open": Output(
+            ("barrier",), "1/eV", "density per site of the sites unbonded at the end"
+        ),
+        "barriers_bonded": Output(
+            ("barrier",),
+            "1/eV",
+            "density per site of the initial barriers of bonded sites",
+        ),
     }
 
     lower: Energy = 0.0
@@ -51,7 +70,9 @@ class BarrierSpectrum(Observable):
     @model_validator(mode="after")
     def _ordered(self) -> Self:
         if self.upper <= self.lower:
-            raise ValueError(f"upper ({self.upper:g} eV) must be above lower ({self.lower:g} eV)")
+            raise ValueError(
+                f"upper ({self.upper:g} eV) must be above lower ({self.lower:g} eV)"
+            )
         return self
 
     def measure(
@@ -62,11 +83,16 @@ class BarrierSpectrum(Observable):
         forming, bonded = lattice.forming, history.state
         now = np.array(forming)
         if lattice.neighbours is not None and lattice.coupling is not None:
-            taken = np.append(bonded, False)[lattice.neighbours]  # slot -1 reads the appended False
+            taken = np.append(bonded, False)[
+                lattice.neighbours
+            ]  # slot -1 reads the appended False
             now += np.sum(lattice.coupling, axis=1, where=taken, dtype=np.float64)
 
         spectra = {"start": forming, "open": now[~bonded], "bonded": forming[bonded]}
-        densities = {f"barriers_{name}": _density(values, edges, forming.size) for name, values in spectra.items()}
+        densities = {
+            f"barriers_{name}": _density(values, edges, forming.size)
+            for name, values in spectra.items()
+        }
         return {"barrier_edges": edges, **densities}
 
     def draw(self, figure: str, axes: Axes, results: Sequence[Observed]) -> None:
@@ -79,14 +105,22 @@ class BarrierSpectrum(Observable):
                 energy = np.linspace(edges[0], edges[-1], 801)
                 intrinsic = result.chemistry.forming.density(energy)
                 if np.isfinite(intrinsic).all():
-                    axes.plot(energy, intrinsic, color=figures.GREY, lw=1.2, label="intrinsic")
+                    axes.plot(
+                        energy, intrinsic, color=figures.GREY, lw=1.2, label="intrinsic"
+                    )
             for name, colour, dashes, label in _lines(result, alone):
                 density = measured[f"barriers_{name}"].mean(axis=0)
                 filled = np.flatnonzero(density > density.max() * 1e-3)
                 if filled.size:
-                    axes.stairs(density, edges, color=colour, lw=1.4, ls=dashes, label=label)
+                    axes.stairs(
+                        density, edges, color=colour, lw=1.4, ls=dashes, label=label
+                    )
                     ends += [edges[filled[0]] - 0.05, edges[filled[-1] + 1] + 0.05]
-        axes.set(xlabel="barrier to forming a bond (eV)", ylabel="density per site (1/eV)", ylim=(0, None))
+        axes.set(
+            xlabel="barrier to forming a bond (eV)",
+            ylabel="density per site (1/eV)",
+            ylim=(0, None),
+        )
         if ends:
             axes.set_xlim(min(ends), max(ends))
         axes.legend(frameon=False, fontsize=8 if alone else 7)
@@ -97,10 +131,18 @@ def _lines(result: Observed, alone: bool) -> list[tuple[str, str, str, str]]:
     last = f"{text.power_text(result.aging.hold_times[-1])} s"
     if not alone:
         unbonded = f"{result.label}, unbonded at {last}"
-        return [("start", result.color, "-", result.label), ("open", result.color, "--", unbonded)]
+        return [
+            ("start", result.color, "-", result.label),
+            ("open", result.color, "--", unbonded),
+        ]
     lowered = result.chemistry is not None and result.chemistry.activation_volume > 0
     return [
-        ("start", figures.BLUE, "-", "lowered by pressure" if lowered else "of the sites"),
+        (
+            "start",
+            figures.BLUE,
+            "-",
+            "lowered by pressure" if lowered else "of the sites",
+        ),
         ("open", figures.ORANGE, "-", f"unbonded at {last}"),
         ("bonded", figures.GREEN, "-", f"bonded at {last} (initial barrier)"),
     ]
@@ -115,9 +157,13 @@ class PressureSpectrum(Observable):
     kind = "pressure-spectrum"
 
     outputs: ClassVar[Mapping[str, Output]] = {
-        "pressure_edges": Output(("pressure_edge",), "GPa", "edges of the bins of the pressure"),
+        "pressure_edges": Output(
+            ("pressure_edge",), "GPa", "edges of the bins of the pressure"
+        ),
         "pressures": Output(("pressure",), "1/GPa", "density per site of all sites"),
-        "pressures_bonded": Output(("pressure",), "1/GPa", "density per site of the sites bonded at the end"),
+        "pressures_bonded": Output(
+            ("pressure",), "1/GPa", "density per site of the sites bonded at the end"
+        ),
     }
 
     upper: Pressure = 20.0

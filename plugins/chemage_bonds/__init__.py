@@ -11,7 +11,9 @@ from chemage.plugin import hookimpl, lazy_attributes
 if TYPE_CHECKING:
     from chemage_bonds.distributions import EmpiricalQuantile as EmpiricalQuantile
     from chemage_bonds.distributions import Gaussian as Gaussian
-    from chemage_bonds.distributions import PiecewiseLinearDensity as PiecewiseLinearDensity
+    from chemage_bonds.distributions import (
+        PiecewiseLinearDensity as PiecewiseLinearDensity,
+    )
     from chemage_bonds.distributions import Tabulated as Tabulated
     from chemage_bonds.distributions import Uniform as Uniform
     from chemage_bonds.distributions import parse_columns as parse_columns

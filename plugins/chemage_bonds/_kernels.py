@@ -33,7 +33,14 @@ def row_starts(sites: np.ndarray, nx: int, ny: int) -> np.ndarray:
 
 
 @kernel(nogil=True)
-def eight_neighbours(sites: np.ndarray, starts: np.ndarray, nx: int, ny: int, periodic: bool, out: np.ndarray) -> None:
+def eight_neighbours(
+    sites: np.ndarray,
+    starts: np.ndarray,
+    nx: int,
+    ny: int,
+    periodic: bool,
+    out: np.ndarray,
+) -> None:
     """Fill ``out`` (n, 8) int32 with the positions of the eight nearest neighbours in the list, or -1.
 
     Rows are merged: one pointer moves along each neighbouring row, so a site costs a few reads, nearly all of them from
@@ -108,7 +115,9 @@ def pair_couplings(
             if j < 0:
                 out[i, s] = 0.0
             elif j > i:
-                value = strength * (random.pair_uniform(k0, k1, stream, sites[i], sites[j]) - bias)
+                value = strength * (
+                    random.pair_uniform(k0, k1, stream, sites[i], sites[j]) - bias
+                )
                 out[i, s] = value
                 back = k - 1 - s
                 if neighbours[j, back] != i:

@@ -11,7 +11,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, PrivateAttr, model_validator
 
-from chemage.plugin import Barriers, Energy, FilePath, StoreError, Unit, array_in, tables
+from chemage.plugin import (
+    Barriers,
+    Energy,
+    FilePath,
+    StoreError,
+    Unit,
+    array_in,
+    tables,
+)
 
 
 def doubles(value: Any, unit: str = "") -> Doubles:
@@ -41,7 +49,9 @@ class Gaussian(Barriers):
     def _check(self) -> Self:
         low, high = self._bounds()
         if not low < high:
-            raise ValueError(f"upper = {high:g} eV: not above lower = {low:g} eV; swap or widen them")
+            raise ValueError(
+                f"upper = {high:g} eV: not above lower = {low:g} eV; swap or widen them"
+            )
         if self.std == 0 and not low <= self.mean <= high:
             raise ValueError(
                 f"mean = {self.mean:g} eV: outside {low:g} to {high:g} eV, and with std = 0 no barrier is inside"
@@ -99,7 +109,9 @@ class Gaussian(Barriers):
         low, high = self._bounds()
         with np.errstate(over="ignore", under="ignore"):
             z = (e - self.mean) / self.std
-            log_density = -0.5 * z * z - (math.log(self.std) + 0.5 * math.log(2 * math.pi) + self._log_share())
+            log_density = -0.5 * z * z - (
+                math.log(self.std) + 0.5 * math.log(2 * math.pi) + self._log_share()
+            )
             return np.where((e >= low) & (e <= high), np.exp(log_density), 0.0)
 
     def _log_share(self) -> float:
@@ -111,7 +123,9 @@ class Gaussian(Barriers):
             # so narrow that differences of the two tails cancel, and that the midpoint is exact to 1e-11
             return math.log(b - a) - 0.125 * (a + b) ** 2 - 0.5 * math.log(2 * math.pi)
         if a <= 0 <= b:
-            return math.log(0.5 * (special.erf(b / math.sqrt(2)) - special.erf(a / math.sqrt(2))))
+            return math.log(
+                0.5 * (special.erf(b / math.sqrt(2)) - special.erf(a / math.sqrt(2)))
+            )
         if a > 0:
             a, b = -b, -a
         near, far = float(special.log_ndtr(b)), float(special.log_ndtr(a))
@@ -131,7 +145,9 @@ class Uniform(Barriers):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if not self.upper > self.lower:
-            raise ValueError(f"upper = {self.upper:g} eV: not above lower = {self.lower:g} eV; swap or widen them")
+            raise ValueError(
+                f"upper = {self.upper:g} eV: not above lower = {self.lower:g} eV; swap or widen them"
+            )
         return self
 
     def quantile(self, uniform: np.ndarray) -> np.ndarray:
@@ -140,14 +156,18 @@ class Uniform(Barriers):
 
     def density(self, energy: np.ndarray) -> np.ndarray:
         e = doubles(energy, "eV")
-        return np.where((e >= self.lower) & (e <= self.upper), 1.0 / (self.upper - self.lower), 0.0)
+        return np.where(
+            (e >= self.lower) & (e <= self.upper), 1.0 / (self.upper - self.lower), 0.0
+        )
 
 
 Doubles = NDArray[np.float64]
 
 
 def _listed(value: Any) -> Any:
-    return np.asarray(value).ravel().tolist() if isinstance(value, np.ndarray) else value
+    return (
+        np.asarray(value).ravel().tolist() if isinstance(value, np.ndarray) else value
+    )
 
 
 def _named_unit(value: Any) -> Any:
@@ -178,18 +198,24 @@ def parse_columns(text: str, source: str) -> np.ndarray:
     if not found:
         lines = lines[1:]
     if not lines:
-        raise StoreError(f"{source} holds no numbers; give one column (samples) or two (energy, density)")
+        raise StoreError(
+            f"{source} holds no numbers; give one column (samples) or two (energy, density)"
+        )
     rows = tables.numbers(lines, source, tables.separator_of(lines[0][1]))
     for (number, line), row in zip(lines, rows, strict=True):
         if not np.isfinite(row).all():
-            raise StoreError(f"{source}, line {number}: {line[:60].strip()!r} holds a value that is not finite")
+            raise StoreError(
+                f"{source}, line {number}: {line[:60].strip()!r} holds a value that is not finite"
+            )
     return rows
 
 
 def _finite(name: str, values: Doubles) -> None:
     bad = np.flatnonzero(~np.isfinite(values))
     if bad.size:
-        raise ValueError(f"{name}[{bad[0]}] = {values[bad[0]]} is not finite; remove or replace it")
+        raise ValueError(
+            f"{name}[{bad[0]}] = {values[bad[0]]} is not finite; remove or replace it"
+        )
 
 
 class PiecewiseLinearDensity:
@@ -208,7 +234,11 @@ class PiecewiseLinearDensity:
         An entry is wrong; the message names it.
     """
 
-    def __init__(self, energies: ArrayLike | Sequence[float], weights: ArrayLike | Sequence[float]) -> None:
+    def __init__(
+        self,
+        energies: ArrayLike | Sequence[float],
+        weights: ArrayLike | Sequence[float],
+    ) -> None:
         x = np.array(energies, dtype=np.float64)
         p = np.array(weights, dtype=np.float64)
         if x.ndim != 1 or p.shape != x.shape or x.size < 2:
@@ -219,12 +249,18 @@ class PiecewiseLinearDensity:
         _finite("weights", p)
         if (bad := np.flatnonzero(np.diff(x) <= 0)).size:
             at = int(bad[0]) + 1
-            raise ValueError(f"energies[{at}] = {x[at]:g} does not exceed {x[at - 1]:g} before it; sort the table")
+            raise ValueError(
+                f"energies[{at}] = {x[at]:g} does not exceed {x[at - 1]:g} before it; sort the table"
+            )
         if np.any(p < 0):
             at = int(np.flatnonzero(p < 0)[0])
-            raise ValueError(f"weights[{at}] = {p[at]:g} is negative; a probability density must be at least 0")
+            raise ValueError(
+                f"weights[{at}] = {p[at]:g} is negative; a probability density must be at least 0"
+            )
         if not np.any(p > 0):
-            raise ValueError("weights: zero everywhere; at least one value must be positive")
+            raise ValueError(
+                "weights: zero everywhere; at least one value must be positive"
+            )
         # scaled before it is summed, so that the sum neither overflows nor underflows
         p /= p.max()
         span = x[-1] - x[0]
@@ -240,7 +276,9 @@ class PiecewiseLinearDensity:
         cumulative = np.concatenate([[0.0], np.cumsum(self._area)])
         self._cumulative = cumulative / cumulative[-1]
         self.energies: Doubles = x
-        with np.errstate(over="ignore"):  # over a span of nearly nothing the density is that of a point mass
+        with np.errstate(
+            over="ignore"
+        ):  # over a span of nearly nothing the density is that of a point mass
             self.density_values: Doubles = p / total / span
 
     def quantile(self, uniform: np.ndarray) -> Doubles:
@@ -251,10 +289,18 @@ class PiecewiseLinearDensity:
         positive, so that there is no cancellation where the density goes to zero.
         """
         u = doubles(uniform)
-        interval = np.clip(np.searchsorted(self._cumulative, u, side="right") - 1, 0, self._area.size - 1)
+        interval = np.clip(
+            np.searchsorted(self._cumulative, u, side="right") - 1,
+            0,
+            self._area.size - 1,
+        )
         a = self._rise[interval]
-        below = np.clip((u - self._cumulative[interval]) / self._area[interval], 0.0, 1.0)
-        above = np.clip((self._cumulative[interval + 1] - u) / self._area[interval], 0.0, 1.0)
+        below = np.clip(
+            (u - self._cumulative[interval]) / self._area[interval], 0.0, 1.0
+        )
+        above = np.clip(
+            (self._cumulative[interval + 1] - u) / self._area[interval], 0.0, 1.0
+        )
         rising = a <= 0.5
         share = np.where(rising, below, above)
         low = np.where(rising, a, 1.0 - a)
@@ -262,7 +308,9 @@ class PiecewiseLinearDensity:
         part = np.divide(share, root, out=np.zeros_like(share), where=root > 0)
         left, right = self._left[interval], self._right[interval]
         width = right - left
-        return np.clip(np.where(rising, left + part * width, right - part * width), left, right)
+        return np.clip(
+            np.where(rising, left + part * width, right - part * width), left, right
+        )
 
     def density(self, energy: np.ndarray) -> Doubles:
         """Probability density at ``energy``, per unit of energy, same shape."""
@@ -343,26 +391,49 @@ class Tabulated(Barriers):
     @model_validator(mode="before")
     @classmethod
     def _read(cls, options: Any) -> Any:
-        if not isinstance(options, dict) or not isinstance(path := options.get("path"), str | Path):
+        if not isinstance(options, dict) or not isinstance(
+            path := options.get("path"), str | Path
+        ):
             return options
-        if any(options.get(name) is not None for name in ("energies", "weights", "samples")):
+        if any(
+            options.get(name) is not None for name in ("energies", "weights", "samples")
+        ):
             return options  # refused below
         columns = parse_columns(tables.read_text(path), str(path)).T
         if len(columns) > 2:
-            raise ValueError(f"path: {path} has {len(columns)} columns; give one (samples) or two (energies, weights)")
+            raise ValueError(
+                f"path: {path} has {len(columns)} columns; give one (samples) or two (energies, weights)"
+            )
         names = ("samples",) if len(columns) == 1 else ("energies", "weights")
         rest = {name: value for name, value in options.items() if name != "path"}
         return rest | dict(zip(names, columns, strict=True))
 
     @model_validator(mode="after")
     def _build(self) -> Self:
-        if self.samples is not None and self.energies is self.weights is self.path is None:
-            self._distribution = EmpiricalQuantile(np.array(self.samples) * self.energy_unit)
-        elif self.energies is not None and self.weights is not None and self.samples is self.path is None:
-            self._distribution = PiecewiseLinearDensity(np.array(self.energies) * self.energy_unit, self.weights)
+        if (
+            self.samples is not None
+            and self.energies is self.weights is self.path is None
+        ):
+            self._distribution = EmpiricalQuantile(
+                np.array(self.samples) * self.energy_unit
+            )
+        elif (
+            self.energies is not None
+            and self.weights is not None
+            and self.samples is self.path is None
+        ):
+            self._distribution = PiecewiseLinearDensity(
+                np.array(self.energies) * self.energy_unit, self.weights
+            )
         else:
-            names = [name for name in ("energies", "weights", "samples", "path") if getattr(self, name) is not None]
-            raise ValueError(f"{', '.join(names) or 'nothing'} given; give energies and weights, or samples, or a path")
+            names = [
+                name
+                for name in ("energies", "weights", "samples", "path")
+                if getattr(self, name) is not None
+            ]
+            raise ValueError(
+                f"{', '.join(names) or 'nothing'} given; give energies and weights, or samples, or a path"
+            )
         return self
 
     def quantile(self, uniform: np.ndarray) -> np.ndarray:

@@ -35,9 +35,13 @@ def _read_only(array: np.ndarray, dtype: type[np.generic]) -> np.ndarray:
 def _pixels_in(sites: np.ndarray) -> np.ndarray:
     listed = np.asarray(sites)
     if listed.ndim != 1 or (listed.size and listed.dtype.kind not in "iu"):
-        raise InputError(f"sites: {listed.dtype} of shape {listed.shape}; give a list of pixel indices")
+        raise InputError(
+            f"sites: {listed.dtype} of shape {listed.shape}; give a list of pixel indices"
+        )
     if listed.size and not (int(listed.min()) >= 0 and int(listed.max()) < MOST_PIXELS):
-        raise InputError(f"sites: from {listed.min()} to {listed.max()}; pixel indices are from 0 to {MOST_PIXELS - 1}")
+        raise InputError(
+            f"sites: from {listed.min()} to {listed.max()}; pixel indices are from 0 to {MOST_PIXELS - 1}"
+        )
     return _read_only(listed, np.int64)
 
 
@@ -57,7 +61,9 @@ class ElasticPairs(Interaction):
     bias: Annotated[float, Unit("", ge=-1e6, le=1e6)] = 0.1
     """ε: the share of pairs in which a bond lowers its neighbour's forming barrier; default: 0.1"""
 
-    def neighbours(self, pixels: tuple[int, int], periodic: bool, sites: np.ndarray) -> np.ndarray:
+    def neighbours(
+        self, pixels: tuple[int, int], periodic: bool, sites: np.ndarray
+    ) -> np.ndarray:
         """The positions in ``sites`` of the eight nearest pixels: (n, 8) int32, -1 for a pixel that is no site.
 
         Columns 0…7 are the steps (−1,−1), (−1,0), (−1,1), (0,−1), (0,1), (1,−1), (1,0), (1,1). On a periodic grid one
@@ -77,7 +83,12 @@ class ElasticPairs(Interaction):
         # where each row of pixels begins
         memory.require(8.0 * nx, f"pixels = {pixels}", "give a smaller grid")
         if nx * ny > MOST_PIXELS:
-            raise InputError.of("pixels", pixels, f"is a grid of more than {MOST_PIXELS} pixels", "give a smaller one")
+            raise InputError.of(
+                "pixels",
+                pixels,
+                f"is a grid of more than {MOST_PIXELS} pixels",
+                "give a smaller one",
+            )
         starts = _kernels.row_starts(sites, nx, ny)
         if starts.size == 0 or sites.size > np.iinfo(np.int32).max:
             raise InputError(
@@ -89,7 +100,9 @@ class ElasticPairs(Interaction):
         out.setflags(write=False)
         return out
 
-    def coupling(self, sites: np.ndarray, neighbours: np.ndarray, seed: Seed) -> np.ndarray:
+    def coupling(
+        self, sites: np.ndarray, neighbours: np.ndarray, seed: Seed
+    ) -> np.ndarray:
         """ΔE_in of each neighbour, (n, k) float32 eV, symmetric bit for bit; 0 where there is none.
 
         Single precision rounds them by 6e-8 of their value, a millionth of k_BT at room temperature, and saves 32 bytes
@@ -99,17 +112,25 @@ class ElasticPairs(Interaction):
         from chemage_bonds import _kernels
 
         sites, neighbours = _pixels_in(sites), np.asarray(neighbours)
-        if neighbours.ndim != 2 or len(neighbours) != sites.size or neighbours.dtype.kind not in "iu":
+        if (
+            neighbours.ndim != 2
+            or len(neighbours) != sites.size
+            or neighbours.dtype.kind not in "iu"
+        ):
             raise InputError(
                 f"neighbours: shape {neighbours.shape} for {sites.size} sites; give what `neighbours` gave"
             )
-        if neighbours.size and not (int(neighbours.min()) >= -1 and int(neighbours.max()) < sites.size):
+        if neighbours.size and not (
+            int(neighbours.min()) >= -1 and int(neighbours.max()) < sites.size
+        ):
             raise InputError(
                 f"neighbours: from {neighbours.min()} to {neighbours.max()}, but there are {sites.size} sites; "
                 "give what `neighbours` gave"
             )
         out = np.empty(neighbours.shape, np.float32)
-        key = random.key(seed if isinstance(seed, np.random.SeedSequence) else checked_seed(seed))
+        key = random.key(
+            seed if isinstance(seed, np.random.SeedSequence) else checked_seed(seed)
+        )
         _kernels.pair_couplings(
             sites,
             _read_only(neighbours, np.int32),
@@ -137,6 +158,12 @@ class MeanForce(Rupture):
 
     def force(self, bonded: Bonded) -> np.ndarray:
         """Force in nN, (m,)."""
-        force = bonded.chemistry.bond_force if self.bond_force is None else self.bond_force
-        factor = bonded.chemistry.front_factor if self.front_factor is None else self.front_factor
+        force = (
+            bonded.chemistry.bond_force if self.bond_force is None else self.bond_force
+        )
+        factor = (
+            bonded.chemistry.front_factor
+            if self.front_factor is None
+            else self.front_factor
+        )
         return bonded.bonds * (force * factor)

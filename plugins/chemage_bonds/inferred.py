@@ -22,12 +22,16 @@ def _read(path: str, stamp: FileStamp) -> tuple[Inference, str]:
     """The densities in a file and the hash of its content, read once as long as its stamp stays."""
     result = read(path)
     if not isinstance(result, Inference):
-        raise InputError(f"{path} holds a {type(result).__name__}, not an inference; `chemage infer` makes such files")
+        raise InputError(
+            f"{path} holds a {type(result).__name__}, not an inference; `chemage infer` makes such files"
+        )
     return result, file_hash(path, stamp)
 
 
 @lru_cache(maxsize=64)
-def _distribution(path: str, stamp: FileStamp, member: int) -> tuple[PiecewiseLinearDensity | None, float, float]:
+def _distribution(
+    path: str, stamp: FileStamp, member: int
+) -> tuple[PiecewiseLinearDensity | None, float, float]:
     """A density, None where it is zero; its integral, at most 1; and the energy above which the rest lies."""
     table, _ = _read(path, stamp)
     if member > len(table.samples):
@@ -72,13 +76,18 @@ class Inferred(Barriers):
             return ()
         there = len(_read(self.path, file_stamp(self.path))[0].samples)
         count = min(count, there)
-        return [self.replace(member=int((number + 0.5) * there / count) + 1) for number in range(count)]
+        return [
+            self.replace(member=int((number + 0.5) * there / count) + 1)
+            for number in range(count)
+        ]
 
     def quantile(self, uniform: np.ndarray) -> np.ndarray:
         """Barriers (eV) at the probabilities ``uniform``, same shape."""
         inside, share, first = self._in_use()
         u = doubles(uniform)
-        beyond = first + _WIDTH * np.clip((u - share) / max(1 - share, 1e-300), 0.0, 1.0)
+        beyond = first + _WIDTH * np.clip(
+            (u - share) / max(1 - share, 1e-300), 0.0, 1.0
+        )
         if inside is None:
             return beyond
         return np.where(u < share, inside.quantile(np.minimum(u / share, 1.0)), beyond)
@@ -87,7 +96,9 @@ class Inferred(Barriers):
         """Probability density (1/eV) at ``energy`` (eV), same shape."""
         inside, share, first = self._in_use()
         e = doubles(energy, "eV")
-        beyond = np.where((e >= first) & (e <= first + _WIDTH), (1 - share) / _WIDTH, 0.0)
+        beyond = np.where(
+            (e >= first) & (e <= first + _WIDTH), (1 - share) / _WIDTH, 0.0
+        )
         return beyond if inside is None else share * inside.density(e) + beyond
 
     def _in_use(self) -> tuple[PiecewiseLinearDensity | None, float, float]:

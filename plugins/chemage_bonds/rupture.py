@@ -44,8 +44,14 @@ def scaled_exp1(log_x: np.ndarray) -> np.ndarray:
     """e^x E₁(x) from ln x, without overflow or underflow."""
     near = np.exp(np.clip(log_x, -30.0, 6.0))
     i = np.exp(-np.maximum(log_x, 6.0))
-    far = i * (1 - i * (1 - 2 * i * (1 - 3 * i * (1 - 4 * i * (1 - 5 * i * (1 - 6 * i))))))
-    return np.where(log_x > 6.0, far, np.where(log_x < -30.0, -np.euler_gamma - log_x, np.exp(near) * exp1(near)))
+    far = i * (
+        1 - i * (1 - 2 * i * (1 - 3 * i * (1 - 4 * i * (1 - 5 * i * (1 - 6 * i)))))
+    )
+    return np.where(
+        log_x > 6.0,
+        far,
+        np.where(log_x < -30.0, -np.euler_gamma - log_x, np.exp(near) * exp1(near)),
+    )
 
 
 class Ramp(NamedTuple):
@@ -69,7 +75,9 @@ class Ramp(NamedTuple):
     def largest(self) -> np.ndarray:
         """The hazard while the force grows by k_BT/Δx at the largest rate before the barrier vanishes."""
         left = self.barrier - self.top
-        share = np.divide(left, self.barrier, out=np.ones_like(left), where=self.barrier > 0)
+        share = np.divide(
+            left, self.barrier, out=np.ones_like(left), where=self.barrier > 0
+        )
         # a barrier below (1 − ν) k_BT is not lowered any more: it keeps the rate that it has without force
         return self.attempts * share ** (1 - self.exponent) * np.exp(-left)
 
@@ -83,10 +91,16 @@ class Ramp(NamedTuple):
 
     def hazard(self, force: np.ndarray) -> np.ndarray:
         """The hazard (n, f) collected up to ``force`` (f,), in units of k_BT/Δx."""
-        barrier, top, slope = (column[:, None] for column in (self.barrier, self.top, self.largest))
+        barrier, top, slope = (
+            column[:, None] for column in (self.barrier, self.top, self.largest)
+        )
         corner, end = self.force(top), barrier / self.exponent
-        share = np.clip(1 - self.exponent * force / np.maximum(barrier, 1e-300), 0.0, 1.0)
-        lowered = np.minimum(barrier * -np.expm1(np.log(np.maximum(share, 1e-300)) / self.exponent), top)
+        share = np.clip(
+            1 - self.exponent * force / np.maximum(barrier, 1e-300), 0.0, 1.0
+        )
+        lowered = np.minimum(
+            barrier * -np.expm1(np.log(np.maximum(share, 1e-300)) / self.exponent), top
+        )
         grown = self.attempts * np.exp(lowered - barrier) * -np.expm1(-lowered)
         beyond = np.clip(force, corner, end) - corner
         return grown + slope * beyond + self.attempts * np.maximum(force - end, 0.0)
@@ -94,7 +108,9 @@ class Ramp(NamedTuple):
     def density(self, force: np.ndarray) -> np.ndarray:
         """Probability density (n, f) of the force at rupture, in units of Δx/k_BT."""
         barrier, slope = self.barrier[:, None], self.largest[:, None]
-        share = np.clip(1 - self.exponent * force / np.maximum(barrier, 1e-300), 1e-300, 1.0)
+        share = np.clip(
+            1 - self.exponent * force / np.maximum(barrier, 1e-300), 1e-300, 1.0
+        )
         left = share ** (1 / self.exponent)
         rate = self.attempts * left ** (1 - self.exponent) * np.exp(-left * barrier)
         rate = np.where(left * barrier < barrier - self.top[:, None], slope, rate)
@@ -104,24 +120,36 @@ class Ramp(NamedTuple):
     def mean(self) -> np.ndarray:
         """The mean rupture force (n,), in units of k_BT/Δx: the integral of the survival over the force."""
         top, slope = self.top, self.largest
-        log_unit = np.log(self.attempts) - self.barrier  # of the hazard while the force grows by k_BT/Δx, without force
+        log_unit = (
+            np.log(self.attempts) - self.barrier
+        )  # of the hazard while the force grows by k_BT/Δx, without force
         first, middle, last = (
-            np.minimum(np.logaddexp(0.0, np.log(hazard) - log_unit), top) for hazard in (NONE, LOW, ALL)
+            np.minimum(np.logaddexp(0.0, np.log(hazard) - log_unit), top)
+            for hazard in (NONE, LOW, ALL)
         )
         total = self.force(first)
-        for nodes, begin, end in zip(NODES, (first, middle), (middle, last), strict=True):
+        for nodes, begin, end in zip(
+            NODES, (first, middle), (middle, last), strict=True
+        ):
             at, weights = np.polynomial.legendre.leggauss(nodes)
             half = (end - begin)[:, None] / 2
             lowered = begin[:, None] + half * (at + 1)
             # dF/dG; never at its end, which `top` keeps away from the barrier unless ν = 1
             left = 1 - lowered / np.maximum(self.barrier, 1e-300)[:, None]
-            slopes = np.maximum(left, 1e-300) ** (self.exponent - 1) if self.exponent < 1 else 1.0
+            slopes = (
+                np.maximum(left, 1e-300) ** (self.exponent - 1)
+                if self.exponent < 1
+                else 1.0
+            )
             survival = np.exp(np.exp(log_unit[:, None] + lowered) * np.expm1(-lowered))
             total += np.einsum("...i,i->...", slopes * survival, weights) * half[:, 0]
         corner, end = self.force(top), self.barrier / self.exponent
-        at_corner = np.exp(-self.attempts * np.exp(top - self.barrier) * -np.expm1(-top))
+        at_corner = np.exp(
+            -self.attempts * np.exp(top - self.barrier) * -np.expm1(-top)
+        )
         return total + at_corner * (
-            -np.expm1(-slope * (end - corner)) / slope + np.exp(-slope * (end - corner)) / self.attempts
+            -np.expm1(-slope * (end - corner)) / slope
+            + np.exp(-slope * (end - corner)) / self.attempts
         )
 
 
@@ -129,12 +157,20 @@ class UnderForce(Rupture):
     """A law for bonds under a force that grows at a constant rate, each over its own breaking barrier."""
 
     states = True
-    figures = {"rupture-forces": "Distribution of the rupture forces of the bonds there are at the last hold time."}
+    figures = {
+        "rupture-forces": "Distribution of the rupture forces of the bonds there are at the last hold time."
+    }
     outputs = {
-        "mean_bond_force": Output(("hold_time",), "nN", "mean rupture force of a bond, 0 without bonds"),
-        "bond_force_grid": Output(("bond_force",), "nN", "forces at which the distribution is given"),
+        "mean_bond_force": Output(
+            ("hold_time",), "nN", "mean rupture force of a bond, 0 without bonds"
+        ),
+        "bond_force_grid": Output(
+            ("bond_force",), "nN", "forces at which the distribution is given"
+        ),
         "bond_force_density": Output(
-            ("bond_force",), "1/nN", "probability density of the rupture force of the bonds at the last hold time"
+            ("bond_force",),
+            "1/nN",
+            "probability density of the rupture force of the bonds at the last hold time",
         ),
     }
 
@@ -151,8 +187,12 @@ class UnderForce(Rupture):
 
     @model_validator(mode="after")
     def _loaded(self) -> Self:
-        given = [name for name in ("speed", "stiffness") if getattr(self, name) is not None]
-        if (self.loading_rate is None) != (len(given) == 2) or (self.loading_rate is not None and given):
+        given = [
+            name for name in ("speed", "stiffness") if getattr(self, name) is not None
+        ]
+        if (self.loading_rate is None) != (len(given) == 2) or (
+            self.loading_rate is not None and given
+        ):
             raise ValueError("give either loading_rate, or both speed and stiffness")
         return self
 
@@ -166,13 +206,19 @@ class UnderForce(Rupture):
         """ν."""
         return 1.0
 
-    def ramp(self, barriers: np.ndarray, temperature: float, attempt_frequency: float) -> Ramp:
+    def ramp(
+        self, barriers: np.ndarray, temperature: float, attempt_frequency: float
+    ) -> Ramp:
         """Bonds with these ``barriers`` (n,) eV at ``temperature`` (K) under the loading rate."""
         thermal = KB * temperature / EV_PER_GPA_NM3 / self.transition_distance
         barrier = np.maximum(np.asarray(barriers, np.float64), 0.0) / (KB * temperature)
-        return Ramp(barrier, self.exponent, thermal, attempt_frequency * thermal / self.rate)
+        return Ramp(
+            barrier, self.exponent, thermal, attempt_frequency * thermal / self.rate
+        )
 
-    def mean_forces(self, barriers: np.ndarray, temperature: float, attempt_frequency: float = 1e13) -> np.ndarray:
+    def mean_forces(
+        self, barriers: np.ndarray, temperature: float, attempt_frequency: float = 1e13
+    ) -> np.ndarray:
         """The mean rupture force of a bond over each of ``barriers`` (n,) eV: (n,) nN. ``temperature`` in K, ν₀ in
         Hz."""
         ramp = self.ramp(barriers, temperature, attempt_frequency)
@@ -189,19 +235,35 @@ class UnderForce(Rupture):
             raise InputError(self._lasting())
         each = self.mean_forces(barriers, bonded.temperature, nu)
         total = np.array([each[state].sum() for state in bonded.states])
-        mean = np.divide(total, bonded.bonds, out=np.zeros(total.size), where=bonded.bonds > 0)
+        mean = np.divide(
+            total, bonded.bonds, out=np.zeros(total.size), where=bonded.bonds > 0
+        )
         grid, density = self._distribution(bonded, barriers[bonded.states[-1]])
-        self.record(mean_bond_force=mean, bond_force_grid=grid, bond_force_density=density)
-        return total * (bonded.chemistry.front_factor if self.front_factor is None else self.front_factor)
+        self.record(
+            mean_bond_force=mean, bond_force_grid=grid, bond_force_density=density
+        )
+        return total * (
+            bonded.chemistry.front_factor
+            if self.front_factor is None
+            else self.front_factor
+        )
 
-    def _distribution(self, bonded: Bonded, barriers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _distribution(
+        self, bonded: Bonded, barriers: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """The forces up to which the strongest barrier of the chemistry carries, and the density of ``barriers``."""
         nu, breaking = bonded.lattice.attempt_frequency, bonded.chemistry.breaking
-        highest = 1.0 if breaking is None else float(breaking.quantile(np.array([0.9999]))[0])
-        end = 1.2 * float(self.mean_forces(np.array([highest]), bonded.temperature, nu)[0])
+        highest = (
+            1.0 if breaking is None else float(breaking.quantile(np.array([0.9999]))[0])
+        )
+        end = 1.2 * float(
+            self.mean_forces(np.array([highest]), bonded.temperature, nu)[0]
+        )
         ramp = self.ramp(np.array([highest]), bonded.temperature, nu)
         grid = np.linspace(0.0, max(end, 12 * ramp.thermal), FORCES)
-        chosen = np.sort(barriers)[np.linspace(0, barriers.size - 1, min(barriers.size, BONDS)).astype(int)]
+        chosen = np.sort(barriers)[
+            np.linspace(0, barriers.size - 1, min(barriers.size, BONDS)).astype(int)
+        ]
         if not chosen.size:
             return grid, np.zeros(FORCES)
         ramp = self.ramp(chosen, bonded.temperature, nu)
@@ -247,13 +309,21 @@ class UnderForce(Rupture):
         """Draw the distribution of the rupture forces of each result, mean over its replicas."""
         end = 0.0
         for result in results:
-            if result.aging is None or "bond_force_grid" not in result.aging.observables:
+            if (
+                result.aging is None
+                or "bond_force_grid" not in result.aging.observables
+            ):
                 continue
             measured: Mapping[str, Any] = result.aging.observables
-            grid, density = measured["bond_force_grid"][0], measured["bond_force_density"].mean(axis=0)
+            grid = measured["bond_force_grid"][0]
+            density = measured["bond_force_density"].mean(axis=0)
             axes.plot(grid, density, color=result.color, lw=1.4, label=result.label)
             end = max(end, float(grid[density > 1e-3 * density.max()].max(initial=0.0)))
-        axes.set(xlabel="rupture force of a bond (nN)", ylabel="probability density (1/nN)", ylim=(0, None))
+        axes.set(
+            xlabel="rupture force of a bond (nN)",
+            ylabel="probability density (1/nN)",
+            ylim=(0, None),
+        )
         axes.set_xlim(0, 1.05 * end or None)
         if len(results) > 1:
             axes.legend(frameon=False, fontsize=7)
@@ -312,9 +382,13 @@ class Bell(UnderForce):
     bibtex = (BELL, EVANS)
 
     def _mean(self, ramp: Ramp) -> np.ndarray:
-        log_end = np.full(ramp.barrier.shape, np.log(ramp.attempts))  # of the hazard rate at ΔE/Δx
+        log_end = np.full(
+            ramp.barrier.shape, np.log(ramp.attempts)
+        )  # of the hazard rate at ΔE/Δx
         left = np.exp(ramp.attempts * np.expm1(-ramp.barrier))
-        return scaled_exp1(log_end - ramp.barrier) + left * (1 / ramp.attempts - scaled_exp1(log_end))
+        return scaled_exp1(log_end - ramp.barrier) + left * (
+            1 / ramp.attempts - scaled_exp1(log_end)
+        )
 
 
 class DudkoHummerSzabo(UnderForce):
@@ -353,4 +427,8 @@ class Friddle(DudkoHummerSzabo):
 
     def _mean(self, ramp: Ramp) -> np.ndarray:
         lowered = scaled_exp1(np.log(ramp.attempts) - ramp.barrier)
-        return np.where(ramp.barrier > 0, ramp.force(np.minimum(lowered, ramp.barrier)), 1 / ramp.attempts)
+        return np.where(
+            ramp.barrier > 0,
+            ramp.force(np.minimum(lowered, ramp.barrier)),
+            1 / ramp.attempts,
+        )

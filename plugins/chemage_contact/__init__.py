@@ -35,7 +35,10 @@ KINDS = {
 }
 
 #: kind -> the library that it needs, which chemage does not install, and its licence
-CHEMAGE_NEEDS = {"tamaas": "tamaas (AGPL-3.0)", "contactmechanics": "ContactMechanics (MIT)"}
+CHEMAGE_NEEDS = {
+    "tamaas": "tamaas (AGPL-3.0)",
+    "contactmechanics": "ContactMechanics (MIT)",
+}
 
 __getattr__ = lazy_attributes(KINDS)
 

@@ -83,17 +83,31 @@ class Adhesive:
         approach: float | None,
         team: Team,
     ) -> None:
-        self.h, self.law, self.pressure, self.given_approach, self.team = heights, law, pressure, approach, team
+        self.h, self.law, self.pressure, self.given_approach, self.team = (
+            heights,
+            law,
+            pressure,
+            approach,
+            team,
+        )
         self.shape, self.padded = body.shape, body.padded
         self.periodic = body.periodic
         symbol = body.symbol() / body.unit
         if self.periodic:
-            self.stiffness = np.divide(1.0, symbol, out=np.zeros_like(symbol), where=symbol > 0)
+            self.stiffness = np.divide(
+                1.0, symbol, out=np.zeros_like(symbol), where=symbol > 0
+            )
         else:
-            self.stiffness = 1.0 / np.maximum(symbol, 1e-6 * float(symbol.max()) / max(self.padded))
+            self.stiffness = 1.0 / np.maximum(
+                symbol, 1e-6 * float(symbol.max()) / max(self.padded)
+            )
         least = self.stiffness.ravel()[1:].min() if self.stiffness.size > 1 else 1.0
         level = LEVEL * least if self.periodic else 0.0
-        self.inverse = 1.0 / np.sqrt(self.stiffness**2 + level**2) if self.periodic else 1.0 / self.stiffness
+        self.inverse = (
+            1.0 / np.sqrt(self.stiffness**2 + level**2)
+            if self.periodic
+            else 1.0 / self.stiffness
+        )
         #: of a rigid body of the size of the grid
         self.punch = math.sqrt(math.prod(self.shape))
         self.transforms = self.iterations = 0
@@ -108,10 +122,14 @@ class Adhesive:
         """The array of ``spectrum`` times ``symbol``; the spectrum is destroyed."""
         self.transforms += 1
         self.team.run(kernels.multiply, spectrum.shape[0], spectrum, symbol)
-        return np.asarray(sfft.irfft2(spectrum, s=self.padded, workers=self.workers, overwrite_x=True))
+        return np.asarray(
+            sfft.irfft2(spectrum, s=self.padded, workers=self.workers, overwrite_x=True)
+        )
 
     def sums(self, kernel: Any, columns: int, *args: Any) -> list[float]:
-        return self.team.table(kernel, self.padded[0], columns, *args).sum(axis=0).tolist()
+        return (
+            self.team.table(kernel, self.padded[0], columns, *args).sum(axis=0).tolist()
+        )
 
     def spectrum(self, x: Array, rise: float) -> Array:
         u = np.empty(self.padded)
@@ -130,12 +148,19 @@ class Adhesive:
         wanted = -float(self.h.mean()) - approach
         if not wanted > 0:
             raise InputError.of(
-                "displacement", approach, "is one at which the surfaces touch everywhere", "give a smaller approach"
+                "displacement",
+                approach,
+                "is one at which the surfaces touch everywhere",
+                "give a smaller approach",
             )
         low, high = -wanted - float(inside.max()), float(inside.max())
         for _ in range(200):
             middle = 0.5 * (low + high)
-            low, high = (middle, high) if float(np.maximum(inside - middle, 0.0).mean()) > wanted else (low, middle)
+            low, high = (
+                (middle, high)
+                if float(np.maximum(inside - middle, 0.0).mean()) > wanted
+                else (low, middle)
+            )
         np.maximum(inside - 0.5 * (low + high), 0.0, out=inside)
         return x, 0.0
 
@@ -164,11 +189,29 @@ class Adhesive:
         shift = level / count if count else 0.0
         residual = max(rr - shift * level, 0.0)
         pp = max(pp, (FAINT * self.law.work / self.law.range) ** 2 * pixels)
-        error = math.sqrt(residual / pp) if pp > 0 else (0.0 if residual == 0 else math.inf)
+        error = (
+            math.sqrt(residual / pp) if pp > 0 else (0.0 if residual == 0 else math.inf)
+        )
         if excess:
             error = max(error, LOAD * abs(excess) / borne if borne else math.inf)
-        energy, terms = 0.5 * up + attracted + work, abs(0.5 * up) + abs(attracted) + abs(work)
-        return Iterate(x, rise, spectrum, p, mean, r, energy, terms, error, excess, shift, count, contact, fresh)
+        energy = 0.5 * up + attracted + work
+        terms = abs(0.5 * up) + abs(attracted) + abs(work)
+        return Iterate(
+            x,
+            rise,
+            spectrum,
+            p,
+            mean,
+            r,
+            energy,
+            terms,
+            error,
+            excess,
+            shift,
+            count,
+            contact,
+            fresh,
+        )
 
     def minimise(self, x: Array, rise: float, tolerance: float, limit: int) -> Iterate:
         """The minimum below the gap ``x`` (padded) at the approach ``rise``. Never raises for lack of convergence."""
@@ -187,10 +230,16 @@ class Adhesive:
             z = self.backward(self.forward(here.r), self.inverse)
             shift = here.open_sum
             rz, bz, zs = self.sums(cohesion.products, 3, here.r, before, z, shift)
-            level = zs / here.open_count if self.periodic and self.pressure is None else 0.0
+            level = (
+                zs / here.open_count if self.periodic and self.pressure is None else 0.0
+            )
             pull = here.excess / self.punch
             now = rz + here.excess * pull
-            beta = 0.0 if restart or size <= 0 else max(0.0, (now - bz - before_excess * pull) / size)
+            beta = (
+                0.0
+                if restart or size <= 0
+                else max(0.0, (now - bz - before_excess * pull) / size)
+            )
             (slope,) = self.sums(cohesion.direction, 1, here.r, z, level, beta, d)
             ds = -pull + beta * ds
             slope += here.excess * ds
@@ -221,11 +270,22 @@ class Adhesive:
             whole = d.copy()
             whole[: self.shape[0], : self.shape[1]] += ds
         spectrum = self.forward(whole)
-        part = self.team.table(kernels.quadratic_form, spectrum.shape[0], 1, spectrum, self.stiffness, self.padded[1])
+        part = self.team.table(
+            kernels.quadratic_form,
+            spectrum.shape[0],
+            1,
+            spectrum,
+            self.stiffness,
+            self.padded[1],
+        )
         curvature = float(part.sum()) / math.prod(self.padded)
         x, law, shape = here.x, self.law, self.shape
         change, second = self.sums(cohesion.along, 2, x, d, 0.0, law, shape)
-        length = -slope / (curvature + second if curvature + second > 0.1 * curvature else curvature or -slope)
+        length = -slope / (
+            curvature + second
+            if curvature + second > 0.1 * curvature
+            else curvature or -slope
+        )
         for _ in range(NEWTON):
             change, second = self.sums(cohesion.along, 2, x, d, length, law, shape)
             rest = slope + length * curvature + change
@@ -236,7 +296,9 @@ class Adhesive:
             length = max(length, 0.0) or -slope / (curvature or 1.0)
         for _ in range(HALVINGS):
             out, shifted = np.empty_like(x), 0.0
-            stopped, total, count = self.sums(cohesion.move, 3, x, d, length, 0.0, shape, out)
+            stopped, total, count = self.sums(
+                cohesion.move, 3, x, d, length, 0.0, shape, out
+            )
             if self.periodic and self.pressure is None:
                 out, shifted = self._levelled(x, d, length, total, count, out)
             new = None if stopped or shifted else here.spectrum + length * spectrum
@@ -258,7 +320,9 @@ class Adhesive:
             if abs(excess) <= 1e-13 * abs(wanted) or not count:
                 break
             shift += excess / count
-            _, total, count = self.sums(cohesion.move, 3, x, d, length, shift, self.shape, out)
+            _, total, count = self.sums(
+                cohesion.move, 3, x, d, length, shift, self.shape, out
+            )
         return out, shift
 
     def parted(self, here: Iterate) -> bool:

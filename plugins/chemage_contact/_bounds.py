@@ -38,9 +38,14 @@ def shift_to(q: Array, load: float, hardness: float | None = None) -> float:
     kinks = np.sort(np.concatenate([order - hardness, order]))
     totals = above(kinks) - above(kinks + hardness)
     # the sum falls with t, linearly between its kinks
-    i = min(max(int(np.searchsorted(-totals, -load, side="right")) - 1, 0), kinks.size - 2)
+    i = min(
+        max(int(np.searchsorted(-totals, -load, side="right")) - 1, 0), kinks.size - 2
+    )
     step = totals[i] - totals[i + 1]
-    return float(kinks[i] + ((totals[i] - load) / step * (kinks[i + 1] - kinks[i]) if step > 0 else 0.0))
+    return float(
+        kinks[i]
+        + ((totals[i] - load) / step * (kinks[i + 1] - kinks[i]) if step > 0 else 0.0)
+    )
 
 
 def projected(q: Array, mean: float = 1.0, hardness: float | None = None) -> Array:

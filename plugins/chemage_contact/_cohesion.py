@@ -14,7 +14,11 @@ from numpy.typing import NDArray
 from chemage.plugin import kernel
 
 Array = NDArray[Any]
-_OPTIONS = {"nogil": True, "fastmath": {"reassoc", "nsz", "contract"}, "error_model": "numpy"}
+_OPTIONS = {
+    "nogil": True,
+    "fastmath": {"reassoc", "nsz", "contract"},
+    "error_model": "numpy",
+}
 #: exponential attraction beyond so many ranges is none
 _FAR = 60.0
 

@@ -130,8 +130,15 @@ class Descent:
     are those of a gap evaluated in the precision of the state, from the pressure that is returned.
     """
 
-    def __init__(self, grid: GridProblem, p: Array, tolerance: float, limit: int, final: bool) -> None:
-        self.grid, self.tolerance, self.limit, self.final = grid, tolerance, limit, final
+    def __init__(
+        self, grid: GridProblem, p: Array, tolerance: float, limit: int, final: bool
+    ) -> None:
+        self.grid, self.tolerance, self.limit, self.final = (
+            grid,
+            tolerance,
+            limit,
+            final,
+        )
         self.method = grid.settings.method
         self._make_split()
         # zeros, not zeros_like: memory that is never active is never touched
@@ -159,10 +166,17 @@ class Descent:
         while True:
             self._assess()
             if self.final and (report := progress.watched()) is not None:
-                report("contact", self.iteration, 0, f"residual {self.standing.error / self._scale():.1e}")
+                report(
+                    "contact",
+                    self.iteration,
+                    0,
+                    f"residual {self.standing.error / self._scale():.1e}",
+                )
             target = self.tolerance * self._scale()
             trusted = self._trusted()
-            stop = not math.isfinite(self.standing.error) or self.iteration >= self.limit
+            stop = (
+                not math.isfinite(self.standing.error) or self.iteration >= self.limit
+            )
             stop = stop or not self._progress()
             if self.standing.error < target or stop:
                 if trusted:
@@ -171,15 +185,24 @@ class Descent:
                         return outcome
                 self._evaluate_gap(self._reporting_operator())
             elif self._evaluation_due(target):
-                near = self.standing.error < max(target, REFINE_BELOW * max(1.0, abs(self._offset())))
-                self._evaluate_gap(self._reporting_operator() if near else self.grid.operator)
+                near = self.standing.error < max(
+                    target, REFINE_BELOW * max(1.0, abs(self._offset()))
+                )
+                self._evaluate_gap(
+                    self._reporting_operator() if near else self.grid.operator
+                )
             else:
                 self.iteration += 1
                 self.since_evaluation += 1
-                slope, largest = self._find_direction(self.since_evaluation % OUTWARD_PERIOD == 1)
+                slope, largest = self._find_direction(
+                    self.since_evaluation % OUTWARD_PERIOD == 1
+                )
                 if largest > 0.0:
                     self._move(slope, largest)
-                elif self._trusted() and abs(self.standing.offset) <= 1e-3 * self._scale():
+                elif (
+                    self._trusted()
+                    and abs(self.standing.offset) <= 1e-3 * self._scale()
+                ):
                     return self._outcome(rounding=True)
                 else:
                     self.iteration -= 1
@@ -193,10 +216,21 @@ class Descent:
         Before that, the load is restored, if rounding the changes of the pressure has changed it.
         """
         if self.grid.offset_fixed is None:
-            self.base += self.standing.offset if math.isfinite(self.standing.offset) else 0.0
+            self.base += (
+                self.standing.offset if math.isfinite(self.standing.offset) else 0.0
+            )
             allowed = max(LOAD_ROUNDING, 4.0 * float(np.finfo(self.grid.state).eps))
-            if operator is self._reporting_operator() and abs(self.load / self.grid.load - 1.0) > allowed:
-                self.load = restored(self.state.p, self.load, self.grid.load, self.grid.hardness, self.grid.team)
+            if (
+                operator is self._reporting_operator()
+                and abs(self.load / self.grid.load - 1.0) > allowed
+            ):
+                self.load = restored(
+                    self.state.p,
+                    self.load,
+                    self.grid.load,
+                    self.grid.hardness,
+                    self.grid.team,
+                )
         self.grid.gap(operator, self.base, self.state)
         self.evaluated = True
         self.evaluated_by = operator
@@ -209,7 +243,11 @@ class Descent:
             return grid.operator
         if grid.state == np.float64:
             return grid.double()
-        return grid.double() if self._noise() > NOISE_SHARE * self.tolerance * self._scale() else grid.operator
+        return (
+            grid.double()
+            if self._noise() > NOISE_SHARE * self.tolerance * self._scale()
+            else grid.operator
+        )
 
     def _noise(self) -> float:
         """Rounding error of the gap in the precision of the state: of the pressures, and of the displacement."""
@@ -219,13 +257,19 @@ class Descent:
 
     def _offset(self) -> float:
         """Offset of the gap: gap = G p - h + offset."""
-        return self.base if self.grid.offset_fixed is not None else self.base + self.standing.offset
+        return (
+            self.base
+            if self.grid.offset_fixed is not None
+            else self.base + self.standing.offset
+        )
 
     def _scale(self) -> float:
         """The length that errors are relative to, in rms heights: the approach since first touch, at most 1."""
         if not self.final:
             return 1.0
-        approach = self.grid.uniform * self.grid.stiffness * self.grid.mean - self._offset()
+        approach = (
+            self.grid.uniform * self.grid.stiffness * self.grid.mean - self._offset()
+        )
         return min(1.0, approach) if approach > 0.0 else 1.0
 
     def _assess(self) -> None:
@@ -239,7 +283,9 @@ class Descent:
         mean = -total / count if count and grid.offset_fixed is None else 0.0
         s = self._measured(scope, self._offset_of_few() if few else mean, count)
         if few and count and not s.penetration:
-            s = self._measured(scope, mean, count)  # the few free pixels are all that is left
+            s = self._measured(
+                scope, mean, count
+            )  # the few free pixels are all that is left
         self.standing = s
         del grid.history[self.iteration :]
         grid.history.append((s.rms_gap, s.penetration))
@@ -256,10 +302,20 @@ class Descent:
         grid = self.grid
         args = self.state, offset, grid.hardness, self.search.v
         grid.run(kernels.residual, scope, *args, grid.residual_part)
-        squares, _, pixels, residual_sum, norm, through = (float(x) for x in grid.residual_part.sum(axis=0))
+        squares, _, pixels, residual_sum, norm, through = (
+            float(x) for x in grid.residual_part.sum(axis=0)
+        )
         rms = math.sqrt(squares / free) if free else 0.0
         deepest = float(grid.residual_part[:, 1].max())
-        return Standing(offset, rms, deepest, pixels, residual_sum, math.sqrt(norm), squares + through)
+        return Standing(
+            offset,
+            rms,
+            deepest,
+            pixels,
+            residual_sum,
+            math.sqrt(norm),
+            squares + through,
+        )
 
     def _offset_of_few(self) -> float:
         """The offset where no pixel, or hardly one, is free: as many gaps are negative as pixels at the hardness would
@@ -279,24 +335,37 @@ class Descent:
 
     def _trusted(self) -> bool:
         """Whether the errors are those of a gap that may be reported."""
-        return self.evaluated_exactly or (not self.final and (self.evaluated or not self.split))
+        return self.evaluated_exactly or (
+            not self.final and (self.evaluated or not self.split)
+        )
 
     def _evaluation_due(self, target: float) -> bool:
         """Whether updates have changed the gap so much that it should be evaluated again."""
         if self.evaluated:
             return False
         trust = SPLIT_TRUST if self.split else EXACT_TRUST
-        goal = max(0.5 * target, trust * self.evaluated_error) if self.split else trust * self.evaluated_error
-        return self.standing.error < goal or (self.split and self.since_evaluation >= SPLIT_ITERATIONS)
+        goal = (
+            max(0.5 * target, trust * self.evaluated_error)
+            if self.split
+            else trust * self.evaluated_error
+        )
+        return self.standing.error < goal or (
+            self.split and self.since_evaluation >= SPLIT_ITERATIONS
+        )
 
     def _progress(self) -> bool:
         """Change the method if progress is slow; False if there is no further method."""
-        if self.iteration >= self.limit or self.iteration - self.best_iteration < PATIENCE[self.method]:
+        if (
+            self.iteration >= self.limit
+            or self.iteration - self.best_iteration < PATIENCE[self.method]
+        ):
             return True
         if self.method == len(METHODS) - 1 or self._at_rounding():
             return False
         self.method += 1
-        self.notes.append(f"slow convergence: after {self.iteration} iterations continued with {METHODS[self.method]}")
+        self.notes.append(
+            f"slow convergence: after {self.iteration} iterations continued with {METHODS[self.method]}"
+        )
         self.steepest, self.since_evaluation = True, 0
         self.best, self.best_iteration = self.standing.error, self.iteration
         if self.split:
@@ -321,7 +390,11 @@ class Descent:
         """The present solution, or the best one kept if the iteration ended without reaching the tolerance."""
         target = self.tolerance * self._scale()
         kept = self.kept
-        if self.standing.error >= target and kept is not None and not self.standing.error <= kept[0]:
+        if (
+            self.standing.error >= target
+            and kept is not None
+            and not self.standing.error <= kept[0]
+        ):
             self.state.p.fill(0)
             self.state.p.ravel()[kept[1]] = kept[2]
             self._evaluate_gap(self._reporting_operator())
@@ -329,7 +402,11 @@ class Descent:
         s = self.standing
         converged = s.error < self.tolerance * self._scale()
         # Rounding of a gap in single precision is not in the error measured with it.
-        noise = self._noise() if self.final and self.evaluated_by.dtype == np.float32 else 0.0
+        noise = (
+            self._noise()
+            if self.final and self.evaluated_by.dtype == np.float32
+            else 0.0
+        )
         estimate = self._pressure_error() if self.final else (0.0, 0.0)
         return GridSolution(
             self.state.p,
@@ -384,11 +461,20 @@ class Descent:
             largest = float(grid.part[:, 1].max())
             squares, _, residual_sum, residual_squares = grid.sums(4)
             before, norms = norms, (math.sqrt(squares), largest)
-            self.standing = replace(s, residual_sum=residual_sum, residual_squares=residual_squares)
+            self.standing = replace(
+                s, residual_sum=residual_sum, residual_squares=residual_squares
+            )
             self.steepest, self.since_evaluation = False, self.since_evaluation + 1
-            rest = math.sqrt(self._spread(self.standing) / self._spread(s)) if self._spread(s) > 0.0 else math.inf
+            rest = (
+                math.sqrt(self._spread(self.standing) / self._spread(s))
+                if self._spread(s) > 0.0
+                else math.inf
+            )
             if (count == 1 and rest < REDUCED) or (
-                count > 1 and all(new < SETTLED * old for old, new in zip(before, norms, strict=True))
+                count > 1
+                and all(
+                    new < SETTLED * old for old, new in zip(before, norms, strict=True)
+                )
             ):
                 break
         self.standing = s
@@ -402,7 +488,9 @@ class Descent:
                 limit += (new - old) * ratio / (1.0 - ratio)
             total.append(limit)
         floor = float(np.finfo(grid.state).eps)
-        return math.hypot(total[0] / s.norm, floor), math.hypot(total[1] / highest, floor)
+        return math.hypot(total[0] / s.norm, floor), math.hypot(
+            total[1] / highest, floor
+        )
 
     def _spread(self, s: Standing) -> float:
         """Sum of the squared residual over the working set, without its mean where the offset is unknown."""
@@ -452,7 +540,9 @@ class Descent:
         grid.run(kernels.products, self.active, self.search, share, uniform, grid.part)
         sz, szv, sd, sdv, szy, sdy, sy = grid.sums(7)
         # Under a given load directions have zero mean.
-        zm, dm = (sz / s.pixels, sd / s.pixels) if grid.offset_fixed is None else (0.0, 0.0)
+        zm, dm = (
+            (sz / s.pixels, sd / s.pixels) if grid.offset_fixed is None else (0.0, 0.0)
+        )
         zv, zy = szv - zm * s.residual_sum, szy - zm * sy
         dv, dy = sdv - dm * s.residual_sum, sdy - dm * sy
         beta = -zy / dy if not self.steepest and dy > 0.0 else 0.0
@@ -460,7 +550,16 @@ class Descent:
             beta = 0.0
         while True:
             few = s.pixels <= NOISE_PIXELS
-            grid.run(kernels.direction, self.active, self.search, beta, zm + beta * dm, clear, few, grid.part)
+            grid.run(
+                kernels.direction,
+                self.active,
+                self.search,
+                beta,
+                zm + beta * dm,
+                clear,
+                few,
+                grid.part,
+            )
             squares, terms = grid.sums(2)
             limit = NOISE * float(np.finfo(grid.work).eps)
             if squares > limit * limit * terms:
@@ -496,7 +595,17 @@ class Descent:
         # A vanishing load makes the body look infinitely soft; no pixel needs more than the whole load.
         step = min(step, LONGEST_STEP * grid.load / largest)
         shift, scale, squares = self._project(step)
-        grid.run(kernels.move, self.active, self.state.p, d, step, shift, scale, grid.hardness, grid.part)
+        grid.run(
+            kernels.move,
+            self.active,
+            self.state.p,
+            d,
+            step,
+            shift,
+            scale,
+            grid.hardness,
+            grid.part,
+        )
         self.load = grid.sums(1)[0]
         left_out = math.sqrt(squares) + abs(scale - 1.0) * self.standing.norm
         if grid.stiffness * left_out > NEGLIGIBLE * self.standing.error:
@@ -510,7 +619,9 @@ class Descent:
             factor = grid.stiffness * step
             y = y if near else grid.operator.displacement(spectrum)
         scope: Active = self.active if self.split else grid.everywhere
-        grid.run(kernels.advance, scope, self.state, y, factor, grid.hardness, grid.part)
+        grid.run(
+            kernels.advance, scope, self.state, y, factor, grid.hardness, grid.part
+        )
         self.search = search._replace(y=y)
         self.evaluated = self.evaluated_exactly = self.steepest = False
 
@@ -540,7 +651,9 @@ class Descent:
             total, count, squares = grid.sums(3)
         return shift, grid.load / total if total > 0.0 else 1.0, squares
 
-    def _project_to_both(self, step: float, total: float, count: float, squares: float) -> tuple[float, float, float]:
+    def _project_to_both(
+        self, step: float, total: float, count: float, squares: float
+    ) -> tuple[float, float, float]:
         """As ``_project``, with a hardness: the sum is not convex in the shift, so that Newton's method is kept within
         bounds, and the shift is found by sorting where it is slow."""
         grid, shift, low, high = self.grid, 0.0, -math.inf, math.inf
@@ -562,6 +675,10 @@ class Descent:
         p, d = self.state.p, self.search.d
         moved = d != 0
         q = p[moved] + step * d[moved].astype(np.float64)
-        shift = shift_to(q, grid.load - float(p.sum(where=~moved, dtype=np.float64)), float(grid.hardness))
+        shift = shift_to(
+            q,
+            grid.load - float(p.sum(where=~moved, dtype=np.float64)),
+            float(grid.hardness),
+        )
         grid.run(kernels.projection, *args, shift, grid.hardness, grid.part)
         return shift, 1.0, grid.sums(3)[2]

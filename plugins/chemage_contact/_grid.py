@@ -57,7 +57,13 @@ class Transforms:
     ``count`` is the number of transforms made. Raises ``InputError`` if the library is not installed.
     """
 
-    def __init__(self, shape: tuple[int, int], padded: tuple[int, int], library: str, workers: int) -> None:
+    def __init__(
+        self,
+        shape: tuple[int, int],
+        padded: tuple[int, int],
+        library: str,
+        workers: int,
+    ) -> None:
         self.shape, self.padded, self.library = shape, padded, library
         self.workers = workers if padded[0] * padded[1] >= SHARED else 1
         self.count = 0
@@ -71,7 +77,9 @@ class Transforms:
                 importlib.import_module("pyfftw.interfaces.cache").enable()
         except ImportError as error:
             remedy = f"pip install {PACKAGES[library]}, or choose 'scipy', which is always available"
-            raise InputError.of("fft", library, f"cannot be imported ({error})", remedy) from error
+            raise InputError.of(
+                "fft", library, f"cannot be imported ({error})", remedy
+            ) from error
 
     def forward(self, x: Array) -> Array:
         """Half spectrum of x, which is not changed."""
@@ -79,9 +87,19 @@ class Transforms:
         if self.library == "scipy":
             # Axis by axis: rows that are only padding are never transformed, and the second pass is in place.
             rows = sfft.rfft(x, n=self.padded[1], axis=1, workers=self.workers)
-            return np.asarray(sfft.fft(rows, n=self.padded[0], axis=0, overwrite_x=True, workers=self.workers))
+            return np.asarray(
+                sfft.fft(
+                    rows,
+                    n=self.padded[0],
+                    axis=0,
+                    overwrite_x=True,
+                    workers=self.workers,
+                )
+            )
         if x.shape != self.padded:
-            x = np.pad(x, [(0, most - n) for most, n in zip(self.padded, x.shape, strict=True)])
+            x = np.pad(
+                x, [(0, most - n) for most, n in zip(self.padded, x.shape, strict=True)]
+            )
         if self.library == "ducc0":
             return self._module.r2c(x, axes=(0, 1), nthreads=self.workers)
         return np.ascontiguousarray(self._module.rfft2(x, workers=self.workers))
@@ -91,10 +109,21 @@ class Transforms:
         self.count += 1
         (nx, ny), columns = self.shape, self.padded[1]
         if self.library == "scipy":
-            rows = np.asarray(sfft.ifft(spectrum, axis=0, overwrite_x=True, workers=self.workers))[:nx]
-            x = np.asarray(sfft.irfft(rows, n=columns, axis=1, overwrite_x=True, workers=self.workers))
+            rows = np.asarray(
+                sfft.ifft(spectrum, axis=0, overwrite_x=True, workers=self.workers)
+            )[:nx]
+            x = np.asarray(
+                sfft.irfft(
+                    rows, n=columns, axis=1, overwrite_x=True, workers=self.workers
+                )
+            )
         elif self.library == "ducc0":
-            options = {"lastsize": columns, "forward": False, "inorm": 2, "nthreads": self.workers}
+            options = {
+                "lastsize": columns,
+                "forward": False,
+                "inorm": 2,
+                "nthreads": self.workers,
+            }
             x = self._module.c2r(spectrum, axes=(0, 1), **options)
         else:
             x = self._module.irfft2(spectrum, s=self.padded, workers=self.workers)
@@ -109,9 +138,18 @@ class Transforms:
         self.count += 1
         if self.library == "ducc0":
             norm = 0 if forward else 2
-            return self._module.c2c(z, axes=(0, 1), forward=forward, inorm=norm, out=z, nthreads=self.workers)
+            return self._module.c2c(
+                z,
+                axes=(0, 1),
+                forward=forward,
+                inorm=norm,
+                out=z,
+                nthreads=self.workers,
+            )
         transform = self._module.fft2 if forward else self._module.ifft2
-        return np.ascontiguousarray(transform(z, overwrite_x=True, workers=self.workers))
+        return np.ascontiguousarray(
+            transform(z, overwrite_x=True, workers=self.workers)
+        )
 
 
 class Convolution:
@@ -122,18 +160,31 @@ class Convolution:
     """
 
     def __init__(
-        self, substrate: Substrate, symbol: Array, dtype: Any, library: str, team: Team, *, floating: bool
+        self,
+        substrate: Substrate,
+        symbol: Array,
+        dtype: Any,
+        library: str,
+        team: Team,
+        *,
+        floating: bool,
     ) -> None:
         self.shape, self.dtype, self.team = substrate.shape, np.dtype(dtype), team
         self.unit = substrate.unit
         periodic = substrate.padded == substrate.shape
-        self._transforms = Transforms(substrate.shape, substrate.padded, library, team.threads)
+        self._transforms = Transforms(
+            substrate.shape, substrate.padded, library, team.threads
+        )
         self._unpadded = self._transforms
         if not periodic:
-            self._unpadded = Transforms(substrate.shape, substrate.shape, library, team.threads)
+            self._unpadded = Transforms(
+                substrate.shape, substrate.shape, library, team.threads
+            )
         self._symbol = (symbol / self.unit).astype(self.dtype)
         if floating and periodic:
-            self._symbol[0, 0] = 0.0  # a uniform displacement only shifts the offset, but its rounding exceeds the rest
+            self._symbol[0, 0] = (
+                0.0  # a uniform displacement only shifts the offset, but its rounding exceeds the rest
+            )
         self._inverse: Array | None = None
         #: of the preconditioner for a uniform residual, once it was used
         self.stiffness = 0.0
@@ -141,13 +192,19 @@ class Convolution:
         self._buffer: Array | None = None
         self._turn: Array | None = None
         if periodic and substrate.shape[1] % 2 == 0:
-            angles = 2.0 * math.pi / substrate.shape[1] * np.arange(substrate.shape[1] // 2)
-            self._turn = np.exp(-1j * angles).astype(np.result_type(self.dtype, np.complex64))
+            angles = (
+                2.0 * math.pi / substrate.shape[1] * np.arange(substrate.shape[1] // 2)
+            )
+            self._turn = np.exp(-1j * angles).astype(
+                np.result_type(self.dtype, np.complex64)
+            )
 
     @property
     def transforms(self) -> int:
         """Transforms made so far."""
-        return self._transforms.count + (self._unpadded.count if self._unpadded is not self._transforms else 0)
+        return self._transforms.count + (
+            self._unpadded.count if self._unpadded is not self._transforms else 0
+        )
 
     @cached_property
     def response(self) -> float:
@@ -157,7 +214,9 @@ class Convolution:
         weight[0] = 1.0
         if columns % 2 == 0 and columns > 1:
             weight[-1] = 1.0
-        squares = np.einsum("ij,j->i", np.square(self._symbol, dtype=np.float64), weight)
+        squares = np.einsum(
+            "ij,j->i", np.square(self._symbol, dtype=np.float64), weight
+        )
         if squares.size != rows:
             squares[1 : (rows + 1) // 2] *= 2.0
         return math.sqrt(float(squares.sum()) / (rows * columns))
@@ -169,7 +228,14 @@ class Convolution:
     def energy(self, spectrum: Array) -> float:
         """xᵀGx from the spectrum of x, by Parseval's theorem."""
         rows, columns = self._transforms.padded
-        part = self.team.table(kernels.quadratic_form, spectrum.shape[0], 1, spectrum, self._symbol, columns)
+        part = self.team.table(
+            kernels.quadratic_form,
+            spectrum.shape[0],
+            1,
+            spectrum,
+            self._symbol,
+            columns,
+        )
         return float(part.sum()) / (rows * columns)
 
     def displacement(self, spectrum: Array) -> Array:
@@ -200,7 +266,9 @@ class Convolution:
         """x times a symbol, in the memory of ``buffer`` (nx, ny)."""
         nx = self.shape[0]
         self.team.run(kernels.convert, nx, x, buffer)
-        z = self._unpadded.in_place(buffer.view(np.result_type(self.dtype, np.complex64)), True)
+        z = self._unpadded.in_place(
+            buffer.view(np.result_type(self.dtype, np.complex64)), True
+        )
         self.team.run(kernels.multiply_packed, nx // 2 + 1, z, symbol, self._turn)
         return self._unpadded.in_place(z, False).view(self.dtype)
 
@@ -211,7 +279,9 @@ def suits(body: Substrate, any_size: bool = False) -> bool:
         return False
     # of columns that are not whole coarse pixels, the last block must hold the reach of the stencil
     width, per_row = kernels.widths(body.shape[1])
-    return divides(body.shape) or (any_size and body.shape[1] - width * (per_row - 1) >= kernels.REACH)
+    return divides(body.shape) or (
+        any_size and body.shape[1] - width * (per_row - 1) >= kernels.REACH
+    )
 
 
 def divides(shape: tuple[int, int]) -> bool:
@@ -222,21 +292,38 @@ def divides(shape: tuple[int, int]) -> bool:
 class Split:
     """Approximately a convolution on the grid of ``body``: with its symbol, or with the inverse one."""
 
-    def __init__(self, body: Substrate, dtype: Any, library: str, team: Team, *, inverse: bool, floating: bool) -> None:
+    def __init__(
+        self,
+        body: Substrate,
+        dtype: Any,
+        library: str,
+        team: Team,
+        *,
+        inverse: bool,
+        floating: bool,
+    ) -> None:
         self._run = team.run
         nx, ny = body.shape
         coarse = (nx // RATIO, ny // RATIO)
         self._axes: tuple[kernels.Interpolation, kernels.Interpolation] | None = None
         if not divides(body.shape):
-            coarse = (fast_length(math.ceil(nx / RATIO)), fast_length(math.ceil(ny / RATIO)))
-            self._axes = _axis(nx, coarse[0], np.dtype(dtype)), _axis(ny, coarse[1], np.dtype(dtype))
+            coarse = (
+                fast_length(math.ceil(nx / RATIO)),
+                fast_length(math.ceil(ny / RATIO)),
+            )
+            self._axes = (
+                _axis(nx, coarse[0], np.dtype(dtype)),
+                _axis(ny, coarse[1], np.dtype(dtype)),
+            )
         self._transforms = Transforms(coarse, coarse, library, team.threads)
         far = body.regrid(coarse).in_pixels(body, inverse) * _far(body.shape, coarse)
         #: of the inverse operator for a uniform displacement
         self.stiffness = float(far[0, 0])
         if floating:
             far[0, 0] = 0.0
-        self._far = _whole(far / (nx / coarse[0] * (ny / coarse[1])), coarse[0]).astype(dtype)
+        self._far = _whole(far / (nx / coarse[0] * (ny / coarse[1])), coarse[0]).astype(
+            dtype
+        )
         self._stencil = _stencil(body.window((SAMPLE, SAMPLE)), inverse).astype(dtype)
         self._coarse = np.empty(coarse, dtype)
 
@@ -246,17 +333,42 @@ class Split:
         Σ x·out over each block is in ``part[:, 0]`` afterwards.
         """
         if self._axes is None:
-            self._run(kernels.restrict, active.coarse_edges, active.blocks, x, self._coarse)
+            self._run(
+                kernels.restrict, active.coarse_edges, active.blocks, x, self._coarse
+            )
         else:
-            self._run(kernels.restrict_between, len(self._coarse), active.blocks, x, *self._axes, self._coarse)
+            self._run(
+                kernels.restrict_between,
+                len(self._coarse),
+                active.blocks,
+                x,
+                *self._axes,
+                self._coarse,
+            )
         spectrum = self._transforms.forward(self._coarse)
         spectrum *= self._far
         far = self._transforms.backward(spectrum)
         if self._axes is None:
-            self._run(kernels.local, active.row_edges, active.blocks, x, self._stencil, far, out, part)
+            self._run(
+                kernels.local,
+                active.row_edges,
+                active.blocks,
+                x,
+                self._stencil,
+                far,
+                out,
+                part,
+            )
         else:
             fields = x, self._stencil, far, *self._axes
-            self._run(kernels.local_between, active.row_edges, active.blocks, *fields, out, part)
+            self._run(
+                kernels.local_between,
+                active.row_edges,
+                active.blocks,
+                *fields,
+                out,
+                part,
+            )
         return out
 
 
@@ -264,7 +376,9 @@ def _axis(fine: int, coarse: int, dtype: Any) -> kernels.Interpolation:
     """Interpolation along an axis of ``coarse`` pixels to one of ``fine``, periodic."""
     place = np.arange(fine) * coarse
     lower = place // fine
-    return kernels.Interpolation(lower, (lower + 1) % coarse, ((place - lower * fine) / fine).astype(dtype))
+    return kernels.Interpolation(
+        lower, (lower + 1) % coarse, ((place - lower * fine) / fine).astype(dtype)
+    )
 
 
 def _whole(quarter: Array, rows: int) -> Array:
@@ -297,7 +411,9 @@ def _stencil(window: Substrate, inverse: bool) -> Floats:
     full = _whole(_whole(window.in_pixels(window, inverse), SAMPLE)[:half], half)
     # The coarse spectrum repeats on the fine one.
     m = SAMPLE // RATIO
-    far = window.regrid((m, m)).in_pixels(window, inverse) * _far((SAMPLE, SAMPLE), (m, m))
+    far = window.regrid((m, m)).in_pixels(window, inverse) * _far(
+        (SAMPLE, SAMPLE), (m, m)
+    )
     index = np.arange(half) % m
     index = np.minimum(index, m - index)
     rest = full - far[np.ix_(index, index)] * np.outer(_hat(q), _hat(q)) ** 2
@@ -309,10 +425,14 @@ def _stencil(window: Substrate, inverse: bool) -> Floats:
     reach = np.arange(kernels.REACH + 1)
     pairs = np.argwhere(np.hypot(reach[:, None], reach) <= kernels.REACH + 0.3)
     cosine = np.cos(np.outer(reach, q)) * np.where(reach == 0, 1, 2)[:, None]
-    matrix = np.stack([(np.outer(cosine[a], cosine[b]) * weight).ravel() for a, b in pairs], axis=1)
+    matrix = np.stack(
+        [(np.outer(cosine[a], cosine[b]) * weight).ravel() for a, b in pairs], axis=1
+    )
     # Without BLAS, whose sums differ between processors.
     normal = np.einsum("ka,kb->ab", matrix, matrix)
-    values = algebra.solve(normal, np.einsum("ka,k->a", matrix, (rest * weight).ravel()))
+    values = algebra.solve(
+        normal, np.einsum("ka,k->a", matrix, (rest * weight).ravel())
+    )
     stencil = np.zeros((reach.size, reach.size))
     stencil[tuple(pairs.T)] = values
     return stencil
@@ -376,10 +496,16 @@ class GridProblem:
         #: displacement = stiffness · (pixel-unit operator applied to dimensionless pressure)
         self.stiffness = stiffness
         symbol = substrate.symbol()
-        self.operator = Convolution(substrate, symbol, self.work, settings.library, team, floating=self.floating)
+        self.operator = Convolution(
+            substrate, symbol, self.work, settings.library, team, floating=self.floating
+        )
         padded = substrate.padded != substrate.shape
         #: displacement under the mean pressure, which the operator leaves out where the offset is unknown
-        self.uniform = 0.0 if padded or not self.floating else float(symbol[0, 0]) / self.operator.unit
+        self.uniform = (
+            0.0
+            if padded or not self.floating
+            else float(symbol[0, 0]) / self.operator.unit
+        )
         self._symbol = symbol if self.state != self.work else None
         self._double = self.operator if self.work == np.float64 else None
         nx, ny = substrate.shape
@@ -395,7 +521,11 @@ class GridProblem:
     @property
     def transforms(self) -> int:
         """Fourier transforms of the full grid so far."""
-        double = self._double.transforms if self._double is not None and self._double is not self.operator else 0
+        double = (
+            self._double.transforms
+            if self._double is not None and self._double is not self.operator
+            else 0
+        )
         return self.operator.transforms + double
 
     def exact(self) -> Convolution:
@@ -406,7 +536,13 @@ class GridProblem:
         """The operator in double precision."""
         if self._double is None:
             symbol = self.substrate.symbol() if self._symbol is None else self._symbol
-            make = (self.substrate, symbol, np.float64, self.settings.library, self.team)
+            make = (
+                self.substrate,
+                symbol,
+                np.float64,
+                self.settings.library,
+                self.team,
+            )
             self._double = Convolution(*make, floating=self.floating)
         return self._double
 
@@ -449,12 +585,20 @@ class GridProblem:
 def sums(p: Array, r: Array, team: Team) -> tuple[float, float, float]:
     """Σ p, Σ p·|r| and the least p, of two arrays (nx, ny)."""
     part = team.table(kernels.totals, p.shape[0], 3, p, r)
-    return float(part[:, 0].sum()), float(part[:, 1].sum()), float(part[:, 2].min(initial=math.inf))
+    return (
+        float(part[:, 0].sum()),
+        float(part[:, 1].sum()),
+        float(part[:, 2].min(initial=math.inf)),
+    )
 
 
 def rescale(p: Array, factor: float, team: Team, hardness: Any = None) -> float:
     """Multiply p (nx, ny) in place, up to ``hardness`` and except where p is it already; returns the new sum."""
-    return float(team.table(kernels.scale, p.shape[0], 1, p, p.dtype.type(factor), hardness).sum())
+    return float(
+        team.table(
+            kernels.scale, p.shape[0], 1, p, p.dtype.type(factor), hardness
+        ).sum()
+    )
 
 
 def bounded(hardness: float, dtype: Any) -> Any:
@@ -467,7 +611,9 @@ def grids(shape: tuple[int, int], levels: int | None) -> list[tuple[int, int]]:
     """Grids from fine to coarse: halved, to lengths that transform fast. ``levels`` counts all of them."""
     out = [shape]
     while levels is None or len(out) < levels:
-        nx, ny = (n if n < COARSEST else 4 * fast_length(math.ceil(n / 8)) for n in out[-1])
+        nx, ny = (
+            n if n < COARSEST else 4 * fast_length(math.ceil(n / 8)) for n in out[-1]
+        )
         if (nx, ny) == out[-1] or (levels is None and max(nx, ny) < COARSEST):
             break
         out.append((nx, ny))

@@ -41,7 +41,17 @@ from numpy.typing import NDArray
 from . import _kernels as kernels
 from ._bounds import projected, restored
 from ._descent import Descent, GridSolution
-from ._grid import PRECISIONS, GridProblem, Settings, dimensionless, divides, grids, resampled, suits, sums
+from ._grid import (
+    PRECISIONS,
+    GridProblem,
+    Settings,
+    dimensionless,
+    divides,
+    grids,
+    resampled,
+    suits,
+    sums,
+)
 from ._kernels import DescentState, Heights
 from ._operators import Substrate, Team
 
@@ -81,13 +91,29 @@ def solve(
         here = substrate if finest else substrate.regrid(shape)
         h = heights
         if not finest:
-            sampled = resampled(heights.values, shape, np.float64, substrate.periodic, team)
-            sampled.setflags(write=False)  # as those of a surface, or numba compiles kernels for both
+            sampled = resampled(
+                heights.values, shape, np.float64, substrate.periodic, team
+            )
+            sampled.setflags(
+                write=False
+            )  # as those of a surface, or numba compiles kernels for both
             h = Heights(dimensionless(heights._replace(values=sampled), state, team))
             h.values.setflags(write=False)
         # Displacements are counted in pixels of the grid at hand.
-        pixels = here.pixel[0] * here.pixel[1] / (substrate.pixel[0] * substrate.pixel[1])
-        grid = GridProblem(here, h, stiffness * math.sqrt(pixels), mean, offset, settings, team, finest, hardness)
+        pixels = (
+            here.pixel[0] * here.pixel[1] / (substrate.pixel[0] * substrate.pixel[1])
+        )
+        grid = GridProblem(
+            here,
+            h,
+            stiffness * math.sqrt(pixels),
+            mean,
+            offset,
+            settings,
+            team,
+            finest,
+            hardness,
+        )
         end = _solve_on(grid, p, finest)
         p = end.pressure
         levels.append((shape, end.iterations))
@@ -99,7 +125,10 @@ def solve(
                 rms_gap=end.rms_gap / end.scale,
                 penetration=end.penetration / end.scale,
                 transforms=grid.transforms,
-                history=[(rms / end.scale, deepest / end.scale) for rms, deepest in grid.history],
+                history=[
+                    (rms / end.scale, deepest / end.scale)
+                    for rms, deepest in grid.history
+                ],
                 levels=levels,
             )
     raise AssertionError("there is always a finest grid")
@@ -107,15 +136,31 @@ def solve(
 
 def _solve_on(grid: GridProblem, p: Array | None, finest: bool) -> GridSolution:
     """Solve on one grid, from the pressure on a coarser one (or on this one), or from none."""
-    body, settings, load_given = grid.substrate, grid.settings, grid.offset_fixed is None
+    body = grid.substrate
+    settings = grid.settings
+    load_given = grid.offset_fixed is None
     if p is None and load_given:
         # the admissible pressure nearest to the one that presses the heights flat
-        p = projected(_flattening(grid) + grid.mean, grid.mean, grid.hardness).astype(grid.state)
+        p = projected(_flattening(grid) + grid.mean, grid.mean, grid.hardness).astype(
+            grid.state
+        )
     elif p is None:
-        q = dimensionless(grid.heights, grid.work, grid.team) - grid.work(grid.offset_fixed)
-        p = np.maximum(grid.operator.precondition(q), 0.0).astype(grid.state) / grid.state(grid.stiffness)
+        q = dimensionless(grid.heights, grid.work, grid.team) - grid.work(
+            grid.offset_fixed
+        )
+        p = np.maximum(grid.operator.precondition(q), 0.0).astype(
+            grid.state
+        ) / grid.state(grid.stiffness)
     elif p.shape != body.shape:
-        p = resampled(p, body.shape, grid.state, body.periodic, grid.team, kernels.resample_pressure, grid.hardness)
+        p = resampled(
+            p,
+            body.shape,
+            grid.state,
+            body.periodic,
+            grid.team,
+            kernels.resample_pressure,
+            grid.hardness,
+        )
     if grid.hardness is not None:
         np.minimum(p, grid.hardness, out=p)
     if load_given:
@@ -127,7 +172,10 @@ def _solve_on(grid: GridProblem, p: Array | None, finest: bool) -> GridSolution:
                 return end
     tolerance, limit = settings.tolerance, settings.max_iterations
     if not finest:
-        tolerance, limit = max(tolerance, COARSE_TOLERANCE), min(limit, COARSE_ITERATIONS)
+        tolerance, limit = (
+            max(tolerance, COARSE_TOLERANCE),
+            min(limit, COARSE_ITERATIONS),
+        )
     return Descent(grid, p, tolerance, limit, finest).run()
 
 
@@ -150,36 +198,53 @@ def _full_contact(grid: GridProblem) -> GridSolution | None:
     mean = grid.state(grid.mean)
     p = _flattening(grid)
     p += mean
-    if float(p.min()) <= 0.0 or (grid.hardness is not None and float(p.max()) > grid.hardness):
+    if float(p.min()) <= 0.0 or (
+        grid.hardness is not None and float(p.max()) > grid.hardness
+    ):
         return None
     varying = p - mean
     r = np.empty_like(p)
     # The mean height is the offset, if the load is given and the body periodic.
     base = float(np.mean(dimensionless(grid.heights, np.float64, grid.team)))
-    operator = grid.exact() if grid.state == np.float64 or not grid.finest else grid.double()
+    operator = (
+        grid.exact() if grid.state == np.float64 or not grid.finest else grid.double()
+    )
     grid.gap(operator, base, DescentState(varying, r))
     correction = -float(r.mean(dtype=np.float64))
-    rms = math.sqrt(float(np.mean(np.square(r + r.dtype.type(correction)), dtype=np.float64)))
+    rms = math.sqrt(
+        float(np.mean(np.square(r + r.dtype.type(correction)), dtype=np.float64))
+    )
     grid.history.append((rms, 0.0))
     offset = base + correction
     approach = grid.uniform * grid.stiffness * grid.mean - offset
     scale = min(1.0, approach) if approach > 0.0 else 1.0
     eps = 2.0 * float(np.finfo(grid.state).eps)
-    return GridSolution(p, r, correction, offset, scale, rms, 0.0, True, 0, [], True, (eps, eps))
+    return GridSolution(
+        p, r, correction, offset, scale, rms, 0.0, True, 0, [], True, (eps, eps)
+    )
 
 
-def compile_kernels(body: Substrate, settings: Settings, heights: Any = np.float64, bounded: bool = False) -> None:
+def compile_kernels(
+    body: Substrate,
+    settings: Settings,
+    heights: Any = np.float64,
+    bounded: bool = False,
+) -> None:
     """Compile what a solve on ``body`` calls, the last kernel first.
 
     ``heights``: dtype of the heights of the surface; ``bounded``: there is a hardness. The order is the reverse of that
     in which a solve calls them, so that a second process that does this while the first one solves compiles what the
     first one has not reached yet.
     """
-    for kernel, args in reversed(list(_calls(body, settings, np.dtype(heights), bounded))):
+    for kernel, args in reversed(
+        list(_calls(body, settings, np.dtype(heights), bounded))
+    ):
         kernel(0, 0, *args)
 
 
-def _calls(body: Substrate, settings: Settings, heights: Any, bounded: bool) -> Iterator[Call]:
+def _calls(
+    body: Substrate, settings: Settings, heights: Any, bounded: bool
+) -> Iterator[Call]:
     """The kernels of a solve with their arguments, in the order in which they are first called.
 
     What an argument is follows from its name: one of ``known``, arrays of one pixel among them, else a number.
@@ -188,11 +253,26 @@ def _calls(body: Substrate, settings: Settings, heights: Any, bounded: bool) -> 
     p, pixel = np.zeros((1, 1), state), np.zeros((1, 1), work)
     place, source = np.zeros(1, np.int64), np.zeros((1, 1), heights)
     source.setflags(write=False)  # as the heights of a surface
-    axis, work_axis = (kernels.Interpolation(place, place, np.zeros(1, dtype)) for dtype in (np.float64, work))
-    known: dict[str, Any] = {"blocks": kernels.Blocks(16, 1, np.zeros(1, np.uint8)), "state": DescentState(p, p)}
-    known |= {"search": kernels.Search(pixel, pixel, pixel, pixel, pixel), "hardness": state(1) if bounded else None}
-    known |= {"rows": work_axis, "columns": work_axis, "part": np.zeros((1, 7)), "ny": 1, "clear": True, "terms": True}
-    known |= dict.fromkeys(("u", "v", "d", "e", "y", "x", "out", "coarse", "stencil"), pixel) | {"p": p, "r": p}
+    axis, work_axis = (
+        kernels.Interpolation(place, place, np.zeros(1, dtype))
+        for dtype in (np.float64, work)
+    )
+    fields = "u", "v", "d", "e", "y", "x", "out", "coarse", "stencil"
+    known: dict[str, Any] = {
+        **dict.fromkeys(fields, pixel),
+        "p": p,
+        "r": p,
+        "blocks": kernels.Blocks(16, 1, np.zeros(1, np.uint8)),
+        "state": DescentState(p, p),
+        "search": kernels.Search(pixel, pixel, pixel, pixel, pixel),
+        "hardness": state(1) if bounded else None,
+        "rows": work_axis,
+        "columns": work_axis,
+        "part": np.zeros((1, 7)),
+        "ny": 1,
+        "clear": True,
+        "terms": True,
+    }
 
     def call(kernel: Any, **others: Any) -> Call:
         names = list(inspect.signature(kernel).parameters)[2:]
@@ -200,24 +280,42 @@ def _calls(body: Substrate, settings: Settings, heights: Any, bounded: bool) -> 
 
     def spectral(kernel: Any, dtype: Any = work) -> Call:
         spectrum = np.zeros((1, 1), np.result_type(dtype, np.complex64))
-        return call(kernel, symbol=np.zeros((1, 1), dtype), spectrum=spectrum, z=spectrum, turn=spectrum[0])
+        return call(
+            kernel,
+            symbol=np.zeros((1, 1), dtype),
+            spectrum=spectrum,
+            z=spectrum,
+            turn=spectrum[0],
+        )
 
     yield call(kernels.moments, heights=source)
     shapes, convolution = grids(body.shape, settings.levels), kernels.multiply
     if len(shapes) > 1:
-        yield call(kernels.resample, source=source, rows=axis, columns=axis, target=np.zeros((1, 1)))
+        yield call(
+            kernels.resample,
+            source=source,
+            rows=axis,
+            columns=axis,
+            target=np.zeros((1, 1)),
+        )
     for shape in reversed(shapes):
         here, surface = body, Heights(source)
         if shape != body.shape:
             values = np.zeros((1, 1), state)
             values.setflags(write=False)
             here, surface = body.regrid(shape), Heights(values)
-        convolution = kernels.multiply_packed if body.periodic and shape[1] % 2 == 0 else kernels.multiply
+        convolution = (
+            kernels.multiply_packed
+            if body.periodic and shape[1] % 2 == 0
+            else kernels.multiply
+        )
         split = suits(here, settings.any_size)
         if shape == shapes[-1]:
             yield spectral(convolution, state)
         else:
-            yield call(kernels.resample_pressure, source=p, rows=axis, columns=axis, target=p)
+            yield call(
+                kernels.resample_pressure, source=p, rows=axis, columns=axis, target=p
+            )
         yield call(kernels.totals)
         yield call(kernels.scale, factor=state(1))
         yield spectral(convolution)

@@ -39,7 +39,11 @@ REACH = 4
 LINE = 576
 _U = np.uint64
 # Reassociation lets sums use vector registers; infinities and NaN keep their meaning.
-_OPTIONS = {"nogil": True, "fastmath": {"reassoc", "nsz", "contract"}, "error_model": "numpy"}
+_OPTIONS = {
+    "nogil": True,
+    "fastmath": {"reassoc", "nsz", "contract"},
+    "error_model": "numpy",
+}
 
 
 class Blocks(NamedTuple):
@@ -169,11 +173,17 @@ def residual(lo, hi, blocks, state, offset, hardness, v, part):
                 vb[i] = value
                 total += value
                 count += 1.0 if value != 0.0 else 0.0
-            if through > 0.0:  # a loop of its own: an extremum would keep the sums above out of vector registers
+            if (
+                through > 0.0
+            ):  # a loop of its own: an extremum would keep the sums above out of vector registers
                 for i in range(pb.size):
                     if pb[i] <= 0 and rb[i] + offset < -deepest:
                         deepest = -(rb[i] + offset)
-                    if hardness is not None and pb[i] >= hardness and rb[i] + offset > deepest:
+                    if (
+                        hardness is not None
+                        and pb[i] >= hardness
+                        and rb[i] + offset > deepest
+                    ):
                         deepest = rb[i] + offset
         part[b, 0] = squares
         part[b, 1] = deepest
@@ -213,7 +223,10 @@ def products(lo, hi, blocks, search, share, uniform, part):
         sy = 0.0
         if blocks.active[b]:
             row, start, stop = _block(blocks, b, v.shape[1])
-            vb, zb, db, yb = v[row, start:stop], z[row, start:stop], d[row, start:stop], y[row, start:stop]
+            vb = v[row, start:stop]
+            zb = z[row, start:stop]
+            db = d[row, start:stop]
+            yb = y[row, start:stop]
             kb = search.outward[row, start:stop]
             for i in range(vb.size):
                 vi = float(vb[i])
@@ -341,7 +354,10 @@ def correct(lo, hi, blocks, search, e, step, factor, part):
         rest = 0.0
         if blocks.active[b]:
             row, start, stop = _block(blocks, b, v.shape[1])
-            vb, db, yb, eb = v[row, start:stop], d[row, start:stop], y[row, start:stop], e[row, start:stop]
+            vb = v[row, start:stop]
+            db = d[row, start:stop]
+            yb = y[row, start:stop]
+            eb = e[row, start:stop]
             for i in range(vb.size):
                 new = vb[i] - factor * yb[i]
                 new = 1e-30 if new == 0.0 else new
@@ -368,7 +384,10 @@ def subtract(lo, hi, blocks, u, heights, factor, base, state, hardness, part):
     p, r = state.p, state.r
     for b in range(lo, hi):
         row, start, stop = _block(blocks, b, p.shape[1])
-        ub, hb, pb, rb = u[row, start:stop], h[row, start:stop], p[row, start:stop], r[row, start:stop]
+        ub = u[row, start:stop]
+        hb = h[row, start:stop]
+        pb = p[row, start:stop]
+        rb = r[row, start:stop]
         total = 0.0
         count = 0.0
         for i in range(pb.size):
@@ -523,12 +542,16 @@ def resample_pressure(lo, hi, source, rows, columns, hardness, target):
         for j in range(target.shape[1]):
             p00, p01, p10, p11 = a[j0[j]], a[j1[j]], b[j0[j]], b[j1[j]]
             u = wj[j]
-            value = (1.0 - w) * ((1.0 - u) * p00 + u * p01) + w * ((1.0 - u) * p10 + u * p11)
-            inside = (1.0 - w) * ((1.0 - u) * (p00 > 0) + u * (p01 > 0)) + w * ((1.0 - u) * (p10 > 0) + u * (p11 > 0))
+            value = (1.0 - w) * ((1.0 - u) * p00 + u * p01) + w * (
+                (1.0 - u) * p10 + u * p11
+            )
+            inside = (1.0 - w) * ((1.0 - u) * (p00 > 0) + u * (p01 > 0)) + w * (
+                (1.0 - u) * (p10 > 0) + u * (p11 > 0)
+            )
             if hardness is not None:
-                full = (1.0 - w) * ((1.0 - u) * (p00 >= hardness) + u * (p01 >= hardness)) + w * (
-                    (1.0 - u) * (p10 >= hardness) + u * (p11 >= hardness)
-                )
+                full = (1.0 - w) * (
+                    (1.0 - u) * (p00 >= hardness) + u * (p01 >= hardness)
+                ) + w * ((1.0 - u) * (p10 >= hardness) + u * (p11 >= hardness))
                 value = hardness if full >= 0.5 else min(value, hardness)
             target[i, j] = value if inside >= 0.5 else 0.0
 
@@ -581,7 +604,9 @@ def restrict(lo, hi, blocks, x, coarse):
         for k in range(out.size):
             total = column[(k + 1) * RATIO]
             for a in range(1, RATIO):
-                total += x.dtype.type(1.0 - a / RATIO) * (column[(k + 1) * RATIO - a] + column[(k + 1) * RATIO + a])
+                total += x.dtype.type(1.0 - a / RATIO) * (
+                    column[(k + 1) * RATIO - a] + column[(k + 1) * RATIO + a]
+                )
             out[k] = total
 
 
@@ -621,14 +646,16 @@ def _stencil_columns(sums, weights, count):
     before, and the sums over the rows of the stencil for columns 0 … 4 away afterwards. Weights more than ``REACH`` +
     0.3 away are zero."""
     half = weights.dtype.type(0.5)  # row 0 was added to itself
-    a0, a1, a2, a3, a4 = (
-        half * weights[0, 0],
-        half * weights[0, 1],
-        half * weights[0, 2],
-        half * weights[0, 3],
-        half * weights[0, 4],
-    )
-    b0, b1, b2, b3, b4 = weights[1, 0], weights[1, 1], weights[1, 2], weights[1, 3], weights[1, 4]
+    a0 = half * weights[0, 0]
+    a1 = half * weights[0, 1]
+    a2 = half * weights[0, 2]
+    a3 = half * weights[0, 3]
+    a4 = half * weights[0, 4]
+    b0 = weights[1, 0]
+    b1 = weights[1, 1]
+    b2 = weights[1, 2]
+    b3 = weights[1, 3]
+    b4 = weights[1, 4]
     c0, c1, c2, c3 = weights[2, 0], weights[2, 1], weights[2, 2], weights[2, 3]
     d0, d1, d2, d3 = weights[3, 0], weights[3, 1], weights[3, 2], weights[3, 3]
     e0, e1 = weights[4, 0], weights[4, 1]
@@ -675,7 +702,9 @@ def local(lo, hi, blocks, x, stencil, coarse, out, part):
     per_row = blocks.per_row
     sums = np.zeros((REACH + 1) * LINE, x.dtype)
     fine = np.zeros((per_row, 2, blocks.width), x.dtype)
-    ready = np.full(per_row, -1)  # coarse row that ``fine`` was interpolated from, block by block
+    ready = np.full(
+        per_row, -1
+    )  # coarse row that ``fine`` was interpolated from, block by block
     for row in range(lo, hi):
         base = row // RATIO
         weight = x.dtype.type((row - base * RATIO) / RATIO)
@@ -690,18 +719,40 @@ def local(lo, hi, blocks, x, stencil, coarse, out, part):
                 ready[s] = base
                 for f in range(2):
                     source = _U((base + f) % coarse.shape[0])
-                    _interpolate(coarse, source, _U(start // RATIO), _U(n // RATIO), fine, _U(s), _U(f))
+                    _interpolate(
+                        coarse,
+                        source,
+                        _U(start // RATIO),
+                        _U(n // RATIO),
+                        fine,
+                        _U(s),
+                        _U(f),
+                    )
             left = REACH if start > 0 else 0
             right = REACH if stop < ny else 0
             for a in range(REACH + 1):
                 above, below, line = _U((row - a) % nx), _U((row + a) % nx), a * LINE
-                _pair_rows(x, above, below, _U(start - left), _U(left + n + right), sums, _U(line + REACH - left))
+                _pair_rows(
+                    x,
+                    above,
+                    below,
+                    _U(start - left),
+                    _U(left + n + right),
+                    sums,
+                    _U(line + REACH - left),
+                )
                 if left == 0:
-                    _pair_rows(x, above, below, _U(ny - REACH), _U(REACH), sums, _U(line))
+                    _pair_rows(
+                        x, above, below, _U(ny - REACH), _U(REACH), sums, _U(line)
+                    )
                 if right == 0:
-                    _pair_rows(x, above, below, _U(0), _U(REACH), sums, _U(line + REACH + n))
+                    _pair_rows(
+                        x, above, below, _U(0), _U(REACH), sums, _U(line + REACH + n)
+                    )
             _stencil_columns(sums, stencil, _U(n + 2 * REACH))
-            part[b, 0] = _stencil_rows(sums, fine, _U(s), weight, x, out, _U(row), _U(start), _U(n))
+            part[b, 0] = _stencil_rows(
+                sums, fine, _U(s), weight, x, out, _U(row), _U(start), _U(n)
+            )
 
 
 # The same for coarse pixels that are not a whole number of fine ones wide, with tables of interpolation.
@@ -725,7 +776,11 @@ def restrict_between(lo, hi, blocks, x, rows, columns, coarse):
         last = -((-(row + 1) * nx) // size)
         for k in range(first, last):
             i = k % nx
-            weight = rows.weight[i] if rows.lower[i] != row else x.dtype.type(1) - rows.weight[i]
+            weight = (
+                rows.weight[i]
+                if rows.lower[i] != row
+                else x.dtype.type(1) - rows.weight[i]
+            )
             for s in range(per_row):
                 if active[i * per_row + s]:
                     start = s * width
@@ -774,11 +829,29 @@ def local_between(lo, hi, blocks, x, stencil, coarse, rows, columns, out, part):
             right = REACH if stop < ny else 0
             for a in range(REACH + 1):
                 above, below, line = _U((row - a) % nx), _U((row + a) % nx), a * LINE
-                _pair_rows(x, above, below, _U(start - left), _U(left + n + right), sums, _U(line + REACH - left))
+                _pair_rows(
+                    x,
+                    above,
+                    below,
+                    _U(start - left),
+                    _U(left + n + right),
+                    sums,
+                    _U(line + REACH - left),
+                )
                 if left == 0:
-                    _pair_rows(x, above, below, _U(ny - REACH), _U(REACH), sums, _U(line))
+                    _pair_rows(
+                        x, above, below, _U(ny - REACH), _U(REACH), sums, _U(line)
+                    )
                 if right == 0:
-                    _pair_rows(x, above, below, _U(0), _U(REACH), sums, _U(line + REACH + n))
+                    _pair_rows(
+                        x, above, below, _U(0), _U(REACH), sums, _U(line + REACH + n)
+                    )
             _stencil_columns(sums, stencil, _U(n + 2 * REACH))
-            weight = rows.weight[row] if base % 2 == 0 else x.dtype.type(1) - rows.weight[row]
-            part[b, 0] = _stencil_rows(sums, fine, _U(s), weight, x, out, _U(row), _U(start), _U(n))
+            weight = (
+                rows.weight[row]
+                if base % 2 == 0
+                else x.dtype.type(1) - rows.weight[row]
+            )
+            part[b, 0] = _stencil_rows(
+                sums, fine, _U(s), weight, x, out, _U(row), _U(start), _U(n)
+            )

@@ -43,26 +43,38 @@ class Team:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_: type[BaseException] | BaseException | TracebackType | None) -> None:
+    def __exit__(
+        self, *_: type[BaseException] | BaseException | TracebackType | None
+    ) -> None:
         if self._pool is not None:
             self._pool.shutdown()
 
-    def run(self, kernel: Callable[..., None], share: int | Sequence[int], *args: Any) -> None:
+    def run(
+        self, kernel: Callable[..., None], share: int | Sequence[int], *args: Any
+    ) -> None:
         """Call ``kernel(lo, hi, *args)`` so that the ranges cover 0 … ``share``, or between the edges given."""
         edges = share
-        if isinstance(edges, int):  # about equal shares; a single one if the rows are few
+        if isinstance(
+            edges, int
+        ):  # about equal shares; a single one if the rows are few
             shares = 1 if edges < FEW else self.threads
             edges = [edges * k // shares for k in range(shares + 1)]
         if len(edges) == 2:
             kernel(edges[0], edges[1], *args)
             return
         first, *others = pairwise(edges)
-        jobs = [self._pool.submit(kernel, *part, *args) for part in others] if self._pool is not None else []
+        jobs = (
+            [self._pool.submit(kernel, *part, *args) for part in others]
+            if self._pool is not None
+            else []
+        )
         kernel(*first, *args)
         for job in jobs:
             job.result()
 
-    def table(self, kernel: Callable[..., None], rows: int, columns: int, *args: Any) -> Array:
+    def table(
+        self, kernel: Callable[..., None], rows: int, columns: int, *args: Any
+    ) -> Array:
         """The table (rows, columns) float64 that ``kernel(lo, hi, *args, part)`` fills row by row."""
         part = np.zeros((rows, columns))
         self.run(kernel, rows, *args, part)
@@ -85,10 +97,20 @@ class Active:
         self.coarse_edges = [0, rows // kernels.RATIO]
         if shares == 1:
             return
-        done = np.concatenate([np.zeros(1, np.int64), np.cumsum(1 + ACTIVE_COST * mask.astype(np.int64))])
+        done = np.concatenate(
+            [np.zeros(1, np.int64), np.cumsum(1 + ACTIVE_COST * mask.astype(np.int64))]
+        )
         goals = done[-1] * np.arange(1, shares) // shares
-        self.block_edges = [0, *(int(b) for b in np.searchsorted(done, goals)), mask.size]
-        self.row_edges = [0, *(int(r) for r in np.searchsorted(done[::per_row], goals)), rows]
+        self.block_edges = [
+            0,
+            *(int(b) for b in np.searchsorted(done, goals)),
+            mask.size,
+        ]
+        self.row_edges = [
+            0,
+            *(int(r) for r in np.searchsorted(done[::per_row], goals)),
+            rows,
+        ]
         self.coarse_edges = [edge // kernels.RATIO for edge in self.row_edges]
 
 
@@ -126,18 +148,29 @@ class Substrate(ABC):
 
     def regrid(self, shape: tuple[int, int]) -> Self:
         """The same body on another grid of the same extent."""
-        pixel = (self.pixel[0] * self.shape[0] / shape[0], self.pixel[1] * self.shape[1] / shape[1])
+        pixel = (
+            self.pixel[0] * self.shape[0] / shape[0],
+            self.pixel[1] * self.shape[1] / shape[1],
+        )
         return replace(self, shape=shape, pixel=pixel)
 
     @property
     def unit(self) -> float:
         """The root of the area of a pixel, nm."""
-        return self.pixel[0] if self.pixel[0] == self.pixel[1] else math.sqrt(self.pixel[0] * self.pixel[1])
+        return (
+            self.pixel[0]
+            if self.pixel[0] == self.pixel[1]
+            else math.sqrt(self.pixel[0] * self.pixel[1])
+        )
 
     def window(self, shape: tuple[int, int]) -> Self:
         """The same body with the same pixels on another extent; all lengths in units of the root of the area of a
         pixel. Equal windows have equal symbols and equal hashes."""
-        return replace(self, shape=shape, pixel=(self.pixel[0] / self.unit, self.pixel[1] / self.unit))
+        return replace(
+            self,
+            shape=shape,
+            pixel=(self.pixel[0] / self.unit, self.pixel[1] / self.unit),
+        )
 
 
 def fast_length(n: int) -> int:
@@ -196,24 +229,50 @@ class PeriodicLayer(Substrate):
         q[0, 0] = 1.0
         x = 2.0 * q * self.thickness
         sech = 2.0 * np.exp(-x) / (1.0 + np.exp(-2.0 * x))
-        both, even = k * (1.0 + a) * (1.0 + b), 2.0 * k * k * a + k * (a - 1.0) * (b - 1.0) + 2.0 * b
+        both = k * (1.0 + a) * (1.0 + b)
+        even = 2.0 * k * k * a + k * (a - 1.0) * (b - 1.0) + 2.0 * b
         odd = 4.0 * k * k * a + k * (a - 1.0) * (b - 3.0) + 2.0 * (b - 1.0)
         # (sinh x - x)/cosh x and (cosh x - 1 - x²/2)/cosh x
         less_x = np.tanh(x) - x * sech
-        _by_series(less_x, x, sech, 0.3, x * np.square(x) / 6.0, (20.0, 42.0, 72.0, 110.0, 156.0))
+        _by_series(
+            less_x,
+            x,
+            sech,
+            0.3,
+            x * np.square(x) / 6.0,
+            (20.0, 42.0, 72.0, 110.0, 156.0),
+        )
         less_parabola = 1.0 - (1.0 + 0.5 * x * x) * sech
-        _by_series(less_parabola, x, sech, 0.5, np.square(x) ** 2 / 24.0, (30.0, 56.0, 90.0, 132.0, 182.0))
+        _by_series(
+            less_parabola,
+            x,
+            sech,
+            0.5,
+            np.square(x) ** 2 / 24.0,
+            (30.0, 56.0, 90.0, 132.0, 182.0),
+        )
         numerator = both + even * less_x + odd * x * sech
         thin = (1.0 + b) * (1.0 + b + 0.5 * (k * (a - 1.0) + 2.0) * x * x)
-        values = 2.0 / q * numerator / (even * less_parabola + thin * sech + both * np.tanh(x))
+        values = (
+            2.0
+            / q
+            * numerator
+            / (even * less_parabola + thin * sech + both * np.tanh(x))
+        )
         nu = self.poisson
-        values[0, 0] = self.thickness * (1.0 - 2.0 * nu) / (1.0 - nu) ** 2 if k == 0.0 else 0.0
+        values[0, 0] = (
+            self.thickness * (1.0 - 2.0 * nu) / (1.0 - nu) ** 2 if k == 0.0 else 0.0
+        )
         return values
 
     def inverse(self) -> Floats:
         values = self.symbol()
-        if values[0, 0] <= 0.0:  # a uniform pressure does not move the reference: as the longest wave
-            longest = [float(edge[0]) for edge in (values[1:, 0], values[0, 1:]) if edge.size]
+        if (
+            values[0, 0] <= 0.0
+        ):  # a uniform pressure does not move the reference: as the longest wave
+            longest = [
+                float(edge[0]) for edge in (values[1:, 0], values[0, 1:]) if edge.size
+            ]
             values[0, 0] = min(longest, default=1.0)
         return 1.0 / values
 
@@ -241,18 +300,34 @@ class FreeHalfSpace(Substrate):
         px, py = self.padded
         x = np.arange(px, dtype=np.float64)
         y = np.arange(py, dtype=np.float64)
-        kernel = _love(np.minimum(x, px - x)[: px // 2 + 1], np.minimum(y, py - y)[: py // 2 + 1], self.pixel)
-        for n, axis in ((py, 1), (px, 0)):  # an even array, of which there are the first n//2 + 1 entries
-            rest = np.flip(np.take(kernel, np.arange(1, (n + 1) // 2), axis=axis), axis=axis)
+        kernel = _love(
+            np.minimum(x, px - x)[: px // 2 + 1],
+            np.minimum(y, py - y)[: py // 2 + 1],
+            self.pixel,
+        )
+        for n, axis in (
+            (py, 1),
+            (px, 0),
+        ):  # an even array, of which there are the first n//2 + 1 entries
+            rest = np.flip(
+                np.take(kernel, np.arange(1, (n + 1) // 2), axis=axis), axis=axis
+            )
             mirrored = np.concatenate([kernel, rest], axis=axis)
-            spectrum = np.asarray(sfft.rfft(mirrored, axis=axis, overwrite_x=True), np.complex128)
+            spectrum = np.asarray(
+                sfft.rfft(mirrored, axis=axis, overwrite_x=True), np.complex128
+            )
             kernel = np.ascontiguousarray(spectrum.real)
         # The truncated kernel is positive definite on the unpadded pixels; negative values are rounding errors.
         return np.maximum(kernel, 0.0)
 
 
 def _by_series(
-    values: Floats, x: Floats, sech: Floats, below: float, leading: Floats, divisors: Sequence[float]
+    values: Floats,
+    x: Floats,
+    sech: Floats,
+    below: float,
+    leading: Floats,
+    divisors: Sequence[float],
 ) -> None:
     """Put ``leading`` (1 + y/d₁ (1 + y/d₂ …)) sech, y = x², into ``values`` where x is small and they cancel."""
     small = x < below
@@ -274,4 +349,6 @@ def _love(x: Floats, y: Floats, pixel: tuple[float, float]) -> Floats:
         ys = ((y + sy) * ay)[None, :]
         return xs * np.arcsinh(ys / np.abs(xs)) + ys * np.arcsinh(xs / np.abs(ys))
 
-    return (corner(0.5, 0.5) - corner(0.5, -0.5) - corner(-0.5, 0.5) + corner(-0.5, -0.5)) / math.pi
+    return (
+        corner(0.5, 0.5) - corner(0.5, -0.5) - corner(-0.5, 0.5) + corner(-0.5, -0.5)
+    ) / math.pi

@@ -30,7 +30,11 @@ class HalfSpaceSolver(ContactSolver, ABC):
 
     def identity(self) -> dict[str, Any]:
         """As for every component; without :attr:`later` options that are not given."""
-        return {name: value for name, value in super().identity().items() if value or name not in self.later}
+        return {
+            name: value
+            for name, value in super().identity().items()
+            if value or name not in self.later
+        }
 
     def is_nominally_flat(self, periodic: bool) -> bool:
         """See :meth:`chemage.plugin.ContactSolver.is_nominally_flat`; ``boundary`` may make it periodic, or free."""
@@ -66,7 +70,11 @@ class SphereSolver(HalfSpaceSolver, ABC):
     def radius(self, made: Mapping[str, Any]) -> float:
         """The radius (nm) in the provenance of a surface, or in what its maker expects."""
         radius = made.get("radius")
-        if isinstance(radius, bool) or not isinstance(radius, int | float) or not (0 < radius < math.inf):
+        if (
+            isinstance(radius, bool)
+            or not isinstance(radius, int | float)
+            or not (0 < radius < math.inf)
+        ):
             raise InputError(
                 f"contact {self.kind!r} needs a sphere, but this surface has no radius (provenance['radius'] = "
                 f"{radius!r}); use surface kind 'sphere' or contact {self.general!r}"
@@ -81,12 +89,19 @@ class SphereSolver(HalfSpaceSolver, ABC):
         return ()
 
     @abstractmethod
-    def pressed(self, shape: tuple[int, int], size: float, radius: float, load: float) -> Any:
+    def pressed(
+        self, shape: tuple[int, int], size: float, radius: float, load: float
+    ) -> Any:
         """The contact of a sphere of ``radius`` under ``load``, if it is one and within a grid of pixels of ``size``
         (nm)."""
 
     def require_room(
-        self, edge: float, shape: tuple[int, int], size: float, load: float, what: str = "the contact has"
+        self,
+        edge: float,
+        shape: tuple[int, int],
+        size: float,
+        load: float,
+        what: str = "the contact has",
     ) -> None:
         """Refuse a contact of radius ``edge`` (nm) on a surface that reaches less far from the apex."""
         room = 0.5 * min(shape) * size
@@ -100,7 +115,9 @@ class SphereSolver(HalfSpaceSolver, ABC):
 
     def edges(self, surface: Surface) -> list[np.ndarray]:
         """The edges of the pixels along both sides, (nx + 1,) and (ny + 1,) nm, from the middle of the grid."""
-        return [(np.arange(n + 1) - 0.5 * n) * surface.pixel_size for n in surface.shape]
+        return [
+            (np.arange(n + 1) - 0.5 * n) * surface.pixel_size for n in surface.shape
+        ]
 
     def distances(self, surface: Surface) -> np.ndarray:
         """Distances of the centres of pixels from the apex, nm."""

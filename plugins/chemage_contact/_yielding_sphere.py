@@ -47,8 +47,14 @@ class Ring:
 
         half = 0.5 * width
         if width < THINNEST:
-            hardness = 0.25 * math.pi / (0.5 * math.log(2.0 / width) - 1.0 + 2.0 * math.log(2.0))
-            return cls(half, np.array([hardness / math.pi]), hardness, math.pi * hardness)
+            hardness = (
+                0.25
+                * math.pi
+                / (0.5 * math.log(2.0 / width) - 1.0 + 2.0 * math.log(2.0))
+            )
+            return cls(
+                half, np.array([hardness / math.pi]), hardness, math.pi * hardness
+            )
         order = np.arange(POINTS)
         theta = (order + 0.5) * math.pi / POINTS
         x = np.cos(theta)
@@ -57,27 +63,38 @@ class Ring:
         larger = np.maximum(s[:, None], s)
         rest = np.abs(apart) * (s[:, None] + s) / larger**2  # 1 - k²
         np.fill_diagonal(rest, 1.0)
-        kappa = np.maximum(s[None, :] / s[:, None], 1.0) * (special.ellipe(1.0 - rest) - special.ellipkm1(rest))
+        kappa = np.maximum(s[None, :] / s[:, None], 1.0) * (
+            special.ellipe(1.0 - rest) - special.ellipkm1(rest)
+        )
         factor = special.ellipe(1.0 - (s[None, :] / s[:, None]) ** 2) / math.pi
         np.fill_diagonal(apart, 1.0)
         smooth = kappa - factor * np.log(np.abs(apart))
         np.fill_diagonal(smooth, 1.0 - math.log(4.0) + 0.5 * np.log(2.0 / s))
         cosines = np.cos(np.outer(theta, order))
         logarithm = (
-            -math.log(2.0) - 2.0 * np.einsum("ik,jk->ij", cosines[:, 1:] / order[1:], cosines[:, 1:]) + math.log(half)
+            -math.log(2.0)
+            - 2.0 * np.einsum("ik,jk->ij", cosines[:, 1:] / order[1:], cosines[:, 1:])
+            + math.log(half)
         )
         weight = math.pi / POINTS
         psi = algebra.solve(weight * (factor * logarithm + smooth), -0.25 * math.pi * s)
         coefficients = 2.0 / POINTS * np.einsum("ij,i->j", cosines, psi)
         coefficients[0] *= 0.5
-        return cls(half, coefficients, weight * float(psi.sum()), math.pi * weight * float(np.sum(psi * s**2)))
+        return cls(
+            half,
+            coefficients,
+            weight * float(psi.sum()),
+            math.pi * weight * float(np.sum(psi * s**2)),
+        )
 
     def pressure(self, r: Array) -> Array:
         """∫ D from r on."""
         theta = np.arccos(np.clip((r - 1.0 + self.half) / self.half, -1.0, 1.0))
         order = np.arange(1, self.coefficients.size)
         return self.coefficients[0] * theta + np.einsum(
-            "...i,i->...", np.sin(theta[..., None] * order), self.coefficients[1:] / order
+            "...i,i->...",
+            np.sin(theta[..., None] * order),
+            self.coefficients[1:] / order,
         )
 
     def displacement(self, r: Array) -> Array:
@@ -87,11 +104,15 @@ class Ring:
         theta = (np.arange(FINE) + 0.5) * math.pi / FINE
         s = 1.0 - self.half + self.half * np.cos(theta)
         density = np.einsum(
-            "ij,j->i", np.cos(np.outer(theta, np.arange(self.coefficients.size))), self.coefficients
+            "ij,j->i",
+            np.cos(np.outer(theta, np.arange(self.coefficients.size))),
+            self.coefficients,
         ) * (math.pi / FINE)
         inner, outer = np.minimum(r[:, None], s), np.maximum(r[:, None], s)
         rest = np.abs(r[:, None] - s) * (inner + outer) / outer**2
-        second = rest * special.ellipkm1(np.maximum(rest, 1e-300))  # finite where it is multiplied by zero
+        second = rest * special.ellipkm1(
+            np.maximum(rest, 1e-300)
+        )  # finite where it is multiplied by zero
         values = special.ellipe(1.0 - rest) - np.where(r[:, None] > s, second, 0.0)
         return (4.0 / math.pi) * np.einsum("ij,j->i", outer * values, density)
 
@@ -114,7 +135,9 @@ class YieldingSphere:
         inside = np.clip(r / self.edge, 1.0 - 2.0 * self.ring.half, 1.0)
         found = np.zeros(r.shape)
         between = (r > self.core) & (r < self.edge)
-        found[between] = self.ring.pressure(inside[between]) * (self.hardness / self.ring.hardness)
+        found[between] = self.ring.pressure(inside[between]) * (
+            self.hardness / self.ring.hardness
+        )
         found[r <= self.core] = self.hardness
         return np.minimum(found, self.hardness)
 
@@ -135,7 +158,9 @@ class YieldingSphere:
         return found.reshape(shape) * (self.edge**2 / self.radius)
 
 
-def yielding_sphere(load: float, radius: float, modulus: float, hardness: float) -> YieldingSphere | None:
+def yielding_sphere(
+    load: float, radius: float, modulus: float, hardness: float
+) -> YieldingSphere | None:
     """The contact under ``load`` (nN > 0); None where the largest pressure of Hertz is not above the hardness."""
     from scipy import optimize
 
@@ -151,7 +176,11 @@ def yielding_sphere(load: float, radius: float, modulus: float, hardness: float)
     deepest = -math.log(THINNEST)
     if math.isfinite(wanted) and excess(deepest) > 0.0:
         first = 1e-6
-        depth: Any = optimize.brentq(excess, first, deepest, xtol=1e-14) if excess(first) < 0.0 else first
+        depth: Any = (
+            optimize.brentq(excess, first, deepest, xtol=1e-14)
+            if excess(first) < 0.0
+            else first
+        )
         ring = Ring.of(math.exp(-depth))
         edge = math.sqrt(load / hardness * ring.hardness / ring.load)
     else:

@@ -96,17 +96,29 @@ class AdhesiveSphere(SphereSolver, ABC):
         """The stable contact under ``load`` nN, which is at least that of pull-off."""
 
     @abstractmethod
-    def at_approach(self, radius: float, displacement: float, *, touching: bool = True) -> AdhesiveState | None:
+    def at_approach(
+        self, radius: float, displacement: float, *, touching: bool = True
+    ) -> AdhesiveState | None:
         """The contact at an approach of ``displacement`` nm since first touch, as it is where the surfaces were
         ``touching`` before, or were not; None: they do not touch."""
 
     @abstractmethod
-    def _forces(self, radius: float, state: AdhesiveState, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    def _forces(
+        self, radius: float, state: AdhesiveState, x: np.ndarray, y: np.ndarray
+    ) -> np.ndarray:
         """Force (nN) on each pixel between the edges ``x`` and ``y``, nm from the apex."""
 
-    def _pushes(self, radius: float, edge: float, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    def _pushes(
+        self, radius: float, edge: float, x: np.ndarray, y: np.ndarray
+    ) -> np.ndarray:
         """The part of these forces of the pressure of Hertz on a contact of radius ``edge``."""
-        return 2 * self.modulus * edge**3 / (math.pi * radius) * _pixels(_corner_force, x / edge, y / edge)
+        return (
+            2
+            * self.modulus
+            * edge**3
+            / (math.pi * radius)
+            * _pixels(_corner_force, x / edge, y / edge)
+        )
 
     def _carries(self, radius: float) -> str:
         return ""
@@ -134,14 +146,21 @@ class AdhesiveSphere(SphereSolver, ABC):
         if load < -self.pull_off(surface["radius"]):
             return cost
         edge = self.at_load(surface["radius"], load).edge
-        return {"area_fraction": min(math.pi * edge**2 / pixels / surface["pixel_size"] ** 2, 1.0), **cost}
+        return {
+            "area_fraction": min(
+                math.pi * edge**2 / pixels / surface["pixel_size"] ** 2, 1.0
+            ),
+            **cost,
+        }
 
     def check(self, surface: Mapping[str, float], load: float) -> tuple[str, ...]:
         """See :meth:`chemage.plugin.ContactSolver.check`."""
         super().check(surface, load)
         return self._beyond(surface["radius"]) if surface.keys() >= GRID else ()
 
-    def pressed(self, shape: tuple[int, int], size: float, radius: float, load: float) -> AdhesiveState:
+    def pressed(
+        self, shape: tuple[int, int], size: float, radius: float, load: float
+    ) -> AdhesiveState:
         """See :meth:`SphereSolver.pressed`."""
         pull = self.pull_off(radius)
         # the last bits are those of the conversion of units
@@ -156,12 +175,24 @@ class AdhesiveSphere(SphereSolver, ABC):
         state = self.at_load(radius, max(load, -pull))
         self.require_room(state.outer, shape, size, load, "contact and attraction have")
         if not state.edge > 1e-60 * size:
-            raise InputError.of("load", load, "leaves the range of numbers: no contact is left", "give nN and nm")
+            raise InputError.of(
+                "load",
+                load,
+                "leaves the range of numbers: no contact is left",
+                "give nN and nm",
+            )
         return state
 
-    def _solve(self, surface: Surface, load: float, start: ContactSolution | None) -> ContactSolution:
+    def _solve(
+        self, surface: Surface, load: float, start: ContactSolution | None
+    ) -> ContactSolution:
         radius = self.radius(surface.provenance)
-        return self._solution(surface, radius, self.pressed(surface.shape, surface.pixel_size, radius, load), load)
+        return self._solution(
+            surface,
+            radius,
+            self.pressed(surface.shape, surface.pixel_size, radius, load),
+            load,
+        )
 
     def solve_displacement(
         self, surface: Surface, displacement: float | str, *, touching: bool = True
@@ -187,27 +218,43 @@ class AdhesiveSphere(SphereSolver, ABC):
             np.array([math.pi * state.edge**2 for state in states]),
         )
 
-    def _solution(self, surface: Surface, radius: float, state: AdhesiveState, load: float) -> ContactSolution:
+    def _solution(
+        self, surface: Surface, radius: float, state: AdhesiveState, load: float
+    ) -> ContactSolution:
         from scipy import ndimage
 
         size = surface.pixel_size
         x, y = self.edges(surface)
         pressure = self._forces(radius, state, x, y) / size**2
-        nearest = [np.minimum(np.abs(edges[1:]), np.abs(edges[:-1])) * (edges[1:] * edges[:-1] > 0) for edges in (x, y)]
-        pressure[np.hypot(nearest[0][:, None], nearest[1]) >= state.outer] = 0.0  # else rounding errors
+        nearest = [
+            np.minimum(np.abs(edges[1:]), np.abs(edges[:-1]))
+            * (edges[1:] * edges[:-1] > 0)
+            for edges in (x, y)
+        ]
+        pressure[np.hypot(nearest[0][:, None], nearest[1]) >= state.outer] = (
+            0.0  # else rounding errors
+        )
         centre = self.distances(surface)
         # a contact smaller than a pixel is the pixel in the middle
         touching = centre < max(state.edge, float(centre.min()) * (1 + 1e-9))
-        if state.outer == state.edge:  # that of pixels outside is shared by their eight neighbours in contact
+        if (
+            state.outer == state.edge
+        ):  # that of pixels outside is shared by their eight neighbours in contact
             around = np.ones((3, 3))
-            count = ndimage.convolve(touching.astype(np.float64), around, mode="constant")
+            count = ndimage.convolve(
+                touching.astype(np.float64), around, mode="constant"
+            )
             moves = ~touching & (count > 0)
             share = np.where(moves, pressure / np.maximum(count, 1.0), 0.0)
             gained = ndimage.convolve(share, around, mode="constant")
             pressure = np.where(moves, 0.0, pressure) + np.where(touching, gained, 0.0)
         carries = self._carries(radius)
         scale = float(np.abs(pressure).sum()) * size**2
-        force_error = 0.0 if carries or not scale else abs(float(pressure.sum()) * size**2 - load) / scale
+        force_error = (
+            0.0
+            if carries or not scale
+            else abs(float(pressure.sum()) * size**2 - load) / scale
+        )
         return self.solution(
             surface,
             pressure=pressure,
@@ -263,7 +310,9 @@ class JKR(AdhesiveSphere):
 
     kind = "jkr"
     tabor = (5.0, math.inf)
-    cite = ("K. L. Johnson, K. Kendall, A. D. Roberts, Proc. R. Soc. Lond. A 324, 301 (1971)",)
+    cite = (
+        "K. L. Johnson, K. Kendall, A. D. Roberts, Proc. R. Soc. Lond. A 324, 301 (1971)",
+    )
     bibtex = (_JKR,)
 
     def pull_off(self, radius: float) -> float:
@@ -273,20 +322,36 @@ class JKR(AdhesiveSphere):
     def at_load(self, radius: float, load: float) -> AdhesiveState:
         """See :meth:`AdhesiveSphere.at_load`."""
         pull = self.pull_off(radius)
-        cubed = 0.75 * radius / self.modulus * (load + 2 * pull + 2 * math.sqrt(max(pull * (load + pull), 0.0)))
+        cubed = (
+            0.75
+            * radius
+            / self.modulus
+            * (load + 2 * pull + 2 * math.sqrt(max(pull * (load + pull), 0.0)))
+        )
         return self._state(radius, math.cbrt(cubed), load)
 
-    def _state(self, radius: float, edge: float, load: float | None = None) -> AdhesiveState:
+    def _state(
+        self, radius: float, edge: float, load: float | None = None
+    ) -> AdhesiveState:
         w, modulus = self.work_of_adhesion, self.modulus
-        force = 4 * modulus * edge**3 / (3 * radius) - math.sqrt(8 * math.pi * w * modulus * edge**3)
+        force = 4 * modulus * edge**3 / (3 * radius) - math.sqrt(
+            8 * math.pi * w * modulus * edge**3
+        )
         return AdhesiveState(
-            force if load is None else load, edge, edge, edge**2 / radius - math.sqrt(2 * math.pi * w * edge / modulus)
+            force if load is None else load,
+            edge,
+            edge,
+            edge**2 / radius - math.sqrt(2 * math.pi * w * edge / modulus),
         )
 
-    def at_approach(self, radius: float, displacement: float, *, touching: bool = True) -> AdhesiveState | None:
+    def at_approach(
+        self, radius: float, displacement: float, *, touching: bool = True
+    ) -> AdhesiveState | None:
         """See :meth:`AdhesiveSphere.at_approach`: surfaces apart jump into contact where they touch, at 0."""
         # a = x² a₁, in which x⁴ − x = d on the stable branch beyond its lowest point
-        scale = math.cbrt(2 * math.pi * self.work_of_adhesion * radius**2 / self.modulus)
+        scale = math.cbrt(
+            2 * math.pi * self.work_of_adhesion * radius**2 / self.modulus
+        )
         depth, lowest = displacement * radius / scale**2, 4.0 ** (-1 / 3)
         if depth < (0.0 if not touching else lowest**4 - lowest):
             return None
@@ -294,10 +359,17 @@ class JKR(AdhesiveSphere):
         root = max(float(value.real) for value in roots if abs(value.imag) < 1e-6)
         return self._state(radius, max(root, lowest) ** 2 * scale)
 
-    def _forces(self, radius: float, state: AdhesiveState, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    def _forces(
+        self, radius: float, state: AdhesiveState, x: np.ndarray, y: np.ndarray
+    ) -> np.ndarray:
         edge = state.edge
-        punch = math.sqrt(2 * self.work_of_adhesion * self.modulus / (math.pi * edge)) * edge**2
-        return self._pushes(radius, edge, x, y) - punch * _pixels(_corner_punch, x / edge, y / edge)
+        punch = (
+            math.sqrt(2 * self.work_of_adhesion * self.modulus / (math.pi * edge))
+            * edge**2
+        )
+        return self._pushes(radius, edge, x, y) - punch * _pixels(
+            _corner_punch, x / edge, y / edge
+        )
 
 
 class DMT(AdhesiveSphere):
@@ -311,7 +383,9 @@ class DMT(AdhesiveSphere):
 
     kind = "dmt"
     tabor = (0.0, 0.1)
-    cite = ("B. V. Derjaguin, V. M. Muller, Yu. P. Toporov, J. Colloid Interface Sci. 53, 314 (1975)",)
+    cite = (
+        "B. V. Derjaguin, V. M. Muller, Yu. P. Toporov, J. Colloid Interface Sci. 53, 314 (1975)",
+    )
     bibtex = (_DMT,)
 
     def pull_off(self, radius: float) -> float:
@@ -323,22 +397,27 @@ class DMT(AdhesiveSphere):
         edge = math.cbrt(0.75 * radius / self.modulus * (load + self.pull_off(radius)))
         return AdhesiveState(load, edge, edge, edge**2 / radius)
 
-    def at_approach(self, radius: float, displacement: float, *, touching: bool = True) -> AdhesiveState | None:
+    def at_approach(
+        self, radius: float, displacement: float, *, touching: bool = True
+    ) -> AdhesiveState | None:
         """See :meth:`AdhesiveSphere.at_approach`."""
         if displacement < 0:
             return None
         edge = math.sqrt(displacement * radius)
         return AdhesiveState(
-            4 * self.modulus * edge**3 / (3 * radius) - self.pull_off(radius), edge, edge, displacement
+            4 * self.modulus * edge**3 / (3 * radius) - self.pull_off(radius),
+            edge,
+            edge,
+            displacement,
         )
 
-    def _forces(self, radius: float, state: AdhesiveState, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    def _forces(
+        self, radius: float, state: AdhesiveState, x: np.ndarray, y: np.ndarray
+    ) -> np.ndarray:
         return np.maximum(self._pushes(radius, state.edge, x, y), 0.0)
 
     def _carries(self, radius: float) -> str:
-        return (
-            f"the attraction of {self.pull_off(radius):.6g} nN acts around the contact, where DMT theory does not say"
-        )
+        return f"the attraction of {self.pull_off(radius):.6g} nN acts around the contact, where DMT theory does not say"
 
 
 class Maugis(AdhesiveSphere):
@@ -361,7 +440,12 @@ class Maugis(AdhesiveSphere):
         parameter for a potential of the same stress."""
         stiffness, w = 4 * self.modulus / 3, self.work_of_adhesion
         edge = math.cbrt(math.pi * w * radius**2 / stiffness)
-        return math.pi * w * radius, edge, edge**2 / radius, 2 * w / self.range * radius / (stiffness * edge)
+        return (
+            math.pi * w * radius,
+            edge,
+            edge**2 / radius,
+            2 * w / self.range * radius / (stiffness * edge),
+        )
 
     def pull_off(self, radius: float) -> float:
         """Of the least load of all contacts, nN."""
@@ -371,15 +455,24 @@ class Maugis(AdhesiveSphere):
     def at_load(self, radius: float, load: float) -> AdhesiveState:
         """See :meth:`AdhesiveSphere.at_load`."""
         force, _, _, strength = self.units(radius)
-        return self._state(radius, _solved(_load, strength, load / force, _lowest(_load, strength)))
+        return self._state(
+            radius, _solved(_load, strength, load / force, _lowest(_load, strength))
+        )
 
     def _state(self, radius: float, angle: float) -> AdhesiveState:
         force, unit, depth, strength = self.units(radius)
         outer = _outer(angle, strength)
         displacement = _approach(angle, strength) * depth
-        return AdhesiveState(force * _load(angle, strength), unit * outer * math.cos(angle), unit * outer, displacement)
+        return AdhesiveState(
+            force * _load(angle, strength),
+            unit * outer * math.cos(angle),
+            unit * outer,
+            displacement,
+        )
 
-    def at_approach(self, radius: float, displacement: float, *, touching: bool = True) -> AdhesiveState | None:
+    def at_approach(
+        self, radius: float, displacement: float, *, touching: bool = True
+    ) -> AdhesiveState | None:
         """See :meth:`AdhesiveSphere.at_approach`: surfaces apart jump into contact where their bulge has closed the
         gap, or at once where the attraction begins at a gap z₀."""
         _, _, depth, strength = self.units(radius)
@@ -388,7 +481,9 @@ class Maugis(AdhesiveSphere):
             return None
         if not touching and displacement < self._touch(radius):
             return None
-        return self._state(radius, _solved(_approach, strength, displacement / depth, last))
+        return self._state(
+            radius, _solved(_approach, strength, displacement / depth, last)
+        )
 
     def _touch(self, radius: float) -> float:
         """Approach (nm, negative) at which surfaces that were apart touch: a disc of radius c under the stress w/z₀
@@ -399,18 +494,28 @@ class Maugis(AdhesiveSphere):
         middle = (2 - 4 / math.pi) * strain * radius
         closed = math.sqrt(middle**2 + 2 * radius * self.range) - middle
         # ... if the attraction did not spread at once when it began
-        return -self.range if closed < 8 * strain * radius / math.pi else -2 * strain * closed
+        return (
+            -self.range
+            if closed < 8 * strain * radius / math.pi
+            else -2 * strain * closed
+        )
 
-    def _forces(self, radius: float, state: AdhesiveState, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    def _forces(
+        self, radius: float, state: AdhesiveState, x: np.ndarray, y: np.ndarray
+    ) -> np.ndarray:
         edge, outer = state.edge, state.outer
         forces = self._pushes(radius, edge, x, y)
         # the attraction as a sum of flat punches of radius t from a to c: (2σ/π) ∫ t dt/√(c² − t²) 1/√(t² − r²)
         nodes, weights = np.polynomial.legendre.leggauss(_NODES)
         span = math.sqrt(max((outer - edge) * (outer + edge), 0.0))
         stress = 2 / math.pi * self.work_of_adhesion / self.range
-        for s, weight in zip(0.5 * span * (nodes + 1), 0.5 * span * weights, strict=True):
+        for s, weight in zip(
+            0.5 * span * (nodes + 1), 0.5 * span * weights, strict=True
+        ):
             punch = math.sqrt((outer - s) * (outer + s))
-            forces -= stress * weight * punch * _pixels(_corner_punch, x / punch, y / punch)
+            forces -= (
+                stress * weight * punch * _pixels(_corner_punch, x / punch, y / punch)
+            )
         return forces
 
 
@@ -444,7 +549,10 @@ def _lowest(function: Callable[[float, float], float], strength: float) -> float
     """The angle at which load or approach is least, ½π where the contact vanishes before."""
     from scipy.optimize import minimize_scalar
 
-    angles = np.append(np.geomspace(1e-9, 1.5, _ANGLES), 0.5 * math.pi - np.geomspace(0.07, 1e-12, _ANGLES // 4))
+    angles = np.append(
+        np.geomspace(1e-9, 1.5, _ANGLES),
+        0.5 * math.pi - np.geomspace(0.07, 1e-12, _ANGLES // 4),
+    )
     angles = np.append(angles, 0.5 * math.pi)
     values = np.array([function(angle, strength) for angle in angles])
     # the first minimum is that of the stable branch
@@ -453,21 +561,37 @@ def _lowest(function: Callable[[float, float], float], strength: float) -> float
     if at == angles.size - 1:
         return float(angles[at])
     found: Any = minimize_scalar(
-        function, bounds=(low, high), args=(strength,), method="bounded", options={"xatol": 1e-12 * high}
+        function,
+        bounds=(low, high),
+        args=(strength,),
+        method="bounded",
+        options={"xatol": 1e-12 * high},
     )
     return float(found.x)
 
 
-def _solved(function: Callable[[float, float], float], strength: float, value: float, last: float) -> float:
+def _solved(
+    function: Callable[[float, float], float],
+    strength: float,
+    value: float,
+    last: float,
+) -> float:
     """The angle below ``last`` at which the falling load or approach has ``value``."""
-    from scipy.optimize import brentq
+    from scipy.optimize import root_scalar
 
     if value <= function(last, strength):
         return last
     first = last
     while function(first, strength) < value:
         first *= 0.5
-    return float(brentq(lambda angle: function(angle, strength) - value, first, last, xtol=1e-300, rtol=1e-14))  # pyright: ignore[reportArgumentType]
+    found = root_scalar(
+        lambda angle: function(angle, strength) - value,
+        bracket=(first, last),
+        method="brentq",
+        xtol=1e-300,
+        rtol=1e-14,
+    )
+    return float(found.root)
 
 
 def _corner_punch(x: np.ndarray, y: np.ndarray) -> np.ndarray:

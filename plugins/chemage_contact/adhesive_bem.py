@@ -70,7 +70,9 @@ class AdhesiveBEM(HalfSpaceSolver):
     )
     bibtex = (_BUGNICOURT, _REY)
 
-    work_of_adhesion: Annotated[float, Unit("J/m**2", ge=0)] = Field(examples=["50 mJ/m^2"])
+    work_of_adhesion: Annotated[float, Unit("J/m**2", ge=0)] = Field(
+        examples=["50 mJ/m^2"]
+    )
     """work of adhesion w of the two surfaces, J/m² (the same number in nN/nm)"""
     range: Length = Field(examples=["0.3 nm"])
     """range ρ of the attraction, nm: the largest stress is w/ρ"""
@@ -106,22 +108,30 @@ class AdhesiveBEM(HalfSpaceSolver):
             return {}
         estimate = self._plain().expected(surface, max(load, 0.0))
         pixels = surface["nx"] * surface["ny"]
-        padded = pixels * (1 if self.is_nominally_flat(surface.get("periodic") != 0) else 4)
+        padded = pixels * (
+            1 if self.is_nominally_flat(surface.get("periodic") != 0) else 4
+        )
         # the rest is for kernels that a first run compiles (`tests/benchmarks/memory.py`)
         estimate["bytes"] = max(estimate["bytes"], 150.0 * padded) + 3e7
-        estimate["cpu_seconds"] += 0.05 + 3e-6 * padded * max(1.0, 1 - 0.3 * math.log10(self.tolerance / 1e-4))
+        estimate["cpu_seconds"] += 0.05 + 3e-6 * padded * max(
+            1.0, 1 - 0.3 * math.log10(self.tolerance / 1e-4)
+        )
         estimate.pop("gap_bytes", None)
         return estimate | ({"gap_bytes": 8.0 * pixels} if self.gap else {})
 
     def check(self, surface: Mapping[str, float], load: float) -> tuple[str, ...]:
         """See :meth:`chemage.plugin.ContactSolver.check`."""
         doubts = []
-        if "pixel_size" in surface and (text := self._unresolved(surface["pixel_size"])):
+        if "pixel_size" in surface and (
+            text := self._unresolved(surface["pixel_size"])
+        ):
             doubts.append(text)
         if "radius" in surface:
             self._bearable(surface["radius"], load)
         if surface.keys() >= GRID and load > 0:
-            doubts += self._plain().check({k: v for k, v in surface.items() if k != "radius"}, load)
+            doubts += self._plain().check(
+                {k: v for k, v in surface.items() if k != "radius"}, load
+            )
         return tuple(doubts)
 
     def _bearable(self, radius: float, load: float) -> None:
@@ -137,8 +147,14 @@ class AdhesiveBEM(HalfSpaceSolver):
 
     def _plain(self) -> FFTBEM:
         """The contact without attraction."""
-        options = {"modulus": self.modulus, "boundary": self.boundary, "threads": self.threads}
-        return FFTBEM(tolerance=START_TOLERANCE, gap=True, on_failure="return", **options)
+        options = {
+            "modulus": self.modulus,
+            "boundary": self.boundary,
+            "threads": self.threads,
+        }
+        return FFTBEM(
+            tolerance=START_TOLERANCE, gap=True, on_failure="return", **options
+        )
 
     def _unresolved(self, size: float) -> str:
         """What is wrong with pixels of ``size`` nm, if they are not refused."""
@@ -152,21 +168,34 @@ class AdhesiveBEM(HalfSpaceSolver):
             f"E*ρ²/w = {needed / COARSEST:.4g} nm long, so that the contact sticks to the grid"
         )
         if self.coarse == "refuse":
-            raise InputError.of("range", self.range, why, f"use pixels of {needed:.4g} nm or less, or a longer range")
+            raise InputError.of(
+                "range",
+                self.range,
+                why,
+                f"use pixels of {needed:.4g} nm or less, or a longer range",
+            )
         return f"{why}; use pixels of {needed:.4g} nm or less"
 
-    def _solve(self, surface: Surface, load: float, start: ContactSolution | None) -> ContactSolution:
+    def _solve(
+        self, surface: Surface, load: float, start: ContactSolution | None
+    ) -> ContactSolution:
         return self._from(surface, load, None)[0]
 
-    def sweep(self, surface: Surface, loads: Sequence[float | str]) -> list[ContactSolution]:
+    def sweep(
+        self, surface: Surface, loads: Sequence[float | str]
+    ) -> list[ContactSolution]:
         """Contacts of ``surface`` under each of ``loads`` in the order given, each from the one before: a history."""
         contacts, before = [], None
         for load in loads:
-            contact, before = self._from(surface, self.normal_force(load, surface), before)
+            contact, before = self._from(
+                surface, self.normal_force(load, surface), before
+            )
             contacts.append(contact)
         return contacts
 
-    def solve_displacement(self, surface: Surface, displacement: float | str) -> ContactSolution:
+    def solve_displacement(
+        self, surface: Surface, displacement: float | str
+    ) -> ContactSolution:
         """The contact at a given approach: ``displacement`` in nm since first touch without attraction, of the mean
         plane of the elastic body (periodic) or of points far away (free); below zero the surfaces are apart, or held
         together by adhesion. The load follows."""
@@ -186,7 +215,11 @@ class AdhesiveBEM(HalfSpaceSolver):
         )
 
     def _from(
-        self, surface: Surface, load: float | None, before: _Before | None, approach: float | None = None
+        self,
+        surface: Surface,
+        load: float | None,
+        before: _Before | None,
+        approach: float | None = None,
     ) -> tuple[ContactSolution, _Before]:
         """The contact under ``load``, or at ``approach`` (nm), and where the next one may begin."""
         size, modulus = surface.pixel_size, self.modulus
@@ -195,17 +228,30 @@ class AdhesiveBEM(HalfSpaceSolver):
         heights = (heights - heights.max()) / size
         pixel = (size, size)
         flat = self.is_nominally_flat(surface.periodic)
-        body: Substrate = (PeriodicHalfSpace if flat else FreeHalfSpace)(surface.shape, pixel)
+        body: Substrate = (PeriodicHalfSpace if flat else FreeHalfSpace)(
+            surface.shape, pixel
+        )
         # a stress that falls to zero over its own elastic deformation of a pixel leaves no pixel the choice of two gaps
         work, reach = self.work_of_adhesion / modulus / size, self.range / size
         law = CohesiveLaw(self.law == "exponential", work, reach, 0.5 * work / reach)
-        if load is not None and not math.isfinite(load / surface.nominal_area / modulus):
-            raise InputError.of("load", load, "leaves the range of numbers when spread over the surface")
+        if load is not None and not math.isfinite(
+            load / surface.nominal_area / modulus
+        ):
+            raise InputError.of(
+                "load", load, "leaves the range of numbers when spread over the surface"
+            )
         if load is not None and "radius" in surface.provenance:
             self._bearable(float(surface.provenance["radius"]), load)
         pressure = None if load is None else load / surface.nominal_area / modulus
         with Team(self.threads or threads.available()) as team:
-            problem = Adhesive(body, heights, law, pressure, None if approach is None else approach / size, team)
+            problem = Adhesive(
+                body,
+                heights,
+                law,
+                pressure,
+                None if approach is None else approach / size,
+                team,
+            )
             x, rise = before or self._begin(surface, problem, load)
             if approach is not None:
                 x, rise = problem.placed(x, rise, approach / size)
@@ -219,10 +265,19 @@ class AdhesiveBEM(HalfSpaceSolver):
                 "give a load above the pull-off force, which loop() finds, or start = 'contact'",
             )
         nx, ny = surface.shape
-        rise = -float(heights.mean()) - float(found.x[:nx, :ny].mean()) if flat else found.rise
-        return self._solution(surface, problem, found, load, rise, coarse), (found.x, rise)
+        rise = (
+            -float(heights.mean()) - float(found.x[:nx, :ny].mean())
+            if flat
+            else found.rise
+        )
+        return self._solution(surface, problem, found, load, rise, coarse), (
+            found.x,
+            rise,
+        )
 
-    def _begin(self, surface: Surface, problem: Adhesive, load: float | None) -> _Before:
+    def _begin(
+        self, surface: Surface, problem: Adhesive, load: float | None
+    ) -> _Before:
         x, rise = np.zeros(problem.padded), 0.0
         nx, ny = surface.shape
         if self.start == "contact" and load is not None:
@@ -237,7 +292,13 @@ class AdhesiveBEM(HalfSpaceSolver):
         return x, 0.0 if problem.periodic else rise
 
     def _solution(
-        self, surface: Surface, problem: Adhesive, found: Iterate, load: float | None, rise: float, coarse: str
+        self,
+        surface: Surface,
+        problem: Adhesive,
+        found: Iterate,
+        load: float | None,
+        rise: float,
+        coarse: str,
     ) -> ContactSolution:
         size, area, law = surface.pixel_size, surface.pixel_size**2, problem.law
         nx, ny = surface.shape
@@ -248,22 +309,34 @@ class AdhesiveBEM(HalfSpaceSolver):
         converged = found.error <= self.tolerance
         notes = [coarse] if coarse else []
         if not converged:
-            why, remedy = "no step lowers the energy any more", "accept a larger tolerance"
+            why = "no step lowers the energy any more"
+            remedy = "accept a larger tolerance"
             if problem.iterations >= self.max_iterations:
-                why, remedy = "the iteration limit was reached", "raise max_iterations, or accept a larger tolerance"
+                why = "the iteration limit was reached"
+                remedy = "raise max_iterations, or accept a larger tolerance"
             message = (
                 f"adhesive-bem: {why} after {problem.iterations} iterations with a relative stress of "
                 f"{found.error:.3g} out of balance (tolerance {self.tolerance:g}): {remedy}"
             )
             if self.on_failure == "raise":
-                raise ConvergenceError(message, history=problem.history, residual=found.error, tolerance=self.tolerance)
+                raise ConvergenceError(
+                    message,
+                    history=problem.history,
+                    residual=found.error,
+                    tolerance=self.tolerance,
+                )
             notes.append(message)
         if not self.is_nominally_flat(surface.periodic):
             # beyond the outermost pixels nothing acts
-            nearest = min(float(edge.min()) for edge in (reduced[0], reduced[-1], reduced[:, 0], reduced[:, -1]))
+            nearest = min(
+                float(edge.min())
+                for edge in (reduced[0], reduced[-1], reduced[:, 0], reduced[:, -1])
+            )
             reach = law.range * -math.log(AT_EDGE) if law.exponential else law.range
             if nearest <= 0:
-                notes.append("contact at the edge of the grid, beyond which nothing carries load")
+                notes.append(
+                    "contact at the edge of the grid, beyond which nothing carries load"
+                )
             elif law.work and nearest <= reach:
                 notes.append(
                     "the surfaces attract each other at the edge of the grid, beyond which nothing acts: use more "
@@ -282,7 +355,9 @@ class AdhesiveBEM(HalfSpaceSolver):
             convergence={
                 "tolerance": self.tolerance,
                 "pressure_error": found.error,
-                "force_error": abs(force - load) / borne if load is not None and borne else 0.0,
+                "force_error": abs(force - load) / borne
+                if load is not None and borne
+                else 0.0,
                 "transforms": problem.transforms,
                 "history": problem.history,
             },

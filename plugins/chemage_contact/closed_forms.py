@@ -11,7 +11,14 @@ import numpy as np
 from pydantic import Field
 
 from chemage import ContactSolution, InputError, Surface
-from chemage.plugin import ContactModulus, ContactStatistics, ContactTheory, Pressure, Roughness, theory
+from chemage.plugin import (
+    ContactModulus,
+    ContactStatistics,
+    ContactTheory,
+    Pressure,
+    Roughness,
+    theory,
+)
 from chemage_contact._solvers import GRID, NO_LOAD, SphereSolver
 from chemage_contact._yielding_sphere import YieldingSphere, yielding_sphere
 
@@ -78,9 +85,17 @@ class Hertz(SphereSolver):
             edge = max(edge, math.sqrt(load / self.hardness / math.pi))
         nominal = surface["nx"] * surface["ny"] * surface["pixel_size"] ** 2
         pixels = surface["nx"] * surface["ny"]
-        cost = {"cpu_seconds": 0.005 + 3e-7 * pixels, "bytes": 46.0 * pixels + gap.get("gap_bytes", 0.0)}
+        cost = {
+            "cpu_seconds": 0.005 + 3e-7 * pixels,
+            "bytes": 46.0 * pixels + gap.get("gap_bytes", 0.0),
+        }
         most = {} if self.hardness is None else {"max_pressure": self.hardness}
-        return {"area_fraction": min(math.pi * edge**2 / nominal, 1.0), **cost, **gap, **most}
+        return {
+            "area_fraction": min(math.pi * edge**2 / nominal, 1.0),
+            **cost,
+            **gap,
+            **most,
+        }
 
     def pressed(
         self, shape: tuple[int, int], size: float, radius: float, load: float
@@ -89,7 +104,12 @@ class Hertz(SphereSolver):
         edge = math.cbrt(0.75 * load * radius / self.modulus)
         self.require_room(edge, shape, size, load)
         if load > 0 and not (edge > 1e-60 * size and 1e-290 < load / size**2 < 1e100):
-            raise InputError.of("load", load, f"leaves the range of numbers on pixels of {size:g} nm", "give nN and nm")
+            raise InputError.of(
+                "load",
+                load,
+                f"leaves the range of numbers on pixels of {size:g} nm",
+                "give nN and nm",
+            )
         if self.hardness is None or not load > 0:
             return edge, None
         room, least = 0.5 * min(shape) * size, math.sqrt(load / self.hardness / math.pi)
@@ -106,7 +126,9 @@ class Hertz(SphereSolver):
             self.require_room(sphere.edge, shape, size, load)
         return (edge if sphere is None else sphere.edge), sphere
 
-    def _solve(self, surface: Surface, load: float, start: ContactSolution | None) -> ContactSolution:
+    def _solve(
+        self, surface: Surface, load: float, start: ContactSolution | None
+    ) -> ContactSolution:
         radius, size = self.radius(surface.provenance), surface.pixel_size
         edge, sphere = self.pressed(surface.shape, size, radius, load)
         pressure = np.zeros(surface.shape)
@@ -143,7 +165,12 @@ class Hertz(SphereSolver):
         if not edge > 0:
             return r * r / (2 * radius)
         rho = np.maximum(r / edge, 1.0)
-        return np.maximum(edge**2 / (math.pi * radius) * (np.sqrt(rho**2 - 1) + (rho**2 - 2) * np.arccos(1 / rho)), 0.0)
+        return np.maximum(
+            edge**2
+            / (math.pi * radius)
+            * (np.sqrt(rho**2 - 1) + (rho**2 - 2) * np.arccos(1 / rho)),
+            0.0,
+        )
 
     def _forces(self, surface: Surface, edge: float, load: float) -> np.ndarray:
         """Force in nN on each pixel of a contact of radius ``edge``."""
@@ -157,25 +184,39 @@ class Hertz(SphereSolver):
         force = np.where(inside, np.maximum(force, 0.0), 0.0)
         return force * (load / force.sum())
 
-    def _yielding_pressure(self, surface: Surface, sphere: YieldingSphere, load: float) -> np.ndarray:
+    def _yielding_pressure(
+        self, surface: Surface, sphere: YieldingSphere, load: float
+    ) -> np.ndarray:
         """Pressure of each pixel of a sphere that yields, GPa: the mean over its square where its centre is inside."""
         size, r = surface.pixel_size, self.distances(surface)
         inside = r < sphere.edge
         least = load / sphere.hardness / size**2 * (1 - 1e-12)
-        if np.count_nonzero(inside) < least:  # their number is near πa²/size², not always above it
+        if (
+            np.count_nonzero(inside) < least
+        ):  # their number is near πa²/size², not always above it
             inside = r <= np.sort(r, axis=None)[math.ceil(least) - 1]
         away = r[inside]
         means = np.full(away.size, sphere.hardness)
-        x, y = (np.broadcast_to(v, r.shape)[inside] for v in np.ogrid[tuple(slice(0, n) for n in r.shape)])
-        places = [(v - 0.5 * (n - 1)) * size for v, n in zip((x, y), r.shape, strict=True)]
+        x, y = (
+            np.broadcast_to(v, r.shape)[inside]
+            for v in np.ogrid[tuple(slice(0, n) for n in r.shape)]
+        )
+        places = [
+            (v - 0.5 * (n - 1)) * size for v, n in zip((x, y), r.shape, strict=True)
+        ]
         rim = np.minimum(np.abs(away - sphere.core), np.abs(away - sphere.edge)) < size
         for points, there in ((16, rim), (3, ~rim & (away > sphere.core))):
             offsets = ((np.arange(points) + 0.5) / points - 0.5) * size
-            for some in np.array_split(np.flatnonzero(there), max(1, np.count_nonzero(there) * points**2 >> 20)):
+            for some in np.array_split(
+                np.flatnonzero(there), max(1, np.count_nonzero(there) * points**2 >> 20)
+            ):
                 fine = np.hypot(
-                    (places[0][some, None] + offsets)[:, :, None], (places[1][some, None] + offsets)[:, None, :]
+                    (places[0][some, None] + offsets)[:, :, None],
+                    (places[1][some, None] + offsets)[:, None, :],
                 )
-                means[some] = sphere.pressure(fine.ravel()).reshape(fine.shape).mean(axis=(1, 2))
+                means[some] = (
+                    sphere.pressure(fine.ravel()).reshape(fine.shape).mean(axis=(1, 2))
+                )
         mean = load / size**2 / away.size
         means *= min(1.0, mean / float(means.mean()))
         # whose module loads the kernels of the boundary elements
@@ -211,13 +252,17 @@ def _corner_force(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     full = smooth(np.where(inside, x, 0.0), np.where(inside, y, 0.0), w)
     # Strips s in (c, x) where t runs to the circle: ∫ π/4 (1 − s²) ds; up to c = sqrt(1 − y²) the rectangle is inside.
     c = np.sqrt(np.maximum(1.0 - y * y, 0.0))
-    beyond = smooth(c, y, np.zeros_like(c)) + 0.25 * math.pi * ((x - x**3 / 3.0) - (c - c**3 / 3.0))
+    beyond = smooth(c, y, np.zeros_like(c)) + 0.25 * math.pi * (
+        (x - x**3 / 3.0) - (c - c**3 / 3.0)
+    )
     return np.where(inside, full, beyond)
 
 
 def _pixels(corner: Any, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Integrals over each pixel from those over rectangles at the apex."""
-    signed = (np.sign(x)[:, None] * np.sign(y)) * corner(np.abs(x)[:, None], np.abs(y)[None, :])
+    signed = (np.sign(x)[:, None] * np.sign(y)) * corner(
+        np.abs(x)[:, None], np.abs(y)[None, :]
+    )
     return np.diff(np.diff(signed, axis=0), axis=1)
 
 
@@ -255,7 +300,7 @@ _PERSSON_ENERGY = """@article{persson2008,
   pages = {312001},
   year = {2008},
   doi = {10.1088/0953-8984/20/31/312001},
-}"""  # noqa: E501
+}"""
 
 _MANNERS = """@article{manners2006,
   author = {Manners, W. and Greenwood, J. A.},
@@ -305,8 +350,13 @@ class Persson(ContactTheory):
         if not surface.keys() >= {*GRID, "rms_slope"}:
             return estimate
         area = surface["nx"] * surface["ny"] * surface["pixel_size"] ** 2
-        mean, sigma = load / area, self._deviation(load / area, 0.5 * self.modulus * surface["rms_slope"])
-        fraction = theory.persson_area_fraction(0.5 * mean / sigma) if sigma > 0 else float(load > 0)
+        mean = load / area
+        sigma = self._deviation(load / area, 0.5 * self.modulus * surface["rms_slope"])
+        fraction = (
+            theory.persson_area_fraction(0.5 * mean / sigma)
+            if sigma > 0
+            else float(load > 0)
+        )
         return {**estimate, "area_fraction": float(fraction)}
 
     def check(self, surface: Mapping[str, float], load: float) -> None:
@@ -316,16 +366,26 @@ class Persson(ContactTheory):
 
     def relative_error(self, roughness: Roughness, load: float) -> float | None:
         """See :meth:`chemage.plugin.ContactTheory.relative_error`: uncalibrated, mostly that the area is too small."""
-        mean, full = load / roughness.nominal_area, 0.5 * self.modulus * roughness.rms_slope
+        mean = load / roughness.nominal_area
+        full = 0.5 * self.modulus * roughness.rms_slope
         if not mean > 0 or not full > 0 or not roughness.rms_height > 0:
             return self.declared_error
         solved = self if self.kappa is not None else self.replace(kappa=SOLVED)
         deviations = (contact._deviation(mean, full) for contact in (solved, self))
-        area, own = (theory.persson_area_fraction(0.5 * mean / deviation) for deviation in deviations)
-        peaks = area * roughness.nominal_area * (roughness.rms_slope / (2 * math.pi * roughness.rms_height)) ** 2
+        area, own = (
+            theory.persson_area_fraction(0.5 * mean / deviation)
+            for deviation in deviations
+        )
+        peaks = (
+            area
+            * roughness.nominal_area
+            * (roughness.rms_slope / (2 * math.pi * roughness.rms_height)) ** 2
+        )
         # no area is larger than the nominal one
         limit = min(WITHIN + FEW_PEAKS / (peaks + SHIFT) ** POWER, -math.log(area))
-        return float(limit if self.kappa is not None else 1 - own / area * math.exp(-limit))
+        return float(
+            limit if self.kappa is not None else 1 - own / area * math.exp(-limit)
+        )
 
     def _deviation(self, mean: float, full: float) -> float:
         """Standard deviation of the pressure before it is absorbed, of which that at full contact is ``full``; GPa."""
@@ -349,7 +409,11 @@ class Persson(ContactTheory):
             notes=(
                 "the contact is that of Persson's theory: no map, no patches, no rim, which leaves out 0.3 to 6 % of "
                 "the bonds of sites that interact"
-                + ("" if self.kappa is None else f"; calibrated to an area–load coefficient of {self.kappa:g}"),
+                + (
+                    ""
+                    if self.kappa is None
+                    else f"; calibrated to an area–load coefficient of {self.kappa:g}"
+                ),
             ),
             provenance=self.provenance(roughness),
         )
@@ -374,7 +438,10 @@ class Persson(ContactTheory):
                 return part - 1
             w = np.exp(0.5 * (last - first) * (nodes + 1) + first)
             rate = least + (1 - least) * special.erf(1 / np.sqrt(2 * w)) ** 2
-            return (math.exp(first) + 0.5 * (last - first) * float(np.sum(weights * (w / rate)))) / variance - 1
+            return (
+                math.exp(first)
+                + 0.5 * (last - first) * float(np.sum(weights * (w / rate)))
+            ) / variance - 1
 
         low, high = min(least, 1.0), max(least, 1.0)
         for _ in range(52):
@@ -389,15 +456,21 @@ class Persson(ContactTheory):
         sigma = self._deviation(mean, full)
         if sigma <= 1e-12 * mean:
             return np.array([mean]), np.array([1.0])
-        edges = np.linspace(max(mean - REACH * sigma, 0.0), mean + REACH * sigma, CLASSES + 1)
+        edges = np.linspace(
+            max(mean - REACH * sigma, 0.0), mean + REACH * sigma, CLASSES + 1
+        )
         nodes, weights = np.polynomial.legendre.leggauss(8)
         half = 0.5 * np.diff(edges)
         points = 0.5 * (edges[1:] + edges[:-1])[:, None] + half[:, None] * nodes
         # the density of the theory for a modulus of 2 GPa and a slope of sigma
-        density = theory.persson_pressure_density(points, mean, 2.0, sigma) * (half[:, None] * weights)
+        density = theory.persson_pressure_density(points, mean, 2.0, sigma) * (
+            half[:, None] * weights
+        )
         share = density.sum(axis=1)
         there = share > 0
         pressure = (density * points).sum(axis=1)[there] / share[there]
         total = float(np.sum(pressure * share[there]))
         # what is beyond the last class, 1e-14 of the load, is distributed in proportion
-        return pressure * (mean / total) if math.isfinite(total) and total > 0 else pressure, share[there]
+        return pressure * (mean / total) if math.isfinite(
+            total
+        ) and total > 0 else pressure, share[there]

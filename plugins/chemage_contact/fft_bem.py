@@ -17,7 +17,13 @@ from chemage_contact import _kernels as kernels
 from chemage_contact._descent import GridSolution
 from chemage_contact._grid import bounded, rescale, sums
 from chemage_contact._kernels import Heights
-from chemage_contact._operators import FreeHalfSpace, PeriodicHalfSpace, PeriodicLayer, Substrate, Team
+from chemage_contact._operators import (
+    FreeHalfSpace,
+    PeriodicHalfSpace,
+    PeriodicLayer,
+    Substrate,
+    Team,
+)
 from chemage_contact._solvers import GRID, NO_LOAD, HalfSpaceSolver
 
 #: Thickness of a layer, in pixels and in lengths of the surface. A thinner one is a bed of springs, which rounding
@@ -100,7 +106,9 @@ class FFTBEM(HalfSpaceSolver):
     """largest pressure, GPa: the material flows where it is reached, and the load spreads; default: elastic"""
     tolerance: float = Field(default=1e-5, gt=0, lt=1, allow_inf_nan=False)
     """largest error of the gap, relative to the rms height (or to the approach since first touch, where smaller)"""
-    pressure_tolerance: float | None = Field(default=None, gt=0, lt=1, allow_inf_nan=False)
+    pressure_tolerance: float | None = Field(
+        default=None, gt=0, lt=1, allow_inf_nan=False
+    )
     """largest estimated relative L2 error of the pressure, in addition to ``tolerance``; default: not required"""
     precision: Literal["single", "double", "mixed"] = "mixed"
     """mixed: iterate in single, pressure and gap in double precision (as accurate as double); single: least memory"""
@@ -129,7 +137,9 @@ class FFTBEM(HalfSpaceSolver):
     @property
     def declared_error(self) -> float | None:  # pyright: ignore[reportIncompatibleVariableOverride]
         """Of the pressure on a half-space, see ``docs/contact.md``; None for a layer, which has no closed form here."""
-        return None if self.thickness is not None else min(1e-3 + 30 * self.tolerance, 1.0)
+        return (
+            None if self.thickness is not None else min(1e-3 + 30 * self.tolerance, 1.0)
+        )
 
     @model_validator(mode="after")
     def _check(self) -> FFTBEM:
@@ -143,9 +153,13 @@ class FFTBEM(HalfSpaceSolver):
                 f"tolerance = {self.tolerance:g}: below the rounding errors of double precision; use 1e-12 or more"
             )
         if self.thickness is not None and self.boundary == "free":
-            raise ValueError("thickness: a layer needs boundary = 'periodic'; leave one of the two out")
+            raise ValueError(
+                "thickness: a layer needs boundary = 'periodic'; leave one of the two out"
+            )
         if self.substrate is not None and self.thickness is None:
-            raise ValueError("substrate: it lies below a layer; give the thickness of the layer, or leave it out")
+            raise ValueError(
+                "substrate: it lies below a layer; give the thickness of the layer, or leave it out"
+            )
         return self
 
     def expected(self, surface: Mapping[str, float], load: float) -> dict[str, float]:
@@ -154,7 +168,9 @@ class FFTBEM(HalfSpaceSolver):
             return {}
         pixels = surface["nx"] * surface["ny"]
         repeats = self.is_nominally_flat(surface.get("periodic") != 0)
-        estimate = {"bytes": pixels * (_BYTES if repeats else _BYTES_FREE)[self.precision]}
+        estimate = {
+            "bytes": pixels * (_BYTES if repeats else _BYTES_FREE)[self.precision]
+        }
         if maps := self.gap + (self.hardness is not None):
             size = float(np.dtype(iteration.PRECISIONS[self.precision][0]).itemsize)
             estimate["gap_bytes"] = pixels * size * maps
@@ -164,20 +180,34 @@ class FFTBEM(HalfSpaceSolver):
         fraction = 0.1
         if {"pixel_size", "rms_slope"} <= surface.keys():
             x = load / (pixels * surface["pixel_size"] ** 2) / self.modulus
-            x = x / surface["rms_slope"] if surface["rms_slope"] > 0 else math.inf if load > 0 else 0.0
-            fraction = estimate["area_fraction"] = math.erf(2.2 * x / math.sqrt(4.0 / math.pi))
+            x = (
+                x / surface["rms_slope"]
+                if surface["rms_slope"] > 0
+                else math.inf
+                if load > 0
+                else 0.0
+            )
+            fraction = estimate["area_fraction"] = math.erf(
+                2.2 * x / math.sqrt(4.0 / math.pi)
+            )
             if self.hardness is not None:
                 full = load / (pixels * surface["pixel_size"] ** 2) / self.hardness
                 fraction = estimate["area_fraction"] = min(max(fraction, full), 1.0)
         if {"pixel_size", "radius"} <= surface.keys() and not repeats:
             edge = self._radius(surface["radius"], load)
-            fraction = estimate["area_fraction"] = min(math.pi * edge**2 / (pixels * surface["pixel_size"] ** 2), 1.0)
+            fraction = estimate["area_fraction"] = min(
+                math.pi * edge**2 / (pixels * surface["pixel_size"] ** 2), 1.0
+            )
         return estimate | {"cpu_seconds": self._seconds(pixels, fraction, repeats)}
 
     def _radius(self, radius: float, load: float) -> float:
         """Radius of the contact of a sphere, nm: the larger one of Hertz and of full yield."""
         elastic = math.cbrt(0.75 * load * radius / self.modulus)
-        return elastic if self.hardness is None else max(elastic, math.sqrt(load / self.hardness / math.pi))
+        return (
+            elastic
+            if self.hardness is None
+            else max(elastic, math.sqrt(load / self.hardness / math.pi))
+        )
 
     def _seconds(self, pixels: float, fraction: float, periodic: bool) -> float:
         """CPU seconds of a solve, as measured on a 2-core Intel Xeon machine (``tests/benchmarks/estimates.py``)."""
@@ -186,11 +216,17 @@ class FFTBEM(HalfSpaceSolver):
         work = (1.8e-7 + 1.2e-6 * math.sqrt(fraction)) * max(0.5, 1.0 + 0.14 * digits)
         factor = {"single": 0.95, "mixed": 1.0, "double": 1.4}[self.precision]
         factor *= 1.0 if self.hardness is None else 1.3
-        return 0.03 + pixels * work * factor * (1.0 if periodic else 1.4) * (2.0 if self.levels == 1 else 1.0)
+        return 0.03 + pixels * work * factor * (1.0 if periodic else 1.4) * (
+            2.0 if self.levels == 1 else 1.0
+        )
 
     def check(self, surface: Mapping[str, float], load: float) -> tuple[str, ...]:
         """See :meth:`chemage.plugin.ContactSolver.check`."""
-        if self.thickness is not None and self.boundary == "auto" and surface.get("periodic") == 0:
+        if (
+            self.thickness is not None
+            and self.boundary == "auto"
+            and surface.get("periodic") == 0
+        ):
             raise InputError(_LAYER)
         if not surface.keys() >= GRID:
             return ()
@@ -230,16 +266,22 @@ class FFTBEM(HalfSpaceSolver):
         """See :meth:`chemage.plugin.ContactSolver.warm_up`."""
         if load == 0 or not surface.keys() >= GRID:
             return
-        shape, pixel = (int(surface["nx"]), int(surface["ny"])), (surface["pixel_size"], surface["pixel_size"])
+        shape = (int(surface["nx"]), int(surface["ny"]))
+        pixel = (surface["pixel_size"], surface["pixel_size"])
         periodic = self.is_nominally_flat(surface.get("periodic") != 0)
         # of the body, only its grid matters
         body = (PeriodicHalfSpace if periodic else FreeHalfSpace)(shape, pixel)
-        iteration.compile_kernels(body, self._settings(), bounded=self.hardness is not None)
+        iteration.compile_kernels(
+            body, self._settings(), bounded=self.hardness is not None
+        )
 
     def _check_range(self, area: float, pixel_size: float, load: float) -> None:
         """Refuse pressures and layers that leave the range of numbers; ``area`` nominal, nm²."""
         thickness = self.thickness
-        if thickness is not None and not THINNEST * pixel_size <= thickness <= THICKEST * math.sqrt(area):
+        if (
+            thickness is not None
+            and not THINNEST * pixel_size <= thickness <= THICKEST * math.sqrt(area)
+        ):
             raise InputError.of(
                 "thickness",
                 thickness,
@@ -256,10 +298,22 @@ class FFTBEM(HalfSpaceSolver):
                 f"is below the mean pressure of {load:.6g} nN on {area:.6g} nm², which no contact can bear",
                 f"give a hardness of at least {pressure:.6g} GPa, or a smaller load",
             )
-        if not (SMALLEST_PRESSURE < pressure < LARGEST_PRESSURE and pressure / self.modulus > SMALLEST_PRESSURE):
-            raise InputError.of("load", load, "leaves the range of numbers when spread over the surface")
-        if self.precision == "single" and not (load / pixel_size**2 > 1e-35 and pressure < 1e35):
-            raise InputError.of("load", load, "the pressure leaves the range of float32", "use precision = 'mixed'")
+        if not (
+            SMALLEST_PRESSURE < pressure < LARGEST_PRESSURE
+            and pressure / self.modulus > SMALLEST_PRESSURE
+        ):
+            raise InputError.of(
+                "load", load, "leaves the range of numbers when spread over the surface"
+            )
+        if self.precision == "single" and not (
+            load / pixel_size**2 > 1e-35 and pressure < 1e35
+        ):
+            raise InputError.of(
+                "load",
+                load,
+                "the pressure leaves the range of float32",
+                "use precision = 'mixed'",
+            )
 
     def reference(self) -> FFTBEM:
         """Double precision at a tolerance of 1e-12, or the nearest to it that rounding errors allow."""
@@ -271,7 +325,9 @@ class FFTBEM(HalfSpaceSolver):
             on_failure="return",
         )
 
-    def _solve(self, surface: Surface, load: float, start: ContactSolution | None) -> ContactSolution:
+    def _solve(
+        self, surface: Surface, load: float, start: ContactSolution | None
+    ) -> ContactSolution:
         self._check_range(surface.nominal_area, surface.pixel_size, load)
         if load == 0:
             return self._untouched(surface, 0.0)
@@ -279,16 +335,24 @@ class FFTBEM(HalfSpaceSolver):
         quantum = _power_of_two(pressure)
         # Growing the contact takes longer than shrinking it; where coarse grids are the better start is measured
         # (``docs/contact.md``).
-        near = start is not None and start.shape == surface.shape and 0.8 * start.load <= load <= 1.05 * start.load
+        near = (
+            start is not None
+            and start.shape == surface.shape
+            and 0.8 * start.load <= load <= 1.05 * start.load
+        )
         with Team(self.threads or threads.available()) as team:
             heights, unit = _dimensionless(surface, pressure / self.modulus, team)
             goal: dict[str, Any] = {
                 "mean": pressure / quantum,
                 "start": start.pressure if start is not None and near else None,
             }
-            return self._solved(surface, self._body(surface), heights, unit, quantum, load, team, goal)
+            return self._solved(
+                surface, self._body(surface), heights, unit, quantum, load, team, goal
+            )
 
-    def sweep(self, surface: Surface, loads: Sequence[float | str]) -> list[ContactSolution]:
+    def sweep(
+        self, surface: Surface, loads: Sequence[float | str]
+    ) -> list[ContactSolution]:
         """Contacts of ``surface`` under each of ``loads`` (forces or nominal pressures), in the order given.
 
         Solved from the smallest load to the largest, each from its neighbour. This is the area–load curve:
@@ -301,7 +365,9 @@ class FFTBEM(HalfSpaceSolver):
             start = contacts[i] = self.solve(surface, values[i], start=start)
         return [contacts[i] for i in range(len(values))]
 
-    def solve_displacement(self, surface: Surface, displacement: float | str) -> ContactSolution:
+    def solve_displacement(
+        self, surface: Surface, displacement: float | str
+    ) -> ContactSolution:
         """The contact at a given approach: ``displacement`` in nm since first touch, of the mean plane of the elastic
         body (periodic) or of points far away (free). The load follows.
 
@@ -314,7 +380,12 @@ class FFTBEM(HalfSpaceSolver):
         """
         approach = convert(displacement, "nm")
         if not math.isfinite(approach):
-            raise InputError.of("displacement", displacement, "must be finite", "give a length such as 1 nm")
+            raise InputError.of(
+                "displacement",
+                displacement,
+                "must be finite",
+                "give a length such as 1 nm",
+            )
         heights = surface.heights
         if approach <= 0:
             return self._untouched(surface, approach)
@@ -333,14 +404,25 @@ class FFTBEM(HalfSpaceSolver):
         with Team(self.threads or threads.available()) as team:
             scaled, unit = _dimensionless(surface, strain, team)
             quantum = _power_of_two(self.modulus * (unit / surface.pixel_size))
-            return self._solved(surface, body, scaled, unit, quantum, None, team, {"offset": -approach / unit})
+            return self._solved(
+                surface,
+                body,
+                scaled,
+                unit,
+                quantum,
+                None,
+                team,
+                {"offset": -approach / unit},
+            )
 
     def _body(self, surface: Surface) -> Substrate:
         pixel = (surface.pixel_size, surface.pixel_size)
         if self.thickness is not None:
             if not self.is_nominally_flat(surface.periodic):
                 raise InputError(_LAYER)
-            layer = PeriodicLayer(surface.shape, pixel, self.thickness, self.poisson_ratio)
+            layer = PeriodicLayer(
+                surface.shape, pixel, self.thickness, self.poisson_ratio
+            )
             if self.substrate is None:
                 return layer
             young, poisson = self.substrate
@@ -364,15 +446,23 @@ class FFTBEM(HalfSpaceSolver):
 
     def _untouched(self, surface: Surface, approach: float) -> ContactSolution:
         """The solution without contact: a load of zero, or an approach of zero or less."""
-        pressure = np.zeros(surface.shape, dtype=iteration.PRECISIONS[self.precision][0])
+        pressure = np.zeros(
+            surface.shape, dtype=iteration.PRECISIONS[self.precision][0]
+        )
         return self.solution(
             surface,
             pressure=pressure,
-            gap=float(surface.heights.max()) - approach - surface.heights if self.gap else None,
-            plastic_displacement=None if self.hardness is None else np.zeros_like(pressure),
+            gap=float(surface.heights.max()) - approach - surface.heights
+            if self.gap
+            else None,
+            plastic_displacement=None
+            if self.hardness is None
+            else np.zeros_like(pressure),
             load=0.0,
             displacement=approach,
-            convergence=self._report(None, force_error=0.0, complementarity=0.0, scale=0.0),
+            convergence=self._report(
+                None, force_error=0.0, complementarity=0.0, scale=0.0
+            ),
             notes=NO_LOAD if approach == 0 else (),
         )
 
@@ -391,7 +481,11 @@ class FFTBEM(HalfSpaceSolver):
         the pressure."""
         stiffness = pressure / self.modulus * (surface.pixel_size / unit)
         hardness = None if self.hardness is None else self.hardness / pressure
-        goal |= {"stiffness": stiffness, "hardness": hardness, "settings": self._settings()}
+        goal |= {
+            "stiffness": stiffness,
+            "hardness": hardness,
+            "settings": self._settings(),
+        }
         result = iteration.solve(body, heights, team=team, **goal)
         values = result.pressure
         area = surface.pixel_size**2
@@ -412,11 +506,19 @@ class FFTBEM(HalfSpaceSolver):
                     tolerance=self.tolerance,
                 )
             notes.append(message)
-        edge = [] if self.is_nominally_flat(surface.periodic) else self._at_edge(surface, values, load)
-        notes += self._full(surface, result, flow) if values.size and least > 0.0 else edge
+        edge = (
+            []
+            if self.is_nominally_flat(surface.periodic)
+            else self._at_edge(surface, values, load)
+        )
+        notes += (
+            self._full(surface, result, flow) if values.size and least > 0.0 else edge
+        )
         force_error = abs(force / load - 1.0) if load > 0 else 0.0
         if not force_error < 1e-3:
-            raise InputError.of("load", load, f"the pressure leaves the range of {values.dtype} numbers")
+            raise InputError.of(
+                "load", load, f"the pressure leaves the range of {values.dtype} numbers"
+            )
         gap = None
         if self.gap:
             gap = np.maximum(result.gap, 0.0)
@@ -443,15 +545,29 @@ class FFTBEM(HalfSpaceSolver):
     def _flow(self, result: GridSolution, hardness: float, unit: float) -> np.ndarray:
         """The overlap where the pressure is the hardness, in nm; it is taken from the gap, which is then closed."""
         values = result.pressure
-        flow = np.where(values >= bounded(hardness, values.dtype.type), np.maximum(-result.gap, 0), 0)
+        flow = np.where(
+            values >= bounded(hardness, values.dtype.type),
+            np.maximum(-result.gap, 0),
+            0,
+        )
         result.gap += flow
         flow *= unit
         return flow
 
-    def _full(self, surface: Surface, result: GridSolution, flow: np.ndarray | None) -> list[str]:
+    def _full(
+        self, surface: Surface, result: GridSolution, flow: np.ndarray | None
+    ) -> list[str]:
         """Notes of a contact in which every pixel touches."""
-        more = "uniform pressure" if self.is_nominally_flat(surface.periodic) else "the pressure of a flat punch"
-        more = f"adds {more}" if flow is None or not flow.any() else "makes more of it yield"
+        more = (
+            "uniform pressure"
+            if self.is_nominally_flat(surface.periodic)
+            else "the pressure of a flat punch"
+        )
+        more = (
+            f"adds {more}"
+            if flow is None or not flow.any()
+            else "makes more of it yield"
+        )
         notes = [f"full contact: every pixel touches, and more load only {more}"]
         if result.converged and result.error >= self.tolerance:
             notes.append(
@@ -460,10 +576,13 @@ class FFTBEM(HalfSpaceSolver):
             )
         return notes
 
-    def _at_edge(self, surface: Surface, pressure: np.ndarray, load: float) -> list[str]:
+    def _at_edge(
+        self, surface: Surface, pressure: np.ndarray, load: float
+    ) -> list[str]:
         """A note of contact on the outermost pixels of a free surface; of a tip, an error: its contact is cut off."""
         nx, ny = pressure.shape
-        rows, columns = pressure[sorted({0, nx - 1})], pressure[1:-1, sorted({0, ny - 1})]
+        rows = pressure[sorted({0, nx - 1})]
+        columns = pressure[1:-1, sorted({0, ny - 1})]
         total = float(rows.sum(dtype=np.float64) + columns.sum(dtype=np.float64))
         if not total > 0.0:
             return []
@@ -478,7 +597,9 @@ class FFTBEM(HalfSpaceSolver):
                 "use a smaller load, or a body on more pixels",
             )
         where = "contact at the edge of the grid, beyond which nothing carries load"
-        return [f"{where}: {100 * share:.2g} % of the load is on the outermost pixels, as at the edge of a punch"]
+        return [
+            f"{where}: {100 * share:.2g} % of the load is on the outermost pixels, as at the edge of a punch"
+        ]
 
     def _report(self, result: GridSolution | None, **errors: float) -> dict[str, Any]:
         """The errors of the solution and how it was found: plain values."""
@@ -490,23 +611,32 @@ class FFTBEM(HalfSpaceSolver):
             "pressure_error": result.pressure_error[0] if result else 0.0,
             "pressure_error_max": result.pressure_error[1] if result else 0.0,
             "transforms": result.transforms if result else 0,
-            "history": [[float(rms), float(deepest)] for rms, deepest in result.history] if result else [],
-            "levels": [{"pixels": list(shape), "iterations": n} for shape, n in result.levels] if result else [],
+            "history": [[float(rms), float(deepest)] for rms, deepest in result.history]
+            if result
+            else [],
+            "levels": [
+                {"pixels": list(shape), "iterations": n} for shape, n in result.levels
+            ]
+            if result
+            else [],
         }
         return numbers | errors
 
     def _failure(self, result: GridSolution) -> str:
         larger = "accept a larger tolerance"
         if result.iterations >= self.max_iterations:
-            why, remedy = "the iteration limit was reached", f"raise max_iterations, or {larger}"
+            why = "the iteration limit was reached"
+            remedy = f"raise max_iterations, or {larger}"
         elif result.rounding and self.precision == "single":
-            why, remedy = "rounding errors of single precision were reached", f"use precision = 'mixed', or {larger}"
+            why = "rounding errors of single precision were reached"
+            remedy = f"use precision = 'mixed', or {larger}"
         elif result.rounding:
             why, remedy = "rounding errors of double precision were reached", larger
         elif self.precision == "double":
             why, remedy = "the error stopped falling", larger
         else:
-            why, remedy = "the error stopped falling", f"{larger}, or use precision = 'double'"
+            why = "the error stopped falling"
+            remedy = f"{larger}, or use precision = 'double'"
         return (
             f"fft-bem: {why} after {result.iterations} iterations at a relative gap error of {result.error:.3g} "
             f"(rms gap {result.rms_gap:.3g}, penetration {result.penetration:.3g}; tolerance {self.tolerance:g}): "
@@ -514,7 +644,9 @@ class FFTBEM(HalfSpaceSolver):
         )
 
 
-def _dimensionless(surface: Surface, strain: float, team: Team) -> tuple[Heights, float]:
+def _dimensionless(
+    surface: Surface, strain: float, team: Team
+) -> tuple[Heights, float]:
     """Heights below the highest point in units of their rms value, and that unit in nm.
 
     A surface counts as flat if its heights vanish or differ by rounding only; the unit is then the displacement

@@ -74,7 +74,14 @@ class Peer(HalfSpaceSolver):
         return getattr(self, "hardness", None)
 
     @abstractmethod
-    def _answer(self, library: Any, heights: Floats, stiffness: float, ceiling: float, periodic: bool) -> PeerSolution:
+    def _answer(
+        self,
+        library: Any,
+        heights: Floats,
+        stiffness: float,
+        ceiling: float,
+        periodic: bool,
+    ) -> PeerSolution:
         """The contact of ``heights`` with an rms of 1 on pixels of 1 under a mean pressure of 1; ``stiffness`` is the
         contact modulus in these units, ``ceiling`` the largest pressure."""
 
@@ -87,7 +94,9 @@ class Peer(HalfSpaceSolver):
         """See :meth:`chemage.plugin.ContactSolver.check`; the library must be installed."""
         self._imported()
         if surface.keys() >= GRID:
-            self._check_limit(load / (surface["nx"] * surface["ny"] * surface["pixel_size"] ** 2))
+            self._check_limit(
+                load / (surface["nx"] * surface["ny"] * surface["pixel_size"] ** 2)
+            )
 
     def _imported(self) -> Any:
         with warnings.catch_warnings(action="ignore"):  # that there is no MPI
@@ -102,14 +111,18 @@ class Peer(HalfSpaceSolver):
                 f"give a hardness above {pressure:.6g} GPa, or a smaller load",
             )
 
-    def _solve(self, surface: Surface, load: float, start: ContactSolution | None) -> ContactSolution:
+    def _solve(
+        self, surface: Surface, load: float, start: ContactSolution | None
+    ) -> ContactSolution:
         library, periodic = self._imported(), self.is_nominally_flat(surface.periodic)
         nominal, size = load / surface.nominal_area, surface.pixel_size
         self._check_limit(nominal)
         heights = np.array(surface.heights, dtype=np.float64)
         heights -= heights.mean()
         unit = float(heights.std())
-        if min(heights.shape) < 2 or not unit > 1e-12 * float(np.abs(surface.heights).max()):
+        if min(heights.shape) < 2 or not unit > 1e-12 * float(
+            np.abs(surface.heights).max()
+        ):
             raise InputError(
                 f"contact {self.kind!r} needs two pixels along each side and heights that differ; use contact 'fft-bem'"
             )
@@ -119,9 +132,15 @@ class Peer(HalfSpaceSolver):
             stiffness = self.modulus * unit / (size * nominal)
             ceiling = math.inf if self.limit is None else self.limit / nominal
             answer = self._answer(library, heights / unit, stiffness, ceiling, periodic)
-            measures |= _gap_errors(answer.pressure, heights / unit, stiffness, ceiling, periodic)
+            measures |= _gap_errors(
+                answer.pressure, heights / unit, stiffness, ceiling, periodic
+            )
         worst = max(measures["rms_gap"], measures["penetration"])
-        said = answer.converged if answer.converged is not None else worst < MARGIN * self.tolerance
+        said = (
+            answer.converged
+            if answer.converged is not None
+            else worst < MARGIN * self.tolerance
+        )
         if not said or not math.isfinite(worst):
             raise ConvergenceError(
                 f"{self.kind}: {self.library} did not reach the tolerance of {self.tolerance:g} in at most "
@@ -134,19 +153,26 @@ class Peer(HalfSpaceSolver):
         pressure = answer.pressure * nominal
         if self.limit is not None:
             np.minimum(pressure, self.limit, out=pressure)
-        version = str(getattr(library, "__version__", "")).partition("+")[0] or "of unknown version"
+        version = (
+            str(getattr(library, "__version__", "")).partition("+")[0]
+            or "of unknown version"
+        )
         force = float(pressure.sum()) * size**2
         if load > 0 and not abs(force / load - 1.0) < 1e-3:
-            raise ConvergenceError(f"{self.kind}: the pressure adds up to {force:.6g} nN, the load is {load:.6g} nN")
+            raise ConvergenceError(
+                f"{self.kind}: the pressure adds up to {force:.6g} nN, the load is {load:.6g} nN"
+            )
         return self.solution(
             surface,
             pressure=pressure,
             load=load,
             residual=worst,
             iterations=answer.iterations,
-            convergence=measures | {"force_error": abs(force / load - 1.0) if load > 0 else 0.0},
+            convergence=measures
+            | {"force_error": abs(force / load - 1.0) if load > 0 else 0.0},
             notes=() if load > 0 else NO_LOAD,
-            provenance=self.provenance(surface) | {"library": f"{self.library} {version}"},
+            provenance=self.provenance(surface)
+            | {"library": f"{self.library} {version}"},
         )
 
 
@@ -155,9 +181,12 @@ def _gap_errors(
 ) -> dict[str, float]:
     """rms gap where the pressure is between 0 and its largest value, and largest penetration where it is 0, relative to
     the rms height, from the pressure alone."""
-    body = (PeriodicHalfSpace if periodic else FreeHalfSpace)(pressure.shape, (1.0, 1.0))  # pyright: ignore[reportArgumentType]
+    make = PeriodicHalfSpace if periodic else FreeHalfSpace
+    body = make(pressure.shape, (1.0, 1.0))  # pyright: ignore[reportArgumentType]
     with Team(threads.available()) as team:
-        operator = Convolution(body, body.symbol(), np.float64, "scipy", team, floating=False)
+        operator = Convolution(
+            body, body.symbol(), np.float64, "scipy", team, floating=False
+        )
         gap = operator.apply(pressure) / stiffness - heights
     elastic, open_ = (pressure > 0) & (pressure < ceiling * (1 - 1e-12)), pressure == 0
     if not elastic.any():
@@ -179,7 +208,9 @@ class Tamaas(Peer):
     kind = "tamaas"
     library = "tamaas"
     module = "tamaas"
-    cite = ("L. Frérot, G. Anciaux, V. Rey, S. Pham-Ba, J.-F. Molinari, J. Open Source Softw. 5, 2121 (2020)",)
+    cite = (
+        "L. Frérot, G. Anciaux, V. Rey, S. Pham-Ba, J.-F. Molinari, J. Open Source Softw. 5, 2121 (2020)",
+    )
     bibtex = (_TAMAAS,)
 
     boundary: Literal["auto", "periodic"] = "auto"
@@ -193,7 +224,9 @@ class Tamaas(Peer):
 
     def check(self, surface: Mapping[str, float], load: float) -> None:
         """See :meth:`Peer.check`."""
-        self._check_periodic(surface.get("periodic", 0.0 if "radius" in surface else 1.0) != 0)
+        self._check_periodic(
+            surface.get("periodic", 0.0 if "radius" in surface else 1.0) != 0
+        )
         super().check(surface, load)
 
     def _check_periodic(self, periodic: bool) -> None:
@@ -203,14 +236,25 @@ class Tamaas(Peer):
                 "'contactmechanics', or repeat it with boundary = 'periodic'"
             )
 
-    def _solve(self, surface: Surface, load: float, start: ContactSolution | None) -> ContactSolution:
+    def _solve(
+        self, surface: Surface, load: float, start: ContactSolution | None
+    ) -> ContactSolution:
         self._check_periodic(surface.periodic)
         return super()._solve(surface, load, start)
 
-    def _answer(self, library: Any, heights: Floats, stiffness: float, ceiling: float, periodic: bool) -> PeerSolution:
+    def _answer(
+        self,
+        library: Any,
+        heights: Floats,
+        stiffness: float,
+        ceiling: float,
+        periodic: bool,
+    ) -> PeerSolution:
         library.set_log_level(library.LogLevel.error)
         model = library.ModelFactory.createModel(
-            library.model_type.basic_2d, [float(n) for n in heights.shape], list(heights.shape)
+            library.model_type.basic_2d,
+            [float(n) for n in heights.shape],
+            list(heights.shape),
         )
         model.E, model.nu = stiffness, 0.0
 
@@ -220,15 +264,23 @@ class Tamaas(Peer):
                 error = float(solver.solve(1.0))
             except FloatingPointError as failure:
                 raise ConvergenceError(f"{self.kind}: {failure}") from failure
-            return np.array(model.traction, dtype=np.float64).reshape(heights.shape), error
+            return np.array(model.traction, dtype=np.float64).reshape(
+                heights.shape
+            ), error
 
         if math.isfinite(ceiling):
-            pressure, _ = solved(library.KatoSaturated(model, heights, self.tolerance, ceiling))
+            pressure, _ = solved(
+                library.KatoSaturated(model, heights, self.tolerance, ceiling)
+            )
             if float(pressure.max()) >= ceiling * (1 - 1e-12):
-                return PeerSolution(pressure, 0, None)  # it returns 0 whatever its error is
+                return PeerSolution(
+                    pressure, 0, None
+                )  # it returns 0 whatever its error is
             # nothing flows; contacts of a few pixels are elastic, and it stops before it has solved them
             model.traction[...] = 0.0
-        pressure, error = solved(library.PolonskyKeerRey(model, heights, self.tolerance))
+        pressure, error = solved(
+            library.PolonskyKeerRey(model, heights, self.tolerance)
+        )
         return PeerSolution(pressure, 0, error <= self.tolerance)
 
 
@@ -248,17 +300,36 @@ class ContactMechanics(Peer):
     boundary: Literal["auto", "periodic", "free"] = "auto"
     """periodic or free (an isolated contact on an infinite half-space); auto: periodic if the surface is"""
 
-    def _answer(self, library: Any, heights: Floats, stiffness: float, ceiling: float, periodic: bool) -> PeerSolution:
+    def _answer(
+        self,
+        library: Any,
+        heights: Floats,
+        stiffness: float,
+        ceiling: float,
+        periodic: bool,
+    ) -> PeerSolution:
         with warnings.catch_warnings(action="ignore"):
             from SurfaceTopography import Topography
 
             sides = tuple(float(n) for n in heights.shape)
-            half_space = library.PeriodicFFTElasticHalfSpace if periodic else library.FreeFFTElasticHalfSpace
+            half_space = (
+                library.PeriodicFFTElasticHalfSpace
+                if periodic
+                else library.FreeFFTElasticHalfSpace
+            )
             substrate = half_space(heights.shape, stiffness, sides)
             topography = Topography(heights, physical_sizes=sides, periodic=periodic)
             system = library.Systems.NonSmoothContactSystem(substrate, topography)
             found = system.minimize_proxy(
-                external_force=float(heights.size), pentol=self.tolerance, maxiter=self.max_iterations
+                external_force=float(heights.size),
+                pentol=self.tolerance,
+                maxiter=self.max_iterations,
             )
-        force = np.asarray(found.jac, dtype=np.float64)[: heights.shape[0], : heights.shape[1]]
-        return PeerSolution(np.maximum(np.sign(force.sum()) * force, 0.0), int(found.nit), bool(found.success))
+        force = np.asarray(found.jac, dtype=np.float64)[
+            : heights.shape[0], : heights.shape[1]
+        ]
+        return PeerSolution(
+            np.maximum(np.sign(force.sum()) * force, 0.0),
+            int(found.nit),
+            bool(found.success),
+        )

@@ -18,7 +18,18 @@ from chemage_inference.curves import MeasuredCurve
 from chemage_inference.families import estimated, sampled
 from chemage_inference.forward import Model, check_scene, make_model
 from chemage_inference.infer import calibrations, inner_ends, with_hidden
-from chemage_inference.noise import LARGEST, RARE, SMALLEST, SPREAD, TIME, TIME_SPREAD, WIDER, ErrorModel, Noise, State
+from chemage_inference.noise import (
+    LARGEST,
+    RARE,
+    SMALLEST,
+    SPREAD,
+    TIME,
+    TIME_SPREAD,
+    WIDER,
+    ErrorModel,
+    Noise,
+    State,
+)
 from chemage_inference.problem import REACH, Prior, Problem, Unknowns, redrawn_outside
 from chemage_inference.result import UnexplainedError, scene_of
 from chemage_inference.sampling import Chain
@@ -66,7 +77,9 @@ class Calibration:
             name: {
                 "ranks": ranks,
                 "uniform": self.chance(name),
-                "coverage": {f"{level:g}": self.coverage(name, level) for level in LEVELS},
+                "coverage": {
+                    f"{level:g}": self.coverage(name, level) for level in LEVELS
+                },
             }
             for name, ranks in self.ranks.items()
         }
@@ -109,12 +122,21 @@ def calibrate(
         )
     force, load = calibrations(calibration)
     if load:
-        raise InputError.of("calibration.load", load, "is not drawn here", "give that of the force alone")
-    error_model = ErrorModel.of(tuple(errors) if not isinstance(errors, str) else errors, force)
+        raise InputError.of(
+            "calibration.load",
+            load,
+            "is not drawn here",
+            "give that of the force alone",
+        )
+    error_model = ErrorModel.of(
+        tuple(errors) if not isinstance(errors, str) else errors, force
+    )
     seed, count = checked_seed(seed), checked_count("count", count, 10)
     report = progress or (lambda stage, done, total, note="": None)
     with scene.in_use():
-        model = make_model(scene, chemistry, Unknowns(), tuple(plan), seed, None, error_model)
+        model = make_model(
+            scene, chemistry, Unknowns(), tuple(plan), seed, None, error_model
+        )
         truths = _truths(model, count, seed)
         ranks: dict[str, list[float]] = {}
         refused = 0
@@ -125,7 +147,9 @@ def calibrate(
             for name, rank in (found or {}).items():
                 ranks.setdefault(name, []).append(rank)
         report("calibration", count, count)
-    return Calibration({name: np.array(values) for name, values in ranks.items()}, refused)
+    return Calibration(
+        {name: np.array(values) for name, values in ranks.items()}, refused
+    )
 
 
 def _truths(model: Model, count: int, seed: int) -> np.ndarray:
@@ -133,8 +157,19 @@ def _truths(model: Model, count: int, seed: int) -> np.ndarray:
     grid, size = model.grid, model.values.size
     nothing = np.full(size, 1e12)
     matrix = model.without_neighbours(0)[None]
-    problem = Problem(Prior(grid.nodes), grid.areas, np.zeros(size), nothing, matrix, np.zeros((1, size)))
-    chain = Chain(problem, np.full(grid.count, 0.3 / grid.areas.sum()), np.random.default_rng([seed, 151]))
+    problem = Problem(
+        Prior(grid.nodes),
+        grid.areas,
+        np.zeros(size),
+        nothing,
+        matrix,
+        np.zeros((1, size)),
+    )
+    chain = Chain(
+        problem,
+        np.full(grid.count, 0.3 / grid.areas.sum()),
+        np.random.default_rng([seed, 151]),
+    )
     chain.warm(800)
     chain.run(count * APART)
     densities = np.array(chain.densities[APART - 1 :: APART])
@@ -148,27 +183,42 @@ def _truths(model: Model, count: int, seed: int) -> np.ndarray:
     )
 
 
-def _errors(noise: Noise, fitted: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, State]:
+def _errors(
+    noise: Noise, fitted: np.ndarray, rng: np.random.Generator
+) -> tuple[np.ndarray, State]:
     """Measured values (m,) and their errors, drawn from the prior of errors."""
     model, state = noise.model, noise.start
     if model.scaled:
         scales = np.exp(SPREAD * np.abs(rng.standard_normal((1000, state.scales.size))))
         inside = (scales >= SMALLEST) & (scales <= LARGEST)
-        state = replace(state, scales=scales[inside.argmax(axis=0), np.arange(state.scales.size)])
+        state = replace(
+            state, scales=scales[inside.argmax(axis=0), np.arange(state.scales.size)]
+        )
     if model.robust:
-        state = replace(state, inflation=np.where(rng.random(fitted.size) < RARE, WIDER, 1.0))
+        state = replace(
+            state, inflation=np.where(rng.random(fitted.size) < RARE, WIDER, 1.0)
+        )
     if model.correlated:
-        state = replace(state, log_time=float(np.log(TIME) + TIME_SPREAD * rng.standard_normal()))
-    state = replace(state, calibration=model.calibration * rng.standard_normal(state.calibration.size))
+        state = replace(
+            state, log_time=float(np.log(TIME) + TIME_SPREAD * rng.standard_normal())
+        )
+    state = replace(
+        state,
+        calibration=model.calibration * rng.standard_normal(state.calibration.size),
+    )
     drawn = rng.standard_normal(fitted.size)
     if model.correlated:
         near = noise.correlation(state)
         for at in range(1, drawn.size):
-            drawn[at] = near[at] * drawn[at - 1] + np.sqrt(1 - near[at] ** 2) * drawn[at]
+            drawn[at] = (
+                near[at] * drawn[at - 1] + np.sqrt(1 - near[at] ** 2) * drawn[at]
+            )
     return noise.factor(state) * fitted + noise.errors(state) * drawn, state
 
 
-def _ranks(model: Model, truth: np.ndarray, number: int, threads: int | None) -> dict[str, float] | None:
+def _ranks(
+    model: Model, truth: np.ndarray, number: int, threads: int | None
+) -> dict[str, float] | None:
     """Ranks of a truth; None where its measurements are refused."""
     rng = np.random.default_rng([model.seed, 163, number])
     wide = model.on(model.grid.wider(*REACH))
@@ -184,15 +234,24 @@ def _ranks(model: Model, truth: np.ndarray, number: int, threads: int | None) ->
         )
         for at, curve in enumerate(model.curves)
     )
-    measured = replace(model, curves=curves, seed=model.seed + 1000 + number, conditions=dict(model.conditions))
+    measured = replace(
+        model,
+        curves=curves,
+        seed=model.seed + 1000 + number,
+        conditions=dict(model.conditions),
+    )
     measured.floor_as(model)
     silent = lambda stage, done, total, note="": None  # noqa: E731
     try:
         density, changes = estimated(measured, threads, silent)
     except UnexplainedError:
         return None
-    problem, samples, _ = sampled(measured, density, KEPT, threads, silent, changes, SWEEPS)
-    there, problem, samples, _ = with_hidden(measured, samples, problem.prior, samples.densities[:1])
+    problem, samples, _ = sampled(
+        measured, density, KEPT, threads, silent, changes, SWEEPS
+    )
+    there, problem, samples, _ = with_hidden(
+        measured, samples, problem.prior, samples.densities[:1]
+    )
     seen = np.flatnonzero(np.pad(model.seen(), there.grid.place(model.grid)))
     areas, densities = there.grid.areas, samples.densities
     quantities: dict[str, tuple[np.ndarray, float]] = {}
@@ -211,7 +270,10 @@ def _ranks(model: Model, truth: np.ndarray, number: int, threads: int | None) ->
     if model.error_model.scaled:
         quantities["scale of the errors"] = samples.scales[:, 0], float(state.scales[0])
     if model.error_model.calibration:
-        quantities["calibration"] = samples.calibrations[:, 0], float(np.exp(state.calibration[0]))
+        quantities["calibration"] = (
+            samples.calibrations[:, 0],
+            float(np.exp(state.calibration[0])),
+        )
     return {name: _rank(drawn, true, rng) for name, (drawn, true) in quantities.items()}
 
 

@@ -34,7 +34,9 @@ class Wishes:
     target_text: str = ""
 
 
-def read_wishes(predict: Sequence[str], planned: Sequence[str], target: str | None) -> Wishes:
+def read_wishes(
+    predict: Sequence[str], planned: Sequence[str], target: str | None
+) -> Wishes:
     """Read ``--predict``, ``--next`` and ``--target``.
 
     Raises
@@ -50,19 +52,33 @@ def read_wishes(predict: Sequence[str], planned: Sequence[str], target: str | No
         arguments = _forecast(text)
         parts = [part.strip() for part in text.split(",") if part.strip()]
         # the last hold time stands beside the label
-        label = ", ".join(part for part in parts if not part.startswith("hold_time")) or "as in the scene"
+        label = (
+            ", ".join(part for part in parts if not part.startswith("hold_time"))
+            or "as in the scene"
+        )
         label = label if label not in forecasts else ", ".join(parts)
         if label in forecasts:
             raise options.user_error(f"--predict {text}: given twice")
         forecasts[label] = arguments
     if len(forecasts) > MOST_FORECASTS:
-        raise options.user_error(f"--predict: {len(forecasts)} forecasts; one file holds {MOST_FORECASTS}")
+        raise options.user_error(
+            f"--predict: {len(forecasts)} forecasts; one file holds {MOST_FORECASTS}"
+        )
     candidates = [plan for text in planned for plan in _candidates(text)]
     if target is not None and not candidates:
-        raise options.user_error("--target is what planned measurements are to narrow; give them with --next")
+        raise options.user_error(
+            "--target is what planned measurements are to narrow; give them with --next"
+        )
     if target is None:
-        return Wishes(forecasts, candidates, None, "the density at all visible energies")
-    return Wishes(forecasts, candidates, checked_target("--target", _pairs("--target", target)), target.strip())
+        return Wishes(
+            forecasts, candidates, None, "the density at all visible energies"
+        )
+    return Wishes(
+        forecasts,
+        candidates,
+        checked_target("--target", _pairs("--target", target)),
+        target.strip(),
+    )
 
 
 def read_unknowns(texts: Sequence[str]) -> dict[str, tuple[str, str]] | list[str]:
@@ -83,7 +99,9 @@ def read_unknowns(texts: Sequence[str]) -> dict[str, tuple[str, str]] | list[str
             bounds[name] = low, high
     if bounds and len(bounds) < len(names):
         bare = ", ".join(name for name in names if name not in bounds)
-        raise options.user_error(f"--unknown {bare}: give bounds for all unknowns, or for none")
+        raise options.user_error(
+            f"--unknown {bare}: give bounds for all unknowns, or for none"
+        )
     return bounds or names
 
 
@@ -114,20 +132,28 @@ def _forecast(text: str) -> Mapping[str, Any]:
         arguments["scene"] = load_scene(str(where))
     if (time := words.pop("hold_time", None)) is not None:
         arguments["hold_times"] = _times("--predict", time, PER_DECADE)
-    return arguments | stated("--predict", words, ("load", "temperature", "hold_time", "scene"))
+    return arguments | stated(
+        "--predict", words, ("load", "temperature", "hold_time", "scene")
+    )
 
 
 def _candidates(text: str) -> list[dict[str, Any]]:
     from chemage_inference.forecast import PLAN, stated
 
-    if text.strip().lower().endswith(".csv") or ("=" not in text and Path(text).exists()):
+    if text.strip().lower().endswith(".csv") or (
+        "=" not in text and Path(text).exists()
+    ):
         return _from_file(Path(text))
     words = _pairs("--next", text)
     time = words.pop("hold_time", None)
     same = stated("--next", words, PLAN)
     if time is None:
-        raise options.user_error(f'--next {text}: give a hold time, such as "hold_time=1e5 s", or a CSV file')
-    return [{"hold_time": one, **same} for one in _times("--next", time, PLANNED_PER_DECADE)]
+        raise options.user_error(
+            f'--next {text}: give a hold time, such as "hold_time=1e5 s", or a CSV file'
+        )
+    return [
+        {"hold_time": one, **same} for one in _times("--next", time, PLANNED_PER_DECADE)
+    ]
 
 
 def _from_file(path: Path) -> list[dict[str, Any]]:
@@ -136,13 +162,17 @@ def _from_file(path: Path) -> list[dict[str, Any]]:
     from chemage_inference.forecast import PLAN, STATED, stated
 
     example = ", ".join(f"{name} ({STATED[name][0]})" for name in PLAN)
-    table = tables.read_columns(path, {name: MEASURED_COLUMNS[name] for name in PLAN}, example)
+    table = tables.read_columns(
+        path, {name: MEASURED_COLUMNS[name] for name in PLAN}, example
+    )
     if not table.rows:
         raise options.user_error(
             f"--next {path}: no planned measurements; write a header, such as {example}, and a row for each"
         )
     if "hold_time" not in table.columns:
-        raise options.user_error(f"--next {path}: no column hold_time; write the header as {example}")
+        raise options.user_error(
+            f"--next {path}: no column hold_time; write the header as {example}"
+        )
     for note in table.notes:
         output.remark(f"note: {path}: {note}")
     plans = []
@@ -213,15 +243,24 @@ SceneOpt = Annotated[
     ),
 ]
 LoadOpt = Annotated[
-    str | None, typer.Option(metavar="FORCE", help='load of curves without a column load, such as "50 nN"')
+    str | None,
+    typer.Option(
+        metavar="FORCE", help='load of curves without a column load, such as "50 nN"'
+    ),
 ]
 TemperatureOpt = Annotated[
     str | None,
-    typer.Option(metavar="TEMPERATURE", help='temperature of curves without a column temperature, such as "300 K"'),
+    typer.Option(
+        metavar="TEMPERATURE",
+        help='temperature of curves without a column temperature, such as "300 K"',
+    ),
 ]
 RelativeErrorOpt = Annotated[
     str | None,
-    typer.Option(metavar="SHARE", help='standard error over the value of curves without a column error, such as "3 %"'),
+    typer.Option(
+        metavar="SHARE",
+        help='standard error over the value of curves without a column error, such as "3 %"',
+    ),
 ]
 UnknownOpt = Annotated[
     list[str] | None,
@@ -289,8 +328,16 @@ TargetOpt = Annotated[
         "the density at all visible energies",
     ),
 ]
-SamplesOpt = Annotated[int, typer.Option(min=50, metavar="N", help="samples of the posterior that are kept")]
-SeedOpt = Annotated[int, typer.Option(min=0, metavar="N", help="seed of sampling and of the simulated kinetics")]
+SamplesOpt = Annotated[
+    int,
+    typer.Option(min=50, metavar="N", help="samples of the posterior that are kept"),
+]
+SeedOpt = Annotated[
+    int,
+    typer.Option(
+        min=0, metavar="N", help="seed of sampling and of the simulated kinetics"
+    ),
+]
 OutOpt = Annotated[
     Path | None,
     typer.Option(
@@ -350,22 +397,47 @@ def infer(
         "threads": threads,
     }
     there = load_scene(scene, options.changed_fields(changes))
-    output.protect_inputs(path, scene, there, *measured, *(text for text in planned or () if "=" not in text))
-    share = None if relative_error is None else convert(relative_error, "", "--relative-error")
+    output.protect_inputs(
+        path,
+        scene,
+        there,
+        *measured,
+        *(text for text in planned or () if "=" not in text),
+    )
+    share = (
+        None
+        if relative_error is None
+        else convert(relative_error, "", "--relative-error")
+    )
     curves = _curves(measured, load, temperature, share)
     if calibrate is not None:
-        _calibrated(curves, there, calibrate, {name: how[name] for name in _OF_CALIBRATION}, as_json)
+        _calibrated(
+            curves,
+            there,
+            calibrate,
+            {name: how[name] for name in _OF_CALIBRATION},
+            as_json,
+        )
         return
     output.preflight_result(path, force=force, figures=figures)
     try:
-        result, pictures = _computed(curves, there, wishes, how, path, figures=figures, force=force)
+        result, pictures = _computed(
+            curves, there, wishes, how, path, figures=figures, force=force
+        )
     except UnexplainedError as error:
         _show_best_fit(error, curves)
-        if figures and len(error.residuals) == sum(curve.hold_times.size for curve in curves):
-            output.say(f"residuals of the best fit: {_drawn_residuals(error, curves, path)}", file=sys.stderr)
+        if figures and len(error.residuals) == sum(
+            curve.hold_times.size for curve in curves
+        ):
+            output.say(
+                f"residuals of the best fit: {_drawn_residuals(error, curves, path)}",
+                file=sys.stderr,
+            )
         raise
     hint = f'use it   forming = {{ kind = "inferred", path = "{path}" }}'
-    output.answer(InferenceDisplay(result), as_json, [hint], file=path, figures=pictures)
+    output.answer(
+        InferenceDisplay(result), as_json, [hint], file=path, figures=pictures
+    )
 
 
 #: arguments that a calibration has as well
@@ -373,7 +445,11 @@ _OF_CALIBRATION = ("errors", "calibration", "seed", "threads")
 
 
 def _calibrated(
-    curves: tuple[MeasuredCurve, ...], scene: Scene, count: int, how: dict[str, Any], as_json: bool
+    curves: tuple[MeasuredCurve, ...],
+    scene: Scene,
+    count: int,
+    how: dict[str, Any],
+    as_json: bool,
 ) -> None:
     """Print how often the bands of an inference of simulated truths hold these."""
     from chemage_inference.calibrate import LEVELS
@@ -384,18 +460,35 @@ def _calibrated(
     if as_json:
         output.say_json(found.todict())
         return
-    columns = ("quantity", "uniform, p", *(f"inside {100 * level:.0f} %" for level in LEVELS))
-    output.show_rows(f"{count} simulated truths, {found.refused} of them refused", columns, found.rows())
+    columns = (
+        "quantity",
+        "uniform, p",
+        *(f"inside {100 * level:.0f} %" for level in LEVELS),
+    )
+    output.show_rows(
+        f"{count} simulated truths, {found.refused} of them refused",
+        columns,
+        found.rows(),
+    )
 
 
 def _curves(
-    files: Sequence[Path], load: str | None, temperature: str | None, share: float | None
+    files: Sequence[Path],
+    load: str | None,
+    temperature: str | None,
+    share: float | None,
 ) -> tuple[MeasuredCurve, ...]:
     from chemage_inference.curves import check_curves, read_curves
 
-    how: dict[str, Any] = {"load": load, "temperature": temperature, "relative_error": share}
+    how: dict[str, Any] = {
+        "load": load,
+        "temperature": temperature,
+        "relative_error": share,
+    }
     curves = tuple(curve for file in files for curve in read_curves(file, **how))
-    for note in dict.fromkeys(f"note: {curve.name}: {note}" for curve in curves for note in curve.notes):
+    for note in dict.fromkeys(
+        f"note: {curve.name}: {note}" for curve in curves for note in curve.notes
+    ):
         output.remark(note)
     check_curves(curves)
     return curves
@@ -427,7 +520,9 @@ def _computed(
     return result, pictures
 
 
-def _with_wishes(inference: Inference, wishes: Wishes, report: progress.Report) -> InferenceResult:
+def _with_wishes(
+    inference: Inference, wishes: Wishes, report: progress.Report
+) -> InferenceResult:
     """The forecasts, and the planned measurements in their order."""
     from chemage_inference.result import InferenceResult
 
@@ -441,32 +536,49 @@ def _with_wishes(inference: Inference, wishes: Wishes, report: progress.Report) 
     if wishes.candidates:
         with progress.reported(report, "planned measurements"):
             ranked = inference.next_experiment(wishes.candidates, target=wishes.target)
-    return InferenceResult(inference, forecasts, tuple(ranked), wishes.target_text if ranked else "")
+    return InferenceResult(
+        inference, forecasts, tuple(ranked), wishes.target_text if ranked else ""
+    )
 
 
 def _show_best_fit(error: UnexplainedError, curves: Sequence[MeasuredCurve]) -> None:
     """Print measured values beside the best fit on stderr, for data that no density explains."""
     if output.quiet():
         return
-    points = [(c.name, t, v) for c in curves for t, v in zip(c.hold_times, c.friction_drop, strict=True)]
+    points = [
+        (c.name, t, v)
+        for c in curves
+        for t, v in zip(c.hold_times, c.friction_drop, strict=True)
+    ]
     if len(points) != len(error.fitted):
         return
     output.say("the best fit:", file=sys.stderr)
     output.say(
-        f"{'curve':16} {'hold time (s)':>13} {'measured (nN)':>13} {'fit (nN)':>10} {'residual':>9}", file=sys.stderr
+        f"{'curve':16} {'hold time (s)':>13} {'measured (nN)':>13} {'fit (nN)':>10} {'residual':>9}",
+        file=sys.stderr,
     )
-    for (name, time, value), fit, off in zip(points, error.fitted, error.residuals, strict=True):
-        output.say(f"{name[:16]:16} {time:13.5g} {value:13.5g} {fit:10.5g} {off:+9.1f}", file=sys.stderr)
+    for (name, time, value), fit, off in zip(
+        points, error.fitted, error.residuals, strict=True
+    ):
+        output.say(
+            f"{name[:16]:16} {time:13.5g} {value:13.5g} {fit:10.5g} {off:+9.1f}",
+            file=sys.stderr,
+        )
 
 
-def _drawn_residuals(error: UnexplainedError, curves: Sequence[MeasuredCurve], path: Path) -> Path:
+def _drawn_residuals(
+    error: UnexplainedError, curves: Sequence[MeasuredCurve], path: Path
+) -> Path:
     """Draw the residuals of the best fit into the folder of figures."""
     import numpy as np
 
     from chemage.plugin import figures
 
     figure, (axes,) = figures.panels(6.4, 3.4)
-    ends = [0, *(int(end) for end in np.cumsum([curve.hold_times.size for curve in curves]))]
+    ends = [
+        0,
+        *(int(end) for end in np.cumsum([curve.hold_times.size for curve in curves])),
+    ]
     axes.axhspan(-2, 2, color=figures.GREY, alpha=0.15, lw=0)
     for number, curve in enumerate(curves):
         here = error.residuals[ends[number] : ends[number + 1]]
@@ -479,6 +591,10 @@ def _drawn_residuals(error: UnexplainedError, curves: Sequence[MeasuredCurve], p
             color=figures.PALETTE[number % len(figures.PALETTE)],
             label=figures.plain(curve.name),
         )
-    axes.set(xscale="log", xlabel="hold time (s)", ylabel="residual (stated standard errors)")
+    axes.set(
+        xscale="log", xlabel="hold time (s)", ylabel="residual (stated standard errors)"
+    )
     figures.legend(axes)
-    return figures.save_figures({"residuals": figure}, output.figures_of(path), force=True)[0]
+    return figures.save_figures(
+        {"residuals": figure}, output.figures_of(path), force=True
+    )[0]

@@ -59,15 +59,24 @@ class MeasuredCurve(Record):
     """options of the chemistry under which it was measured, where they are known; the scene must have the same"""
 
     def __init__(self, **fields: Any) -> None:
-        unit = "nN" if fields.get("quantity", "friction_drop") == "friction_drop" else ""
-        super().__init__(**{n: array_in(v, unit) if n in ("values", "errors") else v for n, v in fields.items()})
+        unit = (
+            "nN" if fields.get("quantity", "friction_drop") == "friction_drop" else ""
+        )
+        super().__init__(
+            **{
+                n: array_in(v, unit) if n in ("values", "errors") else v
+                for n, v in fields.items()
+            }
+        )
 
     @model_validator(mode="after")
     def _check(self) -> Self:
         if check_times(self.hold_times).ndim != self.hold_times.ndim:
             raise ValueError("hold_times: give a list")
         if self.hold_times.size and self.hold_times[0] <= 0:
-            raise ValueError("hold_times[0] = 0 s: nothing has aged then; leave that row out")
+            raise ValueError(
+                "hold_times[0] = 0 s: nothing has aged then; leave that row out"
+            )
         for name in ("values", "errors"):
             array = getattr(self, name)
             if array.shape != self.hold_times.shape:
@@ -76,7 +85,9 @@ class MeasuredCurve(Record):
                 )
             bad = np.flatnonzero(~np.isfinite(array))
             if bad.size:
-                raise ValueError(f"{name}[{bad[0]}] = {array[bad[0]]}: is not finite; leave that row out")
+                raise ValueError(
+                    f"{name}[{bad[0]}] = {array[bad[0]]}: is not finite; leave that row out"
+                )
         wrong = np.flatnonzero(self.errors <= 0)
         if wrong.size:
             raise ValueError(
@@ -88,12 +99,16 @@ class MeasuredCurve(Record):
     @property
     def friction_drop(self) -> np.ndarray:
         """ΔF, nN, (m,)."""
-        return self.values if self.quantity == "friction_drop" else self.values * self.load
+        return (
+            self.values if self.quantity == "friction_drop" else self.values * self.load
+        )
 
     @property
     def friction_drop_errors(self) -> np.ndarray:
         """Standard errors of ΔF, nN, (m,)."""
-        return self.errors if self.quantity == "friction_drop" else self.errors * self.load
+        return (
+            self.errors if self.quantity == "friction_drop" else self.errors * self.load
+        )
 
     @classmethod
     def of(
@@ -114,9 +129,17 @@ class MeasuredCurve(Record):
             Something is missing, or stated twice.
         """
         if relative_error is not None and not 0 < relative_error < 1:
-            raise InputError.of("relative_error", relative_error, "must be between 0 and 1", "3 % is 0.03")
+            raise InputError.of(
+                "relative_error",
+                relative_error,
+                "must be between 0 and 1",
+                "3 % is 0.03",
+            )
         name, there = measurements.name, measurements.error
-        given = {"load": load and force(load), "temperature": temperature and temperature_value(temperature)}
+        given = {
+            "load": load and force(load),
+            "temperature": temperature and temperature_value(temperature),
+        }
         for what, value in given.items():
             if value is None and getattr(measurements, what) is None:
                 raise InputError(f"{name}: no column {what}; add it, or give {what}")
@@ -135,11 +158,15 @@ class MeasuredCurve(Record):
         return cls(
             name=name,
             load=measurements.load if given["load"] is None else given["load"],
-            temperature=measurements.temperature if given["temperature"] is None else given["temperature"],
+            temperature=measurements.temperature
+            if given["temperature"] is None
+            else given["temperature"],
             quantity=measurements.quantity,
             hold_times=measurements.hold_times[kept],
             values=values,
-            errors=np.abs(values) * float(relative_error or 0) if there is None else there[kept],
+            errors=np.abs(values) * float(relative_error or 0)
+            if there is None
+            else there[kept],
             instrument=measurements.instrument,
             notes=measurements.notes,
         )
@@ -180,7 +207,9 @@ def read_curves(
         Naming the line and the column that is wrong, or what is missing, and the remedy.
     """
     tables = read_table(source, load=load, temperature=temperature)
-    return tuple(MeasuredCurve.of(table, relative_error=relative_error) for table in tables)
+    return tuple(
+        MeasuredCurve.of(table, relative_error=relative_error) for table in tables
+    )
 
 
 def check_curves(curves: Sequence[MeasuredCurve]) -> None:
@@ -192,15 +221,21 @@ def check_curves(curves: Sequence[MeasuredCurve]) -> None:
         Naming the curve, what is wrong, and the remedy.
     """
     if not curves:
-        raise InputError("curves: none given; read them with chemage.read_curves, or make a MeasuredCurve")
+        raise InputError(
+            "curves: none given; read them with chemage.read_curves, or make a MeasuredCurve"
+        )
     for curve in curves:
-        times, values, errors = curve.hold_times, curve.friction_drop, curve.friction_drop_errors
+        times = curve.hold_times
+        values = curve.friction_drop
+        errors = curve.friction_drop_errors
         if times.size < 2 or math.log10(times[-1] / times[0]) < DECADES:
             raise InputError(
                 f"{curve.name}: hold_times from {times[0]:g} to {times[-1]:g} s are within one decade, which sees "
                 "barriers within 2.3 k_BT of each other; give hold times over two decades or more"
             )
-        (slope, _), covariance = np.polyfit(np.log10(times), values, 1, w=1 / errors, cov="unscaled")
+        (slope, _), covariance = np.polyfit(
+            np.log10(times), values, 1, w=1 / errors, cov="unscaled"
+        )
         # stated errors may be too small by a factor
         if slope < -3 * LARGEST * (error := math.sqrt(covariance[0, 0])):
             raise InputError(

@@ -11,213 +11,62 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from chemage import __version__
-from chemage.plugin import Ageing, OfRecord, Panel, Picture, Quantity, Result, Table, displays, figures, statistics
-from chemage.plugin import text as words
-from chemage_inference.forecast import UNSEEN, WIDE, Forecast, band
-from chemage_inference.result import EXCLUDED, Inference, InferenceResult, quantities, unit_of
-from chemage_inference.shape import empty, peaks, rises, shares, three_shares, trend, unresolved
+from chemage.plugin import (
+    Ageing,
+    OfRecord,
+    Panel,
+    Picture,
+    Quantity,
+    Result,
+    Table,
+    displays,
+    figures,
+    statistics,
+)
+from chemage_inference.forecast import WIDE, Forecast, band
+from chemage_inference.result import (
+    Inference,
+    InferenceResult,
+    quantities,
+    unit_of,
+)
+from chemage_inference.shape import (
+    peaks,
+    unresolved,
+)
+from chemage_inference.wording import (
+    MOST_EXPERIMENTS,
+    NONE,
+    Rows,
+    density_text,
+    experiment_row,
+    facts,
+    family_rows,
+    family_verdict,
+    forecast_row,
+    title,
+    unseen_text,
+)
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from matplotlib.axes import Axes
 
-#: (name, text)
-Rows = list[tuple[str, str]]
-#: what stands for a number that is not known
-NONE = "-"
-#: samples that have to agree on a slope
-SURE = 0.95
-#: scores that differ by less do not tell two models apart
-APART = 2.0
-#: name of the smooth density among the scores
-SMOOTH = "density"
-#: planned measurements that are shown
-MOST_EXPERIMENTS = 5
-
-
-def title(one: Inference) -> str:
-    """What was inferred from what."""
-    names = ", ".join(dict.fromkeys(curve["name"] for curve in one.curves))
-    return f"Density of forming barriers inferred from {names if len(names) < 40 else 'measured curves'}"
-
-
-def facts(one: Inference) -> Rows:
-    """What the numbers are of; medians, and intervals of 90 % of the posterior."""
-    facts_ = [("measured", measured_text(one)), ("visible energies", visible_text(one)), *shape_rows(one)]
-    facts_.append(("largest residual", _largest_residual(one)))
-    if suspects := one.suspects():
-        facts_.append(("suspect points", "; ".join(suspects)))
-    sampling = one.diagnostics
-    if "effective_samples" in sampling:
-        text = f"{len(one.samples)} kept, {sampling['effective_samples']:.0f} effective"
-        if "r_hat" in sampling:
-            text += f", R-hat {sampling['r_hat']:.3f}"
-        facts_.append(("samples", f"{text}; seed {one.seed}"))
-    return facts_
-
-
-def measured_text(one: Inference) -> str:
-    """Curves, points and conditions."""
-    count = len(one.curves)
-    loads = _several([curve["load"] for curve in one.curves], "nN")
-    temperatures = _several([curve["temperature"] for curve in one.curves], "K")
-    times = f"{words.power_text(one.hold_times.min())} to {words.power_text(one.hold_times.max())} s"
-    curves = f"{count} curve{'s' if count > 1 else ''}"
-    return f"{one.hold_times.size} points of {curves}, {times}, {loads}, {temperatures}"
-
-
-def visible_text(one: Inference) -> str:
-    """The range of energies that the data see."""
-    low, high = one.visible_range
-    if not math.isfinite(low):
-        return "none: at every energy the band is as wide as that of the prior"
-    return f"{low:.3f} to {high:.3f} eV, resolution {one.resolution:.3f} eV"
-
-
-def shape_rows(one: Inference) -> Rows:
-    """The density in words, and the shares of the sites by energy."""
-    low, high = one.visible_range
-    if not math.isfinite(low):
-        return []
-    rows_: Rows = [("density", density_text(one))]
-    for part in shares(one):
-        text = f"{_percent(part.median, part.band)} of the sites"
-        rows_.append((f"  {part.low:.3f} to {part.high:.3f} eV", text))
-    above = three_shares(one)[2]
-    rows_.append((f"  above {high:.3f} eV", f"{_percent(above.median, above.band)} of the sites: seen as not reacted"))
-    return rows_
-
-
-def density_text(one: Inference) -> str:
-    """The peaks that the data support, or how the density runs."""
-    if not one.visible.any():
-        return "nothing is visible"
-    below, inside, above = (share.band[1] for share in three_shares(one))
-    if empty(one):
-        sides = [side for side, most in (("below", below), ("above", above)) if most > 0.01]
-        share = "0.1" if inside < 1e-3 else f"{100 * inside:.1f}"
-        return f"hardly any inside (at most {share} % of the sites); barriers lie {' and '.join(sides)}"
-    there = peaks(one)
-    unsure = "".join(f"; the maximum at {energy:.3f} eV is not resolved" for energy in unresolved(one))
-    places = [peak.text(one.energies[1] - one.energies[0]) for peak in there]
-    if places:
-        ends = [end for end, up in zip(("lower", "upper"), rises(one), strict=True) if up]
-        more = f"; rises again towards the {' and the '.join(ends)} end" if ends else ""
-        if len(places) > 1:
-            return f"{len(places)} peaks: {', '.join(places[:-1])} and {places[-1]}{more}{unsure}"
-        return f"one peak at {places[0]}{more}{unsure}"
-    up, down = trend(one)
-    run = "rises" if up >= SURE else "falls" if down >= SURE else ""
-    towards = f"{run} towards the upper end of the visible energies" if run else "flat within the band"
-    return f"no peak {'that the data support' if unsure else 'inside'}; {towards}{unsure}"
-
-
-def family_rows(one: Inference) -> list[tuple[str, str, str, str]]:
-    """Models by their score, the best first: (name, score less that of the best, χ², parameters)."""
-    if not one.scores:
-        return []
-    best = max(one.scores.values())
-    rows_ = []
-    for name, score in sorted(one.scores.items(), key=lambda item: -item[1]):
-        fit: Mapping[str, Any] = one.families.get(name, {})
-        less = "best" if score == best else f"{score - best:.1f}"
-        if name == SMOOTH:
-            rows_.append(("smooth density", less, f"{one.chi2:.1f}", "as above"))
-            continue
-        chi2 = f"{fit['chi2']:.1f}" if "chi2" in fit else ""
-        rows_.append((name, less, chi2, _parameters(fit) if best - score <= EXCLUDED else "excluded"))
-    return rows_
-
-
-def family_verdict(one: Inference) -> str:
-    """What the scores say, in a sentence; "" without scores."""
-    if len(one.scores) < 2:
-        return ""
-    best = max(one.scores.values())
-    close = [name for name, score in one.scores.items() if best - score < APART]
-    shown = ["the smooth density" if name == SMOOTH else name for name in close]
-    if len(shown) == 1:
-        return f"hold times that were left out are predicted best by {shown[0]}"
-    return f"the data do not tell apart {', '.join(shown[:-1])} and {shown[-1]}: scores within {APART:g}"
-
-
-def forecast_row(label: str, one: Forecast) -> tuple[str, str, str, str]:
-    """(label, median of ΔF at the last hold time, its 68 and 90 % bands), or only bounds of 90 %."""
-    low68, high68 = one.band(0.68)
-    low90, high90 = one.band(WIDE)
-    name = f"{label} at {words.power_text(one.hold_times[-1])} s{unseen_text(one)}"
-    ends = f"{low90[-1]:.4g} to {high90[-1]:.4g}"
-    if one.bounds_only:
-        return name, NONE, NONE, ends
-    return name, f"{one.median[-1]:.4g} nN", f"{low68[-1]:.4g} to {high68[-1]:.4g}", ends
-
-
-def unseen_text(one: Forecast) -> str:
-    """The largest share of a forecast that comes from energies which the data do not see, where it matters."""
-    if one.bounds_only:
-        return f" (up to {100 * one.unseen:.0f} % unseen: bounds only)"
-    return f" (up to {100 * one.unseen:.0f} % unseen)" if one.unseen > UNSEEN else ""
-
-
-def experiment_row(one: Mapping[str, Any]) -> tuple[str, str, str]:
-    """(planned measurement, expected reduction of the variance, standard deviation afterwards)."""
-    deviation = one.get("deviation")
-    return (
-        experiment_text(one),
-        f"{100 * float(one.get('reduction', math.nan)):.0f} %",
-        "" if deviation is None else f"{float(deviation):.3g}",
-    )
-
-
-def experiment_text(one: Mapping[str, Any]) -> str:
-    """A planned measurement in"""
-    text = f"{words.power_text(float(one['hold_time']))} s"
-    for name, unit in (("load", "nN"), ("temperature", "K")):
-        if one.get(name) is not None:
-            value = one[name]
-            text += f", {value:g} {unit}" if isinstance(value, int | float) else f", {value}"
-    return text
-
-
-def _parameters(fit: Mapping[str, Any]) -> str:
-    values, errors = fit.get("parameters", {}), fit.get("errors", {})
-    texts = []
-    for name, value in values.items():
-        word, _, unit = name.partition(" (")
-        texts.append(f"{word} {words.plus_minus(value, errors.get(name, math.nan), unit.removesuffix(')'))}")
-    return "; ".join(texts) if len(texts) <= 3 else f"{len(texts)} weights"
-
-
-def _several(values: list[float], unit: str) -> str:
-    different = sorted(set(values))
-    if len(different) > 3:
-        return f"{different[0]:g} to {different[-1]:g} {unit}"
-    return f"{', '.join(f'{value:g}' for value in different)} {unit}"
-
-
-def _percent(mean: float, ends: tuple[float, float]) -> str:
-    if ends[1] < 5e-4:
-        return "less than 0.1 %"
-    return f"{100 * mean:.1f} % ({100 * max(ends[0], 0):.1f} to {100 * ends[1]:.1f})"
-
-
-def _largest_residual(one: Inference) -> str:
-    residuals = one.residuals
-    at = int(np.abs(residuals).argmax())
-    return f"{residuals[at]:+.1f} standard errors at {words.power_text(one.hold_times[at])} s"
-
-
 #: forecasts that are drawn into one panel
 MOST = 4
 _LINES = ("-", "--", ":", "-.")
 
 
-def fill_bands(axes: Axes, x: np.ndarray, samples: np.ndarray, colour: str, label: str = "") -> None:
+def fill_bands(
+    axes: Axes, x: np.ndarray, samples: np.ndarray, colour: str, label: str = ""
+) -> None:
     """Draw the bands of ``samples`` (S, n) at ``x`` (n,); ``label`` has a place for the percentage."""
     for level, alpha in ((WIDE, 0.2), (0.68, 0.35)):
         name = label.format(100 * level) or None
-        axes.fill_between(x, *band(samples, level), color=colour, alpha=alpha, lw=0, label=name)
+        axes.fill_between(
+            x, *band(samples, level), color=colour, alpha=alpha, lw=0, label=name
+        )
 
 
 def draw_density(axes: Axes, medium: object, one: Inference) -> None:
@@ -225,7 +74,15 @@ def draw_density(axes: Axes, medium: object, one: Inference) -> None:
     e = one.energies
     low, high = one.visible_range
     if np.isfinite(low):
-        axes.axvspan(low, high, color=figures.GREEN, alpha=0.10, lw=0, label="visible energies", zorder=0)
+        axes.axvspan(
+            low,
+            high,
+            color=figures.GREEN,
+            alpha=0.10,
+            lw=0,
+            label="visible energies",
+            zorder=0,
+        )
     fill_bands(axes, e, one.samples, figures.BLUE, "{:.0f} % band")
     axes.plot(e, one.density, color=figures.BLUE, lw=1.6, label="mean")
     for fill_style, what, places in (
@@ -234,9 +91,24 @@ def draw_density(axes: Axes, medium: object, one: Inference) -> None:
     ):
         if places:
             heights = np.interp(places, e, one.density)
-            axes.plot(places, heights, "v", color=figures.BLUE, fillstyle=fill_style, ms=7, label=what)
+            axes.plot(
+                places,
+                heights,
+                "v",
+                color=figures.BLUE,
+                fillstyle=fill_style,
+                ms=7,
+                label=what,
+            )
     prior = one.prior_band(WIDE)
-    axes.plot(e, prior[1], color=figures.GREY, lw=0.9, ls="--", label="prior, upper end of the 90 % band")
+    axes.plot(
+        e,
+        prior[1],
+        color=figures.GREY,
+        lw=0.9,
+        ls="--",
+        label="prior, upper end of the 90 % band",
+    )
     for number, (name, fit) in enumerate(one.possible_families().items()):
         if density := fit.get("density", ()):
             axes.plot(
@@ -265,19 +137,44 @@ def draw_data(axes: Axes, medium: object, one: Inference) -> None:
         times, fitted = one.hold_times[here][order], one.fitted[:, here][:, order]
         fill_bands(axes, times, fitted, colour)
         axes.plot(times, np.median(fitted, axis=0), color=colour, lw=1.0)
-        label = figures.plain(f"{about['name']}: {about['load']:g} nN, {about['temperature']:g} K")
+        label = figures.plain(
+            f"{about['name']}: {about['load']:g} nN, {about['temperature']:g} K"
+        )
         bars = statistics.NORMAL_LIMIT * one.errors[here]
-        axes.errorbar(one.hold_times[here], one.values[here], bars, fmt="o", ms=3.2, lw=0.9, color=colour, label=label)
+        axes.errorbar(
+            one.hold_times[here],
+            one.values[here],
+            bars,
+            fmt="o",
+            ms=3.2,
+            lw=0.9,
+            color=colour,
+            label=label,
+        )
     _ring(axes, one, one.values)
     axes.set(xscale="log", xlabel="hold time (s)", ylabel="friction drop ΔF (nN)")
-    axes.set_ylim(bottom=min(0.0, float((one.values - statistics.NORMAL_LIMIT * one.errors).min())))
-    figures.legend(axes, title="points: measured, bars 95 %; bands: 68 and 90 %", alignment="left")
+    axes.set_ylim(
+        bottom=min(
+            0.0, float((one.values - statistics.NORMAL_LIMIT * one.errors).min())
+        )
+    )
+    figures.legend(
+        axes, title="points: measured, bars 95 %; bands: 68 and 90 %", alignment="left"
+    )
 
 
 def _ring(axes: Axes, one: Inference, values: np.ndarray) -> None:
     """Mark the suspect points."""
     if (off := one.is_suspect).any():
-        axes.plot(one.hold_times[off], values[off], "o", ms=9, mfc="none", color=figures.ORANGE, label="suspect")
+        axes.plot(
+            one.hold_times[off],
+            values[off],
+            "o",
+            ms=9,
+            mfc="none",
+            color=figures.ORANGE,
+            label="suspect",
+        )
 
 
 def draw_residuals(axes: Axes, medium: object, one: Inference) -> None:
@@ -287,7 +184,13 @@ def draw_residuals(axes: Axes, medium: object, one: Inference) -> None:
     axes.axhline(0, color=figures.GREY, lw=0.8)
     for number in range(len(one.curves)):
         here = one.curve == number
-        axes.plot(one.hold_times[here], residuals[here], "o", ms=3.2, color=_colour(one, one.curves[number]))
+        axes.plot(
+            one.hold_times[here],
+            residuals[here],
+            "o",
+            ms=3.2,
+            color=_colour(one, one.curves[number]),
+        )
     _ring(axes, one, residuals)
     most = 1.15 * max(3.0, float(np.abs(residuals).max(initial=0)))
     axes.set_ylim(-most, most)
@@ -303,50 +206,91 @@ def draw_predictive(axes: Axes, medium: object, one: Inference) -> None:
         times = one.hold_times[here]
         for samples, colour, alpha, what in (
             (one.prior_fitted, figures.GREY, 0.25, "prior, 90 % band"),
-            (one.fitted, figures.BLUE, 0.35, "posterior with the errors of the data, 90 % band"),
+            (
+                one.fitted,
+                figures.BLUE,
+                0.35,
+                "posterior with the errors of the data, 90 % band",
+            ),
         ):
-            values = samples[:, here] + one.errors[here] * rng.standard_normal((len(samples), here.size))
+            values = samples[:, here] + one.errors[here] * rng.standard_normal(
+                (len(samples), here.size)
+            )
             label = what if number == 0 else None
-            axes.fill_between(times, *band(values, WIDE), color=colour, alpha=alpha, lw=0, label=label)
-        axes.plot(times, one.values[here], "o", ms=3, color=figures.BLACK, label="measured" if number == 0 else None)
+            axes.fill_between(
+                times, *band(values, WIDE), color=colour, alpha=alpha, lw=0, label=label
+            )
+        axes.plot(
+            times,
+            one.values[here],
+            "o",
+            ms=3,
+            color=figures.BLACK,
+            label="measured" if number == 0 else None,
+        )
     axes.set(xscale="log", xlabel="hold time (s)", ylabel="friction drop ΔF (nN)")
     figures.legend(axes)
 
 
-def _colour(one: Inference, curve: Mapping[str, Any], forecasts: Mapping[str, Forecast] | None = None) -> str:
+def _colour(
+    one: Inference,
+    curve: Mapping[str, Any],
+    forecasts: Mapping[str, Forecast] | None = None,
+) -> str:
     """The colour of a load and a temperature: measured ones first, then those that are forecast."""
     conditions = [(about["load"], about["temperature"]) for about in one.curves]
-    conditions += [(forecast.load, forecast.temperature) for forecast in (forecasts or {}).values()]
+    conditions += [
+        (forecast.load, forecast.temperature) for forecast in (forecasts or {}).values()
+    ]
     return figures.PALETTE[
-        list(dict.fromkeys(conditions)).index((curve["load"], curve["temperature"])) % len(figures.PALETTE)
+        list(dict.fromkeys(conditions)).index((curve["load"], curve["temperature"]))
+        % len(figures.PALETTE)
     ]
 
 
 def draw_forecasts(
-    axes: Axes, medium: object, one: Inference, forecasts: Mapping[str, Forecast], shown: Sequence[str]
+    axes: Axes,
+    medium: object,
+    one: Inference,
+    forecasts: Mapping[str, Forecast],
+    shown: Sequence[str],
 ) -> None:
     """Draw the forecasts ``shown`` with their bands, and the measurements, with one colour for each load and
     temperature."""
     for number, about in enumerate(one.curves):
-        here, style = one.curve == number, {"ms": 3.0, "mfc": "none", "color": _colour(one, about)}
-        label = figures.plain(f"measured: {about['load']:g} nN, {about['temperature']:g} K")
+        here = one.curve == number
+        style = {"ms": 3.0, "mfc": "none", "color": _colour(one, about)}
+        label = figures.plain(
+            f"measured: {about['load']:g} nN, {about['temperature']:g} K"
+        )
         axes.plot(one.hold_times[here], one.values[here], "o", label=label, **style)
     for label in shown:
         forecast = forecasts[label]
-        colour = _colour(one, {"load": forecast.load, "temperature": forecast.temperature}, forecasts)
+        colour = _colour(
+            one, {"load": forecast.load, "temperature": forecast.temperature}, forecasts
+        )
         times = forecast.hold_times
         conditions = f" ({forecast.load:g} nN, {forecast.temperature:g} K)"
-        name = figures.plain(label + conditions * ("=" not in label) + unseen_text(forecast))
+        name = figures.plain(
+            label + conditions * ("=" not in label) + unseen_text(forecast)
+        )
         low, high = forecast.band(WIDE)
         single = times.size == 1
         if forecast.bounds_only:
-            style = {"marker": "_", "ms": 9, "lw": 0} if single else {"ls": "--", "lw": 1.0}
+            style = (
+                {"marker": "_", "ms": 9, "lw": 0} if single else {"ls": "--", "lw": 1.0}
+            )
             axes.plot(times, low, color=colour, label=name, **style)
             axes.plot(times, high, color=colour, **style)
             continue
         fill_bands(axes, times, forecast.samples, colour)
         axes.plot(
-            times, forecast.median, color=colour, lw=1.3, label=name, **({"marker": "o", "ms": 4} if single else {})
+            times,
+            forecast.median,
+            color=colour,
+            lw=1.3,
+            label=name,
+            **({"marker": "o", "ms": 4} if single else {}),
         )
         if single:
             axes.vlines(times, low, high, color=colour, lw=1.2)
@@ -359,12 +303,21 @@ def draw_scalar(axes: Axes, medium: object, one: Inference, name: str) -> None:
     """Draw the samples of an unknown, with the bounds of its prior."""
     values = one.scalars[name]
     low, high = one.scalar_bounds.get(name, (float(values.min()), float(values.max())))
-    axes.hist(values, bins=list(np.linspace(low, high, 41)), color=figures.BLUE, alpha=0.6, density=True)
+    axes.hist(
+        values,
+        bins=list(np.linspace(low, high, 41)),
+        color=figures.BLUE,
+        alpha=0.6,
+        density=True,
+    )
     for end in (low, high):
         axes.axvline(end, color=figures.GREY, lw=0.9, ls="--")
     for end in one.interval(name, WIDE):
         axes.axvline(end, color=figures.ORANGE, lw=1.0)
-    axes.set(xlabel=Quantity(name, unit_of(name), name.replace("_", " ")).axis, ylabel="density of the samples")
+    axes.set(
+        xlabel=Quantity(name, unit_of(name), name.replace("_", " ")).axis,
+        ylabel="density of the samples",
+    )
     axes.set_title("orange: 90 %; grey: bounds of the prior")
     axes.set_yticks([])
 
@@ -419,19 +372,32 @@ class InferenceDisplay(OfRecord[Inference]):
         rows = [(seen, "energies that the data see")]
         if there := peaks(one):
             places = " and ".join(f"{peak.energy:.2f}" for peak in there)
-            rows.append((f"{places} eV", "peak of the density" if len(there) == 1 else "peaks of the density"))
+            rows.append(
+                (
+                    f"{places} eV",
+                    "peak of the density"
+                    if len(there) == 1
+                    else "peaks of the density",
+                )
+            )
         return [*rows, *super().summary()]
 
     def ageing(self) -> Ageing:
-        def predict(load: float, temperature: float, hold_times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            made = self.inference.forecast(load=load, temperature=temperature, hold_times=hold_times)
+        def predict(
+            load: float, temperature: float, hold_times: np.ndarray
+        ) -> tuple[np.ndarray, np.ndarray]:
+            made = self.inference.forecast(
+                load=load, temperature=temperature, hold_times=hold_times
+            )
             return made.median, np.atleast_2d(np.cov(made.samples.T))
 
         return Ageing(predict=predict)
 
     def notes(self) -> list[str]:
         of_forecasts = (
-            f"forecast {label}: {note}" for label, one in self.result.forecasts.items() for note in one.notes
+            f"forecast {label}: {note}"
+            for label, one in self.result.forecasts.items()
+            for note in one.notes
         )
         return list(dict.fromkeys([*self.inference.notes, *of_forecasts]))
 
@@ -439,11 +405,15 @@ class InferenceDisplay(OfRecord[Inference]):
         return InferenceDisplay(InferenceResult.read(path))
 
     def parts(self) -> dict[str, Result]:
-        return {label: ForecastDisplay(one) for label, one in self.result.forecasts.items()}
+        return {
+            label: ForecastDisplay(one) for label, one in self.result.forecasts.items()
+        }
 
     def cite(self) -> tuple[list[str], str]:
         provenance = self.inference.provenance
-        return list(provenance.get("cite", [])), provenance.get("versions", {}).get("chemage", __version__)
+        return list(provenance.get("cite", [])), provenance.get("versions", {}).get(
+            "chemage", __version__
+        )
 
     def made_by(self) -> Mapping[str, Any]:
         return {"scene": self.inference.provenance.get("scene", {})}
@@ -462,16 +432,39 @@ class InferenceDisplay(OfRecord[Inference]):
             verdict = family_verdict(one)
             title = "Left-out hold times: log predictive score less that of the best"
             remarks = [f"{verdict[0].upper()}{verdict[1:]}."] if verdict else []
-            tables.append(Table(title, columns, families, "Families", remarks, in_detail=False))
+            tables.append(
+                Table(title, columns, families, "Families", remarks, in_detail=False)
+            )
         if result.forecasts:
             columns = ("forecast", "ΔF, median", "68 % (nN)", "90 % (nN)")
-            rows = [forecast_row(label, forecast) for label, forecast in result.forecasts.items()]
-            tables.append(Table("Forecasts of the friction drop", columns, rows, "Forecasts", in_detail=False))
+            rows = [
+                forecast_row(label, forecast)
+                for label, forecast in result.forecasts.items()
+            ]
+            tables.append(
+                Table(
+                    "Forecasts of the friction drop",
+                    columns,
+                    rows,
+                    "Forecasts",
+                    in_detail=False,
+                )
+            )
         if result.experiments:
             columns = ("measurement", "variance falls by", "standard deviation then")
             rows = [experiment_row(experiment) for experiment in result.experiments]
-            title, most = f"Next measurements, by how much they narrow {result.target}", MOST_EXPERIMENTS
-            tables.append(Table(title, columns, rows, "Next measurements", in_detail=False, most=most))
+            title = f"Next measurements, by how much they narrow {result.target}"
+            most = MOST_EXPERIMENTS
+            tables.append(
+                Table(
+                    title,
+                    columns,
+                    rows,
+                    "Next measurements",
+                    in_detail=False,
+                    most=most,
+                )
+            )
         return [*tables, self._measurements()]
 
     def _measurements(self) -> Table:
@@ -489,58 +482,109 @@ class InferenceDisplay(OfRecord[Inference]):
                     f"{one.residuals[at]:+.1f}",
                 )
             )
-        columns = ("hold time (s)", "curve", "ΔF (nN), standard error", "fitted, 90 % (nN)", "residual")
+        columns = (
+            "hold time (s)",
+            "curve",
+            "ΔF (nN), standard error",
+            "fitted, 90 % (nN)",
+            "residual",
+        )
         return Table("", columns, rows, "Measurements")
 
     def columns(self) -> dict[str, Any]:
         one = self.inference
         bands = _band_columns(one, "1/eV")
-        return {"energy (eV)": one.energies, "density (1/eV)": one.density, **bands, "visible": one.visible}
+        return {
+            "energy (eV)": one.energies,
+            "density (1/eV)": one.density,
+            **bands,
+            "visible": one.visible,
+        }
 
     def provenance(self) -> Rows:
         one = self.inference
         return [
             ("seed", str(one.seed)),
-            *((name.replace("_", " "), _short(value)) for name, value in one.diagnostics.items()),
-            *((f"version of {name}", str(version)) for name, version in one.provenance.get("versions", {}).items()),
+            *(
+                (name.replace("_", " "), _short(value))
+                for name, value in one.diagnostics.items()
+            ),
+            *(
+                (f"version of {name}", str(version))
+                for name, version in one.provenance.get("versions", {}).items()
+            ),
             *super().provenance(),
         ]
 
     def pictures(self) -> dict[str, Picture]:
         one, forecasts = self.inference, self.result.forecasts
 
-        def panel(key: str, alt: str, draw: Any, height: float = _PAGE[1], **more: Any) -> Panel:
+        def panel(
+            key: str, alt: str, draw: Any, height: float = _PAGE[1], **more: Any
+        ) -> Panel:
             size = (_PAGE[0], height)
             caption = _CAPTIONS[key].format(families=families)
-            return Panel(partial(draw, one=one, **more), caption, alt, size, name=more.get("name", key))
+            return Panel(
+                partial(draw, one=one, **more),
+                caption,
+                alt,
+                size,
+                name=more.get("name", key),
+            )
 
-        drawn_families = [fit for fit in one.possible_families().values() if fit.get("density", ())]
+        drawn_families = [
+            fit for fit in one.possible_families().values() if fit.get("density", ())
+        ]
         families = " Orange: families of densities." if drawn_families else ""
         low, high = one.visible_range
         seen = f"Density of barriers; visible from {low:.2f} to {high:.2f} eV: {density_text(one)}."
         up_to = f"Measured friction drop, up to {one.values[np.argmax(one.hold_times)]:.3g} nN."
         worst = f"Residuals in standard errors; the largest is {np.abs(one.residuals).max():.1f}."
         predicted = "Bands of what prior and posterior predict of the measurements."
-        data = panel("data", up_to, draw_data), panel("residuals", worst, draw_residuals, 2.6)
+        data = (
+            panel("data", up_to, draw_data),
+            panel("residuals", worst, draw_residuals, 2.6),
+        )
         pictures = {
             "density": Picture((panel("density", seen, draw_density, 4.2),), _FILE),
             "data": Picture(data, (6.4, 5.6), columns=1),
-            "predictive": Picture((panel("predictive", predicted, draw_predictive),), _FILE),
+            "predictive": Picture(
+                (panel("predictive", predicted, draw_predictive),), _FILE
+            ),
         }
         if forecasts:
-            rows = (forecast_row(label, forecast) for label, forecast in forecasts.items())
-            texts = "; ".join(f"{label}: {end if value == NONE else value}" for label, value, _, end in rows)
+            rows = (
+                forecast_row(label, forecast) for label, forecast in forecasts.items()
+            )
+            texts = "; ".join(
+                f"{label}: {end if value == NONE else value}"
+                for label, value, _, end in rows
+            )
             every, drawn = list(forecasts), []
             for first in range(0, len(every), MOST):
                 shown = every[first : first + MOST]
-                panel_ = panel("forecasts", f"Forecasts: {texts}.", draw_forecasts, forecasts=forecasts, shown=shown)
+                panel_ = panel(
+                    "forecasts",
+                    f"Forecasts: {texts}.",
+                    draw_forecasts,
+                    forecasts=forecasts,
+                    shown=shown,
+                )
                 drawn.append(replace(panel_, name="-".join(shown)))
             columns = min(len(drawn), 2)
             rows_ = -(-len(drawn) // columns)
-            pictures["forecasts"] = Picture(drawn, (_FILE[0] * columns, _FILE[1] * rows_), columns)
+            pictures["forecasts"] = Picture(
+                drawn, (_FILE[0] * columns, _FILE[1] * rows_), columns
+            )
         if one.scalars:
             drawn = [
-                panel("unknowns", f"Histogram of the samples of {name}.", draw_scalar, 2.8, name=name)
+                panel(
+                    "unknowns",
+                    f"Histogram of the samples of {name}.",
+                    draw_scalar,
+                    2.8,
+                    name=name,
+                )
                 for name in one.scalars
             ]
             pictures["unknowns"] = Picture(drawn, (4.2 * len(drawn), 3.4))
@@ -565,7 +609,11 @@ class ForecastDisplay(OfRecord[Forecast]):
 
     def columns(self) -> dict[str, Any]:
         one = self.record
-        return {"hold_time (s)": one.hold_times, "median (nN)": one.median, **_band_columns(one, "nN")}
+        return {
+            "hold_time (s)": one.hold_times,
+            "median (nN)": one.median,
+            **_band_columns(one, "nN"),
+        }
 
 
 def _band_columns(one: Inference | Forecast, unit: str) -> dict[str, Any]:

@@ -57,7 +57,10 @@ class EnergyGrid:
     def hats(self) -> np.ndarray:
         """(N, n): share of each fine energy in the integral of each hat function, eV; columns add up to its area."""
         place = np.arange(self.fine.size) / FINE
-        hats = np.clip(1 - np.abs(place[:, None] - np.arange(self.count)), 0, None) * self.fine_step
+        hats = (
+            np.clip(1 - np.abs(place[:, None] - np.arange(self.count)), 0, None)
+            * self.fine_step
+        )
         hats[0] /= 2
         hats[-1] /= 2
         return hats
@@ -70,14 +73,20 @@ class EnergyGrid:
     def wider(self, below: float, above: float) -> EnergyGrid:
         """The grid with further nodes, up to ``below`` and ``above`` eV beyond its ends."""
         more = int(below / self.step)
-        return EnergyGrid(self.first - more * self.step, self.step, self.count + more + math.ceil(above / self.step))
+        return EnergyGrid(
+            self.first - more * self.step,
+            self.step,
+            self.count + more + math.ceil(above / self.step),
+        )
 
     def place(self, other: EnergyGrid) -> tuple[int, int]:
         """Nodes below the first and above the last of ``other``, whose nodes are among these."""
         below = round((other.first - self.first) / self.step)
         return below, self.count - below - other.count
 
-    def quantile(self, density: np.ndarray, uniform: np.ndarray, beyond: float) -> np.ndarray:
+    def quantile(
+        self, density: np.ndarray, uniform: np.ndarray, beyond: float
+    ) -> np.ndarray:
         """Barriers at ``uniform`` numbers; those above the integral of ``density`` get the barrier ``beyond``."""
         weights = np.maximum(algebra.product(self.hats, np.maximum(density, 0)), 0)
         total = np.cumsum(weights)
@@ -88,7 +97,9 @@ class EnergyGrid:
         return np.where(uniform * share > total[-1], beyond, inside)
 
 
-def energy_grid(chemistry: Chemistry, temperatures: np.ndarray, times: np.ndarray, lowering: float) -> EnergyGrid:
+def energy_grid(
+    chemistry: Chemistry, temperatures: np.ndarray, times: np.ndarray, lowering: float
+) -> EnergyGrid:
     """Nodes for hold times (s) at temperatures (K), where pressure lowers barriers by up to ``lowering`` eV."""
     kt = KB * temperatures
     low = float(np.min(kt * np.log(chemistry.attempt_frequency * times)))
@@ -105,7 +116,9 @@ def averaging(nodes: np.ndarray, resolution: float) -> np.ndarray:
     return weights / weights.sum(axis=1, keepdims=True)
 
 
-def bonded_probability(chemistry: Chemistry, temperature: float, times: np.ndarray, energies: np.ndarray) -> np.ndarray:
+def bonded_probability(
+    chemistry: Chemistry, temperature: float, times: np.ndarray, energies: np.ndarray
+) -> np.ndarray:
     """Probability that a site over the forming barrier is bonded, (times, energies), averaged over breaking barriers.
 
     a/(a + b) (1 − exp(−(a + b) t)) with the rates a of forming and b of breaking; a barrier at or below zero has the
@@ -117,7 +130,9 @@ def bonded_probability(chemistry: Chemistry, temperature: float, times: np.ndarr
         return TwoState(forming).relaxed(times[:, None])
     ranks = (np.arange(RANKS) + 0.5) / RANKS
     barriers = chemistry.breaking.quantile(ranks)
-    breaking, counts = np.unique(chemistry.rates(barriers, temperature), return_counts=True)
+    breaking, counts = np.unique(
+        chemistry.rates(barriers, temperature), return_counts=True
+    )
     bonded = np.zeros((times.size, forming.size))
     for rate, count in zip(breaking, counts, strict=True):
         sites = TwoState(forming, rate)
@@ -145,17 +160,23 @@ class Kernel:
     @cached_property
     def windows(self) -> np.ndarray:
         """(l, shifts, N) view of the table: probabilities at the fine energies for each shift."""
-        return np.lib.stride_tricks.sliding_window_view(self.table, self.grid.fine.size, axis=1)
+        return np.lib.stride_tricks.sliding_window_view(
+            self.table, self.grid.fine.size, axis=1
+        )
 
     def places(self, shift: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Of each shift (eV), the tabulated one below it and the part of the way to the next."""
-        place = np.clip((shift - self.lowest) / self.grid.fine_step, 0.0, self.shifts - 1.001)
+        place = np.clip(
+            (shift - self.lowest) / self.grid.fine_step, 0.0, self.shifts - 1.001
+        )
         left = place.astype(np.int64)
         return left, place - left
 
     def of_density(self, density: np.ndarray) -> np.ndarray:
         """(l, shifts): share of the sites of ``density`` (n,) that are bonded if all barriers are shifted."""
-        return np.einsum("lsj,j->ls", self.windows, algebra.product(self.grid.hats, density))
+        return np.einsum(
+            "lsj,j->ls", self.windows, algebra.product(self.grid.hats, density)
+        )
 
     def matrix(self, weights: np.ndarray) -> np.ndarray:
         """(l, n): derivative of the bonded share by the density, where shift s at time l has the weight [l, s]."""
@@ -164,14 +185,24 @@ class Kernel:
 
 
 def make_kernel(
-    chemistry: Chemistry, temperature: float, times: np.ndarray, grid: EnergyGrid, lowest: float, highest: float
+    chemistry: Chemistry,
+    temperature: float,
+    times: np.ndarray,
+    grid: EnergyGrid,
+    lowest: float,
+    highest: float,
 ) -> Kernel:
     """A kernel for shifts of the barriers from ``lowest`` to ``highest``, eV."""
     step = grid.fine_step
     first = math.floor(lowest / step) - 1
     count = math.ceil(highest / step) - first + 3
     energies = grid.first + step * (first + np.arange(grid.fine.size + count - 1))
-    return Kernel(grid, times, first * step, bonded_probability(chemistry, temperature, times, energies))
+    return Kernel(
+        grid,
+        times,
+        first * step,
+        bonded_probability(chemistry, temperature, times, energies),
+    )
 
 
 #: groups of sites under similar pressures
@@ -216,18 +247,27 @@ class Solved:
 class MeanField:
     """The bonded shares of environments at the times of a kernel."""
 
-    def __init__(self, kernel: Kernel, environments: Environments, temperature: float) -> None:
+    def __init__(
+        self, kernel: Kernel, environments: Environments, temperature: float
+    ) -> None:
         self.kernel, self.environments, self.kt = kernel, environments, KB * temperature
         self.times, self._rows = kernel.times, np.arange(kernel.times.size)[:, None]
 
     def solve(self, density: np.ndarray, start: np.ndarray | None = None) -> Solved:
         """The shares of ``density`` (n,), and their derivative; ``start`` (groups, l) are shares to begin from."""
         table = self.kernel.of_density(density)
-        shares = np.zeros((self.environments.groups, self.times.size)) if start is None else start
+        shares = (
+            np.zeros((self.environments.groups, self.times.size))
+            if start is None
+            else start
+        )
         for _ in range(MOST_SWEEPS):
             *_, shifts = self._shifted(shares)
             left, part = self.kernel.places(shifts)
-            values = table[self._rows, left] * (1 - part) + table[self._rows, left + 1] * part
+            values = (
+                table[self._rows, left] * (1 - part)
+                + table[self._rows, left + 1] * part
+            )
             before, shares = shares, self._means(values)
             if float(np.abs(shares - before).max()) < CONVERGED:
                 break
@@ -243,7 +283,9 @@ class MeanField:
     @cached_property
     def _order(self) -> tuple[np.ndarray, np.ndarray]:
         order = np.argsort(self.environments.group, kind="stable")
-        return order, np.searchsorted(self.environments.group[order], np.arange(self.environments.groups))
+        return order, np.searchsorted(
+            self.environments.group[order], np.arange(self.environments.groups)
+        )
 
     def _events(self, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """When each neighbour bonds, in order, (M, k) s (inf: never), and exp(−h/k_BT) before and after, (M, k + 1)."""
@@ -274,13 +316,20 @@ class MeanField:
             tau += steps[:, slot] * np.maximum(self.times[:, None] - at[:, slot], 0.0)
         # what cancels is rounded to a part of the hold time
         tau = np.maximum(tau, 1e-15 * self.times[:, None])
-        return at, factors, tau, self.environments.lowering + self.kt * np.log(self.times[:, None] / tau)
+        return (
+            at,
+            factors,
+            tau,
+            self.environments.lowering + self.kt * np.log(self.times[:, None] / tau),
+        )
 
     def _with_derivative(self, shares: np.ndarray, table: np.ndarray) -> Solved:
         env, kernel = self.environments, self.kernel
         at, factors, tau, shifts = self._shifted(shares)
         left, part = kernel.places(shifts)
-        slope = (table[self._rows, left + 1] - table[self._rows, left]) / kernel.grid.fine_step
+        slope = (
+            table[self._rows, left + 1] - table[self._rows, left]
+        ) / kernel.grid.fine_step
         # change of the bonded probability of each site by a change of its τ
         by_tau = -slope * self.kt / tau
         derivative, weights = [], []
@@ -302,7 +351,9 @@ class MeanField:
         weights += np.bincount((row + left + 1).ravel(), part.ravel(), size)
         return weights.reshape(len(left), shifts) / count
 
-    def _back(self, share: np.ndarray, at: np.ndarray, factors: np.ndarray, by_tau: np.ndarray) -> np.ndarray:
+    def _back(
+        self, share: np.ndarray, at: np.ndarray, factors: np.ndarray, by_tau: np.ndarray
+    ) -> np.ndarray:
         """(l, l'): by how much the share at time l changes with the share at time l', through the neighbours.
 
         A share that rises by δ lets neighbours bond earlier, by δ over the rate at which it rises.
@@ -312,21 +363,33 @@ class MeanField:
         logs = np.log(self.times)
         steps = np.diff(factors, axis=1)
         for slot in range(at.shape[1]):
-            inside = np.flatnonzero(np.isfinite(at[:, slot]) & (at[:, slot] > self.times[0]))
+            inside = np.flatnonzero(
+                np.isfinite(at[:, slot]) & (at[:, slot] > self.times[0])
+            )
             moment = at[inside, slot]
             cell = np.clip(np.searchsorted(logs, np.log(moment)) - 1, 0, share.size - 2)
-            part = np.clip((np.log(moment) - logs[cell]) / (logs[cell + 1] - logs[cell]), 0.0, 1.0)
-            rate = (risen[cell + 1] - risen[cell]) / (logs[cell + 1] - logs[cell]) / moment
+            part = np.clip(
+                (np.log(moment) - logs[cell]) / (logs[cell + 1] - logs[cell]), 0.0, 1.0
+            )
+            rate = (
+                (risen[cell + 1] - risen[cell]) / (logs[cell + 1] - logs[cell]) / moment
+            )
             # dτ/dT = −(factor after − factor before), dT/dshare = −1/rate
-            gain = np.divide(steps[inside, slot], rate, out=np.zeros_like(rate), where=rate > 0)
+            gain = np.divide(
+                steps[inside, slot], rate, out=np.zeros_like(rate), where=rate > 0
+            )
             effect = by_tau[:, inside] * gain * (self.times[:, None] > moment)
-            back += _scatter(effect * (1 - part), cell, share.size) + _scatter(effect * part, cell + 1, share.size)
+            back += _scatter(effect * (1 - part), cell, share.size) + _scatter(
+                effect * part, cell + 1, share.size
+            )
         return back / len(at)
 
 
 def _scatter(values: np.ndarray, column: np.ndarray, size: int) -> np.ndarray:
     """(l, size): sums of ``values`` (l, e) by ``column`` (e,)."""
     order = np.argsort(column, kind="stable")
-    total = np.concatenate([np.zeros((len(values), 1)), np.cumsum(values[:, order], axis=1)], axis=1)
+    total = np.concatenate(
+        [np.zeros((len(values), 1)), np.cumsum(values[:, order], axis=1)], axis=1
+    )
     edges = np.searchsorted(column[order], np.arange(size + 1))
     return total[:, edges[1:]] - total[:, edges[:-1]]

@@ -35,10 +35,18 @@ GUESSES, PARAMETERS = 3, 7
 SHORT, SHORT_SWEEPS = 400, 200
 
 
-def smooth_fit(data: Linear, weight: float, factor: float = 1.0) -> tuple[np.ndarray, float]:
+def smooth_fit(
+    data: Linear, weight: float, factor: float = 1.0
+) -> tuple[np.ndarray, float]:
     """The density (n,) ≥ 0 of least χ² + ``weight`` × ∫ p''² of integral at most 1, and its χ²."""
-    grid, matrix, values = data.grid, factor * data.matrix, data.values - factor * data.offset
-    second = np.diff(np.eye(grid.count), 2, axis=0) * np.sqrt(weight * grid.step) / grid.step**2
+    grid = data.grid
+    matrix = factor * data.matrix
+    values = data.values - factor * data.offset
+    second = (
+        np.diff(np.eye(grid.count), 2, axis=0)
+        * np.sqrt(weight * grid.step)
+        / grid.step**2
+    )
     # one more unknown, the share above the last energy, completes the integral to 1
     limit = np.append(grid.areas, 1.0)[None] / 1e-3
     rows = np.concatenate([matrix / data.errors[:, None], second])
@@ -46,7 +54,9 @@ def smooth_fit(data: Linear, weight: float, factor: float = 1.0) -> tuple[np.nda
     goal = np.concatenate([values / data.errors, np.zeros(len(second)), [1e3]])
     density = algebra.nonnegative(rows.T.copy(), goal)[:-1]
     density /= max(1.0, float(algebra.product(density, grid.areas)))
-    return density, float(np.sum(((algebra.product(matrix, density) - values) / data.errors) ** 2))
+    return density, float(
+        np.sum(((algebra.product(matrix, density) - values) / data.errors) ** 2)
+    )
 
 
 def first_estimate(data: Linear, factor: float) -> np.ndarray:
@@ -61,7 +71,9 @@ def first_estimate(data: Linear, factor: float) -> np.ndarray:
     return best
 
 
-def check_explained(data: Linear, labels: list[str], largest: np.ndarray, stated: np.ndarray) -> None:
+def check_explained(
+    data: Linear, labels: list[str], largest: np.ndarray, stated: np.ndarray
+) -> None:
     """Refuse data that no non-negative density of integral at most 1 explains; ``labels`` name the values.
 
     Errors (m,) are at most ``largest``; messages count in those that are ``stated``.
@@ -76,16 +88,28 @@ def check_explained(data: Linear, labels: list[str], largest: np.ndarray, stated
     data = replace(data, errors=largest)
     values, errors, grid = data.values, stated, data.grid
     fits = []
-    for factor in [1.0] if data.factor is None else np.geomspace(np.exp(data.factor[0]), np.exp(data.factor[1]), 9):
+    for factor in (
+        [1.0]
+        if data.factor is None
+        else np.geomspace(np.exp(data.factor[0]), np.exp(data.factor[1]), 9)
+    ):
         density, chi2 = smooth_fit(data, 1e-12, factor)
-        fits.append((chi2, density, factor * (data.offset + algebra.product(data.matrix, density))))
+        fits.append(
+            (
+                chi2,
+                density,
+                factor * (data.offset + algebra.product(data.matrix, density)),
+            )
+        )
     chi2, density, fitted = min(fits, key=lambda fit: fit[0])
     if distribution.sf(chi2, values.size) >= UNLIKELY:
         return
     residuals = (values - fitted) / errors
     chi2, scaled = float(residuals @ residuals), np.any(largest > 1.01 * stated)
     worst = np.argsort(-np.abs(residuals))[:3]
-    places = "; ".join(f"{residuals[at]:+.1f} standard errors at {labels[at]}" for at in sorted(worst))
+    places = "; ".join(
+        f"{residuals[at]:+.1f} standard errors at {labels[at]}" for at in sorted(worst)
+    )
     share = float(algebra.product(density, grid.areas))
     why = []
     above = values - fitted
@@ -103,10 +127,14 @@ def check_explained(data: Linear, labels: list[str], largest: np.ndarray, stated
             "the curve rises faster with the hold time than a single barrier makes it, or its errors are too small"
         )
     if scaled:
-        why.append("errors up to five times the stated ones, and single points that are off, would not explain it")
+        why.append(
+            "errors up to five times the stated ones, and single points that are off, would not explain it"
+        )
     raise UnexplainedError(
         f"values: no density of barriers explains them; the best fit has χ² = {chi2:.1f} for {values.size} points, "
-        f"and is off by {places}" + "".join(f"; {reason}" for reason in why) + "; check units, errors, load and scene",
+        f"and is off by {places}"
+        + "".join(f"; {reason}" for reason in why)
+        + "; check units, errors, load and scene",
         energies=grid.nodes,
         density=density,
         fitted=fitted,
@@ -115,9 +143,13 @@ def check_explained(data: Linear, labels: list[str], largest: np.ndarray, stated
     )
 
 
-def estimated(model: Model, threads: int | None, report: progress.Report) -> tuple[np.ndarray, list[float]]:
+def estimated(
+    model: Model, threads: int | None, report: progress.Report
+) -> tuple[np.ndarray, list[float]]:
     """The density of best fit, smoothed, and how much each round of the interaction changed it."""
-    if model.unknowns.points > 1:  # the point at which a density fits best, the neighbours left out
+    if (
+        model.unknowns.points > 1
+    ):  # the point at which a density fits best, the neighbours left out
         alone = (_alone(model, point) for point in range(model.unknowns.points))
         fits = np.array([smooth_fit(data, 1e-11, factor)[1] for data, factor in alone])
         model.middle = int(np.argmin(fits - 2 * model.unknowns.log_priors))
@@ -164,20 +196,29 @@ def _guess_errors(model: Model, data: Linear) -> None:
         data = replace(data, errors=noise.errors(model.state))
         fits = [smooth_fit(data, 1e-11, float(factor)) for factor in factors]
         best = int(np.argmin([chi2 for _, chi2 in fits]))
-        residual = data.values - factors[best] * (data.offset + algebra.product(data.matrix, fits[best][0]))
+        residual = data.values - factors[best] * (
+            data.offset + algebra.product(data.matrix, fits[best][0])
+        )
         model.state = noise.guessed(residual, PARAMETERS)
 
 
 def _check_model(model: Model, data: Linear) -> None:
     noise = model.noise(model.values)
-    check_explained(data, model.labels(), noise.largest(model.state), noise.errors(noise.start))
+    check_explained(
+        data, model.labels(), noise.largest(model.state), noise.errors(noise.start)
+    )
 
 
 def _alone(model: Model, point: int) -> tuple[Linear, float]:
     """The linear model without neighbours, and a common factor with which some density reaches the largest value."""
     matrix = model.without_neighbours(point)
     data = _linear(model, matrix, np.zeros(model.values.size))
-    return data, _common_factor(data, algebra.product(matrix, np.full(model.grid.count, 0.9 / model.grid.areas.sum())))
+    return data, _common_factor(
+        data,
+        algebra.product(
+            matrix, np.full(model.grid.count, 0.9 / model.grid.areas.sum())
+        ),
+    )
 
 
 def _common_factor(data: Linear, fitted: np.ndarray) -> float:
@@ -188,7 +229,14 @@ def _common_factor(data: Linear, fitted: np.ndarray) -> float:
 
 
 def _linear(model: Model, matrix: np.ndarray, offset: np.ndarray) -> Linear:
-    return Linear(model.grid, matrix, offset, model.values, model.errors(model.values), model.unknowns.factor)
+    return Linear(
+        model.grid,
+        matrix,
+        offset,
+        model.values,
+        model.errors(model.values),
+        model.unknowns.factor,
+    )
 
 
 def _about(model: Model, density: np.ndarray) -> tuple[np.ndarray, Linear]:
@@ -197,7 +245,9 @@ def _about(model: Model, density: np.ndarray) -> tuple[np.ndarray, Linear]:
     return fitted, _linear(model, slope, fitted - algebra.product(slope, density))
 
 
-def _distance(model: Model, density: np.ndarray, other: np.ndarray, seen: np.ndarray) -> float:
+def _distance(
+    model: Model, density: np.ndarray, other: np.ndarray, seen: np.ndarray
+) -> float:
     return float((np.abs(density - other) * model.grid.areas)[seen].sum())
 
 
@@ -208,10 +258,23 @@ def linear_problem(model: Model, prior: Prior, density: np.ndarray) -> Problem:
         value, slope = model.linear(density, point)
         matrices.append(slope)
         offsets.append(value - algebra.product(slope, density))
-    unknowns, fine, shifts = model.unknowns.refined(np.stack(matrices), np.stack(offsets))
+    unknowns, fine, shifts = model.unknowns.refined(
+        np.stack(matrices), np.stack(offsets)
+    )
     start = model.middle if unknowns is model.unknowns else FINE * model.middle
     errors, noise = model.errors(model.values), model.noise(model.values)
-    return Problem(prior, model.grid.areas, model.values, errors, fine, shifts, unknowns, start, noise, model.state)
+    return Problem(
+        prior,
+        model.grid.areas,
+        model.values,
+        errors,
+        fine,
+        shifts,
+        unknowns,
+        start,
+        noise,
+        model.state,
+    )
 
 
 def sampled(
@@ -229,7 +292,12 @@ def sampled(
     if model.interacting:
         seen = model.seen()
         for number in range(2):
-            few = short(linear_problem(model, prior, density), start, model.seed + number, threads)
+            few = short(
+                linear_problem(model, prior, density),
+                start,
+                model.seed + number,
+                threads,
+            )
             mean = few.densities.mean(axis=0)
             changes = [*changes, _distance(model, mean, density, seen)]
             density = mean
@@ -252,9 +320,13 @@ def sampled(
     return problem, samples, changes
 
 
-def short(problem: Problem, start: np.ndarray, seed: int, threads: int | None) -> Samples:
+def short(
+    problem: Problem, start: np.ndarray, seed: int, threads: int | None
+) -> Samples:
     """Fewer samples, where their mean and covariance are enough."""
-    return sample(problem, start, samples=SHORT, seed=seed, sweeps=SHORT_SWEEPS, threads=threads)
+    return sample(
+        problem, start, samples=SHORT, seed=seed, sweeps=SHORT_SWEEPS, threads=threads
+    )
 
 
 #: contiguous blocks of hold times, of which one after the other is left out
@@ -279,7 +351,9 @@ class Family:
 
     def density(self, grid: EnergyGrid, theta: np.ndarray) -> np.ndarray:
         """(n,) 1/eV: means over the cell of each node; what lies below the first is added to it."""
-        edges = np.concatenate([grid.nodes - grid.step / 2, [grid.nodes[-1] + grid.step / 2]])
+        edges = np.concatenate(
+            [grid.nodes - grid.step / 2, [grid.nodes[-1] + grid.step / 2]]
+        )
         share = np.diff(self.below(edges, theta))
         share[0] += self.below(edges[:1], theta)[0]
         return share / grid.areas
@@ -307,13 +381,18 @@ def _piecewise(low: float, high: float) -> Family:
 
     def below(energy: np.ndarray, theta: np.ndarray) -> np.ndarray:
         heights = np.exp(np.append(theta, 0.0) - np.max(np.append(theta, 0.0)))
-        sums = np.concatenate([[0.0], np.cumsum((heights[1:] + heights[:-1]) / 2 * np.diff(nodes))])
+        sums = np.concatenate(
+            [[0.0], np.cumsum((heights[1:] + heights[:-1]) / 2 * np.diff(nodes))]
+        )
         place = np.clip(np.searchsorted(nodes, energy, side="right") - 1, 0, NODES - 2)
         part = np.clip(energy - nodes[place], 0.0, np.diff(nodes)[place])
         slope = np.diff(heights)[place] / np.diff(nodes)[place]
         return (sums[place] + heights[place] * part + slope * part**2 / 2) / sums[-1]
 
-    names = tuple(f"log weight at {node:.3f} eV over that at {nodes[-1]:.3f} eV" for node in nodes[:-1])
+    names = tuple(
+        f"log weight at {node:.3f} eV over that at {nodes[-1]:.3f} eV"
+        for node in nodes[:-1]
+    )
     starts = [np.zeros(count), np.linspace(-2, 0, count), np.linspace(2, 0, count)]
     return Family(names, below, starts, np.full(count, -8.0), np.full(count, 8.0))
 
@@ -333,8 +412,18 @@ def family(name: str, low: float, high: float) -> Family:
     }[name]  # fmt: skip
     # the first parameter is an energy, the others are widths
     count = len(names) - 1
-    starts = [np.array([at, *([width] * count)]) for at in np.linspace(low, high, STARTS) for width in widths]
-    return Family(names, below, starts, np.array([low + lower[0], *lower[1:]]), np.array([high + upper[0], *upper[1:]]))
+    starts = [
+        np.array([at, *([width] * count)])
+        for at in np.linspace(low, high, STARTS)
+        for width in widths
+    ]
+    return Family(
+        names,
+        below,
+        starts,
+        np.array([low + lower[0], *lower[1:]]),
+        np.array([high + upper[0], *upper[1:]]),
+    )
 
 
 def blocks_of(curve: np.ndarray, hold_times: np.ndarray) -> np.ndarray:
@@ -351,7 +440,11 @@ def log_score(values: np.ndarray, mean: np.ndarray, covariance: np.ndarray) -> f
     """Logarithm of the normal density of ``values``."""
     lower = np.linalg.cholesky(covariance)
     away = np.linalg.solve(lower, values - mean)
-    return float(-0.5 * away @ away - np.log(np.diag(lower)).sum() - 0.5 * values.size * np.log(2 * np.pi))
+    return float(
+        -0.5 * away @ away
+        - np.log(np.diag(lower)).sum()
+        - 0.5 * values.size * np.log(2 * np.pi)
+    )
 
 
 def compared(
@@ -369,16 +462,27 @@ def compared(
     blocks = blocks_of(model.curve, model.hold_times)
     total, done = len(families) + int(blocks.max()) + 1, 0
     seen = model.grid.nodes[model.seen()]
-    low, high = (float(seen[0]), float(seen[-1])) if seen.size else (model.grid.nodes[0], model.grid.nodes[-1])
+    low, high = (
+        (float(seen[0]), float(seen[-1]))
+        if seen.size
+        else (model.grid.nodes[0], model.grid.nodes[-1])
+    )
     scores, fits = {"density": 0.0}, {}
     mean = samples.densities.mean(axis=0)
     for block in np.unique(blocks):
         report("families", done, total)
         out = blocks == block
-        few = short(problem.without(out), np.where(mean > 1e-3, mean, -0.1), model.seed + 100 + int(block), threads)
+        few = short(
+            problem.without(out),
+            np.where(mean > 1e-3, mean, -0.1),
+            model.seed + 100 + int(block),
+            threads,
+        )
         values = few.fitted(problem)[:, out]
         covariance = np.atleast_2d(np.cov(values.T)) + np.diag(problem.errors[out] ** 2)
-        scores["density"] += log_score(problem.values[out], values.mean(axis=0), covariance)
+        scores["density"] += log_score(
+            problem.values[out], values.mean(axis=0), covariance
+        )
         done += 1
     point = int(np.bincount(samples.points).argmax())
     data = Linear(
@@ -397,10 +501,14 @@ def compared(
     return scores, fits
 
 
-def _compared(chosen: Family, data: Linear, blocks: np.ndarray) -> tuple[dict[str, Any], float]:
+def _compared(
+    chosen: Family, data: Linear, blocks: np.ndarray
+) -> tuple[dict[str, Any], float]:
     """The fit of a family to all points, and its score on blocks left out."""
     theta, covariance, chi2 = _fit(chosen, data, np.ones(data.values.size, dtype=bool))
-    names, shown, errors = list(chosen.parameters), theta.copy(), np.sqrt(np.diag(covariance))
+    names = list(chosen.parameters)
+    shown = theta.copy()
+    errors = np.sqrt(np.diag(covariance))
     if data.factor is not None:  # fitted as its logarithm
         names.append("bond_force over that of the scene")
         shown[-1] = np.exp(theta[-1])
@@ -409,7 +517,9 @@ def _compared(chosen: Family, data: Linear, blocks: np.ndarray) -> tuple[dict[st
         "parameters": dict(zip(names, shown.tolist(), strict=True)),
         "errors": dict(zip(names, errors.tolist(), strict=True)),
         "chi2": chi2,
-        "density": chosen.density(data.grid.wider(*REACH), theta[: len(chosen.parameters)]).tolist(),
+        "density": chosen.density(
+            data.grid.wider(*REACH), theta[: len(chosen.parameters)]
+        ).tolist(),
     }
     score = 0.0
     for block in np.unique(blocks):
@@ -417,14 +527,20 @@ def _compared(chosen: Family, data: Linear, blocks: np.ndarray) -> tuple[dict[st
         theta, covariance, _ = _fit(chosen, data, ~out)
         mean = _predicted(chosen, data, theta)[out]
         slope = _slope(chosen, data, theta)[out]
-        score += log_score(data.values[out], mean, slope @ covariance @ slope.T + np.diag(data.errors[out] ** 2))
+        score += log_score(
+            data.values[out],
+            mean,
+            slope @ covariance @ slope.T + np.diag(data.errors[out] ** 2),
+        )
     return about, score
 
 
 def _predicted(chosen: Family, data: Linear, theta: np.ndarray) -> np.ndarray:
     count = len(chosen.parameters)
     scale = np.exp(theta[count]) if data.factor is not None else 1.0
-    return scale * (data.offset + data.matrix @ chosen.density(data.grid, theta[:count]))
+    return scale * (
+        data.offset + data.matrix @ chosen.density(data.grid, theta[:count])
+    )
 
 
 def _slope(chosen: Family, data: Linear, theta: np.ndarray) -> np.ndarray:
@@ -432,17 +548,28 @@ def _slope(chosen: Family, data: Linear, theta: np.ndarray) -> np.ndarray:
     for at in range(theta.size):
         step = np.zeros(theta.size)
         step[at] = 1e-3
-        columns.append((_predicted(chosen, data, theta + step) - _predicted(chosen, data, theta - step)) / 2e-3)
+        columns.append(
+            (
+                _predicted(chosen, data, theta + step)
+                - _predicted(chosen, data, theta - step)
+            )
+            / 2e-3
+        )
     return np.stack(columns, axis=1)
 
 
-def _fit(chosen: Family, data: Linear, kept: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+def _fit(
+    chosen: Family, data: Linear, kept: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, float]:
     """Parameters of least χ² among the points ``kept``, their covariance, and χ²."""
     from scipy.optimize import least_squares
 
     lower, upper, starts = chosen.lower, chosen.upper, chosen.starts
     if data.factor is not None:
-        lower, upper = np.append(lower, data.factor[0]), np.append(upper, data.factor[1])
+        lower, upper = (
+            np.append(lower, data.factor[0]),
+            np.append(upper, data.factor[1]),
+        )
         starts = [np.append(start, 0.0) for start in starts]
 
     def residuals(theta: np.ndarray) -> np.ndarray:
@@ -451,7 +578,13 @@ def _fit(chosen: Family, data: Linear, kept: np.ndarray) -> tuple[np.ndarray, np
     starts = [np.clip(start, lower + 1e-6, upper - 1e-6) for start in starts]
     starts.sort(key=lambda start: float(np.sum(residuals(start) ** 2)))
     fits = [
-        least_squares(residuals, start, bounds=(lower, upper), x_scale=np.maximum(np.abs(start), 0.05), max_nfev=200)
+        least_squares(
+            residuals,
+            start,
+            bounds=(lower, upper),
+            x_scale=np.maximum(np.abs(start), 0.05),
+            max_nfev=200,
+        )
         for start in starts[:4]
     ]
     best = min(fits, key=lambda fit: fit.cost)

@@ -26,7 +26,12 @@ from chemage.plugin import (
     units,
 )
 from chemage_inference.energies import EnergyGrid, averaging
-from chemage_inference.forward import Contacts, check_scene, largest_lowering, make_condition
+from chemage_inference.forward import (
+    Contacts,
+    check_scene,
+    largest_lowering,
+    make_condition,
+)
 
 #: shares of the probability that bands hold
 LEVELS = (0.68, 0.90, 0.95)
@@ -43,7 +48,8 @@ STATED = {
     "energy": ("eV", "1.0 eV"),
 }
 #: what a planned measurement, and what it is to narrow, may state
-PLAN, TARGET = ("hold_time", "load", "temperature", "error"), ("energy", "load", "temperature", "hold_time")
+PLAN = ("hold_time", "load", "temperature", "error")
+TARGET = ("energy", "load", "temperature", "hold_time")
 
 
 class Forecast(Record):
@@ -51,7 +57,11 @@ class Forecast(Record):
 
     arrays = {
         "hold_times": (("hold_time",), "s", "hold time"),
-        "samples": (("sample", "hold_time"), "nN", "friction drop of each sample of the density"),
+        "samples": (
+            ("sample", "hold_time"),
+            "nN",
+            "friction drop of each sample of the density",
+        ),
     }
 
     load: PositiveNumber
@@ -69,8 +79,14 @@ class Forecast(Record):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if self.samples.ndim != 2 or self.samples.shape[1] != self.hold_times.size or not len(self.samples):
-            raise ValueError(f"samples: shape {self.samples.shape}; give (samples, {self.hold_times.size})")
+        if (
+            self.samples.ndim != 2
+            or self.samples.shape[1] != self.hold_times.size
+            or not len(self.samples)
+        ):
+            raise ValueError(
+                f"samples: shape {self.samples.shape}; give (samples, {self.hold_times.size})"
+            )
         return self
 
     @property
@@ -116,7 +132,9 @@ class Forecast(Record):
     def __repr__(self) -> str:
         low, high = self.band(WIDE)
         ends = f"{low[-1]:.4g} to {high[-1]:.4g}"
-        value = f"{ends} nN" if self.bounds_only else f"{self.median[-1]:.4g} nN ({ends})"
+        value = (
+            f"{ends} nN" if self.bounds_only else f"{self.median[-1]:.4g} nN ({ends})"
+        )
         return f"<Forecast {self.load:g} nN, {self.temperature:g} K: {value} at {self.hold_times[-1]:g} s>"
 
     __str__ = __repr__
@@ -146,18 +164,36 @@ def stated(where: str, conditions: Any, names: Sequence[str]) -> dict[str, Any]:
     """
     known = ", ".join(names)
     if not isinstance(conditions, Mapping):
-        raise InputError.of(where, conditions, f"must be a dict of {known}", 'give {"hold_time": 10.0}, for example')
+        raise InputError.of(
+            where,
+            conditions,
+            f"must be a dict of {known}",
+            'give {"hold_time": 10.0}, for example',
+        )
     found = {}
     for name, value in conditions.items():
         if name not in names:
-            raise InputError.of(where, name, f"is not known{nearest(str(name), names)}", f"give {known}")
+            raise InputError.of(
+                where, name, f"is not known{nearest(str(name), names)}", f"give {known}"
+            )
         if value is None:
             continue
         unit, example = STATED[name]
-        share = name == "error" and isinstance(value, str) and value.strip().endswith("%")
-        number = convert(value, "" if share else unit, f"{where}.{name}") if name != "load" else force(value)
+        share = (
+            name == "error" and isinstance(value, str) and value.strip().endswith("%")
+        )
+        number = (
+            convert(value, "" if share else unit, f"{where}.{name}")
+            if name != "load"
+            else force(value)
+        )
         if not 0 < number < np.inf:
-            raise InputError.of(f"{where}.{name}", value, "must be above zero and finite", f"such as {example}")
+            raise InputError.of(
+                f"{where}.{name}",
+                value,
+                "must be above zero and finite",
+                f"such as {example}",
+            )
         found[name] = value if share else number
     return found
 
@@ -165,9 +201,16 @@ def stated(where: str, conditions: Any, names: Sequence[str]) -> dict[str, Any]:
 def checked_target(where: str, target: Any) -> dict[str, Any]:
     """What planned measurements are to narrow: an energy, or a forecast with its hold time; empty: the density."""
     wanted = stated(where, target, TARGET)
-    if wanted and (("energy" in wanted) == ("hold_time" in wanted) or ("energy" in wanted and len(wanted) > 1)):
-        example = "an energy, such as 1.0 eV, or a forecast with its hold_time, such as 1e5 s"
-        raise InputError.of(where, target, "is neither an energy nor a forecast", f"give {example}")
+    if wanted and (
+        ("energy" in wanted) == ("hold_time" in wanted)
+        or ("energy" in wanted and len(wanted) > 1)
+    ):
+        example = (
+            "an energy, such as 1.0 eV, or a forecast with its hold_time, such as 1e5 s"
+        )
+        raise InputError.of(
+            where, target, "is neither an energy nor a forecast", f"give {example}"
+        )
     return wanted
 
 
@@ -193,39 +236,66 @@ class Forecaster:
         scalars: Mapping[str, np.ndarray],
         seed: int,
     ) -> None:
-        self.scene, self.samples, self.visible, self.scalars, self.seed = scene, samples, visible, scalars, seed
+        self.scene, self.samples, self.visible, self.scalars, self.seed = (
+            scene,
+            samples,
+            visible,
+            scalars,
+            seed,
+        )
         self.chemistry = check_scene(scene)
         step = float(energies[-1] - energies[0]) / (energies.size - 1)
         self.grid = EnergyGrid(float(energies[0]), step, energies.size)
         self.contacts = Contacts(scene)
 
     def predicted(
-        self, load: float, temperature: float, times: np.ndarray, *, calibrated: bool = False
+        self,
+        load: float,
+        temperature: float,
+        times: np.ndarray,
+        *,
+        calibrated: bool = False,
     ) -> tuple[np.ndarray, np.ndarray]:
         """(S, m) nN of each sample, and its derivative by the density, (m, n).
 
         ``calibrated``: neighbours are simulated, beyond their mean field.
         """
-        predicted, matrix = np.empty((len(self.samples), times.size)), np.zeros((times.size, self.grid.count))
-        noise = np.random.default_rng([self.seed, 53]).standard_normal(len(self.samples))
+        predicted = np.empty((len(self.samples), times.size))
+        matrix = np.zeros((times.size, self.grid.count))
+        noise = np.random.default_rng([self.seed, 53]).standard_normal(
+            len(self.samples)
+        )
         names = [name for name in self.scalars if name != "bond_force"]
-        keys = np.stack([self.scalars[name] for name in names], axis=1) if names else np.zeros((len(self.samples), 0))
+        keys = (
+            np.stack([self.scalars[name] for name in names], axis=1)
+            if names
+            else np.zeros((len(self.samples), 0))
+        )
         for values in np.unique(keys, axis=0):
             here = np.flatnonzero((keys == values).all(axis=1))
             chemistry = self.chemistry
             if names:
-                chemistry = chemistry.replace(**dict(zip(names, values.tolist(), strict=True)))
+                chemistry = chemistry.replace(
+                    **dict(zip(names, values.tolist(), strict=True))
+                )
             contact = self.contacts.at(load)
-            condition = make_condition(chemistry, contact, temperature, times, self.grid, self.seed)
+            condition = make_condition(
+                chemistry, contact, temperature, times, self.grid, self.seed
+            )
             mean = self.samples[here].mean(axis=0)
             value, matrix = condition.linear(mean)
             if condition.interacting and calibrated:
                 condition.calibrate(mean, self.scene, self.seed)
                 value, matrix = condition.linear(mean)
             part = value + algebra.product(self.samples[here] - mean, matrix.T)
-            predicted[here] = part * (1 + noise[here, None] * condition.correction_error / condition.correction)
+            predicted[here] = part * (
+                1
+                + noise[here, None] * condition.correction_error / condition.correction
+            )
         if "bond_force" in self.scalars:
-            predicted *= (self.scalars["bond_force"] / self.chemistry.bond_force)[:, None]
+            predicted *= (self.scalars["bond_force"] / self.chemistry.bond_force)[
+                :, None
+            ]
         return np.maximum(predicted, 0.0), matrix
 
     def conditions(
@@ -237,7 +307,9 @@ class Forecaster:
         """Load (nN), temperature (K) and hold times above zero (s); what is None is as in the scene."""
         newton = self.scene.load if load is None else force(load)
         if not newton > 0:
-            raise InputError.of("load", load, "must be above zero", "give a force such as 50 nN")
+            raise InputError.of(
+                "load", load, "must be above zero", "give a force such as 50 nN"
+            )
         hold = self.scene.hold
         kelvin = 300.0 if hold is None else hold.temperature
         if temperature is not None:
@@ -246,7 +318,12 @@ class Forecaster:
             hold_times = spaced(1e-3, 1e5, 4) if hold is None else hold.hold_times
         times = check_times(hold_times)
         if not (times > 0).any():
-            raise InputError.of("hold_times", times.tolist(), "must have a time above zero", "nothing has aged at 0 s")
+            raise InputError.of(
+                "hold_times",
+                times.tolist(),
+                "must have a time above zero",
+                "nothing has aged at 0 s",
+            )
         return newton, kelvin, times[times > 0]
 
     def forecast(
@@ -262,12 +339,17 @@ class Forecaster:
         with self.scene.in_use():
             samples, matrix = self.predicted(newton, kelvin, unique, calibrated=True)
         parts = np.abs(matrix * self.samples.mean(axis=0))
-        unseen = parts[:, ~self.visible].sum(axis=1) / np.maximum(parts.sum(axis=1), 1e-300)
+        unseen = parts[:, ~self.visible].sum(axis=1) / np.maximum(
+            parts.sum(axis=1), 1e-300
+        )
         notes = []
         last, chemistry = float(self.grid.nodes[-1]), self.chemistry
         # a site of this barrier reacts at the hold time, with the width of a step, under the largest pressure
         lowering = largest_lowering(self.contacts.at(newton), chemistry)
-        reached = KB * kelvin * (np.log(chemistry.attempt_frequency * unique) + 1.0) + lowering
+        reached = (
+            KB * kelvin * (np.log(chemistry.attempt_frequency * unique) + 1.0)
+            + lowering
+        )
         if reached.max() > last:
             notes.append(
                 f"from {unique[int(np.argmax(reached > last))]:.3g} s on, barriers above {last:.3f} eV react, beyond "
@@ -304,34 +386,56 @@ class Forecaster:
         are normal: the covariances are those of the samples.
         """
         if not isinstance(candidates, list | tuple) or not candidates:
-            raise InputError.of("candidates", candidates, "must be a list with at least one planned measurement")
+            raise InputError.of(
+                "candidates",
+                candidates,
+                "must be a list with at least one planned measurement",
+            )
         if not 0 < relative_error < 10:
-            raise InputError.of("relative_error", relative_error, "must be above zero", "3 % is 0.03")
+            raise InputError.of(
+                "relative_error", relative_error, "must be above zero", "3 % is 0.03"
+            )
         goals = self._goals(target, resolution)
         goals = goals - goals.mean(axis=0)
         total = float(goals.var(axis=0).sum())
         if not total > 0:
-            raise InputError.of("target", target, "has no variance in the samples, so that nothing can narrow it")
+            raise InputError.of(
+                "target",
+                target,
+                "has no variance in the samples, so that nothing can narrow it",
+            )
         plans: list[tuple[float, float, float, Any]] = []
         times: dict[tuple[float, float], list[float]] = {}
         for number, candidate in enumerate(candidates):
             plan = stated(f"candidates.{number}", candidate, PLAN)
             if "hold_time" not in plan:
                 remedy = 'give {"hold_time": 10.0, "load": 50.0}'
-                raise InputError.of(f"candidates.{number}", candidate, "has no hold_time", remedy)
+                raise InputError.of(
+                    f"candidates.{number}", candidate, "has no hold_time", remedy
+                )
             load, kelvin, time = self._at(plan)
             plans.append((load, kelvin, time, plan.get("error", "")))
             times.setdefault((load, kelvin), []).append(time)
         with self.scene.in_use():
             values = {
-                key: dict(zip(np.unique(every), self.predicted(*key, np.unique(every))[0].T.copy(), strict=True))
+                key: dict(
+                    zip(
+                        np.unique(every),
+                        self.predicted(*key, np.unique(every))[0].T.copy(),
+                        strict=True,
+                    )
+                )
                 for key, every in times.items()
             }
         rows = []
-        for candidate, (load, kelvin, time, error) in zip(candidates, plans, strict=True):
+        for candidate, (load, kelvin, time, error) in zip(
+            candidates, plans, strict=True
+        ):
             value = values[load, kelvin][time]
             if isinstance(error, str):
-                error = (convert(error, "") if error else relative_error) * float(value.mean())
+                error = (convert(error, "") if error else relative_error) * float(
+                    value.mean()
+                )
             covariance = algebra.product(value - value.mean(), goals) / len(value)
             gain = float((covariance**2).sum() / (value.var() + error**2))
             rows.append(
@@ -343,14 +447,18 @@ class Forecaster:
                     "error": error,
                     "expected": float(value.mean()),
                     "reduction": gain / total,
-                    "deviation": float(np.sqrt(max(total - gain, 0.0) / goals.shape[1])),
+                    "deviation": float(
+                        np.sqrt(max(total - gain, 0.0) / goals.shape[1])
+                    ),
                 }
             )
         return sorted(rows, key=lambda row: -row["reduction"])
 
     def _at(self, plan: Mapping[str, Any]) -> tuple[float, float, float]:
         """Load (nN), temperature (K) and hold time (s) of a plan or target."""
-        load, kelvin, times = self.conditions(plan.get("load"), plan.get("temperature"), [plan["hold_time"]])
+        load, kelvin, times = self.conditions(
+            plan.get("load"), plan.get("temperature"), [plan["hold_time"]]
+        )
         return load, kelvin, float(times[0])
 
     def _goals(self, target: Mapping[str, Any] | None, resolution: float) -> np.ndarray:
@@ -363,12 +471,22 @@ class Forecaster:
                 return self.predicted(load, kelvin, np.array([time]))[0]
         mean = averaging(nodes, resolution)
         if not wanted:
-            return algebra.product(self.samples, mean[self.visible if self.visible.any() else slice(None)].T)
+            return algebra.product(
+                self.samples,
+                mean[self.visible if self.visible.any() else slice(None)].T,
+            )
         energy = wanted["energy"]
         if not nodes[0] <= energy <= nodes[-1]:
             remedy = f"{nodes[0]:.3f} to {nodes[-1]:.3f} eV"
-            raise InputError.of("target.energy", energy, "is outside the energies of the density", remedy)
-        return algebra.product(self.samples, mean[[int(np.argmin(np.abs(nodes - energy)))]].T)
+            raise InputError.of(
+                "target.energy",
+                energy,
+                "is outside the energies of the density",
+                remedy,
+            )
+        return algebra.product(
+            self.samples, mean[[int(np.argmin(np.abs(nodes - energy)))]].T
+        )
 
 
 def _when(times: np.ndarray, over: np.ndarray) -> str:

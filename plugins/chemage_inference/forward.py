@@ -16,7 +16,14 @@ from typing import Any
 
 import numpy as np
 
-from chemage import Chemistry, ContactSolution, InputError, ReactionLattice, Scene, Surface
+from chemage import (
+    Chemistry,
+    ContactSolution,
+    InputError,
+    ReactionLattice,
+    Scene,
+    Surface,
+)
 from chemage.plugin import (
     EV_PER_GPA_NM3,
     ContactStatistics,
@@ -83,7 +90,10 @@ class Condition:
 
     def __post_init__(self) -> None:
         #: (m,) simulated over mean field, and its standard error
-        self.correction, self.correction_error = np.ones(self.hold_times.size), np.zeros(self.hold_times.size)
+        self.correction, self.correction_error = (
+            np.ones(self.hold_times.size),
+            np.zeros(self.hold_times.size),
+        )
 
     @property
     def interacting(self) -> bool:
@@ -93,13 +103,17 @@ class Condition:
     def linear(self, density: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """ΔF at the hold times (m,), nN, and its derivative by the density (m, n)."""
         if self.mean_field is None:
-            return self.scale * algebra.product(self.alone, density), self.scale * self.alone
+            return self.scale * algebra.product(
+                self.alone, density
+            ), self.scale * self.alone
         start = self._last.shares if self._last is not None else None
         self._last = solved = self.mean_field.solve(density, start)
         share = self.mean_field.environments.shares
         factor = self.scale * self.correction
         value = factor * algebra.product(share, solved.shares)[self.places]
-        return value, factor[:, None] * np.einsum("g,gln->ln", share, solved.derivative)[self.places]
+        return value, factor[:, None] * np.einsum(
+            "g,gln->ln", share, solved.derivative
+        )[self.places]
 
     def without_neighbours(self) -> np.ndarray:
         """(m, n): the derivative that a contact without interaction would have, for a first guess."""
@@ -112,9 +126,14 @@ class Condition:
 
     def corrected_as(self, other: Condition) -> None:
         """Take over the correction of the same contact under another chemistry, or on other energies."""
-        self.correction, self.correction_error = other.correction, other.correction_error
+        self.correction, self.correction_error = (
+            other.correction,
+            other.correction_error,
+        )
 
-    def calibrate(self, density: np.ndarray, scene: Scene, seed: int, threads: int | None = None) -> None:
+    def calibrate(
+        self, density: np.ndarray, scene: Scene, seed: int, threads: int | None = None
+    ) -> None:
         """Simulate the kinetics of the sites with barriers of ``density``, and correct the mean field at it.
 
         Every site keeps its uniform number, couplings and kinetic noise between calls (common random numbers). What the
@@ -128,10 +147,19 @@ class Condition:
         assert self._last is not None
         assert scene.engine is not None
         contact, engine, solved = self.contact, scene.engine, self._last
-        expected = np.stack([self._of_energy(solved.weights[group]) for group in range(len(solved.weights))])
+        expected = np.stack(
+            [
+                self._of_energy(solved.weights[group])
+                for group in range(len(solved.weights))
+            ]
+        )
         if self._lattices is None:
-            count = int(np.clip(math.ceil(SIMULATED / max(self.sites, 1.0)), FEWEST, MOST))
-            self._lattices = [self._prepared(contact, seed, number) for number in range(count)]
+            count = int(
+                np.clip(math.ceil(SIMULATED / max(self.sites, 1.0)), FEWEST, MOST)
+            )
+            self._lattices = [
+                self._prepared(contact, seed, number) for number in range(count)
+            ]
         lattices, step = self._lattices, self.grid.fine_step
         beyond = float(self.grid.fine[-1]) + BEYOND
 
@@ -143,22 +171,38 @@ class Condition:
                 engine, sites, self.hold_times, temperature=self.temperature, seed=noise, contact=contact,
                 chemistry=self.chemistry,
             ).bonds  # fmt: skip
-            place = np.clip((barrier - self.grid.first) / step, 0, self.grid.fine.size - 1.001)
+            place = np.clip(
+                (barrier - self.grid.first) / step, 0, self.grid.fine.size - 1.001
+            )
             left = place.astype(np.int64)
             part = place - left
             inside = barrier < beyond
-            mean = expected[group, :, left] * (1 - part)[:, None] + expected[group, :, left + 1] * part[:, None]
+            mean = (
+                expected[group, :, left] * (1 - part)[:, None]
+                + expected[group, :, left + 1] * part[:, None]
+            )
             return bonds - mean[inside].sum(axis=0), barrier.size
 
-        replicas = processors.in_order(replica, len(lattices), threads or processors.available(), None)
+        replicas = processors.in_order(
+            replica, len(lattices), threads or processors.available(), None
+        )
         sizes = np.array([size for _, size in replicas], dtype=float)
         surplus = np.stack([difference for difference, _ in replicas])
         excess = surplus.sum(axis=0) / sizes.sum()
         scatter = surplus - sizes[:, None] * excess
-        error = np.sqrt((scatter**2).sum(axis=0) / max(len(replicas) - 1, 1) * len(replicas)) / sizes.sum()
-        share = algebra.product(self.mean_field.environments.shares, solved.shares)[self.places]
+        error = (
+            np.sqrt(
+                (scatter**2).sum(axis=0) / max(len(replicas) - 1, 1) * len(replicas)
+            )
+            / sizes.sum()
+        )
+        share = algebra.product(self.mean_field.environments.shares, solved.shares)[
+            self.places
+        ]
         self.correction, self.correction_error = _smoothed(
-            np.log10(self.hold_times), excess / np.maximum(share, 1e-12), error / np.maximum(share, 1e-12)
+            np.log10(self.hold_times),
+            excess / np.maximum(share, 1e-12),
+            error / np.maximum(share, 1e-12),
         )
 
     def _of_energy(self, weights: np.ndarray) -> np.ndarray:
@@ -167,17 +211,31 @@ class Condition:
         windows = self.mean_field.kernel.windows[self.places]
         return np.einsum("ls,lsj->lj", weights[self.places], windows)
 
-    def _prepared(self, contact: ContactSolution, seed: int, number: int) -> tuple[Any, ...]:
+    def _prepared(
+        self, contact: ContactSolution, seed: int, number: int
+    ) -> tuple[Any, ...]:
         disorder = np.random.SeedSequence(seed, spawn_key=(number, 0))
         noise = random.CommonSeed(seed, spawn_key=(number, 1))
         lattice = build_lattice(self.chemistry, contact, disorder)
         uniform = random.uniforms(disorder, random.FORMING, lattice.random_index)
         pressure = lattice.pressures(contact)
-        lowering = -self.chemistry.activation_volume * EV_PER_GPA_NM3 * np.asarray(pressure, dtype=np.float64)
-        return lattice, uniform, lowering, np.searchsorted(self.edges, pressure, side="right"), noise
+        lowering = (
+            -self.chemistry.activation_volume
+            * EV_PER_GPA_NM3
+            * np.asarray(pressure, dtype=np.float64)
+        )
+        return (
+            lattice,
+            uniform,
+            lowering,
+            np.searchsorted(self.edges, pressure, side="right"),
+            noise,
+        )
 
 
-def _smoothed(x: np.ndarray, excess: np.ndarray, error: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _smoothed(
+    x: np.ndarray, excess: np.ndarray, error: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """1 + the relative excess, smoothed over neighbouring times and drawn to 1 where it is not known; its error."""
     weight = 1 / np.maximum(error, 1e-4) ** 2
     near = np.exp(-0.5 * ((x[:, None] - x) / (SMOOTHED / 2)) ** 2)
@@ -204,7 +262,9 @@ class Contacts:
         """The contact under ``load`` nN."""
         if load not in self._by_load:
             surface = self._surface if self.scene.contact.gives_map else None
-            self._by_load[load] = contact_of(self.scene.model_copy(update={"load": load}), surface)
+            self._by_load[load] = contact_of(
+                self.scene.model_copy(update={"load": load}), surface
+            )
         return self._by_load[load]
 
 
@@ -234,11 +294,15 @@ def check_scene(scene: Scene) -> Chemistry:
     return scene.chemistry
 
 
-def largest_lowering(contact: ContactSolution | ContactStatistics, chemistry: Chemistry) -> float:
+def largest_lowering(
+    contact: ContactSolution | ContactStatistics, chemistry: Chemistry
+) -> float:
     """eV by which pressure lowers the barriers of all but one in a thousand of the sites."""
     if isinstance(contact, ContactSolution):
         pressure = np.sort(chemistry.sites_of(contact).pressure)
-        top = float(pressure[int(0.999 * (pressure.size - 1))]) if pressure.size else 0.0
+        top = (
+            float(pressure[int(0.999 * (pressure.size - 1))]) if pressure.size else 0.0
+        )
     else:
         top = float(contact.pressure[-1])
     return chemistry.activation_volume * EV_PER_GPA_NM3 * top
@@ -270,37 +334,73 @@ def make_condition(
         lowest, highest = float(shift.min(initial=0)), float(shift.max(initial=0))
         kernel = make_kernel(chemistry, temperature, times, grid, lowest, highest)
         alone = _alone(kernel, shift, statistics.area / statistics.contact_area)
-        return Condition(chemistry, contact, temperature, times, grid, sites, scale, alone)
+        return Condition(
+            chemistry, contact, temperature, times, grid, sites, scale, alone
+        )
     early = times[0] * 10.0 ** np.arange(-5, 0, 0.4)
-    late = times[0] * 10.0 ** np.arange(0, math.log10(times[-1] / times[0]) + 1e-9, 1 / 6)
+    late = times[0] * 10.0 ** np.arange(
+        0, math.log10(times[-1] / times[0]) + 1e-9, 1 / 6
+    )
     every = np.unique(np.concatenate([early, late, times]))
     environments, edges = _environments(chemistry, contact, seed)
     lowest = min(float(environments.lowering.min()), 0.0) - 0.25
     kernel = make_kernel(chemistry, temperature, every, grid, lowest, MOST_SHIFT)
-    mean_field, places = MeanField(kernel, environments, temperature), np.searchsorted(every, times)
-    alone = _alone(kernel, environments.lowering, 1.0, environments.lowering.size)[places]
-    return Condition(chemistry, contact, temperature, times, grid, sites, scale, alone, mean_field, places, edges)
+    mean_field = MeanField(kernel, environments, temperature)
+    places = np.searchsorted(every, times)
+    alone = _alone(kernel, environments.lowering, 1.0, environments.lowering.size)[
+        places
+    ]
+    return Condition(
+        chemistry,
+        contact,
+        temperature,
+        times,
+        grid,
+        sites,
+        scale,
+        alone,
+        mean_field,
+        places,
+        edges,
+    )
 
 
-def _alone(kernel: Kernel, shift: np.ndarray, weight: np.ndarray | float, total: float = 1.0) -> np.ndarray:
+def _alone(
+    kernel: Kernel, shift: np.ndarray, weight: np.ndarray | float, total: float = 1.0
+) -> np.ndarray:
     """(l, n): derivative of the bonded share by the density; sites of ``shift`` (s,) weigh ``weight`` of ``total``."""
     left, part = kernel.places(shift)
     weights = np.bincount(left, weight * (1 - part), kernel.shifts)
     weights += np.bincount(left + 1, weight * part, kernel.shifts)
-    return kernel.matrix(np.broadcast_to(weights / total, (kernel.times.size, kernel.shifts)))
+    return kernel.matrix(
+        np.broadcast_to(weights / total, (kernel.times.size, kernel.shifts))
+    )
 
 
-def _environments(chemistry: Chemistry, contact: ContactSolution, seed: int) -> tuple[Environments, np.ndarray]:
+def _environments(
+    chemistry: Chemistry, contact: ContactSolution, seed: int
+) -> tuple[Environments, np.ndarray]:
     """Sites drawn evenly over the pressures of the contact, with their own neighbours; and the edges of the groups."""
     lattices: list[ReactionLattice] = []
     total = 0
     while total < ENVIRONMENTS and len(lattices) < 50:
-        disorder = np.random.SeedSequence(seed, spawn_key=(1_000_000 + len(lattices), 0))
+        disorder = np.random.SeedSequence(
+            seed, spawn_key=(1_000_000 + len(lattices), 0)
+        )
         lattices.append(build_lattice(chemistry, contact, disorder))
         total += max(lattices[-1].sites.size, 1)
-    pressure = np.concatenate([np.asarray(lattice.pressures(contact), dtype=np.float64) for lattice in lattices])
-    width = max(0 if lattice.coupling is None else lattice.coupling.shape[1] for lattice in lattices)
-    coupling, there = np.zeros((pressure.size, width)), np.zeros((pressure.size, width), dtype=bool)
+    pressure = np.concatenate(
+        [
+            np.asarray(lattice.pressures(contact), dtype=np.float64)
+            for lattice in lattices
+        ]
+    )
+    width = max(
+        0 if lattice.coupling is None else lattice.coupling.shape[1]
+        for lattice in lattices
+    )
+    coupling = np.zeros((pressure.size, width))
+    there = np.zeros((pressure.size, width), dtype=bool)
     begin = 0
     for lattice in lattices:
         end = begin + lattice.sites.size
@@ -313,11 +413,15 @@ def _environments(chemistry: Chemistry, contact: ContactSolution, seed: int) -> 
     chosen = order[((np.arange(count) + 0.5) / count * pressure.size).astype(np.int64)]
     groups = GROUPS if chemistry.activation_volume and count >= 20 * GROUPS else 1
     group = (np.arange(count) * groups // count).astype(np.int64)
-    edges = np.array([pressure[chosen][group == number][0] for number in range(1, groups)])
+    edges = np.array(
+        [pressure[chosen][group == number][0] for number in range(1, groups)]
+    )
     uniform = np.random.default_rng([seed, 17]).random((count, width))
     uniform[~there[chosen]] = 2.0
     lowering = -chemistry.activation_volume * EV_PER_GPA_NM3 * pressure[chosen]
-    return Environments(lowering, coupling[chosen] * there[chosen], uniform, group, groups), edges
+    return Environments(
+        lowering, coupling[chosen] * there[chosen], uniform, group, groups
+    ), edges
 
 
 @dataclass(eq=False)
@@ -338,16 +442,26 @@ class Model:
     def __post_init__(self) -> None:
         #: the point of the grid of scalars from which sampling begins: the middle, until another is known to fit better
         self.middle = self.unknowns.points // 2
-        self.keys = list(dict.fromkeys((curve.load, curve.temperature) for curve in self.curves))
+        self.keys = list(
+            dict.fromkeys((curve.load, curve.temperature) for curve in self.curves)
+        )
         curves = self.curves
-        self.curve = np.repeat(np.arange(len(curves)), [curve.hold_times.size for curve in curves])
+        self.curve = np.repeat(
+            np.arange(len(curves)), [curve.hold_times.size for curve in curves]
+        )
         self.hold_times = np.concatenate([curve.hold_times for curve in curves])
         self.values = np.concatenate([curve.friction_drop for curve in curves])
-        self._floor = np.array([MODEL_ERROR * np.abs(curve.friction_drop).max() for curve in curves])[self.curve]
+        self._floor = np.array(
+            [MODEL_ERROR * np.abs(curve.friction_drop).max() for curve in curves]
+        )[self.curve]
         self.stated = np.concatenate([curve.friction_drop_errors for curve in curves])
         self.state = self.noise(self.stated * 0).start
-        self.which = np.array([self.keys.index((curve.load, curve.temperature)) for curve in curves])[self.curve]
-        self.times = [np.unique(self.hold_times[self.which == k]) for k in range(len(self.keys))]
+        self.which = np.array(
+            [self.keys.index((curve.load, curve.temperature)) for curve in curves]
+        )[self.curve]
+        self.times = [
+            np.unique(self.hold_times[self.which == k]) for k in range(len(self.keys))
+        ]
 
     def condition(self, point: int, number: int) -> Condition:
         """The model of a condition at a point of the grid of scalars; made once."""
@@ -355,7 +469,14 @@ class Model:
             load, temperature = self.keys[number]
             chemistry = self.unknowns.chemistry(self.chemistry, point)
             contact = self.contacts.at(self.unknowns.load(load, point))
-            condition = make_condition(chemistry, contact, temperature, self.times[number], self.grid, self.seed)
+            condition = make_condition(
+                chemistry,
+                contact,
+                temperature,
+                self.times[number],
+                self.grid,
+                self.seed,
+            )
             self.conditions[point, number] = condition
             if (middle := self.conditions.get((self.middle, number))) is not None:
                 condition.corrected_as(middle)
@@ -366,7 +487,9 @@ class Model:
         other = replace(self, grid=grid, conditions={})
         other.middle, other.state = self.middle, self.state
         for number in range(len(self.keys)):
-            other.condition(self.middle, number).corrected_as(self.condition(self.middle, number))
+            other.condition(self.middle, number).corrected_as(
+                self.condition(self.middle, number)
+            )
         return other
 
     @property
@@ -379,7 +502,9 @@ class Model:
         rows = np.empty((self.values.size, *parts[0].shape[1:]))
         for number, part in enumerate(parts):
             here = self.which == number
-            rows[here] = part[np.searchsorted(self.times[number], self.hold_times[here])]
+            rows[here] = part[
+                np.searchsorted(self.times[number], self.hold_times[here])
+            ]
         return rows
 
     def _at(self, point: int) -> list[Condition]:
@@ -387,12 +512,16 @@ class Model:
 
     def linear(self, density: np.ndarray, point: int) -> tuple[np.ndarray, np.ndarray]:
         """ΔF of every measured point at ``density`` (m,), and its derivative (m, n)."""
-        values, slopes = zip(*(condition.linear(density) for condition in self._at(point)), strict=True)
+        values, slopes = zip(
+            *(condition.linear(density) for condition in self._at(point)), strict=True
+        )
         return self._gathered(values), self._gathered(slopes)
 
     def without_neighbours(self, point: int) -> np.ndarray:
         """(m, n): the derivative without interaction."""
-        return self._gathered([condition.without_neighbours() for condition in self._at(point)])
+        return self._gathered(
+            [condition.without_neighbours() for condition in self._at(point)]
+        )
 
     def calibrate(self, density: np.ndarray, threads: int | None) -> None:
         """Simulate the kinetics of every condition at ``density``; all points of the grid get the same correction."""
@@ -406,10 +535,16 @@ class Model:
         """The likelihood of residuals, with the errors of the forward model at ``value`` (m,)."""
         floors = self._floor
         if value.any():
-            relative = self._gathered([condition.relative_error for condition in self._at(self.middle)])
+            relative = self._gathered(
+                [condition.relative_error for condition in self._at(self.middle)]
+            )
             floors = np.hypot(floors, relative * value)
-        numbers = np.array([self.instruments.index(curve.instrument) for curve in self.curves])
-        return Noise(self.error_model, self.stated, floors, self.curve, self.hold_times, numbers)
+        numbers = np.array(
+            [self.instruments.index(curve.instrument) for curve in self.curves]
+        )
+        return Noise(
+            self.error_model, self.stated, floors, self.curve, self.hold_times, numbers
+        )
 
     @property
     def instruments(self) -> list[str]:
@@ -426,13 +561,19 @@ class Model:
 
     def labels(self) -> list[str]:
         """What each point is, in words."""
-        return [f"{time:.3g} s of {curve.name}" for curve in self.curves for time in curve.hold_times]
+        return [
+            f"{time:.3g} s of {curve.name}"
+            for curve in self.curves
+            for time in curve.hold_times
+        ]
 
     def seen(self) -> np.ndarray:
         """(n,) whether some condition has hold times before and after sites of this barrier bond."""
         seen = np.zeros(self.grid.count, dtype=bool)
         for condition in self._at(self.middle):
-            share = condition.without_neighbours()[[0, -1]] / (condition.scale * self.grid.areas)
+            share = condition.without_neighbours()[[0, -1]] / (
+                condition.scale * self.grid.areas
+            )
             seen |= (share[1] - share[0]) >= 0.5 * max(float(share[1].max()), 1e-12)
         return seen
 
@@ -452,22 +593,35 @@ def make_model(
     lowering = 0.0
     bounds = unknowns.bounds
     widest = chemistry.replace(
-        activation_volume=bounds.get("activation_volume", (0.0, chemistry.activation_volume))[1],
-        attempt_frequency=bounds.get("attempt_frequency", (0.0, chemistry.attempt_frequency))[1],
+        activation_volume=bounds.get(
+            "activation_volume", (0.0, chemistry.activation_volume)
+        )[1],
+        attempt_frequency=bounds.get(
+            "attempt_frequency", (0.0, chemistry.attempt_frequency)
+        )[1],
     )
     for done, load in enumerate(loads):
         if progress:
             progress(done, len(loads))
-        top = load * float(unknowns.values[LOAD].max()) if LOAD in unknowns.values else load
+        top = (
+            load * float(unknowns.values[LOAD].max())
+            if LOAD in unknowns.values
+            else load
+        )
         lowering = max(lowering, largest_lowering(contacts.at(top), widest))
     if progress:
         progress(len(loads), len(loads))
-    temperatures = np.concatenate([np.full(curve.hold_times.size, curve.temperature) for curve in curves])
+    temperatures = np.concatenate(
+        [np.full(curve.hold_times.size, curve.temperature) for curve in curves]
+    )
     times = np.concatenate([curve.hold_times for curve in curves])
     grid = energy_grid(widest, temperatures, times, lowering)
     if "attempt_frequency" in bounds:  # the lowest frequency reacts at lower energies
         lower = energy_grid(
-            widest.replace(attempt_frequency=bounds["attempt_frequency"][0]), temperatures, times, lowering
+            widest.replace(attempt_frequency=bounds["attempt_frequency"][0]),
+            temperatures,
+            times,
+            lowering,
         )
         count = int(np.ceil((grid.nodes[-1] - lower.first) / grid.step)) + 1
         grid = EnergyGrid(lower.first, grid.step, count)

@@ -12,14 +12,32 @@ import numpy as np
 
 from chemage import InputError, Scene
 from chemage import errors as in_words
-from chemage.plugin import KB, algebra, checked_count, checked_seed, convert, progress, units, versions
+from chemage.plugin import (
+    KB,
+    algebra,
+    checked_count,
+    checked_seed,
+    convert,
+    progress,
+    units,
+    versions,
+)
 from chemage_inference.curves import MeasuredCurve, check_curves, read_curves
 from chemage_inference.energies import averaging
 from chemage_inference.families import compared, estimated, linear_problem, sampled
 from chemage_inference.forecast import band
 from chemage_inference.forward import Model, check_scene, make_model
 from chemage_inference.noise import ErrorModel
-from chemage_inference.problem import REACH, UNITS, Data, Prior, Problem, Unknowns, redrawn_outside, unknowns_of
+from chemage_inference.problem import (
+    REACH,
+    UNITS,
+    Data,
+    Prior,
+    Problem,
+    Unknowns,
+    redrawn_outside,
+    unknowns_of,
+)
 from chemage_inference.result import Inference, scene_of
 from chemage_inference.sampling import CHAINS, Samples
 
@@ -49,7 +67,8 @@ def infer(
     measured: MeasuredCurve | Sequence[MeasuredCurve] | str | Path,
     scene: Scene | str | Path | Mapping[str, Any],
     *,
-    unknown: Mapping[str, tuple[units.QuantityLike, units.QuantityLike]] | Sequence[str] = (),
+    unknown: Mapping[str, tuple[units.QuantityLike, units.QuantityLike]]
+    | Sequence[str] = (),
     errors: str | Sequence[str] = ("scaled", "robust"),
     calibration: units.QuantityLike | Mapping[str, units.QuantityLike] = 0.0,
     families: Sequence[str] = FAMILIES,
@@ -101,13 +120,17 @@ def infer(
     chemistry = check_scene(scene)
     curves = _curves_of(measured)
     force_error, load_error = calibrations(calibration)
-    error_model = ErrorModel.of(tuple(errors) if not isinstance(errors, str) else errors, force_error)
+    error_model = ErrorModel.of(
+        tuple(errors) if not isinstance(errors, str) else errors, force_error
+    )
     unknowns = unknowns_of(unknown, chemistry, load_error)
     _check_chemistry(curves, scene, unknowns)
     seed, samples = checked_seed(seed), checked_count("samples", samples, 50)
     for name in families:
         if name not in FAMILIES:
-            raise InputError.of("families", name, "is no family", f"choose of {', '.join(FAMILIES)}")
+            raise InputError.of(
+                "families", name, "is no family", f"choose of {', '.join(FAMILIES)}"
+            )
     points = sum(curve.hold_times.size for curve in curves)
     if points < 3 + len(unknowns.bounds):
         raise InputError(
@@ -118,15 +141,27 @@ def infer(
     report = progress or (lambda stage, done, total, note="": None)
     with scene.in_use():
         model = make_model(
-            scene, chemistry, unknowns, curves, seed, lambda done, all: report("contact", done, all), error_model
+            scene,
+            chemistry,
+            unknowns,
+            curves,
+            seed,
+            lambda done, all: report("contact", done, all),
+            error_model,
         )
         density, changes = estimated(model, threads, report)
-        problem, drawn, changes = sampled(model, density, samples, threads, report, changes)
+        problem, drawn, changes = sampled(
+            model, density, samples, threads, report, changes
+        )
         scores, fits = compared(model, problem, drawn, families, threads, report)
-    return _inference(model, problem, drawn, (scores, fits), changes, time.process_time() - begin)
+    return _inference(
+        model, problem, drawn, (scores, fits), changes, time.process_time() - begin
+    )
 
 
-def calibrations(given: units.QuantityLike | Mapping[str, units.QuantityLike]) -> tuple[float, float]:
+def calibrations(
+    given: units.QuantityLike | Mapping[str, units.QuantityLike],
+) -> tuple[float, float]:
     """Relative standard errors of the common factor of forces, and of loads.
 
     Raises
@@ -137,12 +172,19 @@ def calibrations(given: units.QuantityLike | Mapping[str, units.QuantityLike]) -
     parts = given if isinstance(given, Mapping) else {"force": given}
     for name in parts:
         if name not in ("force", "load"):
-            raise InputError.of("calibration", name, "is no calibration", "choose force or load")
-    errors = {name: convert(value, "", f"calibration.{name}") for name, value in parts.items()}
+            raise InputError.of(
+                "calibration", name, "is no calibration", "choose force or load"
+            )
+    errors = {
+        name: convert(value, "", f"calibration.{name}") for name, value in parts.items()
+    }
     for name, value in errors.items():
         if not 0 <= value <= MOST_CALIBRATION:
             raise InputError.of(
-                f"calibration.{name}", parts[name], "must be between 0 and 50 %", '10 % is 0.1 or "10 %"'
+                f"calibration.{name}",
+                parts[name],
+                "must be between 0 and 50 %",
+                '10 % is 0.1 or "10 %"',
             )
     return errors.get("force", 0.0), errors.get("load", 0.0)
 
@@ -151,15 +193,22 @@ def _curves_of(measured: Any) -> tuple[MeasuredCurve, ...]:
     if isinstance(measured, str | Path) or hasattr(measured, "itertuples"):
         measured = read_curves(measured)
     curves = (measured,) if isinstance(measured, MeasuredCurve) else measured
-    if not isinstance(curves, list | tuple) or not all(isinstance(curve, MeasuredCurve) for curve in curves):
+    if not isinstance(curves, list | tuple) or not all(
+        isinstance(curve, MeasuredCurve) for curve in curves
+    ):
         raise InputError.of(
-            "measured", measured, "is no MeasuredCurve", "give curves from chemage.read_curves, or a file"
+            "measured",
+            measured,
+            "is no MeasuredCurve",
+            "give curves from chemage.read_curves, or a file",
         )
     check_curves(curves)
     return tuple(curves)
 
 
-def _check_chemistry(curves: Sequence[MeasuredCurve], scene: Scene, unknowns: Unknowns) -> None:
+def _check_chemistry(
+    curves: Sequence[MeasuredCurve], scene: Scene, unknowns: Unknowns
+) -> None:
     """Refuse curves that are known to come from another chemistry."""
     assert scene.chemistry is not None
     own = scene.chemistry.todict()
@@ -175,20 +224,27 @@ def _check_chemistry(curves: Sequence[MeasuredCurve], scene: Scene, unknowns: Un
                 )
 
 
-def _visible(model: Model, samples: np.ndarray, prior: np.ndarray, resolution: float) -> np.ndarray:
+def _visible(
+    model: Model, samples: np.ndarray, prior: np.ndarray, resolution: float
+) -> np.ndarray:
     """(n,) where hold times lie on both sides, and the density averaged over the resolution is narrower than before."""
     mean = averaging(model.grid.nodes, resolution)
     after, before = algebra.product(samples, mean.T), algebra.product(prior, mean.T)
     narrower = after.std(axis=0) < NARROWER * before.std(axis=0)
     # where the density is high, its deviation may be large and still small beside it
-    relative = after.std(axis=0) * before.mean(axis=0) < NARROWER * before.std(axis=0) * after.mean(axis=0)
+    relative = after.std(axis=0) * before.mean(axis=0) < NARROWER * before.std(
+        axis=0
+    ) * after.mean(axis=0)
     return model.seen() & (narrower | relative)
 
 
 def inner_ends(densities: np.ndarray) -> np.ndarray:
     """``densities`` (S, n) that end at their end nodes as such that go on: of the same integral and mean energy."""
     longer = densities.copy()
-    for end, beside in ((0, 1), (-1, -2)):  # the inner half of a hat, whose mean lies a third of a step inside
+    for end, beside in (
+        (0, 1),
+        (-1, -2),
+    ):  # the inner half of a hat, whose mean lies a third of a step inside
         longer[:, end] = densities[:, end] / 3
         longer[:, beside] += densities[:, end] / 6
     return longer
@@ -200,12 +256,19 @@ def with_hidden(
     """Samples of the posterior and those ``before``, of the prior, with the barriers that hold times do not reach."""
     wide = model.on(model.grid.wider(*REACH))
     more = ((0, 0), wide.grid.place(model.grid))
-    densities, before = (np.pad(inner_ends(each), more) for each in (samples.densities, before))
+    densities, before = (
+        np.pad(inner_ends(each), more) for each in (samples.densities, before)
+    )
     problem = linear_problem(wide, prior, densities.mean(axis=0))
     noise, state = problem.likelihood, samples.typical
     factor = noise.factor(state)
     data = Data(
-        np.stack([noise.white(state, factor[:, None] * matrix) for matrix in problem.matrices]),
+        np.stack(
+            [
+                noise.white(state, factor[:, None] * matrix)
+                for matrix in problem.matrices
+            ]
+        ),
         samples.points,
         samples.factors,
         noise.white(state, problem.values),
@@ -213,8 +276,12 @@ def with_hidden(
         KB * max(curve.temperature for curve in model.curves),
     )
     seen = np.pad(model.seen(), more[1])
-    densities = redrawn_outside(wide.grid, seen, densities, np.random.default_rng([model.seed, 101]), data)
-    before = redrawn_outside(wide.grid, seen, before, np.random.default_rng([model.seed, 103]))
+    densities = redrawn_outside(
+        wide.grid, seen, densities, np.random.default_rng([model.seed, 101]), data
+    )
+    before = redrawn_outside(
+        wide.grid, seen, before, np.random.default_rng([model.seed, 103])
+    )
     return wide, problem, replace(samples, densities=densities), before
 
 
@@ -254,9 +321,13 @@ def _inference(
         off=samples.off,
         error_terms=_error_terms(model, samples),
         fitted=fitted,
-        prior_fitted=problem.offsets[problem.start] + algebra.product(prior, problem.matrices[problem.start].T),
+        prior_fitted=problem.offsets[problem.start]
+        + algebra.product(prior, problem.matrices[problem.start].T),
         curves=tuple(
-            {name: getattr(curve, name) for name in ("name", "load", "temperature", "quantity")}
+            {
+                name: getattr(curve, name)
+                for name in ("name", "load", "temperature", "quantity")
+            }
             for curve in model.curves
         ),
         scalars=scalars,
@@ -283,39 +354,66 @@ def _inference(
             "cite": _cite(model.scene),
         },
     )
-    inference = inference.model_copy(update={"notes": tuple(_notes(model, problem, samples.points, inference))})
+    inference = inference.model_copy(
+        update={"notes": tuple(_notes(model, problem, samples.points, inference))}
+    )
     contacts = [model.contacts.at(load) for load, _ in model.keys]
-    plugins = {name: source for contact in contacts for name, source in contact.plugins.items()}
-    return inference.noting(plugins, [entry for contact in contacts for entry in contact.approximate])
+    plugins = {
+        name: source for contact in contacts for name, source in contact.plugins.items()
+    }
+    return inference.noting(
+        plugins, [entry for contact in contacts for entry in contact.approximate]
+    )
 
 
 def _error_terms(model: Model, samples: Samples) -> dict[str, np.ndarray]:
     """Name -> (S,) what was inferred of the errors."""
     terms, error_model = {}, model.error_model
     if error_model.scaled:
-        terms |= {f"scale {number}": scale for number, scale in enumerate(samples.scales.T)}
+        terms |= {
+            f"scale {number}": scale for number, scale in enumerate(samples.scales.T)
+        }
     if error_model.correlated:
         terms["correlation time"] = np.exp([state.log_time for state in samples.states])
     if error_model.calibration:
         names = [f"calibration of {name}" for name in model.instruments]
-        terms |= dict(zip(names if len(names) > 1 else ("calibration",), samples.calibrations.T, strict=True))
+        terms |= dict(
+            zip(
+                names if len(names) > 1 else ("calibration",),
+                samples.calibrations.T,
+                strict=True,
+            )
+        )
     return terms
 
 
 def _cite(scene: Scene) -> list[str]:
     """What to cite: the publications of all parts of the scene but its forming barriers, which are not used."""
     forming = None if scene.chemistry is None else scene.chemistry.forming
-    texts = [text for part in scene.components() if part is not forming for text in part.cite]
-    return list(dict.fromkeys([*texts, *(value.source for value in scene.from_material)]))
+    texts = [
+        text for part in scene.components() if part is not forming for text in part.cite
+    ]
+    return list(
+        dict.fromkeys([*texts, *(value.source for value in scene.from_material)])
+    )
 
 
-def _notes(model: Model, problem: Problem, points: np.ndarray, inference: Inference) -> list[str]:
+def _notes(
+    model: Model, problem: Problem, points: np.ndarray, inference: Inference
+) -> list[str]:
     """What the user should know; ``points`` (S,) of the grid of scalars are those of the samples."""
     visible, diagnostics = inference.visible, inference.diagnostics
     few = _hardly_any(model)
-    notes = [*dict.fromkeys(f"{curve.name}: {note}" for curve in model.curves for note in curve.notes), *few]
+    notes = [
+        *dict.fromkeys(
+            f"{curve.name}: {note}" for curve in model.curves for note in curve.notes
+        ),
+        *few,
+    ]
     if not visible.any():
-        notes.append("the data tell nothing: at no energy is the band narrower than that of the prior")
+        notes.append(
+            "the data tell nothing: at no energy is the band narrower than that of the prior"
+        )
     else:
         low, high = inference.visible_range
         notes.append(
@@ -332,21 +430,29 @@ def _notes(model: Model, problem: Problem, points: np.ndarray, inference: Infere
     for name, (bottom, top) in inference.scalar_bounds.items():
         low, high = inference.interval(name)
         if high - low > 0.8 * (top - bottom):
-            notes.append(f"{name}: its interval is as wide as its bounds, so that the data do not tell it")
+            notes.append(
+                f"{name}: its interval is as wide as its bounds, so that the data do not tell it"
+            )
         notes += _coarse(name, inference.scalars[name], problem.unknowns)
     if diagnostics["r_hat"] > APART or diagnostics["effective_samples"] < FEW:
         notes.append(
             f"sampling has not converged ({diagnostics['effective_samples']:.0f} effective samples, R-hat "
             f"{diagnostics['r_hat']:.2f}); repeat with another seed and compare before relying on the bands"
         )
-    if model.interacting and diagnostics["changes"] and diagnostics["changes"][-1] > 0.05:
+    if (
+        model.interacting
+        and diagnostics["changes"]
+        and diagnostics["changes"][-1] > 0.05
+    ):
         notes.append(
             f"the interaction was not iterated to the end: the last round changed the density by "
             f"{diagnostics['changes'][-1]:.2f} in all"
         )
     chi2, count = inference.chi2, problem.values.size
     if chi2 > 1.5 * count + 10:
-        notes.append(f"χ² = {chi2:.0f} for {count} points: the errors are too small, or the scene is off")
+        notes.append(
+            f"χ² = {chi2:.0f} for {count} points: the errors are too small, or the scene is off"
+        )
     for number, curve in enumerate(inference.curves):
         scale = inference.error_terms.get(f"scale {number}")
         if scale is not None and np.quantile(scale, 0.05) > NOTEWORTHY:
@@ -355,7 +461,9 @@ def _notes(model: Model, problem: Problem, points: np.ndarray, inference: Infere
             )
     suspects = inference.suspects()
     if suspects:
-        notes.append(f"suspect points, which hardly count: {', '.join(suspects)}; measure them again")
+        notes.append(
+            f"suspect points, which hardly count: {', '.join(suspects)}; measure them again"
+        )
     return notes
 
 

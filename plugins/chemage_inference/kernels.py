@@ -34,7 +34,9 @@ def scaled_erfc(x):
     if x < 6.0:
         return math.exp(x * x) * math.erfc(x)
     y = 1.0 / (2.0 * x * x)
-    return (1.0 - y * (1.0 - 3.0 * y * (1.0 - 5.0 * y * (1.0 - 7.0 * y)))) / (x * math.sqrt(math.pi))
+    return (1.0 - y * (1.0 - 3.0 * y * (1.0 - 5.0 * y * (1.0 - 7.0 * y)))) / (
+        x * math.sqrt(math.pi)
+    )
 
 
 @kernel(nogil=True)
@@ -60,7 +62,11 @@ def piece(a, b, c, low, high):
     if low < centre < high:
         root = math.sqrt(0.5 * a)
         area = math.erf((high - centre) * root) + math.erf((centre - low) * root)
-        return -0.5 * (c - b * b / a) + math.log(max(area, 1e-300)) + 0.5 * math.log(math.pi / (2.0 * a))
+        return (
+            -0.5 * (c - b * b / a)
+            + math.log(max(area, 1e-300))
+            + 0.5 * math.log(math.pi / (2.0 * a))
+        )
     edge = low if centre <= low else high
     area = edge_integral(abs(a * edge + b), a, high - low)
     if area <= 0.0:
@@ -188,9 +194,17 @@ def sweep(x, pull, matrix, target, areas, limit, directions, pulls, uniforms):
                     a += moving[k] * moving[k]
                     b += fixed[k] * moving[k]
                     c += fixed[k] * fixed[k]
-                lows[part], highs[part], curves[part], linears[part], rests[part] = low, high, a, b, c
+                lows[part], highs[part], curves[part], linears[part], rests[part] = (
+                    low,
+                    high,
+                    a,
+                    b,
+                    c,
+                )
                 peak = min(max(-b / a, low), high)
-                logs[part] = -0.5 * (a * peak * peak + 2.0 * b * peak + c)  # the highest density, for now
+                logs[part] = -0.5 * (
+                    a * peak * peak + 2.0 * b * peak + c
+                )  # the highest density, for now
                 top = max(top, logs[part])
             if part < count:
                 i = places[order[part]]
@@ -207,7 +221,9 @@ def sweep(x, pull, matrix, target, areas, limit, directions, pulls, uniforms):
             if logs[part] < top - 0.5 * NEGLIGIBLE:
                 logs[part] = -np.inf
             else:
-                logs[part] = piece(curves[part], linears[part], rests[part], lows[part], highs[part])
+                logs[part] = piece(
+                    curves[part], linears[part], rests[part], lows[part], highs[part]
+                )
                 best = max(best, logs[part])
         total = 0.0
         for part in range(count + 1):
@@ -220,8 +236,18 @@ def sweep(x, pull, matrix, target, areas, limit, directions, pulls, uniforms):
                 goal -= weight
                 if goal <= 0.0:
                     break
-        step = drawn(curves[chosen], linears[chosen], lows[chosen], highs[chosen], uniforms[number, 1])
-        misfit = (curves[chosen] - a0) * step * step + 2.0 * (linears[chosen] - b0) * step + rests[chosen]
+        step = drawn(
+            curves[chosen],
+            linears[chosen],
+            lows[chosen],
+            highs[chosen],
+            uniforms[number, 1],
+        )
+        misfit = (
+            (curves[chosen] - a0) * step * step
+            + 2.0 * (linears[chosen] - b0) * step
+            + rests[chosen]
+        )
         for i in range(n):
             x[i] += step * v[i]
             pull[i] += step * pulls[number, i]
@@ -261,7 +287,9 @@ def solved(factor, goals):
 
 
 @kernel(nogil=True)
-def moved(x, choice, level, candidates, inverses, logs, matrix, target, areas, limit, gumbels):
+def moved(
+    x, choice, level, candidates, inverses, logs, matrix, target, areas, limit, gumbels
+):
     """Draw the choice among ``choice`` and the ``candidates`` (k,) other than it, at fixed v and fixed signs.
 
     Changes ``x`` (n,) in place, returns the choice. ``gumbels`` (k + 1,) are standard Gumbel numbers, the first that of
@@ -296,7 +324,9 @@ def moved(x, choice, level, candidates, inverses, logs, matrix, target, areas, l
             else:
                 z = at_log_tail(log_shares[j] + room)
                 at = middle + (sign * z - after[j]) / lower[j, j]
-                trial[j] = max(at, 1e-300) if sign > 0.0 else min(at, 0.0)  # rounding keeps the sign
+                trial[j] = (
+                    max(at, 1e-300) if sign > 0.0 else min(at, 0.0)
+                )  # rounding keeps the sign
             value += room + 0.5 * z * z - math.log(lower[j, j])
             for i in range(j):
                 after[i] += lower[j, i] * (trial[j] - middle)
@@ -320,10 +350,16 @@ def curve_logs(residual, stated, floors, curve, near, scales, inflation, rare, w
     before = 0.0
     for i in range(residual.size):
         size = scales[curve[i]] * stated[i]
-        error = math.sqrt((size * (1.0 if rare > 0.0 else inflation[i])) ** 2 + floors[i] ** 2)
+        error = math.sqrt(
+            (size * (1.0 if rare > 0.0 else inflation[i])) ** 2 + floors[i] ** 2
+        )
         away = residual[i] / error
         rest = 1.0 - near[i] * near[i]
-        value = -0.5 * (away - near[i] * before) ** 2 / rest - math.log(error) - 0.5 * math.log(rest)
+        value = (
+            -0.5 * (away - near[i] * before) ** 2 / rest
+            - math.log(error)
+            - 0.5 * math.log(rest)
+        )
         before = away
         if rare > 0.0:
             wide = math.sqrt((size * wider) ** 2 + floors[i] ** 2)

@@ -43,13 +43,20 @@ class ErrorModel:
     calibration: float = 0.0
 
     @classmethod
-    def of(cls, kinds: str | tuple[str, ...] | list[str], calibration: float = 0.0) -> ErrorModel:
+    def of(
+        cls, kinds: str | tuple[str, ...] | list[str], calibration: float = 0.0
+    ) -> ErrorModel:
         """The model of the names of its parts, such as ``("scaled", "robust")``; none: errors as stated."""
         names = [kinds] if isinstance(kinds, str) else list(kinds)
         names = [name for name in names if name != "as-stated" or len(names) > 1]
         for name in names:
             if name not in KINDS:
-                raise InputError.of("errors", name, "is not known", f"choose of {', '.join(KINDS)}, or as-stated")
+                raise InputError.of(
+                    "errors",
+                    name,
+                    "is not known",
+                    f"choose of {', '.join(KINDS)}, or as-stated",
+                )
         return cls(**dict.fromkeys(names, True), calibration=calibration)
 
 
@@ -85,7 +92,11 @@ class Noise:
     def start(self) -> State:
         """Errors as stated."""
         instruments = np.zeros(int(self.instruments.max(initial=0)) + 1)
-        return State(np.ones(int(self.curve.max(initial=-1)) + 1), np.ones(self.stated.size), instruments)
+        return State(
+            np.ones(int(self.curve.max(initial=-1)) + 1),
+            np.ones(self.stated.size),
+            instruments,
+        )
 
     @cached_property
     def instrument(self) -> np.ndarray:
@@ -116,7 +127,9 @@ class Noise:
 
     def errors(self, state: State) -> np.ndarray:
         """(m,) standard errors."""
-        return np.hypot(state.scales[self.curve] * state.inflation * self.stated, self.floors)
+        return np.hypot(
+            state.scales[self.curve] * state.inflation * self.stated, self.floors
+        )
 
     def correlation(self, state: State) -> np.ndarray:
         return np.minimum(np.exp(-self._gaps / np.exp(state.log_time)), NEAREST)
@@ -133,9 +146,19 @@ class Noise:
     def _logs(self, state: State, residual: np.ndarray) -> np.ndarray:
         """(m,) logarithms of the probability density of the residuals, each given those before."""
         logs = -0.5 * self.white(state, residual) ** 2 - np.log(self.errors(state))
-        return logs - 0.5 * np.log1p(-(self.correlation(state) ** 2)) if self.model.correlated else logs
+        return (
+            logs - 0.5 * np.log1p(-(self.correlation(state) ** 2))
+            if self.model.correlated
+            else logs
+        )
 
-    def drawn(self, state: State, values: np.ndarray, fitted: np.ndarray, rng: np.random.Generator) -> State:
+    def drawn(
+        self,
+        state: State,
+        values: np.ndarray,
+        fitted: np.ndarray,
+        rng: np.random.Generator,
+    ) -> State:
         """Another state, given the measured ``values`` (m,) and those of the model, ``fitted`` (m,)."""
         model = self.model
         residual = values - self.factor(state) * fitted
@@ -144,9 +167,18 @@ class Noise:
         if model.robust:
             state = self._off(state, residual, rng)
         if model.correlated:
-            other = replace(state, log_time=state.log_time + 0.5 * float(rng.standard_normal()))
-            away = [((one.log_time - np.log(TIME)) / TIME_SPREAD) ** 2 for one in (state, other)]
-            gain = self._logs(other, residual).sum() - self._logs(state, residual).sum() - 0.5 * (away[1] - away[0])
+            other = replace(
+                state, log_time=state.log_time + 0.5 * float(rng.standard_normal())
+            )
+            away = [
+                ((one.log_time - np.log(TIME)) / TIME_SPREAD) ** 2
+                for one in (state, other)
+            ]
+            gain = (
+                self._logs(other, residual).sum()
+                - self._logs(state, residual).sum()
+                - 0.5 * (away[1] - away[0])
+            )
             state = other if np.log(rng.random()) < gain else state
         if model.calibration:
             step = 0.3 * model.calibration * rng.standard_normal(state.calibration.size)
@@ -154,28 +186,44 @@ class Noise:
             change = self._logs(other, values - self.factor(other) * fitted)
             change -= self._logs(state, values - self.factor(state) * fitted)
             gain = np.bincount(self.instrument, change, step.size)
-            gain += self.log_calibrations(other.calibration) - self.log_calibrations(state.calibration)
+            gain += self.log_calibrations(other.calibration) - self.log_calibrations(
+                state.calibration
+            )
             taken = np.log(rng.random(step.size)) < gain
-            state = replace(state, calibration=np.where(taken, other.calibration, state.calibration))
+            state = replace(
+                state, calibration=np.where(taken, other.calibration, state.calibration)
+            )
         return state
 
     def log_calibrations(self, calibration: np.ndarray) -> np.ndarray:
         """(instruments,) logarithms of the priors of the logarithms of the calibrations."""
         return -0.5 * (calibration / self.model.calibration) ** 2
 
-    def _scaled(self, state: State, residual: np.ndarray, rng: np.random.Generator) -> State:
+    def _scaled(
+        self, state: State, residual: np.ndarray, rng: np.random.Generator
+    ) -> State:
         count = state.scales.size
         sizes = np.maximum(np.bincount(self.curve, minlength=count), 1)
         # without correlation summed over which points are off
         rare = RARE if self.model.robust and not self.model.correlated else 0.0
-        near = self.correlation(state) if self.model.correlated else np.zeros(residual.size)
+        near = (
+            self.correlation(state)
+            if self.model.correlated
+            else np.zeros(residual.size)
+        )
         fixed_part = residual, self.stated, self.floors, self.curve, near
-        here = kernels.curve_logs(*fixed_part, state.scales, state.inflation, rare, WIDER)
+        here = kernels.curve_logs(
+            *fixed_part, state.scales, state.inflation, rare, WIDER
+        )
         for _ in range(3):
             before = np.log(state.scales)
-            after = before + 1.7 / np.sqrt(2 * sizes + SPREAD**-2) * rng.standard_normal(count)
+            after = before + 1.7 / np.sqrt(
+                2 * sizes + SPREAD**-2
+            ) * rng.standard_normal(count)
             other = replace(state, scales=np.exp(after))
-            there = kernels.curve_logs(*fixed_part, other.scales, state.inflation, rare, WIDER)
+            there = kernels.curve_logs(
+                *fixed_part, other.scales, state.inflation, rare, WIDER
+            )
             gain = there - here - 0.5 * (after**2 - before**2) / SPREAD**2
             inside = (after >= np.log(SMALLEST)) & (after <= np.log(LARGEST))
             taken = inside & (np.log(rng.random(count)) < gain)
@@ -183,7 +231,9 @@ class Noise:
             here = np.where(taken, there, here)
         return state
 
-    def _off(self, state: State, residual: np.ndarray, rng: np.random.Generator) -> State:
+    def _off(
+        self, state: State, residual: np.ndarray, rng: np.random.Generator
+    ) -> State:
         """Draw which points are off; neighbours one after the other, as their errors may be correlated."""
         odds = np.log(RARE / (1 - RARE))
         for first in (0, 1) if self.model.correlated else (None,):
@@ -191,13 +241,17 @@ class Noise:
             if first is not None:
                 chosen = np.arange(residual.size) % 2 == first
             calm, wide = (
-                replace(state, inflation=np.where(chosen, factor, state.inflation)) for factor in (1.0, WIDER)
+                replace(state, inflation=np.where(chosen, factor, state.inflation))
+                for factor in (1.0, WIDER)
             )
             change = self._logs(wide, residual) - self._logs(calm, residual)
             if self.model.correlated:  # what the next point says of this one
                 change = change + np.append(np.where(chosen[1:], 0.0, change[1:]), 0.0)
             off = rng.logistic(size=residual.size) < change + odds
-            state = replace(state, inflation=np.where(chosen, np.where(off, WIDER, 1.0), state.inflation))
+            state = replace(
+                state,
+                inflation=np.where(chosen, np.where(off, WIDER, 1.0), state.inflation),
+            )
         return state
 
     def guessed(self, residual: np.ndarray, parameters: int) -> State:
@@ -221,10 +275,19 @@ class Noise:
         if not self.model.scaled:
             return self.errors(state)
         wider = np.where(state.inflation > 1, WIDER / LARGEST, 1.0)
-        return self.errors(replace(state, scales=np.full_like(state.scales, LARGEST), inflation=wider))
+        return self.errors(
+            replace(state, scales=np.full_like(state.scales, LARGEST), inflation=wider)
+        )
 
 
 def fixed(errors: np.ndarray) -> Noise:
     """Independent normal errors (m,) of which nothing is inferred."""
     zero = np.zeros(errors.size)
-    return Noise(ErrorModel(), errors, zero, zero.astype(np.int64), zero + 1, np.zeros(1, dtype=np.int64))
+    return Noise(
+        ErrorModel(),
+        errors,
+        zero,
+        zero.astype(np.int64),
+        zero + 1,
+        np.zeros(1, dtype=np.int64),
+    )

@@ -24,13 +24,17 @@ def _normal(values: np.ndarray) -> np.ndarray:
     from scipy.special import ndtri
     from scipy.stats import rankdata
 
-    return ndtri((rankdata(values).reshape(values.shape) - 3 / 8) / (values.size + 1 / 4))
+    return ndtri(
+        (rankdata(values).reshape(values.shape) - 3 / 8) / (values.size + 1 / 4)
+    )
 
 
 def r_hat(chains: np.ndarray) -> float:
     """Rank-normalised split R-hat of ``chains`` (chains, S): the larger of that of location and that of spread."""
     split = halves(np.asarray(chains, dtype=np.float64))
-    return max(_ratio(_normal(split)), _ratio(_normal(np.abs(split - np.median(split)))))
+    return max(
+        _ratio(_normal(split)), _ratio(_normal(np.abs(split - np.median(split))))
+    )
 
 
 def _ratio(chains: np.ndarray) -> float:
@@ -52,7 +56,10 @@ def _effective(chains: np.ndarray) -> float:
         return float(chains.size)
     centred = chains - chains.mean(axis=1, keepdims=True)
     spectrum = np.fft.rfft(centred, 2 * length, axis=1)
-    covariance = np.fft.irfft(spectrum * spectrum.conj(), axis=1)[:, :length].mean(axis=0) / length
+    covariance = (
+        np.fft.irfft(spectrum * spectrum.conj(), axis=1)[:, :length].mean(axis=0)
+        / length
+    )
     within = covariance[0] * length / (length - 1)
     total = covariance[0] + (chains.mean(axis=1).var(ddof=1) if count > 1 else 0.0)
     correlation = 1 - (within - covariance) / total
@@ -60,16 +67,26 @@ def _effective(chains: np.ndarray) -> float:
     pairs = correlation[: 2 * ((length - 1) // 2)].reshape(-1, 2).sum(axis=1)
     negative = np.flatnonzero(pairs < 0)
     end = int(negative[0]) if negative.size else pairs.size - 1
-    time = -1 + 2 * float(np.minimum.accumulate(pairs[:end]).sum()) + max(float(correlation[2 * end]), 0.0)
+    time = (
+        -1
+        + 2 * float(np.minimum.accumulate(pairs[:end]).sum())
+        + max(float(correlation[2 * end]), 0.0)
+    )
     return float(chains.size / max(time, 1 / np.log10(chains.size)))
 
 
 def sampled(one: Any) -> dict[str, np.ndarray]:
     """Name -> (chains, draws, ...) of everything that was sampled."""
     chains = int(one.diagnostics.get("chains", 1))
-    named = {**one.scalars, **{name.replace(" ", "_"): values for name, values in one.error_terms.items()}}
+    named = {
+        **one.scalars,
+        **{name.replace(" ", "_"): values for name, values in one.error_terms.items()},
+    }
     every = {"density": one.samples, **named}
-    return {name: values.reshape(chains, -1, *values.shape[1:]) for name, values in every.items()}
+    return {
+        name: values.reshape(chains, -1, *values.shape[1:])
+        for name, values in every.items()
+    }
 
 
 def statistics(one: Any) -> dict[str, dict[str, np.ndarray]]:
@@ -84,7 +101,10 @@ def statistics(one: Any) -> dict[str, dict[str, np.ndarray]]:
             "ess_bulk": [effective(column) for column in each],
             "r_hat": [r_hat(column) for column in each],
         }
-        table[name] = {key: np.array(numbers).reshape(values.shape[2:]) for key, numbers in found.items()}
+        table[name] = {
+            key: np.array(numbers).reshape(values.shape[2:])
+            for key, numbers in found.items()
+        }
     return table
 
 
@@ -94,26 +114,61 @@ def datatree(one: Any) -> Any:
     xarray = errors.optional_module("xarray", "xarray")
     chains = int(one.diagnostics.get("chains", 1))
 
-    def data(fields: dict[str, tuple[np.ndarray, tuple[str, ...], str]], count: int | None = chains) -> Any:
+    def data(
+        fields: dict[str, tuple[np.ndarray, tuple[str, ...], str]],
+        count: int | None = chains,
+    ) -> Any:
         arrays = {}
         for name, (values, dims, unit) in fields.items():
-            shaped = values if count is None else values.reshape(count, -1, *values.shape[1:])
-            arrays[name] = ((*(() if count is None else ("chain", "draw")), *dims), shaped, {"units": unit})
-        coordinates: dict[str, Any] = {"energy": ("energy", one.energies, {"units": "eV"})}
-        coordinates |= {"hold_time": ("point", one.hold_times, {"units": "s"}), "curve": ("point", one.curve)}
+            shaped = (
+                values
+                if count is None
+                else values.reshape(count, -1, *values.shape[1:])
+            )
+            arrays[name] = (
+                (*(() if count is None else ("chain", "draw")), *dims),
+                shaped,
+                {"units": unit},
+            )
+        coordinates: dict[str, Any] = {
+            "energy": ("energy", one.energies, {"units": "eV"})
+        }
+        coordinates |= {
+            "hold_time": ("point", one.hold_times, {"units": "s"}),
+            "curve": ("point", one.curve),
+        }
         used = {dim for dims, *_ in arrays.values() for dim in dims}
-        dataset = xarray.Dataset(arrays, {key: value for key, value in coordinates.items() if value[0] in used})
+        dataset = xarray.Dataset(
+            arrays,
+            {key: value for key, value in coordinates.items() if value[0] in used},
+        )
         if count is not None:
-            dataset = dataset.assign_coords(chain=range(count), draw=range(dataset.sizes["draw"]))
+            dataset = dataset.assign_coords(
+                chain=range(count), draw=range(dataset.sizes["draw"])
+            )
         return dataset.assign_attrs(inference_library="chemage")
 
-    scalars = {name: (values.reshape(-1), (), "") for name, values in sampled(one).items() if name != "density"}
+    scalars = {
+        name: (values.reshape(-1), (), "")
+        for name, values in sampled(one).items()
+        if name != "density"
+    }
     energies, points = ("energy",), ("point",)
     groups = {
         "posterior": data({"density": (one.samples, energies, "1/eV"), **scalars}),
         "posterior_predictive": data({"friction_drop": (one.fitted, points, "nN")}),
         "prior": data({"density": (one.prior, energies, "1/eV")}, 1),
-        "prior_predictive": data({"friction_drop": (one.prior_fitted, points, "nN")}, 1),
-        "observed_data": data({"friction_drop": (one.values, points, "nN"), "error": (one.errors, points, "nN")}, None),
+        "prior_predictive": data(
+            {"friction_drop": (one.prior_fitted, points, "nN")}, 1
+        ),
+        "observed_data": data(
+            {
+                "friction_drop": (one.values, points, "nN"),
+                "error": (one.errors, points, "nN"),
+            },
+            None,
+        ),
     }
-    return xarray.DataTree.from_dict({f"/{name}": dataset for name, dataset in groups.items()})
+    return xarray.DataTree.from_dict(
+        {f"/{name}": dataset for name, dataset in groups.items()}
+    )

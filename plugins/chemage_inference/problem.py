@@ -93,7 +93,9 @@ class Prior:
         smoothness, length, strength = self.combinations[choice]
         distance = np.abs(self.nodes[:, None] - self.nodes) / length
         covariance = strength**2 * matern(smoothness, distance) + LEVEL_SPREAD**2
-        covariance[np.diag_indices_from(covariance)] += 1e-6 * (strength**2 + LEVEL_SPREAD**2)
+        covariance[np.diag_indices_from(covariance)] += 1e-6 * (
+            strength**2 + LEVEL_SPREAD**2
+        )
         return covariance
 
     @cached_property
@@ -108,7 +110,9 @@ class Prior:
             logs.append(-np.log(np.diag(lower)).sum())
         return np.stack(inverses), np.array(logs)
 
-    def sample(self, count: int, areas: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    def sample(
+        self, count: int, areas: np.ndarray, rng: np.random.Generator
+    ) -> np.ndarray:
         """(count, n) densities of the prior whose integral is at most 1."""
         densities: list[np.ndarray] = []
         factors: dict[int, np.ndarray] = {}
@@ -116,12 +120,20 @@ class Prior:
             choice = int(rng.integers(len(self.combinations)))
             if choice not in factors:
                 factors[choice] = algebra.cholesky(self.covariance(choice))
-            density = np.maximum(LEVEL + algebra.product(factors[choice], rng.standard_normal(self.nodes.size)), 0.0)
+            density = np.maximum(
+                LEVEL
+                + algebra.product(
+                    factors[choice], rng.standard_normal(self.nodes.size)
+                ),
+                0.0,
+            )
             if algebra.product(density, areas) <= 1.0:
                 densities.append(density)
                 if len(densities) == count:
                     break
-        while len(densities) < count:  # a range of energies so wide that hardly any density has an integral below 1
+        while (
+            len(densities) < count
+        ):  # a range of energies so wide that hardly any density has an integral below 1
             densities.append(densities[-1] if densities else np.zeros(self.nodes.size))
         return np.stack(densities)
 
@@ -143,7 +155,9 @@ class Unknowns:
     def values(self) -> dict[str, np.ndarray]:
         """Name -> (g,) its value at each point of the grid."""
         meshes = np.meshgrid(*self.axes.values(), indexing="ij")
-        return {name: mesh.ravel() for name, mesh in zip(self.axes, meshes, strict=True)}
+        return {
+            name: mesh.ravel() for name, mesh in zip(self.axes, meshes, strict=True)
+        }
 
     @property
     def points(self) -> int:
@@ -155,9 +169,15 @@ class Unknowns:
         shape = tuple(each.size for each in self.axes.values())
         place = list(np.unravel_index(point, shape))
         place[axis] += steps
-        return int(np.ravel_multi_index(place, shape)) if 0 <= place[axis] < shape[axis] else None
+        return (
+            int(np.ravel_multi_index(place, shape))
+            if 0 <= place[axis] < shape[axis]
+            else None
+        )
 
-    def refined(self, matrices: np.ndarray, offsets: np.ndarray) -> tuple[Unknowns, np.ndarray, np.ndarray]:
+    def refined(
+        self, matrices: np.ndarray, offsets: np.ndarray
+    ) -> tuple[Unknowns, np.ndarray, np.ndarray]:
         """The grid with :data:`FINE` steps for each step of the load, and ``matrices`` (g, m, n) and ``offsets``
         (g, m) on it, which are smooth functions of the load: by cubic splines."""
         if LOAD not in self.axes:
@@ -167,9 +187,9 @@ class Unknowns:
         *others, load = (axis.size for axis in self.axes.values())
         here, there = np.arange(load), np.linspace(0, load - 1, FINE * (load - 1) + 1)
         fine = (
-            CubicSpline(here, array.reshape(*others, load, *array.shape[1:]), axis=len(others))(there).reshape(
-                -1, *array.shape[1:]
-            )
+            CubicSpline(
+                here, array.reshape(*others, load, *array.shape[1:]), axis=len(others)
+            )(there).reshape(-1, *array.shape[1:])
             for array in (matrices, offsets)
         )
         axis = np.exp(np.interp(there, here, np.log(self.axes[LOAD])))
@@ -177,12 +197,18 @@ class Unknowns:
 
     def chemistry(self, chemistry: Chemistry, point: int) -> Chemistry:
         """The chemistry at a point of the grid."""
-        values = {name: float(array[point]) for name, array in self.values.items() if name != LOAD}
+        values = {
+            name: float(array[point])
+            for name, array in self.values.items()
+            if name != LOAD
+        }
         return chemistry.replace(**values) if values else chemistry
 
     def load(self, stated: float, point: int) -> float:
         """The load (nN) of a stated one at a point of the grid."""
-        return stated * float(self.values[LOAD][point]) if LOAD in self.values else stated
+        return (
+            stated * float(self.values[LOAD][point]) if LOAD in self.values else stated
+        )
 
     @cached_property
     def log_priors(self) -> np.ndarray:
@@ -207,8 +233,13 @@ def unknowns_of(
     names = (names,) if isinstance(names, str) else names
     bounds = {name: _bounds(name, names, chemistry) for name in names}
     on_grid = [name for name in bounds if name != "bond_force"]
-    count = POINTS[(chemistry.interaction is not None) + (len(on_grid) + (load_error > 0) > 1)]
-    axes = [(np.geomspace if UNITS[name][1] else np.linspace)(*bounds[name], count) for name in on_grid]
+    count = POINTS[
+        (chemistry.interaction is not None) + (len(on_grid) + (load_error > 0) > 1)
+    ]
+    axes = [
+        (np.geomspace if UNITS[name][1] else np.linspace)(*bounds[name], count)
+        for name in on_grid
+    ]
     if load_error:
         on_grid, count = [*on_grid, LOAD], POINTS[1] if len(on_grid) == 0 else count
         axes.append(np.exp(load_error * np.linspace(-2.5, 2.5, count)))
@@ -220,25 +251,36 @@ def unknowns_of(
 
 
 def _bounds(
-    name: str, names: Mapping[str, tuple[units.QuantityLike, units.QuantityLike]] | Sequence[str], chemistry: Chemistry
+    name: str,
+    names: Mapping[str, tuple[units.QuantityLike, units.QuantityLike]] | Sequence[str],
+    chemistry: Chemistry,
 ) -> tuple[float, float]:
     if name not in UNITS:
         raise InputError.of(
-            "unknown", name, f"cannot be inferred{nearest(name, list(UNITS))}", f"choose {', '.join(UNITS)}"
+            "unknown",
+            name,
+            f"cannot be inferred{nearest(name, list(UNITS))}",
+            f"choose {', '.join(UNITS)}",
         )
     unit, logarithmic = UNITS[name]
     if not isinstance(names, Mapping):
         value = float(getattr(chemistry, name))
         if name == "activation_volume":
             return 0.0, max(2 * value, 0.012)
-        return (value / 3, value * 3) if name == "bond_force" else (value / 30, value * 30)
+        return (
+            (value / 3, value * 3) if name == "bond_force" else (value / 30, value * 30)
+        )
     ends = names[name]
     if isinstance(ends, str) or not isinstance(ends, Sequence) or len(ends) != 2:
-        raise InputError.of(f"unknown.{name}", ends, "must be a lower and an upper bound", f"in {unit}")
+        raise InputError.of(
+            f"unknown.{name}", ends, "must be a lower and an upper bound", f"in {unit}"
+        )
     low, high = (convert(end, unit, f"unknown.{name}") for end in ends)
     if not (0 <= low < high < np.inf) or (logarithmic and low <= 0):
         raise InputError.of(
-            f"unknown.{name}", ends, "must be a lower and a larger upper bound, finite and not negative"
+            f"unknown.{name}",
+            ends,
+            "must be a lower and a larger upper bound, finite and not negative",
         )
     return low, high
 
@@ -287,7 +329,10 @@ class Problem:
     def settled(self, state: State) -> Problem:
         """The problem with the errors and the calibration of ``state``, and known: correlations are left out."""
         factor, errors = self.likelihood.factor(state), self.likelihood.errors(state)
-        scaled = {"matrices": factor[:, None] * self.matrices, "offsets": factor * self.offsets}
+        scaled = {
+            "matrices": factor[:, None] * self.matrices,
+            "offsets": factor * self.offsets,
+        }
         return replace(self, errors=errors, noise=None, state=None, **scaled)
 
     def without(self, left_out: np.ndarray) -> Problem:
@@ -359,11 +404,17 @@ class Hidden:
     def __init__(self, grid: EnergyGrid, first: int, stop: int) -> None:
         from scipy.special import ndtr
 
-        self.here, self.step, self.areas = slice(first, stop), grid.step, grid.areas[first:stop]
+        self.here, self.step, self.areas = (
+            slice(first, stop),
+            grid.step,
+            grid.areas[first:stop],
+        )
         #: positions of the table are one step apart
         self.count = stop - first + 1
         edges = np.arange(self.count)
-        share = np.diff(ndtr((edges - edges[:, None]) * grid.step / WIDTHS[:, None, None]), axis=-1)
+        share = np.diff(
+            ndtr((edges - edges[:, None]) * grid.step / WIDTHS[:, None, None]), axis=-1
+        )
         #: (widths, positions, stop - first) 1/eV, each of integral 1
         self.shapes = share / share.sum(axis=-1, keepdims=True) / self.areas
 
@@ -373,7 +424,12 @@ class Hidden:
         there = rng.random(size) < THERE
         there[:, 0] = True
         place = (self.count - 1) * rng.random(size)
-        return Peaks(place, rng.integers(WIDTHS.size, size=size), rng.standard_exponential(size), there)
+        return Peaks(
+            place,
+            rng.integers(WIDTHS.size, size=size),
+            rng.standard_exponential(size),
+            there,
+        )
 
     def _inside(self, place: np.ndarray) -> np.ndarray:
         return (place >= 0) & (place <= self.count - 1)
@@ -383,15 +439,23 @@ class Hidden:
         left = np.minimum(peaks.place.astype(np.int64), self.count - 2)
         part = peaks.place - left
         shares = peaks.shares
-        lower = np.einsum("sk,sk...->s...", shares * (1 - part), table[peaks.width, left])
-        return lower + np.einsum("sk,sk...->s...", shares * part, table[peaks.width, left + 1])
+        lower = np.einsum(
+            "sk,sk...->s...", shares * (1 - part), table[peaks.width, left]
+        )
+        return lower + np.einsum(
+            "sk,sk...->s...", shares * part, table[peaks.width, left + 1]
+        )
 
     def integral(self, densities: np.ndarray) -> np.ndarray:
         """(S,) shares of the sites that ``densities`` (S, n) have here."""
         return algebra.product(densities[:, self.here], self.areas)
 
     def redrawn(
-        self, densities: np.ndarray, shares: np.ndarray, rng: np.random.Generator, data: Data | None = None
+        self,
+        densities: np.ndarray,
+        shares: np.ndarray,
+        rng: np.random.Generator,
+        data: Data | None = None,
     ) -> np.ndarray:
         """``densities`` (S, n) with ``shares`` (S,) of the sites here, drawn anew; without ``data`` from the prior."""
         redrawn = densities.copy()
@@ -402,23 +466,36 @@ class Hidden:
         redrawn[:, self.here] = shares[:, None] * self.at(peaks, self.shapes)
         return redrawn
 
-    def _moved(self, peaks: Peaks, rest: np.ndarray, shares: np.ndarray, data: Data, rng: np.random.Generator) -> Peaks:
+    def _moved(
+        self,
+        peaks: Peaks,
+        rest: np.ndarray,
+        shares: np.ndarray,
+        data: Data,
+        rng: np.random.Generator,
+    ) -> Peaks:
         """``peaks`` after :data:`MOVES` moves in the posterior, with the densities ``rest`` (S, n) elsewhere."""
         tables = np.einsum("gmn,wjn->gwjm", data.matrices[:, :, self.here], self.shapes)
         factor = data.factors[:, None]
-        seen = data.offsets[data.points] + np.einsum("smn,sn->sm", data.matrices[data.points], rest)
+        seen = data.offsets[data.points] + np.einsum(
+            "smn,sn->sm", data.matrices[data.points], rest
+        )
         base, scale = data.values - factor * seen, factor * shares[:, None]
         # only combinations of the measurements that the peaks change
         rows = tables.reshape(-1, tables.shape[-1])
         axes = algebra.row_axes(algebra.product(rows.T, rows), 0.0)
-        axes = axes[np.abs(algebra.product(tables, axes.T)).max(axis=(0, 1, 2)) > NEGLIGIBLE].T
+        axes = axes[
+            np.abs(algebra.product(tables, axes.T)).max(axis=(0, 1, 2)) > NEGLIGIBLE
+        ].T
         tables, base = algebra.product(tables, axes), algebra.product(base, axes)
 
         def misfit(peaks: Peaks) -> np.ndarray:
             at = np.minimum(peaks.place.astype(np.int64), self.count - 2)
             part = (peaks.place - at)[..., None]
             point = data.points[:, None]
-            each = (1 - part) * tables[point, peaks.width, at] + part * tables[point, peaks.width, at + 1]
+            each = (1 - part) * tables[point, peaks.width, at] + part * tables[
+                point, peaks.width, at + 1
+            ]
             residual = base - scale * np.einsum("sk,skm->sm", peaks.shares, each)
             return 0.5 * (residual**2).sum(axis=1)
 
@@ -429,24 +506,41 @@ class Hidden:
             other = other._replace(place=np.clip(other.place, 0, self.count - 1))
             there = misfit(other)
             taken = inside & (np.log(rng.random(shares.size)) < here - there + gain)
-            peaks = Peaks(*(np.where(taken[:, None], new, old) for new, old in zip(other, peaks, strict=True)))
+            peaks = Peaks(
+                *(
+                    np.where(taken[:, None], new, old)
+                    for new, old in zip(other, peaks, strict=True)
+                )
+            )
             here = np.where(taken, there, here)
         return peaks
 
-    def _proposed(self, peaks: Peaks, kind: int, kt: float, rng: np.random.Generator) -> tuple[Peaks, np.ndarray]:
+    def _proposed(
+        self, peaks: Peaks, kind: int, kt: float, rng: np.random.Generator
+    ) -> tuple[Peaks, np.ndarray]:
         """Other peaks, and the logarithm of what their prior and the volume of the move gain; ``kt`` in steps."""
         count = len(peaks.place)
         rows = np.arange(count)
-        chosen = rng.integers(1, MOST, count) if kind == 0 else (peaks.there * rng.random((count, MOST))).argmax(axis=1)
+        chosen = (
+            rng.integers(1, MOST, count)
+            if kind == 0
+            else (peaks.there * rng.random((count, MOST))).argmax(axis=1)
+        )
         peak = rows, chosen
         place, width, weight, there = (array.copy() for array in peaks)
         gain = np.zeros(count)
         fresh = self.drawn(count, rng)
         far = kt * 10 ** rng.uniform(-3, 1, count) * rng.standard_normal(count)
-        if kind == 0:  # switch a peak on or off; one that is switched on is drawn from the prior
+        if (
+            kind == 0
+        ):  # switch a peak on or off; one that is switched on is drawn from the prior
             there[peak] ^= True
             on = there[peak]
-            for old, new in ((place, fresh.place), (width, fresh.width), (weight, fresh.weight)):
+            for old, new in (
+                (place, fresh.place),
+                (width, fresh.width),
+                (weight, fresh.weight),
+            ):
                 old[rows[on], chosen[on]] = new[rows[on], chosen[on]]
             gain = np.where(on, 1, -1) * np.log(THERE / (1 - THERE))
         elif kind == 1:
@@ -467,19 +561,29 @@ class Hidden:
             other = other._replace(place=place - away)
             # the move back must be possible: it draws the peaks that this one replaces or switches off, shifted as well
             gone = peaks.there & (~there | (place != peaks.place))
-            gain = np.where((self._inside(peaks.place - away) | ~gone).all(axis=1), gain, -np.inf)
+            gain = np.where(
+                (self._inside(peaks.place - away) | ~gone).all(axis=1), gain, -np.inf
+            )
         return other, gain
 
     def _location(self, peaks: Peaks, kt: float) -> np.ndarray:
         """(S,) -kt times the logarithm of the rate with which all peaks react at first, in steps."""
-        log_rates = -peaks.place / kt + 0.5 * (WIDTHS[peaks.width] / (kt * self.step)) ** 2
+        log_rates = (
+            -peaks.place / kt + 0.5 * (WIDTHS[peaks.width] / (kt * self.step)) ** 2
+        )
         log_rates = np.where(peaks.there, log_rates, -np.inf)
         top = log_rates.max(axis=1)
-        return -kt * (top + np.log((peaks.shares * np.exp(log_rates - top[:, None])).sum(axis=1)))
+        return -kt * (
+            top + np.log((peaks.shares * np.exp(log_rates - top[:, None])).sum(axis=1))
+        )
 
 
 def redrawn_outside(
-    grid: EnergyGrid, seen: np.ndarray, densities: np.ndarray, rng: np.random.Generator, data: Data | None = None
+    grid: EnergyGrid,
+    seen: np.ndarray,
+    densities: np.ndarray,
+    rng: np.random.Generator,
+    data: Data | None = None,
 ) -> np.ndarray:
     """``densities`` (S, n), most of which get the sites below and above all energies ``seen`` (n,) in peaks.
 

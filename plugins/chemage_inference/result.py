@@ -34,7 +34,14 @@ from chemage.plugin import (
     units,
 )
 from chemage_inference.curves import MeasuredCurve
-from chemage_inference.forecast import WIDE, Forecast, Forecaster, band, bands, in_numbers
+from chemage_inference.forecast import (
+    WIDE,
+    Forecast,
+    Forecaster,
+    band,
+    bands,
+    in_numbers,
+)
 from chemage_inference.noise import SUSPECT
 from chemage_inference.open import datatree, statistics
 from chemage_inference.problem import LOAD, UNITS
@@ -76,18 +83,42 @@ class Inference(Record):
     """
 
     arrays = {
-        "energies": (("energy",), "eV", "forming barrier without pressure and without bonded neighbours"),
+        "energies": (
+            ("energy",),
+            "eV",
+            "forming barrier without pressure and without bonded neighbours",
+        ),
         "samples": (("sample", "energy"), "1/eV", "density of each posterior sample"),
-        "prior": (("prior_sample", "energy"), "1/eV", "density of each sample of the prior"),
+        "prior": (
+            ("prior_sample", "energy"),
+            "1/eV",
+            "density of each sample of the prior",
+        ),
         "visible": (("energy",), "", "whether the data see this energy"),
         "curve": (("point",), "", "number of the measured curve, from 0"),
         "hold_times": (("point",), "s", "hold time"),
         "values": (("point",), "nN", "measured friction drop"),
-        "errors": (("point",), "nN", "standard error of the measured friction drop, as inferred"),
-        "stated_errors": (("point",), "nN", "standard error of the measured friction drop, as stated"),
-        "off": (("point",), "", "probability that the point is off by more than its error"),
+        "errors": (
+            ("point",),
+            "nN",
+            "standard error of the measured friction drop, as inferred",
+        ),
+        "stated_errors": (
+            ("point",),
+            "nN",
+            "standard error of the measured friction drop, as stated",
+        ),
+        "off": (
+            ("point",),
+            "",
+            "probability that the point is off by more than its error",
+        ),
         "fitted": (("sample", "point"), "nN", "friction drop of each posterior sample"),
-        "prior_fitted": (("prior_sample", "point"), "nN", "friction drop of each sample of the prior"),
+        "prior_fitted": (
+            ("prior_sample", "point"),
+            "nN",
+            "friction drop of each sample of the prior",
+        ),
     }
 
     energies: Doubles
@@ -147,12 +178,21 @@ class Inference(Record):
     @model_validator(mode="after")
     def _check(self) -> Self:
         n, m = self.energies.size, self.hold_times.size
-        for name, width in (("samples", n), ("prior", n), ("fitted", m), ("prior_fitted", m)):
+        for name, width in (
+            ("samples", n),
+            ("prior", n),
+            ("fitted", m),
+            ("prior_fitted", m),
+        ):
             array = getattr(self, name)
             if array.ndim != 2 or array.shape[1] != width:
-                raise ValueError(f"{name}: shape {array.shape}; give (samples, {width})")
+                raise ValueError(
+                    f"{name}: shape {array.shape}; give (samples, {width})"
+                )
         if self.visible.shape != (n,) or self.curve.shape != (m,):
-            raise ValueError("visible and curve: give one for each energy, and one for each point")
+            raise ValueError(
+                "visible and curve: give one for each energy, and one for each point"
+            )
         return self
 
     @cached_property
@@ -172,7 +212,11 @@ class Inference(Record):
     def visible_range(self) -> tuple[float, float]:
         """Lowest and highest visible energy, eV; nan where there is none."""
         seen = self.energies[self.visible]
-        return (float(seen[0]), float(seen[-1])) if seen.size else (float("nan"), float("nan"))
+        return (
+            (float(seen[0]), float(seen[-1]))
+            if seen.size
+            else (float("nan"), float("nan"))
+        )
 
     @property
     def residuals(self) -> np.ndarray:
@@ -193,12 +237,20 @@ class Inference(Record):
     def possible_families(self) -> dict[str, Mapping[str, Any]]:
         """The families that left-out hold times do not exclude: name -> fit."""
         best = max(self.scores.values(), default=0.0)
-        return {name: fit for name, fit in self.families.items() if best - self.scores.get(name, best) <= EXCLUDED}
+        return {
+            name: fit
+            for name, fit in self.families.items()
+            if best - self.scores.get(name, best) <= EXCLUDED
+        }
 
     @property
     def is_suspect(self) -> np.ndarray:
         """(m,) whether a point is probably off."""
-        return np.zeros(self.hold_times.size, dtype=bool) if self.off is None else self.off > SUSPECT
+        return (
+            np.zeros(self.hold_times.size, dtype=bool)
+            if self.off is None
+            else self.off > SUSPECT
+        )
 
     def suspects(self) -> list[str]:
         """The points that are probably off, in words."""
@@ -206,7 +258,12 @@ class Inference(Record):
             return []
         words = "{:.3g} s of {} ({:+.1f} standard errors, probability {:.2f})"
         return [
-            words.format(self.hold_times[at], self.curves[self.curve[at]]["name"], self.residuals[at], self.off[at])
+            words.format(
+                self.hold_times[at],
+                self.curves[self.curve[at]]["name"],
+                self.residuals[at],
+                self.off[at],
+            )
             for at in np.flatnonzero(self.is_suspect)
         ]
 
@@ -239,7 +296,11 @@ class Inference(Record):
             It was not among the unknowns.
         """
         if name not in self.scalars:
-            raise InputError.of("name", name, f"was not inferred; there are {', '.join(self.scalars) or 'none'}")
+            raise InputError.of(
+                "name",
+                name,
+                f"was not inferred; there are {', '.join(self.scalars) or 'none'}",
+            )
         return band(self.scalars[name], level)
 
     def members(self, count: int, seed: int = 0) -> np.ndarray:
@@ -248,8 +309,15 @@ class Inference(Record):
         Sites whose barriers lie above the last energy, 1 minus the integral of a row, never bond within the hold times.
         """
         if not 1 <= count <= len(self.samples):
-            raise InputError.of("count", count, f"there are {len(self.samples)} samples", "ask for fewer")
-        return self.samples[np.sort(np.random.default_rng(seed).permutation(len(self.samples))[:count])]
+            raise InputError.of(
+                "count",
+                count,
+                f"there are {len(self.samples)} samples",
+                "ask for fewer",
+            )
+        return self.samples[
+            np.sort(np.random.default_rng(seed).permutation(len(self.samples))[:count])
+        ]
 
     def forecast(
         self,
@@ -273,7 +341,11 @@ class Inference(Record):
             Posterior samples that are carried on.
         """
         there = self.scene if scene is None else scene_of(scene)
-        provenance = {"scene": there.todict(), "versions": self.provenance.get("versions", {}), "seed": self.seed}
+        provenance = {
+            "scene": there.todict(),
+            "versions": self.provenance.get("versions", {}),
+            "seed": self.seed,
+        }
         forecaster = self._forecaster(there, checked_count("samples", samples))
         return forecaster.forecast(load, temperature, hold_times, provenance)
 
@@ -304,13 +376,21 @@ class Inference(Record):
             The candidates, each with ``reduction`` (expected reduction of the variance of the target, as a share of it)
             and ``deviation`` (standard deviation of the target afterwards).
         """
-        return self._forecaster(self.scene, 1000).ranked(candidates, target, self.resolution, relative_error)
+        return self._forecaster(self.scene, 1000).ranked(
+            candidates, target, self.resolution, relative_error
+        )
 
     def _forecaster(self, scene: Scene, count: int) -> Forecaster:
-        rows = np.linspace(0, len(self.samples) - 1, min(count, len(self.samples))).astype(int)
+        rows = np.linspace(
+            0, len(self.samples) - 1, min(count, len(self.samples))
+        ).astype(int)
         # the load is that of the forecast, whatever the stated ones were
-        scalars = {name: values[rows] for name, values in self.scalars.items() if name != LOAD}
-        return Forecaster(scene, self.energies, self.samples[rows], self.visible, scalars, self.seed)
+        scalars = {
+            name: values[rows] for name, values in self.scalars.items() if name != LOAD
+        }
+        return Forecaster(
+            scene, self.energies, self.samples[rows], self.visible, scalars, self.seed
+        )
 
     def summary(self) -> dict[str, Any]:
         """One JSON-able object with the density, its bands, the scalars, scores and diagnostics."""
@@ -322,8 +402,13 @@ class Inference(Record):
                 "visible": self.visible,
                 "visible_range": self.visible_range,
                 "resolution": self.resolution,
-                "scalars": {name: in_numbers(values) for name, values in self.scalars.items()},
-                "errors": {name: in_numbers(values) for name, values in self.error_terms.items()},
+                "scalars": {
+                    name: in_numbers(values) for name, values in self.scalars.items()
+                },
+                "errors": {
+                    name: in_numbers(values)
+                    for name, values in self.error_terms.items()
+                },
                 "suspects": self.suspects(),
                 "scores": self.scores,
                 "families": {
@@ -345,9 +430,7 @@ class Inference(Record):
 
     def __repr__(self) -> str:
         low, high = self.visible_range
-        return (
-            f"<Inference of {self.hold_times.size} points, visible from {low:.3g} to {high:.3g} eV, χ² {self.chi2:.3g}>"
-        )
+        return f"<Inference of {self.hold_times.size} points, visible from {low:.3g} to {high:.3g} eV, χ² {self.chi2:.3g}>"
 
     __str__ = __repr__
 
@@ -367,20 +450,27 @@ def quantities(one: Inference) -> list[Quantity]:
         ),
     ]
     for name, values in one.error_terms.items():
-        label, unit = name, "e-folds of the hold time" if name == "correlation time" else ONE
+        label = name
+        unit = "e-folds of the hold time" if name == "correlation time" else ONE
         if name.startswith("scale "):
             label = f"errors of {one.curves[int(name.removeprefix('scale '))]['name']} over the stated ones"
         found.append(_sampled(Quantity(name, unit, label), values))
     for name, values in one.scalars.items():
         low, high = one.scalar_bounds.get(name, (math.nan, math.nan))
         prior = f"(prior {low:.3g} to {high:.3g})" if name in one.scalar_bounds else ""
-        found.append(_sampled(Quantity(name, unit_of(name), name.replace("_", " "), of=prior), values))
+        found.append(
+            _sampled(
+                Quantity(name, unit_of(name), name.replace("_", " "), of=prior), values
+            )
+        )
     return found
 
 
 def _sampled(one: Quantity, values: np.ndarray) -> Quantity:
     """The median of samples (S,), with the interval that is printed."""
-    with_value = one.but(value=float(np.median(values)), stated="ends", level=round(100 * WIDE))
+    with_value = one.but(
+        value=float(np.median(values)), stated="ends", level=round(100 * WIDE)
+    )
     return with_value.within(*band(values, WIDE), float(values.std()))
 
 
@@ -397,7 +487,9 @@ def scene_of(scene: Scene | str | Path | Mapping[str, Any]) -> Scene:
 
 
 #: group of a file of ``chemage infer`` -> class
-_PARTS: dict[str, type[Record]] = {f"forecast_{number}": Forecast for number in range(1, MOST_FORECASTS + 1)}
+_PARTS: dict[str, type[Record]] = {
+    f"forecast_{number}": Forecast for number in range(1, MOST_FORECASTS + 1)
+}
 _PARTS["inference"] = Inference
 
 
@@ -415,7 +507,10 @@ class InferenceResult:
 
     def parts(self) -> dict[str, Record]:
         """The objects to store, by group name."""
-        forecasts = {f"forecast_{number}": forecast for number, forecast in enumerate(self.forecasts.values(), 1)}
+        forecasts = {
+            f"forecast_{number}": forecast
+            for number, forecast in enumerate(self.forecasts.values(), 1)
+        }
         return {"inference": self.inference, **forecasts}
 
     def write(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
@@ -426,7 +521,11 @@ class InferenceResult:
         StoreError
             ``path`` exists (unless ``force``), or cannot be written; nothing is left behind.
         """
-        asked = {"labels": list(self.forecasts), "experiments": list(self.experiments), "target": self.target}
+        asked = {
+            "labels": list(self.forecasts),
+            "experiments": list(self.experiments),
+            "target": self.target,
+        }
         container.write(path, self.parts(), {"asked": json.dumps(asked)}, force=force)
 
     @classmethod
@@ -441,16 +540,33 @@ class InferenceResult:
         parts, attributes = container.read(path, _PARTS)
         inference = parts.pop("inference", None)
         if inference is None:
-            raise StoreError(f"{path} holds no inference; `chemage infer` makes such files")
+            raise StoreError(
+                f"{path} holds no inference; `chemage infer` makes such files"
+            )
         with container.decoding(path, "what was asked of the inference"):
             asked = json.loads(attributes.get("asked", "{}"))
             labels = asked.get("labels", [])
-            experiments, target = tuple(asked.get("experiments", ())), str(asked.get("target", ""))
-        labels += [f"forecast {number}" for number in range(len(labels) + 1, len(parts) + 1)]
-        return cls(inference, dict(zip(labels, parts.values(), strict=False)), experiments, target)
+            experiments = tuple(asked.get("experiments", ()))
+            target = str(asked.get("target", ""))
+        labels += [
+            f"forecast {number}" for number in range(len(labels) + 1, len(parts) + 1)
+        ]
+        return cls(
+            inference,
+            dict(zip(labels, parts.values(), strict=False)),
+            experiments,
+            target,
+        )
 
     def summary(self) -> dict[str, Any]:
         """One JSON-able object."""
-        forecasts = [{"label": label, **forecast.summary()} for label, forecast in self.forecasts.items()]
-        rest = {"forecasts": forecasts, "experiments": list(self.experiments), "target": self.target}
+        forecasts = [
+            {"label": label, **forecast.summary()}
+            for label, forecast in self.forecasts.items()
+        ]
+        rest = {
+            "forecasts": forecasts,
+            "experiments": list(self.experiments),
+            "target": self.target,
+        }
         return text.jsonable({**self.inference.summary(), **rest})

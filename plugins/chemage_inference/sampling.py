@@ -66,7 +66,9 @@ class _Pattern:
 class Chain:
     """One Markov chain, which begins at ``start`` (n,)."""
 
-    def __init__(self, problem: Problem, start: np.ndarray, rng: np.random.Generator) -> None:
+    def __init__(
+        self, problem: Problem, start: np.ndarray, rng: np.random.Generator
+    ) -> None:
         self.problem, self.rng = problem, rng
         mass = float(algebra.product(np.maximum(start, 0.0), problem.areas))
         self.x = np.ascontiguousarray(start * min(1.0, 0.999 / max(mass, 1e-12)))
@@ -82,10 +84,17 @@ class Chain:
         self.states: list[State] = []
         self._archive: np.ndarray = np.zeros((0, start.size))
         self._patterns: list[_Pattern] = []
-        self._last: tuple[tuple[int, float, bool], State, tuple[np.ndarray, np.ndarray]] | None = None
+        self._last: (
+            tuple[tuple[int, float, bool], State, tuple[np.ndarray, np.ndarray]] | None
+        ) = None
         self._sweep = 0
         self._reduced: dict[int, tuple[np.ndarray, np.ndarray]] = {}
-        logs = kernels.log_priors(self.x, LEVEL, np.arange(len(problem.prior.combinations)), *problem.prior.precisions)
+        logs = kernels.log_priors(
+            self.x,
+            LEVEL,
+            np.arange(len(problem.prior.combinations)),
+            *problem.prior.precisions,
+        )
         self.choice = int(np.argmax(logs + rng.gumbel(size=logs.size)))
 
     def warm(self, sweeps: int) -> None:
@@ -134,35 +143,46 @@ class Chain:
             self._reduced[point] = axes, algebra.product(matrix, axes)
         return self._reduced[point]
 
-    def _rows(self, point: int, log_factor: float, complete: bool, state: State) -> tuple[np.ndarray, np.ndarray]:
+    def _rows(
+        self, point: int, log_factor: float, complete: bool, state: State
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Matrix (n, r) and target (r,) of the misfit; a complete density has one row more, for its integral."""
         key = point, log_factor, complete
         if self._last is None or self._last[0] != key or self._last[1] is not state:
             self._last = key, state, self._made_rows(point, log_factor, complete, state)
         return self._last[2]
 
-    def _made_rows(self, point: int, log_factor: float, complete: bool, state: State) -> tuple[np.ndarray, np.ndarray]:
+    def _made_rows(
+        self, point: int, log_factor: float, complete: bool, state: State
+    ) -> tuple[np.ndarray, np.ndarray]:
         axes, parts = self._rotated(point)
         factor = np.exp(log_factor) * self.noise.factor(state)
         parts = self.noise.white(state, factor[:, None] * parts)
-        goal = self.noise.white(state, self.problem.values - factor * self.problem.offsets[point])
-        lower = algebra.cholesky(algebra.product(parts.T, parts) + 1e-6 * np.eye(parts.shape[1]))
-        matrix, target = (
-            algebra.product(axes, lower),
-            algebra.forward(lower, algebra.product(parts.T, goal[:, None]))[:, 0],
+        goal = self.noise.white(
+            state, self.problem.values - factor * self.problem.offsets[point]
         )
+        lower = algebra.cholesky(
+            algebra.product(parts.T, parts) + 1e-6 * np.eye(parts.shape[1])
+        )
+        matrix = algebra.product(axes, lower)
+        target = algebra.forward(lower, algebra.product(parts.T, goal[:, None]))[:, 0]
         if not complete:
             return np.ascontiguousarray(matrix), target
         row = self.problem.areas[:, None] / COMPLETE
-        return np.ascontiguousarray(np.concatenate([matrix, row], axis=1)), np.append(target, 1 / COMPLETE)
+        return np.ascontiguousarray(np.concatenate([matrix, row], axis=1)), np.append(
+            target, 1 / COMPLETE
+        )
 
     def _fitted(self, x: np.ndarray, point: int, log_factor: float) -> np.ndarray:
         """(m,) values of the model, before the calibration."""
         return np.exp(log_factor) * (
-            self.problem.offsets[point] + algebra.product(self.problem.matrices[point], np.maximum(x, 0.0))
+            self.problem.offsets[point]
+            + algebra.product(self.problem.matrices[point], np.maximum(x, 0.0))
         )
 
-    def _misfit(self, x: np.ndarray, point: int, log_factor: float, state: State) -> float:
+    def _misfit(
+        self, x: np.ndarray, point: int, log_factor: float, state: State
+    ) -> float:
         """Half of χ² of all measurements; infinite where the integral of the density exceeds 1."""
         mass = float(algebra.product(np.maximum(x, 0.0), self.problem.areas))
         if mass > self._limit:
@@ -180,16 +200,21 @@ class Chain:
     # -- the density --------------------------------------------------------------------------------------------------
 
     def _pattern(self) -> _Pattern:
-        return _Pattern((self.x > 0).astype(float), self.point, self.log_factor, self.state)
+        return _Pattern(
+            (self.x > 0).astype(float), self.point, self.log_factor, self.state
+        )
 
     def _factor(self, pattern: _Pattern) -> np.ndarray:
         """(n, n) lower factor L of the inverse covariance of a pattern, under the present choice of the prior."""
         key = self.choice, self.complete
         if key not in pattern.factors:
-            matrix, _ = self._rows(pattern.point, pattern.log_factor, self.complete, pattern.state)
+            matrix, _ = self._rows(
+                pattern.point, pattern.log_factor, self.complete, pattern.state
+            )
             seen = matrix * pattern.positive[:, None]
             pattern.factors[key] = algebra.cholesky(
-                self.problem.prior.precisions[0][self.choice] + algebra.product(seen, seen.T)
+                self.problem.prior.precisions[0][self.choice]
+                + algebra.product(seen, seen.T)
             )
         return pattern.factors[key]
 
@@ -204,7 +229,9 @@ class Chain:
         parts = [self._bumps[rng.integers(BUMPS, size=bumps)]]
         if others:
             factor = self._factor(self._patterns[rng.integers(len(self._patterns))])
-            parts.append(kernels.solved(factor, rng.standard_normal((others, nodes.size))))
+            parts.append(
+                kernels.solved(factor, rng.standard_normal((others, nodes.size)))
+            )
         if between:
             pairs = rng.integers(len(self._archive), size=(between, 2))
             parts.append(self._archive[pairs[:, 0]] - self._archive[pairs[:, 1]])
@@ -221,7 +248,14 @@ class Chain:
         # Hermite functions, the derivatives of a bump
         order = rng.integers(ORDERS, size=(BUMPS, 1))
         bumps = np.exp(-0.5 * away**2) * np.choose(
-            order, (np.ones_like(away), away, away**2 - 1, away**3 - 3 * away, away**4 - 6 * away**2 + 3)
+            order,
+            (
+                np.ones_like(away),
+                away,
+                away**2 - 1,
+                away**3 - 3 * away,
+                away**4 - 6 * away**2 + 3,
+            ),
         )
         bumps[np.abs(bumps) < 1e-6] = 0.0
         return bumps
@@ -229,7 +263,9 @@ class Chain:
     def _drawn_density(self) -> None:
         """Draw the process anew along as many lines as it has nodes."""
         problem = self.problem
-        matrix, target = self._rows(self.point, self.log_factor, self.complete, self.state)
+        matrix, target = self._rows(
+            self.point, self.log_factor, self.complete, self.state
+        )
         directions = self._directions(self.x.size)
         inverse = problem.prior.precisions[0][self.choice]
         kernels.sweep(
@@ -281,17 +317,26 @@ class Chain:
             return
         count = self.state.calibration.size
         # each instrument alone, and all together
-        for here in CALIBRATIONS * (*np.eye(count, dtype=bool), *np.ones((int(count > 1), count), dtype=bool)):
+        for here in CALIBRATIONS * (
+            *np.eye(count, dtype=bool),
+            *np.ones((int(count > 1), count), dtype=bool),
+        ):
             step = self._step(self.noise.model.calibration)
-            other = replace(self.state, calibration=self.state.calibration + step * here)
-            gain = self.noise.log_calibrations(other.calibration) - self.noise.log_calibrations(self.state.calibration)
+            other = replace(
+                self.state, calibration=self.state.calibration + step * here
+            )
+            gain = self.noise.log_calibrations(
+                other.calibration
+            ) - self.noise.log_calibrations(self.state.calibration)
             x = self.x + step * self._answer(here[self.noise.instrument])
             if self._moved(x, self.point, self.log_factor, other, float(gain.sum())):
                 self.state = other
 
     def _step(self, width: float) -> float:
         """A step of the logarithm of a factor, small or as large as its ``width``."""
-        return width * float(self.rng.choice([0.1, 0.3, 1.0]) * self.rng.standard_normal())
+        return width * float(
+            self.rng.choice([0.1, 0.3, 1.0]) * self.rng.standard_normal()
+        )
 
     def _answer(self, here: np.ndarray) -> np.ndarray:
         """(n,) how the density answers to a larger logarithm of the factor of the points ``here`` (m,).
@@ -309,18 +354,27 @@ class Chain:
             slope = self.noise.white(pattern.state, factor[:, None] * parts)
             pull = algebra.product(
                 axes,
-                algebra.product(slope.T, self.noise.white(pattern.state, np.where(here, self.problem.values, 0.0))),
+                algebra.product(
+                    slope.T,
+                    self.noise.white(
+                        pattern.state, np.where(here, self.problem.values, 0.0)
+                    ),
+                ),
             )
             factor = self._factor(pattern)
             half = algebra.forward(factor, (pattern.positive * pull)[:, None])
             pattern.answers[key] = -kernels.solved(factor, half.T)[0]
         return pattern.answers[key]
 
-    def _moved(self, x: np.ndarray, point: int, log_factor: float, state: State, gain: float) -> bool:
+    def _moved(
+        self, x: np.ndarray, point: int, log_factor: float, state: State, gain: float
+    ) -> bool:
         """Move the density to ``x`` (n,) as the rest changes; ``gain`` of the prior of the rest."""
         gain += self._misfit(self.x, self.point, self.log_factor, self.state)
         gain += self._log_prior(x) - self._log_prior(self.x)
-        taken = bool(np.log(self.rng.random()) < gain - self._misfit(x, point, log_factor, state))
+        taken = bool(
+            np.log(self.rng.random()) < gain - self._misfit(x, point, log_factor, state)
+        )
         if taken:
             self.x = x
         return taken
@@ -332,13 +386,21 @@ class Chain:
         unknowns, rng = self.problem.unknowns, self.rng
         if unknowns.axes:
             steps = int(rng.choice([-1, 1]) * rng.choice(STEPS))
-            other = unknowns.moved(self.point, int(rng.integers(len(unknowns.axes))), steps)
+            other = unknowns.moved(
+                self.point, int(rng.integers(len(unknowns.axes))), steps
+            )
             if other is not None:
-                if rng.random() < 0.5:  # sites react at other energies, or more of them everywhere
+                if (
+                    rng.random() < 0.5
+                ):  # sites react at other energies, or more of them everywhere
                     x = np.roll(self.x, int(rng.integers(-SHIFT, SHIFT + 1)))
                 else:
-                    x = self.x + (self._levels[other] - self._levels[self.point]) * self._answer(self._everywhere)
-                gain = float(unknowns.log_priors[other] - unknowns.log_priors[self.point])
+                    x = self.x + (
+                        self._levels[other] - self._levels[self.point]
+                    ) * self._answer(self._everywhere)
+                gain = float(
+                    unknowns.log_priors[other] - unknowns.log_priors[self.point]
+                )
                 if self._moved(x, other, self.log_factor, self.state, gain):
                     self.point = other
         if unknowns.factor is not None:
@@ -346,7 +408,9 @@ class Chain:
             factor = self.log_factor + step
             if unknowns.factor[0] <= factor <= unknowns.factor[1]:
                 # the density falls as the factor rises, or stays
-                x = self.x + step * self._answer(self._everywhere) * (rng.random() < 0.7)
+                x = self.x + step * self._answer(self._everywhere) * (
+                    rng.random() < 0.7
+                )
                 if self._moved(x, self.point, factor, self.state, 0.0):
                     self.log_factor = factor
 
@@ -362,7 +426,9 @@ class Chain:
 
     def _log_prior(self, x: np.ndarray) -> float:
         choice = np.array([self.choice])
-        return float(kernels.log_priors(x, LEVEL, choice, *self.problem.prior.precisions)[0])
+        return float(
+            kernels.log_priors(x, LEVEL, choice, *self.problem.prior.precisions)[0]
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -401,15 +467,23 @@ class Samples:
         precision = np.mean([state.inflation**-2.0 for state in self.states], axis=0)
         time = float(np.mean([state.log_time for state in self.states]))
         calibration = np.log(self.calibrations).mean(axis=0)
-        return State(np.exp(np.log(self.scales).mean(axis=0)), precision**-0.5, calibration, time)
+        return State(
+            np.exp(np.log(self.scales).mean(axis=0)), precision**-0.5, calibration, time
+        )
 
     def fitted(self, problem: Problem) -> np.ndarray:
         """(S, m) values of each sample, before the calibration."""
         values = (
             problem.offsets[self.points]
-            + np.einsum("smn,sn->sm", problem.matrices[self.points], self.densities, optimize=False)
+            + np.einsum(
+                "smn,sn->sm",
+                problem.matrices[self.points],
+                self.densities,
+                optimize=False,
+            )
             if len(problem.matrices) > 1
-            else problem.offsets[0] + algebra.product(self.densities, problem.matrices[0].T)
+            else problem.offsets[0]
+            + algebra.product(self.densities, problem.matrices[0].T)
         )
         return self.factors[:, None] * values
 
@@ -432,7 +506,10 @@ def sample(
     """
     each = -(-samples // CHAINS)
     watched = np.ones(start.size, dtype=bool) if watched is None else watched
-    chains = [Chain(problem, start, np.random.default_rng([seed, number, 41])) for number in range(CHAINS)]
+    chains = [
+        Chain(problem, start, np.random.default_rng([seed, number, 41]))
+        for number in range(CHAINS)
+    ]
     workers = min(threads or processors.available(), CHAINS)
     warm = min(WARM, sweeps)
     total, done, more = warm + sweeps, 0, min(2 * each, max(sweeps, each))
@@ -441,14 +518,22 @@ def sample(
         if progress:
             progress(warm + done, total)
         more = min(more, sweeps - done) if done else more
-        processors.in_order(lambda number, more=more: chains[number].run(more), CHAINS, workers, None)
+        processors.in_order(
+            lambda number, more=more: chains[number].run(more), CHAINS, workers, None
+        )
         done += more
         kept = np.linspace(0, done - 1, each).round().astype(int)
         every = np.stack([np.array(chain.densities) for chain in chains])
         effective, ratio = convergence(every[:, :, watched] if watched.any() else every)
         if not problem.likelihood.fixed:
             errors = np.array(
-                [[[*np.log(state.scales), *state.calibration] for state in chain.states] for chain in chains]
+                [
+                    [
+                        [*np.log(state.scales), *state.calibration]
+                        for state in chain.states
+                    ]
+                    for chain in chains
+                ]
             )
             for column in range(errors.shape[2]):
                 own = convergence(errors[:, :, column : column + 1])
@@ -462,7 +547,15 @@ def sample(
     points = np.concatenate([np.array(chain.points)[kept] for chain in chains])
     factors = np.concatenate([np.array(chain.factors)[kept] for chain in chains])
     states = [chain.states[number] for chain in chains for number in kept]
-    return Samples(every[:, kept].reshape(CHAINS * each, -1), points, factors, states, effective, ratio, done)
+    return Samples(
+        every[:, kept].reshape(CHAINS * each, -1),
+        points,
+        factors,
+        states,
+        effective,
+        ratio,
+        done,
+    )
 
 
 def convergence(chains: np.ndarray) -> tuple[float, float]:
@@ -472,5 +565,8 @@ def convergence(chains: np.ndarray) -> tuple[float, float]:
     moving = np.flatnonzero(within > max(1e-12, 0.01 * float(within.max())))
     if not moving.size:
         return float(chains.shape[0] * chains.shape[1]), 1.0
-    numbers = [(effective_samples(chains[:, :, column]), r_hat(chains[:, :, column])) for column in moving]
+    numbers = [
+        (effective_samples(chains[:, :, column]), r_hat(chains[:, :, column]))
+        for column in moving
+    ]
     return min(ess for ess, _ in numbers), max(ratio for _, ratio in numbers)

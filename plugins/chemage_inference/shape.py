@@ -48,7 +48,11 @@ class Peak:
     def text(self, step: float) -> str:
         """The energy with its band, which is at least a ``step`` of the energies (eV) wide."""
         low, high = (f"{end:.3f}" for end in self.band)
-        return f"{self.energy:.3f} ± {0.5 * step:.3f} eV" if low == high else f"{self.energy:.3f} eV ({low} to {high})"
+        return (
+            f"{self.energy:.3f} ± {0.5 * step:.3f} eV"
+            if low == high
+            else f"{self.energy:.3f} eV ({low} to {high})"
+        )
 
 
 def shares(inference: Inference, parts: int = PARTS) -> list[Share]:
@@ -65,13 +69,18 @@ def three_shares(inference: Inference) -> list[Share]:
     """Shares of the sites whose barriers lie below, at and above the visible energies."""
     low, high = inference.visible_range
     first, second = _integral(inference, low), _integral(inference, high)
-    return _shares((-np.inf, low, high, np.inf), [0 * first, first, second, 0 * first + 1])
+    return _shares(
+        (-np.inf, low, high, np.inf), [0 * first, first, second, 0 * first + 1]
+    )
 
 
 def _shares(edges: Sequence[float], below: list[np.ndarray]) -> list[Share]:
     """Shares between ``edges``, of each of which ``below`` has those (S,) of lower barriers."""
     parts = zip(edges, edges[1:], np.diff(below, axis=0), strict=False)
-    return [Share(low, high, float(np.median(part)), band(part, WIDE)) for low, high, part in parts]
+    return [
+        Share(low, high, float(np.median(part)), band(part, WIDE))
+        for low, high, part in parts
+    ]
 
 
 def empty(inference: Inference) -> bool:
@@ -87,7 +96,9 @@ def peaks(inference: Inference) -> list[Peak]:
     mean = samples.mean(axis=0)
     kept: list[int] = []
     for at in sorted(_maxima(mean).tolist(), key=lambda place: -mean[place]):
-        if all(_apart(samples, mean, at, other) for other in kept) and _above_ends(samples, mean, at):
+        if all(_apart(samples, mean, at, other) for other in kept) and _above_ends(
+            samples, mean, at
+        ):
             kept.append(at)
     sure = []
     for at in sorted(kept):
@@ -109,7 +120,11 @@ def unresolved(inference: Inference) -> list[float]:
     sure = [peak.energy for peak in peaks(inference)]
     inner = _maxima(mean)
     high = energies[inner[mean[inner] > STANDS_OUT * mean.max()]].tolist()
-    return [at for at in high if all(abs(at - other) > inference.resolution for other in sure)]
+    return [
+        at
+        for at in high
+        if all(abs(at - other) > inference.resolution for other in sure)
+    ]
 
 
 def trend(inference: Inference) -> tuple[float, float]:
@@ -117,7 +132,9 @@ def trend(inference: Inference) -> tuple[float, float]:
     _, samples = _seen(inference)
     if samples.shape[1] < 2:
         return 0.0, 0.0
-    return float((samples[:, -1] > samples[:, 0]).mean()), float((samples[:, -1] < samples[:, 0]).mean())
+    return float((samples[:, -1] > samples[:, 0]).mean()), float(
+        (samples[:, -1] < samples[:, 0]).mean()
+    )
 
 
 def rises(inference: Inference) -> tuple[bool, bool]:
@@ -130,10 +147,14 @@ def rises(inference: Inference) -> tuple[bool, bool]:
     if not there:
         return False, False
     mean = samples.mean(axis=0)
-    first, last = (int(np.argmin(np.abs(energies - peak.energy))) for peak in (there[0], there[-1]))
+    first, last = (
+        int(np.argmin(np.abs(energies - peak.energy))) for peak in (there[0], there[-1])
+    )
     below, above = int(mean[: first + 1].argmin()), last + int(mean[last:].argmin())
     lower = below > 0 and (samples[:, 0] > samples[:, below]).mean() >= SURE
-    upper = above < mean.size - 1 and (samples[:, -1] > samples[:, above]).mean() >= SURE
+    upper = (
+        above < mean.size - 1 and (samples[:, -1] > samples[:, above]).mean() >= SURE
+    )
     return bool(lower), bool(upper)
 
 
@@ -145,7 +166,8 @@ def _seen(inference: Inference) -> tuple[np.ndarray, np.ndarray]:
     low, high = inference.visible_range
     inside = (energies >= low) & (energies <= high)
     return energies[inside], algebra.product(
-        inference.samples[:, inside], averaging(energies[inside], inference.resolution).T
+        inference.samples[:, inside],
+        averaging(energies[inside], inference.resolution).T,
     )
 
 
@@ -165,14 +187,19 @@ def _apart(samples: np.ndarray, mean: np.ndarray, at: int, other: int) -> bool:
 def _above_ends(samples: np.ndarray, mean: np.ndarray, at: int) -> bool:
     """Whether nearly all samples are higher at a maximum than at the lowest place on either side of it."""
     left, right = int(mean[: at + 1].argmin()), at + int(mean[at:].argmin())
-    return bool((samples[:, at] > np.maximum(samples[:, left], samples[:, right])).mean() >= SURE)
+    return bool(
+        (samples[:, at] > np.maximum(samples[:, left], samples[:, right])).mean()
+        >= SURE
+    )
 
 
 def _domain(mean: np.ndarray, at: int, kept: list[int]) -> tuple[int, int]:
     """Where a peak reaches to: the lowest places towards its neighbours, or towards the ends."""
     first = max((place for place in kept if place < at), default=0)
     last = min((place for place in kept if place > at), default=mean.size - 1)
-    return first + int(mean[first : at + 1].argmin()), at + int(mean[at : last + 1].argmin()) + 1
+    return first + int(mean[first : at + 1].argmin()), at + int(
+        mean[at : last + 1].argmin()
+    ) + 1
 
 
 def _integral(inference: Inference, upper: float) -> np.ndarray:
@@ -180,9 +207,17 @@ def _integral(inference: Inference, upper: float) -> np.ndarray:
     energies, samples = inference.energies, inference.samples
     step = np.diff(energies)
     whole = np.concatenate(
-        [np.zeros((len(samples), 1)), np.cumsum(0.5 * step * (samples[:, 1:] + samples[:, :-1]), axis=1)], axis=1
+        [
+            np.zeros((len(samples), 1)),
+            np.cumsum(0.5 * step * (samples[:, 1:] + samples[:, :-1]), axis=1),
+        ],
+        axis=1,
     )
-    at = int(np.clip(np.searchsorted(energies, upper, side="right") - 1, 0, energies.size - 2))
+    at = int(
+        np.clip(
+            np.searchsorted(energies, upper, side="right") - 1, 0, energies.size - 2
+        )
+    )
     part = min(upper - energies[at], step[at])
     slope = (samples[:, at + 1] - samples[:, at]) / step[at]
     return whole[:, at] + part * (samples[:, at] + 0.5 * part * slope)

@@ -128,7 +128,10 @@ def _flip(i: Int, classes: Classes, near: np.ndarray) -> None:
                 present = records[j, 1] >> 32
                 if c >= 0 and (c + 1 < present or present == 0):
                     if present > 0:
-                        prefetch(classes.arena, classes.first[present - 1] + (records[j, 1] & PLACE))
+                        prefetch(
+                            classes.arena,
+                            classes.first[present - 1] + (records[j, 1] & PLACE),
+                        )
                     near[moves, 0] = j
                     near[moves, 1] = c
                     moves += 1
@@ -166,7 +169,9 @@ def _attempt_elsewhere(run: BklRun) -> Int:
 
 
 @inner
-def _dwell(run: BklRun, i: Int, high: Float, low: Float, hold: Int, rate_back: Float) -> tuple[Float, Float, Int]:
+def _dwell(
+    run: BklRun, i: Int, high: Float, low: Float, hold: Int, rate_back: Float
+) -> tuple[Float, Float, Int]:
     """Follow site i, which flickers, until something else is attempted or the present hold time is reached.
 
     Its neighbours differ in rate between its two states, so they leave their classes as well and react at their exact
@@ -192,7 +197,12 @@ def _dwell(run: BklRun, i: Int, high: Float, low: Float, hold: Int, rate_back: F
     around_back = rate_around(i, sites)
     change_state(i, sites)
     spent, exited, other, out_here, out_there = sojourn(
-        run.rng, rate_here, rate_back, elsewhere + around, elsewhere + around_back, until(high, low, limit)
+        run.rng,
+        rate_here,
+        rate_back,
+        elsewhere + around,
+        elsewhere + around_back,
+        until(high, low, limit),
     )
     count_sojourn(tally, hold, sites.words[i], out_here, out_there, other)
     if other:
@@ -224,8 +234,12 @@ def _draw(run: BklRun, attempt: Int) -> None:
     """The four random numbers of an attempt."""
     e = attempt & (RING - 1)
     k0, k1 = run.key
-    run.draws[e, 0], run.draws[e, 1] = random.uniform_pair(k0, k1, STREAM, attempt, FIRST)
-    run.draws[e, 2], run.draws[e, 3] = random.uniform_pair(k0, k1, STREAM, attempt, SECOND)
+    run.draws[e, 0], run.draws[e, 1] = random.uniform_pair(
+        k0, k1, STREAM, attempt, FIRST
+    )
+    run.draws[e, 2], run.draws[e, 3] = random.uniform_pair(
+        k0, k1, STREAM, attempt, SECOND
+    )
 
 
 @hot
@@ -239,13 +253,17 @@ def _look_ahead(run: BklRun, attempt: Int, total: Float) -> None:
     _draw(run, attempt + 3)
     e = (attempt + 3) & (RING - 1)
     c = select_class(run.draws[e, 1] * total, classes)
-    spot = classes.first[c] + min(np.int64(run.draws[e, 2] * classes.slots[c, SLOTS]), classes.counts[c])
+    spot = classes.first[c] + min(
+        np.int64(run.draws[e, 2] * classes.slots[c, SLOTS]), classes.counts[c]
+    )
     run.spots[e] = spot
     prefetch(classes.arena, spot)
 
     e = (attempt + 2) & (RING - 1)
     i = np.int64(classes.arena[run.spots[e]])
-    i = min(max(i, 0), classes.records.shape[0] - 1)  # not a site where the list has moved meanwhile
+    i = min(
+        max(i, 0), classes.records.shape[0] - 1
+    )  # not a site where the list has moved meanwhile
     run.spots[e] = i
     prefetch_site(i, classes.records, classes.model)
 

@@ -33,7 +33,12 @@ Float: TypeAlias = Any
 
 #: For functions that Python calls.
 jit = kernel(nogil=True, error_model="numpy")
-_KERNELS_ONLY: Any = {"nogil": True, "error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+_KERNELS_ONLY: Any = {
+    "nogil": True,
+    "error_model": "numpy",
+    "no_cpython_wrapper": True,
+    "no_cfunc_wrapper": True,
+}
 #: For functions that only kernels call: part of their machine code, without a wrapper for Python or a cache entry.
 inner = nb.njit(**_KERNELS_ONLY)
 #: For functions that a kernel runs at every event: always inlined, because an array takes up to ten machine words as
@@ -48,11 +53,15 @@ def _typed_prefetch(typingctx: Any, array: Any, row: Any) -> Any:
         view = context.make_array(signature.args[0])(context, builder, args[0])
         byte, word, long = ir.IntType(8).as_pointer(), ir.IntType(32), ir.IntType(64)
         fetch = builder.module.declare_intrinsic(
-            "llvm.prefetch", (byte,), ir.FunctionType(ir.VoidType(), [byte, word, word, word])
+            "llvm.prefetch",
+            (byte,),
+            ir.FunctionType(ir.VoidType(), [byte, word, word, word]),
         )
         step = builder.mul(args[1], builder.extract_value(view.strides, 0))
         address = builder.add(builder.ptrtoint(view.data, long), step)
-        builder.call(fetch, [builder.inttoptr(address, byte), word(0), word(3), word(1)])
+        builder.call(
+            fetch, [builder.inttoptr(address, byte), word(0), word(3), word(1)]
+        )
         return context.get_dummy_value()
 
     return types.void(array, types.int64), codegen
@@ -70,7 +79,9 @@ def _without_owner(context: Any, builder: Any, kind: Any, value: Any) -> Any:
         return view._getvalue()
     if isinstance(kind, types.BaseTuple):
         for at, part in enumerate(kind):  # pyright: ignore[reportArgumentType]
-            inside = _without_owner(context, builder, part, builder.extract_value(value, at))
+            inside = _without_owner(
+                context, builder, part, builder.extract_value(value, at)
+            )
             value = builder.insert_value(value, inside, at)
     return value
 
@@ -177,17 +188,26 @@ def prefetch_site(i: Int, words: np.ndarray, model: KineticModel) -> None:
 @inner
 def fixed_barrier(energy: Float) -> Int:
     """eV to fixed point, limited to ±2**20 eV."""
-    return np.int64(np.rint(min(max(energy, -LARGEST_BARRIER), LARGEST_BARRIER) * UNITS_PER_EV))
+    return np.int64(
+        np.rint(min(max(energy, -LARGEST_BARRIER), LARGEST_BARRIER) * UNITS_PER_EV)
+    )
 
 
 @inner
 def fixed_coupling(energy: Float) -> Int:
     """eV to fixed point, limited to ±2**15 eV."""
-    return np.int64(np.rint(min(max(np.float64(energy), -LARGEST_COUPLING), LARGEST_COUPLING) * UNITS_PER_EV))
+    return np.int64(
+        np.rint(
+            min(max(np.float64(energy), -LARGEST_COUPLING), LARGEST_COUPLING)
+            * UNITS_PER_EV
+        )
+    )
 
 
 @jit
-def start_words(forming: np.ndarray, model: KineticModel, state: np.ndarray, words: np.ndarray) -> None:
+def start_words(
+    forming: np.ndarray, model: KineticModel, state: np.ndarray, words: np.ndarray
+) -> None:
     """Fill ``words`` (n,) int64 with 2 * (forming barrier with the present neighbours) + bonded."""
     forming = borrowed(forming)
     model = borrowed(model)
@@ -289,7 +309,15 @@ def until(high: Float, low: Float, time: Float) -> Float:
 
 @hot
 def next_event(
-    key: Key, stream: Int, index: Int, draw: Int, barrier: Int, nu: Float, per_unit: Float, high: Float, low: Float
+    key: Key,
+    stream: Int,
+    index: Int,
+    draw: Int,
+    barrier: Int,
+    nu: Float,
+    per_unit: Float,
+    high: Float,
+    low: Float,
 ) -> tuple[Float, Float]:
     """The instant, as a pair, at which a site crosses a fixed-point barrier, from high + low on; inf where the rate is
     zero. From the random number ``draw`` of the site with this ``index``."""
@@ -323,7 +351,14 @@ def count_flip(tally: np.ndarray, hold: Int, word: Int) -> None:
 
 
 @inner
-def count_sojourn(tally: np.ndarray, hold: Int, word: Int, out_here: Float, out_there: Float, other: bool) -> None:
+def count_sojourn(
+    tally: np.ndarray,
+    hold: Int,
+    word: Int,
+    out_here: Float,
+    out_there: Float,
+    other: bool,
+) -> None:
     """Count the flips of a sojourn from the state ``word & 1``; counts stop at 2**61, the difference is exact."""
     bonded = word & 1
     tally[hold, 0] = _add(tally[hold, 0], out_there if bonded else out_here)
@@ -350,7 +385,9 @@ def two_uniforms(rng: np.ndarray) -> tuple[Float, Float]:
 
 
 @inner
-def begin_sequence(rng: np.ndarray, key: Key, stream: Int, index: Int, block: Int) -> None:
+def begin_sequence(
+    rng: np.ndarray, key: Key, stream: Int, index: Int, block: Int
+) -> None:
     """Set ``rng`` to a private sequence, from a block of the random numbers of an index on."""
     rng[0] = key.k0
     rng[1] = key.k1
@@ -378,7 +415,13 @@ def gamma(rng: np.ndarray, shape: Float) -> Float:
 
 @inner
 def _last_cycle(
-    rng: np.ndarray, cycles: Float, here: Float, there: Float, sum_here: Float, sum_there: Float, left: Float
+    rng: np.ndarray,
+    cycles: Float,
+    here: Float,
+    there: Float,
+    sum_here: Float,
+    sum_there: Float,
+    left: Float,
 ) -> tuple[Float, bool]:
     """Find where in ``cycles`` cycles of known total duration the time ``left`` ends.
 
@@ -409,7 +452,9 @@ def _last_cycle(
 
 
 @inner
-def _exit(rng: np.ndarray, all_here: Float, all_there: Float, out_there: bool, left: Float) -> tuple[bool, bool, Float]:
+def _exit(
+    rng: np.ndarray, all_here: Float, all_there: Float, out_there: bool, left: Float
+) -> tuple[bool, bool, Float]:
     """The last, incomplete cycle: whether the exit came in time, whether in the other state, and the time left."""
     u, v = two_uniforms(rng)
     spent = -math.log(u) / all_here
@@ -426,7 +471,12 @@ def _exit(rng: np.ndarray, all_here: Float, all_there: Float, out_there: bool, l
 
 @inner
 def sojourn(
-    rng: np.ndarray, here: Float, there: Float, leave_here: Float, leave_there: Float, span: Float
+    rng: np.ndarray,
+    here: Float,
+    there: Float,
+    leave_here: Float,
+    leave_there: Float,
+    span: Float,
 ) -> tuple[Float, bool, bool, Float, Float]:
     """Sample the absorbing two-state chain: one site flickers until something else happens or ``span`` seconds pass.
 
@@ -456,13 +506,23 @@ def sojourn(
             if allowed > expected:
                 # The state is stationary here, and the count normal to the last bit.
                 u, v = two_uniforms(rng)
-                spread = math.sqrt(expected) * math.sqrt(1.0 / all_here**2 + 1.0 / all_there**2) / mean
+                spread = (
+                    math.sqrt(expected)
+                    * math.sqrt(1.0 / all_here**2 + 1.0 / all_there**2)
+                    / mean
+                )
                 x = math.sqrt(-2.0 * math.log(u)) * math.cos(2.0 * math.pi * v)
                 done += np.floor(expected + spread * x)
                 other = two_uniforms(rng)[0] * (all_here + all_there) < all_here
                 return span, False, other, done + (1.0 if other else 0.0), done
             if allowed >= 1.0:
-                left = max(left - (gamma(rng, allowed) / all_here + gamma(rng, allowed) / all_there), 0.0)
+                left = max(
+                    left
+                    - (
+                        gamma(rng, allowed) / all_here + gamma(rng, allowed) / all_there
+                    ),
+                    0.0,
+                )
                 done += allowed
                 allowed = 0.0
         cycles = min(allowed, max(np.floor(expected - 3.0 * math.sqrt(expected)), 1.0))
@@ -477,14 +537,22 @@ def sojourn(
             sum_there = gamma(rng, cycles)
         spent = sum_here / all_here + sum_there / all_there
         if spent > left:
-            more, other = _last_cycle(rng, cycles, all_here, all_there, sum_here, sum_there, left)
+            more, other = _last_cycle(
+                rng, cycles, all_here, all_there, sum_here, sum_there, left
+            )
             done += more
             return span, False, other, done + (1.0 if other else 0.0), done
         left -= spent
         done += cycles
         allowed -= cycles
     exited, other, left = _exit(rng, all_here, all_there, out_there, left)
-    return span - left if exited else span, exited, other, done + (1.0 if other else 0.0), done
+    return (
+        span - left if exited else span,
+        exited,
+        other,
+        done + (1.0 if other else 0.0),
+        done,
+    )
 
 
 _P1 = np.uint64(0x9E3779B97F4A7C15)
@@ -495,7 +563,9 @@ _R31 = np.uint64(31)
 _R37 = np.uint64(37)
 
 
-def patches_of(neighbours: np.ndarray, label: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+def patches_of(
+    neighbours: np.ndarray, label: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """The sites patch by patch, (n,) int32, and where each patch begins there and the last ends, (patches + 1,) int32.
 
     label: (n,) int32 zeros to be overwritten; None: allocated here.
@@ -503,12 +573,16 @@ def patches_of(neighbours: np.ndarray, label: np.ndarray | None = None) -> tuple
     n = neighbours.shape[0]
     order = np.empty(n, np.int32)
     starts = np.empty(n + 1, np.int32)
-    patches = _find(neighbours, order, starts, np.zeros(n, np.int32) if label is None else label)
+    patches = _find(
+        neighbours, order, starts, np.zeros(n, np.int32) if label is None else label
+    )
     return order, starts[: patches + 1].copy()
 
 
 @jit
-def _find(neighbours: np.ndarray, order: np.ndarray, starts: np.ndarray, label: np.ndarray) -> Int:
+def _find(
+    neighbours: np.ndarray, order: np.ndarray, starts: np.ndarray, label: np.ndarray
+) -> Int:
     """Breadth-first search; returns the number of patches."""
     n, k = neighbours.shape
     patches = 0

@@ -39,12 +39,16 @@ def noise_key(seed: Seed, stream: int, lattice: ReactionLattice) -> Key:
     n = lattice.sites.size
     probes = slice(None) if n <= PROBES else np.arange(PROBES) * (n - 1) // (PROBES - 1)
     numbers = np.array([words[0], words[1], stream, n, lattice.attempt_frequency])
-    content = hashlib.blake2b(numbers.astype("<f8").tobytes() + lattice.sites[probes].astype("<i8").tobytes())
+    content = hashlib.blake2b(
+        numbers.astype("<f8").tobytes() + lattice.sites[probes].astype("<i8").tobytes()
+    )
     for energies in (lattice.forming, lattice.breaking, lattice.coupling):
         content.update(b"/")
         if energies is not None:
             steps = np.rint(energies[probes].astype("<f8") * STEPS_PER_EV)
-            content.update((steps + 0.0).tobytes())  # + 0.0, because -0.0 has other bytes
+            content.update(
+                (steps + 0.0).tobytes()
+            )  # + 0.0, because -0.0 has other bytes
     k0, k1 = np.frombuffer(content.digest()[:8], "<u4").astype(np.uint64)
     return Key(k0, k1)
 
@@ -52,8 +56,16 @@ def noise_key(seed: Seed, stream: int, lattice: ReactionLattice) -> Key:
 def fingerprint(lattice: ReactionLattice) -> np.ndarray:
     """uint64 (1,), a hash of all that the kinetics depend on: pixels of the sites, barriers, graph, frequency."""
     value = np.array([lattice.attempt_frequency]).view(np.uint64)[0]
-    for array in (lattice.sites, lattice.forming, lattice.breaking, lattice.neighbours, lattice.coupling):
-        raw = np.empty(0, np.uint8) if array is None else array.reshape(-1).view(np.uint8)
+    for array in (
+        lattice.sites,
+        lattice.forming,
+        lattice.breaking,
+        lattice.neighbours,
+        lattice.coupling,
+    ):
+        raw = (
+            np.empty(0, np.uint8) if array is None else array.reshape(-1).view(np.uint8)
+        )
         whole = raw.size - raw.size % 8
         rest = np.zeros(16, np.uint8)
         rest[: raw.size - whole] = raw[whole:]
@@ -89,14 +101,19 @@ class Pending:
             f"start: resume[{name!r}] {problem}; resume from a history as the engine gave it, or pass its state alone"
         )
 
-    def _array(self, name: str, dtype: type[np.generic], shape: tuple[int, ...] | None) -> np.ndarray:
+    def _array(
+        self, name: str, dtype: type[np.generic], shape: tuple[int, ...] | None
+    ) -> np.ndarray:
         array = self._start.resume.get(name)
         if array is None:
             self._wrong(name, "is missing")
-        if array.dtype != dtype or (array.shape != shape if shape is not None else array.ndim != 1):
+        if array.dtype != dtype or (
+            array.shape != shape if shape is not None else array.ndim != 1
+        ):
             expected = "one-dimensional" if shape is None else f"of shape {shape}"
             self._wrong(
-                name, f"is {array.dtype} of shape {array.shape}, but should be {np.dtype(dtype).name} {expected}"
+                name,
+                f"is {array.dtype} of shape {array.shape}, but should be {np.dtype(dtype).name} {expected}",
             )
         return array
 
@@ -111,7 +128,11 @@ class Pending:
         """Whole numbers between two limits."""
         array = self._array(name, dtype, shape)
         if array.size and not (int(array.min()) >= least and int(array.max()) <= most):
-            found = f"is {array[0]}" if array.size == 1 else f"is from {array.min()} to {array.max()}"
+            found = (
+                f"is {array[0]}"
+                if array.size == 1
+                else f"is from {array.min()} to {array.max()}"
+            )
             self._wrong(name, f"{found}, but should be from {least} to {most}")
         return array
 
@@ -128,7 +149,10 @@ class Pending:
         array = self._array(name, np.float64, (2,))
         high, low = float(array[0]), float(array[1])
         if not (0 <= high <= self._start.time and abs(low) <= ROUNDING * high):
-            self._wrong(name, f"is {high} + {low} s, but should be from 0 to {self._start.time} s")
+            self._wrong(
+                name,
+                f"is {high} + {low} s, but should be from 0 to {self._start.time} s",
+            )
         return array
 
     def times(self, name: str) -> np.ndarray:
@@ -136,7 +160,10 @@ class Pending:
         array = self._array(name, np.float64, (self._sites, 2))
         high, low = array[:, 0], array[:, 1]
         # also false for nan
-        if not (np.all(high >= self._start.time) and np.all(np.abs(low) <= ROUNDING * np.minimum(high, 1e300))):
+        if not (
+            np.all(high >= self._start.time)
+            and np.all(np.abs(low) <= ROUNDING * np.minimum(high, 1e300))
+        ):
             self._wrong(name, f"has times that are not after {self._start.time} s")
         return array
 
@@ -153,7 +180,9 @@ class Pending:
             self._wrong(name, "lists a site twice")
         return array
 
-    def members(self, words: np.ndarray, model: KineticModel) -> tuple[np.ndarray, np.ndarray]:
+    def members(
+        self, words: np.ndarray, model: KineticModel
+    ) -> tuple[np.ndarray, np.ndarray]:
         """All sites by class, (n,) int32, and how many each class has, (CLASSES,) int64.
 
         Each site must be in a class whose bound is not below its rate, see `_rate_classes`.
@@ -169,8 +198,12 @@ class Pending:
             self._wrong("members", "does not list every site once")
         octaves = octaves_of(words, model.breaking, model.per_unit * PER_KT)[order]
         bounds = np.repeat(np.arange(CLASSES, dtype=np.float64), counts)
-        if np.any(octaves[:listed] < bounds) or np.any(octaves[listed:] < CLASSES - 1.0):
-            self._wrong("members", "has a site in a class of smaller rates than its own")
+        if np.any(octaves[:listed] < bounds) or np.any(
+            octaves[listed:] < CLASSES - 1.0
+        ):
+            self._wrong(
+                "members", "has a site in a class of smaller rates than its own"
+            )
         return order, counts
 
 
@@ -189,7 +222,9 @@ def _frozen_empty(*shape: int, dtype: type[np.generic] = np.float64) -> np.ndarr
 
 def bonded(words: np.ndarray) -> np.ndarray:
     """(n,) bool: the lowest bit of each int64."""
-    return (words.view(np.uint8).reshape(words.size, 8)[:, LOWEST_BYTE] & 1).view(np.bool_)
+    return (words.view(np.uint8).reshape(words.size, 8)[:, LOWEST_BYTE] & 1).view(
+        np.bool_
+    )
 
 
 class Start:
@@ -204,20 +239,34 @@ class Start:
         seed: Seed,
         start: BondHistory | PullHistory | np.ndarray | None,
     ) -> None:
-        self.stream, self.lattice, self.times, self.temperature = stream, lattice, times, temperature
+        self.stream, self.lattice, self.times, self.temperature = (
+            stream,
+            lattice,
+            times,
+            temperature,
+        )
         self.key = noise_key(seed, stream, lattice)
-        n, neighbours, coupling, breaking = lattice.sites.size, lattice.neighbours, lattice.coupling, lattice.breaking
+        n = lattice.sites.size
+        neighbours = lattice.neighbours
+        coupling = lattice.coupling
+        breaking = lattice.breaking
         if coupling is not None and coupling.shape[1] > 64:
             # the sum of so many and so strong couplings would overflow a word of energy
-            largest = min(float(np.abs(coupling).max(initial=0.0)), _common.LARGEST_COUPLING)
+            largest = min(
+                float(np.abs(coupling).max(initial=0.0)), _common.LARGEST_COUPLING
+            )
             if coupling.shape[1] * largest > 2 * _common.LARGEST_BARRIER:
                 raise InputError(
                     f"coupling: {coupling.shape[1]} neighbours of up to {largest:g} eV each are out of range; "
                     "give fewer neighbours or weaker couplings"
                 )
         self.model = KineticModel(
-            neighbours=_frozen_empty(n, 0, dtype=np.int32) if neighbours is None else neighbours,
-            coupling=_frozen_empty(n, 0, dtype=np.float32) if coupling is None else coupling,
+            neighbours=_frozen_empty(n, 0, dtype=np.int32)
+            if neighbours is None
+            else neighbours,
+            coupling=_frozen_empty(n, 0, dtype=np.float32)
+            if coupling is None
+            else coupling,
             breaking=_frozen_empty(0) if breaking is None else breaking,
             nu=float(lattice.attempt_frequency),
             per_unit=1.0 / (KB * temperature * _common.UNITS_PER_EV),
@@ -233,7 +282,10 @@ class Start:
         #: its pending events
         self.pending: Pending | None = None
         if self.earlier is not None:
-            self.state, self.time = np.array(self.earlier.state), float(self.earlier.time)
+            self.state, self.time = (
+                np.array(self.earlier.state),
+                float(self.earlier.time),
+            )
             self.counted = int(self.earlier.formed[-1]), int(self.earlier.broken[-1])
             self.pending = Pending(self.earlier, self.state.size)
         elif start is not None:
@@ -246,12 +298,17 @@ class Start:
     def holds_on(self) -> bool:
         """Whether the pending events of the history to continue still hold."""
         return self.earlier is not None and all(
-            np.array_equal(self.earlier.resume.get(name, ()), array) for name, array in self.identity().items()
+            np.array_equal(self.earlier.resume.get(name, ()), array)
+            for name, array in self.identity().items()
         )
 
     def carried(self, name: str) -> int:
         """A counter of the history to continue, whatever engine or lattice it had; 0 without one."""
-        return self.pending.count(name) if self.pending is not None and name in self.pending else 0
+        return (
+            self.pending.count(name)
+            if self.pending is not None and name in self.pending
+            else 0
+        )
 
     def carried_draws(self, name: str) -> np.ndarray:
         """(n,) int64: random numbers each site has used in the history to continue; 0 without one."""
@@ -272,10 +329,16 @@ class Job(Start):
         seed: Seed,
         start: BondHistory | np.ndarray | None,
     ) -> None:
-        super().__init__(_common.STREAMS[kind], lattice, hold_times, temperature, seed, start)
+        super().__init__(
+            _common.STREAMS[kind], lattice, hold_times, temperature, seed, start
+        )
         self.kind = kind
         #: pending events of the history to continue, where they still hold
-        same = self.holds_on() and self.earlier is not None and self.earlier.temperature == temperature
+        same = (
+            self.holds_on()
+            and self.earlier is not None
+            and self.earlier.temperature == temperature
+        )
         self.resume = self.pending if same else None
         #: (m, 3) int64, see `Holds`
         self.tally = np.zeros((hold_times.size, 3), np.int64)
@@ -289,7 +352,9 @@ class Job(Start):
         far, (n,)."""
         if self.resume is None:
             return np.empty((self.state.size, 2)), self.carried_draws("draws")
-        return np.array(self.resume.times("times")), np.array(self.resume.draws("draws"))
+        return np.array(self.resume.times("times")), np.array(
+            self.resume.draws("draws")
+        )
 
     @property
     def holds(self) -> Holds:
@@ -334,7 +399,12 @@ CACHED, SMALL, LARGE = 0.45, 3e3, 1e5
 
 
 def expected_cost(
-    sites: float, event: float, site: float, memory: float, events: float | None = None, superbasins: bool = False
+    sites: float,
+    event: float,
+    site: float,
+    memory: float,
+    events: float | None = None,
+    superbasins: bool = False,
 ) -> dict[str, float]:
     """`Engine.expected` from the seconds per event, the seconds of set-up per site and the bytes per site, as of large
     lattices."""
@@ -351,12 +421,19 @@ def expected_cost(
         # neighbours flicker as well: then the chain is interrupted after a few events, which cost up to twice as much,
         # and of sites that interact there are up to twice as many.
         least, most = seconds(2 * EVENTS_PER_SITE), 4 * seconds(per_site)
-        cost |= {"cpu_seconds": (least * most) ** 0.5, "cpu_seconds_least": least, "cpu_seconds_most": most}
+        cost |= {
+            "cpu_seconds": (least * most) ** 0.5,
+            "cpu_seconds_least": least,
+            "cpu_seconds_most": most,
+        }
     return cost
 
 
 def run_pieces(
-    job: Job, follow: Callable[[int, int, np.ndarray], int], pieces: Sequence[tuple[int, int]], threads: int
+    job: Job,
+    follow: Callable[[int, int, np.ndarray], int],
+    pieces: Sequence[tuple[int, int]],
+    threads: int,
 ) -> None:
     """Follow every piece of a lattice, on ``threads`` threads (0: one per processor), and add up the tallies.
 
@@ -372,7 +449,9 @@ def run_pieces(
             first = follow(first, last, tally)
         return tally
 
-    with ThreadPoolExecutor(max(min(threads or processors.available(), len(pieces)), 1)) as pool:
+    with ThreadPoolExecutor(
+        max(min(threads or processors.available(), len(pieces)), 1)
+    ) as pool:
         try:
             for tally in pool.map(followed, pieces):
                 job.tally += tally

@@ -99,12 +99,30 @@ def new_queue(times: np.ndarray, spot: np.ndarray, most: int, final: float) -> Q
 
 
 @hot
-def _before(high: Float, low: Float, site: Int, other_high: Float, other_low: Float, other_site: Int) -> bool:
-    return high < other_high or (high == other_high and (low < other_low or (low == other_low and site < other_site)))
+def _before(
+    high: Float,
+    low: Float,
+    site: Int,
+    other_high: Float,
+    other_low: Float,
+    other_site: Int,
+) -> bool:
+    return high < other_high or (
+        high == other_high
+        and (low < other_low or (low == other_low and site < other_site))
+    )
 
 
 @hot
-def _put(keys: np.ndarray, sites: np.ndarray, spot: np.ndarray, at: Int, high: Float, low: Float, site: Int) -> None:
+def _put(
+    keys: np.ndarray,
+    sites: np.ndarray,
+    spot: np.ndarray,
+    at: Int,
+    high: Float,
+    low: Float,
+    site: Int,
+) -> None:
     keys[at, 0] = high
     keys[at, 1] = low
     sites[at] = site
@@ -112,7 +130,9 @@ def _put(keys: np.ndarray, sites: np.ndarray, spot: np.ndarray, at: Int, high: F
 
 
 @hot
-def _move(keys: np.ndarray, sites: np.ndarray, spot: np.ndarray, source: Int, at: Int) -> None:
+def _move(
+    keys: np.ndarray, sites: np.ndarray, spot: np.ndarray, source: Int, at: Int
+) -> None:
     keys[at, 0] = keys[source, 0]
     keys[at, 1] = keys[source, 1]
     sites[at] = sites[source]
@@ -120,11 +140,21 @@ def _move(keys: np.ndarray, sites: np.ndarray, spot: np.ndarray, source: Int, at
 
 
 @hot
-def _rise(keys: np.ndarray, sites: np.ndarray, spot: np.ndarray, at: Int, high: Float, low: Float, site: Int) -> None:
+def _rise(
+    keys: np.ndarray,
+    sites: np.ndarray,
+    spot: np.ndarray,
+    at: Int,
+    high: Float,
+    low: Float,
+    site: Int,
+) -> None:
     """Put an entry at heap position ``at`` or above, where it belongs."""
     while at > 0:
         above = (at - 1) >> 2
-        if not _before(high, low, site, keys[above, 0], keys[above, 1], np.int64(sites[above])):
+        if not _before(
+            high, low, site, keys[above, 0], keys[above, 1], np.int64(sites[above])
+        ):
             break
         _move(keys, sites, spot, above, at)
         at = above
@@ -133,7 +163,14 @@ def _rise(keys: np.ndarray, sites: np.ndarray, spot: np.ndarray, at: Int, high: 
 
 @hot
 def _sink(
-    keys: np.ndarray, sites: np.ndarray, spot: np.ndarray, size: Int, at: Int, high: Float, low: Float, site: Int
+    keys: np.ndarray,
+    sites: np.ndarray,
+    spot: np.ndarray,
+    size: Int,
+    at: Int,
+    high: Float,
+    low: Float,
+    site: Int,
 ) -> None:
     """Put an entry at heap position ``at`` or below, where it belongs."""
     while True:
@@ -144,11 +181,18 @@ def _sink(
         best_high = keys[child, 0]
         for c in range(child + 1, min(child + 4, size)):
             if keys[c, 0] <= best_high and _before(
-                keys[c, 0], keys[c, 1], np.int64(sites[c]), keys[best, 0], keys[best, 1], np.int64(sites[best])
+                keys[c, 0],
+                keys[c, 1],
+                np.int64(sites[c]),
+                keys[best, 0],
+                keys[best, 1],
+                np.int64(sites[best]),
             ):
                 best = c
                 best_high = keys[c, 0]
-        if not _before(keys[best, 0], keys[best, 1], np.int64(sites[best]), high, low, site):
+        if not _before(
+            keys[best, 0], keys[best, 1], np.int64(sites[best]), high, low, site
+        ):
             break
         _move(keys, sites, spot, best, at)
         at = best
@@ -156,7 +200,9 @@ def _sink(
 
 
 @inner
-def drop(keys: np.ndarray, sites: np.ndarray, spot: np.ndarray, size: Int, site: Int) -> Int:
+def drop(
+    keys: np.ndarray, sites: np.ndarray, spot: np.ndarray, size: Int, site: Int
+) -> Int:
     """Take a site out of the heap of ``size`` entries; returns the new size."""
     at = np.int64(spot[site, 0])
     if at < 0:
@@ -168,7 +214,9 @@ def drop(keys: np.ndarray, sites: np.ndarray, spot: np.ndarray, size: Int, site:
         low = keys[size, 1]
         moved = np.int64(sites[size])
         above = (at - 1) >> 2
-        if at > 0 and _before(high, low, moved, keys[above, 0], keys[above, 1], np.int64(sites[above])):
+        if at > 0 and _before(
+            high, low, moved, keys[above, 0], keys[above, 1], np.int64(sites[above])
+        ):
             _rise(keys, sites, spot, at, high, low, moved)
         else:
             _sink(keys, sites, spot, size, at, high, low, moved)
@@ -262,7 +310,9 @@ def _offer_cold(queue: Queue, size: Int, site: Int, grid: Buckets, present: Int)
 
 
 @inner
-def open_bucket(queue: Queue, order: Order, patch: Int, size: Int, grid: Buckets, bucket: Int) -> Int:
+def open_bucket(
+    queue: Queue, order: Order, patch: Int, size: Int, grid: Buckets, bucket: Int
+) -> Int:
     """Take the entries of one bucket of a patch into the heap; returns its size."""
     queue = borrowed(queue)
     order = borrowed(order)
@@ -299,7 +349,11 @@ def open_bucket(queue: Queue, order: Order, patch: Int, size: Int, grid: Buckets
 def _sorting_bucket(queue: Queue, i: Int, grid: Buckets) -> Int:
     """The bucket of site i; the one after the last where it has no event before the last hold time."""
     high = queue.times[i, 0]
-    return grid.last + 1 if past(high, queue.times[i, 1], queue.final) else bucket_of(high, grid, queue)
+    return (
+        grid.last + 1
+        if past(high, queue.times[i, 1], queue.final)
+        else bucket_of(high, grid, queue)
+    )
 
 
 @inner

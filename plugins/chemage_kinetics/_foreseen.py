@@ -17,20 +17,32 @@ def rates(barriers: np.ndarray, frequency: float, temperature: float) -> np.ndar
     return frequency * np.exp(-np.maximum(barriers, 0.0) / (KB * temperature))
 
 
-def rupture_stretch(barriers: np.ndarray, drive: Drive, frequency: float, temperature: float) -> np.ndarray:
+def rupture_stretch(
+    barriers: np.ndarray, drive: Drive, frequency: float, temperature: float
+) -> np.ndarray:
     """nm at which bonds with these breaking barriers (eV) carry most: their rate times the stretch is the speed."""
     thermal = KB * temperature
     barriers = np.maximum(np.asarray(barriers, float), 1e-9)
-    stretch = np.full(barriers.shape, thermal / EV_PER_GPA_NM3 / drive.transition_distance / drive.bond_stiffness)
+    stretch = np.full(
+        barriers.shape,
+        thermal / EV_PER_GPA_NM3 / drive.transition_distance / drive.bond_stiffness,
+    )
     for _ in range(STEPS):
         tries = np.log(np.maximum(frequency * stretch / drive.speed, 1.0))
         left = np.minimum(thermal * tries / barriers, 1.0)
-        force = barriers / EV_PER_GPA_NM3 / (drive.exponent * drive.transition_distance) * (1 - left**drive.exponent)
+        force = (
+            barriers
+            / EV_PER_GPA_NM3
+            / (drive.exponent * drive.transition_distance)
+            * (1 - left**drive.exponent)
+        )
         stretch = np.maximum(force / drive.bond_stiffness, 1e-2 * stretch)
     return stretch
 
 
-def lifetimes(barriers: np.ndarray, drive: Drive, way: float, frequency: float, temperature: float) -> np.ndarray:
+def lifetimes(
+    barriers: np.ndarray, drive: Drive, way: float, frequency: float, temperature: float
+) -> np.ndarray:
     """Seconds that bonds last, (n,), where the slider goes by ``way`` (nm) in all."""
     alone = 1.0 / np.maximum(rates(barriers, frequency, temperature), 1e-300)
     if drive.speed == 0 or drive.bond_stiffness == 0 or way <= 0:
@@ -39,23 +51,35 @@ def lifetimes(barriers: np.ndarray, drive: Drive, way: float, frequency: float, 
     return np.where(stretch < way, np.minimum(alone, stretch / drive.speed), alone)
 
 
-def waiting(forming: np.ndarray, span: float, frequency: float, temperature: float) -> np.ndarray:
+def waiting(
+    forming: np.ndarray, span: float, frequency: float, temperature: float
+) -> np.ndarray:
     """Seconds until sites without a bond form one, at most ``span``."""
-    return np.minimum(1.0 / np.maximum(rates(forming, frequency, temperature), 1e-300), span)
+    return np.minimum(
+        1.0 / np.maximum(rates(forming, frequency, temperature), 1e-300), span
+    )
 
 
 def slider_way(drive: Drive, bonds: float, stretch: float, span: float) -> float:
     """How far the slider comes in ``span`` seconds, nm: a spring is first loaded by ``bonds`` stretched so far."""
     if drive.spring == 0:
         return 0.0
-    loaded = 0.0 if drive.spring is None else (bonds * drive.bond_stiffness * stretch + drive.friction) / drive.spring
+    loaded = (
+        0.0
+        if drive.spring is None
+        else (bonds * drive.bond_stiffness * stretch + drive.friction) / drive.spring
+    )
     return drive.speed * span - loaded
 
 
-def flips(wait: np.ndarray, last: np.ndarray, bonded: np.ndarray, span: float) -> np.ndarray:
+def flips(
+    wait: np.ndarray, last: np.ndarray, bonded: np.ndarray, span: float
+) -> np.ndarray:
     """Bonds that each site forms and breaks in ``span`` seconds, from the share that is ``bonded`` at first."""
     opened, formed = TwoState(1 / last, 1 / wait), TwoState(1 / wait, 1 / last)
-    from_bond, from_none = (chain.bonded(span) + 2 * chain.broken(span) for chain in (opened, formed))
+    from_bond, from_none = (
+        chain.bonded(span) + 2 * chain.broken(span) for chain in (opened, formed)
+    )
     return bonded * from_bond + (1 - bonded) * from_none
 
 
@@ -79,12 +103,16 @@ def flips_on(
     assert lattice.breaking is not None
     if not n or span <= 0:
         return 0.0
-    weakest = lifetimes(np.array([lattice.breaking.min()]), drive, np.inf, nu, temperature)
+    weakest = lifetimes(
+        np.array([lattice.breaking.min()]), drive, np.inf, nu, temperature
+    )
     if (most := n * (1 + 2 * span / float(weakest[0]))) <= enough:
         return most
     stretch = 0.0
     if drive.speed > 0 and drive.bond_stiffness > 0:
-        stretch = float(np.median(rupture_stretch(lattice.breaking, drive, nu, temperature)))
+        stretch = float(
+            np.median(rupture_stretch(lattice.breaking, drive, nu, temperature))
+        )
     way = slider_way(drive, float(np.count_nonzero(bonded)), stretch, span)
     last = lifetimes(lattice.breaking, drive, way, nu, temperature)
 
@@ -92,15 +120,24 @@ def flips_on(
         wait = waiting(lattice.forming + shift, span, nu, temperature)
         if partners is None:
             return wait
-        others = sum(waiting(barrier + shift, span, nu, temperature) for barrier in partners)
+        others = sum(
+            waiting(barrier + shift, span, nu, temperature) for barrier in partners
+        )
         return np.asarray(others) / partners.size
 
     def around(there: np.ndarray) -> np.ndarray:
         if lattice.neighbours is None or lattice.coupling is None:
             return np.zeros(n)
-        return (lattice.coupling * np.where(lattice.neighbours >= 0, there[lattice.neighbours], 0.0)).sum(axis=1)
+        return (
+            lattice.coupling
+            * np.where(lattice.neighbours >= 0, there[lattice.neighbours], 0.0)
+        ).sum(axis=1)
 
-    helped = np.zeros(n) if lattice.coupling is None else np.minimum(lattice.coupling, 0.0).sum(axis=1)
+    helped = (
+        np.zeros(n)
+        if lattice.coupling is None
+        else np.minimum(lattice.coupling, 0.0).sum(axis=1)
+    )
     wait = forms_after(helped, None)
     if again is not None:
         wait = np.minimum(wait, forms_after(helped, again[:1]))

@@ -55,11 +55,23 @@ class IndependentSites(NamedTuple):
 
 
 @hot
-def _draw(sites: IndependentSites, i: Int, barrier: Int, high: Float, low: Float) -> tuple[Float, Float]:
+def _draw(
+    sites: IndependentSites, i: Int, barrier: Int, high: Float, low: Float
+) -> tuple[Float, Float]:
     """A new pending time of site i, from the instant high + low on, as a pair. Infinite where the rate is zero."""
     draw = sites.draws[i]
     sites.draws[i] = draw + 1
-    return next_event(sites.key, STREAM, sites.pixels[i], draw, barrier, sites.nu, sites.per_unit, high, low)
+    return next_event(
+        sites.key,
+        STREAM,
+        sites.pixels[i],
+        draw,
+        barrier,
+        sites.nu,
+        sites.per_unit,
+        high,
+        low,
+    )
 
 
 @jit
@@ -71,12 +83,16 @@ def draw_times(sites: IndependentSites, start: Float) -> None:
             sites.times[i, 0] = np.inf
             sites.times[i, 1] = 0.0
             continue
-        barrier = fixed_barrier(sites.breaking[i] if sites.state[i] else sites.forming[i])
+        barrier = fixed_barrier(
+            sites.breaking[i] if sites.state[i] else sites.forming[i]
+        )
         sites.times[i, 0], sites.times[i, 1] = _draw(sites, i, barrier, start, 0.0)
 
 
 @jit
-def follow(sites: IndependentSites, holds: Holds, rng: np.ndarray, first: Int, last: Int) -> None:
+def follow(
+    sites: IndependentSites, holds: Holds, rng: np.ndarray, first: Int, last: Int
+) -> None:
     """Follow the sites ``first`` to ``last`` - 1 to the last hold time. rng: (5,) uint64 scratch, see `_common`."""
     sites = borrowed(sites)
     holds = borrowed(holds)
@@ -88,8 +104,13 @@ def follow(sites: IndependentSites, holds: Holds, rng: np.ndarray, first: Int, l
         if past(high, low, final):
             continue
         forms = fixed_barrier(sites.forming[i])
-        breaks = fixed_barrier(sites.breaking[i]) if sites.breaking.size > 0 else np.int64(0)
-        slower = min(rate(forms, sites.nu, sites.per_unit), rate(breaks, sites.nu, sites.per_unit))
+        breaks = (
+            fixed_barrier(sites.breaking[i]) if sites.breaking.size > 0 else np.int64(0)
+        )
+        slower = min(
+            rate(forms, sites.nu, sites.per_unit),
+            rate(breaks, sites.nu, sites.per_unit),
+        )
         hold = 0
         while not past(high, low, final):
             while past(high, low, holds.times[hold]):
@@ -109,8 +130,12 @@ def follow(sites: IndependentSites, holds: Holds, rng: np.ndarray, first: Int, l
                 sites.draws[i] += 1
                 here = rate(breaks if bonded else forms, sites.nu, sites.per_unit)
                 there = rate(forms if bonded else breaks, sites.nu, sites.per_unit)
-                _, _, other, out_here, out_there = sojourn(rng, here, there, 0.0, 0.0, span)
-                count_sojourn(holds.tally, hold, np.int64(bonded), out_here, out_there, other)
+                _, _, other, out_here, out_there = sojourn(
+                    rng, here, there, 0.0, 0.0, span
+                )
+                count_sojourn(
+                    holds.tally, hold, np.int64(bonded), out_here, out_there, other
+                )
                 if other:
                     sites.state[i] = not bonded
                 high = holds.times[hold]
@@ -136,7 +161,9 @@ def moments(
     variance[:] = 0.0
     for i in range(forming.size):
         forms = rate(fixed_barrier(forming[i]), nu, per_unit)
-        breaks = rate(fixed_barrier(breaking[i]), nu, per_unit) if breaking.size > 0 else 0.0
+        breaks = (
+            rate(fixed_barrier(breaking[i]), nu, per_unit) if breaking.size > 0 else 0.0
+        )
         total = forms + breaks
         for t in range(spans.size):
             if total > 0.0:

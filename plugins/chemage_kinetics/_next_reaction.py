@@ -103,7 +103,9 @@ class FlickerRates(NamedTuple):
 
 
 @hot
-def _draw(site: Int, high: Float, low: Float, sites: QueuedSites, times: np.ndarray) -> None:
+def _draw(
+    site: Int, high: Float, low: Float, sites: QueuedSites, times: np.ndarray
+) -> None:
     """Draw a new pending time of a site, from the instant high + low on. Infinite where the rate is zero."""
     model = sites.model
     word = sites.words[site]
@@ -118,12 +120,22 @@ def _draw(site: Int, high: Float, low: Float, sites: QueuedSites, times: np.ndar
     draw = sites.draws[site]
     sites.draws[site] = draw + 1
     times[site, 0], times[site, 1] = next_event(
-        sites.key, STREAM, sites.pixels[site], draw, barrier, model.nu, model.per_unit, high, low
+        sites.key,
+        STREAM,
+        sites.pixels[site],
+        draw,
+        barrier,
+        model.nu,
+        model.per_unit,
+        high,
+        low,
     )
 
 
 @inner
-def _draw_cold(site: Int, high: Float, low: Float, sites: QueuedSites, times: np.ndarray) -> None:
+def _draw_cold(
+    site: Int, high: Float, low: Float, sites: QueuedSites, times: np.ndarray
+) -> None:
     _draw(site, high, low, sites, times)
 
 
@@ -137,7 +149,14 @@ def draw_times(sites: QueuedSites, start: Float, times: np.ndarray) -> None:
 
 
 @hot
-def _flip(site: Int, high: Float, low: Float, sites: QueuedSites, queue: Queue, sooner: np.ndarray) -> Int:
+def _flip(
+    site: Int,
+    high: Float,
+    low: Float,
+    sites: QueuedSites,
+    queue: Queue,
+    sooner: np.ndarray,
+) -> Int:
     """Change the state of a site, and the energies and pending times of its neighbours; its own time is not drawn.
 
     Returns how many neighbours ``sooner`` lists: those whose time moved forward, or came to lie before the last hold
@@ -221,7 +240,14 @@ def _look_ahead(sites: QueuedSites, queue: Queue, size: Int) -> None:
 
 @inner
 def _stay(
-    run: NextReactionRun, i: Int, high: Float, low: Float, span: Float, limit: Float, chain: FlickerRates, hold: Int
+    run: NextReactionRun,
+    i: Int,
+    high: Float,
+    low: Float,
+    span: Float,
+    limit: Float,
+    chain: FlickerRates,
+    hold: Int,
 ) -> None:
     """Follow site i as a two-state chain for ``span`` seconds at most, and draw the pending times around it anew."""
     run = borrowed(run)
@@ -244,7 +270,9 @@ def _stay(
         change_state(i, sites)
     chosen = -1
     if exited:
-        u = random.uniform(sites.key.k0, sites.key.k1, STREAM, sites.pixels[i], sites.draws[i])
+        u = random.uniform(
+            sites.key.k0, sites.key.k1, STREAM, sites.pixels[i], sites.draws[i]
+        )
         chosen = choose_around(i, u, sites)
         sites.draws[i] += 1
     # Given that there was no event around it, the pending times are exponential from now on.
@@ -264,7 +292,9 @@ def _drop_around(queue: Queue, size: Int, i: Int, neighbours: np.ndarray) -> Int
     size = drop(queue.keys, queue.sites, queue.spot, size, i)
     for s in range(neighbours.shape[1]):
         if neighbours[i, s] >= 0:
-            size = drop(queue.keys, queue.sites, queue.spot, size, np.int64(neighbours[i, s]))
+            size = drop(
+                queue.keys, queue.sites, queue.spot, size, np.int64(neighbours[i, s])
+            )
     return size
 
 
@@ -303,7 +333,14 @@ def _end_aside(
 
 @hot
 def _event(
-    run: NextReactionRun, i: Int, high: Float, low: Float, hold: Int, size: Int, grid: Buckets, present: Int
+    run: NextReactionRun,
+    i: Int,
+    high: Float,
+    low: Float,
+    hold: Int,
+    size: Int,
+    grid: Buckets,
+    present: Int,
 ) -> Int:
     """The event of site i: new states and pending times of it and its neighbours. Returns the size of the heap."""
     found = _flip(i, high, low, run.sites, run.queue, run.sooner)
@@ -315,7 +352,9 @@ def _event(
 
 
 @jit
-def follow(run: NextReactionRun, first: Int, last: Int, superbasins: bool | None, events: Int) -> Int:
+def follow(
+    run: NextReactionRun, first: Int, last: Int, superbasins: bool | None, events: Int
+) -> Int:
     """Follow the patches ``first`` to ``last`` - 1 to the last hold time, or for about ``events`` events.
 
     superbasins: True or None, so that the two-state chain is compiled only where it is used. Returns the first patch
@@ -337,7 +376,9 @@ def follow(run: NextReactionRun, first: Int, last: Int, superbasins: bool | None
         while True:
             size = correct_top(queue, size, grid, present)
             # The heap may hold entries of later buckets; they wait until theirs is open.
-            if present < grid.last and (size == 0 or bucket_of(queue.keys[0, 0], grid, queue) > present):
+            if present < grid.last and (
+                size == 0 or bucket_of(queue.keys[0, 0], grid, queue) > present
+            ):
                 present += 1
                 size = open_bucket(queue, run.order, p, size, grid, present)
                 if superbasins is not None and aside >= 0:
@@ -345,7 +386,9 @@ def follow(run: NextReactionRun, first: Int, last: Int, superbasins: bool | None
                 continue
             if superbasins is not None and aside >= 0:
                 # Only now is the next event elsewhere in the patch known.
-                size = _end_aside(run, aside, high, low, chain, hold, size, grid, present)
+                size = _end_aside(
+                    run, aside, high, low, chain, hold, size, grid, present
+                )
                 aside = np.int64(-1)
                 continue
             if size == 0:
@@ -370,8 +413,14 @@ def follow(run: NextReactionRun, first: Int, last: Int, superbasins: bool | None
                 chain = FlickerRates(here, there, rate_around(i, sites), around_there)
                 # far more often than anything happens around it; what is fast around one of its states does not count
                 # where it leaves that state faster still
-                rarely = FLICKER * chain.around_here <= here and FLICKER * around_there <= there
-                if rarely and until(high, low, hold_times[hold]) * min(here, there) >= FLICKER:
+                rarely = (
+                    FLICKER * chain.around_here <= here
+                    and FLICKER * around_there <= there
+                )
+                if (
+                    rarely
+                    and until(high, low, hold_times[hold]) * min(here, there) >= FLICKER
+                ):
                     aside = i
                     size = _drop_around(queue, size, i, sites.model.neighbours)
     return last

@@ -38,7 +38,13 @@ from chemage_kinetics._common import (
     rate,
     until,
 )
-from chemage_kinetics._rejection_free import SiteRates, mark, refresh, select, tree_total
+from chemage_kinetics._rejection_free import (
+    SiteRates,
+    mark,
+    refresh,
+    select,
+    tree_total,
+)
 
 STREAM = random.KINETICS + 4
 PARTNER = random.KINETICS + 5
@@ -51,12 +57,41 @@ NONE = np.int64(-1)
 SLIP = 0.05
 
 # real numbers of the state, and counts
-HIGH, LOW, REST, REST_LOW, SUM_REST, SUM_LOW, PULL, PULL_LOW, WORK, WORK_LOW, LOST, LOST_LOW, RUBBED, RUBBED_LOW = (
-    range(14)
+(
+    HIGH,
+    LOW,
+    REST,
+    REST_LOW,
+    SUM_REST,
+    SUM_LOW,
+    PULL,
+    PULL_LOW,
+    WORK,
+    WORK_LOW,
+    LOST,
+    LOST_LOW,
+    RUBBED,
+    RUBBED_LOW,
+) = range(14)
+LEFT, PEAK, PEAK_AT, PEAK_TIME, TOP, BOTTOM, LARGEST, MOVED_BEFORE, CHOICE = range(
+    14, 23
 )
-LEFT, PEAK, PEAK_AT, PEAK_TIME, TOP, BOTTOM, LARGEST, MOVED_BEFORE, CHOICE = range(14, 23)
 REALS = 23
-EVENT, WINDOW, SUM_WINDOWS, BONDS, FORMED, BROKEN, FALLING, FALLS, SLIPS, HOLD, DONE, FIRST, RESTS = range(13)
+(
+    EVENT,
+    WINDOW,
+    SUM_WINDOWS,
+    BONDS,
+    FORMED,
+    BROKEN,
+    FALLING,
+    FALLS,
+    SLIPS,
+    HOLD,
+    DONE,
+    FIRST,
+    RESTS,
+) = range(13)
 COUNTS = 13
 # columns of what is sampled
 MOVED, FORCE, WORKED, DISSIPATED, STORED, FRICTION = range(6)
@@ -166,13 +201,20 @@ def _stretch(i: Int, run: PullRun, window: Int, rest: Float) -> Float:
 @hot
 def _present_stretch(i: Int, run: PullRun) -> Float:
     """The stretch of bond i; it is never compressed."""
-    return max(_stretch(i, run, run.counts[WINDOW], run.reals[REST]) + run.reals[REST_LOW], 0.0)
+    return max(
+        _stretch(i, run, run.counts[WINDOW], run.reals[REST]) + run.reals[REST_LOW], 0.0
+    )
 
 
 @hot
 def _rate_at(i: Int, run: PullRun, stretch: Float) -> Float:
     """The breaking rate of bond i if it is stretched so far."""
-    return under_force(run.bonds.barrier[i], max(stretch, 0.0) * run.bonds.gain, run.bonds.exponent, run.model.nu)
+    return under_force(
+        run.bonds.barrier[i],
+        max(stretch, 0.0) * run.bonds.gain,
+        run.bonds.exponent,
+        run.model.nu,
+    )
 
 
 @hot
@@ -187,7 +229,9 @@ def _load(run: PullRun) -> Float:
     top = scaled - (scaled - reals[REST])
     rest = reals[REST] * counts[BONDS]
     low = (top * counts[BONDS] - rest) + (reals[REST] - top) * counts[BONDS]
-    rest = (rest - reals[SUM_REST]) + (low - reals[SUM_LOW] + reals[REST_LOW] * counts[BONDS])
+    rest = (rest - reals[SUM_REST]) + (
+        low - reals[SUM_LOW] + reals[REST_LOW] * counts[BONDS]
+    )
     return max(run.bonds.stiffness * (whole * run.bonds.window + rest), 0.0)
 
 
@@ -213,7 +257,9 @@ def _speed(run: PullRun) -> Float:
         return 0.0
     if math.isinf(drive.spring):
         return drive.speed
-    return drive.speed * (drive.spring / (drive.spring + run.counts[BONDS] * run.bonds.stiffness))
+    return drive.speed * (
+        drive.spring / (drive.spring + run.counts[BONDS] * run.bonds.stiffness)
+    )
 
 
 # -- lists of bonds by window --------------------------------------------------------------------------------------
@@ -247,8 +293,16 @@ def _bind(i: Int, least: Float, run: PullRun) -> None:
     if 0.0 < least < barrier:
         # the stretch that leaves so much of the barrier
         share = least / barrier
-        share = math.sqrt(share) if exponent == 0.5 else share if exponent == 1.0 else share**exponent
-        way = barrier * (1.0 - share) / (exponent * run.bonds.gain) - _stretch(i, run, window, 0.0)
+        share = (
+            math.sqrt(share)
+            if exponent == 0.5
+            else share
+            if exponent == 1.0
+            else share**exponent
+        )
+        way = barrier * (1.0 - share) / (exponent * run.bonds.gain) - _stretch(
+            i, run, window, 0.0
+        )
         ahead = np.int64(min(max(way / run.bonds.window, 1.0), FURTHEST))
     run.rates.tree[i] = _rate_at(i, run, _stretch(i, run, window + ahead, 0.0))
     _enlist(i, window + ahead, run)
@@ -307,7 +361,11 @@ def _work(run: PullRun, span: Float) -> tuple[Float, Float, Float]:
         mean = _force(run) + 0.5 * drive.spring * drive.speed * span
     else:
         mean = _force(run) + 0.5 * run.bonds.stiffness * run.counts[BONDS] * way
-    return (mean if drive.spring > 0.0 else 0.0) * drive.speed * span, drive.friction * way, way
+    return (
+        (mean if drive.spring > 0.0 else 0.0) * drive.speed * span,
+        drive.friction * way,
+        way,
+    )
 
 
 @hot
@@ -317,7 +375,9 @@ def _note_peak(run: PullRun) -> None:
     force = _force(run)
     if force > reals[PEAK]:
         reals[PEAK] = force
-        reals[PEAK_AT] = reals[MOVED_BEFORE] + (counts[WINDOW] * run.bonds.window + reals[REST])
+        reals[PEAK_AT] = reals[MOVED_BEFORE] + (
+            counts[WINDOW] * run.bonds.window + reals[REST]
+        )
         reals[PEAK_TIME] = reals[HIGH]
     if counts[FALLING] and force > reals[BOTTOM] + SLIP * reals[PEAK]:
         size = np.int64(0)
@@ -355,7 +415,9 @@ def settle(excess: Float, run: PullRun) -> None:
 def _partner_barrier(key: Key, partners: NewPartners, i: Int, slips: Int) -> Float:
     """The forming barrier of a site (eV) with the partner that it met after so many lost bonds."""
     table = partners.quantiles
-    u = random.uniform(key.k0, key.k1, PARTNER, partners.pixels[i], slips) * (table.size - 1)
+    u = random.uniform(key.k0, key.k1, PARTNER, partners.pixels[i], slips) * (
+        table.size - 1
+    )
     low = min(np.int64(u), table.size - 2)
     return table[low] + (u - low) * (table[low + 1] - table[low]) + partners.shift[i]
 
@@ -447,7 +509,9 @@ def _sample(run: PullRun, span: Float, hold: Int) -> None:
             stretch = _present_stretch(i, run) + way
             stored += 0.5 * bonds.stiffness * stretch * stretch
     out = run.samples[hold]
-    out[MOVED] = reals[MOVED_BEFORE] + (counts[WINDOW] * bonds.window + reals[REST] + way)
+    out[MOVED] = reals[MOVED_BEFORE] + (
+        counts[WINDOW] * bonds.window + reals[REST] + way
+    )
     out[FORCE] = force
     out[WORKED] = reals[WORK] + (reals[WORK_LOW] + work)
     out[DISSIPATED] = reals[LOST] + reals[LOST_LOW]
@@ -460,7 +524,12 @@ def _sample(run: PullRun, span: Float, hold: Int) -> None:
 
 @jit
 def present_barriers(
-    key: Key, partners: NewPartners, before: np.ndarray, slips: np.ndarray, forming: np.ndarray, base: np.ndarray
+    key: Key,
+    partners: NewPartners,
+    before: np.ndarray,
+    slips: np.ndarray,
+    forming: np.ndarray,
+    base: np.ndarray,
 ) -> None:
     """Replace the forming barriers (eV) of sites that have lost bonds since there were ``before`` by those of the
     present partners; and give all in fixed point."""
@@ -478,7 +547,9 @@ def start(run: PullRun, goes_on: bool) -> None:
     for i in range(run.words.size):
         if run.words[i] & 1:
             if goes_on:
-                run.rates.tree[i] = _rate_at(i, run, _stretch(i, run, run.bound[i], 0.0))
+                run.rates.tree[i] = _rate_at(
+                    i, run, _stretch(i, run, run.bound[i], 0.0)
+                )
                 _enlist(i, run.bound[i], run)
             else:
                 _bind(i, least, run)
@@ -490,7 +561,9 @@ def start(run: PullRun, goes_on: bool) -> None:
 @jit
 def stretches(run: PullRun, out: np.ndarray) -> None:
     """Fill the stretch of every bond at the last time."""
-    _, _, way = _work(run, until(run.reals[HIGH], run.reals[LOW], run.times[run.times.size - 1]))
+    _, _, way = _work(
+        run, until(run.reals[HIGH], run.reals[LOW], run.times[run.times.size - 1])
+    )
     for i in range(out.size):
         if run.words[i] & 1:
             out[i] = _present_stretch(i, run) + way
@@ -499,7 +572,9 @@ def stretches(run: PullRun, out: np.ndarray) -> None:
 @hot
 def _draw(run: PullRun) -> None:
     """The random numbers of the next event: how long it is waited for, and what it is."""
-    u, run.reals[CHOICE] = random.uniform_pair(run.key.k0, run.key.k1, STREAM, run.counts[EVENT], 0)
+    u, run.reals[CHOICE] = random.uniform_pair(
+        run.key.k0, run.key.k1, STREAM, run.counts[EVENT], 0
+    )
     run.reals[LEFT] = -math.log(u)
 
 
@@ -525,16 +600,27 @@ def advance(run: PullRun, events: Int) -> None:
             ahead = np.int64(1)
             while ahead < RING and run.heads[(counts[WINDOW] + ahead) & (RING - 1)] < 0:
                 ahead += 1
-            edge = max(ahead * run.bonds.window - reals[REST] - reals[REST_LOW], 0.0) / speed
+            edge = (
+                max(ahead * run.bonds.window - reals[REST] - reals[REST_LOW], 0.0)
+                / speed
+            )
         if edge < step:
             step, event = edge, 1
         if counts[RESTS] and run.drive.spring > 0.0 and run.drive.speed > 0.0:
             free = max(_slack(run), 0.0) / (run.drive.spring * run.drive.speed)
             if free < step:
                 step, event = free, 2
-        high, low = (reals[HIGH], reals[LOW]) if step == np.inf else later(reals[HIGH], reals[LOW], step)
-        while counts[HOLD] < times.size and (step == np.inf or past(high, low, times[counts[HOLD]])):
-            _sample(run, until(reals[HIGH], reals[LOW], times[counts[HOLD]]), counts[HOLD])
+        high, low = (
+            (reals[HIGH], reals[LOW])
+            if step == np.inf
+            else later(reals[HIGH], reals[LOW], step)
+        )
+        while counts[HOLD] < times.size and (
+            step == np.inf or past(high, low, times[counts[HOLD]])
+        ):
+            _sample(
+                run, until(reals[HIGH], reals[LOW], times[counts[HOLD]]), counts[HOLD]
+            )
             counts[HOLD] += 1
         if counts[HOLD] == times.size:
             counts[DONE] = 1
@@ -560,7 +646,9 @@ def advance(run: PullRun, events: Int) -> None:
         accepted = True
         if run.words[i] & 1:
             v, _ = random.uniform_pair(run.key.k0, run.key.k1, STREAM, counts[EVENT], 1)
-            accepted = v * run.rates.tree[i] < _rate_at(i, run, _present_stretch(i, run))
+            accepted = v * run.rates.tree[i] < _rate_at(
+                i, run, _present_stretch(i, run)
+            )
         counts[EVENT] += 1
         _draw(run)
         if accepted:

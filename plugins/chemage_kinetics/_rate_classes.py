@@ -103,7 +103,9 @@ def site_class(i: Int, classes: Classes) -> Int:
 # -- set-up --------------------------------------------------------------------------------------------------------
 
 
-def sort(words: np.ndarray, breaking: np.ndarray, per_class: float) -> tuple[np.ndarray, np.ndarray]:
+def sort(
+    words: np.ndarray, breaking: np.ndarray, per_class: float
+) -> tuple[np.ndarray, np.ndarray]:
     """The sites in ascending order of class, those of zero rate last, (n,) int32, and the members of each class.
 
     Classes are those of `site_class`, but on whole arrays: another kernel would take half a second to compile.
@@ -127,14 +129,21 @@ def octaves_of(words: np.ndarray, breaking: np.ndarray, per_class: float) -> np.
     return octaves
 
 
-def new_classes(words: np.ndarray, model: KineticModel, order: np.ndarray | None, counts: np.ndarray | None) -> Classes:
+def new_classes(
+    words: np.ndarray,
+    model: KineticModel,
+    order: np.ndarray | None,
+    counts: np.ndarray | None,
+) -> Classes:
     """The classes of the sites; ``order`` and ``counts`` as `sort` or `members` give them, or None: sorted here."""
     per_class = model.per_unit * PER_KT
     if order is None or counts is None:
         order, counts = sort(words, model.breaking, per_class)
     classes = Classes(
         records=np.empty((words.size, 2), np.int64),
-        arena=np.empty(5 * words.size // 2 + 16 * CLASSES, np.int32),  # room for any state, see `_spread`
+        arena=np.empty(
+            5 * words.size // 2 + 16 * CLASSES, np.int32
+        ),  # room for any state, see `_spread`
         first=np.empty(CLASSES, np.int64),
         room=np.empty(CLASSES + 1, np.int64),
         counts=np.array(counts, np.int64),
@@ -189,7 +198,10 @@ def _place(order: np.ndarray, words: np.ndarray, classes: Classes) -> None:
 def members(classes: Classes) -> np.ndarray:
     """Every site, class by class in the order of the member lists, those of zero rate last; (n,) int32."""
     n = classes.records.shape[0]
-    listed = [classes.arena[classes.first[c] :][: classes.counts[c]] for c in np.flatnonzero(classes.counts)]
+    listed = [
+        classes.arena[classes.first[c] :][: classes.counts[c]]
+        for c in np.flatnonzero(classes.counts)
+    ]
     there = np.zeros(n, np.bool_)
     for part in listed:
         there[part] = True
@@ -229,7 +241,13 @@ def _recount(c: Int, count: Int, classes: Classes) -> None:
 
 
 @inner
-def _spread(arena: np.ndarray, first: np.ndarray, room: np.ndarray, counts: np.ndarray, wanted: Int) -> None:
+def _spread(
+    arena: np.ndarray,
+    first: np.ndarray,
+    room: np.ndarray,
+    counts: np.ndarray,
+    wanted: Int,
+) -> None:
     """Distribute the arena anew, with some room for every class and as much again for the class ``wanted``.
 
     9/8 of all members and 4 places per class, and 1 more times the members of one class: within 5/2 n + 4 CLASSES.
@@ -255,7 +273,9 @@ def _spread(arena: np.ndarray, first: np.ndarray, room: np.ndarray, counts: np.n
 
 
 @inner
-def _enlarge(arena: np.ndarray, first: np.ndarray, room: np.ndarray, counts: np.ndarray, c: Int) -> None:
+def _enlarge(
+    arena: np.ndarray, first: np.ndarray, room: np.ndarray, counts: np.ndarray, c: Int
+) -> None:
     """More room for class c: at the free end of the arena, which begins at room[-1], or by distributing it anew."""
     size = 2 * room[c] + 8
     top = room[counts.size]

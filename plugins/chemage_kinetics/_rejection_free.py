@@ -60,7 +60,9 @@ WAYS = 8
 #: Selecting a leaf takes one random number for this many upper levels and another one for the levels below.
 UPPER = 3
 #: Sites in the list at most (the square of 8); each has more than this part of the rate of the whole tree.
-ROOM = np.int64(64)  # typed, because numba compiles what it is passed to once more for a literal
+ROOM = np.int64(
+    64
+)  # typed, because numba compiles what it is passed to once more for a literal
 FAST = 1.0 / 1024.0
 NONE = np.int64(-1)
 ONE = np.int64(1)
@@ -362,7 +364,9 @@ class RejectionFreeRun(NamedTuple):
 def _draw(run: RejectionFreeRun, drawn: Int) -> None:
     """The two random numbers that select the ``drawn``-th site from the tree."""
     slot = drawn & (RING - 1)
-    run.draws[slot, 0], run.draws[slot, 1] = random.uniform_pair(run.key.k0, run.key.k1, STREAM, drawn, OF_SELECTION)
+    run.draws[slot, 0], run.draws[slot, 1] = random.uniform_pair(
+        run.key.k0, run.key.k1, STREAM, drawn, OF_SELECTION
+    )
 
 
 @hot
@@ -376,7 +380,9 @@ def _look_ahead(run: RejectionFreeRun, drawn: Int, total: Float) -> None:
     above = run.rates.starts[1]
     _draw(run, drawn + 4)
     slot = (drawn + 4) & (RING - 1)
-    node, run.draws[slot, 2] = _node(run.rates, run.draws[slot, 0] * total, run.draws[slot, 1], 2)
+    node, run.draws[slot, 2] = _node(
+        run.rates, run.draws[slot, 0] * total, run.draws[slot, 1], 2
+    )
     run.spots[slot] = node
     prefetch(tree, above + 8 * node)
 
@@ -388,7 +394,9 @@ def _look_ahead(run: RejectionFreeRun, drawn: Int, total: Float) -> None:
 
     slot = (drawn + 2) & (RING - 1)
     node = run.spots[slot]
-    node = min(8 * node + descend(tree, 8 * node, run.draws[slot, 2])[0], run.words.size - 1)
+    node = min(
+        8 * node + descend(tree, 8 * node, run.draws[slot, 2])[0], run.words.size - 1
+    )
     run.spots[slot] = node
     prefetch_site(node, run.words, run.model)
 
@@ -450,7 +458,13 @@ def _flip(run: RejectionFreeRun, i: Int) -> None:
 
 @inner
 def _dwell(
-    run: RejectionFreeRun, i: Int, high: Float, low: Float, hold: Int, rate_back: Float, leave_back: Float
+    run: RejectionFreeRun,
+    i: Int,
+    high: Float,
+    low: Float,
+    hold: Int,
+    rate_back: Float,
+    leave_back: Float,
 ) -> tuple[Float, Float, Int]:
     """Follow site i, which flickers, until something else happens or the present hold time is reached.
 
@@ -493,7 +507,9 @@ def _dwell(
 
 
 @hot
-def _select(run: RejectionFreeRun, v: Float, drawn: Int, total: Float, listed: Float) -> tuple[Int, Float, Int]:
+def _select(
+    run: RejectionFreeRun, v: Float, drawn: Int, total: Float, listed: Float
+) -> tuple[Int, Float, Int]:
     """Select the site of an event, ``v`` uniform on (0, 1); returns the site, its rate, and selections drawn so far."""
     rates = run.rates
     v *= total + listed

@@ -16,7 +16,13 @@ from chemage_kinetics._common import DONE, DRAWN, EVENT, LAST, Holds, patches_of
 from chemage_kinetics._driver import SLICE, Job, bonded, expected_cost, run_pieces
 from chemage_kinetics._event_queue import MOST_BUCKETS, Order, new_queue
 from chemage_kinetics._rate_classes import members, new_classes
-from chemage_kinetics._rejection_free import ROOM, RejectionFreeRun, empty_rates, fill, relist
+from chemage_kinetics._rejection_free import (
+    ROOM,
+    RejectionFreeRun,
+    empty_rates,
+    fill,
+    relist,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -81,7 +87,9 @@ class KernelEngine(Engine):
         seed: Seed,
         start: BondHistory | np.ndarray | None,
     ) -> BondHistory:
-        return self._follow(Job(self.kind, lattice, hold_times, temperature, seed, start))
+        return self._follow(
+            Job(self.kind, lattice, hold_times, temperature, seed, start)
+        )
 
     @abstractmethod
     def _follow(self, job: Job) -> BondHistory:
@@ -100,8 +108,15 @@ class ThreadedEngine(Engine):
     @classmethod
     def _earlier_name(cls, options: Any) -> Any:
         # scenes and sweeps of 0.1 call it workers
-        if isinstance(options, dict) and "workers" in options and "threads" not in options:
-            return {("threads" if name == "workers" else name): value for name, value in options.items()}
+        if (
+            isinstance(options, dict)
+            and "workers" in options
+            and "threads" not in options
+        ):
+            return {
+                ("threads" if name == "workers" else name): value
+                for name, value in options.items()
+            }
         return options
 
     def concurrency(self) -> int:
@@ -123,18 +138,26 @@ class EventEngine(KernelEngine, FlickerEngine):
     #: seconds per event, seconds of set-up per site, and bytes per site, on large lattices
     cost: ClassVar[tuple[float, float, float]]
 
-    def expected(self, sites: float, interacting: bool, events: float | None = None) -> dict[str, float]:
+    def expected(
+        self, sites: float, interacting: bool, events: float | None = None
+    ) -> dict[str, float]:
         """See :meth:`chemage.plugin.Engine.expected`."""
         return expected_cost(sites, *self.cost, events, self.superbasins)
 
     def _advanced(
-        self, job: Job, run: BklRun | RejectionFreeRun, advance: Callable[..., None], *counted: tuple[str, int]
+        self,
+        job: Job,
+        run: BklRun | RejectionFreeRun,
+        advance: Callable[..., None],
+        *counted: tuple[str, int],
     ) -> dict[str, np.ndarray]:
         """Follow a run to the last hold time; ``counted``: its counters of random numbers. Returns clock and counters,
         to be resumed from."""
         counters = run.counters
         for name, place in counted:
-            counters[place] = job.carried(name) if job.resume is None else job.resume.count(name)
+            counters[place] = (
+                job.carried(name) if job.resume is None else job.resume.count(name)
+            )
         if job.resume is not None:
             run.clock[:] = job.resume.clock("clock")
             counters[LAST] = job.resume.site("last")
@@ -143,7 +166,10 @@ class EventEngine(KernelEngine, FlickerEngine):
             counters[LAST] = -1
         while not counters[DONE]:
             advance(run, self.superbasins or None, SLICE)
-        return {"clock": run.clock, **{name: counters[[place]] for name, place in (("last", LAST), *counted)}}
+        return {
+            "clock": run.clock,
+            **{name: counters[[place]] for name, place in (("last", LAST), *counted)},
+        }
 
 
 class RejectionFree(EventEngine):
@@ -153,13 +179,19 @@ class RejectionFree(EventEngine):
     """
 
     kind = "rejection-free"
-    cite = ("Gillespie, J. Comput. Phys. 22, 403 (1976), doi:10.1016/0021-9991(76)90041-3",)
+    cite = (
+        "Gillespie, J. Comput. Phys. 22, 403 (1976), doi:10.1016/0021-9991(76)90041-3",
+    )
     bibtex = (GILLESPIE,)
     cost = (430e-9, 15e-9, 18)
 
     def _follow(self, job: Job) -> BondHistory:
         words = job.words()
-        rates = empty_rates(words.size, job.model.neighbours.shape[1], listing=words.size >= _rejection_free.FAR)
+        rates = empty_rates(
+            words.size,
+            job.model.neighbours.shape[1],
+            listing=words.size >= _rejection_free.FAR,
+        )
         fill(words, job.model, rates)
         run = RejectionFreeRun(
             key=job.key,
@@ -178,8 +210,12 @@ class RejectionFree(EventEngine):
             fast = job.resume.chosen("fast", int(ROOM) if rates.listing else 0)
             if fast.size:
                 relist(fast, rates)
-        done = self._advanced(job, run, _rejection_free.advance, ("event", EVENT), ("drawn", DRAWN))
-        return job.history(bonded(words), fast=rates.sites[: rates.listed[0]].copy(), **done)
+        done = self._advanced(
+            job, run, _rejection_free.advance, ("event", EVENT), ("drawn", DRAWN)
+        )
+        return job.history(
+            bonded(words), fast=rates.sites[: rates.listed[0]].copy(), **done
+        )
 
 
 class BKL(EventEngine):
@@ -189,14 +225,18 @@ class BKL(EventEngine):
     """
 
     kind = "bkl"
-    cite = ("Bortz, Kalos and Lebowitz, J. Comput. Phys. 17, 10 (1975), doi:10.1016/0021-9991(75)90060-1",)
+    cite = (
+        "Bortz, Kalos and Lebowitz, J. Comput. Phys. 17, 10 (1975), doi:10.1016/0021-9991(75)90060-1",
+    )
     bibtex = (BORTZ,)
     cost = (650e-9, 25e-9, 46)
 
     def _follow(self, job: Job) -> BondHistory:
         resume = job.resume
         words = job.words()
-        order, counts = (None, None) if resume is None else resume.members(words, job.model)
+        order, counts = (
+            (None, None) if resume is None else resume.members(words, job.model)
+        )
         classes = new_classes(words, job.model, order, counts)
         run = BklRun(
             key=job.key,
@@ -212,7 +252,9 @@ class BKL(EventEngine):
         )
         done = self._advanced(job, run, _bkl.advance, ("event", EVENT))
         state = bonded(np.ascontiguousarray(classes.records[:, 0]))
-        return job.history(state, members=members(classes), counts=classes.counts, **done)
+        return job.history(
+            state, members=members(classes), counts=classes.counts, **done
+        )
 
 
 class NextReaction(EventEngine, ThreadedEngine):
@@ -222,7 +264,9 @@ class NextReaction(EventEngine, ThreadedEngine):
     """
 
     kind = "next-reaction"
-    cite = ("Gibson and Bruck, J. Phys. Chem. A 104, 1876 (2000), doi:10.1021/jp993732q",)
+    cite = (
+        "Gibson and Bruck, J. Phys. Chem. A 104, 1876 (2000), doi:10.1021/jp993732q",
+    )
     bibtex = (GIBSON,)
     cost = (600e-9, 70e-9, 50)
 
@@ -232,7 +276,9 @@ class NextReaction(EventEngine, ThreadedEngine):
         spot = np.zeros((n, 2), np.int32)
         order, starts = patches_of(job.model.neighbours, label=spot.reshape(-1)[:n])
         times, draws = job.of_sites()
-        sites = _next_reaction.QueuedSites(job.key, job.model, job.lattice.random_index, words, draws)
+        sites = _next_reaction.QueuedSites(
+            job.key, job.model, job.lattice.random_index, words, draws
+        )
         if job.resume is None:
             _next_reaction.draw_times(sites, job.time, times)
         largest = int(np.diff(starts).max(initial=0))
@@ -243,12 +289,19 @@ class NextReaction(EventEngine, ThreadedEngine):
                 sites=sites,
                 holds=Holds(job.times, tally),
                 queue=new_queue(times, spot, most, float(job.times[-1])),
-                order=Order(order, starts, np.empty(MOST_BUCKETS + 2, np.int64), np.empty(most, np.int32)),
+                order=Order(
+                    order,
+                    starts,
+                    np.empty(MOST_BUCKETS + 2, np.int64),
+                    np.empty(most, np.int32),
+                ),
                 sooner=np.empty(job.model.neighbours.shape[1], np.int64),
                 rng=np.empty(5, np.uint64),
             )
             # A patch that is continued sorts its sites anew, so a slice is not much shorter than that takes.
-            return _next_reaction.follow(run, first, last, self.superbasins or None, max(SLICE, largest))
+            return _next_reaction.follow(
+                run, first, last, self.superbasins or None, max(SLICE, largest)
+            )
 
         run_pieces(job, follow, _pieces(starts), self.threads)
         return job.history(bonded(words), times=times, draws=draws)
@@ -303,10 +356,14 @@ class Independent(KernelEngine, ThreadedEngine):
             _independent.draw_times(sites, job.time)
 
         def follow(first: int, last: int, tally: np.ndarray) -> int:
-            _independent.follow(sites, Holds(job.times, tally), np.empty(5, np.uint64), first, last)
+            _independent.follow(
+                sites, Holds(job.times, tally), np.empty(5, np.uint64), first, last
+            )
             return last
 
-        pieces = [(first, min(first + SITE_PIECE, n)) for first in range(0, n, SITE_PIECE)]
+        pieces = [
+            (first, min(first + SITE_PIECE, n)) for first in range(0, n, SITE_PIECE)
+        ]
         run_pieces(job, follow, pieces, self.threads)
         return job.history(sites.state, times=times, draws=draws)
 
@@ -345,7 +402,9 @@ class Auto(FlickerEngine, ThreadedEngine):
     def choose(self, lattice: ReactionLattice) -> tuple[Engine, str]:
         """The engine for this lattice, and why."""
         if not lattice.interacting or lattice.neighbours is None:
-            return Independent(threads=self.threads), "no site interacts with another, so the closed form holds"
+            return Independent(
+                threads=self.threads
+            ), "no site interacts with another, so the closed form holds"
         n = lattice.sites.size
         _, starts = patches_of(lattice.neighbours)
         patches, largest = starts.size - 1, int(np.diff(starts).max(initial=0))
@@ -354,15 +413,23 @@ class Auto(FlickerEngine, ThreadedEngine):
             engine = NextReaction(threads=self.threads, superbasins=True)
             return engine, f"{shape}: sites that flicker are followed patch by patch"
         if n >= WORTH_SHARING and largest <= LARGEST_SHARE * n:
-            return NextReaction(threads=self.threads, superbasins=self.superbasins), f"{shape}: threads can share them"
+            return NextReaction(
+                threads=self.threads, superbasins=self.superbasins
+            ), f"{shape}: threads can share them"
         few = "few sites" if n < WORTH_SHARING else "most sites in one patch"
-        return RejectionFree(superbasins=self.superbasins), f"{shape}: with {few} the sum tree costs least"
+        return RejectionFree(
+            superbasins=self.superbasins
+        ), f"{shape}: with {few} the sum tree costs least"
 
-    def expected(self, sites: float, interacting: bool, events: float | None = None) -> dict[str, float]:
+    def expected(
+        self, sites: float, interacting: bool, events: float | None = None
+    ) -> dict[str, float]:
         """See :meth:`chemage.plugin.Engine.expected`."""
         if not interacting:
             return Independent().expected(sites, interacting)
-        return NextReaction(superbasins=self.superbasins).expected(sites, interacting, events)
+        return NextReaction(superbasins=self.superbasins).expected(
+            sites, interacting, events
+        )
 
     def warm_up(self, lattice: ReactionLattice, temperature: float) -> None:
         """Compile the engines between which a lattice of other size and patches may decide; the likelier one first."""
@@ -384,4 +451,6 @@ class Auto(FlickerEngine, ThreadedEngine):
         engine, reason = self.choose(lattice)
         history = engine._run(lattice, hold_times, temperature, seed, start)
         note = f"engine auto took {engine.kind}: {reason}"
-        return history.model_copy(update={"engine": self.kind, "notes": (note, *history.notes)})
+        return history.model_copy(
+            update={"engine": self.kind, "notes": (note, *history.notes)}
+        )

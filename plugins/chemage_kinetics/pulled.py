@@ -25,7 +25,14 @@ from chemage.plugin import (
     text,
     threads,
 )
-from chemage_kinetics._foreseen import flips, lifetimes, rates, rupture_stretch, slider_way, waiting
+from chemage_kinetics._foreseen import (
+    flips,
+    lifetimes,
+    rates,
+    rupture_stretch,
+    slider_way,
+    waiting,
+)
 from chemage_kinetics.pulling import EventDriven
 
 if TYPE_CHECKING:
@@ -90,17 +97,37 @@ class Pulled(Rupture, Drive):
     outputs: ClassVar[Mapping[str, Output]] = {
         "pull_way": Output(("drive_point",), "nm", "displacement of the drive"),
         "pull_force": Output(("hold_time", "drive_point"), "nN", "force of the drive"),
-        "pull_slider": Output(("hold_time", "drive_point"), "nm", "displacement of the slider"),
+        "pull_slider": Output(
+            ("hold_time", "drive_point"), "nm", "displacement of the slider"
+        ),
         "pull_bonds": Output(("hold_time", "drive_point"), "", "number of bonds"),
-        "pull_peak_at": Output(("hold_time",), "nm", "displacement of the slider at the largest force"),
-        "kinetic_friction": Output(("hold_time",), "nN", "mean force over the last quarter of the pull"),
+        "pull_peak_at": Output(
+            ("hold_time",), "nm", "displacement of the slider at the largest force"
+        ),
+        "kinetic_friction": Output(
+            ("hold_time",), "nN", "mean force over the last quarter of the pull"
+        ),
         "pull_work": Output(("hold_time",), "nN nm", "work of the drive"),
-        "pull_dissipated": Output(("hold_time",), "nN nm", "energy lost where bonds broke"),
+        "pull_dissipated": Output(
+            ("hold_time",), "nN nm", "energy lost where bonds broke"
+        ),
         "pull_ruptures": Output(("hold_time",), "", "bonds that broke"),
-        "pull_slips": Output(("hold_time",), "", "falls of the force by more than 5 % of the largest force"),
-        "pull_largest_drop": Output(("hold_time",), "nN", "largest fall of the force in one of these slips"),
-        "pull_maps": Output(("frame", "map_x", "map_y"), "", "bonds per cell, pulled after the last hold time"),
-        "pull_maps_at": Output(("frame",), "nm", "displacement of the drive at each of these maps"),
+        "pull_slips": Output(
+            ("hold_time",),
+            "",
+            "falls of the force by more than 5 % of the largest force",
+        ),
+        "pull_largest_drop": Output(
+            ("hold_time",), "nN", "largest fall of the force in one of these slips"
+        ),
+        "pull_maps": Output(
+            ("frame", "map_x", "map_y"),
+            "",
+            "bonds per cell, pulled after the last hold time",
+        ),
+        "pull_maps_at": Output(
+            ("frame",), "nm", "displacement of the drive at each of these maps"
+        ),
     }
 
     distance: Length
@@ -140,7 +167,10 @@ class Pulled(Rupture, Drive):
             pull_way=np.linspace(0.0, self.distance, self.points + 1),
             pull_maps=maps,
             pull_maps_at=at,
-            **{name: np.stack([numbers[name] for numbers in found]) for name in found[0]},
+            **{
+                name: np.stack([numbers[name] for numbers in found])
+                for name in found[0]
+            },
         )
         return np.array(forces)
 
@@ -160,7 +190,11 @@ class Pulled(Rupture, Drive):
         }
 
     def _pull(
-        self, bonded: Bonded, number: int, times: np.ndarray, start: PullHistory | np.ndarray | None = None
+        self,
+        bonded: Bonded,
+        number: int,
+        times: np.ndarray,
+        start: PullHistory | np.ndarray | None = None,
     ) -> PullHistory:
         """The pull after one hold time, or the part of it that follows ``start``."""
         return pull(
@@ -201,29 +235,47 @@ class Pulled(Rupture, Drive):
         """See :meth:`chemage.plugin.Rupture.expected`; seconds are those of all events, samples and calls."""
         recorded = 3 * hold_times * (self.points + 1) + self.frames * CELLS**2
         at_once = min(replicas, threads.available())
-        numbers = {"bytes": 8.0 * RECORDED * replicas * recorded + at_once * (SITE_BYTES * sites + CALL_BYTES)}
+        numbers = {
+            "bytes": 8.0 * RECORDED * replicas * recorded
+            + at_once * (SITE_BYTES * sites + CALL_BYTES)
+        }
         if chemistry is None or chemistry.breaking is None or times is None:
             return numbers
         events = self._events(sites, chemistry, times, temperature, pressure)
-        pulls = hold_times * (CALL_SECONDS + SITE_SECONDS * sites + SAMPLE_SECONDS * sites * self.points)
+        pulls = hold_times * (
+            CALL_SECONDS + SITE_SECONDS * sites + SAMPLE_SECONDS * sites * self.points
+        )
         maps = self.frames * (CALL_SECONDS + SITE_SECONDS * sites)
         seconds = pulls + maps + EVENT_SECONDS * float(events.sum() + events[-1])
         return {**numbers, "cpu_seconds": replicas * seconds}
 
     def _events(
-        self, sites: float, chemistry: Chemistry, times: np.ndarray, temperature: float, pressure: float
+        self,
+        sites: float,
+        chemistry: Chemistry,
+        times: np.ndarray,
+        temperature: float,
+        pressure: float,
     ) -> np.ndarray:
         """Bonds that form and break in the pull after each hold time, (m,); without interaction."""
         assert chemistry.breaking is not None
-        share, nu, span = (np.arange(SAMPLED) + 0.5) / SAMPLED, chemistry.attempt_frequency, self.distance / self.speed
-        forming = chemistry.forming.quantile(share) - chemistry.activation_volume * pressure
+        share = (np.arange(SAMPLED) + 0.5) / SAMPLED
+        nu = chemistry.attempt_frequency
+        span = self.distance / self.speed
+        forming = (
+            chemistry.forming.quantile(share) - chemistry.activation_volume * pressure
+        )
         # every barrier to forming with another one to breaking
         breaking = chemistry.breaking.quantile((share * SAMPLED * 0.618034) % 1.0)
         wait = waiting(forming, span, nu, temperature)
         if self.partner == "new":
             wait = np.maximum(wait, wait.mean())
-        held = TwoState(*(rates(barriers, nu, temperature) for barriers in (forming, breaking)))
-        stretch = float(np.median(rupture_stretch(breaking, self.drive, nu, temperature)))
+        held = TwoState(
+            *(rates(barriers, nu, temperature) for barriers in (forming, breaking))
+        )
+        stretch = float(
+            np.median(rupture_stretch(breaking, self.drive, nu, temperature))
+        )
         found = []
         for time in times:
             bonded = held.bonded(time)
@@ -237,7 +289,9 @@ class Pulled(Rupture, Drive):
         if "pull_force" not in observables:
             return ()
         force, slider = observables["pull_force"], observables["pull_slider"]
-        high = (force[..., -1] > self.friction) & (force[..., -1] > (1 - RISING) * force.max(axis=-1))
+        high = (force[..., -1] > self.friction) & (
+            force[..., -1] > (1 - RISING) * force.max(axis=-1)
+        )
         early = high & (observables["pull_peak_at"] >= (1 - RISING) * slider[..., -1])
         if not early.any():
             return ()
@@ -260,25 +314,45 @@ class Pulled(Rupture, Drive):
         if chemistry.breaking is None:
             raise InputError(self._lasting())
         if self.bond_stiffness == 0:
-            return ["rupture 'pulled': bond_stiffness = 0, so that no bond carries a force"]
+            return [
+                "rupture 'pulled': bond_stiffness = 0, so that no bond carries a force"
+            ]
         barrier = chemistry.breaking.quantile(np.array([0.5]))
-        stretch = float(rupture_stretch(barrier, self.drive, chemistry.attempt_frequency, temperature)[0])
+        stretch = float(
+            rupture_stretch(
+                barrier, self.drive, chemistry.attempt_frequency, temperature
+            )[0]
+        )
         if self.distance < stretch:
             force = stretch * self.bond_stiffness
             about = f"rupture 'pulled': bonds break at about {force:.3g} nN, when stretched by {stretch:.3g} nm"
-            return [f"{about}, but the drive moves by {self.distance:g} nm: pull further, or there may be no peak"]
+            return [
+                f"{about}, but the drive moves by {self.distance:g} nm: pull further, or there may be no peak"
+            ]
         if sites is None or times is None or not isinstance(self.engine, EventDriven):
             return []
-        most = float(self._events(sites, chemistry, times, temperature, pressure).max(initial=0.0))
+        most = float(
+            self._events(sites, chemistry, times, temperature, pressure).max(
+                initial=0.0
+            )
+        )
         if most <= self.engine.most_events:
             return []
-        events = f"rupture 'pulled': a pull is expected to form and break {most:.2g} bonds"
+        events = (
+            f"rupture 'pulled': a pull is expected to form and break {most:.2g} bonds"
+        )
         limit = f"more than most_events = {self.engine.most_events:g} of its engine, which will refuse it"
-        return [f"{events}, {limit}; pull less far, faster or at a lower temperature, or allow more events"]
+        return [
+            f"{events}, {limit}; pull less far, faster or at a lower temperature, or allow more events"
+        ]
 
     def draw(self, figure: str, axes: Axes, results: Sequence[PlottedResult]) -> None:
         """Draw force against displacement, or maps of the bonds."""
-        there = [one for one in results if one.aging is not None and "pull_force" in one.aging.observables]
+        there = [
+            one
+            for one in results
+            if one.aging is not None and "pull_force" in one.aging.observables
+        ]
         if figure == "pull-maps":
             _draw_maps(axes, there)
             return
@@ -286,12 +360,28 @@ class Pulled(Rupture, Drive):
             assert result.aging is not None
             measured, times = result.aging.observables, result.aging.hold_times
             force = measured["pull_force"].mean(axis=0)
-            shown = np.unique(np.linspace(0, times.size - 1, CURVES if len(there) == 1 else 1).astype(int))
+            shown = np.unique(
+                np.linspace(0, times.size - 1, CURVES if len(there) == 1 else 1).astype(
+                    int
+                )
+            )
             for number, at in enumerate(shown if len(there) == 1 else [times.size - 1]):
                 colour = figures.PALETTE[number] if len(there) == 1 else result.color
-                label = f"after {text.power_text(times[at])} s" if len(there) == 1 else result.label
-                axes.plot(measured["pull_way"][0], force[at], color=colour, lw=1.3, label=label)
-        axes.set(xlabel="displacement of the drive (nm)", ylabel="force (nN)", ylim=(0, None))
+                label = (
+                    f"after {text.power_text(times[at])} s"
+                    if len(there) == 1
+                    else result.label
+                )
+                axes.plot(
+                    measured["pull_way"][0],
+                    force[at],
+                    color=colour,
+                    lw=1.3,
+                    label=label,
+                )
+        axes.set(
+            xlabel="displacement of the drive (nm)", ylabel="force (nN)", ylim=(0, None)
+        )
         figures.legend(axes)
 
 
@@ -301,7 +391,9 @@ def _map(bonded: Bonded, state: np.ndarray) -> np.ndarray:
     along_x, along_y = -(-nx // CELLS), -(-ny // CELLS)
     shape = -(-nx // along_x), -(-ny // along_y)
     x, y = np.divmod(bonded.lattice.sites[state], ny)
-    counts = np.bincount(x // along_x * shape[1] + y // along_y, minlength=shape[0] * shape[1])
+    counts = np.bincount(
+        x // along_x * shape[1] + y // along_y, minlength=shape[0] * shape[1]
+    )
     return counts.reshape(shape).astype(float)
 
 
@@ -310,12 +402,16 @@ def _draw_maps(axes: Axes, results: Sequence[PlottedResult]) -> None:
     shown = [result for result in results if result.aging is not None]
     if not shown:
         return
-    measured: list[Any] = [result.aging.observables for result in shown if result.aging is not None]
+    measured: list[Any] = [
+        result.aging.observables for result in shown if result.aging is not None
+    ]
     parts = [_with_bonds(one["pull_maps"][0]) for one in measured]
     high, wide = (max(part.shape[axis] for part in parts) for axis in (2, 1))
     canvas = np.full((len(parts), max(map(len, parts)), high + 2, wide + 2), np.nan)
     for row, part in zip(canvas[::-1], parts, strict=True):
-        row[: len(part), 1 : part.shape[2] + 1, 1 : part.shape[1] + 1] = part.transpose(0, 2, 1)
+        row[: len(part), 1 : part.shape[2] + 1, 1 : part.shape[1] + 1] = part.transpose(
+            0, 2, 1
+        )
     image = axes.imshow(
         canvas.transpose(0, 2, 1, 3).reshape(len(parts) * (high + 2), -1),
         cmap="viridis",
@@ -326,10 +422,15 @@ def _draw_maps(axes: Axes, results: Sequence[PlottedResult]) -> None:
     axes.set(xticks=[], yticks=[])
     if len(parts) == 1:
         at = measured[0]["pull_maps_at"][0]
-        axes.set_xticks((np.arange(at.size) + 0.5) * (wide + 2) - 0.5, [f"{way:.3g}" for way in at])
+        axes.set_xticks(
+            (np.arange(at.size) + 0.5) * (wide + 2) - 0.5, [f"{way:.3g}" for way in at]
+        )
         axes.set_xlabel("displacement of the drive (nm)")
         return
-    axes.set_yticks((np.arange(len(parts)) + 0.5) * (high + 2) - 0.5, [result.label for result in shown][::-1])
+    axes.set_yticks(
+        (np.arange(len(parts)) + 0.5) * (high + 2) - 0.5,
+        [result.label for result in shown][::-1],
+    )
     axes.set_xlabel("from the start of the pull to just after its peak")
 
 

@@ -10,7 +10,15 @@ import numpy as np
 from pydantic import Field
 
 from chemage import InputError, ReactionLattice
-from chemage.plugin import EV_PER_GPA_NM3, KB, Drive, Partners, PullHistory, Pulling, Seed
+from chemage.plugin import (
+    EV_PER_GPA_NM3,
+    KB,
+    Drive,
+    Partners,
+    PullHistory,
+    Pulling,
+    Seed,
+)
 from chemage_kinetics import _pulling as kernel
 from chemage_kinetics._common import start_words
 from chemage_kinetics._driver import SLICE, Start, bonded
@@ -44,7 +52,9 @@ class EventDriven(Pulling):
     """
 
     kind = "event-driven"
-    cite: ClassVar[tuple[str, ...]] = ("P. A. W. Lewis, G. S. Shedler, Nav. Res. Logist. Q. 26, 403 (1979)",)
+    cite: ClassVar[tuple[str, ...]] = (
+        "P. A. W. Lewis, G. S. Shedler, Nav. Res. Logist. Q. 26, 403 (1979)",
+    )
     bibtex: ClassVar[tuple[str, ...]] = (LEWIS,)
     speed_only = ("most_events",)
 
@@ -67,8 +77,12 @@ class EventDriven(Pulling):
         run = job.prepared()
         while not run.counts[kernel.DONE]:
             kernel.advance(run, SLICE)
-            done = run.counts[kernel.FORMED] + run.counts[kernel.BROKEN] - sum(job.counted)
-            self._refuse_more(float(done), job, f"by {run.reals[kernel.HIGH]:.3g} s did")
+            done = (
+                run.counts[kernel.FORMED] + run.counts[kernel.BROKEN] - sum(job.counted)
+            )
+            self._refuse_more(
+                float(done), job, f"by {run.reals[kernel.HIGH]:.3g} s did"
+            )
         return job.finished(run, self.kind)
 
     def _refuse_more(self, events: float, job: _Job, how: str) -> None:
@@ -98,7 +112,9 @@ class _Job(Start):
         self.drive = drive
         self.before = start if isinstance(start, PullHistory) else None
         # the random numbers of the pending event are used up
-        self.event = self.carried("event") + (self.pending is not None and "event" in self.pending)
+        self.event = self.carried("event") + (
+            self.pending is not None and "event" in self.pending
+        )
         self.slips = self.carried_draws("slips")
         self.forming = np.array(lattice.forming)
         if self.before is not None:
@@ -107,16 +123,28 @@ class _Job(Start):
             self.forming[met] = self.before.forming[met]
         thermal = KB * temperature
         assert lattice.breaking is not None
-        gain = drive.bond_stiffness * drive.transition_distance * EV_PER_GPA_NM3 / thermal
+        gain = (
+            drive.bond_stiffness * drive.transition_distance * EV_PER_GPA_NM3 / thermal
+        )
         window = WINDOW / gain if gain > 0 else 1.0
         self.bonds = kernel.Bonds(
-            np.maximum(lattice.breaking, 0.0) / thermal, drive.exponent, gain, drive.bond_stiffness, window
+            np.maximum(lattice.breaking, 0.0) / thermal,
+            drive.exponent,
+            gain,
+            drive.bond_stiffness,
+            window,
         )
-        self.pull = kernel.SliderDrive(drive.speed, math.inf if drive.spring is None else drive.spring, drive.friction)
+        self.pull = kernel.SliderDrive(
+            drive.speed,
+            math.inf if drive.spring is None else drive.spring,
+            drive.friction,
+        )
         empty = np.empty(0)
         self.partners = kernel.NewPartners(
             empty if partners is None else np.array(partners.quantiles, np.float64),
-            empty if partners is None else np.ascontiguousarray(partners.shift, np.float64),
+            empty
+            if partners is None
+            else np.ascontiguousarray(partners.shift, np.float64),
             lattice.random_index,
         )
         self._refuse_too_much()
@@ -141,13 +169,19 @@ class _Job(Start):
             again = quantiles[few] + float(shift.mean())
         lattice = self.lattice.model_copy(update={"forming": self.forming})
         span = float(self.times[-1]) - self.time
-        return flips_on(lattice, self.drive, span, self.temperature, self.state, again, enough)
+        return flips_on(
+            lattice, self.drive, span, self.temperature, self.state, again, enough
+        )
 
     def identity(self) -> dict[str, np.ndarray]:
         """What must be equal for the pending event to hold."""
         pulled = [self.temperature, *self.bonds[1:], *self.pull]
         partners = [self.partners.quantiles.sum(), self.partners.shift.sum()]
-        return {**super().identity(), "pulled": np.array(pulled, np.float64), "partners": np.array(partners)}
+        return {
+            **super().identity(),
+            "pulled": np.array(pulled, np.float64),
+            "partners": np.array(partners),
+        }
 
     @cached_property
     def goes_on(self) -> bool:
@@ -162,11 +196,15 @@ class _Job(Start):
         if self.goes_on:
             assert before is not None
             reals[:], counts[:] = before.resume["reals"], before.resume["counts"]
-            made[:], rest[:], bound[:] = (before.resume[name] for name in ("made", "rest", "bound"))
+            made[:], rest[:], bound[:] = (
+                before.resume[name] for name in ("made", "rest", "bound")
+            )
         else:
             self._begin(reals, counts, rest)
         words, base = np.empty(n, np.int64), np.empty(n, np.int64)
-        kernel.present_barriers(self.key, self.partners, self.slips, self.slips, self.forming, base)
+        kernel.present_barriers(
+            self.key, self.partners, self.slips, self.slips, self.forming, base
+        )
         self.forming.setflags(write=False)
         start_words(self.forming, self.model, self.state, words)
         rates = empty_rates(n, self.model.neighbours.shape[1], listing=False)
@@ -190,7 +228,9 @@ class _Job(Start):
             links=np.full((n, 2), -1, np.int64),
             reals=reals,
             counts=counts,
-            slip_sizes=np.zeros(64, np.int64) if before is None else np.array(before.avalanches),
+            slip_sizes=np.zeros(64, np.int64)
+            if before is None
+            else np.array(before.avalanches),
             times=np.array(self.times),
             samples=np.zeros((m, 6)),
             tallies=np.zeros((m, 3), np.int64),
@@ -208,8 +248,14 @@ class _Job(Start):
         force = 0.0
         if before is not None:
             rest[:] = -before.stretch
-            reals[kernel.WORK], reals[kernel.LOST] = before.work[-1], before.dissipated[-1]
-            reals[kernel.RUBBED], reals[kernel.LARGEST] = before.rubbed[-1], before.largest_drop
+            reals[kernel.WORK], reals[kernel.LOST] = (
+                before.work[-1],
+                before.dissipated[-1],
+            )
+            reals[kernel.RUBBED], reals[kernel.LARGEST] = (
+                before.rubbed[-1],
+                before.largest_drop,
+            )
             reals[kernel.PEAK_TIME], force = self.time, float(before.force[-1])
             reals[kernel.PEAK], reals[kernel.PEAK_AT] = force, before.displacement[-1]
             reals[kernel.MOVED_BEFORE] = before.displacement[-1]
@@ -218,7 +264,10 @@ class _Job(Start):
         reals[kernel.PULL] = force if self.pull.spring > 0 else 0.0
         counts[kernel.RESTS] = math.isfinite(self.pull.spring)
         drive = self.drive.todict()
-        if before is not None and any(drive[name] != before.drive.get(name) for name in ("spring", "bond_stiffness")):
+        if before is not None and any(
+            drive[name] != before.drive.get(name)
+            for name in ("spring", "bond_stiffness")
+        ):
             stored = 0.5 * bonds.stiffness * float((before.stretch**2).sum())
             if 0 < self.pull.spring < math.inf:
                 stored += 0.5 * force**2 / self.pull.spring
@@ -234,15 +283,41 @@ class _Job(Start):
         kernel.stretches(run, stretch)
         force, displacement = samples[:, kernel.FORCE], samples[:, kernel.MOVED]
         highest = int(np.argmax(force))
-        peaks = [tuple(float(reals[place]) for place in (kernel.PEAK, kernel.PEAK_AT, kernel.PEAK_TIME))]
-        peaks += [(float(force[highest]), float(displacement[highest]), float(self.times[highest]))]
+        peaks = [
+            tuple(
+                float(reals[place])
+                for place in (kernel.PEAK, kernel.PEAK_AT, kernel.PEAK_TIME)
+            )
+        ]
+        peaks += [
+            (
+                float(force[highest]),
+                float(displacement[highest]),
+                float(self.times[highest]),
+            )
+        ]
         if self.goes_on:
             assert self.before is not None
-            peaks.append((self.before.peak, self.before.peak_displacement, self.before.peak_time))
+            peaks.append(
+                (self.before.peak, self.before.peak_displacement, self.before.peak_time)
+            )
         peak, at, when = max(peaks, key=lambda one: one[0])
         forming = self.forming.copy()
-        kernel.present_barriers(self.key, self.partners, self.slips, run.slips, forming, np.empty(state.size, np.int64))
-        resume = {"reals": reals, "counts": run.counts, "made": run.made, "rest": run.rest, "bound": run.bound}
+        kernel.present_barriers(
+            self.key,
+            self.partners,
+            self.slips,
+            run.slips,
+            forming,
+            np.empty(state.size, np.int64),
+        )
+        resume = {
+            "reals": reals,
+            "counts": run.counts,
+            "made": run.made,
+            "rest": run.rest,
+            "bound": run.bound,
+        }
         resume["event"] = run.counts[[kernel.EVENT]]
         return PullHistory(
             times=self.times,

@@ -19,4 +19,7 @@ def chemage_cli() -> list[tuple[str, Any]]:
 def chemage_scenes() -> dict[str, str]:
     """The scenes of this package."""
     challenge = (f"contact-challenge-{what}" for what in ("loads", "pixels", "sizes"))
-    return {name: f"chemage_li2018:scenes/{name}.toml" for name in (*challenge, "silica-patches")}
+    return {
+        name: f"chemage_li2018:scenes/{name}.toml"
+        for name in (*challenge, "silica-patches")
+    }

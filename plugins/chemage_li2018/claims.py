@@ -76,10 +76,16 @@ def _over_loads(studies: Studies) -> Iterable[Claim]:
     )
     area = np.array([group.of("area_fraction") for group in groups.values()]).T
     force = np.array([group.at(1e3) for group in groups.values()]).T
-    offset = mean(np.polyfit(x, y, 1)[1] / y.mean() for x, y in zip(area, force, strict=True))
+    offset = mean(
+        np.polyfit(x, y, 1)[1] / y.mean() for x, y in zip(area, force, strict=True)
+    )
     power = shapes.Exponent.of(area, force)
     # a single surface has no interval
-    straight = power.within(1.0, STRAIGHT) if len(area) > 1 else abs(power.value - 1) <= STRAIGHT
+    straight = (
+        power.within(1.0, STRAIGHT)
+        if len(area) > 1
+        else abs(power.value - 1) <= STRAIGHT
+    )
     yield Claim(
         "ΔF is linear in A up to A/A0 = 0.22, without an offset",
         f"ΔF ∝ A to the power {power}; offset {offset} of the mean ΔF, up to A/A0 = {area.max():.3f} (1e3 s)",
@@ -89,19 +95,24 @@ def _over_loads(studies: Studies) -> Iterable[Claim]:
     small = np.array([one.value for load, one in means.items() if load <= 50])
     yield Claim(
         "Δμ is constant at small loads and falls at large loads",
-        ", ".join(f"{load:g} µN {of_load}" for load, of_load in means.items()) + " (1e3 s)",
+        ", ".join(f"{load:g} µN {of_load}" for load, of_load in means.items())
+        + " (1e3 s)",
         bool(np.ptp(small) / small.mean() < 0.15 and means[500.0].value < small.min()),
     )
     shares = {}
     for load, group in groups.items():
         density = group.observed("pressures")
         shares[load] = np.cumsum(density, axis=1) / density.sum(axis=1, keepdims=True)
-    distances = {load: mean(np.abs(share - shares[20.0]).max(axis=1)) for load, share in shares.items()}
+    distances = {
+        load: mean(np.abs(share - shares[20.0]).max(axis=1))
+        for load, share in shares.items()
+    }
     yield Claim(
         "the distribution of the contact pressure does not depend on the load at small loads",
         "largest distance of the cumulative distributions from that at 20 µN: "
         + ", ".join(f"{load:g} µN {distance}" for load, distance in distances.items()),
-        max(distance.value for load, distance in distances.items() if load <= 100) < 0.06
+        max(distance.value for load, distance in distances.items() if load <= 100)
+        < 0.06
         and distances[500.0].value > 2 * distances[50.0].value,
     )
 
@@ -114,9 +125,14 @@ def _trend(studies: Studies) -> Iterable[Claim]:
     for volume, points in studies["rows"].by_volume().items():
         by_slope = points.circle().by(SLOPE)
         for time in (1.0, 1e3):
-            first, last = (mean(by_slope[slope].coefficient_at(time)) for slope in (SLOPES[0], SLOPES[-1]))
+            first, last = (
+                mean(by_slope[slope].coefficient_at(time))
+                for slope in (SLOPES[0], SLOPES[-1])
+            )
             trend = "rises" if last.value > first.value else "falls"
-            parts.append(f"ΔV = {volume:g} Å³, {time:g} s: {trend} from {first} to {last}")
+            parts.append(
+                f"ΔV = {volume:g} Å³, {time:g} s: {trend} from {first} to {last}"
+            )
             holds.append(trend == ("rises" if volume and time == 1.0 else "falls"))
     yield Claim(
         "with ΔV, Δμ rises with h' at 1 s and falls by 1e3 s; without, it falls at both",
@@ -146,7 +162,8 @@ def _reversal(studies: Studies) -> Iterable[Claim]:
         found[row.name] = mean(crossings(by_slope[SLOPES[0]], by_slope[SLOPES[-1]]))
     yield Claim(
         "with ΔV, the order of the slopes reverses between 1 and 10 s, for every row",
-        "Δμ of h' = 0.05 passes that of h' = 0.2 at " + ", ".join(f"{t} s ({row})" for row, t in found.items()),
+        "Δμ of h' = 0.05 passes that of h' = 0.2 at "
+        + ", ".join(f"{t} s ({row})" for row, t in found.items()),
         all(1 <= time.value <= 10 for time in found.values()),
         calibrated=True,
     )
@@ -154,11 +171,16 @@ def _reversal(studies: Studies) -> Iterable[Claim]:
 
 def _onset(studies: Studies) -> Iterable[Claim]:
     volumes = studies["rows"].by_volume()
-    with_pressure, without = (mean(onsets(volumes[volume].circle().by(SLOPE)[0.1])) for volume in (6.4, 0.0))
+    with_pressure, without = (
+        mean(onsets(volumes[volume].circle().by(SLOPE)[0.1])) for volume in (6.4, 0.0)
+    )
     yield Claim(
         "the logarithmic regime starts at about 1 s with ΔV and at about 10 s without",
         f"the slope reaches half of β at {with_pressure} s with ΔV and at {without} s without (h' = 0.1)",
-        bool(1 / ABOUT <= with_pressure.value <= ABOUT and 10 / ABOUT <= without.value <= 10 * ABOUT),
+        bool(
+            1 / ABOUT <= with_pressure.value <= ABOUT
+            and 10 / ABOUT <= without.value <= 10 * ABOUT
+        ),
         calibrated=True,
     )
 
@@ -178,7 +200,12 @@ class _AreaLine(NamedTuple):
         means = []
         for group in points.by_row().values():
             for of_slope in group.by(SLOPE).values():
-                means.append((of_slope.of("area_fraction").mean(), of_slope.coefficient_at(time).mean()))
+                means.append(
+                    (
+                        of_slope.of("area_fraction").mean(),
+                        of_slope.coefficient_at(time).mean(),
+                    )
+                )
         return np.array(means).T
 
     @classmethod
@@ -198,8 +225,15 @@ class _AreaLine(NamedTuple):
 
 def _against_areas(studies: Studies) -> Iterable[Claim]:
     volumes = studies["rows"].by_volume()
-    lines = {(volume, time): _AreaLine.of(volumes[volume], time) for volume in (6.4, 0.0) for time in (1.0, 1e3)}
-    worst = {volume: max(lines[volume, time].deviation for time in (1.0, 1e3)) for volume in volumes}
+    lines = {
+        (volume, time): _AreaLine.of(volumes[volume], time)
+        for volume in (6.4, 0.0)
+        for time in (1.0, 1e3)
+    }
+    worst = {
+        volume: max(lines[volume, time].deviation for time in (1.0, 1e3))
+        for volume in volumes
+    }
     early, late = lines[6.4, 1.0], lines[6.4, 1e3]
     error = late.offset.scatter if late.offset.count > 1 else 0.0
     yield Claim(
@@ -213,12 +247,16 @@ def _against_areas(studies: Studies) -> Iterable[Claim]:
         "without ΔV, Δμ is proportional to A/A0 at all times",
         f"rms deviation from the line {early} at 1 s and {late} at 1e3 s; offset {early.offset} and {late.offset} "
         "of the mean Δμ",
-        worst[0.0] < STRAIGHT and max(abs(early.offset.value), abs(late.offset.value)) < STRAIGHT,
+        worst[0.0] < STRAIGHT
+        and max(abs(early.offset.value), abs(late.offset.value)) < STRAIGHT,
     )
     yield Claim(
         "at equal A/A0 the other parameters of the roughness hardly matter",
         "rms deviation of the rows from the line in A/A0: "
-        + "; ".join(f"ΔV = {v:g} Å³, {time:g} s: {line.deviation:.1%}" for (v, time), line in lines.items()),
+        + "; ".join(
+            f"ΔV = {v:g} Å³, {time:g} s: {line.deviation:.1%}"
+            for (v, time), line in lines.items()
+        ),
         max(worst.values()) < STRAIGHT,
     )
 
@@ -226,7 +264,9 @@ def _against_areas(studies: Studies) -> Iterable[Claim]:
 # -- Fig. 4 to 6, Table 1, κ ------------------------------------------------------------------------------------------
 
 
-def barrier_moments(edges: np.ndarray, density: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def barrier_moments(
+    edges: np.ndarray, density: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Mean and standard deviation (eV) of densities (..., k) of the barrier between ``edges`` (k + 1)."""
     centre = 0.5 * (edges[1:] + edges[:-1])
     weights = density / density.sum(axis=-1, keepdims=True)
@@ -238,7 +278,9 @@ def _distributions(studies: Studies) -> Iterable[Claim]:
     groups = studies["slopes"].by_volume()[6.4].by(SLOPE)
     pressures = [mean(group.of("mean_contact_pressure")) for group in groups.values()]
     edges = studies["slopes"][0].observables["barrier_edges"]
-    density = np.array([group.observed("barriers_start").mean(axis=0) for group in groups.values()])
+    density = np.array(
+        [group.observed("barriers_start").mean(axis=0) for group in groups.values()]
+    )
     means, widths = barrier_moments(edges, density)
     listed = ", ".join(
         f"h' = {h:g}: {p} GPa, {m:.3f} and {w:.3f} eV"
@@ -254,7 +296,9 @@ def _distributions(studies: Studies) -> Iterable[Claim]:
 
 def morphology(points: PointSet) -> tuple[np.ndarray, np.ndarray]:
     """C/A (1/nm) and Δμ·A0/A at 1e3 s of every point."""
-    return points.of("perimeter_to_area"), points.coefficient_at(1e3) / points.of("area_fraction")
+    return points.of("perimeter_to_area"), points.coefficient_at(1e3) / points.of(
+        "area_fraction"
+    )
 
 
 def _morphologies(studies: Studies) -> Iterable[Claim]:
@@ -262,7 +306,9 @@ def _morphologies(studies: Studies) -> Iterable[Claim]:
         x, y = morphology(group)
         rise, height = np.polyfit(x, y, 1)
         change = rise * (x.max() - x.min()) / (height + rise * x.mean())
-        means = np.array([np.mean(morphology(of_row), axis=1) for of_row in group.by_row().values()])
+        means = np.array(
+            [np.mean(morphology(of_row), axis=1) for of_row in group.by_row().values()]
+        )
         straight, of_means = np.corrcoef(x, y)[0, 1], np.corrcoef(means.T)[0, 1]
         yield Claim(
             f"Δμ·A0/A rises linearly, and weakly, with C/A at h' = {slope:g} (ΔV = 0)",
@@ -284,14 +330,21 @@ def _patches(studies: Studies) -> Iterable[Claim]:
     for row, group in studies["table"].by_row().items():
         counts[row.name] = group.of("patches")
         ratios.append(mean(counts[row.name] / float(row.patches)))
-    low, shift = sum(one.value < 1 for one in ratios), float(np.mean([one.value - 1 for one in ratios]))
+    low = sum(one.value < 1 for one in ratios)
+    shift = float(np.mean([one.value - 1 for one in ratios]))
     # of one more surface, and the mean of those of the rows
-    error = math.hypot(*(one.scatter * math.sqrt(1 + 1 / one.count) for one in ratios)) / len(ratios)
+    error = math.hypot(
+        *(one.scatter * math.sqrt(1 + 1 / one.count) for one in ratios)
+    ) / len(ratios)
     known = math.isfinite(error)
     yield Claim(
         "N_p of the seven rows together: ours do not differ from the paper's on the whole",
         f"ours are lower in {low} of 7 rows, by {-shift:.1%} on average"
-        + (f"; the scatter between surfaces allows ±{2 * error:.1%} (two standard deviations)" if known else ""),
+        + (
+            f"; the scatter between surfaces allows ±{2 * error:.1%} (two standard deviations)"
+            if known
+            else ""
+        ),
         abs(shift) <= (2 * error if known else 0.1) and 0 < low < 7,
     )
     for what, names in _MORE_PATCHES.items():
@@ -299,18 +352,23 @@ def _patches(studies: Studies) -> Iterable[Claim]:
         share = np.mean([np.all([counts[a] < counts[b] for a, b in pairs], axis=0)])
         yield Claim(
             f"{what} gives more patches",
-            " < ".join(f"{mean(counts[name])} ({name})" for name in names) + f"; so on {share:.0%} of the surfaces",
+            " < ".join(f"{mean(counts[name])} ({name})" for name in names)
+            + f"; so on {share:.0%} of the surfaces",
             all(counts[a].mean() < counts[b].mean() for a, b in pairs),
         )
 
 
 def _saturation(studies: Studies) -> Iterable[Claim]:
     groups = studies["interaction"].by(STRENGTH)
-    drop = {strength: mean(group.at(1e3) / groups[0.0].at(1e3)) for strength, group in groups.items()}
+    drop = {
+        strength: mean(group.at(1e3) / groups[0.0].at(1e3))
+        for strength, group in groups.items()
+    }
     early, late = drop[0.0].value - drop[0.5].value, drop[0.5].value - drop[1.0].value
     yield Claim(
         "ΔF falls with I_b and saturates from about 0.5 eV",
-        "ΔF relative to I_b = 0 at 1e3 s: " + ", ".join(f"{at:g} eV {relative}" for at, relative in drop.items()),
+        "ΔF relative to I_b = 0 at 1e3 s: "
+        + ", ".join(f"{at:g} eV {relative}" for at, relative in drop.items()),
         bool(early > 0 and abs(late) < 0.2 * early),
     )
 
@@ -345,11 +403,15 @@ def _temperature(studies: Studies) -> Iterable[Claim]:
             groups = studies["warm members"].by(MEMBER).values()
             of_members = [_summits(group, PointSet.beta).value for group in groups]
             over = f"over the members of the density {min(of_members):.0f} to {max(of_members):.0f} K; "
-        drops = ((time, _summits(studies[study], lambda group, t=time: group.at(t))) for time in (1e2, 1e4))
+        drops = (
+            (time, _summits(studies[study], lambda group, t=time: group.at(t)))
+            for time in (1e2, 1e4)
+        )
         yield Claim(
             f"ageing is not monotonic in temperature and is largest near room temperature, {name}",
             f"β (10 to 1e4 s) is largest at {_kelvin(top)}, over 1 to 1e3 s at {_kelvin(early)} and over 100 to 1e4 s "
-            f"at {_kelvin(late)}; {over}ΔF at " + ", ".join(f"{time:g} s at {_kelvin(t)}" for time, t in drops),
+            f"at {_kelvin(late)}; {over}ΔF at "
+            + ", ".join(f"{time:g} s at {_kelvin(t)}" for time, t in drops),
             abs(top.value - 300) <= 30,
         )
 
@@ -361,7 +423,9 @@ def _kelvin(temperature: Mean) -> str:
 def _tips(studies: Studies) -> Iterable[Claim]:
     for radius, group in studies["tips"].by(RADIUS).items():
         # half a 95 % interval is two standard errors
-        laws = shapes.of_load(group.swept(LOAD), group.at(1e3), group.half_width_at(1e3) / 2)
+        laws = shapes.of_load(
+            group.swept(LOAD), group.at(1e3), group.half_width_at(1e3) / 2
+        )
         named = {law.name: law for law in laws}
         more = named["line"].criterion - laws[0].criterion
         offset, slope = named["line"].parameters
@@ -398,7 +462,10 @@ def _every_member(studies: Studies) -> Iterable[Claim]:
         groups = points.by(VOLUME, SLOPE)
         for volume in VOLUMES:
             smooth, rough = (groups[volume, slope] for slope in (SLOPES[0], SLOPES[-1]))
-            rises, rises_late = (rough.coefficient_at(t)[0] > smooth.coefficient_at(t)[0] for t in (1.0, 1e3))
+            rises, rises_late = (
+                rough.coefficient_at(t)[0] > smooth.coefficient_at(t)[0]
+                for t in (1.0, 1e3)
+            )
             if rises != bool(volume) or rises_late:
                 failing.add(number)
     yield Claim(
@@ -415,7 +482,11 @@ def _untested(_: Studies) -> Iterable[Claim]:
     yield Claim("larger systems give the same", size, None)
     assumed = "an assumption of the model: E_break does not depend on neighbours"
     yield Claim("the interaction has little effect on rupture", assumed, None)
-    yield Claim("h' = 0.26 extrapolates to about 1", "about measured surfaces; h' is a given number here", None)
+    yield Claim(
+        "h' = 0.26 extrapolates to about 1",
+        "about measured surfaces; h' is a given number here",
+        None,
+    )
 
 
 #: target -> what judges its claims

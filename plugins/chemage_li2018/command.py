@@ -18,7 +18,10 @@ if TYPE_CHECKING:
 
 STUDIES = ("density",)
 #: scenes in place of former studies
-_SCENES = {"tips": "silica-tips and silica-patches", "challenge": "contact-challenge-loads, -pixels and -sizes"}
+_SCENES = {
+    "tips": "silica-tips and silica-patches",
+    "challenge": "contact-challenge-loads, -pixels and -sizes",
+}
 
 
 def reproduce(
@@ -34,17 +37,36 @@ def reproduce(
         ),
     ] = None,
     out: Annotated[
-        Path, typer.Option("--out", "-o", metavar="FOLDER", help="folder of the sweeps, the figures and the page")
+        Path,
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="FOLDER",
+            help="folder of the sweeps, the figures and the page",
+        ),
     ] = Path("reproduction"),
     seeds: Annotated[
-        int, typer.Option(min=1, max=32, metavar="N", help="number of surfaces per row, 1 to 32; the paper has one")
+        int,
+        typer.Option(
+            min=1,
+            max=32,
+            metavar="N",
+            help="number of surfaces per row, 1 to 32; the paper has one",
+        ),
     ] = 8,
     executor: Annotated[
-        str, typer.Option(metavar="NAME", help="where points are computed: serial, processes or dask[:ADDRESS]")
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="where points are computed: serial, processes or dask[:ADDRESS]",
+        ),
     ] = "processes",
     workers: options.WorkersOpt = None,
     pixels: Annotated[
-        int | None, typer.Option(metavar="N", help="pixels per side, for coarser surfaces; default: 2500")
+        int | None,
+        typer.Option(
+            metavar="N", help="pixels per side, for coarser surfaces; default: 2500"
+        ),
     ] = None,
 ) -> None:
     """Compute the figures and tables of the paper.
@@ -65,10 +87,16 @@ def reproduce(
     points = [sweeps.StudyPoint.of(point) for result in results for point in result]
     if alone:
         counts = patches.counted(sweeps.studies_of(points, names)["table"])
-        write_file(folder / "patches.md", patches.page(counts, surfaces, pixels or 2500), force=True)
+        write_file(
+            folder / "patches.md",
+            patches.page(counts, surfaces, pixels or 2500),
+            force=True,
+        )
         typer.echo(folder / "patches.md")
     else:
-        for line in write(points, names, folder, seeds=surfaces, pixels=pixels or 2500).summary():
+        for line in write(
+            points, names, folder, seeds=surfaces, pixels=pixels or 2500
+        ).summary():
             typer.echo(line)
         typer.echo(f"\n{folder / 'reproduction.md'}")
 
@@ -78,17 +106,24 @@ def study(
         str,
         typer.Argument(
             metavar="NAME",
-            autocompletion=lambda incomplete: [study for study in STUDIES if study.startswith(incomplete)],
+            autocompletion=lambda incomplete: [
+                study for study in STUDIES if study.startswith(incomplete)
+            ],
             help="name of the study: density",
         ),
     ],
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", "-o", metavar="FOLDER", help="folder of the page, its figures and tables; default: study-NAME"
+            "--out",
+            "-o",
+            metavar="FOLDER",
+            help="folder of the page, its figures and tables; default: study-NAME",
         ),
     ] = None,
-    quick: Annotated[bool, typer.Option("--quick", help="compute only a few contacts, as a test")] = False,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="compute only a few contacts, as a test")
+    ] = False,
     force: options.ForceOpt = False,
 ) -> None:
     """Run an installed study.
@@ -100,31 +135,61 @@ def study(
     from chemage_li2018 import density_page
 
     if name in _SCENES:
-        raise InputError.of("study", name, "is computed by scenes", f"use `chemage run` with {_SCENES[name]}")
+        raise InputError.of(
+            "study",
+            name,
+            "is computed by scenes",
+            f"use `chemage run` with {_SCENES[name]}",
+        )
     if name not in STUDIES:
-        raise InputError(f"no study {name!r}{nearest(name, STUDIES)}; there are: {', '.join(STUDIES)}")
-    for path in density_page.write_study(out or Path(f"study-{name}"), quick=quick, force=force):
+        raise InputError(
+            f"no study {name!r}{nearest(name, STUDIES)}; there are: {', '.join(STUDIES)}"
+        )
+    for path in density_page.write_study(
+        out or Path(f"study-{name}"), quick=quick, force=force
+    ):
         typer.echo(path)
 
 
-def _swept(scenes: Mapping[str, dict[str, Any]], folder: Path, executor: str, workers: int | None) -> list[SweepResult]:
+def _swept(
+    scenes: Mapping[str, dict[str, Any]],
+    folder: Path,
+    executor: str,
+    workers: int | None,
+) -> list[SweepResult]:
     """Compute the sweeps, by base, each in a folder, and end the command if a point failed."""
     from chemage import sweep
 
     results = []
     for base, data in scenes.items():
-        results.append(sweep(data, folder / f"sweep-{base}", executor=executor, workers=workers, progress=True))
+        results.append(
+            sweep(
+                data,
+                folder / f"sweep-{base}",
+                executor=executor,
+                workers=workers,
+                progress=True,
+            )
+        )
     failed = [point for result in results for point in result.failed]
     for point in failed:
         typer.echo(f"failed: {point!r}: {point.error}", err=True)
     if failed:
-        typer.echo(f"{len(failed)} points failed; rerun the same command to try them again", err=True)
+        typer.echo(
+            f"{len(failed)} points failed; rerun the same command to try them again",
+            err=True,
+        )
         raise typer.Exit(1)
     return results
 
 
 def write(
-    points: Sequence[StudyPoint], names: list[str], folder: Path, *, seeds: Sequence[int], pixels: int
+    points: Sequence[StudyPoint],
+    names: list[str],
+    folder: Path,
+    *,
+    seeds: Sequence[int],
+    pixels: int,
 ) -> Reproduction:
     """Write figures and page of completed points into ``folder``, and return the comparisons."""
     from chemage.plugin import figures, versions, write_file
@@ -132,7 +197,12 @@ def write(
     from chemage_li2018.figures import NAMES, drawn
     from chemage_li2018.sweeps import save_points, studies_of
 
-    about = {"targets": names, "seeds": list(seeds), "pixels": pixels, "versions": versions()}
+    about = {
+        "targets": names,
+        "seeds": list(seeds),
+        "pixels": pixels,
+        "versions": versions(),
+    }
     save_points(folder / "reproduction.npz", points, about)
     compared, text = reproduction_page.of_points(folder / "reproduction.npz")
     write_file(folder / "reproduction.md", text, force=True)

@@ -9,9 +9,21 @@ from typing import NamedTuple
 from chemage_li2018 import published
 from chemage_li2018.published import PublishedNumber
 from chemage_li2018.shapes import ScalingLaw
-from chemage_li2018.sweeps import LOAD, RADIUS, SLOPE, Mean, PointSet, Studies, front, mean
+from chemage_li2018.sweeps import (
+    LOAD,
+    RADIUS,
+    SLOPE,
+    Mean,
+    PointSet,
+    Studies,
+    front,
+    mean,
+)
 
-CALIBRATED, PREDICTED, DISAGREES, UNTESTED = "calibrated", "predicted", "disagrees", "not tested"
+CALIBRATED = "calibrated"
+PREDICTED = "predicted"
+DISAGREES = "disagrees"
+UNTESTED = "not tested"
 #: largest accepted relative distance from a published number
 COMMON = 0.10
 
@@ -102,7 +114,15 @@ def lines(studies: Studies, targets: Sequence[str]) -> list[Line]:
     for target in targets:
         for quantity, paper, points, name in _numbers(studies, target):
             ours = mean(points.of(name))
-            found.append(Line(target, quantity, PublishedNumber.of(paper), ours, calibrated=target == "fig3"))
+            found.append(
+                Line(
+                    target,
+                    quantity,
+                    PublishedNumber.of(paper),
+                    ours,
+                    calibrated=target == "fig3",
+                )
+            )
     return found
 
 
@@ -118,14 +138,34 @@ def _numbers(studies: Studies, target: str) -> Iterable[tuple[str, str, PointSet
     elif target == "table1":
         for row, points in studies["table"].by_row().items():
             yield f"N_p, {row.name}", row.patches, points, "patches"
-            yield f"C/A (1/nm), {row.name}", row.perimeter_to_area, points, "perimeter_to_area"
+            yield (
+                f"C/A (1/nm), {row.name}",
+                row.perimeter_to_area,
+                points,
+                "perimeter_to_area",
+            )
     elif target == "fig3":
         for volume, points in studies["slopes"].by_volume().items():
             for slope, group in points.by(SLOPE).items():
-                yield f"β, h' = {slope:g}, ΔV = {volume:g} Å³", f"{published.BETA[volume][slope]:.2f}", group, "beta"
+                yield (
+                    f"β, h' = {slope:g}, ΔV = {volume:g} Å³",
+                    f"{published.BETA[volume][slope]:.2f}",
+                    group,
+                    "beta",
+                )
     elif target == "fig6":
-        yield "β, h' = 0.4, half hydroxylated, front", published.FIG_6_BETA, front(studies, 0.5), "beta"
+        yield (
+            "β, h' = 0.4, half hydroxylated, front",
+            published.FIG_6_BETA,
+            front(studies, 0.5),
+            "beta",
+        )
     elif target == "tips":
         for (radius, load), group in studies["tips"].by(RADIUS, LOAD).items():
             if load in published.TIP_BETA:
-                yield f"β of a tip at {load:g} nN, radius {radius:g} nm", published.TIP_BETA[load], group, "beta"
+                yield (
+                    f"β of a tip at {load:g} nN, radius {radius:g} nm",
+                    published.TIP_BETA[load],
+                    group,
+                    "beta",
+                )

@@ -14,15 +14,32 @@ import numpy as np
 
 import chemage
 from chemage_li2018 import density_fit as fit
-from chemage_li2018.density_fit import FAMILIES, FREE_END, OURS, PAPER, DensityPrior, Emulator, Reported
-from chemage_li2018.density_rates import FITTED, SURFACES, TIMES, TIP, UNUSED, DensityCurves
+from chemage_li2018.density_fit import (
+    FAMILIES,
+    FREE_END,
+    OURS,
+    PAPER,
+    DensityPrior,
+    Emulator,
+    Reported,
+)
+from chemage_li2018.density_rates import (
+    FITTED,
+    SURFACES,
+    TIMES,
+    TIP,
+    UNUSED,
+    DensityCurves,
+)
 from chemage_li2018.shapes import first_reaching
 from chemage_silica import MDSilica
 
 #: the density of versions before 0.2.0, and one that was fitted to the rates alone, which misses the onsets; they are
 #: compared with the members, and their scatter between surfaces is the error model
 TRIANGLE = chemage.barriers("tabulated", energies=[0.8, 1.1, 1.4], weights=[0, 1, 0])
-RATES_ALONE = chemage.barriers("tabulated", energies=[0.8, 1.1536, 1.1992, 1.4], weights=[0.136, 1, 0, 0])
+RATES_ALONE = chemage.barriers(
+    "tabulated", energies=[0.8, 1.1536, 1.1992, 1.4], weights=[0.136, 1, 0, 0]
+)
 
 
 @dataclass(frozen=True)
@@ -113,7 +130,9 @@ def compute(rates: DensityCurves, size: Size) -> DensityStudy:
     aged = rates.curves("members", barriers, size.surfaces)
     names = [prior.families[int(prior.family[at])].name for at in chosen]
     parameters = size.parameters(FREE_END)
-    tip = rates.curves("tip", [FREE_END.barriers(row) for row in parameters], [0], [TIP])[:, 0]
+    tip = rates.curves(
+        "tip", [FREE_END.barriers(row) for row in parameters], [0], [TIP]
+    )[:, 0]
     emulators = _emulated(rates, size, FREE_END), Emulator(FREE_END, parameters, tip)
     return DensityStudy(
         size,
@@ -132,7 +151,9 @@ def compute(rates: DensityCurves, size: Size) -> DensityStudy:
 def _emulated(rates: DensityCurves, size: Size, family: fit.DensityFamily) -> Emulator:
     parameters = size.parameters(family)
     barriers = [family.barriers(values) for values in parameters]
-    curves = rates.curves(family.name, barriers, size.surfaces[: size.search], (*FITTED, *UNUSED))
+    curves = rates.curves(
+        family.name, barriers, size.surfaces[: size.search], (*FITTED, *UNUSED)
+    )
     return Emulator(family, parameters, curves.mean(axis=1))
 
 
@@ -143,13 +164,22 @@ def _members(prior: DensityPrior, weight: np.ndarray) -> np.ndarray:
     return fit.spanning(prior.reported.predictions(), of_draws, best, MDSilica.MEMBERS)
 
 
-def _density(name: str, barriers: chemage.plugin.Barriers, curves: np.ndarray, surface: np.ndarray) -> Density:
+def _density(
+    name: str,
+    barriers: chemage.plugin.Barriers,
+    curves: np.ndarray,
+    surface: np.ndarray,
+) -> Density:
     """Summarise the curves of one density, (surfaces, conditions, m)."""
     # β is the geometric mean over surfaces, as in the error model; times are those of the mean curve
-    reported = Reported.of(curves.mean(axis=0)[None])._replace(beta=Reported.of(curves).beta.mean(axis=0)[None])
+    reported = Reported.of(curves.mean(axis=0)[None])._replace(
+        beta=Reported.of(curves).beta.mean(axis=0)[None]
+    )
     errors = fit.covariance(surface, fit.PUBLISHED, fit.METHODS[0])
     times = float(reported.misfit_of_times(PAPER)[0, OURS])
-    return Density(name, barriers, reported, reported.chi_squared(PAPER, errors)[0], times)
+    return Density(
+        name, barriers, reported, reported.chi_squared(PAPER, errors)[0], times
+    )
 
 
 def _held(
@@ -164,13 +194,18 @@ def _held(
     rng = np.random.default_rng(27)
     within = np.exp(prior.log_weight)
     truths = rng.choice(len(within), size.cases, p=within / within.sum())
-    curves = rates.curves("synthetic", [prior.barriers(at) for at in truths], search, (*FITTED, *UNUSED)).mean(axis=1)
+    curves = rates.curves(
+        "synthetic", [prior.barriers(at) for at in truths], search, (*FITTED, *UNUSED)
+    ).mean(axis=1)
     computed = Reported.of(curves)
     held = []
     for case in range(size.cases):
-        window, method = rng.integers(len(fit.WINDOWS)), fit.METHODS[rng.integers(len(fit.METHODS))]
+        window = rng.integers(len(fit.WINDOWS))
+        method = fit.METHODS[rng.integers(len(fit.METHODS))]
         beta = computed.beta[case, window, :6] + shift[window]
-        beta = np.exp(rng.multivariate_normal(beta, surface) + method * rng.standard_normal(6))
+        beta = np.exp(
+            rng.multivariate_normal(beta, surface) + method * rng.standard_normal(6)
+        )
         published = Reported(
             np.log(np.maximum(beta.round(2), fit.ROUNDING)),
             computed.onsets[case, window] + fit.ONSET_ERROR * rng.standard_normal(2),
@@ -188,7 +223,13 @@ def _held(
 TIP_ONSET, TIP_LINEAR, TIP_EXPONENT = 0.1, (5e-3, 90e-3), 0.2
 
 
-def _tips(rates: DensityCurves, rough: Emulator, tip: Emulator, surface: np.ndarray, shift: np.ndarray) -> Tips:
+def _tips(
+    rates: DensityCurves,
+    rough: Emulator,
+    tip: Emulator,
+    surface: np.ndarray,
+    shift: np.ndarray,
+) -> Tips:
     """Fit a density whose lower end is free to the rough contacts, to a tip, and to both."""
     prior = DensityPrior.of([rough], shift)
     with_method = prior.chi_squared(PAPER, surface, 0.04)
@@ -196,7 +237,9 @@ def _tips(rates: DensityCurves, rough: Emulator, tip: Emulator, surface: np.ndar
     _, of_tip = _growth(tip(np.array(prior.parameters))[:, 0])
     best = [int(np.argmin(misfit)) for misfit in (of_rough, of_tip, of_rough + of_tip)]
     # the chosen ones are aged, because a curve between others has an error where few sites have reacted
-    growth, of_tip = _growth(rates.curves("tips", [prior.barriers(at) for at in best], [0], [TIP])[:, 0, 0])
+    growth, of_tip = _growth(
+        rates.curves("tips", [prior.barriers(at) for at in best], [0], [TIP])[:, 0, 0]
+    )
     misfit = np.stack([of_rough[best], of_tip], axis=1)
     return Tips(np.array([prior.parameters[at] for at in best]), misfit, growth)
 
@@ -207,7 +250,11 @@ def _growth(curves: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     half = 0.5 * fit.slope(curves, (1.0, 1e3))
     first, last = TIP_LINEAR
     inside = (first <= TIMES) & (last >= TIMES)
-    exponent = np.polyfit(np.log(TIMES[inside]), np.log(np.maximum(curves[:, inside], 1e-6)).T, 1)[0]
+    exponent = np.polyfit(
+        np.log(TIMES[inside]), np.log(np.maximum(curves[:, inside], 1e-6)).T, 1
+    )[0]
     start = first_reaching(TIMES, np.gradient(curves, np.log10(TIMES), axis=-1), half)
-    misfit = (np.log(start / TIP_ONSET) / fit.ONSET_ERROR) ** 2 + ((exponent - 1) / (0.5 * TIP_EXPONENT)) ** 2
+    misfit = (np.log(start / TIP_ONSET) / fit.ONSET_ERROR) ** 2 + (
+        (exponent - 1) / (0.5 * TIP_EXPONENT)
+    ) ** 2
     return np.stack([start, exponent], axis=1), misfit

@@ -49,21 +49,30 @@ class DensityFamily:
     #: parameters -> energies (eV) and weights
     nodes: Callable[..., Nodes]
 
-    def barriers(self, parameters: Sequence[float] | np.ndarray) -> chemage.plugin.Barriers:
+    def barriers(
+        self, parameters: Sequence[float] | np.ndarray
+    ) -> chemage.plugin.Barriers:
         """Make the barriers of the density with these parameters."""
         energies, weights = self.nodes(*(float(value) for value in parameters))
-        return chemage.barriers("tabulated", energies=list(energies), weights=list(weights))
+        return chemage.barriers(
+            "tabulated", energies=list(energies), weights=list(weights)
+        )
 
     def named(self, parameters: Sequence[float] | np.ndarray) -> str:
         """Parameters with their names, in words."""
-        return ", ".join(f"{name} {value:.3g}" for name, value in zip(self.parameters, parameters, strict=True))
+        return ", ".join(
+            f"{name} {value:.3g}"
+            for name, value in zip(self.parameters, parameters, strict=True)
+        )
 
     def design(self, count: int, seed: int = 5) -> np.ndarray:
         """Spread parameters evenly over the box (Sobol'), (count, k)."""
         low, high = np.array(self.bounds).T
         # scipy before 1.15 has no argument rng
         sequence = qmc.Sobol(len(low), seed=seed)  # pyright: ignore[reportCallIssue]
-        return (low + sequence.random(1 << (count - 1).bit_length())[:count] * (high - low)).round(4)
+        return (
+            low + sequence.random(1 << (count - 1).bit_length())[:count] * (high - low)
+        ).round(4)
 
 
 def _beta(a: float, b: float) -> Nodes:
@@ -81,7 +90,10 @@ def _power(end: float, start: float, power: float) -> Nodes:
 
 #: parameters with their ranges, and nodes
 _SHAPES: dict[str, tuple[dict[str, tuple[float, float]], Callable[..., Nodes]]] = {
-    "triangle": ({"peak (eV)": (0.9, 1.3)}, lambda peak: ((LOWER, peak, UPPER), (0, 1, 0))),
+    "triangle": (
+        {"peak (eV)": (0.9, 1.3)},
+        lambda peak: ((LOWER, peak, UPPER), (0, 1, 0)),
+    ),
     "trapezoid": (
         {"start of the plateau (eV)": (0.82, 1.1), "width (eV)": (0.05, 0.28)},
         lambda left, width: ((LOWER, left, left + width, UPPER), (0, 1, 1, 0)),
@@ -96,25 +108,45 @@ _SHAPES: dict[str, tuple[dict[str, tuple[float, float]], Callable[..., Nodes]]] 
         lambda first, second, last: ((0.8, 1.0, 1.2, 1.4), (first, second, 1, last)),
     ),
     "shoulder and peak": (
-        {"shoulder (eV)": (0.82, 0.96), "peak (eV)": (1.0, 1.25), "shoulder/peak": (0.1, 0.8)},
+        {
+            "shoulder (eV)": (0.82, 0.96),
+            "peak (eV)": (1.0, 1.25),
+            "shoulder/peak": (0.1, 0.8),
+        },
         lambda left, peak, height: ((LOWER, left, peak, UPPER), (0, height, 1, 0)),
     ),
     "ramp": (
-        {"peak (eV)": (1.0, 1.26), "fall/(1.4 eV − peak)": (0.01, 0.99), "at 0.8 eV/peak": (0.0, 0.45)},
-        lambda peak, fall, start: ((LOWER, peak, peak + fall * (UPPER - peak), UPPER), (start, 1, 0, 0)),
+        {
+            "peak (eV)": (1.0, 1.26),
+            "fall/(1.4 eV − peak)": (0.01, 0.99),
+            "at 0.8 eV/peak": (0.0, 0.45),
+        },
+        lambda peak, fall, start: (
+            (LOWER, peak, peak + fall * (UPPER - peak), UPPER),
+            (start, 1, 0, 0),
+        ),
     ),
     "rise by a power, cut off": (
-        {"end (eV)": (1.10, 1.39), "at 0.8 eV/at the end": (0.0, 0.45), "power": (0.4, 3.0)},
+        {
+            "end (eV)": (1.10, 1.39),
+            "at 0.8 eV/at the end": (0.0, 0.45),
+            "power": (0.4, 3.0),
+        },
         _power,
     ),
     # the lower end below 0.8 eV, which tips in atomic force microscopy ask for
     "triangle with a free lower end": (
-        {"lower end (eV)": (0.66, 0.8), "peak − lower end (eV)": (0.02, 0.5), "at the lower end/peak": (0.0, 0.5)},
+        {
+            "lower end (eV)": (0.66, 0.8),
+            "peak − lower end (eV)": (0.02, 0.5),
+            "at the lower end/peak": (0.0, 0.5),
+        },
         lambda lower, rise, start: ((lower, lower + rise, UPPER), (start, 1, 0)),
     ),
 }
 *FAMILIES, FREE_END = (
-    DensityFamily(name, tuple(ranges), tuple(ranges.values()), nodes) for name, (ranges, nodes) in _SHAPES.items()
+    DensityFamily(name, tuple(ranges), tuple(ranges.values()), nodes)
+    for name, (ranges, nodes) in _SHAPES.items()
 )
 
 #: hold times over which the paper may have fitted β, s
@@ -145,7 +177,9 @@ class Reported(NamedTuple):
     def predictions(self) -> np.ndarray:
         """What members are to span: ln β of :data:`FITTED` over all windows, and the times, (N, k)."""
         beta = self.beta[:, :, :6]
-        return np.concatenate([beta.reshape(len(beta), -1), self.onsets[:, OURS], self.crossing], axis=1)
+        return np.concatenate(
+            [beta.reshape(len(beta), -1), self.onsets[:, OURS], self.crossing], axis=1
+        )
 
     def misfit_of_times(self, paper: Reported) -> np.ndarray:
         """χ² of the two onsets and the order of the slopes, (n, windows)."""
@@ -165,12 +199,20 @@ class Reported(NamedTuple):
         misfits = []
         for method in METHODS:
             errors = covariance(surface, np.exp(paper.beta), method)
-            misfits.append(self.chi_squared(paper, errors) + np.linalg.slogdet(errors)[1][..., None])
-        return -0.5 * (np.stack(misfits, axis=-1) + self.misfit_of_times(paper)[..., None])
+            misfits.append(
+                self.chi_squared(paper, errors)
+                + np.linalg.slogdet(errors)[1][..., None]
+            )
+        return -0.5 * (
+            np.stack(misfits, axis=-1) + self.misfit_of_times(paper)[..., None]
+        )
 
     def times(self, at: int = 0, window: int = OURS) -> list[str]:
         """Onsets with ΔV and without, and the crossing, of one density, in s."""
-        return [f"{value:.2g}" for value in np.exp([*self.onsets[at, window], *self.crossing[at]])]
+        return [
+            f"{value:.2g}"
+            for value in np.exp([*self.onsets[at, window], *self.crossing[at]])
+        ]
 
     @classmethod
     def of(cls, curves: np.ndarray) -> Reported:
@@ -179,7 +221,11 @@ class Reported(NamedTuple):
         crossing = np.log(shapes.last_positive(TIMES, curves[:, 2] - curves[:, 0]))
         half = 0.5 * beta[:, :, [1, 4]]
         steep = np.gradient(curves[:, None, [1, 4]], _X, axis=-1)
-        onsets = np.log(shapes.first_reaching(TIMES, np.broadcast_to(steep, (*half.shape, TIMES.size)), half))
+        onsets = np.log(
+            shapes.first_reaching(
+                TIMES, np.broadcast_to(steep, (*half.shape, TIMES.size)), half
+            )
+        )
         return cls(np.log(np.maximum(beta, 1e-12)), onsets, crossing[:, None])
 
 
@@ -216,13 +262,21 @@ class Emulator:
         """Δμ at parameters (p, k), (p, conditions, m)."""
         return self._of(self.parameters, self.curves, parameters)
 
-    def _of(self, known: np.ndarray, curves: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+    def _of(
+        self, known: np.ndarray, curves: np.ndarray, parameters: np.ndarray
+    ) -> np.ndarray:
         low, high = np.array(self.family.bounds).T
         values = curves.reshape(len(curves), -1)
         surface = RBFInterpolator(
-            (known - low) / (high - low), values, kernel="cubic", degree=2 if len(low) > 1 else 1, smoothing=1e-4
+            (known - low) / (high - low),
+            values,
+            kernel="cubic",
+            degree=2 if len(low) > 1 else 1,
+            smoothing=1e-4,
         )
-        return surface((parameters - low) / (high - low)).reshape(len(parameters), *curves.shape[1:])
+        return surface((parameters - low) / (high - low)).reshape(
+            len(parameters), *curves.shape[1:]
+        )
 
     @property
     def error(self) -> np.ndarray:
@@ -230,8 +284,12 @@ class Emulator:
         rest = []
         for at in range(len(self.parameters)):
             others = np.arange(len(self.parameters)) != at
-            curves = self._of(self.parameters[others], self.curves[others], self.parameters[[at]])
-            both = Reported.of(np.concatenate([curves, self.curves[[at]]])).beta[:, :, :6]
+            curves = self._of(
+                self.parameters[others], self.curves[others], self.parameters[[at]]
+            )
+            both = Reported.of(np.concatenate([curves, self.curves[[at]]])).beta[
+                :, :, :6
+            ]
             rest.append(both[0] - both[1])
         every = np.concatenate(rest)
         return every.T @ every / len(every)
@@ -252,14 +310,25 @@ class DensityPrior:
     errors: np.ndarray
 
     @classmethod
-    def of(cls, emulators: Sequence[Emulator], shift: np.ndarray, count: int = 1 << 12) -> DensityPrior:
+    def of(
+        cls, emulators: Sequence[Emulator], shift: np.ndarray, count: int = 1 << 12
+    ) -> DensityPrior:
         """Draw from families; ``shift`` (windows, 6) is what ln β lacks to the mean over all surfaces."""
         families = [emulator.family for emulator in emulators]
         parameters = [family.design(count, seed=11) for family in families]
-        parts = [Reported.of(emulator(values)) for emulator, values in zip(emulators, parameters, strict=True)]
-        reported = Reported(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+        parts = [
+            Reported.of(emulator(values))
+            for emulator, values in zip(emulators, parameters, strict=True)
+        ]
+        reported = Reported(
+            *(np.concatenate(columns) for columns in zip(*parts, strict=True))
+        )
         reported.beta[:, :, :6] += shift
-        every = [family.nodes(*row) for family, rows in zip(families, parameters, strict=True) for row in rows]
+        every = [
+            family.nodes(*row)
+            for family, rows in zip(families, parameters, strict=True)
+            for row in rows
+        ]
         return cls(
             families,
             np.repeat(np.arange(len(families)), count),
@@ -273,7 +342,9 @@ class DensityPrior:
         """Make the barriers of a draw."""
         return self.families[self.family[at]].barriers(self.parameters[at])
 
-    def chi_squared(self, paper: Reported, surface: np.ndarray, method: float) -> np.ndarray:
+    def chi_squared(
+        self, paper: Reported, surface: np.ndarray, method: float
+    ) -> np.ndarray:
         """χ² of six rates over each window, (N, windows)."""
         errors = covariance(surface, np.exp(paper.beta), method) + self.errors
         return self.reported.chi_squared(paper, errors[self.family])
@@ -294,13 +365,17 @@ def range_weight(nodes: Nodes) -> float:
     energies, weights = (np.array(column, dtype=float) for column in nodes)
     grid = np.unique(np.concatenate([energies, [LOWER + END, UPPER - END]]))
     values = np.interp(grid, energies, weights)
-    below = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(grid) * (values[1:] + values[:-1]))])
+    below = np.concatenate(
+        [[0.0], np.cumsum(0.5 * np.diff(grid) * (values[1:] + values[:-1]))]
+    )
     low, high = np.interp([LOWER + END, UPPER - END], grid, below) / below[-1]
     shares = np.maximum([low, 1 - high], 1e-6)
     return float(-0.5 * np.sum((2 * np.minimum(0.0, np.log2(shares / SHARE))) ** 2))
 
 
-def interval(values: np.ndarray, weight: np.ndarray, level: float = 0.95) -> tuple[np.ndarray, np.ndarray]:
+def interval(
+    values: np.ndarray, weight: np.ndarray, level: float = 0.95
+) -> tuple[np.ndarray, np.ndarray]:
     """Ends of the central interval of ``values`` (N, k) with weights (N,); (k,) each."""
     ends = []
     for column in values.T:
@@ -315,7 +390,9 @@ def interval(values: np.ndarray, weight: np.ndarray, level: float = 0.95) -> tup
 _APART = 0.1
 
 
-def spanning(values: np.ndarray, weight: np.ndarray, first: int, count: int) -> np.ndarray:
+def spanning(
+    values: np.ndarray, weight: np.ndarray, first: int, count: int
+) -> np.ndarray:
     """Choose draws whose range over each of k predictions is its central 95 % interval as nearly as can be; (count,).
 
     ``values`` (N, k) are the predictions and ``weight`` (N,) their weights. After the draw
@@ -329,8 +406,13 @@ def spanning(values: np.ndarray, weight: np.ndarray, first: int, count: int) -> 
     least, most = np.full(scaled.shape[1], np.inf), np.full(scaled.shape[1], -np.inf)
     chosen = [int(np.searchsorted(candidates, first))]
     while len(chosen) < count:
-        least, most = np.minimum(least, scaled[chosen[-1]]), np.maximum(most, scaled[chosen[-1]])
-        miss = (np.minimum(least, scaled) ** 2 + (np.maximum(most, scaled) - 1) ** 2).sum(axis=1)
+        least, most = (
+            np.minimum(least, scaled[chosen[-1]]),
+            np.maximum(most, scaled[chosen[-1]]),
+        )
+        miss = (
+            np.minimum(least, scaled) ** 2 + (np.maximum(most, scaled) - 1) ** 2
+        ).sum(axis=1)
         # nearly the same draw twice says nothing more
         near = np.abs(scaled[:, None] - scaled[chosen]).max(axis=2).min(axis=1) < _APART
         chosen.append(int(np.argmin(miss + 1e6 * near)))

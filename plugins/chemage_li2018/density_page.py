@@ -83,9 +83,16 @@ def write_study(out: Path, *, quick: bool = False, force: bool = False) -> list[
     with progress.progress_bars() as report:
         study = compute(DensityCurves(out / "rates", report, size.pixels), size)
     write_file(out / texts[0], page(study), force=force)
-    write_file(out / texts[1], densities_csv([density.barriers for density in study.members]), force=force)
+    write_file(
+        out / texts[1],
+        densities_csv([density.barriers for density in study.members]),
+        force=force,
+    )
     drawn = {name: make(study) for name, make in draw.items()}
-    return [*(out / name for name in texts), *figures.save_figures(drawn, out / "figures", force=force)]
+    return [
+        *(out / name for name in texts),
+        *figures.save_figures(drawn, out / "figures", force=force),
+    ]
 
 
 def page(study: DensityStudy) -> str:
@@ -95,7 +102,9 @@ def page(study: DensityStudy) -> str:
     low, high = np.exp(fit.interval(study.prior.reported.beta[:, OURS, :6], of_draws))
     # ln of the likelihood: of the rates alone, and where 95 % of the weight ends
     likelihood = study.prior.log_likelihood(fit.PAPER, study.surface).max(axis=(1, 2))
-    rates_alone = study.rates_alone.reported.log_likelihood(fit.PAPER, study.surface).max()
+    rates_alone = study.rates_alone.reported.log_likelihood(
+        fit.PAPER, study.surface
+    ).max()
     order = np.argsort(-likelihood)
     end = likelihood[order[np.searchsorted(np.cumsum(of_draws[order]), 0.95)]]
     times, chi = frontier(study)
@@ -121,7 +130,9 @@ def page(study: DensityStudy) -> str:
         band=beta.max(axis=0) / beta.min(axis=0) - 1,
         admitted=[float(2 * (likelihood.max() - one)) for one in (rates_alone, end)],
         families=_families(study),
-        frontier=[(level, chi[at]) for level, at in zip(_LEVELS, last, strict=True) if at >= 0],
+        frontier=[
+            (level, chi[at]) for level, at in zip(_LEVELS, last, strict=True) if at >= 0
+        ],
         surface=np.sqrt(np.diag(study.surface))[:3],
         interpolation=float(np.sqrt(np.mean((study.interpolated - np.log(beta)) ** 2))),
         conflict=float(alone[2].sum() - alone[0, 0] - alone[1, 1]),
@@ -130,10 +141,32 @@ def page(study: DensityStudy) -> str:
 
 def _drawn(study: DensityStudy) -> list[tuple[Density, dict[str, Any]]]:
     grey = {"color": figures.GREY, "lw": 0.7, "alpha": 0.7}
-    every: list[tuple[Density, dict[str, Any]]] = [(density, grey) for density in study.members[1:]]
-    every.append((study.triangle, {"color": figures.BLUE, "lw": 1.3, "ls": "--", "label": "triangle, peak 1.1 eV"}))
-    every.append((study.rates_alone, {"color": figures.BLACK, "lw": 1.3, "ls": ":", "label": "rates alone"}))
-    every.append((study.members[0], {"color": figures.ORANGE, "lw": 2.0, "label": "least misfit (member 0)"}))
+    every: list[tuple[Density, dict[str, Any]]] = [
+        (density, grey) for density in study.members[1:]
+    ]
+    every.append(
+        (
+            study.triangle,
+            {
+                "color": figures.BLUE,
+                "lw": 1.3,
+                "ls": "--",
+                "label": "triangle, peak 1.1 eV",
+            },
+        )
+    )
+    every.append(
+        (
+            study.rates_alone,
+            {"color": figures.BLACK, "lw": 1.3, "ls": ":", "label": "rates alone"},
+        )
+    )
+    every.append(
+        (
+            study.members[0],
+            {"color": figures.ORANGE, "lw": 2.0, "label": "least misfit (member 0)"},
+        )
+    )
     return every
 
 
@@ -143,7 +176,9 @@ def densities_figure(study: DensityStudy) -> Figure:
     energies = np.linspace(0.78, 1.42, 1281)
     for density, style in _drawn(study):
         values = density.barriers.density(energies)
-        share = np.concatenate([[0], np.cumsum(0.5 * np.diff(energies) * (values[1:] + values[:-1]))])
+        share = np.concatenate(
+            [[0], np.cumsum(0.5 * np.diff(energies) * (values[1:] + values[:-1]))]
+        )
         left.plot(energies, values, **style)
         right.plot(energies, share, **style)
     for axes in (left, right):
@@ -166,11 +201,29 @@ def trade_figure(study: DensityStudy) -> Figure:
         left.plot([density.times], [density.rates.min()], "o", ms=4, **mark)
         right.plot(where, 100 * (density.beta / PUBLISHED - 1), "o", ms=4, **mark)
     left.set(
-        xlabel="misfit of the times (χ²)", ylabel="χ² of the six rates", xscale="log", yscale="log", xlim=(0.3, 60)
+        xlabel="misfit of the times (χ²)",
+        ylabel="χ² of the six rates",
+        xscale="log",
+        yscale="log",
+        xlim=(0.3, 60),
     )
     left.legend(frameon=False, fontsize=7)
-    right.errorbar(where, 0 * where, yerr=100 * fit.ROUNDING / PUBLISHED, color=figures.BLACK, ls="none", capsize=4)
-    right.set_xticks(where, [f"h' = {slope:g}\n{volume}" for volume in ("6.4 Å³", "ΔV = 0") for slope in SLOPES])
+    right.errorbar(
+        where,
+        0 * where,
+        yerr=100 * fit.ROUNDING / PUBLISHED,
+        color=figures.BLACK,
+        ls="none",
+        capsize=4,
+    )
+    right.set_xticks(
+        where,
+        [
+            f"h' = {slope:g}\n{volume}"
+            for volume in ("6.4 Å³", "ΔV = 0")
+            for slope in SLOPES
+        ],
+    )
     right.tick_params(axis="x", labelsize=7)
     right.set(ylabel="β (10 to 10⁴ s) − published (%)")
     return figure
@@ -198,7 +251,11 @@ def densities_csv(members: Sequence[chemage.plugin.Barriers]) -> str:
     lines = [HEADER.format(last=len(members) - 1) + "member,energy,density"]
     for number, barriers in enumerate(members):
         given: Any = barriers
-        energies, weights = np.array(given.energies, dtype=float), np.array(given.weights, dtype=float)
+        energies = np.array(given.energies, dtype=float)
+        weights = np.array(given.weights, dtype=float)
         density = weights / (0.5 * np.diff(energies) @ (weights[1:] + weights[:-1]))
-        lines += [f"{number},{energy:.6g},{value:.6g}" for energy, value in zip(energies, density, strict=True)]
+        lines += [
+            f"{number},{energy:.6g},{value:.6g}"
+            for energy, value in zip(energies, density, strict=True)
+        ]
     return "\n".join(lines) + "\n"

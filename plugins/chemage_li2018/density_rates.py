@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,7 +18,15 @@ import numpy as np
 
 import chemage
 from chemage import ContactSolution, ReactionLattice, Scene
-from chemage.plugin import EV_PER_GPA_NM3, StoreError, container, override, random, scene_data, threads
+from chemage.plugin import (
+    EV_PER_GPA_NM3,
+    StoreError,
+    container,
+    override,
+    random,
+    scene_data,
+    threads,
+)
 from chemage_li2018.sweeps import coarse
 
 #: seeds of the surfaces; the first is that of the scene silica-rough
@@ -45,7 +54,11 @@ class AgeingCondition(NamedTuple):
 
 
 #: those of the six published rates, with ΔV first
-FITTED = tuple(AgeingCondition(slope, volume) for volume in (0.0064, 0.0) for slope in (0.05, 0.1, 0.2))
+FITTED = tuple(
+    AgeingCondition(slope, volume)
+    for volume in (0.0064, 0.0)
+    for slope in (0.05, 0.1, 0.2)
+)
 #: those that no published rate covers
 UNUSED = (
     AgeingCondition(0.07),
@@ -92,7 +105,9 @@ class DensityCurves:
         ``stage`` is the name of the progress bar.
         """
         seeds = list(seeds)
-        named = repr(([density.digest() for density in densities], conditions, self.pixels))
+        named = repr(
+            ([density.digest() for density in densities], conditions, self.pixels)
+        )
         key = hashlib.blake2b(named.encode(), digest_size=8).hexdigest()
         curves = []
         for done, seed in enumerate(seeds):
@@ -101,30 +116,43 @@ class DensityCurves:
             drop = _kept(
                 path,
                 "curves",
-                lambda: container.Arrays(values={"drop": self._of_surface(densities, seed, conditions)}),  # noqa: B023
+                lambda seed=seed: container.Arrays(
+                    values={"drop": self._of_surface(densities, seed, conditions)}
+                ),
             )
             curves.append(drop.values["drop"])
         self.report(stage, len(seeds), len(seeds))
         return np.stack(curves, axis=1)
 
     def _of_surface(
-        self, densities: Sequence[chemage.plugin.Barriers], seed: int, conditions: Sequence[AgeingCondition]
+        self,
+        densities: Sequence[chemage.plugin.Barriers],
+        seed: int,
+        conditions: Sequence[AgeingCondition],
     ) -> np.ndarray:
         values = np.zeros((len(densities), len(conditions), TIMES.size))
         for slope in dict.fromkeys(condition.slope for condition in conditions):
             scene = self._scene(seed, slope)
             draws = self._draws(scene, seed, slope)
-            chosen = [at for at, condition in enumerate(conditions) if condition.slope == slope]
+            chosen = [
+                at
+                for at, condition in enumerate(conditions)
+                if condition.slope == slope
+            ]
 
-            def aged(number: int) -> list[np.ndarray]:
-                return [_aged(scene, densities[number], draws, conditions[at]) for at in chosen]  # noqa: B023
+            asked = [conditions[at] for at in chosen]
+            aged = partial(_aged, scene, densities, draws, asked)
 
-            values[:, chosen] = threads.in_order(aged, len(densities), threads.available(), None)
+            values[:, chosen] = threads.in_order(
+                aged, len(densities), threads.available(), None
+            )
         return values
 
     def _scene(self, seed: int, slope: float) -> Scene:
         data, _ = scene_data("silica-rough" if slope else "silica-afm-tip")
-        changes: dict[str, Any] = {"surface.seed": seed, "surface.rms_slope": slope} if slope else {}
+        changes: dict[str, Any] = (
+            {"surface.seed": seed, "surface.rms_slope": slope} if slope else {}
+        )
         if slope and self.pixels != 2500:
             changes |= coarse(self.pixels)
         return chemage.parse_scene(override(data, changes))
@@ -138,7 +166,9 @@ class DensityCurves:
             lattice = scene.chemistry.on(contact, disorder)
             uniform = random.uniforms(disorder, random.FORMING, lattice.sites)
             pressure = lattice.pressures(contact).astype(np.float64)
-            draws.append(_Draw(lattice, uniform, pressure, random.CommonSeed([number, 1])))
+            draws.append(
+                _Draw(lattice, uniform, pressure, random.CommonSeed([number, 1]))
+            )
         return draws
 
     def _contact(self, scene: Scene, seed: int, slope: float) -> ContactSolution:
@@ -146,7 +176,12 @@ class DensityCurves:
         if not slope:
             return scene.contact.solve(scene.surface.make(seed), scene.load)
         path = self.folder / f"contact-{slope:g}-{seed}-{self.pixels}.npz"
-        return _kept(path, "contact", lambda: scene.contact.solve(scene.surface.make(seed), scene.load), compact=True)
+        return _kept(
+            path,
+            "contact",
+            lambda: scene.contact.solve(scene.surface.make(seed), scene.load),
+            compact=True,
+        )
 
 
 def _kept(path: Path, name: str, make: Callable[[], Any], **how: Any) -> Any:
@@ -161,14 +196,23 @@ def _kept(path: Path, name: str, make: Callable[[], Any], **how: Any) -> Any:
 
 
 def _aged(
-    scene: Scene, density: chemage.plugin.Barriers, draws: Sequence[_Draw], condition: AgeingCondition
+    scene: Scene,
+    densities: Sequence[chemage.plugin.Barriers],
+    draws: Sequence[_Draw],
+    conditions: Sequence[AgeingCondition],
+    number: int,
 ) -> np.ndarray:
-    """Δμ under one condition, mean over draws of the disorder, (m,)."""
+    """Δμ of one of the densities under each condition, mean over draws of the disorder, (conditions, m)."""
     assert scene.chemistry is not None
     assert scene.engine is not None
-    bonds = np.zeros(TIMES.size)
-    for draw in draws:
-        forming = density.quantile(draw.uniform) - condition.volume * EV_PER_GPA_NM3 * draw.pressure
-        lattice = draw.lattice.model_copy(update={"forming": forming})
-        bonds += scene.engine.run(lattice, TIMES, temperature=condition.temperature, seed=draw.noise).bonds
+    bonds = np.zeros((len(conditions), TIMES.size))
+    for row, condition in zip(bonds, conditions, strict=True):
+        for draw in draws:
+            energies = densities[number].quantile(draw.uniform)
+            shift = condition.volume * EV_PER_GPA_NM3 * draw.pressure
+            lattice = draw.lattice.model_copy(update={"forming": energies - shift})
+            history = scene.engine.run(
+                lattice, TIMES, temperature=condition.temperature, seed=draw.noise
+            )
+            row += history.bonds
     return bonds * scene.chemistry.bond_force / scene.load / len(draws)

@@ -46,7 +46,9 @@ def variants(studies: Studies) -> dict[str, Mean]:
         'ΔV = 0.04 Å³ ("0.04 Å³" read literally)': (literal, FIT_WINDOW),
         "ΔV = 0.04 Å³, fit window 100 to 1e5 s": (literal, LATE),
     }
-    return {name: mean(points.beta(window)) for name, (points, window) in computed.items()}
+    return {
+        name: mean(points.beta(window)) for name, (points, window) in computed.items()
+    }
 
 
 def estimates(studies: Studies) -> Iterable[Estimate]:
@@ -57,18 +59,26 @@ def estimates(studies: Studies) -> Iterable[Estimate]:
         "β of macroscopic experiments is about 0.01",
         str(beta),
         "β of Fig. 6: h' = 0.4, half hydroxylated, detachment-front factor 0.15",
-        Line("estimates", "β", PublishedNumber.of(published.MACROSCOPIC_BETA), beta).word,
+        Line(
+            "estimates", "β", PublishedNumber.of(published.MACROSCOPIC_BETA), beta
+        ).word,
     )
     groups = {**studies["slopes"].by_volume()[6.4].by(SLOPE), 0.4: full}
-    slopes, betas = np.array(list(groups)), np.array([group.beta() for group in groups.values()])
+    slopes = np.array(list(groups))
+    betas = np.array([group.beta() for group in groups.values()])
     power = Exponent.of(slopes, betas.T)
-    products = ", ".join(f"β h' = {mean(beta_h * h)} at h' = {h:g}" for h, beta_h in zip(slopes, betas, strict=True))
+    products = ", ".join(
+        f"β h' = {mean(beta_h * h)} at h' = {h:g}"
+        for h, beta_h in zip(slopes, betas, strict=True)
+    )
     yield Estimate(
         "β is proportional to 1/h'",
         f"β ∝ h' to the power {power}: {products}",
         "β over 10 to 1e4 s, fully hydroxylated, ΔV = 6.4 Å³; the power is −1 if the claim holds, to within "
         f"{STRAIGHT:g}",
-        PREDICTED if abs(power.value + 1) + np.nan_to_num(power.half_width) <= STRAIGHT else DISAGREES,
+        PREDICTED
+        if abs(power.value + 1) + np.nan_to_num(power.half_width) <= STRAIGHT
+        else DISAGREES,
     )
     yield from rough_limit(full, half)
     yield Estimate(
@@ -121,11 +131,19 @@ class Band(NamedTuple):
 def bands(studies: Studies) -> list[Band]:
     """The bands of the β of Fig. 3 and Fig. 6 over the members."""
     groups = studies["members"].by(VOLUME, SLOPE)
-    conditions = [*((volume, slope) for volume in (WITH_PRESSURE, 0.0) for slope in SLOPES), (WITH_PRESSURE, 0.4)]
+    conditions = [
+        *((volume, slope) for volume in (WITH_PRESSURE, 0.0) for slope in SLOPES),
+        (WITH_PRESSURE, 0.4),
+    ]
     found = []
-    for line, condition in zip(lines(studies, ["fig3", "fig6"]), conditions, strict=True):
+    for line, condition in zip(
+        lines(studies, ["fig3", "fig6"]), conditions, strict=True
+    ):
         of_members = groups[condition].by(MEMBER)
-        relative = [float(group.beta().mean() / of_members[0].beta().mean() - 1) for group in of_members.values()]
+        relative = [
+            float(group.beta().mean() / of_members[0].beta().mean() - 1)
+            for group in of_members.values()
+        ]
         found.append(Band(line, min(relative), max(relative), len(relative)))
     return found
 
@@ -139,4 +157,7 @@ def times(studies: Studies) -> dict[str, tuple[float, float]]:
         "onset with ΔV": onsets(members[0.1, WITH_PRESSURE]),
         "onset without": onsets(members[0.1, 0.0]),
     }
-    return {name: (float(np.nanmin(values)), float(np.nanmax(values))) for name, values in seconds.items()}
+    return {
+        name: (float(np.nanmin(values)), float(np.nanmax(values)))
+        for name, values in seconds.items()
+    }

@@ -11,7 +11,13 @@ def render(template: str, **values: Any) -> str:
     """Fill a template of this package with values."""
     import jinja2
 
-    text = resources.files("chemage_li2018").joinpath(f"{template}.md.j2").read_text(encoding="utf-8")
-    environment = jinja2.Environment(undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    text = (
+        resources.files("chemage_li2018")
+        .joinpath(f"{template}.md.j2")
+        .read_text(encoding="utf-8")
+    )
+    environment = jinja2.Environment(
+        undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
     page = environment.from_string(text).render(values)
     return re.sub(r"\n{3,}", "\n\n", page).strip() + "\n"

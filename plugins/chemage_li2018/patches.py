@@ -22,11 +22,15 @@ COUNTS = {
 }
 
 
-def number(pressure: np.ndarray, share: float, periodic: bool, corners: bool, least: int) -> int:
+def number(
+    pressure: np.ndarray, share: float, periodic: bool, corners: bool, least: int
+) -> int:
     """The number of patches, counted in a way of :data:`COUNTS`."""
     contact = pressure > share * pressure[pressure > 0].mean()
     labels, count = label_patches(contact, periodic, corners=corners)
-    return int(np.count_nonzero(np.bincount(labels.ravel(), minlength=count + 1)[1:] >= least))
+    return int(
+        np.count_nonzero(np.bincount(labels.ravel(), minlength=count + 1)[1:] >= least)
+    )
 
 
 def counted(points: PointSet) -> np.ndarray:
@@ -34,7 +38,12 @@ def counted(points: PointSet) -> np.ndarray:
     counts = []
     for group in points.by_row().values():
         pressures = [point.computed.contact().pressure for point in group]
-        counts.append([[number(pressure, *way) for pressure in pressures] for way in COUNTS.values()])
+        counts.append(
+            [
+                [number(pressure, *way) for pressure in pressures]
+                for way in COUNTS.values()
+            ]
+        )
     return np.array(counts).swapaxes(0, 1)
 
 
@@ -44,7 +53,13 @@ def page(counts: np.ndarray, seeds: tuple[int, ...], pixels: int) -> str:
     table = []
     for row, of_row in zip(TABLE_1, counts.swapaxes(0, 1), strict=True):
         table.append([row.name, row.patches, *(mean(of_way) for of_way in of_row)])
-    table.append(["mean of ours / paper", "", *(f"{(of_way / paper).mean():.3f}" for of_way in counts)])
+    table.append(
+        [
+            "mean of ours / paper",
+            "",
+            *(f"{(of_way / paper).mean():.3f}" for of_way in counts),
+        ]
+    )
     ratios = counts[0] / paper
     shift = ratios.mean(axis=1)
     errors = ratios.std(axis=1, ddof=1) * np.sqrt(1 + 1 / len(seeds))

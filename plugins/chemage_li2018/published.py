@@ -9,7 +9,9 @@ from typing import Any, NamedTuple
 
 #: the contents of reproduction.toml
 DATA: dict[str, Any] = tomllib.loads(
-    resources.files("chemage_li2018").joinpath("reproduction.toml").read_text(encoding="utf-8")
+    resources.files("chemage_li2018")
+    .joinpath("reproduction.toml")
+    .read_text(encoding="utf-8")
 )
 PAPER = "Li, Pastewka & Szlufarska, Phys. Rev. E 98, 023001 (2018)"
 
@@ -57,7 +59,9 @@ class PaperSurface(NamedTuple):
     @property
     def options(self) -> dict[str, float]:
         """Its roughness: dotted path -> value."""
-        return {f"surface.{name}": getattr(self, name) for name in ("hurst", "zeta", "eta")}
+        return {
+            f"surface.{name}": getattr(self, name) for name in ("hurst", "zeta", "eta")
+        }
 
 
 TABLE_1 = tuple(PaperSurface(**row) for row in DATA["table_1"])
@@ -65,7 +69,10 @@ SLOPES = (0.05, 0.1, 0.2)
 
 #: β at 20 µN against h'_rms, by activation volume in Å³. The paper's caption of Fig. 3 gives the second set to panel
 #: (b); it belongs to panel (d). Printed with two decimals.
-BETA = {6.4: {0.05: 0.89, 0.1: 0.45, 0.2: 0.20}, 0.0: {0.05: 0.98, 0.1: 0.49, 0.2: 0.24}}
+BETA = {
+    6.4: {0.05: 0.89, 0.1: 0.45, 0.2: 0.20},
+    0.0: {0.05: 0.98, 0.1: 0.49, 0.2: 0.24},
+}
 
 #: A/A0 at a load in µN, reference surface, h'_rms = 0.1
 AREA_FRACTION = {20.0: "0.01", 500.0: "0.22"}

@@ -41,7 +41,9 @@ class Reproduction:
         """What the terminal shows."""
         width = max((len(line.quantity) for line in self.lines), default=0)
         for line in self.lines:
-            numbers = f"paper {line.paper.text:<8} ours {line.ours!s:18} {line.shown:>7}"
+            numbers = (
+                f"paper {line.paper.text:<8} ours {line.ours!s:18} {line.shown:>7}"
+            )
             yield f"{line.target:7} {line.quantity:{width}}  {numbers}  {line.word}"
         for claim in self.claims:
             yield f"{claim.target:7} {claim.word}: {claim.statement}\n{'':8}{claim.ours}"
@@ -62,11 +64,22 @@ def of_points(file: Path) -> tuple[Reproduction, str]:
         estimates.bands(studies) if "calibration" in names else [],
         estimates.times(studies) if "calibration" in names else {},
     )
-    return compared, page(compared, names, seeds=about["seeds"], pixels=about["pixels"], versions=about["versions"])
+    return compared, page(
+        compared,
+        names,
+        seeds=about["seeds"],
+        pixels=about["pixels"],
+        versions=about["versions"],
+    )
 
 
 def page(
-    results: Reproduction, targets: Sequence[str], *, seeds: Sequence[int], pixels: int, versions: dict[str, str]
+    results: Reproduction,
+    targets: Sequence[str],
+    *,
+    seeds: Sequence[int],
+    pixels: int,
+    versions: dict[str, str],
 ) -> str:
     """Write the page as Markdown."""
     surfaces = f"one surface per row (seed {seeds[0]})"
@@ -95,7 +108,9 @@ def page(
 
 def reason(target: str) -> str:
     """The probable reason for the differences of a target."""
-    (low, first), (high, last) = ((load, float(text)) for load, text in published.TIP_BETA.items())
+    (low, first), (high, last) = (
+        (load, float(text)) for load, text in published.TIP_BETA.items()
+    )
     bonds = last * high / (first * low)
     share = bonds**-1.5  # (low + adhesion) / (high + adhesion), area ∝ load^(2/3)
     adhesion = (share * high - low) / (1 - share)

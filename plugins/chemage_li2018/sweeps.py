@@ -18,7 +18,16 @@ import numpy as np
 
 import chemage
 from chemage import InputError
-from chemage.plugin import FIT_WINDOW, nearest, open_file, override, scene_data, statistics, text, write_file
+from chemage.plugin import (
+    FIT_WINDOW,
+    nearest,
+    open_file,
+    override,
+    scene_data,
+    statistics,
+    text,
+    write_file,
+)
 from chemage_li2018.published import DATA, TABLE_1, PaperSurface
 
 #: nm³: 6.4 Å³, and none
@@ -32,9 +41,17 @@ PARTIAL = round(2.6 / 4.9, 4)
 SURFACE_SEEDS = tuple(range(101, 101 + 32))
 FEWEST_PIXELS = 320
 
-SLOPE, SEED, LOAD, VOLUME = "surface.rms_slope", "surface.seed", "contact.load", "chemistry.activation_volume"
-MEMBER, REPLICAS, KELVIN, RADIUS = "forming.member", "hold.replicas", "hold.temperature", "surface.radius"
-HYDROXYLATION, FRONT, STRENGTH = "chemistry.hydroxylation", "chemistry.front_factor", "interaction.strength"
+SLOPE = "surface.rms_slope"
+SEED = "surface.seed"
+LOAD = "contact.load"
+VOLUME = "chemistry.activation_volume"
+MEMBER = "forming.member"
+REPLICAS = "hold.replicas"
+KELVIN = "hold.temperature"
+RADIUS = "surface.radius"
+HYDROXYLATION = "chemistry.hydroxylation"
+FRONT = "chemistry.front_factor"
+STRENGTH = "interaction.strength"
 
 
 #: scenes whose options the studies of one sweep vary, and studies: the points that a panel needs, for one surface; as
@@ -55,11 +72,19 @@ def chosen(names: Sequence[str]) -> list[str]:
     """
     for name in names:
         if name == "patches":
-            raise InputError("patches: is computed on its own; give no other target beside it")
+            raise InputError(
+                "patches: is computed on its own; give no other target beside it"
+            )
         if name not in (*TARGETS, "all"):
             targets = [*TARGETS, "all", "patches"]
-            raise InputError(f"no target {name!r}{nearest(name, targets)}; the targets are {', '.join(targets)}")
-    return list(TARGETS) if not names or "all" in names else [name for name in TARGETS if name in names]
+            raise InputError(
+                f"no target {name!r}{nearest(name, targets)}; the targets are {', '.join(targets)}"
+            )
+    return (
+        list(TARGETS)
+        if not names or "all" in names
+        else [name for name in TARGETS if name in names]
+    )
 
 
 def studies_for(targets: Iterable[str]) -> list[str]:
@@ -72,16 +97,27 @@ def members(study: str) -> list[dict[str, Any]]:
     panel, points = STUDIES[study], []
     paths = [path for axis in panel["axes"] for path in axis]
     for parts in product(*(zip(*axis.values(), strict=True) for axis in panel["axes"])):
-        points.append(BASES[panel["base"]]["reference"] | dict(zip(paths, chain(*parts), strict=True)))
+        points.append(
+            BASES[panel["base"]]["reference"]
+            | dict(zip(paths, chain(*parts), strict=True))
+        )
     return points
 
 
 def content(point: dict[str, Any]) -> str:
     """Identify a point apart from its surface seed and its number of replicas."""
-    return repr(sorted((path, float(value)) for path, value in point.items() if path not in (SEED, REPLICAS)))
+    return repr(
+        sorted(
+            (path, float(value))
+            for path, value in point.items()
+            if path not in (SEED, REPLICAS)
+        )
+    )
 
 
-def scenes(targets: Sequence[str], seeds: Sequence[int], pixels: int | None = None) -> dict[str, dict[str, Any]]:
+def scenes(
+    targets: Sequence[str], seeds: Sequence[int], pixels: int | None = None
+) -> dict[str, dict[str, Any]]:
     """Make scene data of the sweeps, by base, that together have every point of ``targets`` for every surface seed.
 
     ``pixels`` coarsens every rough surface at constant size, for tests.
@@ -93,16 +129,23 @@ def scenes(targets: Sequence[str], seeds: Sequence[int], pixels: int | None = No
     """
     if pixels is not None and pixels < FEWEST_PIXELS:
         raise InputError.of(
-            "pixels", pixels, "cannot resolve the shortest wavelength (ζ = 150)", f"give {FEWEST_PIXELS} or more"
+            "pixels",
+            pixels,
+            "cannot resolve the shortest wavelength (ζ = 150)",
+            f"give {FEWEST_PIXELS} or more",
         )
     sweeps = {}
     for name, base in BASES.items():
-        studies = [study for study in studies_for(targets) if STUDIES[study]["base"] == name]
+        studies = [
+            study for study in studies_for(targets) if STUDIES[study]["base"] == name
+        ]
         if studies:
             columns = _columns(studies, seeds if base.get("rough", True) else ())
             data, _ = scene_data(base["scene"])
             coarser = coarse(pixels) if name == "rough" and pixels is not None else {}
-            data = override(data, {"name": f"reproduction-{name}", **base["changes"], **coarser})
+            data = override(
+                data, {"name": f"reproduction-{name}", **base["changes"], **coarser}
+            )
             sweeps[name] = {**data, "sweep": {"zip": [columns]}}
     return sweeps
 
@@ -111,19 +154,28 @@ def _columns(studies: Sequence[str], seeds: Sequence[int]) -> dict[str, list[Any
     """The points of ``studies`` as columns by path; of equal points that with the most replicas is computed."""
     points: dict[str, dict[str, Any]] = {}
     for study in studies:
-        surfaces = [{SEED: seed} for seed in seeds[: STUDIES[study].get("surfaces")]] or [{}]
+        surfaces = [
+            {SEED: seed} for seed in seeds[: STUDIES[study].get("surfaces")]
+        ] or [{}]
         for surface, member in product(surfaces, members(study)):
             name = f"{surface} {content(member)}"
             if name not in points or points[name][REPLICAS] < member[REPLICAS]:
                 points[name] = member | surface
-    return {path: [point[path] for point in points.values()] for path in next(iter(points.values()))}
+    return {
+        path: [point[path] for point in points.values()]
+        for path in next(iter(points.values()))
+    }
 
 
 def coarse(pixels: int) -> dict[str, Any]:
     """Coarsen a rough surface at the paper's size; each pixel is a site, so that patches, areas and bonds have the same
     coarse pixels."""
     size = 2500 * 0.4518 / pixels
-    return {"surface.pixels": pixels, "surface.pixel_size": size, "chemistry.site_density": "pixel"}
+    return {
+        "surface.pixels": pixels,
+        "surface.pixel_size": size,
+        "chemistry.site_density": "pixel",
+    }
 
 
 @dataclass(frozen=True)
@@ -209,19 +261,25 @@ class PointSet(list[StudyPoint]):
 
     def half_width_at(self, time: float) -> np.ndarray:
         """Half the width of the 95 % interval of ΔF over replicas, nN, (n,)."""
-        return np.array([point.friction_drop_half_width[self._index(time)] for point in self])
+        return np.array(
+            [point.friction_drop_half_width[self._index(time)] for point in self]
+        )
 
     def beta(self, window: tuple[float, float] = FIT_WINDOW) -> np.ndarray:
         """Slope of Δμ against log10 t between two hold times (s), of the mean over replicas, (n,)."""
         inside = (self.times >= window[0] * 0.999) & (self.times <= window[1] * 1.001)
-        return np.polyfit(np.log10(self.times[inside]), self.coefficient[:, inside].T, 1)[0]
+        return np.polyfit(
+            np.log10(self.times[inside]), self.coefficient[:, inside].T, 1
+        )[0]
 
     def by(self, *paths: str) -> dict[Any, PointSet]:
         """Group the points by their values at ``paths``, in order of appearance; the key of one path is its value."""
         groups: dict[Any, PointSet] = {}
         for point in self:
             key = tuple(point.changes[path] for path in paths)
-            groups.setdefault(key if len(paths) > 1 else key[0], PointSet()).append(point)
+            groups.setdefault(key if len(paths) > 1 else key[0], PointSet()).append(
+                point
+            )
         return groups
 
     def by_load(self) -> dict[float, PointSet]:
@@ -230,7 +288,9 @@ class PointSet(list[StudyPoint]):
 
     def by_volume(self) -> dict[float, PointSet]:
         """Group the points by the activation volume in Å³."""
-        return {6.4 if volume else 0.0: group for volume, group in self.by(VOLUME).items()}
+        return {
+            6.4 if volume else 0.0: group for volume, group in self.by(VOLUME).items()
+        }
 
     def by_row(self) -> dict[PaperSurface, PointSet]:
         """Group the points by the rows of Table 1."""
@@ -245,36 +305,66 @@ class PointSet(list[StudyPoint]):
 Studies = dict[str, PointSet]
 
 
-def front(studies: Studies, hydroxylation: float, volume: float = WITH_PRESSURE) -> PointSet:
+def front(
+    studies: Studies, hydroxylation: float, volume: float = WITH_PRESSURE
+) -> PointSet:
     """The points of Fig. 6 with a hydroxylation and an activation volume (nm³)."""
     return studies["front"].by(HYDROXYLATION, VOLUME)[hydroxylation, volume]
 
 
 #: what the page needs of a point, beside its curves
-_SUMMED = ("load", "area_fraction", "kappa", "patches", "perimeter_to_area", "mean_contact_pressure", "beta")
+_SUMMED = (
+    "load",
+    "area_fraction",
+    "kappa",
+    "patches",
+    "perimeter_to_area",
+    "mean_contact_pressure",
+    "beta",
+)
 _OBSERVED = ("pressures", "barriers_start", "barrier_edges")
 
 
-def save_points(path: Path, points: Sequence[StudyPoint], about: dict[str, Any]) -> None:
+def save_points(
+    path: Path, points: Sequence[StudyPoint], about: dict[str, Any]
+) -> None:
     """Store what the page needs of the points, and a dictionary ``about`` them; curves in single precision."""
-    observed = {content(member) for study in ("loads", "slopes") for member in members(study)}
+    observed = {
+        content(member) for study in ("loads", "slopes") for member in members(study)
+    }
     none = np.zeros(0)
-    columns: dict[str, list[np.ndarray]] = {name: [] for name in ("times", "drop", "error", *_OBSERVED)}
+    columns: dict[str, list[np.ndarray]] = {
+        name: [] for name in ("times", "drop", "error", *_OBSERVED)
+    }
     for point in points:
         columns["times"].append(point.hold_times)
         columns["drop"].append(point.friction_drop)
         # errors of replicas are those of tips; rough contacts have the scatter between surfaces
-        columns["error"].append(none if point.observables else point.friction_drop_half_width)
+        columns["error"].append(
+            none if point.observables else point.friction_drop_half_width
+        )
         values = point.observables if content(point.changes) in observed else {}
         for name in _OBSERVED:
             columns[name].append(values.get(name, none))
     arrays = {}
     for name, rows in columns.items():
         # rows of different lengths end with nan
-        padded = np.array(list(zip_longest(*rows, fillvalue=np.nan)), "f8" if name == "times" else "f4")
+        padded = np.array(
+            list(zip_longest(*rows, fillvalue=np.nan)),
+            "f8" if name == "times" else "f4",
+        )
         arrays[name] = padded.reshape(-1, len(rows)).T
-    summaries = [{name: point.summary[name] for name in _SUMMED if name in point.summary} for point in points]
-    text = json.dumps({**about, "changes": [point.changes for point in points], "summaries": summaries})
+    summaries = [
+        {name: point.summary[name] for name in _SUMMED if name in point.summary}
+        for point in points
+    ]
+    text = json.dumps(
+        {
+            **about,
+            "changes": [point.changes for point in points],
+            "summaries": summaries,
+        }
+    )
     image = io.BytesIO()
     np.savez_compressed(image, about=np.frombuffer(text.encode(), np.uint8), **arrays)
     write_file(path, image.getvalue(), force=True)
@@ -286,8 +376,13 @@ def read_points(path: Path) -> tuple[PointSet, dict[str, Any]]:
         about = json.loads(stored["about"].tobytes())
         columns = {name: stored[name] for name in stored.files if name != "about"}
     points = PointSet()
-    for at, (changes, summary) in enumerate(zip(about.pop("changes"), about.pop("summaries"), strict=True)):
-        rows = {name: values[at][~np.isnan(values[at])].astype("f8") for name, values in columns.items()}
+    for at, (changes, summary) in enumerate(
+        zip(about.pop("changes"), about.pop("summaries"), strict=True)
+    ):
+        rows = {
+            name: values[at][~np.isnan(values[at])].astype("f8")
+            for name, values in columns.items()
+        }
         times, drop, error = (rows.pop(name) for name in ("times", "drop", "error"))
         observed = {name: row for name, row in rows.items() if row.size}
         points.append(StudyPoint(changes, summary, times, drop, error, observed))
@@ -308,13 +403,20 @@ class Mean:
             return text.plus_minus(self.value, self.scatter)
         # the mean is better known than one surface
         digits = text.decimals(self.scatter / math.sqrt(self.count))
-        value, scatter = (f"{round(number, digits):.{max(digits, 0)}f}" for number in (self.value, self.scatter))
+        value, scatter = (
+            f"{round(number, digits):.{max(digits, 0)}f}"
+            for number in (self.value, self.scatter)
+        )
         return f"{value} ± {scatter}"
 
     @property
     def one_more(self) -> float:
         """Half width of the interval that holds the value of one more surface with a probability of 95 %."""
-        return statistics.student_limit(self.count - 1) * self.scatter * math.sqrt(1 + 1 / self.count)
+        return (
+            statistics.student_limit(self.count - 1)
+            * self.scatter
+            * math.sqrt(1 + 1 / self.count)
+        )
 
 
 def mean(values: Iterable[float]) -> Mean:

@@ -28,14 +28,24 @@ def chemage_register() -> dict[str, dict[str, str]]:
 @hookimpl
 def chemage_scenes() -> dict[str, str]:
     """The scenes of this package."""
-    names = ("silica-rough", "silica-patch", "silica-tip", "silica-tips", "silica-afm-tip", "silica-linear-tip")
+    names = (
+        "silica-rough",
+        "silica-patch",
+        "silica-tip",
+        "silica-tips",
+        "silica-afm-tip",
+        "silica-linear-tip",
+    )
     return {name: f"chemage_silica:scenes/{name}.toml" for name in names}
 
 
 @hookimpl
 def chemage_published() -> list[tuple[dict[str, Any], float, str]]:
     """β of Fig. 3 of the paper at 20 µN by rms slope, without and with the activation volume of 6.4 Å³."""
-    published = {0.0064: {0.05: 0.89, 0.1: 0.45, 0.2: 0.20}, 0.0: {0.05: 0.98, 0.1: 0.49, 0.2: 0.24}}
+    published = {
+        0.0064: {0.05: 0.89, 0.1: 0.45, 0.2: 0.20},
+        0.0: {0.05: 0.98, 0.1: 0.49, 0.2: 0.24},
+    }
     same: dict[str, Any] = {
         "surface.kind": "self-affine",
         "surface.hurst": 0.8,

@@ -22,7 +22,10 @@ def _table() -> tuple[PiecewiseLinearDensity, ...]:
     name = "md_silica_barriers.csv"
     text = resources.files("chemage_silica").joinpath(name).read_text(encoding="utf-8")
     rows = parse_columns(text, name)
-    return tuple(PiecewiseLinearDensity(*rows[rows[:, 0] == member, 1:].T) for member in range(_MEMBERS))
+    return tuple(
+        PiecewiseLinearDensity(*rows[rows[:, 0] == member, 1:].T)
+        for member in range(_MEMBERS)
+    )
 
 
 _LIU = """@article{liu2012,

@@ -44,18 +44,27 @@ DIFFERENT = 1e-3
 MOST_PIXELS = 2**43
 
 
-def _sides(value: Any, *, give: str = "lengths; give one, or two: [along x, along y]") -> tuple[Any, Any]:
+def _sides(
+    value: Any, *, give: str = "lengths; give one, or two: [along x, along y]"
+) -> tuple[Any, Any]:
     """Along x and y, from one value or two."""
-    sides = tuple(value) if isinstance(value, list | tuple | np.ndarray) else (value, value)
+    sides = (
+        tuple(value) if isinstance(value, list | tuple | np.ndarray) else (value, value)
+    )
     if len(sides) != 2:
         raise ValueError(f"{len(sides)} {give}")
     return sides
 
 
 def _grid(value: Any) -> tuple[int, int]:
-    sides = _sides(value, give="numbers; give one whole number of pixels, or two: [nx, ny]")
+    sides = _sides(
+        value, give="numbers; give one whole number of pixels, or two: [nx, ny]"
+    )
     # 2.5e3 is a whole number, too
-    whole: Any = [int(side) if isinstance(side, float) and side.is_integer() else side for side in sides]
+    whole: Any = [
+        int(side) if isinstance(side, float) and side.is_integer() else side
+        for side in sides
+    ]
     try:
         if bool in map(type, sides):
             raise TypeError
@@ -78,17 +87,26 @@ def _grid(value: Any) -> tuple[int, int]:
 if TYPE_CHECKING:
     Pixels: TypeAlias = Any  # to a type checker, so that one number can be given
 else:
-    Pixels = Annotated[tuple[int, int], BeforeValidator(_grid, json_schema_input_type=int | tuple[int, int])]
+    Pixels = Annotated[
+        tuple[int, int],
+        BeforeValidator(_grid, json_schema_input_type=int | tuple[int, int]),
+    ]
 
 
 def provenance(maker: SurfaceMaker, seed: Seed | None = None) -> dict[str, Any]:
     """Record how a surface was made, as plain JSON values; with ``seed`` if the maker draws random numbers."""
     options = maker.todict()
-    record: dict[str, Any] = {"kind": options.pop("kind"), "options": options, "chemage": chemage.__version__}
+    record: dict[str, Any] = {
+        "kind": options.pop("kind"),
+        "options": options,
+        "chemage": chemage.__version__,
+    }
     if isinstance(seed, np.random.SeedSequence):
         entropy = seed.entropy
         record["seed"] = {
-            "entropy": [int(word) for word in entropy] if isinstance(entropy, list | tuple | np.ndarray) else entropy,
+            "entropy": [int(word) for word in entropy]
+            if isinstance(entropy, list | tuple | np.ndarray)
+            else entropy,
             "spawn_key": [int(word) for word in seed.spawn_key],
         }
     elif seed is not None:
@@ -112,7 +130,8 @@ def _named_unit(value: Any) -> Any:
 HeightUnit = Annotated[float, Unit("nm", gt=0), BeforeValidator(_named_unit)]
 #: edges of a pixel along x and y, nm, from one length (a square) or two
 PixelSides = Annotated[
-    tuple[Length, Length], BeforeValidator(_sides, json_schema_input_type=Length | tuple[Length, Length])
+    tuple[Length, Length],
+    BeforeValidator(_sides, json_schema_input_type=Length | tuple[Length, Length]),
 ]
 
 
@@ -162,7 +181,12 @@ class ImageMaker(SurfaceMaker):
         """Grid and rms slope of the surface, which is made once as long as the file does not change."""
         surface = self.make()
         nx, ny = surface.shape
-        numbers = {"nx": nx, "ny": ny, "pixel_size": surface.pixel_size, "rms_slope": surface.rms_slope}
+        numbers = {
+            "nx": nx,
+            "ny": ny,
+            "pixel_size": surface.pixel_size,
+            "rms_slope": surface.rms_slope,
+        }
         return {**numbers, "periodic": float(surface.periodic)}
 
     def scatter(self, contact: Mapping[str, float]) -> Scatter:
@@ -189,13 +213,17 @@ def stated(
         wanted["pixel_size"] = '"4.5 nm"'
     these, it = ("one", "it") if len(wanted) == 1 else ("them", "them")
     give = " and ".join(f"{name} = {example}" for name, example in wanted.items())
-    raise InputError(f"{', '.join(wanted)}: {image.source} does not state {these}; give {it}, such as {give}")
+    raise InputError(
+        f"{', '.join(wanted)}: {image.source} does not state {these}; give {it}, such as {give}"
+    )
 
 
 def same_pixels(image: HeightMap, given: tuple[float, float]) -> None:
     """Refuse pixels that are given against those in the file."""
     stated = image.pixel_size
-    if stated is not None and any(abs(a - b) > DIFFERENT * b for a, b in zip(given, stated, strict=True)):
+    if stated is not None and any(
+        abs(a - b) > DIFFERENT * b for a, b in zip(given, stated, strict=True)
+    ):
         raise InputError(
             f"pixel_size = {given[0]:.9g} x {given[1]:.9g} nm: {image.source} states {stated[0]:.9g} x {stated[1]:.9g} "
             "nm; leave pixel_size out, or, if the file is wrong, give it to the reader: "
@@ -223,14 +251,18 @@ def surface_of(image: HeightMap) -> Surface:
             f"{image.source}: pixels of {dx:.6g} x {dy:.6g} nm are not square; make them so with the surface "
             f'"measured" and resample = "{min(dx, dy):.6g} nm"'
         )
-    return Surface(heights=in_nm(image.heights, unit), pixel_size=dx, periodic=image.periodic)
+    return Surface(
+        heights=in_nm(image.heights, unit), pixel_size=dx, periodic=image.periodic
+    )
 
 
 def in_nm(heights: np.ndarray, unit: float) -> np.ndarray:
     """The heights times ``unit``, in their own precision."""
     if unit == 1:
         return heights
-    with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused by the surface
+    with np.errstate(
+        over="ignore", invalid="ignore"
+    ):  # what is not finite is refused by the surface
         return heights * heights.dtype.type(unit)
 
 
@@ -243,6 +275,9 @@ def opposite(one: str, other: str) -> bool:
     names = [" ".join(name.lower().replace("_", " ").split()) for name in (one, other)]
     for back, there in _WAYS:
         marked = [name.replace(back, "<").replace(there, ">") for name in names]
-        if marked[0] != marked[1] and marked[0].translate({60: ">", 62: "<"}) == marked[1]:
+        if (
+            marked[0] != marked[1]
+            and marked[0].translate({60: ">", 62: "<"}) == marked[1]
+        ):
             return True
     return False

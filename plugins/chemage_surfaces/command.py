@@ -23,40 +23,94 @@ def _how(metavar: str, what: str) -> Any:
 
 def roughness(
     paths: Annotated[
-        list[Path], typer.Argument(metavar="FILE...", help="images of one surface, at any magnifications")
+        list[Path],
+        typer.Argument(
+            metavar="FILE...", help="images of one surface, at any magnifications"
+        ),
     ],
-    reader: Annotated[Text, _how("KIND", "kind of the reader; default: by the content of the file")] = None,
-    height_unit: Annotated[Text, _how("UNIT", "unit of the heights, such as nm; default: as the file states")] = None,
-    pixel_size: Annotated[
-        Text, _how("LENGTH", "edge of a pixel, nm or with a unit; default: as the file states")
+    reader: Annotated[
+        Text, _how("KIND", "kind of the reader; default: by the content of the file")
     ] = None,
-    lines: Annotated[str, _how("HOW", "align scan lines: none, differences, constant, linear or quadratic")] = "none",
-    scars: Annotated[str, _how("ACTION", "what to do with scars: keep or interpolate")] = "keep",
+    height_unit: Annotated[
+        Text,
+        _how("UNIT", "unit of the heights, such as nm; default: as the file states"),
+    ] = None,
+    pixel_size: Annotated[
+        Text,
+        _how(
+            "LENGTH", "edge of a pixel, nm or with a unit; default: as the file states"
+        ),
+    ] = None,
+    lines: Annotated[
+        str,
+        _how(
+            "HOW", "align scan lines: none, differences, constant, linear or quadratic"
+        ),
+    ] = "none",
+    scars: Annotated[
+        str, _how("ACTION", "what to do with scars: keep or interpolate")
+    ] = "keep",
     detrend: Annotated[
         Text,
-        _how("TREND", "trend to subtract: none, mean, plane or quadratic; default: plane, or mean if periodic"),
+        _how(
+            "TREND",
+            "trend to subtract: none, mean, plane or quadratic; default: plane, or mean if periodic",
+        ),
     ] = None,
-    missing: Annotated[str, _how("ACTION", "what to do with missing heights: few, refuse or interpolate")] = "few",
-    spikes: Annotated[str, _how("ACTION", "what to do with spikes: few, refuse, keep or interpolate")] = "few",
-    resample: Annotated[Text, _how("LENGTH", "edge of square pixels to make; default: as they are")] = None,
+    missing: Annotated[
+        str,
+        _how("ACTION", "what to do with missing heights: few, refuse or interpolate"),
+    ] = "few",
+    spikes: Annotated[
+        str, _how("ACTION", "what to do with spikes: few, refuse, keep or interpolate")
+    ] = "few",
+    resample: Annotated[
+        Text, _how("LENGTH", "edge of square pixels to make; default: as they are")
+    ] = None,
     periodic: Annotated[
-        bool | None, typer.Option(help="whether the image is one period of the surface; default: as the file states")
+        bool | None,
+        typer.Option(
+            help="whether the image is one period of the surface; default: as the file states"
+        ),
     ] = None,
     resolution: Annotated[
-        Text, _how("LENGTH", "shortest wavelength of the fit; default: as far as the image is trusted")
+        Text,
+        _how(
+            "LENGTH",
+            "shortest wavelength of the fit; default: as far as the image is trusted",
+        ),
     ] = None,
     tip_radius: Annotated[
-        Text, _how("LENGTH", "radius of the tip; default: as valleys sharper than peaks show it")
+        Text,
+        _how(
+            "LENGTH",
+            "radius of the tip; default: as valleys sharper than peaks show it",
+        ),
     ] = None,
     retrace: Annotated[
-        bool, typer.Option(help="take the difference between trace and retrace, where the file has both, as noise")
+        bool,
+        typer.Option(
+            help="take the difference between trace and retrace, where the file has both, as noise"
+        ),
     ] = True,
-    spacing: Annotated[Text, _how("LENGTH", "pixel size in the printed section; default: that of the image")] = None,
-    cutoff: Annotated[
-        Text, _how("LENGTH", "shortest wavelength in the printed section; default: that of the fit")
+    spacing: Annotated[
+        Text,
+        _how("LENGTH", "pixel size in the printed section; default: that of the image"),
     ] = None,
-    figures: Annotated[Path | None, _how("FOLDER", "also draw FOLDER/roughness.png: spectrum and differences")] = None,
-    force: Annotated[bool, typer.Option("--force", help="overwrite the figure")] = False,
+    cutoff: Annotated[
+        Text,
+        _how(
+            "LENGTH",
+            "shortest wavelength in the printed section; default: that of the fit",
+        ),
+    ] = None,
+    figures: Annotated[
+        Path | None,
+        _how("FOLDER", "also draw FOLDER/roughness.png: spectrum and differences"),
+    ] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="overwrite the figure")
+    ] = False,
 ) -> None:
     """Measure the roughness of an image, and fit it.
 
@@ -70,7 +124,11 @@ def roughness(
     from chemage_surfaces.measures import Measures
 
     # options of the surface have its names
-    options = {name: given[name] for name in Measured.model_fields if given.get(name) is not None}
+    options = {
+        name: given[name]
+        for name in Measured.model_fields
+        if given.get(name) is not None
+    }
     makers = [Measured(path=str(path), **options) for path in paths]
     images = [maker.image() for maker in makers]
     measures = [Measures.of(image.heights, image.sides) for image in images]
@@ -80,8 +138,13 @@ def roughness(
         _print_steps(image)
         typer.echo(f"{found.text()}\n")
     fault = next((image.faults[0] for image in images if image.faults), "")
-    retraces = [maker.retrace() if retrace and resolution is None and not fault else None for maker in makers]
-    fit, why = (None, fault) if fault else _fitted(images, resolution, tip_radius, retraces)
+    retraces = [
+        maker.retrace() if retrace and resolution is None and not fault else None
+        for maker in makers
+    ]
+    fit, why = (
+        (None, fault) if fault else _fitted(images, resolution, tip_radius, retraces)
+    )
     if figures is not None:
         from chemage.plugin import figures as drawing
         from chemage_surfaces.roughness_figure import roughness_figure
@@ -92,7 +155,9 @@ def roughness(
         typer.echo(f"no fit: {why}")
         return
     for one in filter(None, retraces):
-        typer.echo(f"retrace             {one.provenance['channel']!r}: the difference is noise")
+        typer.echo(
+            f"retrace             {one.provenance['channel']!r}: the difference is noise"
+        )
     typer.echo(f"{fit.text()}\n")
     if fit.fault:
         typer.echo(f"no section [surface]: {fit.fault}")
@@ -101,7 +166,10 @@ def roughness(
 
 
 def _fitted(
-    images: list[Image], resolution: str | None, tip_radius: str | None, retraces: list[Surface | None]
+    images: list[Image],
+    resolution: str | None,
+    tip_radius: str | None,
+    retraces: list[Surface | None],
 ) -> tuple[RoughnessFit | None, str]:
     """The fit to all images, or why there is none."""
     from chemage import InputError
@@ -109,7 +177,9 @@ def _fitted(
 
     surfaces = [image.surface() for image in images]
     try:
-        return fit_roughness(surfaces, resolution=resolution, tip_radius=tip_radius, retraces=retraces), ""
+        return fit_roughness(
+            surfaces, resolution=resolution, tip_radius=tip_radius, retraces=retraces
+        ), ""
     except InputError as error:
         if resolution is not None or tip_radius is not None:
             raise
@@ -120,4 +190,7 @@ def _print_steps(image: Image) -> None:
     """Print the steps that changed heights."""
     for step in image.steps:
         if step["step"] in ("lines", "scars", "spikes", "missing"):
-            typer.echo(f"{step['step']:<19} " + ", ".join(f"{k} {v}" for k, v in step.items() if k != "step"))
+            typer.echo(
+                f"{step['step']:<19} "
+                + ", ".join(f"{k} {v}" for k, v in step.items() if k != "step")
+            )

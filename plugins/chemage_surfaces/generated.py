@@ -18,7 +18,17 @@ from numpy.typing import NDArray
 from pydantic import model_validator
 
 from chemage import Surface
-from chemage.plugin import Length, Roughness, Scatter, Seed, SurfaceMaker, Unit, memory, roughness, threads
+from chemage.plugin import (
+    Length,
+    Roughness,
+    Scatter,
+    Seed,
+    SurfaceMaker,
+    Unit,
+    memory,
+    roughness,
+    threads,
+)
 from chemage_surfaces._maps import Floats, Pixels, provenance, stream
 
 #: what was measured of the scatter between surfaces: A/A0, ζ/η, and the scatter itself
@@ -76,7 +86,9 @@ class SelfAffine(SurfaceMaker):
     def _check(self) -> Self:
         if (self.rms_slope is None) == (self.rms_height is None):
             which = "neither" if self.rms_slope is None else "both"
-            raise ValueError(f"rms_slope, rms_height: {which} given; give exactly one of them")
+            raise ValueError(
+                f"rms_slope, rms_height: {which} given; give exactly one of them"
+            )
         if self.eta > self.zeta:
             raise ValueError(
                 f"eta = {self.eta:g}: above zeta = {self.zeta:g}; the roll-off must come before the cut-off"
@@ -113,7 +125,11 @@ class SelfAffine(SurfaceMaker):
         nx, ny = self.pixels
         longest = max(nx, ny) * self.pixel_size
         ratio = 2 * np.pi / longest * np.sqrt(self._moment(3.0) / self._moment(1.0))
-        slope = self.rms_slope if self.rms_slope is not None else (self.rms_height or 0.0) * ratio
+        slope = (
+            self.rms_slope
+            if self.rms_slope is not None
+            else (self.rms_height or 0.0) * ratio
+        )
         height = self.rms_height if self.rms_height is not None else slope / ratio
         return Roughness(
             rms_slope=slope,
@@ -136,11 +152,28 @@ class SelfAffine(SurfaceMaker):
             return Scatter(0.0)  # flat at every seed
         area = contact.get("area_fraction", 0)
         ratio = self.zeta / self.eta
-        measured = MEASURED_AREA[0] <= area <= MEASURED_AREA[1] and ratio >= LEAST_RATIO and self.hurst >= 0.25
-        relative = 0.144 / self.eta * area**-0.5 * ratio ** (0.40 * self.hurst - 0.91) if measured else math.nan
-        if self.rms_slope is None or not MEASURED_SCATTER[0] <= relative <= MEASURED_SCATTER[1]:
-            return Scatter(None, "1 to 22 % were measured on other surfaces, the more the smaller the contact")
-        return Scatter(relative, f"estimated from the spectrum and A/A0 = {area:.3g}, within a factor of 1.5")
+        measured = (
+            MEASURED_AREA[0] <= area <= MEASURED_AREA[1]
+            and ratio >= LEAST_RATIO
+            and self.hurst >= 0.25
+        )
+        relative = (
+            0.144 / self.eta * area**-0.5 * ratio ** (0.40 * self.hurst - 0.91)
+            if measured
+            else math.nan
+        )
+        if (
+            self.rms_slope is None
+            or not MEASURED_SCATTER[0] <= relative <= MEASURED_SCATTER[1]
+        ):
+            return Scatter(
+                None,
+                "1 to 22 % were measured on other surfaces, the more the smaller the contact",
+            )
+        return Scatter(
+            relative,
+            f"estimated from the spectrum and A/A0 = {area:.3g}, within a factor of 1.5",
+        )
 
     def coarser(self, factor: int) -> Self | None:
         """The same surface on pixels ``factor`` times larger; None if they cannot resolve it."""
@@ -148,7 +181,9 @@ class SelfAffine(SurfaceMaker):
         # with fewer than four pixels per shortest wavelength the contact depends on the pixels
         if nx % factor or ny % factor or self.zeta > max(nx, ny) / factor / 4:
             return None
-        return self.replace(pixels=(nx // factor, ny // factor), pixel_size=self.pixel_size * factor)
+        return self.replace(
+            pixels=(nx // factor, ny // factor), pixel_size=self.pixel_size * factor
+        )
 
     def sketch(self) -> Self | None:
         """The same surface on about two pixels per shortest wavelength."""
@@ -156,12 +191,20 @@ class SelfAffine(SurfaceMaker):
 
         step = math.gcd(*self.pixels)
         sides = [side // step for side in self.pixels]
-        parts = next_fast_len(math.ceil(SKETCHED * self.zeta / max(sides)), real=True) or step
+        parts = (
+            next_fast_len(math.ceil(SKETCHED * self.zeta / max(sides)), real=True)
+            or step
+        )
         if parts >= step:
             return None
-        return self.replace(pixels=(sides[0] * parts, sides[1] * parts), pixel_size=self.pixel_size * step / parts)
+        return self.replace(
+            pixels=(sides[0] * parts, sides[1] * parts),
+            pixel_size=self.pixel_size * step / parts,
+        )
 
-    def coarser_errors(self, factor: int, contact: Mapping[str, float]) -> dict[str, float]:
+    def coarser_errors(
+        self, factor: int, contact: Mapping[str, float]
+    ) -> dict[str, float]:
         """Pixels at the rim of patches are those that are wrong, so that errors grow with the part of the pixels which
         the rim has, of first order in the perimeter times the pixel size over the area; those that remain with sites in
         place are of second order.
@@ -183,9 +226,20 @@ class SelfAffine(SurfaceMaker):
         5 to 20 % off on five others.
         """
         nx, ny = self.pixels
-        curvature = math.sqrt(self._moment(5.0) / self._moment(3.0)) * 2 * math.pi / (max(nx, ny) * self.pixel_size)
+        curvature = (
+            math.sqrt(self._moment(5.0) / self._moment(3.0))
+            * 2
+            * math.pi
+            / (max(nx, ny) * self.pixel_size)
+        )
         area = area if area > 0 else 0.01
-        return 2.79 * curvature * area**-0.083 * (self.zeta / self.eta) ** -0.172 * math.exp(-0.703 * self.hurst)
+        return (
+            2.79
+            * curvature
+            * area**-0.083
+            * (self.zeta / self.eta) ** -0.172
+            * math.exp(-0.703 * self.hurst)
+        )
 
     def _moment(self, power: float) -> float:
         """∫ q^power C(q) dq between the cut-offs, q in units of q_L and C = 1 on the plateau."""
@@ -207,11 +261,22 @@ class SelfAffine(SurfaceMaker):
         InputError
             The seed is not a whole number ≥ 0 (or a ``numpy.random.SeedSequence``).
         """
-        memory.require(3 * 8.0 * self.pixels[0] * self.pixels[1], f"pixels = {self.pixels}", "use fewer")
+        memory.require(
+            3 * 8.0 * self.pixels[0] * self.pixels[1],
+            f"pixels = {self.pixels}",
+            "use fewer",
+        )
         nx, ny = self.pixels
         longest = max(nx, ny)
 
-        half = half_spectrum(self.pixels, seed, hurst=self.hurst, roll=self.eta, long=1.0, short=self.zeta)
+        half = half_spectrum(
+            self.pixels,
+            seed,
+            hurst=self.hurst,
+            roll=self.eta,
+            long=1.0,
+            short=self.zeta,
+        )
         power = half.real**2 + half.imag**2
         power *= roughness.multiplicity(ny)[: half.shape[1]]
         if self.rms_slope is not None:
@@ -219,14 +284,21 @@ class SelfAffine(SurfaceMaker):
             # vanish
             qx = np.rint(np.fft.fftfreq(nx) * nx) * (longest / nx)
             qy = np.arange(half.shape[1]) * (longest / ny)
-            norm = math.sqrt(float(np.sum(power * (qx[:, None] ** 2 + qy**2)))) * (2.0 * math.pi / longest)
+            norm = math.sqrt(float(np.sum(power * (qx[:, None] ** 2 + qy**2)))) * (
+                2.0 * math.pi / longest
+            )
             target = self.rms_slope * self.pixel_size
         else:
             norm, target = math.sqrt(float(np.sum(power))), self.rms_height or 0.0
         half *= target / norm * nx * ny
         heights = heights_of(half, ny)
         heights.setflags(write=False)
-        return Surface(heights=heights, pixel_size=self.pixel_size, periodic=True, provenance=provenance(self, seed))
+        return Surface(
+            heights=heights,
+            pixel_size=self.pixel_size,
+            periodic=True,
+            provenance=provenance(self, seed),
+        )
 
 
 def heights_of(half: NDArray[np.complex128], ny: int) -> Floats:
@@ -234,12 +306,21 @@ def heights_of(half: NDArray[np.complex128], ny: int) -> Floats:
     from scipy import fft as sfft
 
     columns = sfft.ifft(half, axis=0, overwrite_x=True, workers=threads.available())
-    heights = sfft.irfft(columns, n=ny, axis=1, overwrite_x=True, workers=threads.available())
+    heights = sfft.irfft(
+        columns, n=ny, axis=1, overwrite_x=True, workers=threads.available()
+    )
     return np.ascontiguousarray(heights)
 
 
 def half_spectrum(
-    shape: tuple[int, int], seed: Seed, *, hurst: float, roll: float, long: float, short: float, scale: float = 1.0
+    shape: tuple[int, int],
+    seed: Seed,
+    *,
+    hurst: float,
+    roll: float,
+    long: float,
+    short: float,
+    scale: float = 1.0,
 ) -> NDArray[np.complex128]:
     """Complex white noise of mean square 2 times ``scale`` and the root of a density, with Hermitian symmetry: rows in
     FFT order, columns 0 … top along y.
@@ -266,13 +347,17 @@ def half_spectrum(
             middle = 3 * s + 1  # of draw[2s+2 : 4s+1], where kx = 0
             noise[top_x - kx : top_x + kx + 1, s] = draw[middle - kx : middle + kx + 1]
     kx_all = np.arange(-top_x, top_x + 1)
-    q = np.hypot(kx_all[:, None] * (longest / nx), np.arange(top_y + 1) * (longest / ny))
+    q = np.hypot(
+        kx_all[:, None] * (longest / nx), np.arange(top_y + 1) * (longest / ny)
+    )
     slack = 1e-9
     density = (np.maximum(q, roll) / roll) ** (-2.0 - 2.0 * hurst)
     density[(q < long * (1.0 - slack)) | (q > short * (1.0 + slack))] = 0.0
     noise *= scale * np.sqrt(density)
     half = np.zeros((nx, top_y + 1), dtype=np.complex128)
-    half[kx_all % nx] = noise  # for even nx and top_x = nx/2 the first and the last share a row, which keeps the last
+    half[kx_all % nx] = (
+        noise  # for even nx and top_x = nx/2 the first and the last share a row, which keeps the last
+    )
     # columns that are their own conjugate mirror images, from their positive halves; real entries keep their variance
     for j in (0, ny // 2) if ny % 2 == 0 and top_y == ny // 2 and ny > 1 else (0,):
         column = half[:, j]

@@ -12,7 +12,15 @@ import numpy as np
 from pydantic import model_validator
 
 from chemage import InputError, Surface
-from chemage.plugin import FileStamp, Length, Reader, Unit, file_hash, memory, reader_for
+from chemage.plugin import (
+    FileStamp,
+    Length,
+    Reader,
+    Unit,
+    file_hash,
+    memory,
+    reader_for,
+)
 from chemage_surfaces._maps import (
     SQUARE,
     Floats,
@@ -64,24 +72,38 @@ class FromFile(ImageMaker):
         if self.pixel_size is not None:
             sides = (self.pixel_size, self.pixel_size)
             same_pixels(image, sides)
-        unit = self.height_unit or image.height_unit or getattr(reader, "default_unit", None)
+        unit = (
+            self.height_unit
+            or image.height_unit
+            or getattr(reader, "default_unit", None)
+        )
         surface = surface_of(replace(image, height_unit=unit, pixel_size=sides))
         heights = surface.heights
         if self.detrend != "none":
-            with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused below
+            with np.errstate(
+                over="ignore", invalid="ignore"
+            ):  # what is not finite is refused below
                 centred = heights - heights.mean(dtype=np.float64)
                 # on a full grid the two tilts and the mean are orthogonal, so that each is a separate projection
-                for axis, count in enumerate(heights.shape if self.detrend == "plane" else ()):
+                for axis, count in enumerate(
+                    heights.shape if self.detrend == "plane" else ()
+                ):
                     x = np.arange(count) - 0.5 * (count - 1)
                     if count > 1:
                         tilt = (x @ centred.mean(axis=1 - axis)) / (x @ x)
-                        centred -= (tilt * x)[:, None] if axis == 0 else (tilt * x)[None, :]
+                        centred -= (
+                            (tilt * x)[:, None] if axis == 0 else (tilt * x)[None, :]
+                        )
                 heights = centred.astype(heights.dtype, copy=False)
         return Surface(
             heights=heights,
             pixel_size=surface.pixel_size,
             periodic=surface.periodic if self.periodic is None else self.periodic,
-            provenance={**provenance(self), "reader": reader.kind, "file_blake2b": content},
+            provenance={
+                **provenance(self),
+                "reader": reader.kind,
+                "file_blake2b": content,
+            },
         )
 
 
@@ -156,7 +178,11 @@ class Measured(ImageMaker):
         if image.faults:
             return image.faults[0]
         image.heights.setflags(write=False)
-        made = {"reader": reader.kind, "file_blake2b": file_hash(self.path, stamp), "steps": image.steps}
+        made = {
+            "reader": reader.kind,
+            "file_blake2b": file_hash(self.path, stamp),
+            "steps": image.steps,
+        }
         return image.surface(**provenance(self), **made)
 
     def image(self) -> Image:
@@ -180,11 +206,31 @@ class Measured(ImageMaker):
         read = reader.height_map(self.path)
         if self.pixel_size is not None:
             same_pixels(read, self.pixel_size)
-        unit, sides = stated(read, self.height_unit or read.height_unit, self.pixel_size or read.pixel_size)
-        memory.require(12 * 8.0 * read.heights.size, read.source, "crop the file in the program that wrote it")
+        unit, sides = stated(
+            read,
+            self.height_unit or read.height_unit,
+            self.pixel_size or read.pixel_size,
+        )
+        memory.require(
+            12 * 8.0 * read.heights.size,
+            read.source,
+            "crop the file in the program that wrote it",
+        )
         periodic = read.periodic if self.periodic is None else self.periodic
-        image = Image(in_nm(read.heights.astype(np.float64), unit), sides, periodic, read.source, [])
-        image.did("read", reader=reader.kind, height_unit_nm=unit, pixel_size_nm=list(sides), **read.notes)
+        image = Image(
+            in_nm(read.heights.astype(np.float64), unit),
+            sides,
+            periodic,
+            read.source,
+            [],
+        )
+        image.did(
+            "read",
+            reader=reader.kind,
+            height_unit_nm=unit,
+            pixel_size_nm=list(sides),
+            **read.notes,
+        )
         image.heights[~np.isfinite(image.heights)] = np.nan
         what = image.source
         if self.crop is not None:
@@ -214,7 +260,9 @@ class Measured(ImageMaker):
             image.did("detrend", trend=self.detrend, range_nm=float(np.ptp(subtracted)))
         self._square(image)
         if self.window != "none" and image.periodic:
-            raise InputError(f"window = {self.window!r}: {image.source} is periodic already; leave it out")
+            raise InputError(
+                f"window = {self.window!r}: {image.source} is periodic already; leave it out"
+            )
         if image.faults:
             return image
         if self.window != "none":
@@ -222,7 +270,9 @@ class Measured(ImageMaker):
                 image.heights = hann(image.heights)
             else:  # mirror images beyond two edges: (2 nx, 2 ny), periodic without a step
                 nx, ny = image.heights.shape
-                image.heights = np.pad(image.heights, ((0, nx), (0, ny)), mode="symmetric")
+                image.heights = np.pad(
+                    image.heights, ((0, nx), (0, ny)), mode="symmetric"
+                )
             image.periodic = True
             image.did("window", window=self.window)
         surface = image.surface()
@@ -243,7 +293,10 @@ class Measured(ImageMaker):
                     f"lines = {self.lines!r}: {image.source} is periodic, and aligned lines would not fit at its "
                     "edges; leave it out, or give periodic = false"
                 )
-            offsets = line_offsets(image.heights, {"constant": 0, "linear": 1, "quadratic": 2}.get(self.lines))
+            offsets = line_offsets(
+                image.heights,
+                {"constant": 0, "linear": 1, "quadratic": 2}.get(self.lines),
+            )
             image.heights = image.heights - offsets
             image.did("lines", lines=self.lines, rms_nm=float(offsets.std()))
         if self.scars == "interpolate":
@@ -258,7 +311,9 @@ class Measured(ImageMaker):
         gaps = ~np.isfinite(image.heights)
         # scars were asked for
         missing = int(gaps.sum()) - scars
-        left = missing > {"refuse": 0, "few": FEW_MISSING * count}.get(self.missing, math.inf)
+        left = missing > {"refuse": 0, "few": FEW_MISSING * count}.get(
+            self.missing, math.inf
+        )
         if missing + scars > MOST_MISSING * count:
             left = True
             image.faults.append(
@@ -276,7 +331,9 @@ class Measured(ImageMaker):
         if self.spikes != "keep" and not gaps.all():
             spikes = find_spikes(image.heights, self.spike_threshold, image.periodic)
             found = int(spikes.sum())
-            if found > {"refuse": 0, "few": FEW_SPIKES * count}.get(self.spikes, math.inf):
+            if found > {"refuse": 0, "few": FEW_SPIKES * count}.get(
+                self.spikes, math.inf
+            ):
                 first = tuple(np.argwhere(spikes)[0].tolist())
                 image.faults.append(
                     f"{image.source}: {found} of {count} pixels are spikes, the first at pixel {first}, "
@@ -311,7 +368,9 @@ class Measured(ImageMaker):
         if image.faults:
             return
         pixels = image.heights.shape[0] * dx * image.heights.shape[1] * dy / side**2
-        memory.require(8 * 8.0 * pixels, f"resample = {side:g} nm", "give larger pixels")
+        memory.require(
+            8 * 8.0 * pixels, f"resample = {side:g} nm", "give larger pixels"
+        )
         try:
             image.heights = resampled(image.heights, image.sides, side, image.periodic)
         except ValueError as error:
@@ -338,7 +397,12 @@ class Image:
 
     def surface(self, **provenance: Any) -> Surface:
         """The surface, where there is no fault."""
-        return Surface(heights=self.heights, pixel_size=self.sides[0], periodic=self.periodic, provenance=provenance)
+        return Surface(
+            heights=self.heights,
+            pixel_size=self.sides[0],
+            periodic=self.periodic,
+            provenance=provenance,
+        )
 
     def did(self, step: str, **numbers: Any) -> None:
         """Record a step."""

@@ -16,9 +16,24 @@ from xml.etree import ElementTree
 import numpy as np
 
 from chemage import InputError
-from chemage.plugin import HeightMap, Length, StoreError, UnitError, container, convert, open_file, tables
+from chemage.plugin import (
+    HeightMap,
+    Length,
+    StoreError,
+    UnitError,
+    container,
+    convert,
+    open_file,
+    tables,
+)
 from chemage_surfaces._maps import HeightUnit, opposite
-from chemage_surfaces.readers import Instrument, as_map, coordinate_side, plain, unpacked
+from chemage_surfaces.readers import (
+    Instrument,
+    as_map,
+    coordinate_side,
+    plain,
+    unpacked,
+)
 
 #: containers in containers of a file of Gwyddion, and parts in parts of XML
 DEEPEST = 20
@@ -67,37 +82,68 @@ class X3p(Instrument):
         source = str(path)
         with _content(path) as data, zipfile.ZipFile(io.BytesIO(data)) as archive:
             if archive.getinfo("main.xml").file_size > LARGEST_XML:
-                raise ValueError("main.xml has more than a list of points needs; store them in bindata/data.bin")
+                raise ValueError(
+                    "main.xml has more than a list of points needs; store them in bindata/data.bin"
+                )
             record = archive.read("main.xml").replace(b"\0", b"")
             if b"<!DOCTYPE" in record or b"<!ENTITY" in record:
                 raise ValueError("its XML defines entities")
             root = ElementTree.fromstring(record)
-            fields = {"/".join(names): (node.text or "").strip() for names, node in _nodes(root)}
+            fields = {
+                "/".join(names): (node.text or "").strip()
+                for names, node in _nodes(root)
+            }
             if fields.get("Record1/FeatureType") not in ("SUR", None):
-                raise InputError(f"{source} holds no image, but {fields['Record1/FeatureType']!r} (SUR is an image)")
-            count = [int(fields[f"Record3/MatrixDimension/Size{axis}"]) for axis in "XYZ"]
+                raise InputError(
+                    f"{source} holds no image, but {fields['Record1/FeatureType']!r} (SUR is an image)"
+                )
+            count = [
+                int(fields[f"Record3/MatrixDimension/Size{axis}"]) for axis in "XYZ"
+            ]
             nx, ny = count[:2]
             if min(count) < 1 or count[2] != 1:
                 raise ValueError(f"{nx} x {ny} x {count[2]} points")
             if any(fields[f"Record1/Axes/C{axis}/AxisType"] != "I" for axis in "XY"):
-                raise InputError(f"{source} holds points that are no grid; grid them in the program of the instrument")
+                raise InputError(
+                    f"{source} holds points that are no grid; grid them in the program of the instrument"
+                )
             dtype = _TYPES[fields["Record1/Axes/CZ/DataType"]]
             container.check_unpacked(8 * nx * ny, len(data), source)
             if (link := fields.get("Record3/DataLink/PointDataLink")) is not None:
                 stored = _member(archive, link, nx * ny * np.dtype(dtype).itemsize)
                 heights = np.frombuffer(stored, dtype).astype(np.float64)
-                if (valid := fields.get("Record3/DataLink/ValidPointsLink")) is not None:
-                    marks = np.frombuffer(_member(archive, valid, -(-nx * ny // 8)), np.uint8)
-                    heights[np.unpackbits(marks, bitorder="little")[: nx * ny] == 0] = np.nan
+                if (
+                    valid := fields.get("Record3/DataLink/ValidPointsLink")
+                ) is not None:
+                    marks = np.frombuffer(
+                        _member(archive, valid, -(-nx * ny // 8)), np.uint8
+                    )
+                    heights[np.unpackbits(marks, bitorder="little")[: nx * ny] == 0] = (
+                        np.nan
+                    )
             else:
                 points = [node.text or "" for node in root.iter("Datum")]
                 if len(points) != nx * ny:
                     raise ValueError(f"{len(points)} points of {nx * ny}")
-                heights = np.array([float(point.split(";")[-1]) if point.strip() else math.nan for point in points])
+                heights = np.array(
+                    [
+                        float(point.split(";")[-1]) if point.strip() else math.nan
+                        for point in points
+                    ]
+                )
             heights = heights * float(fields.get("Record1/Axes/CZ/Increment") or 1)
             heights = heights + float(fields.get("Record1/Axes/CZ/Offset") or 0)
-            sides = tuple(f"{float(fields[f'Record1/Axes/C{axis}/Increment']) * _METRE!r} nm" for axis in "XY")
-            return as_map(heights.reshape(ny, nx).T, source, stated=sides, unit="m", notes={"format": "x3p"})
+            sides = tuple(
+                f"{float(fields[f'Record1/Axes/C{axis}/Increment']) * _METRE!r} nm"
+                for axis in "XY"
+            )
+            return as_map(
+                heights.reshape(ny, nx).T,
+                source,
+                stated=sides,
+                unit="m",
+                notes={"format": "x3p"},
+            )
 
 
 def _nodes(
@@ -115,7 +161,9 @@ def _member(archive: zipfile.ZipFile, name: str, size: int) -> bytes:
     """The part of an archive, which is no larger than it should be."""
     name = name.lstrip("/")
     if archive.getinfo(name).file_size != size:
-        raise ValueError(f"{name} has {archive.getinfo(name).file_size} bytes, and {size} are stated")
+        raise ValueError(
+            f"{name} has {archive.getinfo(name).file_size} bytes, and {size} are stated"
+        )
     return archive.read(name)
 
 
@@ -168,7 +216,10 @@ class _Stream:
             raise ValueError(f"unknown type {code!r}")
         count = self.number("I")
         if code in "SO":
-            return [self.text() if code == "S" else self.object(depth + 1)[1] for _ in range(count)]
+            return [
+                self.text() if code == "S" else self.object(depth + 1)[1]
+                for _ in range(count)
+            ]
         dtype = np.dtype({"C": "S1", "I": "<i4", "Q": "<i8", "D": "<f8"}[code])
         return np.frombuffer(self.take(count * dtype.itemsize), dtype)
 
@@ -193,23 +244,36 @@ class Gwy(Instrument):
                 raise ValueError(f"{nx} x {ny} points")
             heights = field["data"].reshape(ny, nx).T
             if isinstance(mask, dict):
-                heights = np.where(mask["data"].reshape(ny, nx).T > 0.5, np.nan, heights)
+                heights = np.where(
+                    mask["data"].reshape(ny, nx).T > 0.5, np.nan, heights
+                )
             lateral = _unit(field, "si_unit_xy")
             # Gwyddion takes sides without their sign, and 0 for 1
             sides = tuple(abs(float(field[name])) or 1.0 for name in ("xreal", "yreal"))
             stated = (
                 None
                 if lateral is None
-                else tuple(f"{side / n!r} {lateral}" for side, n in zip(sides, (nx, ny), strict=True))
+                else tuple(
+                    f"{side / n!r} {lateral}"
+                    for side, n in zip(sides, (nx, ny), strict=True)
+                )
             )
             notes = {"format": "gwy", "channel": title}
-            return as_map(heights, str(path), stated=stated, unit=_unit(field, "si_unit_z"), notes=notes)
+            return as_map(
+                heights,
+                str(path),
+                stated=stated,
+                unit=_unit(field, "si_unit_z"),
+                notes=notes,
+            )
 
     def retrace(self, path: str | PathLike[str]) -> Gwy | None:
         """The reader of the same channel in the other direction of the scan lines; None where the file has none."""
         with _content(path) as data:
             number, maps, _ = self._maps(data, path)
-            others = [title for title, _ in maps.values() if opposite(maps[number][0], title)]
+            others = [
+                title for title, _ in maps.values() if opposite(maps[number][0], title)
+            ]
         return self.replace(channel=others[0]) if others else None
 
     def _maps(
@@ -222,13 +286,29 @@ class Gwy(Instrument):
         channels = {
             key[:-5]: (str(content.get(f"{key}/title", key)), field)
             for key, field in content.items()
-            if key.startswith("/") and key.endswith("/data") and key[1:-5].isdigit() and isinstance(field, dict)
+            if key.startswith("/")
+            and key.endswith("/data")
+            and key[1:-5].isdigit()
+            and isinstance(field, dict)
         }
-        maps = {number: one for number, one in channels.items() if _unit(one[1], "si_unit_z") is not None}
-        number = next((number for number, (title, _) in maps.items() if self.channel in (None, title)), None)
+        maps = {
+            number: one
+            for number, one in channels.items()
+            if _unit(one[1], "si_unit_z") is not None
+        }
+        number = next(
+            (
+                number
+                for number, (title, _) in maps.items()
+                if self.channel in (None, title)
+            ),
+            None,
+        )
         if number is None:
             titles = ", ".join(title for title, _ in maps.values()) or "none"
-            raise InputError(f"channel = {self.channel!r}: {path} has no such channel of heights ({titles})")
+            raise InputError(
+                f"channel = {self.channel!r}: {path} has no such channel of heights ({titles})"
+            )
         return number, maps, content
 
 
@@ -281,15 +361,26 @@ class NetCdf(Instrument):
         from scipy.io import netcdf_file
 
         source, variables = str(path), {}
-        with _content(path) as data, netcdf_file(_Metered(data), "r", mmap=False) as file:
+        with (
+            _content(path) as data,
+            netcdf_file(_Metered(data), "r", mmap=False) as file,
+        ):
             for name, one in file.variables.items():
                 values = np.array(one[:] if one.dimensions else one[()])
-                attributes = {key: plain(value) for key, value in one._attributes.items()}
+                attributes = {
+                    key: plain(value) for key, value in one._attributes.items()
+                }
                 attributes.setdefault("units", attributes.get("unit"))
                 variables[name] = (one.dimensions, values, attributes)
-        maps = [name for name, (dimensions, _, _) in variables.items() if len(dimensions) == 2]
+        maps = [
+            name
+            for name, (dimensions, _, _) in variables.items()
+            if len(dimensions) == 2
+        ]
         heights_in = [name for name in maps if _is_length(variables[name][2]["units"])]
-        chosen = self.variable or next((names[0] for names in (maps, heights_in) if len(names) == 1), None)
+        chosen = self.variable or next(
+            (names[0] for names in (maps, heights_in) if len(names) == 1), None
+        )
         if chosen not in maps:
             raise InputError(
                 f"variable = {self.variable!r}: {source} has these of two dimensions: {', '.join(maps) or 'none'}; "
@@ -297,7 +388,11 @@ class NetCdf(Instrument):
             )
         dimensions, values, attributes = variables[chosen]
         heights = unpacked(values, attributes, f"{source}:{chosen}")
-        if "mask" in maps and chosen != "mask" and variables["mask"][1].shape == heights.shape:
+        if (
+            "mask" in maps
+            and chosen != "mask"
+            and variables["mask"][1].shape == heights.shape
+        ):
             heights = np.where(variables["mask"][1] != 0, np.nan, heights)
         periodic, sides = True, []
         for dimension, count in zip(dimensions, heights.shape, strict=True):
@@ -310,7 +405,14 @@ class NetCdf(Instrument):
             periodic = periodic and bool(about.get("periodic"))
         stated = tuple(sides) if len(sides) == 2 else None
         notes = {"format": "netcdf", "channel": chosen}
-        return as_map(heights, source, stated=stated, periodic=periodic, unit=attributes["units"], notes=notes)
+        return as_map(
+            heights,
+            source,
+            stated=stated,
+            periodic=periodic,
+            unit=attributes["units"],
+            notes=notes,
+        )
 
 
 # -- points ------------------------------------------------------------------------------------------------------------
@@ -337,26 +439,44 @@ class Xyz(Instrument):
             raise StoreError(f"{path} holds no points")
         points = tables.numbers(lines, str(path), tables.separator_of(lines[0][1]))
         if points.shape[1] != 3:
-            raise StoreError(f"{path} holds {points.shape[1]} columns; a list of points has three: x, y and height")
+            raise StoreError(
+                f"{path} holds {points.shape[1]} columns; a list of points has three: x, y and height"
+            )
         spacings, places = [], []
         for values, name in zip(points.T, "xy", strict=False):
             there = np.unique(values)
             # rounding in the file makes no new places
             steps = np.diff(there)
-            step = float(np.median(steps[steps > 1e-6 * np.ptp(there)])) if len(there) > 1 else 0.0
+            step = (
+                float(np.median(steps[steps > 1e-6 * np.ptp(there)]))
+                if len(there) > 1
+                else 0.0
+            )
             if not (step > 0 and math.isfinite(step)):
                 raise StoreError(f"{path}: all points have one {name}; it is no image")
             place = (values - there[0]) / step
-            if np.abs(place - np.rint(place)).max() > EVEN * max(1.0, 0.1 * place.max()):
-                raise StoreError(f"{path}: the points along {name} are not evenly spaced; grid them in another program")
+            if np.abs(place - np.rint(place)).max() > EVEN * max(
+                1.0, 0.1 * place.max()
+            ):
+                raise StoreError(
+                    f"{path}: the points along {name} are not evenly spaced; grid them in another program"
+                )
             places.append(np.rint(place).astype(np.int64))
             spacings.append(float(np.ptp(there)) / int(places[-1].max()))
         nx, ny = (int(place.max()) + 1 for place in places)
         if nx * ny > SPARSE * len(points):
-            raise StoreError(f"{path}: {len(points)} points are no grid of {nx} x {ny}; grid them in another program")
+            raise StoreError(
+                f"{path}: {len(points)} points are no grid of {nx} x {ny}; grid them in another program"
+            )
         heights = np.full((nx, ny), np.nan)
         heights[tuple(places)] = points[:, 2]
-        sides = None if self.unit is None else (spacings[0] * self.unit, spacings[1] * self.unit)
+        sides = (
+            None
+            if self.unit is None
+            else (spacings[0] * self.unit, spacings[1] * self.unit)
+        )
         if self.pixel_size is not None:
             sides = (self.pixel_size, self.pixel_size)
-        return HeightMap(heights, self.unit, sides, source=str(path), notes={"format": "xyz"})
+        return HeightMap(
+            heights, self.unit, sides, source=str(path), notes={"format": "xyz"}
+        )

@@ -47,21 +47,38 @@ class Profile:
         """Along the first axis of heights in units of ``scale``."""
         count = len(heights)
         most = max(int(LONGEST * count), 1)
-        lags = sorted(lag for k in range(64) for lag in (2**k, 3 * 2**k) if lag <= most and lag < count)
+        lags = sorted(
+            lag
+            for k in range(64)
+            for lag in (2**k, 3 * 2**k)
+            if lag <= most and lag < count
+        )
         rows = []
         for lag in lags:
             first = heights[lag:] - heights[:-lag]
             second = first[lag:] - first[:-lag]
             first, second = first[np.isfinite(first)], second[np.isfinite(second)]
-            rms = math.sqrt(float(np.mean(np.square(first)))) if first.size else math.nan
+            rms = (
+                math.sqrt(float(np.mean(np.square(first)))) if first.size else math.nan
+            )
             if second.size:
                 second = second - second.mean()
                 square = float(np.mean(np.square(second)))
-                skewness = float(np.mean(second**3)) / square**1.5 if square > 0 else math.nan
+                skewness = (
+                    float(np.mean(second**3)) / square**1.5 if square > 0 else math.nan
+                )
                 curvature = math.sqrt(square) / (lag * side) ** 2 * scale
             else:
                 skewness = curvature = math.nan
-            rows.append((lag * side, rms * scale, curvature, skewness, second.size / (2.0 * lag) ** 2))
+            rows.append(
+                (
+                    lag * side,
+                    rms * scale,
+                    curvature,
+                    skewness,
+                    second.size / (2.0 * lag) ** 2,
+                )
+            )
         columns = np.array(rows, dtype=np.float64).reshape(len(rows), 5).T
         return cls(*columns)
 
@@ -127,14 +144,22 @@ class Measures:
         if not weak.any():
             return 0.0
         weak &= profile.skewness > 0.5 * profile.skewness[weak].max()
-        radius = float(np.median(profile.skewness[weak] / (SKEWED * profile.curvature[weak])))
+        radius = float(
+            np.median(profile.skewness[weak] / (SKEWED * profile.curvature[weak]))
+        )
         return radius if radius <= LARGEST_TIP else 0.0
 
     def tip_share(self, radius: float, q: Floats) -> Floats:
         """What a tip of ``radius`` (nm) takes off the logarithm of the density at wavenumbers ``q`` (1/nm); infinite
         where it takes too much to be corrected."""
         distance, curvature = self.x.distance, self.x.curvature
-        x = radius * np.exp(np.interp(np.log(math.pi / q), np.log(distance), np.log(np.maximum(curvature, 1e-300))))
+        x = radius * np.exp(
+            np.interp(
+                np.log(math.pi / q),
+                np.log(distance),
+                np.log(np.maximum(curvature, 1e-300)),
+            )
+        )
         return np.where(x <= MOST_TIP, LOWERED[0] * x + LOWERED[1] * x**2, math.inf)
 
     def text(self) -> str:
@@ -146,8 +171,13 @@ class Measures:
         ]
         for name, unit in (("slope", ""), ("curvature", " 1/nm")):
             each = (getattr(axis, name) for axis in (self.x, self.y))
-            first = " and ".join(_number(values[0]) if len(values) else "not available" for values in each)
-            lines.append(f"{'profile ' + name:<19} {first}{unit} along x and y, rms over a pixel")
+            first = " and ".join(
+                _number(values[0]) if len(values) else "not available"
+                for values in each
+            )
+            lines.append(
+                f"{'profile ' + name:<19} {first}{unit} along x and y, rms over a pixel"
+            )
         lines += [
             "",
             "distance (nm)       rms difference (nm)    profile slope          profile curvature (1/nm)",
@@ -160,7 +190,9 @@ class Measures:
         wanted = np.log2(longest / longest[:1]) % 1 == 0
         for row in compress(zip_longest(*columns, fillvalue=math.nan), wanted):
             x, y, *others = map(_number, row)
-            lines.append(("{:20}" + 3 * "{:10} {:11} ").format(f"{x} {y}", *others).rstrip())
+            lines.append(
+                ("{:20}" + 3 * "{:10} {:11} ").format(f"{x} {y}", *others).rstrip()
+            )
         return "\n".join(lines)
 
 

@@ -16,7 +16,16 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from chemage import InputError, Surface, errors
-from chemage.plugin import HeightMap, Length, Reader, StoreError, UnitError, container, convert, open_file
+from chemage.plugin import (
+    HeightMap,
+    Length,
+    Reader,
+    StoreError,
+    UnitError,
+    container,
+    convert,
+    open_file,
+)
 from chemage_surfaces._maps import surface_of
 
 if TYPE_CHECKING:
@@ -50,19 +59,32 @@ def as_map(
     """
     heights = np.asarray(heights)
     if heights.dtype.kind not in "fiub":
-        raise StoreError(f"{source} holds {heights.dtype} values; heights are real numbers")
+        raise StoreError(
+            f"{source} holds {heights.dtype} values; heights are real numbers"
+        )
     if heights.ndim != 2 or heights.size == 0:
-        raise StoreError(f"{source} holds an array of shape {heights.shape}; a height map has two dimensions (nx, ny)")
+        raise StoreError(
+            f"{source} holds an array of shape {heights.shape}; a height map has two dimensions (nx, ny)"
+        )
     if heights.dtype.kind != "f" or heights.dtype.itemsize not in (4, 8):
         heights = heights.astype(np.float64)
     sides = None if pixel_size is None else (pixel_size, pixel_size)
     if pixel_size is None and stated is not None:
-        dx, dy = (stated_length(side, source) for side in (stated if isinstance(stated, tuple) else (stated, stated)))
+        dx, dy = (
+            stated_length(side, source)
+            for side in (stated if isinstance(stated, tuple) else (stated, stated))
+        )
         if not all(math.isfinite(side) and side > 0 for side in (dx, dy)):
-            raise StoreError(f"{source} states a pixel size of {stated!r}; give pixel_size")
+            raise StoreError(
+                f"{source} states a pixel size of {stated!r}; give pixel_size"
+            )
         sides = (dx, dy)
     # a copy in the byte order of this machine
-    heights = np.array(heights, dtype=np.float32 if heights.dtype.itemsize == 4 else np.float64, order="C")
+    heights = np.array(
+        heights,
+        dtype=np.float32 if heights.dtype.itemsize == 4 else np.float64,
+        order="C",
+    )
     heights.setflags(write=False)
     try:
         in_nm = None if unit is None else convert(f"1 {unit}", "nm")
@@ -99,7 +121,9 @@ class Instrument(Reader):
             A library that the format needs is not installed.
         """
         image = self.height_map(path)
-        return surface_of(replace(image, height_unit=image.height_unit or self.default_unit))
+        return surface_of(
+            replace(image, height_unit=image.height_unit or self.default_unit)
+        )
 
 
 class Unitless(Instrument):
@@ -127,9 +151,13 @@ class Npy(Unitless):
             file.seek(0)
             try:
                 heights = container.read_array(file, length)
-            except Exception as error:  # what numpy raises depends on which byte is wrong
+            except (
+                Exception
+            ) as error:  # what numpy raises depends on which byte is wrong
                 reason = errors.shortened(" ".join(str(error).split()), 200)
-                raise StoreError(f"{path} is truncated or not a plain array of numbers ({reason})") from None
+                raise StoreError(
+                    f"{path} is truncated or not a plain array of numbers ({reason})"
+                ) from None
         return as_map(heights, str(path), pixel_size=self.pixel_size)
 
 
@@ -165,26 +193,50 @@ class Hdf5(Unitless):
                 if name in holder.attrs
             }
             name = f"{path}:{node.name}"
-            own = {key: _single(node.attrs[key], key, name) for key in _PACKED if key in node.attrs}
+            own = {
+                key: _single(node.attrs[key], key, name)
+                for key in _PACKED
+                if key in node.attrs
+            }
             heights = unpacked(node[()], own, name)
             sides = []
-            for scales in node.dims if node.ndim == 2 else ():  # dimension scales (HDF5, NetCDF-4)
+            for scales in (
+                node.dims if node.ndim == 2 else ()
+            ):  # dimension scales (HDF5, NetCDF-4)
                 if not len(scales):
                     continue
                 place = str(node.name)
                 container.check_dataset(scales[0], place)
                 unit = _single(scales[0].attrs.get("units"), "units", place)
                 sides.append(coordinate_side(scales[0][()], unit))
-        stated = None if self.pixel_size is not None else _single(attributes.get("pixel_size"), "pixel_size", name)
-        if stated is None and self.pixel_size is None and len(sides) == 2 and None not in sides:
+        stated = (
+            None
+            if self.pixel_size is not None
+            else _single(attributes.get("pixel_size"), "pixel_size", name)
+        )
+        if (
+            stated is None
+            and self.pixel_size is None
+            and len(sides) == 2
+            and None not in sides
+        ):
             stated = tuple(sides)
         flag = _single(attributes.get("periodic"), "periodic", name)
         try:
-            periodic = flag is not None and _BOOLEAN.validate_python(flag.strip() if isinstance(flag, str) else flag)
+            periodic = flag is not None and _BOOLEAN.validate_python(
+                flag.strip() if isinstance(flag, str) else flag
+            )
         except ValidationError:
-            raise StoreError(f"{name} has periodic = {errors.shown(flag)}; expected true or false") from None
+            raise StoreError(
+                f"{name} has periodic = {errors.shown(flag)}; expected true or false"
+            ) from None
         return as_map(
-            heights, name, pixel_size=self.pixel_size, stated=stated, periodic=periodic, unit=own.get("units")
+            heights,
+            name,
+            pixel_size=self.pixel_size,
+            stated=stated,
+            periodic=periodic,
+            unit=own.get("units"),
         )
 
     def _find(self, file: h5py.File, path: str | PathLike[str]) -> h5py.Dataset:
@@ -193,7 +245,11 @@ class Hdf5(Unitless):
         maps: list[str] = []
 
         def visit(name: str, node: Any) -> str | None:
-            if isinstance(node, h5py.Dataset) and node.ndim == 2 and node.dtype.kind in "fiu":
+            if (
+                isinstance(node, h5py.Dataset)
+                and node.ndim == 2
+                and node.dtype.kind in "fiu"
+            ):
                 maps.append(name)
             return name if name.count("/") > DEEPEST else None  # which ends the visit
 
@@ -216,7 +272,9 @@ class Hdf5(Unitless):
         raise error(f"{problem}; two-dimensional datasets of numbers in it: {listed}")
 
 
-def _check_links(group: Any, name: str, path: str | PathLike[str], depth: int = 0) -> None:
+def _check_links(
+    group: Any, name: str, path: str | PathLike[str], depth: int = 0
+) -> None:
     """Refuse a name that leads into another file, at any group on the way."""
     import h5py
 
@@ -244,7 +302,9 @@ _PACKED = ("units", "scale_factor", "add_offset", "_FillValue", "missing_value")
 def unpacked(heights: Any, packing: Mapping[str, Any], source: str) -> Any:
     """Heights as the attributes of their dataset say, nan where they are missing."""
     scale, offset = packing.get("scale_factor", 1.0), packing.get("add_offset", 0.0)
-    missing = [packing[name] for name in ("_FillValue", "missing_value") if name in packing]
+    missing = [
+        packing[name] for name in ("_FillValue", "missing_value") if name in packing
+    ]
     if any(isinstance(number, str) for number in (scale, offset, *missing)):
         raise StoreError(f"{source}: {', '.join(_PACKED[1:])} must be numbers")
     gaps = np.isin(heights, np.array(missing)) if missing else False
@@ -256,11 +316,20 @@ def unpacked(heights: Any, packing: Mapping[str, Any], source: str) -> Any:
 def coordinate_side(places: np.ndarray, unit: Any) -> str | None:
     """The edge of a pixel with its unit, from the even places of the pixels; None where they or their unit are not
     there."""
-    if not unit or places.ndim != 1 or len(places) < 2 or places.dtype.kind not in "fiu":
+    if (
+        not unit
+        or places.ndim != 1
+        or len(places) < 2
+        or places.dtype.kind not in "fiu"
+    ):
         return None
     steps = np.diff(places.astype(np.float64))
     step = float(np.mean(steps))
-    return f"{abs(step)!r} {unit}" if step and np.all(np.abs(steps - step) < 1e-3 * abs(step)) else None
+    return (
+        f"{abs(step)!r} {unit}"
+        if step and np.all(np.abs(steps - step) < 1e-3 * abs(step))
+        else None
+    )
 
 
 def plain(value: Any) -> Any:
@@ -276,5 +345,7 @@ def _single(value: Any, attribute: str, source: str) -> Any:
         raise StoreError(f"{source} has a {attribute} of {value.size} values; give one")
     value = plain(value)
     if value is not None and not isinstance(value, bool | int | float | str):
-        raise StoreError(f"{source} has a {attribute} of {type(value).__name__}; give a number or a text")
+        raise StoreError(
+            f"{source} has a {attribute} of {type(value).__name__}; give a number or a text"
+        )
     return value

@@ -55,7 +55,9 @@ class Roughened(SurfaceMaker):
     """
 
     kind = "roughened"
-    cite = ("T. D. B. Jacobs, T. Junge, L. Pastewka, Surf. Topogr.: Metrol. Prop. 5, 013001 (2017)",)
+    cite = (
+        "T. D. B. Jacobs, T. Junge, L. Pastewka, Surf. Topogr.: Metrol. Prop. 5, 013001 (2017)",
+    )
     bibtex = (JACOBS,)
     figures = {
         "roughened-spectrum": "Power spectral density of the measured image (points) and of the surface carried on to "
@@ -87,12 +89,18 @@ class Roughened(SurfaceMaker):
                 f"cutoff = {self.cutoff:g} nm: shorter than two pixels of {self.pixel_size:g} nm, {shortest:g} nm; "
                 "give smaller pixels or a longer cutoff"
             )
-        if self.resolution is not None and self.resolution <= self.shortest * (1 + 1e-9):
+        if self.resolution is not None and self.resolution <= self.shortest * (
+            1 + 1e-9
+        ):
             raise ValueError(
                 f"resolution = {self.resolution:g} nm: nothing is left to add above the cutoff of {self.shortest:g} "
                 "nm; give a longer resolution or a shorter cutoff"
             )
-        if self.fit_from is not None and self.resolution is not None and self.fit_from <= self.resolution:
+        if (
+            self.fit_from is not None
+            and self.resolution is not None
+            and self.fit_from <= self.resolution
+        ):
             raise ValueError(
                 f"fit_from = {self.fit_from:g} nm: must be longer than resolution = {self.resolution:g} nm"
             )
@@ -133,7 +141,9 @@ class Roughened(SurfaceMaker):
         measured = self.surface.make(seed)
         plan = self._plan(measured)
         memory.require(
-            6 * 8.0 * plan.shape[0] * plan.shape[1], f"pixel_size = {self.pixel_size:g} nm", "give larger pixels"
+            6 * 8.0 * plan.shape[0] * plan.shape[1],
+            f"pixel_size = {self.pixel_size:g} nm",
+            "give larger pixels",
         )
         # amplitudes are those of a Gaussian surface, not scaled to meet a roughness; noise has a mean square of 2
         nx, ny = plan.shape
@@ -145,7 +155,8 @@ class Roughened(SurfaceMaker):
             roll=plan.join / longest,
             long=plan.join / longest,
             short=2 * math.pi / self.shortest / longest,
-            scale=math.sqrt(0.5 * float(plan.law(plan.join)) * nx * ny) / self.pixel_size,
+            scale=math.sqrt(0.5 * float(plan.law(plan.join)) * nx * ny)
+            / self.pixel_size,
         )
         heights = None
         if measured.periodic:
@@ -154,7 +165,9 @@ class Roughened(SurfaceMaker):
             series = plan.series()
             lost = plan.lost()
             random = np.random.Generator(np.random.Philox(stream(seed, _STREAM, 0)))
-            series[: len(lost)] = np.where(lost > 0, lost * random.standard_normal(lost.shape), series[: len(lost)])
+            series[: len(lost)] = np.where(
+                lost > 0, lost * random.standard_normal(lost.shape), series[: len(lost)]
+            )
             heights = plan.cosines(series, plan.shape, self.pixel_size)
         added = heights_of(half, plan.shape[1])
         heights = added if heights is None else heights + added
@@ -189,7 +202,11 @@ class Roughened(SurfaceMaker):
                 f"tip_radius: a tip of {part.radius:.4g} nm has changed all waves of the image; give a larger image, "
                 "or resolution to use it as it is"
             )
-        resolution = self.resolution or (2 * side if part.limit == TO_PIXELS else 2 * math.pi / float(part.data.q[-1]))
+        resolution = self.resolution or (
+            2 * side
+            if part.limit == TO_PIXELS
+            else 2 * math.pi / float(part.data.q[-1])
+        )
         if resolution <= self.shortest * (1 + 1e-9):
             raise InputError(
                 f"cutoff = {self.shortest:g} nm: the image has waves down to {resolution:g} nm, so that nothing is "
@@ -240,19 +257,44 @@ class Roughened(SurfaceMaker):
         for result in results:
             record = _recorded(result)
             # a tip that carries this surface is another one
-            if result.surface is not None and (record is None or "roughened" in result.surface.provenance):
+            if result.surface is not None and (
+                record is None or "roughened" in result.surface.provenance
+            ):
                 q, density = result.surface.psd(_BINS)
                 filled = density > 1e-12 * density.max(initial=0.0)
-                axes.loglog(q[filled], density[filled], color=result.color, label=f"{result.label}, carried on")
+                axes.loglog(
+                    q[filled],
+                    density[filled],
+                    color=result.color,
+                    label=f"{result.label}, carried on",
+                )
             if record is None:
                 continue
             before = record["spectrum"]
             axes.loglog(
-                before["q"], before["density"], "o", ms=3, mfc="none", color=result.color, label="measured image"
+                before["q"],
+                before["density"],
+                "o",
+                ms=3,
+                mfc="none",
+                color=result.color,
+                label="measured image",
             )
-            law = np.array([record["fit_from_q"], 2 * math.pi / result.component.shortest])
-            fitted = record["density"] * (law / record["join"]) ** (-2 - 2 * record["hurst"])
-            axes.loglog(law, fitted, "--", color="0.2", lw=1, zorder=3, label=f"H = {record['hurst']:.2f}")
+            law = np.array(
+                [record["fit_from_q"], 2 * math.pi / result.component.shortest]
+            )
+            fitted = record["density"] * (law / record["join"]) ** (
+                -2 - 2 * record["hurst"]
+            )
+            axes.loglog(
+                law,
+                fitted,
+                "--",
+                color="0.2",
+                lw=1,
+                zorder=3,
+                label=f"H = {record['hurst']:.2f}",
+            )
             axes.axvline(record["join"], color="0.6", lw=0.8)
         axes.set(xlabel="wavenumber q (1/nm)", ylabel="power spectral density C (nm⁴)")
         figures.legend(axes)
@@ -293,12 +335,20 @@ class _Plan(NamedTuple):
         power = 2 - 2 * self.law.hurst
         ratio = 2 * math.pi / shortest / self.join
         integral = math.log(ratio) if power < 1e-9 else (ratio**power - 1) / power
-        return math.sqrt(float(self.law(self.join)) * self.join**4 * integral / (2 * math.pi))
+        return math.sqrt(
+            float(self.law(self.join)) * self.join**4 * integral / (2 * math.pi)
+        )
 
     def waves(self) -> tuple[NDArray[np.complex128], NDArray[np.bool_]]:
         """The half spectrum of a periodic image, and which of its waves stay."""
-        half = np.asarray(sfft.rfft2(self.measured.heights.astype(np.float64), workers=threads.available()))
-        return half, wavenumbers(self.measured.shape, self.measured.pixel_size) < self.join * (1 - 1e-9)
+        half = np.asarray(
+            sfft.rfft2(
+                self.measured.heights.astype(np.float64), workers=threads.available()
+            )
+        )
+        return half, wavenumbers(
+            self.measured.shape, self.measured.pixel_size
+        ) < self.join * (1 - 1e-9)
 
     def with_image(self, half: NDArray[np.complex128]) -> NDArray[np.complex128]:
         """The half spectrum of the continuation and the waves of a periodic image that stay."""
@@ -315,7 +365,9 @@ class _Plan(NamedTuple):
     def series(self) -> Floats:
         """Amplitudes of the cosine series of an image, waves from ``join`` on left out."""
         heights = self.measured.heights.astype(np.float64)
-        series = np.asarray(sfft.dctn(heights, type=2, norm="forward", workers=threads.available()))
+        series = np.asarray(
+            sfft.dctn(heights, type=2, norm="forward", workers=threads.available())
+        )
         series[1:] *= 2
         series[:, 1:] *= 2
         series[self.cosine_waves() >= self.join * (1 - 1e-9)] = 0.0
@@ -323,13 +375,23 @@ class _Plan(NamedTuple):
 
     def cosine_waves(self) -> Floats:
         """Wavenumbers of the cosines, (nx, ny) 1/nm."""
-        qx, qy = (np.arange(float(n)) * (math.pi / self.measured.pixel_size / n) for n in self.measured.shape)
+        qx, qy = (
+            np.arange(float(n)) * (math.pi / self.measured.pixel_size / n)
+            for n in self.measured.shape
+        )
         return np.hypot(qx[:, None], qy)
 
-    def cosines(self, series: Floats, shape: tuple[int, int], pixel_size: float) -> Floats:
+    def cosines(
+        self, series: Floats, shape: tuple[int, int], pixel_size: float
+    ) -> Floats:
         """The sum of cosines with these amplitudes at the centres of the pixels of another grid."""
         at_x, at_y = (
-            np.cos(np.outer((np.arange(m) + 0.5) * pixel_size, np.pi * np.arange(n) / (n * self.measured.pixel_size)))
+            np.cos(
+                np.outer(
+                    (np.arange(m) + 0.5) * pixel_size,
+                    np.pi * np.arange(n) / (n * self.measured.pixel_size),
+                )
+            )
             for n, m in zip(series.shape, shape, strict=True)
         )
         return at_x @ series @ at_y.T
@@ -342,7 +404,13 @@ class _Plan(NamedTuple):
         lines = next((step["lines"] for step in steps if step["step"] == "lines"), None)
         rows = {None: 0, "linear": 2, "quadratic": 3}.get(lines, 1)
         q = self.cosine_waves()[:rows]
-        density = np.exp(np.interp(np.log(np.maximum(q, 1e-300)), np.log(self.data.q), np.log(self.data.density)))
+        density = np.exp(
+            np.interp(
+                np.log(np.maximum(q, 1e-300)),
+                np.log(self.data.q),
+                np.log(self.data.density),
+            )
+        )
         area = self.measured.nominal_area
         # a cosine along both axes has four wave vectors, one along an axis two that others share
         variance = density / area * np.where(np.arange(rows)[:, None] == 0, 1.0, 4.0)
@@ -355,7 +423,9 @@ class _Plan(NamedTuple):
         if self.measured.periodic:
             half, kept = self.waves()
             half[~kept] = 0.0
-            low = np.asarray(sfft.irfft2(half, s=self.measured.shape, workers=threads.available()))
+            low = np.asarray(
+                sfft.irfft2(half, s=self.measured.shape, workers=threads.available())
+            )
             return roughness.rms_slope(low, self.measured.pixel_size, True)
         series, lost = self.series(), self.lost()
         series[: len(lost)][lost > 0] = 0.0
@@ -363,7 +433,8 @@ class _Plan(NamedTuple):
         q = self.cosine_waves()[: len(lost)]
         share = np.where(np.arange(len(lost))[:, None] == 0, 2.0, 4.0)
         return math.hypot(
-            roughness.rms_slope(low, self.measured.pixel_size, False), math.sqrt(float((lost**2 * q**2 / share).sum()))
+            roughness.rms_slope(low, self.measured.pixel_size, False),
+            math.sqrt(float((lost**2 * q**2 / share).sum())),
         )
 
     def record(self) -> dict[str, Any]:
@@ -379,5 +450,8 @@ class _Plan(NamedTuple):
             "fit_from_q": law.lowest,
             "misfit": law.misfit,
             "measured_pixel_size": self.measured.pixel_size,
-            "spectrum": {"q": spectrum.q[positive].tolist(), "density": spectrum.density[positive].tolist()},
+            "spectrum": {
+                "q": spectrum.q[positive].tolist(),
+                "density": spectrum.density[positive].tolist(),
+            },
         }

@@ -20,32 +20,63 @@ if TYPE_CHECKING:
 
 
 def roughness_figure(
-    names: Sequence[str], images: Sequence[Image], measures: Sequence[Measures], fit: RoughnessFit | None
+    names: Sequence[str],
+    images: Sequence[Image],
+    measures: Sequence[Measures],
+    fit: RoughnessFit | None,
 ) -> Figure:
     """The spectra of ``images`` that make surfaces, with the fit to all; and rms height differences by distance."""
     figure, (left, right) = figures.panels(9.0, 4.0, 2)
-    for i, (name, image, measured) in enumerate(zip(names, images, measures, strict=True)):
+    for i, (name, image, measured) in enumerate(
+        zip(names, images, measures, strict=True)
+    ):
         color = figures.PALETTE[i % len(figures.PALETTE)]
         label = figures.plain(name)
         if not image.faults:
             try:
                 data = Binned.of(image.surface())
-                left.loglog(data.q, data.density, "o", ms=3, mfc="none", color=color, label=label)
+                left.loglog(
+                    data.q,
+                    data.density,
+                    "o",
+                    ms=3,
+                    mfc="none",
+                    color=color,
+                    label=label,
+                )
             except InputError:  # too few pixels
                 pass
         for axis, profile, line in (("x", measured.x, "-"), ("y", measured.y, "--")):
             right.loglog(
-                profile.distance, profile.difference, line, marker=".", color=color, label=f"{label}, along {axis}"
+                profile.distance,
+                profile.difference,
+                line,
+                marker=".",
+                color=color,
+                label=f"{label}, along {axis}",
             )
     if fit is not None and fit.data is not None:
         q = np.geomspace(fit.data.q[0], fit.data.q[-1], 200)
         roll = 0.0 if fit.roll_off is None else 2 * math.pi / fit.roll_off
-        law = fit.density * (np.maximum(q, roll) * fit.resolution / (2 * math.pi)) ** (-2 - 2 * fit.hurst)
+        law = fit.density * (np.maximum(q, roll) * fit.resolution / (2 * math.pi)) ** (
+            -2 - 2 * fit.hurst
+        )
         left.loglog(
-            q, law, color=figures.BLACK, lw=1.2, zorder=3, label=f"fit, H = {fit.hurst:.2f} ± {fit.hurst_error:.2f}"
+            q,
+            law,
+            color=figures.BLACK,
+            lw=1.2,
+            zorder=3,
+            label=f"fit, H = {fit.hurst:.2f} ± {fit.hurst_error:.2f}",
         )
         end = left.get_xlim()[1]
-        left.axvspan(q[-1], end, color="0.9", zorder=0, label=figures.plain(f"not trusted: {fit.limit}"))
+        left.axvspan(
+            q[-1],
+            end,
+            color="0.9",
+            zorder=0,
+            label=figures.plain(f"not trusted: {fit.limit}"),
+        )
         left.set_xlim(right=end)
         start = right.get_xlim()[0]
         if fit.resolution / 2 > start:

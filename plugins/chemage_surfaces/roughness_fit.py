@@ -107,8 +107,14 @@ class RoughnessFit:
         side = self.pixel_size if pixel_size is None else convert(pixel_size, "nm")
         shortest = self.resolution if cutoff is None else convert(cutoff, "nm")
         if not (side > 0 and math.isfinite(side)):
-            raise InputError.of("pixel_size", pixel_size, "is no length", "give nm above 0")
-        count = round(max(self.shape) * self.pixel_size / side) if pixels is None else checked_count("pixels", pixels)
+            raise InputError.of(
+                "pixel_size", pixel_size, "is no length", "give nm above 0"
+            )
+        count = (
+            round(max(self.shape) * self.pixel_size / side)
+            if pixels is None
+            else checked_count("pixels", pixels)
+        )
         longest = count * side
         if not 2 * side * (1 - 1e-9) <= shortest < longest:
             raise InputError(
@@ -116,7 +122,11 @@ class RoughnessFit:
                 f"{2 * side:g} to {longest:g} nm; give a cutoff between them, or other pixels"
             )
         zeta = min(longest / shortest, count / 2)
-        eta = 1.0 if self.roll_off is None else min(max(longest / self.roll_off, 1.0), zeta)
+        eta = (
+            1.0
+            if self.roll_off is None
+            else min(max(longest / self.roll_off, 1.0), zeta)
+        )
         return SelfAffine(
             pixels=(count, count),
             pixel_size=side,
@@ -131,7 +141,10 @@ class RoughnessFit:
         maker = self.maker(pixel_size=pixel_size, cutoff=cutoff)
         lines = ["[surface]", f'kind = "{maker.kind}"', f"pixels = {max(maker.pixels)}"]
         lines.append(f'pixel_size = "{maker.pixel_size:.10g} nm"')
-        lines += [f"{name} = {getattr(maker, name):.10g}" for name in ("rms_slope", "hurst", "zeta", "eta")]
+        lines += [
+            f"{name} = {getattr(maker, name):.10g}"
+            for name in ("rms_slope", "hurst", "zeta", "eta")
+        ]
         return "\n".join([*lines, "seed = 1"])
 
     def text(self) -> str:
@@ -145,7 +158,8 @@ class RoughnessFit:
             "rms slope": f"{self.rms_slope:.4g}, of the image: of its gradient, with all waves",
             "Hurst exponent": f"{self.hurst:.3f} ± {self.hurst_error:.3f}",
             "roll-off": roll,
-            "shortest wavelength": f"{self.resolution:.4g} nm" + (f" ({self.limit})" if self.limit else ""),
+            "shortest wavelength": f"{self.resolution:.4g} nm"
+            + (f" ({self.limit})" if self.limit else ""),
         }
         if self.noise:
             rows["noise"] = f"{self.noise:.4g} nm rms, subtracted"
@@ -153,7 +167,9 @@ class RoughnessFit:
             rows["tip radius"] = f"{self.tip_radius:.3g} nm, its effect is corrected"
         rows["χ² per degree of freedom"] = f"{self.misfit:.2g}"
         if self.misfit > DOUBTFUL:
-            rows["warning:"] = f"this is no good fit (above {DOUBTFUL:g}); the errors are enlarged by it"
+            rows["warning:"] = (
+                f"this is no good fit (above {DOUBTFUL:g}); the errors are enlarged by it"
+            )
         return "\n".join(f"{name:<19} {text}" for name, text in rows.items())
 
 
@@ -186,7 +202,9 @@ def fit_roughness(
     if radius is not None and not (radius > 0 and math.isfinite(radius)):
         raise InputError.of("tip_radius", tip_radius, "is no radius", "give nm above 0")
     if retraces and len(retraces) != len(surfaces):
-        raise InputError(f"retraces: {len(retraces)} for {len(surfaces)} images; give one for each, or None")
+        raise InputError(
+            f"retraces: {len(retraces)} for {len(surfaces)} images; give one for each, or None"
+        )
     parts = []
     for one, retrace in zip(surfaces, retraces or [None] * len(surfaces), strict=True):
         if shortest is not None and not shortest >= 2 * one.pixel_size * (1 - 1e-9):
@@ -197,17 +215,29 @@ def fit_roughness(
         if len(part.data.q) < 2 * FEWEST or not (part.data.density > 0).all():
             raise InputError(
                 f"{one!r}: its power spectrum has too few wavelengths for a fit"
-                + (f" above those changed by the tip of {part.radius:.3g} nm" if part.limit == "the tip" else "")
-                + (f" above noise of {part.noise:.3g} nm rms" if part.limit == "noise" else "")
+                + (
+                    f" above those changed by the tip of {part.radius:.3g} nm"
+                    if part.limit == "the tip"
+                    else ""
+                )
+                + (
+                    f" above noise of {part.noise:.3g} nm rms"
+                    if part.limit == "noise"
+                    else ""
+                )
                 + "; give a larger image"
             )
         parts.append(part)
     data = Binned.together([part.data for part in parts])
     roll, interval, law = data.rolled()
     error = law.hurst_error
-    for which in range(max(len(part.corrections) for part in parts)):  # as much as each is uncertain
+    for which in range(
+        max(len(part.corrections) for part in parts)
+    ):  # as much as each is uncertain
         others = [part.without(which) for part in parts]
-        error = math.hypot(error, Binned.together(others).power_law(roll=roll or 0.0).hurst - law.hurst)
+        error = math.hypot(
+            error, Binned.together(others).power_law(roll=roll or 0.0).hurst - law.hurst
+        )
     highest = float(data.q[-1])
     finest = max(parts, key=lambda part: part.data.q[-1])
     largest = max(surfaces, key=lambda one: max(one.shape) * one.pixel_size)
@@ -216,7 +246,9 @@ def fit_roughness(
         hurst=law.hurst,
         hurst_error=error,
         roll_off=None if roll is None else 2 * math.pi / roll,
-        roll_off_interval=None if interval is None else (2 * math.pi / interval[1], 2 * math.pi / interval[0]),
+        roll_off_interval=None
+        if interval is None
+        else (2 * math.pi / interval[1], 2 * math.pi / interval[0]),
         resolution=2 * math.pi / highest,
         density=float(law(highest)),
         density_error=law.density_error,

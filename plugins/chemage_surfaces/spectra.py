@@ -61,7 +61,9 @@ class PowerLaw:
         return self.density * (np.asarray(q) / self.at) ** (-2.0 - 2.0 * self.hurst)
 
 
-def _weighted(design: Floats, values: Floats, variance: Floats) -> tuple[Floats, Floats, float]:
+def _weighted(
+    design: Floats, values: Floats, variance: Floats
+) -> tuple[Floats, Floats, float]:
     """Robust weighted least squares: parameters, their covariance, and the mean of Huber's loss as χ² per degree of
     freedom."""
     weight = 1 / variance
@@ -119,13 +121,20 @@ class Binned:
             heights = hann(heights - trend(heights, 1))
         nx, ny = heights.shape
         spectrum: Any = sfft.rfft2(heights, workers=threads.available())
-        power = (spectrum.real**2 + spectrum.imag**2) * (surface.pixel_size**2 / heights.size)
+        power = (spectrum.real**2 + spectrum.imag**2) * (
+            surface.pixel_size**2 / heights.size
+        )
         q = wavenumbers((nx, ny), surface.pixel_size)
         # conjugate pairs are both in the first column
         weight = np.broadcast_to(0.5 * roughness.multiplicity(ny), power.shape)
         nyquist = math.pi / surface.pixel_size
         # a window spreads the mean and the trend over the first two waves
-        lowest = (1.0 if surface.periodic else 2.5) * 2 * math.pi / (max(nx, ny) * surface.pixel_size)
+        lowest = (
+            (1.0 if surface.periodic else 2.5)
+            * 2
+            * math.pi
+            / (max(nx, ny) * surface.pixel_size)
+        )
         inside = (q >= lowest * (1 - 1e-9)) & (q < nyquist * (1 - 1e-9))
         if not surface.periodic:
             inside[np.abs(np.fft.fftfreq(nx, 1 / nx)) <= CROSS + 0.5] = False
@@ -138,31 +147,47 @@ class Binned:
         filled = count > 0
         # the wavenumber at which a density of a typical slope has the mean of the bin
         slope = 3.5
-        mean_q = (np.bincount(which, weight * q**-slope)[filled] / count[filled]) ** (-1 / slope)
+        mean_q = (np.bincount(which, weight * q**-slope)[filled] / count[filled]) ** (
+            -1 / slope
+        )
         density = np.bincount(which, weight * power)[filled] / count[filled]
-        return cls(mean_q, density, np.maximum(count[filled] * (1.0 if surface.periodic else HANN_SHARE), 0.5))
+        return cls(
+            mean_q,
+            density,
+            np.maximum(count[filled] * (1.0 if surface.periodic else HANN_SHARE), 0.5),
+        )
 
     @classmethod
     def together(cls, parts: Sequence[Binned]) -> Binned:
         """The bins of several surfaces, by their wavenumbers."""
-        columns = np.concatenate([np.stack([part.q, part.density, part.modes]) for part in parts], axis=1)
+        columns = np.concatenate(
+            [np.stack([part.q, part.density, part.modes]) for part in parts], axis=1
+        )
         return cls(*columns[:, np.argsort(columns[0], kind="stable")])
 
     def rolls(self, count: int) -> Floats:
         """Wavenumbers at which a roll-off is tried."""
-        return np.exp(np.linspace(math.log(self.q[0]), math.log(self.q[-FEWEST]), count))
+        return np.exp(
+            np.linspace(math.log(self.q[0]), math.log(self.q[-FEWEST]), count)
+        )
 
     def logs(self) -> tuple[Floats, Floats, float]:
         """Logarithms of the densities without their bias, their variances, and the wavenumber in the middle of them."""
         variance: Any = polygamma(1, self.modes)
         bias: Any = digamma(self.modes)
         values: Any = np.log(self.density) - bias + np.log(self.modes)
-        return values, variance, math.exp(float(np.average(np.log(self.q), weights=1 / variance)))
+        return (
+            values,
+            variance,
+            math.exp(float(np.average(np.log(self.q), weights=1 / variance))),
+        )
 
     @property
     def rms(self) -> float:
         """rms height of the waves in the bins, nm: h² = ∫ C q dq/(2π)."""
-        return math.sqrt(float(trapezoid(self.density * self.q**2, np.log(self.q))) / (2 * math.pi))
+        return math.sqrt(
+            float(trapezoid(self.density * self.q**2, np.log(self.q))) / (2 * math.pi)
+        )
 
     @property
     def cut(self) -> float | None:
@@ -181,7 +206,9 @@ class Binned:
             There are too few bins, or some are empty of power.
         """
         if len(self.q) < (FEWEST_BINS if hurst is None else 1):
-            raise ValueError(f"only {len(self.q)} bins of wavenumbers; fit a wider range")
+            raise ValueError(
+                f"only {len(self.q)} bins of wavenumbers; fit a wider range"
+            )
         if not (self.density > 0).all():
             raise ValueError("the spectrum is zero in this range")
         values, variance, at = self.logs()
@@ -191,7 +218,9 @@ class Binned:
             fit, covariance, misfit = _weighted(design, values + 2 * x, variance)
             exponent, error = float(fit[1]), math.sqrt(covariance[1, 1])
         else:
-            fit, covariance, misfit = _weighted(np.ones((len(x), 1)), values + (2 + 2 * hurst) * x, variance)
+            fit, covariance, misfit = _weighted(
+                np.ones((len(x), 1)), values + (2 + 2 * hurst) * x, variance
+            )
             exponent, error = hurst, 0.0
         return PowerLaw(
             hurst=exponent,
@@ -212,6 +241,12 @@ class Binned:
         loss = np.array([law.misfit for law in laws]) * max(len(self.q) - 2, 1)
         best = int(np.argmin(loss))
         allowed = candidates[loss <= loss[best] + max(laws[best].misfit, 1.0)]
-        if without.misfit * max(len(self.q) - 2, 1) - loss[best] < SIGNIFICANT * max(laws[best].misfit, 1.0):
+        if without.misfit * max(len(self.q) - 2, 1) - loss[best] < SIGNIFICANT * max(
+            laws[best].misfit, 1.0
+        ):
             return None, None, without
-        return float(candidates[best]), (float(allowed[0]), float(allowed[-1])), laws[best]
+        return (
+            float(candidates[best]),
+            (float(allowed[0]), float(allowed[-1])),
+            laws[best],
+        )

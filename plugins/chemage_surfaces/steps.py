@@ -17,7 +17,9 @@ MOST_ELIMINATED = 50_000
 
 
 def cropped(
-    heights: Floats, pixel_size: tuple[float, float], window: tuple[float, float, float, float]
+    heights: Floats,
+    pixel_size: tuple[float, float],
+    window: tuple[float, float, float, float],
 ) -> tuple[Floats, list[int]]:
     """The part (x, y, width, height) of an image, to whole pixels; and [first x, first y, pixels x, pixels y].
 
@@ -37,7 +39,9 @@ def cropped(
                 "give a part inside it"
             )
         if count < 1:
-            raise ValueError(f"{size:g} nm along {name} is less than a pixel of {side:g} nm; give more")
+            raise ValueError(
+                f"{size:g} nm along {name} is less than a pixel of {side:g} nm; give more"
+            )
         taken.append((first, count))
     (ix, nx), (iy, ny) = taken
     return np.ascontiguousarray(heights[ix : ix + nx, iy : iy + ny]), [ix, iy, nx, ny]
@@ -55,12 +59,20 @@ def find_spikes(heights: Floats, threshold: float, periodic: bool) -> NDArray[np
     there = np.isfinite(heights)
     whole = heights
     if not there.all():
-        nearest = ndimage.distance_transform_edt(~there, return_distances=False, return_indices=True)
+        nearest = ndimage.distance_transform_edt(
+            ~there, return_distances=False, return_indices=True
+        )
         whole = heights[tuple(nearest)]  # pyright: ignore[reportArgumentType]
     # a slope goes on beyond the edges, where it would otherwise look like a feature
-    padded = np.pad(whole, 2, mode="wrap") if periodic else np.pad(whole, 2, mode="reflect", reflect_type="odd")
+    padded = (
+        np.pad(whole, 2, mode="wrap")
+        if periodic
+        else np.pad(whole, 2, mode="reflect", reflect_type="odd")
+    )
     median = ndimage.median_filter(padded, size=5)
-    local = (ndimage.maximum_filter(median, size=5) - ndimage.minimum_filter(median, size=5))[2:-2, 2:-2]
+    local = (
+        ndimage.maximum_filter(median, size=5) - ndimage.minimum_filter(median, size=5)
+    )[2:-2, 2:-2]
     smooth = median[2:-2, 2:-2]
     away = np.abs(whole - smooth)
     scale = max(1.4826 * float(np.median(away[there])), 0.01 * float(smooth.std()))
@@ -82,7 +94,9 @@ def line_offsets(heights: Floats, degree: int | None) -> Floats:
         both = there[:, 1:] & there[:, :-1]
         steps = np.zeros(ny - 1)
         some = both.any(axis=0)
-        differences = np.where(both, np.diff(np.where(there, heights, 0.0), axis=1), np.nan)
+        differences = np.where(
+            both, np.diff(np.where(there, heights, 0.0), axis=1), np.nan
+        )
         steps[some] = np.nanmedian(differences[:, some], axis=0)
         offset = np.concatenate([[0.0], np.cumsum(steps)])
         return np.broadcast_to(offset - offset.mean(), heights.shape)
@@ -130,7 +144,9 @@ def find_scars(heights: Floats) -> NDArray[np.bool_]:
     if not there.any():
         return found
     middle = float(np.median(differences[there]))
-    height = SCAR_HEIGHT * 1.4826 * float(np.median(np.abs(differences[there] - middle)))
+    height = (
+        SCAR_HEIGHT * 1.4826 * float(np.median(np.abs(differences[there] - middle)))
+    )
     whole = np.where(np.isfinite(heights), heights, np.nan)
     along = np.ones((SCAR_PIXELS, 1))
     for width in range(1, min(SCAR_LINES, heights.shape[1] - 2) + 1):
@@ -164,7 +180,11 @@ def filled(heights: Floats, periodic: bool) -> Floats:
     rows, columns = [], []
     for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1)):
         i, j = x + dx, y + dy
-        inside = np.ones(count, bool) if periodic else (i >= 0) & (i < nx) & (j >= 0) & (j < ny)
+        inside = (
+            np.ones(count, bool)
+            if periodic
+            else (i >= 0) & (i < nx) & (j >= 0) & (j < ny)
+        )
         i, j = i % nx, j % ny
         degree += inside
         other = inside & missing[i, j]
@@ -173,20 +193,28 @@ def filled(heights: Floats, periodic: bool) -> Floats:
         boundary = inside & ~missing[i, j]
         around[boundary] += heights[i[boundary], j[boundary]]
     row, column = np.concatenate(rows), np.concatenate(columns)
-    matrix: Any = sparse.csc_matrix((-np.ones(row.size), (row, column)), shape=(count, count))
+    matrix: Any = sparse.csc_matrix(
+        (-np.ones(row.size), (row, column)), shape=(count, count)
+    )
     matrix = (matrix + sparse.diags(degree)).tocsc()
     if count <= MOST_ELIMINATED:
         solution: Any = linalg.spsolve(matrix, around)
     else:
         from scipy import ndimage
 
-        nearest = ndimage.distance_transform_edt(missing, return_distances=False, return_indices=True)
+        nearest = ndimage.distance_transform_edt(
+            missing, return_distances=False, return_indices=True
+        )
         start = heights[tuple(nearest)][missing]  # pyright: ignore[reportArgumentType]
         # heights about their mean, so that the tolerance is one of the roughness
         level = float(start.mean())
-        solution, failed = linalg.cg(matrix, around - matrix @ np.full(count, level), x0=start - level, rtol=1e-8)
+        solution, failed = linalg.cg(
+            matrix, around - matrix @ np.full(count, level), x0=start - level, rtol=1e-8
+        )
         if failed:
-            raise ValueError(f"{count} missing heights cannot be interpolated; crop the image")
+            raise ValueError(
+                f"{count} missing heights cannot be interpolated; crop the image"
+            )
         solution = solution + level
     result = heights.copy()
     result[missing] = solution
@@ -199,10 +227,18 @@ def trend(heights: Floats, degree: int) -> Floats:
     across, along = (_polynomials(count, degree) for count in heights.shape)
     there = np.isfinite(heights)
     if not there.all():
-        pairs = [(i, j) for i in range(len(across)) for j in range(len(along)) if i + j <= degree]
+        pairs = [
+            (i, j)
+            for i in range(len(across))
+            for j in range(len(along))
+            if i + j <= degree
+        ]
         known = np.where(there, heights, 0.0)
         right = np.array([across[i] @ known @ along[j] for i, j in pairs])
-        normal = [[(across[i] * across[k]) @ there @ (along[j] * along[m]) for k, m in pairs] for i, j in pairs]
+        normal = [
+            [(across[i] * across[k]) @ there @ (along[j] * along[m]) for k, m in pairs]
+            for i, j in pairs
+        ]
         found: Any = np.linalg.lstsq(np.array(normal), right, rcond=1e-12)[0]
         part = np.zeros((len(across), len(along)))
         part[tuple(np.transpose(pairs))] = found
@@ -221,7 +257,9 @@ def _polynomials(count: int, degree: int) -> Floats:
     return np.ascontiguousarray(orthogonal.T)
 
 
-def resampled(heights: Floats, pixel_size: tuple[float, float], side: float, periodic: bool) -> Floats:
+def resampled(
+    heights: Floats, pixel_size: tuple[float, float], side: float, periodic: bool
+) -> Floats:
     """Means over square pixels of edge ``side``: the cubic spline through the integral of the heights along each axis,
     differenced at the new edges, so that volume is conserved and coarser pixels are averages.
 
@@ -244,7 +282,9 @@ def resampled(heights: Floats, pixel_size: tuple[float, float], side: float, per
             )
         new = round(exact) if fits else math.floor(exact)
         if new < 4:
-            raise ValueError(f"leaves {new} pixels of {side:g} nm along {'xy'[axis]}; give smaller pixels")
+            raise ValueError(
+                f"leaves {new} pixels of {side:g} nm along {'xy'[axis]}; give smaller pixels"
+            )
         if new == count and fits:
             continue
         rows = np.moveaxis(heights, axis, 0)

@@ -17,7 +17,9 @@ UTF16 = (b"\xff\xfe", b"\xfe\xff")
 
 
 def _field(names: str, value: str = r"[^,;]") -> re.Pattern[str]:
-    return re.compile(rf"^(?:{names})\s*[:=]\s*(?P<value>(?!\s){value}+)$", re.IGNORECASE)
+    return re.compile(
+        rf"^(?:{names})\s*[:=]\s*(?P<value>(?!\s){value}+)$", re.IGNORECASE
+    )
 
 
 #: what a header states, in English and in German; decimal commas in the sides
@@ -35,7 +37,9 @@ _FIELDS = {
 #: a line of the header of an interferometer, such as h=650 w=650
 _HEADER = re.compile(r"\s*[a-z][\w ()>-]*=", re.IGNORECASE)
 #: a row whose numbers have decimal commas and another separator
-_DECIMAL_COMMA = re.compile(r"\s*[+-]?\d+,\d+(?:e[+-]?\d+)?\s*?(?P<separator>[;\t])", re.IGNORECASE)
+_DECIMAL_COMMA = re.compile(
+    r"\s*[+-]?\d+,\d+(?:e[+-]?\d+)?\s*?(?P<separator>[;\t])", re.IGNORECASE
+)
 
 
 class Text(Unitless):
@@ -63,7 +67,9 @@ class Text(Unitless):
 
     @field_validator("delimiter", "comments")
     @classmethod
-    def _no_part_of_a_number(cls, value: str | None, info: ValidationInfo) -> str | None:
+    def _no_part_of_a_number(
+        cls, value: str | None, info: ValidationInfo
+    ) -> str | None:
         if value is None:
             return value
         if info.field_name == "delimiter" and len(value) != 1:
@@ -79,12 +85,17 @@ class Text(Unitless):
         with open_file(path) as file:
             data = file.read()
         try:
-            text = data.decode("utf-16") if data[:2] in UTF16 else tables.read_text(path)
+            text = (
+                data.decode("utf-16") if data[:2] in UTF16 else tables.read_text(path)
+            )
         except UnicodeDecodeError:
             raise StoreError(f"{path} is not a text file") from None
         lines = tables.data_lines(text, self.comments)
         # the header of an instrument has no comment character
-        first = next((place for place, (_, line) in enumerate(lines) if not _HEADER.match(line)), len(lines))
+        first = next(
+            (place for place, (_, line) in enumerate(lines) if not _HEADER.match(line)),
+            len(lines),
+        )
         lines = lines[first:]
         if not lines:
             raise StoreError(f"{path} holds no numbers")
@@ -104,26 +115,48 @@ class Text(Unitless):
         heights = tables.numbers(lines, str(path), separator)
         return self._of_instrument(heights, found, str(path))
 
-    def _of_instrument(self, heights: Any, found: dict[str, str], source: str) -> HeightMap:
+    def _of_instrument(
+        self, heights: Any, found: dict[str, str], source: str
+    ) -> HeightMap:
         """The map of the rows, by the fields of the header."""
         counts = (found.get("columns"), found.get("rows"))
-        if None not in counts and (int(counts[0] or 0), int(counts[1] or 0)) != heights.shape[::-1]:
+        if (
+            None not in counts
+            and (int(counts[0] or 0), int(counts[1] or 0)) != heights.shape[::-1]
+        ):
             raise StoreError(
                 f"{source} states {counts[0]} x {counts[1]} pixels, but holds {heights.shape[1]} columns and "
                 f"{heights.shape[0]} rows; it is damaged or no image"
             )
         stated, unit = found.get("pixel_size"), found.get("unit")
         if "factor" in found:
-            factor = float(tables.numbers([(1, found["factor"])], f"{source}, conversion factor").flat[0])
+            factor = float(
+                tables.numbers(
+                    [(1, found["factor"])], f"{source}, conversion factor"
+                ).flat[0]
+            )
             if not 0 < factor < math.inf:
-                raise StoreError(f"{source} states a conversion factor of {factor:g} for its heights; it is above 0")
+                raise StoreError(
+                    f"{source} states a conversion factor of {factor:g} for its heights; it is above 0"
+                )
             heights, unit = heights * factor, found["factor_unit"]
         if "width" in found or "height" in found or None not in counts:
             heights = heights.T
         if "width" in found and "height" in found and self.pixel_size is None:
-            sides = (found["width"].replace(",", "."), found["height"].replace(",", "."))
+            sides = (
+                found["width"].replace(",", "."),
+                found["height"].replace(",", "."),
+            )
             stated = tuple(
-                stated_length(side, source) / count for side, count in zip(sides, heights.shape, strict=True)
+                stated_length(side, source) / count
+                for side, count in zip(sides, heights.shape, strict=True)
             )
         notes = {"channel": found["channel"]} if "channel" in found else {}
-        return as_map(heights, source, pixel_size=self.pixel_size, stated=stated, unit=unit, notes=notes)
+        return as_map(
+            heights,
+            source,
+            pixel_size=self.pixel_size,
+            stated=stated,
+            unit=unit,
+            notes=notes,
+        )

@@ -51,15 +51,21 @@ class _Body(SurfaceMaker):
     @property
     def _corner(self) -> float:
         """Distance of the corners of the grid from the apex, nm."""
-        return math.hypot(*(0.5 * (count - 1) * self.pixel_size for count in self.pixels))
+        return math.hypot(
+            *(0.5 * (count - 1) * self.pixel_size for count in self.pixels)
+        )
 
     def expected(self) -> dict[str, float]:
         """The grid and the radius."""
         nx, ny = self.pixels
         radius = {"radius": self.radius} if self.hertzian else {}
-        return {"nx": nx, "ny": ny, "pixel_size": self.pixel_size, **radius, "periodic": 0.0} | {
-            "cpu_seconds": 1e-8 * nx * ny
-        }
+        return {
+            "nx": nx,
+            "ny": ny,
+            "pixel_size": self.pixel_size,
+            **radius,
+            "periodic": 0.0,
+        } | {"cpu_seconds": 1e-8 * nx * ny}
 
     def scatter(self, contact: Mapping[str, float]) -> Scatter:
         """None: the seed is ignored."""
@@ -71,8 +77,15 @@ class _Body(SurfaceMaker):
         ``provenance["radius"]`` is R in nm, of bodies to which Hertz' theory applies. Surfaces with
         ``provenance["tip"]`` are tips: their contact must not reach the edge of the grid.
         """
-        memory.require(3 * 8.0 * self.pixels[0] * self.pixels[1], f"pixels = {self.pixels}", "use fewer")
-        across, along = (((np.arange(count) - 0.5 * (count - 1)) * self.pixel_size) ** 2 for count in self.pixels)
+        memory.require(
+            3 * 8.0 * self.pixels[0] * self.pixels[1],
+            f"pixels = {self.pixels}",
+            "use fewer",
+        )
+        across, along = (
+            ((np.arange(count) - 0.5 * (count - 1)) * self.pixel_size) ** 2
+            for count in self.pixels
+        )
         heights = self._heights(across, along)
         heights.setflags(write=False)
         radius = {"radius": self.radius} if self.hertzian else {}
@@ -96,12 +109,16 @@ class Sphere(_Body):
     """
 
     kind = "sphere"
-    cite = ("K. L. Johnson, Contact Mechanics, Cambridge University Press (1985), ch. 4",)
+    cite = (
+        "K. L. Johnson, Contact Mechanics, Cambridge University Press (1985), ch. 4",
+    )
     bibtex = (_JOHNSON,)
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        lowest = sum((0.5 * (count - 1) * self.pixel_size) ** 2 for count in self.pixels) / (2 * self.radius)
+        lowest = sum(
+            (0.5 * (count - 1) * self.pixel_size) ** 2 for count in self.pixels
+        ) / (2 * self.radius)
         if lowest > 1e250:
             raise ValueError(
                 f"radius = {self.radius:g} nm: the edge of the grid would lie {lowest:g} nm below the apex; "
@@ -147,7 +164,9 @@ class Cone(_Body):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self._corner / math.tan(math.radians(self.half_angle)) > 1e250:
-            raise ValueError(f"half_angle = {self.half_angle:g} degrees: heights are out of range; give a blunter cone")
+            raise ValueError(
+                f"half_angle = {self.half_angle:g} degrees: heights are out of range; give a blunter cone"
+            )
         return self
 
     def _heights(self, x: Floats, y: Floats) -> Floats:
@@ -187,19 +206,27 @@ class Tip(SurfaceMaker):
     """the other body, generated or measured; None: flat"""
     counterface_seed: _Seed = 0
     """seed of the counterface"""
-    place: tuple[Annotated[float, Unit("nm", ge=0)], Annotated[float, Unit("nm", ge=0)]] | None = None
+    place: (
+        tuple[Annotated[float, Unit("nm", ge=0)], Annotated[float, Unit("nm", ge=0)]]
+        | None
+    ) = None
     """[x, y] of the middle of the tip on the counterface, nm from its edges, to whole pixels; None: random, uniform
     over all places where the tip's grid lies on the counterface"""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        for option, part in (("place", "counterface"), ("roughness_seed", "own_roughness")):
+        for option, part in (
+            ("place", "counterface"),
+            ("roughness_seed", "own_roughness"),
+        ):
             if getattr(self, option) is not None and getattr(self, part) is None:
                 raise ValueError(
                     f"{option} = {getattr(self, option)}: there is no {part}; give {part}, or leave it out"
                 )
         if self.apex == "down" and isinstance(self.body, _Body):
-            raise ValueError(f"apex = 'down': {self.body.kind} has its apex up; leave apex out")
+            raise ValueError(
+                f"apex = 'down': {self.body.kind} has its apex up; leave apex out"
+            )
         return self
 
     @property
@@ -207,7 +234,8 @@ class Tip(SurfaceMaker):
         """What another seed changes."""
         parts = {
             "body": getattr(self.body.scatter({}), "relative", None) != 0,
-            "own_roughness": self.own_roughness is not None and self.roughness_seed is None,
+            "own_roughness": self.own_roughness is not None
+            and self.roughness_seed is None,
             "place": self.counterface is not None and self.place is None,
         }
         return [name for name, drawn in parts.items() if drawn]
@@ -216,21 +244,32 @@ class Tip(SurfaceMaker):
         """What the body expects; of a tip that is not smooth on a flat, only the grid and the time."""
         expected = self.body.expected()
         seconds, smooth = expected.get("cpu_seconds", 0.0), True
-        for name, maker in (("own_roughness", self.own_roughness), ("counterface", self.counterface)):
+        for name, maker in (
+            ("own_roughness", self.own_roughness),
+            ("counterface", self.counterface),
+        ):
             if maker is not None:
                 part, smooth = maker.expected(), False
                 self._check_part(name, expected, part)
                 seconds += part.get("cpu_seconds", 0.0)
         if smooth:
             return expected
-        known = {name: expected[name] for name in ("nx", "ny", "pixel_size") if name in expected}
+        known = {
+            name: expected[name]
+            for name in ("nx", "ny", "pixel_size")
+            if name in expected
+        }
         return {**known, "periodic": 0.0, "cpu_seconds": seconds}
 
     def scatter(self, contact: Mapping[str, float]) -> Scatter:
         """Unknown where the seed draws the roughness or the place, else none."""
         drawn = self._drawn
         return (
-            Scatter(None, f"the seed draws the {' and the '.join(drawn)}".replace("_", " ")) if drawn else Scatter(0.0)
+            Scatter(
+                None, f"the seed draws the {' and the '.join(drawn)}".replace("_", " ")
+            )
+            if drawn
+            else Scatter(0.0)
         )
 
     def make(self, seed: Seed = 0) -> Surface:
@@ -248,21 +287,40 @@ class Tip(SurfaceMaker):
         if self.own_roughness is not None:
             own = seed if self.roughness_seed is None else self.roughness_seed
             rough = self.own_roughness.make(stream(own, _STREAM, 0))
-            heights += self._part("own_roughness", rough, body, None, stream(own, _STREAM, 1), record)
+            heights += self._part(
+                "own_roughness", rough, body, None, stream(own, _STREAM, 1), record
+            )
         if self.counterface is not None:
             surface = self.counterface.make(self.counterface_seed)
-            heights += self._part("counterface", surface, body, self.place, stream(seed, _STREAM, 2), record)
+            heights += self._part(
+                "counterface",
+                surface,
+                body,
+                self.place,
+                stream(seed, _STREAM, 2),
+                record,
+            )
         heights.setflags(write=False)
         smooth = self.own_roughness is None and self.counterface is None
-        radius = {"radius": body.provenance["radius"]} if smooth and "radius" in body.provenance else {}
+        radius = (
+            {"radius": body.provenance["radius"]}
+            if smooth and "radius" in body.provenance
+            else {}
+        )
         return Surface(
             heights=heights,
             pixel_size=body.pixel_size,
             periodic=smooth and body.periodic,
-            provenance={**provenance(self, seed if self._drawn else None), "tip": record, **radius},
+            provenance={
+                **provenance(self, seed if self._drawn else None),
+                "tip": record,
+                **radius,
+            },
         )
 
-    def _check_part(self, name: str, body: Mapping[str, float], part: Mapping[str, float]) -> None:
+    def _check_part(
+        self, name: str, body: Mapping[str, float], part: Mapping[str, float]
+    ) -> None:
         """Refuse a part whose pixels differ from those of the body, or which is smaller."""
         known = {"nx", "ny", "pixel_size"}
         if not known <= body.keys() or not known <= part.keys():
@@ -289,15 +347,25 @@ class Tip(SurfaceMaker):
         record: dict[str, Any],
     ) -> Floats:
         """The part of ``surface`` under the body at ``place``, or at a random one."""
-        grids = [{"nx": one.shape[0], "ny": one.shape[1], "pixel_size": one.pixel_size} for one in (body, surface)]
+        grids = [
+            {"nx": one.shape[0], "ny": one.shape[1], "pixel_size": one.pixel_size}
+            for one in (body, surface)
+        ]
         self._check_part(name, *grids)
         rng = np.random.Generator(np.random.Philox(stream))
         first = []
-        for axis, (count, width) in enumerate(zip(surface.shape, body.shape, strict=True)):
+        for axis, (count, width) in enumerate(
+            zip(surface.shape, body.shape, strict=True)
+        ):
             last = count - 1 if surface.periodic else count - width
-            start = int(rng.integers(last + 1)) if place is None else round(place[axis] / body.pixel_size - width / 2)
+            start = (
+                int(rng.integers(last + 1))
+                if place is None
+                else round(place[axis] / body.pixel_size - width / 2)
+            )
             if not surface.periodic and not 0 <= start <= last:
-                low, high = (0.5 * width * body.pixel_size, (count - 0.5 * width) * body.pixel_size)
+                low = 0.5 * width * body.pixel_size
+                high = (count - 0.5 * width) * body.pixel_size
                 raise InputError(
                     f"place = {list(place or ())}: the tip leaves the {name} along {'xy'[axis]}; give {low:.6g} to "
                     f"{high:.6g} nm"
@@ -305,6 +373,12 @@ class Tip(SurfaceMaker):
             first.append(start)
         (x, y), (nx, ny) = first, body.shape
         record[name] = {"surface": surface.provenance, "first_pixel": first}
-        record[name]["place"] = [(x + 0.5 * nx) * body.pixel_size, (y + 0.5 * ny) * body.pixel_size]
-        rows, columns = (np.arange(s, s + n) % c for s, n, c in zip(first, body.shape, surface.shape, strict=True))
+        record[name]["place"] = [
+            (x + 0.5 * nx) * body.pixel_size,
+            (y + 0.5 * ny) * body.pixel_size,
+        ]
+        rows, columns = (
+            np.arange(s, s + n) % c
+            for s, n, c in zip(first, body.shape, surface.shape, strict=True)
+        )
         return surface.heights[np.ix_(rows, columns)].astype(np.float64)

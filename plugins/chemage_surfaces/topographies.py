@@ -74,20 +74,30 @@ class Topography(Instrument):
         library = _library(str(path))
         regular_file(path)
         try:
-            with warnings.catch_warnings(action="ignore"), library.open_topography(str(path)) as file:
+            with (
+                warnings.catch_warnings(action="ignore"),
+                library.open_topography(str(path)) as file,
+            ):
                 own = self._channel(file, str(path))
                 for other in file.channels:
                     if not (other.is_height_channel and other.dim == 2):
                         continue
                     # trace and retrace of one quantity, by their names or by what the format says
                     info = [one.info.get("raw_metadata", {}) for one in (own, other)]
-                    ways = sorted(str(each.get("line direction", "")).lower() for each in info)
-                    scans = str(own.name) == str(other.name) and ways == ["retrace", "trace"]
+                    ways = sorted(
+                        str(each.get("line direction", "")).lower() for each in info
+                    )
+                    scans = str(own.name) == str(other.name) and ways == [
+                        "retrace",
+                        "trace",
+                    ]
                     if scans or opposite(str(own.channel_id), str(other.channel_id)):
                         return self.replace(channel=str(other.channel_id))
         except ChemageError:
             raise
-        except Exception:  # each format has errors of its own; reading the image tells which
+        except (
+            Exception
+        ):  # each format has errors of its own; reading the image tells which
             return None
         return None
 
@@ -98,42 +108,69 @@ class Topography(Instrument):
         library = _library(name)
         try:
             # what the formats of others make numpy or scipy warn of is no matter of the user
-            with warnings.catch_warnings(action="ignore"), library.open_topography(name) as file:
+            with (
+                warnings.catch_warnings(action="ignore"),
+                library.open_topography(name) as file,
+            ):
                 channel = self._channel(file, name)
                 sizes = channel.physical_sizes
-                grid = {} if sizes is not None else {"physical_sizes": tuple(float(n) for n in channel.nb_grid_pts)}
+                grid = (
+                    {}
+                    if sizes is not None
+                    else {
+                        "physical_sizes": tuple(float(n) for n in channel.nb_grid_pts)
+                    }
+                )
                 topography = channel.topography(**grid)
-                heights = np.ma.filled(np.ma.asarray(topography.heights(), dtype=np.float64), np.nan)
+                heights = np.ma.filled(
+                    np.ma.asarray(topography.heights(), dtype=np.float64), np.nan
+                )
                 kind, label = str(file.format()), str(channel.channel_id)
-            if (kind in UNMARKED and Path(name).suffix.lower() != f".{kind}") or not heights.size:
+            if (
+                kind in UNMARKED and Path(name).suffix.lower() != f".{kind}"
+            ) or not heights.size:
                 raise ValueError("nothing in it says so")
         except ChemageError:
             raise
         except Exception as error:  # each format has errors of its own
             reason = (
-                "" if "Detect" in type(error).__name__ else f" ({errors.shortened(' '.join(str(error).split()), 200)})"
+                ""
+                if "Detect" in type(error).__name__
+                else f" ({errors.shortened(' '.join(str(error).split()), 200)})"
             )
-            raise StoreError(f"{name} is in no format that SurfaceTopography reads, or is damaged{reason}") from None
+            raise StoreError(
+                f"{name} is in no format that SurfaceTopography reads, or is damaged{reason}"
+            ) from None
         unit = self._unit(topography.unit, name)
         sides = None
         if self.pixel_size is not None:
             sides = (self.pixel_size, self.pixel_size)
         elif unit is not None and sizes is not None:
-            dx, dy = (float(size) * unit / count for size, count in zip(sizes, heights.shape, strict=True))
+            dx, dy = (
+                float(size) * unit / count
+                for size, count in zip(sizes, heights.shape, strict=True)
+            )
             sides = (dx, dy)
         heights = np.ascontiguousarray(heights)
         heights.setflags(write=False)
         notes = {"format": kind, "channel": label}
-        return HeightMap(heights, unit, sides, bool(topography.is_periodic), source=name, notes=notes)
+        return HeightMap(
+            heights, unit, sides, bool(topography.is_periodic), source=name, notes=notes
+        )
 
     def _unit(self, stated: str | None, name: str) -> float | None:
         """nm per unit of lengths in the file; None where neither file nor user states it."""
-        from SurfaceTopography.Support.UnitConversion import get_unit_conversion_factor, mangle_length_unit_utf8
+        from SurfaceTopography.Support.UnitConversion import (
+            get_unit_conversion_factor,
+            mangle_length_unit_utf8,
+        )
 
         if self.unit is not None or stated is None:
             return self.unit
         try:
-            return float(get_unit_conversion_factor(mangle_length_unit_utf8(stated), "nm"))
+            return float(
+                get_unit_conversion_factor(mangle_length_unit_utf8(stated), "nm")
+            )
         except ValueError:
             raise InputError(
                 f"{name} states lengths in {errors.shortened(str(stated), 40)!r}, which is no unit of length; give the "
@@ -143,7 +180,11 @@ class Topography(Instrument):
     def _channel(self, file: Any, name: str) -> Any:
         """The channel to read, which holds heights on a grid."""
         channels = {str(channel.channel_id): channel for channel in file.channels}
-        maps = {name: channel for name, channel in channels.items() if channel.is_height_channel and channel.dim == 2}
+        maps = {
+            name: channel
+            for name, channel in channels.items()
+            if channel.is_height_channel and channel.dim == 2
+        }
         others = [name for name in channels if name not in maps]
         listed = f"channels of heights: {', '.join(maps) or 'none'}; others: {', '.join(others) or 'none'}"
         if self.channel is None:
@@ -151,10 +192,16 @@ class Topography(Instrument):
             if str(default.channel_id) in maps:
                 return default
             if not maps:
-                raise InputError(f"{name} holds no image of heights, but a line scan or other data ({listed})")
-            raise InputError(f"channel: {name} does not say which channel holds the heights; give one ({listed})")
+                raise InputError(
+                    f"{name} holds no image of heights, but a line scan or other data ({listed})"
+                )
+            raise InputError(
+                f"channel: {name} does not say which channel holds the heights; give one ({listed})"
+            )
         if self.channel not in maps:
-            raise InputError(f"channel = {self.channel!r}: {name} has no such image of heights ({listed})")
+            raise InputError(
+                f"channel = {self.channel!r}: {name} has no such image of heights ({listed})"
+            )
         return maps[self.channel]
 
 
@@ -163,7 +210,11 @@ def _library(name: str) -> Any:
         with warnings.catch_warnings(action="ignore"):  # that there is no MPI
             from SurfaceTopography import IO
     except ImportError as error:
-        why = "is not installed" if error.name == "SurfaceTopography" else f"cannot be imported ({error})"
+        why = (
+            "is not installed"
+            if error.name == "SurfaceTopography"
+            else f"cannot be imported ({error})"
+        )
         raise PluginError(
             f"{name}: the reader 'topography' needs the library SurfaceTopography, which {why}; {INSTALL}"
         ) from None

@@ -50,15 +50,27 @@ def _noise(data: Binned) -> float:
         def residuals(p: Floats) -> Floats:
             return (values - np.logaddexp(p[0] - (2 + 2 * p[1]) * x, p[2])) / deviation
 
-        start = [float(np.interp(math.log(at), np.log(data.q), values)), 0.7, values[-1] - 1.5]
+        start = [
+            float(np.interp(math.log(at), np.log(data.q), values)),
+            0.7,
+            values[-1] - 1.5,
+        ]
         bounds = ([-np.inf, -1.0, values[-1] - 12], [np.inf, 3.0, values[-1] + 1])
-        return least_squares(residuals, start, loss="huber", f_scale=ROBUST, bounds=bounds)
+        return least_squares(
+            residuals, start, loss="huber", f_scale=ROBUST, bounds=bounds
+        )
 
-    best = min((fitted(roll) for roll in (0.0, *data.rolls(ROLLS))), key=lambda one: one.cost)
+    best = min(
+        (fitted(roll) for roll in (0.0, *data.rolls(ROLLS))), key=lambda one: one.cost
+    )
     _, _, without = data.rolled()
     degrees = max(len(data.q) - 3, 1)
     gain = without.misfit * max(len(data.q) - 2, 1) - 2 * best.cost
-    return math.exp(best.x[2]) if gain > SIGNIFICANT * max(2 * best.cost / degrees, 1.0) else 0.0
+    return (
+        math.exp(best.x[2])
+        if gain > SIGNIFICANT * max(2 * best.cost / degrees, 1.0)
+        else 0.0
+    )
 
 
 @dataclass(frozen=True)
@@ -93,22 +105,32 @@ def noise_between(trace: Surface, retrace: Surface) -> Surface:
         They differ in pixels, or in what they show.
     """
     if (trace.shape, trace.pixel_size) != (retrace.shape, retrace.pixel_size):
-        raise InputError(f"retrace: {retrace!r}, but the image is {trace!r}; give the other direction of the same scan")
+        raise InputError(
+            f"retrace: {retrace!r}, but the image is {trace!r}; give the other direction of the same scan"
+        )
     first, second = (one.heights.astype(np.float64) for one in (trace, retrace))
-    a, b = (np.fft.rfft(hann(heights - trend(heights, 1)), axis=0) for heights in (first, second))
+    a, b = (
+        np.fft.rfft(hann(heights - trend(heights, 1)), axis=0)
+        for heights in (first, second)
+    )
     # the bow of the scanner has another sign on the way back
     a[: CROSS + 1] = b[: CROSS + 1] = 0
     cross = (a * b.conj()).sum(axis=1)
     n = len(first)
     correlation = np.fft.irfft(cross, n)
     start = float(n // 2 - (int(np.argmax(correlation)) + n // 2) % n)
-    if correlation.max() * n / 2 < LEAST_ALIKE * float(np.linalg.norm(a) * np.linalg.norm(b)):
-        raise InputError(f"retrace: {retrace!r} does not show what {trace!r} shows; leave the retrace out")
+    if correlation.max() * n / 2 < LEAST_ALIKE * float(
+        np.linalg.norm(a) * np.linalg.norm(b)
+    ):
+        raise InputError(
+            f"retrace: {retrace!r} does not show what {trace!r} shows; leave the retrace out"
+        )
     from scipy import ndimage
 
     wave = 2 * np.pi * np.fft.rfftfreq(n)
     best: Any = minimize_scalar(
-        lambda shift: -float((cross * np.exp(-1j * wave * shift)).real.sum()), bounds=(start - 1, start + 1)
+        lambda shift: -float((cross * np.exp(-1j * wave * shift)).real.sum()),
+        bounds=(start - 1, start + 1),
     )
     moved = ndimage.shift(second, (-best.x, 0), order=5, mode="nearest")
     # what was beyond the edge is not known
@@ -116,7 +138,11 @@ def noise_between(trace: Surface, retrace: Surface) -> Surface:
     difference = np.zeros_like(first)
     difference[kept] = (first - moved)[kept]
     difference[kept] -= trend(difference[kept], 1)
-    return Surface(heights=difference / math.sqrt(2), pixel_size=trace.pixel_size, periodic=trace.periodic)
+    return Surface(
+        heights=difference / math.sqrt(2),
+        pixel_size=trace.pixel_size,
+        periodic=trace.periodic,
+    )
 
 
 def trusted(
@@ -136,9 +162,14 @@ def trusted(
         # the last bin before the end is filled in part
         data, limit = data.part(0, cut * (1 - 1e-9)), "the spectrum ends"
     elif not surface.periodic:
-        data, limit = data.part(0, SAMPLED * math.pi / surface.pixel_size), "waves shorter than two pixels"
+        data, limit = (
+            data.part(0, SAMPLED * math.pi / surface.pixel_size),
+            "waves shorter than two pixels",
+        )
         folded = _folded(data, math.pi / surface.pixel_size)
-    measures = Measures.of(surface.heights.astype(np.float64), (surface.pixel_size, surface.pixel_size))
+    measures = Measures.of(
+        surface.heights.astype(np.float64), (surface.pixel_size, surface.pixel_size)
+    )
     radius = measures.tip_radius() if tip_radius is None else tip_radius
     tip = measures.tip_share(radius, data.q) if radius else np.zeros(len(data.q))
     changed = np.nonzero(np.isinf(tip))[0]
@@ -168,7 +199,10 @@ def trusted(
     else:
         rms, share = 0.0, np.ones(len(data.q))
     folded = folded[: len(data.q)]
-    corrections = [(tip, KNOWN_TIP if tip_radius else ESTIMATED_TIP), (-np.log1p(folded / 2), 1.0)]
+    corrections = [
+        (tip, KNOWN_TIP if tip_radius else ESTIMATED_TIP),
+        (-np.log1p(folded / 2), 1.0),
+    ]
     if rms:
         corrections.append((np.log(share), NOISE_DOUBT))
     data = replace(data, density=data.density * np.exp(tip) / (1 + folded / 2))
@@ -179,7 +213,11 @@ def _folded(data: Binned, nyquist: float) -> Floats:
     """The share of the density that is of waves shorter than two pixels, if the power law went on: Σ C(|q + G|)/C(q)
     over the eight nearest reciprocal vectors G of the pixels, averaged over directions. An instrument that averages
     over its pixels has less of it, so that half is corrected."""
-    law = data.part(0, 0.5 * nyquist).power_law() if (data.q < 0.5 * nyquist).sum() >= FEWEST_BINS else None
+    law = (
+        data.part(0, 0.5 * nyquist).power_law()
+        if (data.q < 0.5 * nyquist).sum() >= FEWEST_BINS
+        else None
+    )
     if law is None or not math.isfinite(law.hurst):
         return np.zeros(len(data.q))
     angle = (np.arange(16) + 0.5) * math.pi / 32

@@ -32,7 +32,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "stubs"))
 import hostile
 
 import chemage as ca
-from chemage.foundation import errors, names
+from chemage.foundation import errors
 
 #: of CPU time, for machines that do something else as well; an inference with right arguments takes 30
 SECONDS = {"infer": 60.0}
@@ -142,7 +142,7 @@ def good() -> dict[str, tuple[object, dict]]:
     }  # fmt: skip
     for role, kind, options in hostile.COMPONENTS:
         arguments[f"{role} {kind}"] = {"kind": kind, **options}
-    return {name: (names.load(name.split()[0]), given) for name, given in arguments.items()}
+    return {name: (getattr(ca, name.split()[0]), given) for name, given in arguments.items()}
 
 
 def case(number: int) -> tuple[str, object, dict]:

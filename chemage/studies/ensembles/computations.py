@@ -77,14 +77,18 @@ class Computation:
     @property
     def seconds(self) -> float:
         """CPU seconds on one surface, as estimated before anything is computed."""
-        return self.contact_seconds + self.replica_seconds * (self.replicas if self.scene.ages else 0)
+        return self.contact_seconds + self.replica_seconds * (
+            self.replicas if self.scene.ages else 0
+        )
 
     @property
     def words(self) -> str:
         """What is computed on a surface, in words."""
         expected = self.scene.surface.expected()
         words = (
-            f"{expected['nx']:.0f} x {expected['ny']:.0f} pixels" if {"nx", "ny"} <= expected.keys() else "the surface"
+            f"{expected['nx']:.0f} x {expected['ny']:.0f} pixels"
+            if {"nx", "ny"} <= expected.keys()
+            else "the surface"
         )
         if self.scene.ages:
             words += f", {self.replicas} replica{'s' if self.replicas > 1 else ''}"
@@ -97,8 +101,11 @@ class Computation:
 
     def here(self) -> Computation:
         """The same with the seconds of this machine."""
-        contact, replica = self.contact_seconds * self.scale, self.replica_seconds * self.scale
-        return replace(self, contact_seconds=contact, replica_seconds=replica, timed=True)
+        contact = self.contact_seconds * self.scale
+        replica = self.replica_seconds * self.scale
+        return replace(
+            self, contact_seconds=contact, replica_seconds=replica, timed=True
+        )
 
     def with_replicas(self, replicas: int) -> Computation:
         """The same with another number of replicas."""
@@ -109,12 +116,21 @@ class Computation:
 
     def seeded(self, surface_seed: int, hold_seed: int) -> Scene:
         """The scene on one surface with its own disorder."""
-        return self.scene.with_hold(seed=hold_seed).model_copy(update={"surface_seed": surface_seed})
+        return self.scene.with_hold(seed=hold_seed).model_copy(
+            update={"surface_seed": surface_seed}
+        )
 
     def compute(self, surface_seed: int, hold_seed: int) -> SurfaceSample:
         """Compute one sample in this thread."""
         return SurfaceSample.of(
-            Outcome(run(self.seeded(surface_seed, hold_seed), threads=1, warn=False, members=False))
+            Outcome(
+                run(
+                    self.seeded(surface_seed, hold_seed),
+                    threads=1,
+                    warn=False,
+                    members=False,
+                )
+            )
         )
 
 
@@ -143,7 +159,9 @@ def sketched(cheapest: Computation) -> Computation | None:
     maker = scene.surface.sketch() if scene.contact.gives_map else None
     if maker is None:
         return None
-    sketch = estimated(scene.model_copy(update={"surface": maker, "hold": None}), cheapest.factor)
+    sketch = estimated(
+        scene.model_copy(update={"surface": maker, "hold": None}), cheapest.factor
+    )
     return sketch if sketch.seconds <= CONTROL_PAYS * cheapest.seconds else None
 
 
@@ -157,7 +175,13 @@ def estimated(scene: Scene, factor: int) -> Computation:
     # what no component says is taken as so much per pixel; only the allocation depends on it
     parts = costs.contact_bytes, costs.replica_bytes if scene.ages else 0.0
     size = None if parts[0] is None or parts[1] is None else max(parts[0], parts[1])
-    return Computation(scene, factor, 1e-6 * pixels if contact is None else contact, replica or 1e-3, size)
+    return Computation(
+        scene,
+        factor,
+        1e-6 * pixels if contact is None else contact,
+        replica or 1e-3,
+        size,
+    )
 
 
 def fitting(computation: Computation, workers: int) -> int:
@@ -170,18 +194,30 @@ def fitting(computation: Computation, workers: int) -> int:
 def replicas_of_difference(fine: Computation, coarse: Computation) -> int:
     """Replicas of a sample of the difference between two computations: so many that kinetics take about as long as it
     is worth."""
-    if not fine.scene.ages or (fine.scene.ageing is not None and not fine.scene.ageing.replicates):
+    if not fine.scene.ages or (
+        fine.scene.ageing is not None and not fine.scene.ageing.replicates
+    ):
         return 1
     contacts = fine.contact_seconds + coarse.contact_seconds
     kinetics = fine.replica_seconds + coarse.replica_seconds
-    return max(1, min(MOST_REPLICAS, round(math.sqrt(REPLICA_SHARE * contacts / max(kinetics, 1e-9)))))
+    return max(
+        1,
+        min(
+            MOST_REPLICAS,
+            round(math.sqrt(REPLICA_SHARE * contacts / max(kinetics, 1e-9))),
+        ),
+    )
 
 
 # -- settings from a map of speed against accuracy ---------------------------------------------------------------------
 
 
 def mapped_computations(
-    map: TradeMap, scene: Scene, quantities: Quantities, goals: Sequence[tuple[int, float]], budget: float
+    map: TradeMap,
+    scene: Scene,
+    quantities: Quantities,
+    goals: Sequence[tuple[int, float]],
+    budget: float,
 ) -> list[Computation]:
     """The settings of the map with which ``scene`` is expected to reach its goals at the least cost, and those of the
     scene itself last; only these where no other pay.
@@ -201,7 +237,10 @@ def mapped_computations(
 
     def price(point: TradePoint) -> float:
         """CPU seconds until every goal is reached; with a budget alone, the relative half width that it allows."""
-        return max(_price(point, own, map, names[column], accuracy, budget) for column, accuracy in goals)
+        return max(
+            _price(point, own, map, names[column], accuracy, budget)
+            for column, accuracy in goals
+        )
 
     least, chosen = MAP_PAYS * price(own), None
     for point in map.points:
@@ -213,11 +252,19 @@ def mapped_computations(
     return [_mapped(changed, chosen, map, quantities), whole]
 
 
-def _mapped(scene: Scene, point: TradePoint, map: TradeMap, quantities: Quantities, errors: bool = True) -> Computation:
+def _mapped(
+    scene: Scene,
+    point: TradePoint,
+    map: TradeMap,
+    quantities: Quantities,
+    errors: bool = True,
+) -> Computation:
     contact, replica = map.seconds_of(point)
     pixel = scene.surface.expected().get("pixel_size", 0.0)
     own = map.scene.get("surface", {}).get("pixel_size", pixel)
-    factor = round(pixel / own) if isinstance(own, int | float) and own > 0 and pixel else 1
+    factor = (
+        round(pixel / own) if isinstance(own, int | float) and own > 0 and pixel else 1
+    )
     return replace(
         estimated(scene, factor),
         contact_seconds=contact,
@@ -243,7 +290,14 @@ def _errors(point: TradePoint, quantities: Quantities) -> np.ndarray:
     return np.array([point.deviation(name).size for name in names])
 
 
-def _price(point: TradePoint, own: TradePoint, map: TradeMap, name: str, accuracy: float, budget: float) -> float:
+def _price(
+    point: TradePoint,
+    own: TradePoint,
+    map: TradeMap,
+    name: str,
+    accuracy: float,
+    budget: float,
+) -> float:
     """CPU seconds until an observable is known to an accuracy, with or without corrections; 0: the relative half width
     that a budget allows."""
     seconds, whole = sum(map.seconds_of(point)), sum(map.seconds_of(own))
@@ -255,11 +309,19 @@ def _price(point: TradePoint, own: TradePoint, map: TradeMap, name: str, accurac
         return math.inf
     deviation = point.deviation(name)
     # on random surfaces of the mean over the replicas of a round, as a correction has several replicas
-    change = 0.0 if same else deviation.stderr**2 * (map.rounds if map.random else deviation.freedom + 1)
-    corrected = (math.sqrt(variance * seconds) + math.sqrt(change * (seconds + whole))) ** 2
+    change = (
+        0.0
+        if same
+        else deviation.stderr**2 * (map.rounds if map.random else deviation.freedom + 1)
+    )
+    corrected = (
+        math.sqrt(variance * seconds) + math.sqrt(change * (seconds + whole))
+    ) ** 2
     if accuracy == 0:
         time = budget if math.isfinite(budget) else _ONE
-        return NORMAL_LIMIT * min(math.sqrt(variance * seconds / time + size**2), math.sqrt(corrected / time))
+        return NORMAL_LIMIT * min(
+            math.sqrt(variance * seconds / time + size**2), math.sqrt(corrected / time)
+        )
     left = (accuracy / NORMAL_LIMIT) ** 2 - size**2
     plain = seconds * variance / left if left > 0 else math.inf
     return min(plain, corrected * (NORMAL_LIMIT / accuracy) ** 2)
@@ -297,7 +359,12 @@ def barriers_error(
     enough; more surfaces do not make it smaller.
     """
     errors, scene = np.zeros(quantities.count), computation.scene
-    if scene.chemistry is None or scene.hold is None or not scene.ages or not scene.chemistry.forming.members(1):
+    if (
+        scene.chemistry is None
+        or scene.hold is None
+        or not scene.ages
+        or not scene.chemistry.forming.members(1)
+    ):
         return errors, ""
     scene = computation.seeded(*seeds)
 
@@ -326,14 +393,23 @@ def seed_of(base: int, level: int, number: int, what: int) -> int:
 
     It is a whole number below 2^53, so that ``chemage run --set surface.seed=...`` makes the same surface.
     """
-    words = np.random.SeedSequence(base, spawn_key=(level, number, what)).generate_state(2, np.uint32)
+    words = np.random.SeedSequence(
+        base, spawn_key=(level, number, what)
+    ).generate_state(2, np.uint32)
     return (int(words[0]) << 21) | (int(words[1]) >> 11)
 
 
 class SampleSeries:
     """The samples of one computation on the surfaces (or replicas) of one level."""
 
-    def __init__(self, computation: Computation, *, level: int, varied: bool, taken: Taken | None = None) -> None:
+    def __init__(
+        self,
+        computation: Computation,
+        *,
+        level: int,
+        varied: bool,
+        taken: Taken | None = None,
+    ) -> None:
         """``varied``: another surface for each sample; else the surface of the scene with other replicas."""
         self.computation, self.level, self.varied = computation, level, varied
         #: without gaps, in the order of their numbers
@@ -345,7 +421,11 @@ class SampleSeries:
         """The seeds of surface and disorder of a sample."""
         scene = self.computation.scene
         base = scene.hold.seed if scene.hold is not None else 0
-        surface = seed_of(scene.surface_seed, self.level, number, 0) if self.varied else scene.surface_seed
+        surface = (
+            seed_of(scene.surface_seed, self.level, number, 0)
+            if self.varied
+            else scene.surface_seed
+        )
         return surface, seed_of(base, self.level, number, 1)
 
     def task(self, number: int) -> Task:
@@ -363,7 +443,11 @@ class SampleSeries:
 
     def missing(self, count: int) -> list[Task]:
         """The tasks of the samples that are missing to ``count``."""
-        return [self.task(number) for number in range(len(self.samples), count) if number not in self._later]
+        return [
+            self.task(number)
+            for number in range(len(self.samples), count)
+            if number not in self._later
+        ]
 
     def receive(self, number: int, sample: SurfaceSample) -> None:
         """Add a sample; those before it may come later."""
@@ -380,7 +464,12 @@ class SurfaceLevel:
     ``name`` is that of the stage that is reported; ``row`` gives the numbers of a sample.
     """
 
-    def __init__(self, name: str, row: Callable[[SurfaceSample], np.ndarray], *parts: SampleSeries) -> None:
+    def __init__(
+        self,
+        name: str,
+        row: Callable[[SurfaceSample], np.ndarray],
+        *parts: SampleSeries,
+    ) -> None:
         self.name, self.parts, self._row = name, parts, row
         self._rows: list[np.ndarray] = []
 
@@ -402,7 +491,9 @@ def area(sample: SurfaceSample) -> np.ndarray:
     return np.array([sample.measures["area_fraction"]])
 
 
-def within(parts: tuple[SampleSeries, ...], quantities: Quantities) -> tuple[np.ndarray, int] | None:
+def within(
+    parts: tuple[SampleSeries, ...], quantities: Quantities
+) -> tuple[np.ndarray, int] | None:
     """The variance between replicas on one surface, (quantities,), and its degrees of freedom; None without any."""
     total, freedom = np.zeros(quantities.count), 0
     for sample in parts[0].samples:

@@ -13,7 +13,17 @@ from chemage.ageing.fitting import DROPS, span_text
 from chemage.foundation.figures import BLUE, GREY, ORANGE, from_zero, legend, plain
 from chemage.foundation.names import __version__
 from chemage.foundation.quantities import HOLD_TIME, Curve, Quantity, Rank
-from chemage.foundation.result import FILE, Ageing, Medium, OfRecord, Panel, Picture, Rows, Table, displays
+from chemage.foundation.result import (
+    FILE,
+    Ageing,
+    Medium,
+    OfRecord,
+    Panel,
+    Picture,
+    Rows,
+    Table,
+    displays,
+)
 from chemage.foundation.text import jsonable, percent
 from chemage.foundation.units import convert
 from chemage.scene.display import chemistry_of_scene
@@ -72,8 +82,12 @@ class EnsembleDisplay(OfRecord[Ensemble]):
         if ensemble.random and math.isfinite(ensemble.scatter):
             text = f"{percent(ensemble.scatter)} (standard deviation), measured here on {ensemble.surfaces} surfaces"
             facts.append(("scatter of β between surfaces", text))
-        facts += [(f"plugin {name}", source) for name, source in ensemble.plugins.items()]
-        return facts + ([("ended because", ensemble.stopped)] if ensemble.stopped else [])
+        facts += [
+            (f"plugin {name}", source) for name, source in ensemble.plugins.items()
+        ]
+        return facts + (
+            [("ended because", ensemble.stopped)] if ensemble.stopped else []
+        )
 
     def quantities(self) -> list[Quantity]:
         asked = {goal.partition("@")[0].strip() for goal in self.record.goals}
@@ -82,13 +96,20 @@ class EnsembleDisplay(OfRecord[Ensemble]):
             name, _, time = map(str.strip, goal.partition("@"))
             if time:
                 one = self.record.estimate(name, convert(time, "s"))
-                at_times.append(one.but(name=goal, label=f"{one.title} {one.of}", symbol="", of=""))
+                at_times.append(
+                    one.but(name=goal, label=f"{one.title} {one.of}", symbol="", of="")
+                )
         # those of b are those of β
         found = []
         for one in self.record.numbers():
-            errors = {SOURCES.get(cause, cause): part for cause, part in one.errors.items()}
+            errors = {
+                SOURCES.get(cause, cause): part for cause, part in one.errors.items()
+            }
             found.append(one.but(errors=errors if one.name != "b" else {}))
-        shown = [one if one.name in names or one.name in asked else one.but(rank=Rank.REST) for one in found]
+        shown = [
+            one if one.name in names or one.name in asked else one.but(rank=Rank.REST)
+            for one in found
+        ]
         return [*shown, *at_times]
 
     def curves(self) -> list[Curve]:
@@ -106,7 +127,12 @@ class EnsembleDisplay(OfRecord[Ensemble]):
             if level.get("control"):
                 rows.append(("regressed on", f"the area of the contact of {of}"))
             else:
-                rows.append(("corrected by", f"{level['samples']} of these differences: {level['words']}"))
+                rows.append(
+                    (
+                        "corrected by",
+                        f"{level['samples']} of these differences: {level['words']}",
+                    )
+                )
         return rows
 
     def numbers(self) -> dict[str, Any]:
@@ -114,19 +140,29 @@ class EnsembleDisplay(OfRecord[Ensemble]):
 
     def cite(self) -> tuple[list[str], str]:
         provenance = self.record.provenance
-        return list(provenance.get("cite", [])), provenance.get("versions", {}).get("chemage", __version__)
+        return list(provenance.get("cite", [])), provenance.get("versions", {}).get(
+            "chemage", __version__
+        )
 
     def stated(self) -> tuple[str, Mapping[str, Any]]:
         about, scene = super().stated()
-        return f"{about.rstrip('.')}, but for a budget of time, which ends where the time does.", scene
+        return (
+            f"{about.rstrip('.')}, but for a budget of time, which ends where the time does.",
+            scene,
+        )
 
     def tables(self) -> list[Table]:
         rows = []
         for one in self.quantities():
             if one.rank <= Rank.TABLE:
-                rows += [(one.row()[0], size, cause, how) for cause, size, how in one.parts()]
+                rows += [
+                    (one.row()[0], size, cause, how) for cause, size, how in one.parts()
+                ]
         parts = Table(
-            "Standard errors by name", ["of", "size", "due to", "how it is known"], rows, "Parts of the error"
+            "Standard errors by name",
+            ["of", "size", "due to", "how it is known"],
+            rows,
+            "Parts of the error",
         )
         return [parts, *super().tables()]
 
@@ -136,14 +172,26 @@ class EnsembleDisplay(OfRecord[Ensemble]):
     def provenance(self) -> Rows:
         ensemble, rows = self.record, []
         for number, level in enumerate(ensemble.levels):
-            first = "samples" if number == 0 else "control" if level.get("control") else "corrections"
+            first = (
+                "samples"
+                if number == 0
+                else "control"
+                if level.get("control")
+                else "corrections"
+            )
             rows.append((first, f"{level['samples']} of {level['words']}"))
             pairs = level.get("seeds", [])[:_SEEDS]
             text = ", ".join(f"{surface} {hold}" for surface, hold in pairs)
             more = ", …" if level["samples"] > len(pairs) else ""
-            rows.append((f"seeds of {first} (surface, disorder and kinetics)", text + more))
+            rows.append(
+                (f"seeds of {first} (surface, disorder and kinetics)", text + more)
+            )
         versions = ensemble.provenance.get("versions", {})
-        return [*rows, *((f"version of {name}", str(text)) for name, text in versions.items()), *super().provenance()]
+        return [
+            *rows,
+            *((f"version of {name}", str(text)) for name, text in versions.items()),
+            *super().provenance(),
+        ]
 
     # -- beside others ------------------------------------------------------------------------------------------------
 
@@ -164,7 +212,9 @@ class EnsembleDisplay(OfRecord[Ensemble]):
         """Δμ (ΔF without load) against hold time with the 95 % interval of the mean and the single surfaces, and the
         parts of the error of β, or else of the first quantity there is."""
         ensemble, name = self.record, self.record.quantities.names[0]
-        sizes = "; ".join(f"{part} {size}" for part, size, _ in ensemble.estimate(name).parts())
+        sizes = "; ".join(
+            f"{part} {size}" for part, size, _ in ensemble.estimate(name).parts()
+        )
         words = _words(name)
         parts = Panel(
             self._draw_parts,
@@ -177,7 +227,10 @@ class EnsembleDisplay(OfRecord[Ensemble]):
         if not self.ages:
             return {"ensemble": Picture((parts,), (5.6, 3.2), title=ensemble.title)}
         what = "surfaces" if ensemble.random else "replicas on the one surface"
-        (first, *_, last), (begin, *_, end) = ensemble.friction_drop, ensemble.hold_times
+        (first, *_, last), (begin, *_, end) = (
+            ensemble.friction_drop,
+            ensemble.hold_times,
+        )
         curve = Panel(
             self._draw_curve,
             f"Mean over {what} with its 95 % interval (band), and single {what.split()[0]} (grey).",
@@ -185,10 +238,20 @@ class EnsembleDisplay(OfRecord[Ensemble]):
             f"{last:.3g} nN at {end:g} s.",
             name="mean",
         )
-        return {"ensemble": Picture((curve, parts), (10.5, 4.2), title=ensemble.title, in_cell=2)}
+        return {
+            "ensemble": Picture(
+                (curve, parts), (10.5, 4.2), title=ensemble.title, in_cell=2
+            )
+        }
 
     def draw(
-        self, axes: Axes, medium: Medium = FILE, *, singles: bool = True, color: str | None = None, label: str = ""
+        self,
+        axes: Axes,
+        medium: Medium = FILE,
+        *,
+        singles: bool = True,
+        color: str | None = None,
+        label: str = "",
     ) -> None:
         """Draw the curve, or without ageing the parts of the error."""
         if self.ages:
@@ -197,30 +260,62 @@ class EnsembleDisplay(OfRecord[Ensemble]):
             self._draw_parts(axes, medium)
 
     def _draw_curve(
-        self, axes: Axes, medium: Medium, singles: bool = True, color: str | None = None, label: str = ""
+        self,
+        axes: Axes,
+        medium: Medium,
+        singles: bool = True,
+        color: str | None = None,
+        label: str = "",
     ) -> None:
         """Draw the mean curve with its 95 % interval as a band, the single surfaces, and the line of β."""
         ensemble = self.record
         drawn = ensemble.hold_times > 0
-        times, scale = ensemble.hold_times[drawn], 1 / ensemble.load if ensemble.load > 0 else 1.0
+        times = ensemble.hold_times[drawn]
+        scale = 1 / ensemble.load if ensemble.load > 0 else 1.0
         if singles:
             text = f"single {'surfaces' if ensemble.random else 'replicas'}: {ensemble.levels[0]['words']}"
-            for number, curve in enumerate(scale * ensemble.single_friction_drops[:MOST_CURVES, drawn]):
-                axes.plot(times, curve, color=GREY, lw=0.5, alpha=0.4, label=None if number else text)
-        mean, half = scale * ensemble.friction_drop[drawn], scale * ensemble.friction_drop_half_width[drawn]
+            for number, curve in enumerate(
+                scale * ensemble.single_friction_drops[:MOST_CURVES, drawn]
+            ):
+                axes.plot(
+                    times,
+                    curve,
+                    color=GREY,
+                    lw=0.5,
+                    alpha=0.4,
+                    label=None if number else text,
+                )
+        mean = scale * ensemble.friction_drop[drawn]
+        half = scale * ensemble.friction_drop_half_width[drawn]
         own = color or BLUE
-        axes.plot(times, mean, color=own, lw=1.6, marker="o", ms=3, label=plain(label or f"mean of {ensemble.over}"))
+        axes.plot(
+            times,
+            mean,
+            color=own,
+            lw=1.6,
+            marker="o",
+            ms=3,
+            label=plain(label or f"mean of {ensemble.over}"),
+        )
         if np.isfinite(half).any():
             band = "95 % interval of the mean"
-            axes.fill_between(times, mean - half, mean + half, color=own, alpha=0.3, lw=0, label=band)
+            axes.fill_between(
+                times, mean - half, mean + half, color=own, alpha=0.3, lw=0, label=band
+            )
         if ensemble.quantities.has_beta:
             beta, fitted = ensemble.estimate("beta"), ensemble.quantities.fitted[drawn]
             x = np.log10(times[fitted])
             line = mean[fitted].mean() + beta.value * (x - x.mean())
             text = f"{beta.short()} per decade (line, {span_text(ensemble.quantities.span)})"
-            text += f"\n{ensemble.quantities.doubt.partition(';')[0]}" * bool(ensemble.quantities.doubt)
-            axes.plot(times[fitted], line, color=ORANGE, lw=1.2, zorder=3, label=plain(text))
-        drop = DROPS["friction_coefficient_drop" if ensemble.load > 0 else "friction_drop"]
+            text += f"\n{ensemble.quantities.doubt.partition(';')[0]}" * bool(
+                ensemble.quantities.doubt
+            )
+            axes.plot(
+                times[fitted], line, color=ORANGE, lw=1.2, zorder=3, label=plain(text)
+            )
+        drop = DROPS[
+            "friction_coefficient_drop" if ensemble.load > 0 else "friction_drop"
+        ]
         axes.set(xscale="log", xlabel=HOLD_TIME.axis, ylabel=drop.axis)
         from_zero(axes)
         legend(axes)
@@ -229,20 +324,32 @@ class EnsembleDisplay(OfRecord[Ensemble]):
         """Draw the standard errors as bars, in percent of the mean, with how each is known."""
         name = self.record.quantities.names[0]
         estimate = self.record.estimate(name)
-        parts = [(SOURCES.get(part, part), error) for part, error in estimate.errors.items()]
+        parts = [
+            (SOURCES.get(part, part), error) for part, error in estimate.errors.items()
+        ]
         for number, (label, error) in enumerate(parts):
-            share = 100 * error.size / abs(estimate.value) if estimate.value else math.nan
+            share = (
+                100 * error.size / abs(estimate.value) if estimate.value else math.nan
+            )
             is_known = math.isfinite(share)
             axes.barh(number, share if is_known else 0.0, color=BLUE, height=0.4)
             text = percent(share / 100) if is_known else "not known"
-            axes.text(0.0, number - 0.28, f" {label}: {text}", va="bottom", parse_math=False)
+            axes.text(
+                0.0, number - 0.28, f" {label}: {text}", va="bottom", parse_math=False
+            )
             how = {"fontsize": medium.font, "color": GREY, "parse_math": False}
             axes.text(0.0, number + 0.24, f" {error.how}", va="top", **how)
         words = _words(name)
         axes.set_yticks([])
-        axes.set_ylim(max(len(parts), 2) - 0.4, -0.6)  # bars of one height, also where there is only one
+        axes.set_ylim(
+            max(len(parts), 2) - 0.4, -0.6
+        )  # bars of one height, also where there is only one
         axes.set_xlim(left=0)
-        title = f"{words}: 95 % interval ± {percent(estimate.relative)}" if math.isfinite(estimate.relative) else words
+        title = (
+            f"{words}: 95 % interval ± {percent(estimate.relative)}"
+            if math.isfinite(estimate.relative)
+            else words
+        )
         axes.set(xlabel=f"standard error of {words} (%)", title=title)
 
 

@@ -13,10 +13,22 @@ from chemage.ageing.fitting import BETA, DROPS, LN10, B, why_not_fitted
 from chemage.foundation.codec import dataset, frame
 from chemage.foundation.outputs import RECORDED
 from chemage.foundation.quantities import HOLD_TIME, Curve, ErrorPart, Quantity, by_name
-from chemage.foundation.records import Doubles, Named, Number, Plain, Record, approximations_in_words
+from chemage.foundation.records import (
+    Doubles,
+    Named,
+    Number,
+    Plain,
+    Record,
+    approximations_in_words,
+)
 from chemage.foundation.result import draw_result, notebook_html
 from chemage.scene.scene import heading
-from chemage.studies.ensembles.quantities import Quantities, Spread, half_width, regressed
+from chemage.studies.ensembles.quantities import (
+    Quantities,
+    Spread,
+    half_width,
+    regressed,
+)
 
 if TYPE_CHECKING:
     import pandas
@@ -81,13 +93,24 @@ class Ensemble(Record):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if len(self.levels) != len(self.rows) or not self.levels:
-            raise ValueError(f"rows: {len(self.rows)} levels of samples, but {len(self.levels)} are described")
+            raise ValueError(
+                f"rows: {len(self.rows)} levels of samples, but {len(self.levels)} are described"
+            )
         for number in range(len(self.levels)):
             rows, last = self.rows.get(str(number)), number == len(self.levels) - 1
             count = 1 if number and last and self.controlled else self.quantities.count
-            if rows is None or rows.ndim != 2 or rows.shape[1] != count or len(rows) < 2:
-                raise ValueError(f"rows: level {number} must have two samples at least, {count} numbers")
-        if self.controlled and len(self.rows[str(len(self.levels) - 1)]) < len(self.rows["0"]):
+            if (
+                rows is None
+                or rows.ndim != 2
+                or rows.shape[1] != count
+                or len(rows) < 2
+            ):
+                raise ValueError(
+                    f"rows: level {number} must have two samples at least, {count} numbers"
+                )
+        if self.controlled and len(self.rows[str(len(self.levels) - 1)]) < len(
+            self.rows["0"]
+        ):
             raise ValueError("rows: the control has fewer samples than the first level")
         return self
 
@@ -96,8 +119,16 @@ class Ensemble(Record):
         field_name, _, key = name.partition("/")
         if field_name == "rows":
             if self.controlled and key == str(len(self.levels) - 1):
-                return (f"sample_{key}", "control"), "1", "area fraction of the contact of a sketch"
-            return (f"sample_{key}", "quantity"), "", "β per decade, friction drop (nN), measures of the contact"
+                return (
+                    (f"sample_{key}", "control"),
+                    "1",
+                    "area fraction of the contact of a sketch",
+                )
+            return (
+                (f"sample_{key}", "quantity"),
+                "",
+                "β per decade, friction drop (nN), measures of the contact",
+            )
         if field_name in ("within", "known"):
             return ("quantity",), "", ""
         return super().declared(name)
@@ -115,10 +146,14 @@ class Ensemble(Record):
     @cached_property
     def _spreads(self) -> list[Spread]:
         spreads = []
-        for number, (level, rows) in enumerate(zip(self.levels, self._terms, strict=True)):
+        for number, (level, rows) in enumerate(
+            zip(self.levels, self._terms, strict=True)
+        ):
             chosen = int(level.get("variance_of", len(rows)))
             freedom = int(level.get("freedom", chosen - 1))
-            spreads.append(Spread.of(rows, chosen, freedom, self.controlled and not number))
+            spreads.append(
+                Spread.of(rows, chosen, freedom, self.controlled and not number)
+            )
         return spreads
 
     @property
@@ -140,13 +175,19 @@ class Ensemble(Record):
     @cached_property
     def half_widths(self) -> np.ndarray:
         """(quantities,) half the widths of their 95 % intervals."""
-        return half_width(self._spreads, [len(rows) for rows in self._terms], self._known)
+        return half_width(
+            self._spreads, [len(rows) for rows in self._terms], self._known
+        )
 
     @property
     def _known(self) -> np.ndarray:
         """(quantities,) standard errors that are known before."""
         errors = [np.abs(self.mean) * relative for relative in self.known.values()]
-        return np.sqrt(np.sum([error**2 for error in errors], axis=0)) if errors else np.zeros(self.quantities.count)
+        return (
+            np.sqrt(np.sum([error**2 for error in errors], axis=0))
+            if errors
+            else np.zeros(self.quantities.count)
+        )
 
     def estimate(self, name: str, time: float | None = None) -> Quantity:
         """The mean of a quantity over surfaces; of a curve at a hold time (s), by default the last.
@@ -160,48 +201,88 @@ class Ensemble(Record):
         if name not in DROPS:
             return self._estimate(self.quantities.declared(name), column)
         at = self.hold_times[column - self.quantities.curve.start]
-        return self._estimate(self.quantities.declared(name), column).but(of=f"at {at:g} s")
+        return self._estimate(self.quantities.declared(name), column).but(
+            of=f"at {at:g} s"
+        )
 
-    def _estimate(self, declared: Quantity, column: int, scale: float = 1.0) -> Quantity:
-        scale = scale / self.load if declared.name == "friction_coefficient_drop" else scale
-        parts = {name: ErrorPart(scale * part.size, part.how) for name, part in self._parts(column).items()}
-        half, stderr = float(self.half_widths[column]) * scale, math.hypot(*(part.size for part in parts.values()))
+    def _estimate(
+        self, declared: Quantity, column: int, scale: float = 1.0
+    ) -> Quantity:
+        scale = (
+            scale / self.load if declared.name == "friction_coefficient_drop" else scale
+        )
+        parts = {
+            name: ErrorPart(scale * part.size, part.how)
+            for name, part in self._parts(column).items()
+        }
+        half = float(self.half_widths[column]) * scale
+        stderr = math.hypot(*(part.size for part in parts.values()))
         value = float(self.mean[column]) * scale
         reason = ""
-        if half <= EXACT * abs(value) or not any(part.size != 0 for part in parts.values()):
+        if half <= EXACT * abs(value) or not any(
+            part.size != 0 for part in parts.values()
+        ):
             reason = "the same in all samples"
         elif math.isnan(half):
-            unknown = [SOURCES.get(name, name) for name, part in parts.items() if math.isnan(part.size)]
+            unknown = [
+                SOURCES.get(name, name)
+                for name, part in parts.items()
+                if math.isnan(part.size)
+            ]
             reason = ": ".join(["interval not known", *unknown])
         reason = "; ".join(filter(None, (reason, declared.reason)))
-        return declared.but(value=value).between(half, stderr, errors=parts, reason=reason)
+        return declared.but(value=value).between(
+            half, stderr, errors=parts, reason=reason
+        )
 
     def _parts(self, column: int) -> dict[str, ErrorPart]:
         """The parts of the error of a column: standard errors."""
         spreads, rows = self._spreads, self._terms
         first, count = float(spreads[0].variance[column]), len(rows[0])
         # of the mean of the control
-        more = float(spreads[-1].variance[column]) / len(rows[-1]) if self.controlled else 0.0
+        more = (
+            float(spreads[-1].variance[column]) / len(rows[-1])
+            if self.controlled
+            else 0.0
+        )
         replicas = max(1, int(self.levels[0].get("replicas", 1)))
-        how = f"measured here, {count} surfaces" if self.random else f"measured here, {count * replicas} replicas"
+        how = (
+            f"measured here, {count} surfaces"
+            if self.random
+            else f"measured here, {count * replicas} replicas"
+        )
         if self.controlled:
             how += f" and the area of sketches of {len(rows[-1])}"
         cause, inside, is_split = "surfaces and replicas", 0.0, False
         if not self.random:
             cause, how = "replicas", f"{how} on this one surface"
-        elif column >= self.quantities.curve.stop:  # the contact is the same for all replicas
+        elif (
+            column >= self.quantities.curve.stop
+        ):  # the contact is the same for all replicas
             cause = "surfaces"
         elif "variance" in self.within:
             is_split = True
-            cause, inside = "surfaces", float(self.within["variance"][column]) / replicas
-        parts = {cause: ErrorPart(math.sqrt(max(0.0, first - inside) / count + more), how)}
+            cause = "surfaces"
+            inside = float(self.within["variance"][column]) / replicas
+        parts = {
+            cause: ErrorPart(math.sqrt(max(0.0, first - inside) / count + more), how)
+        }
         if is_split:
-            on_each = f"measured here, {replicas} on each surface" if replicas > 1 else "measured here, on few surfaces"
-            parts["replicas"] = ErrorPart(math.sqrt(min(inside, first) / count), on_each)
+            on_each = (
+                f"measured here, {replicas} on each surface"
+                if replicas > 1
+                else "measured here, on few surfaces"
+            )
+            parts["replicas"] = ErrorPart(
+                math.sqrt(min(inside, first) / count), on_each
+            )
         for number in range(1, len(rows) - self.controlled):
-            size = math.sqrt(float(spreads[number].variance[column]) / len(rows[number]))
+            size = math.sqrt(
+                float(spreads[number].variance[column]) / len(rows[number])
+            )
             parts["discretisation"] = ErrorPart(
-                size, f"measured here: corrected by {len(rows[number])} surfaces computed both ways"
+                size,
+                f"measured here: corrected by {len(rows[number])} surfaces computed both ways",
             )
         for name, relative in self.known.items():
             size = abs(float(self.mean[column])) * float(relative[column])
@@ -250,7 +331,14 @@ class Ensemble(Record):
             return math.nan
         return float(self.rows["0"][:, 0].std(ddof=1) / abs(self.mean[0]))
 
-    def plot(self, ax: Axes | None = None, *, singles: bool = True, color: str | None = None, label: str = "") -> Axes:
+    def plot(
+        self,
+        ax: Axes | None = None,
+        *,
+        singles: bool = True,
+        color: str | None = None,
+        label: str = "",
+    ) -> Axes:
         """Draw Δμ (without load ΔF) against hold time into ``ax`` or a figure of pyplot, and return the axes.
 
         The mean with its 95 % interval as a band, and the line of β. Without ageing the parts of the error are drawn.
@@ -283,17 +371,38 @@ class Ensemble(Record):
         """One row for each hold time (s): means of ΔF (nN) and Δμ, half the widths of their 95 % intervals
         (``_half_width``), and the parts of their errors by name (``friction_drop.surfaces``: standard errors). Without
         hold times one row for each measure of the contact. Needs pandas."""
-        attributes = {"surfaces": self.surfaces if self.random else 1, "load": self.load}
+        attributes = {
+            "surfaces": self.surfaces if self.random else 1,
+            "load": self.load,
+        }
         if not self.hold_times.size:
             rows = []
             for one in (self.estimate(name) for name in self.measures):
-                errors = {f"error.{cause}": part.size for cause, part in one.errors.items()}
-                rows.append({"measure": one.name, "value": one.value, "half_width": one.half_width, **errors})
+                errors = {
+                    f"error.{cause}": part.size for cause, part in one.errors.items()
+                }
+                rows.append(
+                    {
+                        "measure": one.name,
+                        "value": one.value,
+                        "half_width": one.half_width,
+                        **errors,
+                    }
+                )
             names = dict.fromkeys(name for row in rows for name in row)
-            columns = {name: np.array([row.get(name, math.nan) for row in rows]) for name in names}
+            columns = {
+                name: np.array([row.get(name, math.nan) for row in rows])
+                for name in names
+            }
             return frame(columns, "measure", attributes)
-        columns = {name: values for curve in self.curves() for name, values in curve.numbers().items()}
-        return frame({HOLD_TIME.name: self.hold_times, **columns}, HOLD_TIME.name, attributes)
+        columns = {
+            name: values
+            for curve in self.curves()
+            for name, values in curve.numbers().items()
+        }
+        return frame(
+            {HOLD_TIME.name: self.hold_times, **columns}, HOLD_TIME.name, attributes
+        )
 
     def curves(self) -> list[Curve]:
         """ΔF and Δμ against hold time."""
@@ -302,13 +411,31 @@ class Ensemble(Record):
         for name in (name for name in DROPS if name in self.quantities.names):
             estimates = [self.estimate(name, float(time)) for time in self.hold_times]
             parts = ("value", "stderr", "half_width")
-            value, stderr, half = (np.array([getattr(one, part) for one in estimates]) for part in parts)
-            errors = {cause: np.array([one.errors[cause].size for one in estimates]) for cause in estimates[0].errors}
-            of = {"x": self.hold_times, "mean": value, "stderr": stderr, "half_width": half, "errors": errors}
+            value, stderr, half = (
+                np.array([getattr(one, part) for one in estimates]) for part in parts
+            )
+            errors = {
+                cause: np.array([one.errors[cause].size for one in estimates])
+                for cause in estimates[0].errors
+            }
+            of = {
+                "x": self.hold_times,
+                "mean": value,
+                "stderr": stderr,
+                "half_width": half,
+                "errors": errors,
+            }
             scale = 1.0 if name == "friction_drop" else 1 / self.load
             samples = [scale * rows[:, self.quantities.curve] for rows in self._terms]
-            spread = {"samples": samples, "known": scale * self._known[self.quantities.curve]}
-            curves.append(DROPS[name].but(**of, **spread, over=what, band=self.random, alone=False))
+            spread = {
+                "samples": samples,
+                "known": scale * self._known[self.quantities.curve],
+            }
+            curves.append(
+                DROPS[name].but(
+                    **of, **spread, over=what, band=self.random, alone=False
+                )
+            )
         return curves
 
     @property
@@ -316,7 +443,11 @@ class Ensemble(Record):
         """What the mean is over, in few words."""
         if self.controlled:
             return f"{self.surfaces} surfaces and {self.levels[-1]['samples']} sketches"
-        return f"{self.surfaces} surfaces" if self.random else f"{self.surfaces} replicas on one surface"
+        return (
+            f"{self.surfaces} surfaces"
+            if self.random
+            else f"{self.surfaces} replicas on one surface"
+        )
 
     def numbers(self) -> list[Quantity]:
         """The measures of the contact, β and b."""
@@ -334,16 +465,31 @@ class Ensemble(Record):
         curves, numbers = by_name(self.curves()), by_name(self.numbers())
         estimates: dict[str, Any] = {name: _plain(one) for name, one in numbers.items()}
         for name in curves:
-            at_times = {float(time): self.estimate(name, float(time)) for time in self.hold_times}
-            estimates[name] = [{"hold_time": time, **_plain(one)} for time, one in at_times.items()]
+            at_times = {
+                float(time): self.estimate(name, float(time))
+                for time in self.hold_times
+            }
+            estimates[name] = [
+                {"hold_time": time, **_plain(one)} for time, one in at_times.items()
+            ]
         none = np.full(self.hold_times.size, math.nan)
         without = [
-            one.but(mean=none, stderr=none, half_width=none) for name, one in DROPS.items() if name not in curves
+            one.but(mean=none, stderr=none, half_width=none)
+            for name, one in DROPS.items()
+            if name not in curves
         ]
         without += [one for one in (BETA, B) if one.name not in numbers]
-        every = [*numbers.values(), *(one.but(errors={}) for one in curves.values()), *without]
+        every = [
+            *numbers.values(),
+            *(one.but(errors={}) for one in curves.values()),
+            *without,
+        ]
         fitted = self.quantities.has_beta
-        why = why_not_fitted(self.hold_times, self.window) if self.hold_times.size and not fitted else ""
+        why = (
+            why_not_fitted(self.hold_times, self.window)
+            if self.hold_times.size and not fitted
+            else ""
+        )
         approximate = approximations_in_words(self.approximate)
         return {
             "name": self.name,
@@ -372,8 +518,18 @@ class Ensemble(Record):
         found = {}
         for name in (name for name in self.measures if name.startswith(RECORDED)):
             one = self.estimate(name)
-            mean = {"mean": one.value, "stderr": one.stderr, "half_width": one.half_width}
-            found[name.removeprefix(RECORDED)] = {"dims": [], "unit": "", "description": "", "shape": [], **mean}
+            mean = {
+                "mean": one.value,
+                "stderr": one.stderr,
+                "half_width": one.half_width,
+            }
+            found[name.removeprefix(RECORDED)] = {
+                "dims": [],
+                "unit": "",
+                "description": "",
+                "shape": [],
+                **mean,
+            }
         return found
 
     def __repr__(self) -> str:
@@ -389,5 +545,8 @@ def _plain(estimate: Quantity) -> dict[str, Any]:
     return {
         "value": estimate.value,
         "half_width": estimate.half_width,
-        "errors": {name: {"standard_error": part.size, "known": part.how} for name, part in estimate.errors.items()},
+        "errors": {
+            name: {"standard_error": part.size, "known": part.how}
+            for name, part in estimate.errors.items()
+        },
     }

@@ -14,9 +14,21 @@ from chemage.contacts.solution import MEASURES
 from chemage.foundation.checks import checked_count
 from chemage.foundation.errors import InputError
 from chemage.foundation.threads import available
-from chemage.lattices.independent import expected_kinetics, rough_pressures, smooth_pressures
+from chemage.lattices.independent import (
+    expected_kinetics,
+    rough_pressures,
+    smooth_pressures,
+)
 from chemage.scene.plan import Plan, cost, in_hours
-from chemage.scene.scene import LEAST, SURFACES_LIMIT, EnsembleOptions, Scene, accuracies, budget_seconds, is_random
+from chemage.scene.scene import (
+    LEAST,
+    SURFACES_LIMIT,
+    EnsembleOptions,
+    Scene,
+    accuracies,
+    budget_seconds,
+    is_random,
+)
 from chemage.studies.ensembles import stages
 from chemage.studies.ensembles.computations import (
     DIFFERENCE,
@@ -25,7 +37,12 @@ from chemage.studies.ensembles.computations import (
     mapped_computations,
     replicas_of_difference,
 )
-from chemage.studies.ensembles.quantities import MOST, Quantities, limit, recorded_measures
+from chemage.studies.ensembles.quantities import (
+    MOST,
+    Quantities,
+    limit,
+    recorded_measures,
+)
 from chemage.studies.trade.trade_map import TradeMap
 
 #: scatter of a quantity between surfaces that is expected where nothing is known, over the mean
@@ -77,7 +94,11 @@ class Request:
             The request contradicts itself or the scene.
         """
         options = scene.ensemble or EnsembleOptions()
-        surfaces = None if options.surfaces is None else checked_count("surfaces", options.surfaces, least=2)
+        surfaces = (
+            None
+            if options.surfaces is None
+            else checked_count("surfaces", options.surfaces, least=2)
+        )
         if surfaces is not None and (scene.accuracy or options.budget is not None):
             raise InputError(
                 "surfaces, accuracy: give the number of surfaces, or the accuracy (or budget) that decides it"
@@ -91,13 +112,18 @@ class Request:
         random = is_random(scene)
         if surfaces is not None and not random:
             problem = "but this surface is the same at every seed"
-            raise InputError.of("surfaces", surfaces, problem, "use replicas, or an accuracy")
+            raise InputError.of(
+                "surfaces", surfaces, problem, "use replicas, or an accuracy"
+            )
         quantities = Quantities.of(scene, (*MEASURES, *recorded_measures(scene)))
         wishes = [
-            AccuracyGoal(name, quantities.asked(name), value) for name, value in accuracies(scene.accuracy).items()
+            AccuracyGoal(name, quantities.asked(name), value)
+            for name, value in accuracies(scene.accuracy).items()
         ]
         if scene.load == 0 and wishes:
-            raise InputError(f"accuracy.{wishes[0].name}: the load is 0, so that its mean is 0; ask at a load")
+            raise InputError(
+                f"accuracy.{wishes[0].name}: the load is 0, so that its mean is 0; ask at a load"
+            )
         if measurements is None and options.map is not None:
             measurements = TradeMap.read(options.map)
         if measurements is not None:
@@ -107,7 +133,16 @@ class Request:
                     "accuracy or a budget"
                 )
             measurements.check(scene, options.map or "the map")
-        return cls(scene, random, quantities, wishes, surfaces, options.budget, options.most, measurements)
+        return cls(
+            scene,
+            random,
+            quantities,
+            wishes,
+            surfaces,
+            options.budget,
+            options.most,
+            measurements,
+        )
 
     @property
     def counted(self) -> str:
@@ -117,19 +152,27 @@ class Request:
     @property
     def asked(self) -> dict[int, str]:
         """Column -> name of what is to be accurate: of the goals, or of the first quantity."""
-        return {goal.column: goal.name for goal in self.goals} or {0: self.quantities.names[0]}
+        return {goal.column: goal.name for goal in self.goals} or {
+            0: self.quantities.names[0]
+        }
 
     @property
     def wishes(self) -> str:
         """The goals in words."""
-        return ", ".join(f"accuracy.{goal.name} = {100 * goal.accuracy:g} %" for goal in self.goals)
+        return ", ".join(
+            f"accuracy.{goal.name} = {100 * goal.accuracy:g} %" for goal in self.goals
+        )
 
     def refusal(self, needed: int | None, seconds: float, so_far: str = "") -> str:
         """That more samples are needed than are allowed, with their CPU time, or that no number is enough (None)."""
         if needed is None:
             text = f"errors that no number of {self.counted} makes smaller are larger{so_far}; ask for a wider interval"
             return f"{self.wishes}: {text}"
-        about = f"about {round(needed, 2 - len(str(needed))):,}" if needed < MOST else f"more than {MOST:,}"
+        about = (
+            f"about {round(needed, 2 - len(str(needed))):,}"
+            if needed < MOST
+            else f"more than {MOST:,}"
+        )
         return (
             f"{self.wishes}: would need {about} {self.counted} ({time_text(seconds)} of CPU time), and {self.most:,} "
             f"are allowed{so_far}; ask for a wider interval, or allow more with [ensemble] most"
@@ -140,7 +183,9 @@ class Request:
         if self.map is not None:
             goals = [(goal.column, goal.accuracy) for goal in self.goals] or [(0, 0.0)]
             budget = math.inf if self.budget is None else self.budget * available()
-            if chosen := mapped_computations(self.map, self.scene, self.quantities, goals, budget):
+            if chosen := mapped_computations(
+                self.map, self.scene, self.quantities, goals, budget
+            ):
                 return chosen
         ways = computations(self.scene)
         if not self.random or self.surfaces is not None:
@@ -155,14 +200,27 @@ class Request:
         """The grid to begin with, which is expected to lead to the goals at the lowest cost: the coarsest one where
         many surfaces are needed, a finer one where its error leaves too little of the interval to few surfaces."""
         costs, sure = cost(self.scene), limit(math.inf)
-        means = {} if costs.area_fraction is None else {"area_fraction": costs.area_fraction}
+        means = (
+            {}
+            if costs.area_fraction is None
+            else {"area_fraction": costs.area_fraction}
+        )
         scatter = self.scene.surface.scatter(means)
-        spread = SCATTER if scatter is None or not scatter.relative else scatter.relative
+        spread = (
+            SCATTER if scatter is None or not scatter.relative else scatter.relative
+        )
         accuracy = min(goal.accuracy for goal in self.goals)
-        names = {"beta" if goal.column == 0 and self.quantities.has_beta else "friction_drop" for goal in self.goals}
+        names = {
+            "beta" if goal.column == 0 and self.quantities.has_beta else "friction_drop"
+            for goal in self.goals
+        }
 
         def seconds(way: Computation) -> float:
-            errors = self.scene.surface.coarser_errors(way.factor, means) if way.factor > 1 else dict.fromkeys(names, 0)
+            errors = (
+                self.scene.surface.coarser_errors(way.factor, means)
+                if way.factor > 1
+                else dict.fromkeys(names, 0)
+            )
             error = max(errors.get(name, math.inf) for name in names)
             left = (accuracy / sure) ** 2
             alone = math.inf
@@ -171,7 +229,9 @@ class Request:
             own = ways[-1].with_replicas(replicas_of_difference(ways[-1], way))
             both = own.seconds + way.with_replicas(own.replicas).seconds
             corrections = max(stages.FIRST_DIFFERENCES, DIFFERENCE**2 / left) * both
-            return min(alone, max(stages.FIRST, spread**2 / left) * way.seconds + corrections)
+            return min(
+                alone, max(stages.FIRST, spread**2 / left) * way.seconds + corrections
+            )
 
         return min(range(len(ways)), key=lambda number: seconds(ways[number]))
 
@@ -207,7 +267,12 @@ def with_request(
     goals = dict(scene.accuracy)
     if surfaces is not None:
         none: dict[str, Any] = {"budget": None, "map": None}
-        options, goals = options | none | {"surfaces": checked_count("surfaces", surfaces, 2, SURFACES_LIMIT)}, {}
+        options, goals = (
+            options
+            | none
+            | {"surfaces": checked_count("surfaces", surfaces, 2, SURFACES_LIMIT)},
+            {},
+        )
     if accuracy:
         options["surfaces"], goals = surfaces, accuracies(accuracy)
     if budget is not None:
@@ -218,7 +283,9 @@ def with_request(
         options["most"] = checked_count("most", most, LEAST, SURFACES_LIMIT)
     wish = EnsembleOptions(**options)
     nothing = scene.ensemble is None and wish == EnsembleOptions()
-    return scene.model_copy(update={"ensemble": None if nothing else wish, "accuracy": goals})
+    return scene.model_copy(
+        update={"ensemble": None if nothing else wish, "accuracy": goals}
+    )
 
 
 @dataclass(frozen=True)
@@ -233,7 +300,9 @@ class Scatters:
     source: str
 
     @classmethod
-    def of(cls, request: Request, costs: Plan, contact: Mapping[str, float]) -> Scatters:
+    def of(
+        cls, request: Request, costs: Plan, contact: Mapping[str, float]
+    ) -> Scatters:
         """The scatter of what ``request`` averages, of which ``costs`` are the estimates and ``contact`` the expected
         measures of the contact."""
         quantities, scene = request.quantities, request.scene
@@ -268,18 +337,27 @@ def _replicas(scene: Scene, costs: Plan, request: Request) -> np.ndarray:
     quantities, chemistry, hold = request.quantities, scene.chemistry, scene.hold
     first, times = quantities.curve.start, quantities.hold_times.size
     scatter = np.full(quantities.curve.stop, np.nan)
-    if chemistry is None or hold is None or costs.mean_pressure is None or not costs.sites:
+    if (
+        chemistry is None
+        or hold is None
+        or costs.mean_pressure is None
+        or not costs.sites
+    ):
         return scatter
     if scene.ageing is not None and not scene.ageing.replicates:
         return np.zeros(scatter.size)
     spread = smooth_pressures if "radius" in costs.surface else rough_pressures
     pressures = spread(costs.mean_pressure)
-    needed = {goal.column - first for goal in request.goals} | set(np.flatnonzero(quantities.fitted) if first else ())
+    needed = {goal.column - first for goal in request.goals} | set(
+        np.flatnonzero(quantities.fitted) if first else ()
+    )
     bonded = np.full(times, np.nan)
     for number in needed:
         if 0 <= number < times:
             time = float(quantities.hold_times[number])
-            bonded[number] = expected_kinetics(chemistry, pressures, time, hold.temperature).bonded
+            bonded[number] = expected_kinetics(
+                chemistry, pressures, time, hold.temperature
+            ).bonded
     with np.errstate(divide="ignore", invalid="ignore"):
         scatter[first:] = np.sqrt((1 - bonded) / (costs.sites * bonded))
     if first:
@@ -287,8 +365,15 @@ def _replicas(scene: Scene, costs: Plan, request: Request) -> np.ndarray:
         x = np.log10(quantities.hold_times[quantities.fitted])
         x = x - x.mean()
         earlier, later = np.minimum.outer(share, share), np.maximum.outer(share, share)
-        variance, slope = float(x @ (earlier * (1 - later)) @ x) / costs.sites, float(x @ share)
+        variance = float(x @ (earlier * (1 - later)) @ x) / costs.sites
+        slope = float(x @ share)
         # the quadrature of shares that are all 0 or all 1 rounds
         rises = slope > 1e-12 * float(np.abs(x).sum())
-        scatter[0] = math.sqrt(max(variance, 0.0)) / slope if rises else math.inf if slope == slope else math.nan
+        scatter[0] = (
+            math.sqrt(max(variance, 0.0)) / slope
+            if rises
+            else math.inf
+            if slope == slope
+            else math.nan
+        )
     return scatter

@@ -29,7 +29,12 @@ from chemage.studies.ensembles.computations import (
     fitting,
 )
 from chemage.studies.ensembles.goals import Request, Scatters, is_about_zero, time_text
-from chemage.studies.ensembles.quantities import RECORDED, declared_outputs, limit, recorded_measures
+from chemage.studies.ensembles.quantities import (
+    RECORDED,
+    declared_outputs,
+    limit,
+    recorded_measures,
+)
 from chemage.studies.ensembles.running import Sampler
 
 #: probabilities at the ends of the ranges
@@ -55,7 +60,9 @@ class _ExpectedLevel:
         """See :class:`chemage.studies.ensembles.stages.Level`."""
         number = np.arange(begin, end)[:, None]
         common, own = 1 - 2 * (number % 2), 1 - 2 * (number // 2 % 2)
-        return self.mean + self.deviation * (self.correlation * common + np.sqrt(1 - self.correlation**2) * own)
+        return self.mean + self.deviation * (
+            self.correlation * common + np.sqrt(1 - self.correlation**2) * own
+        )
 
 
 @dataclass(frozen=True)
@@ -76,9 +83,17 @@ class Expectation:
     sketches: int = 0
 
     @classmethod
-    def counted(cls, count: int, seconds: float, workers: int, **more: Any) -> Expectation:
+    def counted(
+        cls, count: int, seconds: float, workers: int, **more: Any
+    ) -> Expectation:
         """Of a number of samples that is known, each of which takes ``seconds``."""
-        return cls((count,), count * seconds, count * seconds / min(workers, count), (count, count), **more)
+        return cls(
+            (count,),
+            count * seconds,
+            count * seconds / min(workers, count),
+            (count, count),
+            **more,
+        )
 
     @property
     def cpu_range(self) -> tuple[float, float]:
@@ -98,7 +113,9 @@ def _expected_of(
     """What the rule does with samples that scatter exactly as is expected; ``mean`` (quantities,) is what errors of
     coarse grids may depend on."""
     columns = sorted(request.asked)
-    scatter = expected.sample(routes[0].levels[0].parts[0].computation.replicas)[columns]
+    scatter = expected.sample(routes[0].levels[0].parts[0].computation.replicas)[
+        columns
+    ]
     none, one = np.zeros(len(columns)), np.ones(1)
     correlation = CORRELATION * expected.surfaces[columns] / scatter
     first = _ExpectedLevel(routes[0].levels[0].cost, 1.0, scatter, correlation)
@@ -107,12 +124,22 @@ def _expected_of(
         levels = [first]
         for correction in route.levels[1:]:
             per_surface = 1 + REPLICA_SHARE / correction.parts[0].computation.replicas
-            change = DIFFERENCE * math.sqrt(per_surface / (1 + REPLICA_SHARE / DIFFERENCE_REPLICAS))
-            levels.append(_ExpectedLevel(correction.cost, 0.0, np.full(len(columns), change), none))
+            change = DIFFERENCE * math.sqrt(
+                per_surface / (1 + REPLICA_SHARE / DIFFERENCE_REPLICAS)
+            )
+            levels.append(
+                _ExpectedLevel(
+                    correction.cost, 0.0, np.full(len(columns), change), none
+                )
+            )
         known, control = route.known(mean)[columns], None
         if route.control is not None:
             control = _ExpectedLevel(route.control.cost, 1.0, one, one)
-        drawn.append(stages.Route(route.name, tuple(levels), lambda _, known=known: known, control))
+        drawn.append(
+            stages.Route(
+                route.name, tuple(levels), lambda _, known=known: known, control
+            )
+        )
     clock = stages.Clock(budget, now=lambda: 0.0)
     clock.now = lambda: clock.cost / workers
     accuracy, reason = request.accuracy()[columns], ""
@@ -124,11 +151,22 @@ def _expected_of(
         state, reason = error.state, error.reason
         counts = error.needed or state.counts
     # what was tried and left costs, too
-    cpu = max(clock.cost, sum(count * cost for count, cost in zip(counts, state.costs, strict=True)))
+    cpu = max(
+        clock.cost,
+        sum(count * cost for count, cost in zip(counts, state.costs, strict=True)),
+    )
     freedom = state.sampled[0].freedom
     # the number of samples goes with the variance, as it is measured with these degrees of freedom
-    shares = 2 * special.gammaincinv(freedom / 2, TAILS) / freedom if reason != "time" else np.ones(2)
-    needed = counts[0] if reason else counts[0] * float(np.max(state.relative() / accuracy)) ** 2
+    shares = (
+        2 * special.gammaincinv(freedom / 2, TAILS) / freedom
+        if reason != "time"
+        else np.ones(2)
+    )
+    needed = (
+        counts[0]
+        if reason
+        else counts[0] * float(np.max(state.relative() / accuracy)) ** 2
+    )
     low, high = (max(stages.FIRST, round(share * needed)) for share in shares.tolist())
     half = dict(zip(columns, state.relative().tolist(), strict=True))
     return Expectation(
@@ -180,8 +218,15 @@ class EnsemblePlan:
     @property
     def memory(self) -> float | None:
         """Bytes, with as many surfaces at the same time as there are processors; None where it is not known."""
-        used = self.computations if self.foreseen is None or len(self._levels()) > 1 else self.computations[:1]
-        sizes = [math.nan if one.bytes is None else one.bytes * self._at_once(one) for one in (used[0], used[-1])]
+        used = (
+            self.computations
+            if self.foreseen is None or len(self._levels()) > 1
+            else self.computations[:1]
+        )
+        sizes = [
+            math.nan if one.bytes is None else one.bytes * self._at_once(one)
+            for one in (used[0], used[-1])
+        ]
         return None if math.isnan(sum(sizes)) else PROGRAM + max(sizes)
 
     def _at_once(self, computation: Computation) -> int:
@@ -192,7 +237,9 @@ class EnsemblePlan:
     def notes(self) -> list[str]:
         """What to know before it runs, in words."""
         # how long one run of the scene would take is another question
-        notes = [note for note in self.one.notes if not note.startswith("this will take ")]
+        notes = [
+            note for note in self.one.notes if not note.startswith("this will take ")
+        ]
         asked, budget = self.request, self.request.budget
         first = stages.FIRST * self.seconds[0] / available()
         if budget is not None and first > budget:
@@ -208,14 +255,18 @@ class EnsemblePlan:
     def _unreached(self, seen: Expectation) -> str:
         names = self.request.wishes
         if seen.reason == "time":
-            reached = ", ".join(f"{name} ± {percent(half)}" for name, half in seen.intervals.items())
+            reached = ", ".join(
+                f"{name} ± {percent(half)}" for name, half in seen.intervals.items()
+            )
             return f"{names}: the time will be over before; {reached} is expected then"
         if seen.reason == "zero":
             return (
                 f"{names}: its mean is expected to be 0 within its interval, {self.reason}; ask at other hold times, "
                 "or another temperature"
             )
-        return self.request.refusal(max(seen.samples) if seen.reason == "most" else None, seen.cpu_seconds)
+        return self.request.refusal(
+            max(seen.samples) if seen.reason == "most" else None, seen.cpu_seconds
+        )
 
     def todict(self) -> dict[str, Any]:
         """One JSON-able object."""
@@ -230,7 +281,11 @@ class EnsemblePlan:
                 "most": self.request.most,
                 "random": self.request.random,
                 "computations": [
-                    {"words": computation.words, "cpu_seconds": computation.seconds, "factor": computation.factor}
+                    {
+                        "words": computation.words,
+                        "cpu_seconds": computation.seconds,
+                        "factor": computation.factor,
+                    }
                     for computation in self.computations
                 ],
                 "levels": self._levels(),
@@ -251,9 +306,18 @@ class EnsemblePlan:
         """What is computed for each level that is expected, how many samples, and the CPU seconds of one."""
         counts = () if self.foreseen is None else self.foreseen.samples
         levels = []
-        for parts, count, seconds in zip(self.levels, counts, self.seconds, strict=False):
+        for parts, count, seconds in zip(
+            self.levels, counts, self.seconds, strict=False
+        ):
             words = " minus ".join(part.words for part in parts)
-            levels.append({"words": words, "samples": count, "replicas": parts[0].replicas, "cpu_seconds": seconds})
+            levels.append(
+                {
+                    "words": words,
+                    "samples": count,
+                    "replicas": parts[0].replicas,
+                    "cpu_seconds": seconds,
+                }
+            )
         return [level for level in levels if level["samples"]]
 
     @property
@@ -269,7 +333,11 @@ class EnsemblePlan:
         if first.factor > 1:
             share = 100 * first.seconds / own.seconds
             corrected = len(self._levels()) > 1
-            why = "corrected on some surfaces" if corrected else "within the error that is stated for it"
+            why = (
+                "corrected on some surfaces"
+                if corrected
+                else "within the error that is stated for it"
+            )
             sentences.append(
                 f"the contact grid of the scene on every surface: a coarser one costs {share:.2g} %, {why}"
             )
@@ -280,10 +348,23 @@ class EnsemblePlan:
                 "surfaces says more"
             )
         known = recorded_measures(scene)
-        left = [name for name in declared_outputs(scene) if f"{RECORDED}{name}" not in known]
-        if left := [*left, *(observable.kind for observable in scene.observe if not observable.outputs)]:
-            sentences.append(f"arrays that are recorded ({', '.join(left)}): an ensemble averages declared numbers")
-        sentences.append("maps of heights and pressure are not kept: no mean over surfaces needs them")
+        left = [
+            name for name in declared_outputs(scene) if f"{RECORDED}{name}" not in known
+        ]
+        if left := [
+            *left,
+            *(
+                observable.kind
+                for observable in scene.observe
+                if not observable.outputs
+            ),
+        ]:
+            sentences.append(
+                f"arrays that are recorded ({', '.join(left)}): an ensemble averages declared numbers"
+            )
+        sentences.append(
+            "maps of heights and pressure are not kept: no mean over surfaces needs them"
+        )
         return sentences
 
     def rows(self) -> list[tuple[str, str]]:
@@ -292,33 +373,73 @@ class EnsemblePlan:
         # what one surface costs is in the rows of the computations
         left_out = ("expected cost", "result file", "expected memory")
         rows = [row for row in self.one.rows() if row[0] not in left_out]
-        if asked.surfaces is None and asked.scene.hold is not None:  # replicas are chosen, too
-            rows = [(name, text.replace(f", {asked.scene.hold.replicas} replicas", "")) for name, text in rows]
-        over = "random surfaces" if asked.random else "replicas on the one surface, which is the same at every seed"
+        if (
+            asked.surfaces is None and asked.scene.hold is not None
+        ):  # replicas are chosen, too
+            rows = [
+                (name, text.replace(f", {asked.scene.hold.replicas} replicas", ""))
+                for name, text in rows
+            ]
+        over = (
+            "random surfaces"
+            if asked.random
+            else "replicas on the one surface, which is the same at every seed"
+        )
         rows.append(("mean", f"over {over}"))
         if asked.surfaces is not None:
             rows.append(("asked for", f"{asked.surfaces} {asked.counted}"))
         wanted = [f"{goal.name} ± {100 * goal.accuracy:.3g} %" for goal in asked.goals]
         if asked.budget is not None:
-            wanted.append(f"{asked.budget:g} s of wall time" + (", whichever comes first" if asked.goals else ""))
+            wanted.append(
+                f"{asked.budget:g} s of wall time"
+                + (", whichever comes first" if asked.goals else "")
+            )
         if wanted:
             rows.append(("asked for", ", ".join(wanted)))
         rows += self._computation_rows()
         if seen is None:
-            rows.append((f"number of {asked.counted}", f"decided after the first {stages.FIRST}: {self.reason}"))
+            rows.append(
+                (
+                    f"number of {asked.counted}",
+                    f"decided after the first {stages.FIRST}: {self.reason}",
+                )
+            )
         else:
-            spread = f" ({seen.range[0]} to {seen.range[1]})" if seen.range[0] < seen.range[1] else ""
-            rows.append((f"number of {asked.counted}", f"{seen.samples[0]}{spread}, {self.reason}"))
+            spread = (
+                f" ({seen.range[0]} to {seen.range[1]})"
+                if seen.range[0] < seen.range[1]
+                else ""
+            )
+            rows.append(
+                (
+                    f"number of {asked.counted}",
+                    f"{seen.samples[0]}{spread}, {self.reason}",
+                )
+            )
             if seen.intervals:
-                texts = [f"{name} ± {percent(half)}" for name, half in seen.intervals.items()]
+                texts = [
+                    f"{name} ± {percent(half)}" for name, half in seen.intervals.items()
+                ]
                 rows.append(("expected interval", ", ".join(texts)))
             low, high = seen.cpu_range
-            spread = f" ({time_text(low)} to {time_text(high)})" if high > 1.3 * low else ""
+            spread = (
+                f" ({time_text(low)} to {time_text(high)})" if high > 1.3 * low else ""
+            )
             cpu, wall = time_text(seen.cpu_seconds), time_text(seen.wall_seconds)
-            rows.append(("expected cost", f"about {cpu} of CPU time{spread}, {wall} on this machine"))
+            rows.append(
+                (
+                    "expected cost",
+                    f"about {cpu} of CPU time{spread}, {wall} on this machine",
+                )
+            )
         if self.memory is not None:
             at_once = self._at_once(self.computations[0])
-            rows.append(("expected memory", f"about {self.memory / 1e9:.2g} GB, {at_once} at the same time"))
+            rows.append(
+                (
+                    "expected memory",
+                    f"about {self.memory / 1e9:.2g} GB, {at_once} at the same time",
+                )
+            )
         return rows + [("not computed", text) for text in self.not_computed()]
 
     def _computation_rows(self) -> list[tuple[str, str]]:
@@ -327,23 +448,46 @@ class EnsemblePlan:
         if others:
             used["computation that may correct it"] = others[-1]
         rows = [
-            (name, f"{computation.words}, about {time_text(computation.seconds)} of CPU time each")
+            (
+                name,
+                f"{computation.words}, about {time_text(computation.seconds)} of CPU time each",
+            )
             for name, computation in used.items()
         ]
         if self.sketch is not None:
             sketch, count = self.sketch
             grid, each = sketch.words.partition(",")[0], time_text(sketch.seconds)
-            rows.append(("control", f"the area of the contact of {count} surfaces on {grid}, {each} of CPU time each"))
+            rows.append(
+                (
+                    "control",
+                    f"the area of the contact of {count} surfaces on {grid}, {each} of CPU time each",
+                )
+            )
         levels = self._levels()
         if len(levels) > 1:
             _, second = levels
             spent = time_text(second["samples"] * second["cpu_seconds"])
-            rows.append(("corrections", f"{second['samples']} of {second['words']}, {spent} CPU"))
+            rows.append(
+                (
+                    "corrections",
+                    f"{second['samples']} of {second['words']}, {spent} CPU",
+                )
+            )
         elif self.foreseen is not None and len(self.seconds) > 1:
-            rows.append(("corrections", "none expected: the stated error of the coarse grid is small enough"))
+            rows.append(
+                (
+                    "corrections",
+                    "none expected: the stated error of the coarse grid is small enough",
+                )
+            )
         elif len(self.seconds) > 1:
             first = stages.FIRST_DIFFERENCES * self.seconds[1]
-            rows.append(("corrections", f"where they pay: {stages.FIRST_DIFFERENCES} first, {time_text(first)} CPU"))
+            rows.append(
+                (
+                    "corrections",
+                    f"where they pay: {stages.FIRST_DIFFERENCES} first, {time_text(first)} CPU",
+                )
+            )
         return rows
 
 
@@ -362,7 +506,10 @@ def plan(scene: Scene) -> EnsemblePlan:
         first, *_ = stated = request.computations()
         here = tuple(computation.here() for computation in stated)
         routes = sampler.possible_routes()
-        levels = tuple(tuple(part.computation.here() for part in level.parts) for level in routes[-1].levels)
+        levels = tuple(
+            tuple(part.computation.here() for part in level.parts)
+            for level in routes[-1].levels
+        )
         control = routes[0].control
         sketch = None if control is None else control.parts[0].computation.here()
         costs = estimate.cost(scene)
@@ -375,7 +522,11 @@ def plan(scene: Scene) -> EnsemblePlan:
 
 
 def _expectation(
-    request: Request, routes: Sequence[stages.Route], costs: Plan, expected: Scatters, first: Computation
+    request: Request,
+    routes: Sequence[stages.Route],
+    costs: Plan,
+    expected: Scatters,
+    first: Computation,
 ) -> tuple[Expectation | None, str]:
     """What the rule is expected to do, and how that is known; ``first`` is the cheapest computation, in whose seconds
     all times are."""
@@ -385,7 +536,9 @@ def _expectation(
         half = limit(count - 1) * float(scatter[0]) / math.sqrt(count)
         known = math.isfinite(half) and not is_about_zero(scatter[0])
         intervals = {request.quantities.names[0]: half} if known else {}
-        return Expectation.counted(count, first.seconds, workers, intervals=intervals), "as asked for"
+        return Expectation.counted(
+            count, first.seconds, workers, intervals=intervals
+        ), "as asked for"
     workers, budget = fitting(first, workers), math.inf
     timed = stages.FIRST
     if request.budget is not None:
@@ -395,14 +548,23 @@ def _expectation(
     if np.any(is_about_zero(scatter)):
         return Expectation.counted(timed, first.seconds, workers, reason="zero"), why
     if np.isfinite(scatter).all():
-        measures = [costs.area_fraction if name == "area_fraction" else None for name in request.quantities.measures]
-        ones = [1.0] * (request.quantities.count - len(measures))  # of which only the relative scatter counts
+        measures = [
+            costs.area_fraction if name == "area_fraction" else None
+            for name in request.quantities.measures
+        ]
+        ones = [1.0] * (
+            request.quantities.count - len(measures)
+        )  # of which only the relative scatter counts
         mean = np.array([*ones, *measures], dtype=np.float64)
         return _expected_of(request, routes, expected, mean, workers, budget), why
     if request.budget is not None and not request.goals:
-        return Expectation.counted(timed, first.seconds, workers), "as many as the time allows"
+        return Expectation.counted(
+            timed, first.seconds, workers
+        ), "as many as the time allows"
     over = "surfaces" if request.random else "replicas"
-    return None, f"the scatter between {over} is not known before" + (f": {expected.source}" if expected.source else "")
+    return None, f"the scatter between {over} is not known before" + (
+        f": {expected.source}" if expected.source else ""
+    )
 
 
 def _why(request: Request, expected: Scatters, replicas: int) -> str:
@@ -411,9 +573,23 @@ def _why(request: Request, expected: Scatters, replicas: int) -> str:
     column, name = max(request.asked.items(), key=lambda item: scatter[item[0]])
     if is_about_zero(scatter[column]):
         until = name.partition("@")[2] or f"{request.quantities.hold_times[-1]:g} s"
-        when = "between {:g} and {:g} s".format(*request.quantities.window) if name == "beta" else f"until {until}"
-        text = f"since hardly a bond is expected to form {when}, so that {name} is about 0"
-        return f"as many as the time allows, {text}" if request.budget is not None and not request.goals else text
+        when = (
+            "between {:g} and {:g} s".format(*request.quantities.window)
+            if name == "beta"
+            else f"until {until}"
+        )
+        text = (
+            f"since hardly a bond is expected to form {when}, so that {name} is about 0"
+        )
+        return (
+            f"as many as the time allows, {text}"
+            if request.budget is not None and not request.goals
+            else text
+        )
     relative = float(scatter[column])
-    by = f": {expected.source}" if expected.source else ", as of sites that react independently"
+    by = (
+        f": {expected.source}"
+        if expected.source
+        else ", as of sites that react independently"
+    )
     return f"from a scatter of {name} of {percent(relative)}{by}"

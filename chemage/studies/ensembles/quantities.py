@@ -61,23 +61,39 @@ class SurfaceSample:
         if outcome.run is not None:
             contact, aging = outcome.run.contact, outcome.run.aging
             measures, plugins = contact.summary(), outcome.run.plugins
-            measures |= _recorded({name: output.summary() for name, output in outcome.run.measured.items()})
-            approximate = merged_approximations(contact.approximate, aging.approximate if aging is not None else ())
+            measures |= _recorded(
+                {
+                    name: output.summary()
+                    for name, output in outcome.run.measured.items()
+                }
+            )
+            approximate = merged_approximations(
+                contact.approximate, aging.approximate if aging is not None else ()
+            )
         else:
             summary, content = outcome.summary, outcome.content
             assert content is not None
             aging = from_json(Aging, content["aging"]) if content["aging"] else None
-            measures, plugins = summary | _recorded(summary["observables"]), content["plugins"]
-            approximate = content.get("approximate", ()) if aging is None else aging.approximate
+            measures = summary | _recorded(summary["observables"])
+            plugins = content["plugins"]
+            approximate = (
+                content.get("approximate", ()) if aging is None else aging.approximate
+            )
         numbers = {}
         for name, value in measures.items():
-            if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value):
+            if (
+                isinstance(value, int | float)
+                and not isinstance(value, bool)
+                and math.isfinite(value)
+            ):
                 numbers[name] = float(value)
         if aging is None:
             return cls(np.zeros((1, 0)), numbers, plugins, approximate)
         drop = np.asarray(aging.friction_drop, dtype=np.float64)
         if not np.isfinite(drop).all():
-            raise InputError("friction_drop: has numbers that are not finite; see `chemage run` of one surface")
+            raise InputError(
+                "friction_drop: has numbers that are not finite; see `chemage run` of one surface"
+            )
         return cls(drop, numbers, plugins, approximate)
 
 
@@ -90,14 +106,26 @@ def declared_outputs(scene: Scene) -> dict[str, Output]:
 def recorded_measures(scene: Scene) -> dict[str, str]:
     """The numbers among :func:`declared_outputs`, and the curves over hold times, of which the last value counts:
     quantity -> unit."""
-    numbers = {name: output for name, output in declared_outputs(scene).items() if output.dims in ((), (HOLD_TIME,))}
+    numbers = {
+        name: output
+        for name, output in declared_outputs(scene).items()
+        if output.dims in ((), (HOLD_TIME,))
+    }
     return {f"{RECORDED}{name}": output.unit for name, output in numbers.items()}
 
 
 def _recorded(observables: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     """The means over replicas by the names of quantities, from the summaries of what was recorded."""
-    means = {name: np.ravel(output["mean"]) for name, output in observables.items() if "mean" in output}
-    return {f"{RECORDED}{name}": mean[-1] for name, mean in means.items() if mean.size and mean[-1] is not None}
+    means = {
+        name: np.ravel(output["mean"])
+        for name, output in observables.items()
+        if "mean" in output
+    }
+    return {
+        f"{RECORDED}{name}": mean[-1]
+        for name, mean in means.items()
+        if mean.size and mean[-1] is not None
+    }
 
 
 @dataclass(frozen=True)
@@ -113,7 +141,11 @@ class Quantities:
     @classmethod
     def of(cls, scene: Scene, measures: Sequence[str]) -> Quantities:
         """Those of a scene, whose contacts have ``measures``."""
-        times = scene.hold.hold_times if scene.ages and scene.hold is not None else np.zeros(0)
+        times = (
+            scene.hold.hold_times
+            if scene.ages and scene.hold is not None
+            else np.zeros(0)
+        )
         names = tuple(name for name in measures if name not in GIVEN)
         return cls(times, scene.load, (scene.fit.start, scene.fit.stop), names)
 
@@ -125,12 +157,16 @@ class Quantities:
     @property
     def span(self) -> tuple[float, float]:
         """First and last hold time of the fit, s."""
-        return float(self.hold_times[self.fitted].min()), float(self.hold_times[self.fitted].max())
+        return float(self.hold_times[self.fitted].min()), float(
+            self.hold_times[self.fitted].max()
+        )
 
     @property
     def doubt(self) -> str:
         """That the fit has too few hold times; "" where it has not, and without one."""
-        return few_hold_times(int(self.fitted.sum()), self.span) if self.has_beta else ""
+        return (
+            few_hold_times(int(self.fitted.sum()), self.span) if self.has_beta else ""
+        )
 
     @property
     def has_beta(self) -> bool:
@@ -173,7 +209,12 @@ class Quantities:
         return self._rows(sample.friction_drop, sample.measures)
 
     def _rows(self, drop: np.ndarray, measures: Mapping[str, float]) -> np.ndarray:
-        parts = [drop, np.tile([measures.get(name, math.nan) for name in self.measures], (len(drop), 1))]
+        parts = [
+            drop,
+            np.tile(
+                [measures.get(name, math.nan) for name in self.measures], (len(drop), 1)
+            ),
+        ]
         if self.has_beta:
             parts.insert(0, (self.slope(drop) / self.load)[:, None])
         return np.concatenate(parts, axis=1)
@@ -198,13 +239,17 @@ class Quantities:
         if name in DROPS:
             return self.curve.start + self._moment(name, time)
         if time is not None:
-            raise InputError(f"accuracy.{name}: does not depend on the hold time; leave out the part after @")
+            raise InputError(
+                f"accuracy.{name}: does not depend on the hold time; leave out the part after @"
+            )
         return 0 if name == "beta" else self.curve.stop + self.measures.index(name)
 
     def asked(self, text: str) -> int:
         """The column of a quantity written as ``name`` or ``name@time``."""
         name, at, time = text.partition("@")
-        return self.column(name.strip(), convert(time.strip(), "s", f"accuracy.{text}") if at else None)
+        return self.column(
+            name.strip(), convert(time.strip(), "s", f"accuracy.{text}") if at else None
+        )
 
     def _moment(self, name: str, time: float | None) -> int:
         if time is None:
@@ -233,7 +278,9 @@ class Spread:
     freedom: int
 
     @classmethod
-    def of(cls, rows: np.ndarray, chosen: int, freedom: int, regressed: bool = False) -> Spread:
+    def of(
+        cls, rows: np.ndarray, chosen: int, freedom: int, regressed: bool = False
+    ) -> Spread:
         """The spread of a level from its samples: that of the first ``chosen``, or of all of them where it is larger.
 
         Parameters
@@ -278,10 +325,16 @@ def regressed(values: list[np.ndarray]) -> list[np.ndarray]:
     square = float(centred @ centred)
     slope = centred @ first / square if square > 0 else np.zeros(first.shape[1])
     about = control - control.mean()
-    return [first - np.outer(about[: len(first)], slope), *values[1:-1], np.outer(about, slope)]
+    return [
+        first - np.outer(about[: len(first)], slope),
+        *values[1:-1],
+        np.outer(about, slope),
+    ]
 
 
-def half_width(spreads: list[Spread], counts: list[int], known: np.ndarray) -> np.ndarray:
+def half_width(
+    spreads: list[Spread], counts: list[int], known: np.ndarray
+) -> np.ndarray:
     """Half the width of the interval of the sum of the means, (quantities,); nan where all samples are equal and no
     other error is known, since equal samples say nothing of their scatter.
 
@@ -292,12 +345,16 @@ def half_width(spreads: list[Spread], counts: list[int], known: np.ndarray) -> n
     known
         (quantities,) standard errors from other causes, known before; they are taken as normal.
     """
-    parts = np.array([spread.variance / count for spread, count in zip(spreads, counts, strict=True)])
+    parts = np.array(
+        [spread.variance / count for spread, count in zip(spreads, counts, strict=True)]
+    )
     total = parts.sum(axis=0) + known**2
     freedoms = np.array([[spread.freedom] for spread in spreads])
     with np.errstate(divide="ignore", invalid="ignore"):
         freedom = total**2 / (parts**2 / freedoms).sum(axis=0)
-    return np.where(total > 0, student_limits(np.minimum(freedom, 1e9)) * np.sqrt(total), np.nan)
+    return np.where(
+        total > 0, student_limits(np.minimum(freedom, 1e9)) * np.sqrt(total), np.nan
+    )
 
 
 def limit(freedom: float) -> float:
@@ -322,13 +379,21 @@ def allocated(
     for k, half in enumerate(wanted):
         if not math.isfinite(half):
             continue
-        column = [Spread(spread.variance[k : k + 1], spread.freedom) for spread in spreads]
+        column = [
+            Spread(spread.variance[k : k + 1], spread.freedom) for spread in spreads
+        ]
         needed = _of_one(column, costs, done, known[k : k + 1], float(half))
         counts = [max(pair) for pair in zip(counts, needed, strict=True)]
     return counts
 
 
-def _of_one(spreads: list[Spread], costs: list[float], done: list[int], known: np.ndarray, wanted: float) -> list[int]:
+def _of_one(
+    spreads: list[Spread],
+    costs: list[float],
+    done: list[int],
+    known: np.ndarray,
+    wanted: float,
+) -> list[int]:
     """As :func:`allocated`, of one quantity."""
     scale = 1.0
     counts = list(done)
@@ -354,7 +419,9 @@ def optimal(
 ) -> list[float]:
     """Counts n_l ∝ √(v_l/c_l) of samples, none below ``done``, that reach a variance Σ v/n of the mean at the lowest
     cost, or the smallest variance for a ``budget`` of more samples (Giles, Acta Numer. 24, 259 (2015))."""
-    v, c, least = (np.asarray(values, dtype=np.float64) for values in (variances, costs, done))
+    v, c, least = (
+        np.asarray(values, dtype=np.float64) for values in (variances, costs, done)
+    )
     free, counts = v > 0, least
     while free.any():
         share = np.sqrt(v * c)[free].sum()

@@ -109,7 +109,12 @@ def ensemble(
     """
     map, file = (measured, None) if isinstance(measured, TradeMap) else (None, measured)
     asked = with_request(
-        load_scene(scene).completed(), surfaces=surfaces, accuracy=accuracy, budget=budget, most=most, map=file
+        load_scene(scene).completed(),
+        surfaces=surfaces,
+        accuracy=accuracy,
+        budget=budget,
+        most=most,
+        map=file,
     )
     return Sampler(
         asked,
@@ -148,7 +153,9 @@ class Sampler(Design):
             costs = cost(scene)
             costs.check()
             for doubt in costs.doubts() if warn else ():
-                if doubt.kind != "long":  # how long an ensemble takes is another question
+                if (
+                    doubt.kind != "long"
+                ):  # how long an ensemble takes is another question
                     warnings.warn(doubt.text, PlanWarning, stacklevel=4)
         #: how many samples were taken from the folder
         self.taken = 0
@@ -156,10 +163,17 @@ class Sampler(Design):
             text = "samples of chemage 0.2 (*.samples) are not used; they are computed again, and may be removed"
             warnings.warn(f"{samples}: {text}", UserWarning, stacklevel=4)
         self.scene, self._quantities = scene, self.request.quantities
-        self._executor, self._workers, self._threads, self._patience = executor, workers, threads, patience
+        self._executor, self._workers, self._threads, self._patience = (
+            executor,
+            workers,
+            threads,
+            patience,
+        )
         self._folder, self._points = samples, points
         if points is not None and self.request.budget is not None:
-            raise InputError.of("points", points, "a wall time cannot be shared", "ask for an accuracy")
+            raise InputError.of(
+                "points", points, "a wall time cannot be shared", "ask for an accuracy"
+            )
         self._progress: Report = _silent
         self._routes: list[stages.Route] = []
         self._rule: Iterator[stages.Need] | None = None
@@ -184,7 +198,13 @@ class Sampler(Design):
         """
         self._progress = progress or _silent
         try:
-            carry_out(self, self._folder, **self._where(), patience=self._patience, points=self._points)
+            carry_out(
+                self,
+                self._folder,
+                **self._where(),
+                patience=self._patience,
+                points=self._points,
+            )
         except KeyboardInterrupt:
             raise KeyboardInterrupt(self._so_far()) from None
         return self.ensemble()
@@ -197,7 +217,11 @@ class Sampler(Design):
 
     def _where(self) -> dict[str, Any]:
         """Executor, workers and threads of each; threads of this process are a surface each, if memory allows two."""
-        where = {"executor": self._executor, "workers": self._workers, "threads": self._threads}
+        where = {
+            "executor": self._executor,
+            "workers": self._workers,
+            "threads": self._threads,
+        }
         if self._executor != "threads" or self._workers is not None:
             return where
         threads = self._threads or available()
@@ -224,7 +248,9 @@ class Sampler(Design):
                 for level, count in self._rule:
                     self._waiting = {}
                     for part in level.parts:
-                        self._waiting |= {task.key: (part, task) for task in part.missing(count)}
+                        self._waiting |= {
+                            task.key: (part, task) for task in part.missing(count)
+                        }
                     if self._waiting:
                         return [task for _, task in self._waiting.values()]
             except stages.Unreachable as error:
@@ -242,7 +268,11 @@ class Sampler(Design):
         assert self._state is not None
         counted = self.request.surfaces is not None
         with self.scene.in_use():
-            stopped = "the number of surfaces that was asked for" if counted else self._ending(self._state)
+            stopped = (
+                "the number of surfaces that was asked for"
+                if counted
+                else self._ending(self._state)
+            )
             return self._made(self._state, stopped)
 
     def _steps(self) -> Iterator[stages.Need]:
@@ -255,7 +285,13 @@ class Sampler(Design):
             nothing = np.zeros(self._quantities.count, dtype=bool)
             self._state = stages.SamplingState(self._routes[0], [counted], nothing)
             return
-        rule = stages.steps(self._routes, asked.accuracy(), most=asked.most, clock=clock, watch=self._watch)
+        rule = stages.steps(
+            self._routes,
+            asked.accuracy(),
+            most=asked.most,
+            clock=clock,
+            watch=self._watch,
+        )
         self._state = yield from rule
 
     def _ending(self, state: stages.SamplingState) -> str:
@@ -264,7 +300,11 @@ class Sampler(Design):
             return "the accuracy was reached"
         if self.request.budget is None:
             half = state.half_width()
-            equal = ", ".join(goal.name for goal in self.request.goals if math.isnan(half[goal.column]))
+            equal = ", ".join(
+                goal.name
+                for goal in self.request.goals
+                if math.isnan(half[goal.column])
+            )
             return f"{equal}: all samples are equal, so that nothing is known of their scatter"
         if max(state.counts) >= self.request.most:
             return f"the {self.request.counted} are as many as are allowed"
@@ -277,21 +317,36 @@ class Sampler(Design):
         coarse, fine = ways[0], ways[-1]
         row = self._quantities.row
         single = SurfaceLevel(SAMPLING, row, self._samples(coarse, 0, SAMPLING))
-        sketch = sketched(coarse) if self.request.random and self.request.surfaces is None else None
-        control = None if sketch is None else SurfaceLevel(SKETCHING, area, self._samples(sketch, 0, SKETCHING))
+        sketch = (
+            sketched(coarse)
+            if self.request.random and self.request.surfaces is None
+            else None
+        )
+        control = (
+            None
+            if sketch is None
+            else SurfaceLevel(SKETCHING, area, self._samples(sketch, 0, SKETCHING))
+        )
         if len(ways) == 1 or (coarse.errors is not None and not coarse.errors.any()):
             return [stages.Route("own grid", (single,), lambda mean: base, control)]
         replicas = replicas_of_difference(fine, coarse)
-        pair = [self._samples(way.with_replicas(replicas), 1, CORRECTING * (way is fine)) for way in (fine, coarse)]
+        pair = [
+            self._samples(way.with_replicas(replicas), 1, CORRECTING * (way is fine))
+            for way in (fine, coarse)
+        ]
         difference = SurfaceLevel(CORRECTING, row, *pair)
-        corrected = stages.Route("corrected", (single, difference), lambda mean: base, control)
+        corrected = stages.Route(
+            "corrected", (single, difference), lambda mean: base, control
+        )
 
         def before(mean: np.ndarray) -> np.ndarray:
             return np.sqrt(base**2 + self._coarsening(coarse, mean) ** 2)
 
         return [stages.Route("not corrected", (single,), before, control), corrected]
 
-    def _samples(self, computation: Computation, level: int, stage: str = "") -> SampleSeries:
+    def _samples(
+        self, computation: Computation, level: int, stage: str = ""
+    ) -> SampleSeries:
         return SampleSeries(
             computation,
             level=level,
@@ -317,20 +372,39 @@ class Sampler(Design):
         other settings, as the map has them."""
         if computation.errors is not None:
             return computation.errors
-        measures = dict(zip(self._quantities.measures, mean[self._quantities.curve.stop :].tolist(), strict=True))
-        return self._columns(self.scene.surface.coarser_errors(computation.factor, measures))
+        measures = dict(
+            zip(
+                self._quantities.measures,
+                mean[self._quantities.curve.stop :].tolist(),
+                strict=True,
+            )
+        )
+        return self._columns(
+            self.scene.surface.coarser_errors(computation.factor, measures)
+        )
 
     def _approximation(self) -> np.ndarray:
         """(quantities,) relative standard errors that approximate components of the scene declare."""
         total = np.zeros(self._quantities.count)
         for component in self.scene.components():
             method = component is self.scene.ageing
-            if component.exact or (method and self.scene.ageing is not None and self.scene.ageing.replicates):
+            if component.exact or (
+                method
+                and self.scene.ageing is not None
+                and self.scene.ageing.replicates
+            ):
                 continue
             declared = component.declared_error
-            errors = self._columns({} if declared is None else {"friction_drop": declared})
-            if component is not self.scene.surface and component is not self.scene.contact:
-                errors[self._quantities.curve.stop :] = 0.0  # the contact is solved before
+            errors = self._columns(
+                {} if declared is None else {"friction_drop": declared}
+            )
+            if (
+                component is not self.scene.surface
+                and component is not self.scene.contact
+            ):
+                errors[self._quantities.curve.stop :] = (
+                    0.0  # the contact is solved before
+                )
             total += errors**2
         return np.sqrt(total)
 
@@ -346,12 +420,20 @@ class Sampler(Design):
     # -- progress and messages ----------------------------------------------------------------------------------------
 
     def _watch(self, state: stages.SamplingState, aimed: list[int]) -> None:
-        self._route, self._levels = state.route, [sampled.level for sampled in state.sampled]
-        self._aimed = {level.name: count for level, count in zip(self._levels, aimed, strict=True)}
+        self._route, self._levels = (
+            state.route,
+            [sampled.level for sampled in state.sampled],
+        )
+        self._aimed = {
+            level.name: count for level, count in zip(self._levels, aimed, strict=True)
+        }
 
     def _taken(self, stage: str, done: int) -> None:
         """Report one more sample."""
-        first = {SAMPLING: self.request.surfaces or stages.FIRST, CORRECTING: stages.FIRST_DIFFERENCES}
+        first = {
+            SAMPLING: self.request.surfaces or stages.FIRST,
+            CORRECTING: stages.FIRST_DIFFERENCES,
+        }
         total = self._aimed.get(stage, first.get(stage, done))
         now = time.monotonic()
         if now - self._shown[0] > PERIOD:
@@ -363,20 +445,29 @@ class Sampler(Design):
         """The interval of what is asked from the samples so far, in words; "" where there are too few."""
         route = self._route or self._routes[0]
         looks = 0 if self.request.surfaces is not None else stages.LOOKS
-        sampled = [stages.Sampled(level, level.sample(0, MOST), looks=looks) for level in self._levels or route.levels]
+        sampled = [
+            stages.Sampled(level, level.sample(0, MOST), looks=looks)
+            for level in self._levels or route.levels
+        ]
         if min(part.count for part in sampled) < 2:
             return ""
         if len(sampled) > len(route.levels):  # a sample may be there before its control
             pairs = min(sampled[0].count, sampled[-1].count)
             sampled[0].values = sampled[0].values[:pairs]
-        state = stages.SamplingState(route, sampled, np.zeros(self._quantities.count, dtype=bool))
+        state = stages.SamplingState(
+            route, sampled, np.zeros(self._quantities.count, dtype=bool)
+        )
         return self._in_words(state.mean, state.half_width())
 
     def _in_words(self, mean: np.ndarray, half: np.ndarray) -> str:
         shown = self.request.goals or [AccuracyGoal(self._quantities.names[0], 0, 0.0)]
         parts = []
         for goal in shown:
-            reached = half[goal.column] / abs(mean[goal.column]) if mean[goal.column] else math.nan
+            reached = (
+                half[goal.column] / abs(mean[goal.column])
+                if mean[goal.column]
+                else math.nan
+            )
             if math.isfinite(reached):
                 goal_text = f" of {100 * goal.accuracy:.3g} %" if goal.accuracy else ""
                 parts.append(f"{goal.name} ± {percent(reached)}{goal_text}")
@@ -388,7 +479,9 @@ class Sampler(Design):
         counts = " and ".join(str(len(level.sample(0, MOST))) for level in route.levels)
         kept = ""
         if self._folder is not None:
-            kept = f", kept in {self._folder}; the same command takes them up and goes on"
+            kept = (
+                f", kept in {self._folder}; the same command takes them up and goes on"
+            )
         return f"so far {self._interval() or 'too few for an interval,'} from {counts} samples{kept}"
 
     def _explained(self, error: stages.Unreachable) -> str:
@@ -399,7 +492,9 @@ class Sampler(Design):
             text = f"its mean is 0 within its interval ({so_far}), so that no relative accuracy can be reached"
             return f"{asked.wishes}: {text}"
         if error.reason == "unknown":
-            undefined = [goal.name for goal in asked.goals if math.isnan(state.mean[goal.column])]
+            undefined = [
+                goal.name for goal in asked.goals if math.isnan(state.mean[goal.column])
+            ]
             if undefined:
                 return f"accuracy.{undefined[0]}: some contacts of this scene do not have this quantity; leave it out"
             return (
@@ -408,9 +503,12 @@ class Sampler(Design):
             )
         scale = state.sampled[0].level.parts[0].computation.scale
         seconds = scale * sum(
-            count * sampled.level.cost for count, sampled in zip(error.needed or (), state.sampled, strict=False)
+            count * sampled.level.cost
+            for count, sampled in zip(error.needed or (), state.sampled, strict=False)
         )
-        return asked.refusal(max(error.needed) if error.needed else None, seconds, f" ({so_far})")
+        return asked.refusal(
+            max(error.needed) if error.needed else None, seconds, f" ({so_far})"
+        )
 
     # -- the result ---------------------------------------------------------------------------------------------------
 
@@ -429,14 +527,19 @@ class Sampler(Design):
         errors, how = {}, {}
         approximation = self._approximation()
         if not np.all(approximation == 0):
-            errors["approximation"], how["approximation"] = approximation, "declared by the approximate parts"
+            errors["approximation"], how["approximation"] = (
+                approximation,
+                "declared by the approximate parts",
+            )
         if self._barriers_how:
             errors[BARRIERS], how[BARRIERS] = self._barriers, self._barriers_how
         if state.route.name == "not corrected":
             part = state.sampled[0].level.parts[0].computation
             name = "discretisation" if part.grid_only else "settings"
             errors[name] = self._coarsening(part, state.mean)
-            how[name] = f"measured before on other surfaces, pixels {part.factor} times larger"
+            how[name] = (
+                f"measured before on other surfaces, pixels {part.factor} times larger"
+            )
             if part.errors is not None:
                 how[name] = f"measured for the map: {part.settings}"
         return Ensemble(
@@ -459,13 +562,24 @@ class Sampler(Design):
         notes = (OWN_ERRORS,) if self.request.random else (ONE_SURFACE, OWN_ERRORS)
         if doubt := self._quantities.doubt:
             notes = (*notes, doubt)
-        if self.request.map is None or not (text := own_error(self.request.map, self._quantities)):
+        if self.request.map is None or not (
+            text := own_error(self.request.map, self._quantities)
+        ):
             return notes
         return (*notes, text)
 
     def _provenance(self, state: stages.SamplingState) -> dict[str, Any]:
-        samples = [sample for level in state.sampled for part in level.level.parts for sample in part.samples]
-        plugins = {name: source for sample in samples for name, source in sample.plugins.items()}
+        samples = [
+            sample
+            for level in state.sampled
+            for part in level.level.parts
+            for sample in part.samples
+        ]
+        plugins = {
+            name: source
+            for sample in samples
+            for name, source in sample.plugins.items()
+        }
         approximate = merged_approximations(*(sample.approximate for sample in samples))
         return {
             "scene": self.scene.todict(),
@@ -475,7 +589,9 @@ class Sampler(Design):
             **({"approximate": approximate} if approximate else {}),
         }
 
-    def _described(self, sampled: stages.Sampled, parts: tuple[SampleSeries, ...]) -> dict[str, Any]:
+    def _described(
+        self, sampled: stages.Sampled, parts: tuple[SampleSeries, ...]
+    ) -> dict[str, Any]:
         """A level as it is in the record."""
         return {
             "words": " minus ".join(part.computation.words for part in parts),

@@ -19,7 +19,13 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from chemage.studies.ensembles.quantities import Spread, allocated, half_width, optimal, regressed
+from chemage.studies.ensembles.quantities import (
+    Spread,
+    allocated,
+    half_width,
+    optimal,
+    regressed,
+)
 
 #: samples of the first stage: of a level that is sampled often, and of one that corrects it
 FIRST, FIRST_DIFFERENCES = 6, 5
@@ -125,8 +131,15 @@ class SamplingState:
     def spreads(self) -> list[Spread]:
         """Of each of the terms: the variance that the interval is made of."""
         return [
-            Spread.of(term, sampled.frozen or sampled.count, sampled.freedom, self.controlled and not number)
-            for number, (term, sampled) in enumerate(zip(self.terms, self.sampled, strict=True))
+            Spread.of(
+                term,
+                sampled.frozen or sampled.count,
+                sampled.freedom,
+                self.controlled and not number,
+            )
+            for number, (term, sampled) in enumerate(
+                zip(self.terms, self.sampled, strict=True)
+            )
         ]
 
     @property
@@ -151,11 +164,16 @@ class SamplingState:
     def reached(self, accuracy: np.ndarray) -> bool:
         """Whether the interval of everything that is to be accurate is as narrow as that, (quantities,) relative."""
         wanted = accuracy[self.asked] * (1 + 1e-9)
-        return bool(np.all(self.relative()[self.asked] <= wanted) and np.all(wanted > 0))
+        return bool(
+            np.all(self.relative()[self.asked] <= wanted) and np.all(wanted > 0)
+        )
 
     def cost(self, counts: Sequence[int], each: Sequence[float]) -> float:
         """Seconds of the samples that are missing to ``counts``, of which one takes ``each``."""
-        return sum(max(0, count - done) * one for count, done, one in zip(counts, self.counts, each, strict=True))
+        return sum(
+            max(0, count - done) * one
+            for count, done, one in zip(counts, self.counts, each, strict=True)
+        )
 
     def upto(self, counts: Sequence[int], clock: Clock) -> Steps:
         """Take samples until there are ``counts``; each of the first level has that of the control."""
@@ -168,7 +186,9 @@ class SamplingState:
 class Unreachable(Exception):
     """No number of samples gives the accuracy that was asked for."""
 
-    def __init__(self, state: SamplingState, needed: list[int] | None, reason: str) -> None:
+    def __init__(
+        self, state: SamplingState, needed: list[int] | None, reason: str
+    ) -> None:
         super().__init__(reason)
         self.state, self.needed, self.reason = state, needed, reason
 
@@ -197,7 +217,11 @@ class Clock:
     @property
     def left(self) -> float:
         """Seconds that are left."""
-        return self.seconds - (self.now() - self.begin) if math.isfinite(self.seconds) else math.inf
+        return (
+            self.seconds - (self.now() - self.begin)
+            if math.isfinite(self.seconds)
+            else math.inf
+        )
 
     def upto(self, sampled: Sampled, count: int) -> Steps:
         """Take samples until there are ``count``."""
@@ -205,7 +229,9 @@ class Clock:
             yield sampled.level, count
             self.cost += (count - sampled.count) * sampled.level.cost
             more = sampled.level.sample(sampled.count, count)
-            sampled.values = np.concatenate([sampled.values, more]) if sampled.count else more
+            sampled.values = (
+                np.concatenate([sampled.values, more]) if sampled.count else more
+            )
 
     def wall(self, level: Level) -> float:
         """Wall seconds of one more sample: in proportion to its cost, as measured of those so far."""
@@ -219,15 +245,23 @@ class Clock:
         left = max(self.left, 0.0)
         if state.cost(counts, walls) <= left:
             return counts
-        widest = np.argmax(np.where(state.asked & ~np.isnan(relative := state.relative()), relative, -np.inf))
+        widest = np.argmax(
+            np.where(
+                state.asked & ~np.isnan(relative := state.relative()), relative, -np.inf
+            )
+        )
         variances = [float(spread.variance[widest]) for spread in state.spreads]
-        if not any(variances):  # equal samples say nothing of what other samples would be
+        if not any(
+            variances
+        ):  # equal samples say nothing of what other samples would be
             variances[0] = 1.0
         best = optimal(variances, walls, state.counts, budget=left)
         return [min(int(count), most) for count, most in zip(best, counts, strict=True)]
 
 
-def run_stages(routes: Sequence[Route], accuracy: np.ndarray, *, most: int, **options: Any) -> SamplingState:
+def run_stages(
+    routes: Sequence[Route], accuracy: np.ndarray, *, most: int, **options: Any
+) -> SamplingState:
     """Carry out :func:`steps` with levels whose samples are there when they are asked for; the arguments are the
     same."""
     rule = steps(routes, accuracy, most=most, **options)
@@ -280,7 +314,10 @@ def steps(
             watch(state, aimed)
         done = [0] * len(aimed) if part == LOOK else state.counts
         yield from state.upto(
-            [math.ceil(before + part * max(0, count - before)) for before, count in zip(done, aimed, strict=True)],
+            [
+                math.ceil(before + part * max(0, count - before))
+                for before, count in zip(done, aimed, strict=True)
+            ],
             clock,
         )
         counts = search.needed(state)
@@ -295,8 +332,13 @@ def steps(
             return state
         # with a budget in parts, because times vary
         part = 0.7 if math.isfinite(clock.seconds) else 1.0
-        steps = [math.ceil(part * max(0, count - done)) for count, done in zip(aimed, state.counts, strict=True)]
-        yield from state.upto([done + step for done, step in zip(state.counts, steps, strict=True)], clock)
+        steps = [
+            math.ceil(part * max(0, count - done))
+            for count, done in zip(aimed, state.counts, strict=True)
+        ]
+        yield from state.upto(
+            [done + step for done, step in zip(state.counts, steps, strict=True)], clock
+        )
 
 
 @dataclass(frozen=True)
@@ -331,7 +373,9 @@ class RouteSearch:
         if not np.any(asked & (self.accuracy > 0)):  # as accurate as the time allows
             return [self.most] * len(state.sampled)
         counts = allocated(
-            [Spread(spread.variance, CERTAIN) for spread in state.spreads] if expected else state.spreads,
+            [Spread(spread.variance, CERTAIN) for spread in state.spreads]
+            if expected
+            else state.spreads,
             state.costs,
             state.counts,
             state.known,
@@ -357,22 +401,31 @@ class RouteSearch:
         first = min(PAIRS, math.ceil(LOOK * self.clock.affordable(state, counts)[0]))
         if control is None or counts[0] < CONTROLLED or first < FIRST:
             return state, counts
-        tried = SamplingState(state.route, [*state.sampled, Sampled(control, looks=LOOKS)], state.asked)
-        yield from tried.upto([max(first, state.sampled[0].count), *state.counts[1:], first], self.clock)
+        tried = SamplingState(
+            state.route, [*state.sampled, Sampled(control, looks=LOOKS)], state.asked
+        )
+        yield from tried.upto(
+            [max(first, state.sampled[0].count), *state.counts[1:], first], self.clock
+        )
         try:
-            plain, regressed = self.needed(state, expected=True), self.needed(tried, expected=True)
+            plain = self.needed(state, expected=True)
+            regressed = self.needed(tried, expected=True)
             pays = self.price(tried, regressed) < self.price(state, plain)
             return (tried, self.needed(tried)) if pays else (state, self.needed(state))
         except Unreachable:
             return state, counts
 
-    def chosen(self, state: SamplingState) -> Generator[Need, None, tuple[SamplingState, list[int]]]:
+    def chosen(
+        self, state: SamplingState
+    ) -> Generator[Need, None, tuple[SamplingState, list[int]]]:
         """The route that seems best after the first stage, and its counts; routes with corrections take their first
         samples where they may be better than those without."""
         candidates: list[tuple[float, SamplingState, list[int]]] = []
         failed: Unreachable | None = None
         for route in sorted(self.routes, key=lambda route: len(route.levels)):
-            if candidates and not self._may_pay(route, state, min(candidate[0] for candidate in candidates)):
+            if candidates and not self._may_pay(
+                route, state, min(candidate[0] for candidate in candidates)
+            ):
                 continue
             tried = SamplingState(route, [state.sampled[0]], state.asked)
             for level in route.levels[1:]:
@@ -380,9 +433,14 @@ class RouteSearch:
                 yield from self.clock.upto(more, FIRST_DIFFERENCES)
                 tried.sampled.append(more)
             try:
-                counts, price = self.needed(tried), self.price(tried, self.needed(tried, expected=True))
+                counts = self.needed(tried)
+                price = self.price(tried, self.needed(tried, expected=True))
             except Unreachable as error:
-                failed = failed if failed is not None and failed.needed is not None else error
+                failed = (
+                    failed
+                    if failed is not None and failed.needed is not None
+                    else error
+                )
                 continue
             candidates.append((price, tried, counts))
         if not candidates:
@@ -397,18 +455,28 @@ class RouteSearch:
             aimed = self.clock.affordable(state, counts)
             half = half_width(state.spreads, aimed, state.known)
             relative = half / np.maximum(np.abs(state.mean), 1e-300)
-            return float(np.max(np.where(np.isnan(relative), np.inf, relative)[state.asked]))
+            return float(
+                np.max(np.where(np.isnan(relative), np.inf, relative)[state.asked])
+            )
         spent = sum(sampled.level.cost * sampled.count for sampled in state.sampled[1:])
         return state.cost(counts, state.costs) + spent
 
     def _may_pay(self, route: Route, state: SamplingState, least: float) -> bool:
         """Whether the first samples of a route may be worth their cost."""
         if math.isfinite(self.clock.seconds):
-            return FIRST_DIFFERENCES * self.clock.wall(route.levels[-1]) < 0.35 * self.clock.left
+            return (
+                FIRST_DIFFERENCES * self.clock.wall(route.levels[-1])
+                < 0.35 * self.clock.left
+            )
         # what it costs at least: its first samples, and the first level without the errors that it corrects
-        alone = SamplingState(Route("", route.levels[:1], route.known), state.sampled[:1], state.asked)
+        alone = SamplingState(
+            Route("", route.levels[:1], route.known), state.sampled[:1], state.asked
+        )
         try:
             first = alone.cost(self.needed(alone, expected=True), alone.costs)
         except Unreachable:
             return False
-        return FIRST_DIFFERENCES * sum(level.cost for level in route.levels[1:]) + first < least
+        return (
+            FIRST_DIFFERENCES * sum(level.cost for level in route.levels[1:]) + first
+            < least
+        )

@@ -10,15 +10,37 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from chemage.foundation.errors import InputError
-from chemage.foundation.figures import BLUE, PALETTE, decades_only, from_zero, plain, shared_legend
+from chemage.foundation.figures import (
+    BLUE,
+    PALETTE,
+    decades_only,
+    from_zero,
+    plain,
+    shared_legend,
+)
 from chemage.foundation.looks import current
 from chemage.foundation.names import __version__
 from chemage.foundation.quantities import headed
-from chemage.foundation.result import Medium, Panel, Picture, Result, Rows, Table, displays, result_of
+from chemage.foundation.result import (
+    Medium,
+    Panel,
+    Picture,
+    Result,
+    Rows,
+    Table,
+    displays,
+    result_of,
+)
 from chemage.foundation.text import jsonable
 from chemage.studies.sweeps.result import Point, SweepResult, in_words
 from chemage.studies.sweeps.table import DECLARED
-from chemage.studies.sweeps.views import HOLD_TIME, SweepData, View, ViewedQuantity, swept_rows
+from chemage.studies.sweeps.views import (
+    HOLD_TIME,
+    SweepData,
+    View,
+    ViewedQuantity,
+    swept_rows,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -64,12 +86,24 @@ class SweepDisplay(Result):
 
     def facts(self) -> Rows:
         state = self.state
-        spoilt = f" ({state['contacts_damaged']} damaged)" if state["contacts_damaged"] else ""
-        words = [f"{state['done']} of {state['points']} points done", f"{state['contacts']} contacts{spoilt}"]
-        return [*swept_rows(self.sweep.axes), ("points", ", ".join(filter(None, [*words, in_words(state)])))]
+        spoilt = (
+            f" ({state['contacts_damaged']} damaged)"
+            if state["contacts_damaged"]
+            else ""
+        )
+        words = [
+            f"{state['done']} of {state['points']} points done",
+            f"{state['contacts']} contacts{spoilt}",
+        ]
+        return [
+            *swept_rows(self.sweep.axes),
+            ("points", ", ".join(filter(None, [*words, in_words(state)]))),
+        ]
 
     def numbers(self) -> dict[str, Any]:
-        return jsonable({**self.state, "units": self.sweep.units, "results": self.data.records()})
+        return jsonable(
+            {**self.state, "units": self.sweep.units, "results": self.data.records()}
+        )
 
     def notes(self) -> list[str]:
         """Of the table, and where β could not be fitted."""
@@ -88,14 +122,24 @@ class SweepDisplay(Result):
             return []
         headings, lines = self.data.rows()
         more = len(lines) - MOST_ROWS
-        listed = f"{more} more rows; {self.sweep.folder / 'results.csv'} lists every point"
+        listed = (
+            f"{more} more rows; {self.sweep.folder / 'results.csv'} lists every point"
+        )
         remarks = (listed,) if more > 0 else ()
-        return [Table("", headings, lines, "Results", remarks, in_detail=False, most=MOST_ROWS)]
+        return [
+            Table(
+                "", headings, lines, "Results", remarks, in_detail=False, most=MOST_ROWS
+            )
+        ]
 
     def columns(self) -> dict[str, Any]:
         """One line for each point: what was swept, and its numbers in internal units; curves at the last hold time."""
         lines = [{**record.pop("swept"), **record} for record in self.data.records()]
-        return {name: [line.get(name) for line in lines] for name in lines[0]} if lines else {}
+        return (
+            {name: [line.get(name) for line in lines] for name in lines[0]}
+            if lines
+            else {}
+        )
 
     def cite(self) -> tuple[list[str], str]:
         return [], self.sweep.versions.get("chemage", __version__)
@@ -135,15 +179,26 @@ class SweepDisplay(Result):
         """
         data = self.data
         if "done" not in data.table.status:
-            raise InputError(f"{self.sweep.folder}: no point is done; there is nothing to draw")
+            raise InputError(
+                f"{self.sweep.folder}: no point is done; there is nothing to draw"
+            )
         view = data.view(x, lines, where)
-        chosen = list(y) or (["friction_coefficient_drop"] if view.x == HOLD_TIME else data.usual())
+        chosen = list(y) or (
+            ["friction_coefficient_drop"] if view.x == HOLD_TIME else data.usual()
+        )
         pictures = dict([_picture(data, view, chosen, heat)])
         is_default = not (x or lines or y or where or heat)
-        if is_default and view.x != HOLD_TIME and data.usual()[0] == "beta" and data.table.hold_times.ndim == 1:
+        if (
+            is_default
+            and view.x != HOLD_TIME
+            and data.usual()[0] == "beta"
+            and data.table.hold_times.ndim == 1
+        ):
             few = data.dimensions[data.axis(view.x, "--x")].size <= MOST_LINES
             along = data.view(HOLD_TIME, view.x if few else None)
-            pictures |= dict([_picture(data, along, ["friction_coefficient_drop"], False)])
+            pictures |= dict(
+                [_picture(data, along, ["friction_coefficient_drop"], False)]
+            )
         return pictures
 
 
@@ -153,27 +208,45 @@ def point_display(point: Point) -> Result:
     return result_of(point.run())
 
 
-def _picture(data: SweepData, view: View, names: Sequence[str], heat: bool) -> tuple[str, Picture]:
+def _picture(
+    data: SweepData, view: View, names: Sequence[str], heat: bool
+) -> tuple[str, Picture]:
     quantities = [data.quantity(name, view) for name in names]
     number = quantities[0].mean.shape[0]
     as_map = heat or number > MOST_LINES
     if as_map and view.lines is None:
-        raise InputError("--heat: a heat map needs two axes; this sweep has one, or choose --lines")
-    if as_map and view.lines and not (data.is_number(view.lines) and data.is_number(view.x)):
+        raise InputError(
+            "--heat: a heat map needs two axes; this sweep has one, or choose --lines"
+        )
+    if (
+        as_map
+        and view.lines
+        and not (data.is_number(view.lines) and data.is_number(view.x))
+    ):
         if heat:
-            raise InputError(f"--heat: {view.x} and {view.lines} must have numbers as values")
+            raise InputError(
+                f"--heat: {view.x} and {view.lines} must have numbers as values"
+            )
         as_map = False
     legend = 0.0 if as_map or view.lines is None else 1.6
     function = _draw_heat if as_map else _draw_lines
     drawn = [
-        Panel(partial(function, data=data, view=view, quantity=quantity), name=quantity.name) for quantity in quantities
+        Panel(
+            partial(function, data=data, view=view, quantity=quantity),
+            name=quantity.name,
+        )
+        for quantity in quantities
     ]
 
     def finish(figure: Figure, plots: list[Axes]) -> None:
         if legend:
             handles, _ = plots[0].get_legend_handles_labels()
-            shared_legend(figure, handles, plain(_label(data, view.lines or "")), beside=True)
-        figure.suptitle(_title(data, view, quantities, bands=not as_map), parse_math=False)
+            shared_legend(
+                figure, handles, plain(_label(data, view.lines or "")), beside=True
+            )
+        figure.suptitle(
+            _title(data, view, quantities, bands=not as_map), parse_math=False
+        )
 
     to = "-and-" if as_map else "-by-"
     name = f"{'-'.join(names)}-against-{view.x}{to + view.lines if view.lines else ''}"
@@ -181,16 +254,27 @@ def _picture(data: SweepData, view: View, names: Sequence[str], heat: bool) -> t
     return name, Picture(drawn, (4.9 * len(drawn) + beside, 4.1), finish=finish)
 
 
-def _title(data: SweepData, view: View, found: Sequence[ViewedQuantity], *, bands: bool) -> str:
+def _title(
+    data: SweepData, view: View, found: Sequence[ViewedQuantity], *, bands: bool
+) -> str:
     """What the figure shows beside its axes: fixed values, the meaning of the band, points that are missing."""
     parts = [data.text(dim, place) for dim, place in view.fixed.items()]
     with_errors = bands and any(np.isfinite(quantity.low).any() for quantity in found)
     if view.averaged:
         count = int(np.prod([data.dimensions[dim].size for dim in view.averaged]))
-        parts.append(f"mean over {count} seeds" + (", band: its 95 % interval" if with_errors else ""))
+        parts.append(
+            f"mean over {count} seeds"
+            + (", band: its 95 % interval" if with_errors else "")
+        )
     elif with_errors:
         parts.append("band: 95 % interval over replicas")
-    if any(quantity.name.partition("_")[0] in ("beta", "b", "cutoff") for quantity in found) and data.doubt:
+    if (
+        any(
+            quantity.name.partition("_")[0] in ("beta", "b", "cutoff")
+            for quantity in found
+        )
+        and data.doubt
+    ):
         parts.append(data.doubt)
     status = data.table.status
     if rest := len(status) - status.count("done"):
@@ -203,11 +287,15 @@ def _title(data: SweepData, view: View, found: Sequence[ViewedQuantity], *, band
 def _label(data: SweepData, name: str, quantity: ViewedQuantity | None = None) -> str:
     """The label of an axis of the sweep, or of a quantity."""
     label = (
-        DECLARED[name].title if name in DECLARED else plain(quantity.meaning if quantity else name.replace("_", " "))
+        DECLARED[name].title
+        if name in DECLARED
+        else plain(quantity.meaning if quantity else name.replace("_", " "))
     )
     times = data.table.hold_times
     if quantity is not None and quantity.at_last:
-        last = times[np.isfinite(times)].max() if times.ndim == 1 and times.size else None
+        last = (
+            times[np.isfinite(times)].max() if times.ndim == 1 and times.size else None
+        )
         label += " at the last hold time" if last is None else f" at {last:g} s"
     return headed(label, data.unit(name))
 
@@ -215,33 +303,62 @@ def _label(data: SweepData, name: str, quantity: ViewedQuantity | None = None) -
 def is_logarithmic(values: np.ndarray) -> bool:
     """Whether positive values span more than 1.5 decades."""
     finite = values[np.isfinite(values)]
-    return bool(finite.size > 1 and finite.min() > 0 and np.log10(finite.max()) - np.log10(finite.min()) > LOG_DECADES)
+    return bool(
+        finite.size > 1
+        and finite.min() > 0
+        and np.log10(finite.max()) - np.log10(finite.min()) > LOG_DECADES
+    )
 
 
-def _draw_lines(axes: Axes, medium: Medium, data: SweepData, view: View, quantity: ViewedQuantity) -> None:
+def _draw_lines(
+    axes: Axes, medium: Medium, data: SweepData, view: View, quantity: ViewedQuantity
+) -> None:
     places = data.values(view.x)
     is_number = data.is_number(view.x)
-    x = np.asarray(places, dtype=np.float64) if is_number else np.arange(len(places), dtype=np.float64)
+    x = (
+        np.asarray(places, dtype=np.float64)
+        if is_number
+        else np.arange(len(places), dtype=np.float64)
+    )
     order = np.argsort(x, kind="stable")
     if view.x == HOLD_TIME:
         order = order[x[order] > 0]
     colours = _colours(data, view, quantity.mean.shape[0])
     for number, colour in enumerate(colours):
-        mean, low, high = (values[number][order] for values in (quantity.mean, quantity.low, quantity.high))
+        mean, low, high = (
+            values[number][order]
+            for values in (quantity.mean, quantity.low, quantity.high)
+        )
         label = plain(data.value_text(view.lines, number)) if view.lines else None
         marker = None if order.size > 20 else "o"
-        axes.plot(x[order], mean, color=colour, marker=marker, ms=3.5, lw=1.3, label=label, zorder=3)
+        axes.plot(
+            x[order],
+            mean,
+            color=colour,
+            marker=marker,
+            ms=3.5,
+            lw=1.3,
+            label=label,
+            zorder=3,
+        )
         band = np.isfinite(low) & np.isfinite(high)
-        axes.fill_between(x[order], low, high, where=band, color=colour, alpha=0.22, lw=0)
+        axes.fill_between(
+            x[order], low, high, where=band, color=colour, alpha=0.22, lw=0
+        )
     if not is_number:
-        axes.set_xticks(x, [plain(str(value)) for value in places], rotation=30, ha="right")
+        axes.set_xticks(
+            x, [plain(str(value)) for value in places], rotation=30, ha="right"
+        )
     elif x.size <= 10 and places.dtype.kind == "i" and not is_logarithmic(x):
         _tick_values(axes.xaxis, x, "linear")
     else:
         axes.set_xscale("log" if is_logarithmic(x[order]) else "linear")
     # a logarithmic axis would cut a band that reaches zero
     reaches_zero = (quantity.low[np.isfinite(quantity.low)] <= 0).any()
-    if is_logarithmic(np.concatenate([quantity.mean, quantity.low, quantity.high])) and not reaches_zero:
+    if (
+        is_logarithmic(np.concatenate([quantity.mean, quantity.low, quantity.high]))
+        and not reaches_zero
+    ):
         axes.set_yscale("log")
     elif np.nanmin(quantity.mean, initial=0.0) >= 0:
         from_zero(axes)
@@ -257,11 +374,15 @@ def _colours(data: SweepData, view: View, number: int) -> list[Any]:
         return [PALETTE[place % len(PALETTE)] for place in range(number)]
     from matplotlib import colormaps
 
-    ranks = np.argsort(np.argsort(data.values(view.lines), kind="stable"), kind="stable")
+    ranks = np.argsort(
+        np.argsort(data.values(view.lines), kind="stable"), kind="stable"
+    )
     return [colormaps["viridis"](0.92 * rank / (number - 1)) for rank in ranks]
 
 
-def _draw_heat(axes: Axes, medium: Medium, data: SweepData, view: View, quantity: ViewedQuantity) -> None:
+def _draw_heat(
+    axes: Axes, medium: Medium, data: SweepData, view: View, quantity: ViewedQuantity
+) -> None:
     from matplotlib.colors import LogNorm
 
     assert view.lines is not None
@@ -270,17 +391,32 @@ def _draw_heat(axes: Axes, medium: Medium, data: SweepData, view: View, quantity
     columns, rows = np.argsort(x, kind="stable"), np.argsort(y, kind="stable")
     if view.x == HOLD_TIME:
         columns = columns[x[columns] > 0]
-    scales = ["log" if is_logarithmic(values) else "linear" for values in (x[columns], y[rows])]
+    scales = [
+        "log" if is_logarithmic(values) else "linear"
+        for values in (x[columns], y[rows])
+    ]
     values = np.ma.masked_invalid(quantity.mean[np.ix_(rows, columns)])
     style: dict[str, Any] = {"norm": LogNorm()} if is_logarithmic(quantity.mean) else {}
     axes.set_facecolor(_GREY)
     image = axes.pcolormesh(
-        _edges(x[columns], scales[0]), _edges(y[rows], scales[1]), values, cmap="viridis", rasterized=True, **style
+        _edges(x[columns], scales[0]),
+        _edges(y[rows], scales[1]),
+        values,
+        cmap="viridis",
+        rasterized=True,
+        **style,
     )
-    axes.set(xscale=scales[0], yscale=scales[1], xlabel=_label(data, view.x), ylabel=_label(data, view.lines))
+    axes.set(
+        xscale=scales[0],
+        yscale=scales[1],
+        xlabel=_label(data, view.x),
+        ylabel=_label(data, view.lines),
+    )
     _tick_values(axes.xaxis, x[columns], scales[0])
     _tick_values(axes.yaxis, y[rows], scales[1])
-    axes.figure.colorbar(image, ax=axes).set_label(_label(data, quantity.name, quantity))
+    axes.figure.colorbar(image, ax=axes).set_label(
+        _label(data, quantity.name, quantity)
+    )
     if values.mask.any():
         axes.set_title("grey: not done, or not defined")
 

@@ -21,7 +21,13 @@ from pydantic import TypeAdapter
 from chemage.contacts.options import nominal_pressure
 from chemage.contacts.theory import no_map
 from chemage.foundation.components import Component
-from chemage.foundation.errors import ChemageError, InputError, PluginError, SceneError, nearest
+from chemage.foundation.errors import (
+    ChemageError,
+    InputError,
+    PluginError,
+    SceneError,
+    nearest,
+)
 from chemage.foundation.records import content_hash, text_hash
 from chemage.plugins import registry
 from chemage.plugins.sources import implementing, stage_hooks
@@ -75,10 +81,17 @@ class Grid:
         seen: set[str] = set()
         for path in (path for axis in axes for path in axis.paths):
             if path in seen:
-                problems.append((f"sweep.{path}", "is swept twice; keep one of the two"))
+                problems.append(
+                    (f"sweep.{path}", "is swept twice; keep one of the two")
+                )
             seen.add(path)
         if not axes and not problems:
-            problems.append(("sweep", 'names no field; give lists, such as "surface.rms_slope" = [0.05, 0.1]'))
+            problems.append(
+                (
+                    "sweep",
+                    'names no field; give lists, such as "surface.rms_slope" = [0.05, 0.1]',
+                )
+            )
         if problems:
             raise SceneError(source, problems)
         return cls(base, tuple(axes), source)
@@ -113,9 +126,15 @@ class Grid:
     def data(self, point: int) -> dict[str, Any]:
         """Scene data of ``point``."""
         # a whole section is replaced before a field inside it is set
-        changes = dict(sorted(self.changes(point).items(), key=lambda item: item[0].count(".")))
+        changes = dict(
+            sorted(self.changes(point).items(), key=lambda item: item[0].count("."))
+        )
         # a material would fill what is removed here; there, a section that is false is left out
-        kept = filled_sections() if changes.get("material", self.base.get("material")) else ()
+        kept = (
+            filled_sections()
+            if changes.get("material", self.base.get("material"))
+            else ()
+        )
         for path in section_names():
             if changes.get(path) is False and path not in (*kept, *required_sections()):
                 changes[path] = None
@@ -130,10 +149,19 @@ class Grid:
         varied = []
         for axis in self.axes:
             kinds = any(path.endswith("kind") for path in axis.paths)
-            sections = any(isinstance(value, dict | bool) for row in axis.values for value in row)
+            sections = any(
+                isinstance(value, dict | bool) for row in axis.values for value in row
+            )
             varied.append(range(len(axis)) if kinds or sections else (0,))
-        points = [int(np.ravel_multi_index(places, self.shape)) for places in itertools.product(*varied)]
-        return [component for point in points for component in self.scene(point).components()]
+        points = [
+            int(np.ravel_multi_index(places, self.shape))
+            for places in itertools.product(*varied)
+        ]
+        return [
+            component
+            for point in points
+            for component in self.scene(point).components()
+        ]
 
     def todict(self) -> dict[str, Any]:
         """Plain JSON values, from which :meth:`fromdict` makes an equal grid."""
@@ -147,12 +175,25 @@ class Grid:
 
 def _axes(sweep: Any, problems: list[tuple[str, str]]) -> list[Axis]:
     if not isinstance(sweep, Mapping):
-        problems.append(("sweep", f"{sweep!r} is not a section; write [sweep] with one list per line"))
+        problems.append(
+            (
+                "sweep",
+                f"{sweep!r} is not a section; write [sweep] with one list per line",
+            )
+        )
         return []
-    axes = [Axis((path,), tuple((value,) for value in values)) for path, values in _lines(sweep, "sweep", problems)]
+    axes = [
+        Axis((path,), tuple((value,) for value in values))
+        for path, values in _lines(sweep, "sweep", problems)
+    ]
     zips = sweep.get("zip", [])
     if not isinstance(zips, list) or not all(isinstance(one, Mapping) for one in zips):
-        problems.append(("sweep.zip", "write each group of lines that vary together as [[sweep.zip]], in two brackets"))
+        problems.append(
+            (
+                "sweep.zip",
+                "write each group of lines that vary together as [[sweep.zip]], in two brackets",
+            )
+        )
         return axes
     for number, group in enumerate(zips):
         where = f"sweep.zip.{number}"
@@ -160,15 +201,24 @@ def _axes(sweep: Any, problems: list[tuple[str, str]]) -> list[Axis]:
         lengths = {path: len(values) for path, values in lines}
         if len(set(lengths.values())) > 1:
             each = ", ".join(f"{path} has {length}" for path, length in lengths.items())
-            problems.append((where, f"lines that vary together must have equal length: {each}"))
+            problems.append(
+                (where, f"lines that vary together must have equal length: {each}")
+            )
         elif lines:
-            axes.append(Axis(tuple(lengths), tuple(zip(*(values for _, values in lines), strict=True))))
+            axes.append(
+                Axis(
+                    tuple(lengths),
+                    tuple(zip(*(values for _, values in lines), strict=True)),
+                )
+            )
         elif not group:
             problems.append((where, "names no field"))
     return axes
 
 
-def _lines(table: Mapping[str, Any], where: str, problems: list[tuple[str, str]]) -> list[tuple[str, list[Any]]]:
+def _lines(
+    table: Mapping[str, Any], where: str, problems: list[tuple[str, str]]
+) -> list[tuple[str, list[Any]]]:
     """Find (path, values) of every list in ``table``, nested or dotted."""
     lines: list[tuple[str, list[Any]]] = []
 
@@ -180,13 +230,31 @@ def _lines(table: Mapping[str, Any], where: str, problems: list[tuple[str, str]]
             if isinstance(value, Mapping):
                 visit(value, (*parents, name))
             elif not isinstance(value, list):
-                problems.append((f"{where}.{path}", f"{value!r} is one value; give a list, such as [{value!r}]"))
+                problems.append(
+                    (
+                        f"{where}.{path}",
+                        f"{value!r} is one value; give a list, such as [{value!r}]",
+                    )
+                )
             elif not value:
-                problems.append((f"{where}.{path}", "is an empty list; an axis needs at least one value"))
+                problems.append(
+                    (
+                        f"{where}.{path}",
+                        "is an empty list; an axis needs at least one value",
+                    )
+                )
             elif (wrong := _wrong_path(path)) is not None:
                 problems.append((f"{where}.{path}", wrong))
-            elif path == "contact.load" and len({nominal_pressure(load) is None for load in value}) > 1:
-                problems.append((f"{where}.{path}", "give all loads as forces, or all as nominal pressures"))
+            elif (
+                path == "contact.load"
+                and len({nominal_pressure(load) is None for load in value}) > 1
+            ):
+                problems.append(
+                    (
+                        f"{where}.{path}",
+                        "give all loads as forces, or all as nominal pressures",
+                    )
+                )
             else:
                 lines.append((path, value))
 
@@ -233,7 +301,9 @@ class Survey:
     doubts: dict[str, tuple[str, int, int]] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, grid: Grid, progress: Callable[[int, int], None] | None = None) -> Survey:
+    def of(
+        cls, grid: Grid, progress: Callable[[int, int], None] | None = None
+    ) -> Survey:
         """Validate every point of ``grid``; ``progress`` receives (points validated, number of points).
 
         Raises
@@ -243,7 +313,9 @@ class Survey:
             point.
         """
         result = cls(grid, hooks=implementing(*stage_hooks()))
-        result.resolved = [[[None] * len(axis.paths) for _ in axis.values] for axis in grid.axes]
+        result.resolved = [
+            [[None] * len(axis.paths) for _ in axis.values] for axis in grid.axes
+        ]
         wrong: dict[tuple[str, str], list[int]] = {}
         for point in range(grid.size):
             try:
@@ -267,11 +339,20 @@ class Survey:
                 raise
             places = grid.positions(point)
             for axis, place in enumerate(places):
-                if not any(places[:axis] + places[axis + 1 :]):  # the first point with this place
+                if not any(
+                    places[:axis] + places[axis + 1 :]
+                ):  # the first point with this place
                     result.resolve(axis, place, scene)
         if wrong:
-            raise SceneError(grid.source, [_located(grid, problem, *where) for problem, where in wrong.items()])
-        result.digest = text_hash("".join([json.dumps([[axis.paths for axis in grid.axes], []]), *result.keys]))
+            raise SceneError(
+                grid.source,
+                [_located(grid, problem, *where) for problem, where in wrong.items()],
+            )
+        result.digest = text_hash(
+            "".join(
+                [json.dumps([[axis.paths for axis in grid.axes], []]), *result.keys]
+            )
+        )
         return result
 
     def resolve(self, axis: int, place: int, scene: Scene) -> None:
@@ -279,14 +360,21 @@ class Survey:
         data = scene.todict()
         for number, path in enumerate(self.grid.axes[axis].paths):
             written = self.grid.axes[axis].values[place][number]
-            if path == "contact.load" and (pressure := nominal_pressure(written)) is not None:
+            if (
+                path == "contact.load"
+                and (pressure := nominal_pressure(written)) is not None
+            ):
                 # the force differs where the size of the surface is swept as well
                 self.resolved[axis][place][number], self.units[path] = pressure, "GPa"
                 continue
             value: Any = data
             for name in path.split("."):
                 value = value.get(name) if isinstance(value, Mapping) else None
-            if isinstance(written, Mapping) or value is None or isinstance(value, Mapping | list):
+            if (
+                isinstance(written, Mapping)
+                or value is None
+                or isinstance(value, Mapping | list)
+            ):
                 value = written
             self.resolved[axis][place][number] = value
             if path not in self.units:
@@ -311,7 +399,11 @@ class Survey:
 
     def task(self, point: int, **changes: Any) -> Task:
         """The task of a point, with the memory that is enough for every one."""
-        return replace(self.tasks[point], bytes=0.0 if math.isnan(self.memory) else self.memory, **changes)
+        return replace(
+            self.tasks[point],
+            bytes=0.0 if math.isnan(self.memory) else self.memory,
+            **changes,
+        )
 
     @property
     def keys(self) -> list[str]:
@@ -322,8 +414,14 @@ class Survey:
         """What to warn of, one sentence for each kind, with the points that it concerns."""
         sentences = []
         for text, first, count in self.doubts.values():
-            others = f" and similar at {count - 1} more of {self.grid.size}" if count > 1 else f" of {self.grid.size}"
-            sentences.append(f"{text} [at point {first}{others}]" if self.grid.size > 1 else text)
+            others = (
+                f" and similar at {count - 1} more of {self.grid.size}"
+                if count > 1
+                else f" of {self.grid.size}"
+            )
+            sentences.append(
+                f"{text} [at point {first}{others}]" if self.grid.size > 1 else text
+            )
         return sentences
 
     @property
@@ -334,7 +432,9 @@ class Survey:
 
 def cpu_seconds(tasks: Sequence[Task]) -> float | None:
     """CPU time of all contacts and kinetics of tasks, each once, s; None if a component gives no estimate."""
-    seconds = ageing_seconds(tasks) + sum({task.contact: task.contact_seconds for task in tasks}.values())
+    seconds = ageing_seconds(tasks) + sum(
+        {task.contact: task.contact_seconds for task in tasks}.values()
+    )
     return None if math.isnan(seconds) else seconds
 
 
@@ -356,7 +456,9 @@ def mean_key(scene: Scene) -> str:
     return content_hash([scene.task_keys()["result"], options, dict(scene.accuracy)])
 
 
-def _located(grid: Grid, problem: tuple[str, str], point: int, count: int) -> tuple[str, str]:
+def _located(
+    grid: Grid, problem: tuple[str, str], point: int, count: int
+) -> tuple[str, str]:
     path, message = problem
     values = listed(grid.changes(point))
     others = f" and at {count - 1} more of {grid.size}" if count > 1 else ""
@@ -372,21 +474,38 @@ def shown(value: Any) -> str:
     """Format a swept value as one line of text."""
     if isinstance(value, Mapping):
         rest = {name: item for name, item in value.items() if name != "kind"}
-        return " ".join([str(value.get("kind", "")), *(f"{name}={shown(item)}" for name, item in rest.items())]).strip()
+        return " ".join(
+            [
+                str(value.get("kind", "")),
+                *(f"{name}={shown(item)}" for name, item in rest.items()),
+            ]
+        ).strip()
     return value if isinstance(value, str) else json.dumps(value)
 
 
 def _add(result: Survey, point: int, scene: Scene) -> None:
     if not scene.contact.gives_map:
-        raise InputError(no_map(scene.contact, "a sweep has no contact to store; run each scene by itself"))
+        raise InputError(
+            no_map(
+                scene.contact,
+                "a sweep has no contact to store; run each scene by itself",
+            )
+        )
     costs = cost(scene)
     if point and scene.is_ensemble != result.means:
-        raise InputError("accuracy, ensemble: some points are means over surfaces and others are not; make two sweeps")
+        raise InputError(
+            "accuracy, ensemble: some points are means over surfaces and others are not; make two sweeps"
+        )
     result.means = scene.is_ensemble
     result.classes |= registered_classes(scene.components())
     costs.check()
-    varied, parts = {path for axis in result.grid.axes for path in axis.paths}, costs.parts
-    of_sweep = [doubt for stage in registry.current().stages() for doubt in stage.doubts_of_sweep(parts, varied)]
+    varied = {path for axis in result.grid.axes for path in axis.paths}
+    parts = costs.parts
+    of_sweep = [
+        doubt
+        for stage in registry.current().stages()
+        for doubt in stage.doubts_of_sweep(parts, varied)
+    ]
     for doubt in [*costs.doubts(), *of_sweep]:
         text, first, count = result.doubts.get(doubt.kind, (doubt.text, point, 0))
         result.doubts[doubt.kind] = text, first, count + 1
@@ -394,7 +513,9 @@ def _add(result: Survey, point: int, scene: Scene) -> None:
     # only what makes the scene is kept, since there may be very many
     key = mean_key(scene) if result.means else task.key
     changes = result.grid.changes(point)
-    task = replace(task, key=key, source=partial(result.grid.scene, point), changes=changes)
+    task = replace(
+        task, key=key, source=partial(result.grid.scene, point), changes=changes
+    )
     result.tasks.append(task)
     needed = [costs.contact_bytes]
     if task.contact not in result.contacts:

@@ -33,14 +33,21 @@ from chemage.studies.tasks import Outcome, Place, Task, by_contact, failure
 from chemage.surfaces.surface import Surface
 
 _CONTACT_HOOKS = ("chemage_make_surface", "chemage_solve_contact")
-_AGEING_HOOKS = ("chemage_build_lattice", "chemage_run_kinetics", "chemage_rupture_bonds", "chemage_observe")
+_AGEING_HOOKS = (
+    "chemage_build_lattice",
+    "chemage_run_kinetics",
+    "chemage_rupture_bonds",
+    "chemage_observe",
+)
 
 
 class Outdated:
     """What must be computed again of the completed part of ``folder``, whose manifest is ``there``, because plugins
     changed."""
 
-    def __init__(self, folder: Folder, survey: Survey, there: Mapping[str, Any]) -> None:
+    def __init__(
+        self, folder: Folder, survey: Survey, there: Mapping[str, Any]
+    ) -> None:
         self._folder, self._survey = folder, survey
         #: keys
         self._points: set[str] = set()
@@ -48,9 +55,15 @@ class Outdated:
         #: plugin -> what changed, in words
         self._reasons: dict[str, str] = {}
         asked = there.get("asked", {})
-        new = {name for name, source in survey.hooks.items() if asked.get(name) != source}
-        self._new_in_contact = [name for name in implementing(*_CONTACT_HOOKS) if name in new]
-        self._new_in_ageing = [name for name in implementing(*_AGEING_HOOKS) if name in new]
+        new = {
+            name for name, source in survey.hooks.items() if asked.get(name) != source
+        }
+        self._new_in_contact = [
+            name for name in implementing(*_CONTACT_HOOKS) if name in new
+        ]
+        self._new_in_ageing = [
+            name for name in implementing(*_AGEING_HOOKS) if name in new
+        ]
         self._surface: tuple[str, Surface] | None = None
         for ageings in by_contact(survey.tasks):
             self._compare([task for tasks in ageings for task in tasks])
@@ -73,8 +86,16 @@ class Outdated:
     def _compare(self, tasks: list[Task]) -> None:
         """Compare what is done of the tasks of one contact with the plugins in use."""
         keys = {task.key: task for task in tasks}
-        done = {key: content for key in keys if (content := self._folder.read_point(key))["status"] == "done"}
-        touched = {key for key, content in done.items() if self._changed(content.get("plugins", {}))}
+        done = {
+            key: content
+            for key in keys
+            if (content := self._folder.read_point(key))["status"] == "done"
+        }
+        touched = {
+            key
+            for key, content in done.items()
+            if self._changed(content.get("plugins", {}))
+        }
         if not (touched or self._new_in_contact or self._new_in_ageing or not done):
             return
         first = tasks[0]
@@ -82,7 +103,9 @@ class Outdated:
         if solution is None:
             self._points |= touched
             return
-        if self._changed(solution.plugins) or self._contact_would_change(first.scene, first.surface, solution):
+        if self._changed(solution.plugins) or self._contact_would_change(
+            first.scene, first.surface, solution
+        ):
             self._contacts.add(first.contact)
             self._points |= set(done)
             return
@@ -97,7 +120,9 @@ class Outdated:
             self._reasons[name] = f"{name} was {then} and is {now}"
         return bool(changes)
 
-    def _contact_would_change(self, scene: Scene, key: str, solution: ContactSolution) -> bool:
+    def _contact_would_change(
+        self, scene: Scene, key: str, solution: ContactSolution
+    ) -> bool:
         new = self._new_in_contact
         if not new:
             return False
@@ -106,8 +131,15 @@ class Outdated:
                 self._surface = key, surface_of(scene)
             surface = self._surface[1]
             took_part = [name for name in new if name in surface.plugins]
-            arguments = {"solver": scene.solver, "surface": surface, "load": scene.load, "start": None}
-            if not took_part and would_change(new, "chemage_solve_contact", solution, **arguments):
+            arguments = {
+                "solver": scene.solver,
+                "surface": surface,
+                "load": scene.load,
+                "start": None,
+            }
+            if not took_part and would_change(
+                new, "chemage_solve_contact", solution, **arguments
+            ):
                 took_part = new
         return self._joined(took_part)
 
@@ -117,11 +149,19 @@ class Outdated:
         if aging is None:
             return False
         provide = providers(*scene.components())
-        return self._joined([name for name in self._new_in_ageing if name in aging.plugins and name not in provide])
+        return self._joined(
+            [
+                name
+                for name in self._new_in_ageing
+                if name in aging.plugins and name not in provide
+            ]
+        )
 
     def _joined(self, names: list[str]) -> bool:
         for name in names:
-            self._reasons.setdefault(name, f"{name} ({self._survey.hooks[name]}) answers or changes them now")
+            self._reasons.setdefault(
+                name, f"{name} ({self._survey.hooks[name]}) answers or changes them now"
+            )
         return bool(names)
 
 
@@ -151,14 +191,27 @@ class Points(Design):
         states = {key: folder.state(key) for key in self._same}
         self._left = [key for key, state in states.items() if state != "done"]
         #: key of each contact -> the key of a point that has it, one that is left if there is any
-        contacts = {survey.tasks[self._same[key][0]].contact: key for key in (*states, *self._left)}
+        contacts = {
+            survey.tasks[self._same[key][0]].contact: key
+            for key in (*states, *self._left)
+        }
         self.contacts = len(contacts)
-        spoilt = () if survey.means else [key for key in contacts if folder.contact_state(key) == "damaged"]
-        self._damaged = [folder.point(key) for key, state in states.items() if state == "damaged"]
+        spoilt = (
+            ()
+            if survey.means
+            else [key for key in contacts if folder.contact_state(key) == "damaged"]
+        )
+        self._damaged = [
+            folder.point(key) for key, state in states.items() if state == "damaged"
+        ]
         self._damaged += [folder.contact(key) for key in spoilt]
         #: points that are done, of which the contact is damaged
-        self._mended = [contacts[key] for key in spoilt if states[contacts[key]] == "done"]
-        self.done = sum(len(self._same[key]) for key, state in states.items() if state == "done")
+        self._mended = [
+            contacts[key] for key in spoilt if states[contacts[key]] == "done"
+        ]
+        self.done = sum(
+            len(self._same[key]) for key, state in states.items() if state == "done"
+        )
         self.failed: dict[int, str] = {}
         #: samples that were taken, where points are means
         self.samples: int | None = None
@@ -171,7 +224,10 @@ class Points(Design):
     def ask(self) -> list[Task]:
         """See :class:`chemage.studies.study.Design`."""
         tasks = [self._survey.task(self._same[key][0]) for key in self._left]
-        tasks += [self._survey.task(self._same[key][0], contact_only=True) for key in self._mended]
+        tasks += [
+            self._survey.task(self._same[key][0], contact_only=True)
+            for key in self._mended
+        ]
         self._left, self._mended = [], []
         return tasks
 
@@ -188,7 +244,9 @@ class Points(Design):
     def warn_of_damage(self) -> None:
         """Name the damaged files, which are computed again."""
         if self._damaged:
-            names = [str(path.relative_to(self._folder.path)) for path in self._damaged[:5]]
+            names = [
+                str(path.relative_to(self._folder.path)) for path in self._damaged[:5]
+            ]
             more = ", ..." if len(self._damaged) > 5 else ""
             message = f"{len(self._damaged)} files are damaged and are computed again: {', '.join(names)}{more}"
             warnings.warn(f"{self._folder.path}: {message}", SweepWarning, stacklevel=3)
@@ -247,7 +305,9 @@ class Means(Points):
             except Exception as error:
                 self._end(key, error, outcome.stage or "ageing")
 
-    def _end(self, key: str, error: BaseException | None = None, stage: str = "mean") -> None:
+    def _end(
+        self, key: str, error: BaseException | None = None, stage: str = "mean"
+    ) -> None:
         """Write the file of a point."""
         points = self._same[key]
         task = self._survey.tasks[points[0]]

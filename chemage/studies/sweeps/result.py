@@ -126,14 +126,20 @@ class Point:
         self._of(means=False)
         contact = self.result.store.read_contact(self.result.contact_key(self.index))
         if contact is None:
-            raise StoreError(f"the contact of point {self.index} is not in {self.result.folder}")
+            raise StoreError(
+                f"the contact of point {self.index} is not in {self.result.folder}"
+            )
         return contact
 
     def _of(self, *, means: bool) -> dict[str, Any]:
         """What the folder has of a point that is done, and is a mean or is not."""
         self.summary  # noqa: B018
         if self.result.means != means:
-            is_other = "is one surface, and no mean; use run()" if means else "is a mean over surfaces; use ensemble()"
+            is_other = (
+                "is one surface, and no mean; use run()"
+                if means
+                else "is a mean over surfaces; use ensemble()"
+            )
             raise StoreError(f"point {self.index} of {self.result.folder} {is_other}")
         return self._content
 
@@ -166,7 +172,10 @@ NOT_DONE = ("failed", "missing", "damaged")
 
 def count(states: Sequence[str]) -> dict[str, int]:
     """How many points there are, and are in each state."""
-    return {"points": len(states), **{state: states.count(state) for state in ("done", *NOT_DONE)}}
+    return {
+        "points": len(states),
+        **{state: states.count(state) for state in ("done", *NOT_DONE)},
+    }
 
 
 def in_words(counts: Mapping[str, int]) -> str:
@@ -213,8 +222,12 @@ class SweepResult:
     def swept(self) -> dict[str, list[Any]]:
         """The swept fields: dotted path -> validated value at every point, numbers in internal units."""
         columns = {}
-        for number, (axis, resolved) in enumerate(zip(self.axes, self._manifest["resolved"], strict=True)):
-            for values, path in zip(zip(*resolved, strict=True), axis.paths, strict=True):
+        for number, (axis, resolved) in enumerate(
+            zip(self.axes, self._manifest["resolved"], strict=True)
+        ):
+            for values, path in zip(
+                zip(*resolved, strict=True), axis.paths, strict=True
+            ):
                 columns[path] = self._at_points(number, values)
         return columns
 
@@ -232,8 +245,13 @@ class SweepResult:
         """Those of :attr:`swept` that were all written in one unit: dotted path -> numbers at the points, unit."""
         columns = {}
         for number, axis in enumerate(self.axes):
-            for path, values in zip(axis.paths, zip(*axis.values, strict=True), strict=True):
-                if self.units.get(path) and (common := in_one_unit(list(values))) is not None:
+            for path, values in zip(
+                axis.paths, zip(*axis.values, strict=True), strict=True
+            ):
+                if (
+                    self.units.get(path)
+                    and (common := in_one_unit(list(values))) is not None
+                ):
                     columns[path] = self._at_points(number, common[0]), common[1]
         return columns
 
@@ -262,12 +280,17 @@ class SweepResult:
         """
         for path in values:
             if path not in self.swept:
-                raise InputError.of(path, values[path], f"is not swept; swept are {', '.join(self.swept)}")
+                raise InputError.of(
+                    path,
+                    values[path],
+                    f"is not swept; swept are {', '.join(self.swept)}",
+                )
         return [
             point
             for point in self
             if all(
-                value == point.values[path] or (path in point.changes and value == point.changes[path])
+                value == point.values[path]
+                or (path in point.changes and value == point.changes[path])
                 for path, value in values.items()
             )
         ]
@@ -283,7 +306,11 @@ class SweepResult:
     @property
     def failed(self) -> list[Point]:
         """The points that failed."""
-        return [self[index] for index, state in enumerate(self.states()) if state == "failed"]
+        return [
+            self[index]
+            for index, state in enumerate(self.states())
+            if state == "failed"
+        ]
 
     def table(self) -> SweepTable:
         """The table of all points, as they are in the folder at present."""
@@ -350,7 +377,12 @@ class SweepResult:
             rows = []
             for place, values in enumerate(axis.values):
                 there = on_grid.take(place, axis=number).ravel().tolist()
-                rows.append({"values": dict(zip(axis.paths, values, strict=True)), **count(there)})
+                rows.append(
+                    {
+                        "values": dict(zip(axis.paths, values, strict=True)),
+                        **count(there),
+                    }
+                )
             axes.append({"axis": axis.name, "rows": rows})
         contacts: list[str] = [] if self.means else self._manifest["contacts"]
         of_contacts = Counter(self.store.contact_state(key) for key in contacts)
@@ -362,12 +394,17 @@ class SweepResult:
             "contacts_done": of_contacts["done"],
             "contacts_damaged": of_contacts["damaged"],
             "axes": axes,
-            "failures": self.failures(point for point, state in enumerate(states) if state == "failed"),
+            "failures": self.failures(
+                point for point, state in enumerate(states) if state == "failed"
+            ),
         }
 
     def failures(self, points: Iterable[int]) -> list[dict[str, Any]]:
         """Why points failed: one JSON-able object each."""
-        return [{"point": point, "changes": self[point].changes, "error": self[point].error} for point in points]
+        return [
+            {"point": point, "changes": self[point].changes, "error": self[point].error}
+            for point in points
+        ]
 
     def __repr__(self) -> str:
         return f"<SweepResult {self.folder}: {len(self)} points, {self.grid.product}>"
@@ -422,8 +459,13 @@ def collect_sweep(folder: str | Path) -> Collected:
     """
     result = load_sweep(folder)
     states = result.states()
-    failed, missing, damaged = ([point for point, state in enumerate(states) if state == wanted] for wanted in NOT_DONE)
-    texts = remedies(result.store, sorted(missing + damaged + failed), result.digest, len(states))
+    failed, missing, damaged = (
+        [point for point, state in enumerate(states) if state == wanted]
+        for wanted in NOT_DONE
+    )
+    texts = remedies(
+        result.store, sorted(missing + damaged + failed), result.digest, len(states)
+    )
     computing = result.store.is_locked()
     written = not missing and not damaged
     if written:

@@ -19,7 +19,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from chemage.foundation.errors import DamagedError, InputError, PlanWarning, SceneError, StoreError
+from chemage.foundation.errors import (
+    DamagedError,
+    InputError,
+    PlanWarning,
+    SceneError,
+    StoreError,
+)
 from chemage.foundation.files import make_folder
 from chemage.foundation.memory import readable
 from chemage.foundation.names import __version__
@@ -87,7 +93,11 @@ def show_progress(seconds: float = 5.0) -> Iterator[Report]:
         def line(state: SweepProgress) -> None:
             nonlocal last, printed
             now, text = time.perf_counter(), str(state)
-            ended = state.stage == "computing" and state.done + state.failed == state.points and printed
+            ended = (
+                state.stage == "computing"
+                and state.done + state.failed == state.points
+                and printed
+            )
             if (now > last + seconds or ended) and text != printed:
                 last, printed = now, text
                 print(text, file=sys.stderr, flush=True)
@@ -103,7 +113,11 @@ def show_progress(seconds: float = 5.0) -> Iterator[Report]:
             failed = f"{state.failed} failed, " if state.failed else ""
             if state.samples is None:
                 bar("contacts", state.contacts_done, state.contacts)
-            left = _left(state.remaining) if state.samples is None else f"{state.samples} samples so far"
+            left = (
+                _left(state.remaining)
+                if state.samples is None
+                else f"{state.samples} samples so far"
+            )
             bar("points", state.done + state.failed, state.points, f"{failed}{left}")
 
         yield draw
@@ -115,7 +129,11 @@ def _left(seconds: float | None) -> str:
     whole = round(seconds)
     if whole >= 3600:
         return f"{whole // 3600} h {whole % 3600 // 60:02d} min left"
-    return f"{whole // 60} min {whole % 60:02d} s left" if whole >= 60 else f"{whole} s left"
+    return (
+        f"{whole // 60} min {whole % 60:02d} s left"
+        if whole >= 60
+        else f"{whole} s left"
+    )
 
 
 #: sweeps of more points need confirmation before they are validated
@@ -145,20 +163,36 @@ def read_grid(
         ``[sweep]`` is missing or not valid.
     """
     content = scene.completed().todict() if isinstance(scene, Scene) else scene
-    data, source = (dict(content), "the scene") if isinstance(content, Mapping) else scene_data(content)
+    data, source = (
+        (dict(content), "the scene")
+        if isinstance(content, Mapping)
+        else scene_data(content)
+    )
     data = completed(in_words(override(data, changes or {})))
     if axes is not None:
         data["sweep"] = in_words(axes)
     if "sweep" not in data:
-        raise SceneError(source, [("sweep", "is missing: this scene is one point; use chemage.run, or give axes")])
+        raise SceneError(
+            source,
+            [
+                (
+                    "sweep",
+                    "is missing: this scene is one point; use chemage.run, or give axes",
+                )
+            ],
+        )
     try:
         plain = json.loads(json.dumps(located(data, Path.cwd())))
     except (TypeError, ValueError) as error:
-        raise InputError(f"{source}: a scene may hold numbers, strings, lists and tables only: {error}") from None
+        raise InputError(
+            f"{source}: a scene may hold numbers, strings, lists and tables only: {error}"
+        ) from None
     return Grid.read(plain, source)
 
 
-def survey_of(grid: Grid, *, progress: Report | None = None, confirm: Confirm | None = None) -> Survey:
+def survey_of(
+    grid: Grid, *, progress: Report | None = None, confirm: Confirm | None = None
+) -> Survey:
     """Validate every point; more than ``MANY_POINTS`` points only if ``confirm`` returns True.
 
     Raises
@@ -170,7 +204,9 @@ def survey_of(grid: Grid, *, progress: Report | None = None, confirm: Confirm | 
     """
     begin = last = time.perf_counter()
     if grid.size > MANY_POINTS:
-        _require_confirmation(f"the sweep has {grid.size} points ({grid.product})", confirm)
+        _require_confirmation(
+            f"the sweep has {grid.size} points ({grid.product})", confirm
+        )
 
     def report(validated: int, total: int) -> None:
         nonlocal last
@@ -178,20 +214,28 @@ def survey_of(grid: Grid, *, progress: Report | None = None, confirm: Confirm | 
         if progress is not None and (now > last + 0.2 or validated == total):
             last = now
             left = (now - begin) * (total - validated) / validated
-            progress(SweepProgress("validating", total, validated, 0, 0, 0, 1, now - begin, left))
+            progress(
+                SweepProgress(
+                    "validating", total, validated, 0, 0, 0, 1, now - begin, left
+                )
+            )
 
     return Survey.of(grid, report)
 
 
 def _require_confirmation(what: str, confirm: Confirm | None) -> None:
     if confirm is None or not confirm(what):
-        raise InputError(f"{what}; nothing was computed. Reduce the sweep, or confirm it (--yes, or confirm=True)")
+        raise InputError(
+            f"{what}; nothing was computed. Reduce the sweep, or confirm it (--yes, or confirm=True)"
+        )
 
 
 def room_for(path: Path) -> int:
     """Free disk space where ``path`` is or will be, bytes."""
     place = path.absolute()
-    return shutil.disk_usage(next(one for one in (place, *place.parents) if one.exists())).free
+    return shutil.disk_usage(
+        next(one for one in (place, *place.parents) if one.exists())
+    ).free
 
 
 def _check_room(survey: Survey, path: Path, confirm: Confirm | None) -> None:
@@ -219,7 +263,9 @@ def _check_folder(folder: Folder, survey: Survey, force: bool) -> None:
     if not path.exists() or {entry.name for entry in path.iterdir()} <= begun:
         return
     if not folder.manifest.exists():
-        raise StoreError(f"{path} is not empty and holds no sweep; choose another folder")
+        raise StoreError(
+            f"{path} is not empty and holds no sweep; choose another folder"
+        )
     if force:
         return
     try:
@@ -231,7 +277,11 @@ def _check_folder(folder: Folder, survey: Survey, force: bool) -> None:
         return
     _check_same(folder, survey, there)
     now, then = versions(), there["versions"]
-    changed = [f"{name} {then[name]} -> {now[name]}" for name in now if name in then and then[name] != now[name]]
+    changed = [
+        f"{name} {then[name]} -> {now[name]}"
+        for name in now
+        if name in then and then[name] != now[name]
+    ]
     if changed:
         warnings.warn(
             f"{path} was begun with other versions ({', '.join(changed)}); it will hold points of both",
@@ -251,7 +301,9 @@ def _check_same(folder: Folder, survey: Survey, there: Mapping[str, Any]) -> Non
         difference = f"over {', '.join(axis.name for axis in old.axes)}"
     elif old.shape != new.shape:
         difference = f"{old.product} points instead of {new.product}"
-    raise StoreError(f"{folder.path} holds another sweep ({difference}); choose another folder")
+    raise StoreError(
+        f"{folder.path} holds another sweep ({difference}); choose another folder"
+    )
 
 
 def _outdated(folder: Folder, survey: Survey, *, whole: bool) -> Outdated | None:
@@ -350,16 +402,30 @@ def sweep(
     """
     begin = time.perf_counter()
     if accuracy is not None:
-        changes = {**(changes or {}), "accuracy": dict(accuracy), "ensemble.surfaces": None}
+        changes = {
+            **(changes or {}),
+            "accuracy": dict(accuracy),
+            "ensemble.surfaces": None,
+        }
     if points is not None and force:
-        raise InputError("a part of the points cannot replace a sweep: give force (--force) without points (--points)")
+        raise InputError(
+            "a part of the points cannot replace a sweep: give force (--force) without points (--points)"
+        )
     selection = None if points is None else Selection.read(points)
     confirmed = (lambda text: True) if confirm is True else (confirm or None)
     with ExitStack() as stack:
-        report = stack.enter_context(show_progress()) if progress is True else progress or None
-        survey = survey_of(read_grid(scene, changes, axes), progress=report, confirm=confirmed)
+        report = (
+            stack.enter_context(show_progress())
+            if progress is True
+            else progress or None
+        )
+        survey = survey_of(
+            read_grid(scene, changes, axes), progress=report, confirm=confirmed
+        )
         executor = executor or ("threads" if survey.means else "serial")
-        study = stack.enter_context(Study(executor, workers, threads, patience, classes=survey.classes))
+        study = stack.enter_context(
+            Study(executor, workers, threads, patience, classes=survey.classes)
+        )
         folder = Folder(Path(out).absolute())
         _check_folder(folder, survey, force)
         _check_room(survey, folder.path, confirmed)
@@ -379,7 +445,12 @@ def _finished(folder: Folder, *, whole: bool) -> SweepResult:
     return result
 
 
-def _part(selection: Selection | None, survey: Survey, folder: Folder, patience: float | str | None) -> Part | None:
+def _part(
+    selection: Selection | None,
+    survey: Survey,
+    folder: Folder,
+    patience: float | str | None,
+) -> Part | None:
     """What this process computes of the samples of means; None: all that are asked for."""
     if not survey.means or selection is None or selection.share is None:
         return None
@@ -387,7 +458,12 @@ def _part(selection: Selection | None, survey: Survey, folder: Folder, patience:
 
 
 def _begin(
-    stack: ExitStack, study: Study, folder: Folder, survey: Survey, selection: Selection | None, force: bool
+    stack: ExitStack,
+    study: Study,
+    folder: Folder,
+    survey: Survey,
+    selection: Selection | None,
+    force: bool,
 ) -> Points:
     """Make the folder, lock it against other calls unless both compute parts of the points, and say what is left."""
     stale = None if force else _outdated(folder, survey, whole=selection is None)
@@ -413,7 +489,9 @@ def _begin(
         there = folder.intact_manifest()
         if there is None or there.get("asked", {}) != survey.hooks:
             # which plugins were asked about all that is complete
-            folder.write_manifest(survey.manifest() if there is None else {**there, "asked": survey.hooks})
+            folder.write_manifest(
+                survey.manifest() if there is None else {**there, "asked": survey.hooks}
+            )
     design = _design(folder, survey, selection)
     design.warn_of_damage()
     return design
@@ -421,17 +499,36 @@ def _begin(
 
 def _design(folder: Folder, survey: Survey, selection: Selection | None) -> Points:
     """What this process computes."""
-    return (Means if survey.means else Points)(folder, survey, points_of(selection, folder, survey))
+    return (Means if survey.means else Points)(
+        folder, survey, points_of(selection, folder, survey)
+    )
 
 
-def _watched(report: Report | None, begin: float, points: Points) -> Callable[[Runner], None] | None:
+def _watched(
+    report: Report | None, begin: float, points: Points
+) -> Callable[[Runner], None] | None:
     """What a runner calls while it computes ``points``, to ``report`` how far it is."""
     if report is None:
         return None
 
     def watch(runner: Runner) -> None:
         elapsed, solved = time.perf_counter() - begin, points.contacts - runner.unsolved
-        done = (len(points.points), points.done, len(points.failed), points.contacts, solved)
-        report(SweepProgress("computing", *done, runner.width, elapsed, runner.remaining(), points.samples))
+        done = (
+            len(points.points),
+            points.done,
+            len(points.failed),
+            points.contacts,
+            solved,
+        )
+        report(
+            SweepProgress(
+                "computing",
+                *done,
+                runner.width,
+                elapsed,
+                runner.remaining(),
+                points.samples,
+            )
+        )
 
     return watch

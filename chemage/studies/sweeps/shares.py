@@ -20,7 +20,9 @@ PLACE = ".shares"
 _FILE = re.compile(r"of-(\d{1,7})\.json")
 
 
-def points_of(selection: Selection | None, folder: Folder, survey: Survey) -> Sequence[int]:
+def points_of(
+    selection: Selection | None, folder: Folder, survey: Survey
+) -> Sequence[int]:
     """The numbers of the points of a sweep that a process computes, ascending; of means all, of which each share
     computes a part of the samples.
 
@@ -33,12 +35,19 @@ def points_of(selection: Selection | None, folder: Folder, survey: Survey) -> Se
     share = None if selection is None else selection.share
     if selection is None or (survey.means and share is not None):
         return range(count)
-    if share is None or read_partition(folder, share[1], survey.digest, count) is not None:
+    if (
+        share is None
+        or read_partition(folder, share[1], survey.digest, count) is not None
+    ):
         return agreed_points(selection, folder, survey.digest, count)
-    return [point for point, of in enumerate(partition(survey, share[1])) if of == share[0]]
+    return [
+        point for point, of in enumerate(partition(survey, share[1])) if of == share[0]
+    ]
 
 
-def agreed_points(selection: Selection, folder: Folder, digest: str, count: int) -> list[int]:
+def agreed_points(
+    selection: Selection, folder: Folder, digest: str, count: int
+) -> list[int]:
     """The same of the sweep of ``count`` points that is in ``folder``.
 
     Raises
@@ -51,8 +60,12 @@ def agreed_points(selection: Selection, folder: Folder, digest: str, count: int)
         return [point for point, share in enumerate(of) if share == selection.share[0]]
     last = max(last for _, last in selection.ranges)
     if last >= count:
-        raise InputError(f"there is no point {last}: the sweep has points 0 to {count - 1}")
-    return sorted({point for first, last in selection.ranges for point in range(first, last + 1)})
+        raise InputError(
+            f"there is no point {last}: the sweep has points 0 to {count - 1}"
+        )
+    return sorted(
+        {point for first, last in selection.ranges for point in range(first, last + 1)}
+    )
 
 
 # -- division of all points --------------------------------------------------------------------------------------------
@@ -85,7 +98,9 @@ def partition(survey: Survey, count: int) -> list[int]:
     return best[1]
 
 
-def _dealt(pieces: Sequence[tuple[float, Sequence[int]]], count: int, points: int) -> tuple[float, list[int]]:
+def _dealt(
+    pieces: Sequence[tuple[float, Sequence[int]]], count: int, points: int
+) -> tuple[float, list[int]]:
     """Deal pieces, each with its cost and its points, to shares: the longest time of a share, s, and for each point
     its share."""
     loads = [(0.0, share) for share in range(1, count + 1)]
@@ -116,7 +131,9 @@ def _pieces(survey: Survey, count: int) -> list[tuple[float, list[int]]]:
         whole = contact + sum(kinetics)
         parts = min(len(ageings), max(1, math.ceil(whole * count / total - 1e-9)))
         for part in range(parts):
-            chosen = slice(part * len(ageings) // parts, (part + 1) * len(ageings) // parts)
+            chosen = slice(
+                part * len(ageings) // parts, (part + 1) * len(ageings) // parts
+            )
             points = [task.number for tasks in ageings[chosen] for task in tasks]
             # each process solves the contact, rather than wait for another one
             pieces.append((contact + sum(kinetics[chosen]), points))
@@ -139,22 +156,31 @@ def shares_cost(survey: Survey, count: int) -> list[ShareCost]:
     shares: list[list[Task]] = [[] for _ in range(count)]
     for task, share in zip(survey.tasks, partition(survey, count), strict=True):
         shares[share - 1].append(task)
-    return [ShareCost(len(tasks), len({task.contact for task in tasks}), cpu_seconds(tasks)) for tasks in shares]
+    return [
+        ShareCost(len(tasks), len({task.contact for task in tasks}), cpu_seconds(tasks))
+        for tasks in shares
+    ]
 
 
 # -- the division that processes agreed on ----------------------------------------------------------------------------
 
 
-def read_partition(folder: Folder, count: int, digest: str, points: int) -> list[int] | None:
+def read_partition(
+    folder: Folder, count: int, digest: str, points: int
+) -> list[int] | None:
     """The division of the ``points`` points of a sweep into ``count`` shares, if it is in the folder."""
     try:
         content = read_json(folder.path / PLACE / f"of-{count}.json")
     except (OSError, DamagedError):
         return None
     of = content.get("shares")
-    if not (content.get("digest") == digest and isinstance(of, list) and len(of) == points):
+    if not (
+        content.get("digest") == digest and isinstance(of, list) and len(of) == points
+    ):
         return None
-    return of if all(type(share) is int and 1 <= share <= count for share in of) else None
+    return (
+        of if all(type(share) is int and 1 <= share <= count for share in of) else None
+    )
 
 
 def agree(folder: Folder, survey: Survey, count: int) -> None:
@@ -164,17 +190,25 @@ def agree(folder: Folder, survey: Survey, count: int) -> None:
     """
 
     def there() -> bool:
-        return read_partition(folder, count, survey.digest, len(survey.tasks)) is not None
+        return (
+            read_partition(folder, count, survey.digest, len(survey.tasks)) is not None
+        )
 
     if not there():
         path = folder.path / PLACE / f"of-{count}.json"
         path.parent.mkdir(parents=True, exist_ok=True)
-        content = sealed_json({"digest": survey.digest, "shares": partition(survey, count)})
+        content = sealed_json(
+            {"digest": survey.digest, "shares": partition(survey, count)}
+        )
         if not folder.place(path, content, over=False) and not there():
-            folder.place(path, content)  # it was damaged, or that of a sweep that was replaced
+            folder.place(
+                path, content
+            )  # it was damaged, or that of a sweep that was replaced
 
 
-def remedies(folder: Folder, points: Sequence[int], digest: str, count: int) -> list[str]:
+def remedies(
+    folder: Folder, points: Sequence[int], digest: str, count: int
+) -> list[str]:
     """Selections of which each computes a part of ``points``, and the last all of them.
 
     These are shares, if processes have divided this sweep of ``count`` points once; and numbers of points.
@@ -182,7 +216,14 @@ def remedies(folder: Folder, points: Sequence[int], digest: str, count: int) -> 
     texts = [in_ranges(points)] if points else []
     names = [_FILE.fullmatch(path.name) for path in (folder.path / PLACE).glob("of-*")]
     divisions = [int(match[1]) for match in names if match is not None]
-    of = read_partition(folder, divisions[0], digest, count) if len(divisions) == 1 else None
+    of = (
+        read_partition(folder, divisions[0], digest, count)
+        if len(divisions) == 1
+        else None
+    )
     if of is not None:
-        texts = [f"{share}/{divisions[0]}" for share in sorted({of[point] for point in points})] + texts
+        texts = [
+            f"{share}/{divisions[0]}"
+            for share in sorted({of[point] for point in points})
+        ] + texts
     return texts

@@ -32,15 +32,37 @@ _COUNTS = (
     Quantity("replicas", "1", "replicas"),
     Quantity("events", "1", "events", "", "bonds formed and broken, all replicas"),
 )
-_EVERY = (*MEASURES.values(), *FLOW_MEASURES.values(), *_COUNTS, *FIT, *ELASTIC_MEASURES.values())
+_EVERY = (
+    *MEASURES.values(),
+    *FLOW_MEASURES.values(),
+    *_COUNTS,
+    *FIT,
+    *ELASTIC_MEASURES.values(),
+)
 #: scalar results of a point: name in the summary -> (unit, meaning)
-SCALARS = {name: (unit, meaning) for one in _EVERY for name, unit, meaning in one.columns()}
+SCALARS = {
+    name: (unit, meaning) for one in _EVERY for name, unit, meaning in one.columns()
+}
 #: curves of a point: name in the summary -> (unit, meaning)
-CURVES = {name: (unit, meaning) for one in DROPS.values() for name, unit, meaning in one.columns()}
+CURVES = {
+    name: (unit, meaning)
+    for one in DROPS.values()
+    for name, unit, meaning in one.columns()
+}
 #: what is written on axes and in headings: name -> quantity or curve
-DECLARED: dict[str, Declared] = {one.name: one for one in (HOLD_TIME, *MEASURES.values(), *DROPS.values(), *_EVERY)}
+DECLARED: dict[str, Declared] = {
+    one.name: one for one in (HOLD_TIME, *MEASURES.values(), *DROPS.values(), *_EVERY)
+}
 #: those of SCALARS that only repeat a field of the scene; where that is swept, it has their place in the dataset
-GIVEN = {"load", "nominal_pressure", "modulus", "replicas", "hardness", "shear_strength", "work_of_adhesion"}
+GIVEN = {
+    "load",
+    "nominal_pressure",
+    "modulus",
+    "replicas",
+    "hardness",
+    "shear_strength",
+    "work_of_adhesion",
+}
 #: dimensions, values, attributes
 Variable = tuple[tuple[str, ...], np.ndarray, dict[str, str]]
 #: texts of a point: name in the summary -> what they say
@@ -58,7 +80,16 @@ PARTS = {
 
 
 #: names that the dataset of a sweep has anyway, beside those of the results
-RESERVED = ("point", "status", "error", *MARKS, "hold_time", "hold_times", "replica", "bonds")
+RESERVED = (
+    "point",
+    "status",
+    "error",
+    *MARKS,
+    "hold_time",
+    "hold_times",
+    "replica",
+    "bonds",
+)
 
 
 @dataclass(frozen=True)
@@ -73,7 +104,9 @@ class Dimension:
 
 
 def short_names(
-    paths: Sequence[str], taken: Container[str] = (), units: Mapping[str, str] | None = None
+    paths: Sequence[str],
+    taken: Container[str] = (),
+    units: Mapping[str, str] | None = None,
 ) -> dict[str, str]:
     """The name of each swept path: its last part (``contact.load`` is ``load``, ``engine.kind`` is ``engine``); loads
     that are given as pressures (``units`` are those of the paths) are ``nominal_pressure``.
@@ -82,11 +115,19 @@ def short_names(
     (``taken``).
     """
     last = {path: last_part(path) for path in paths}
-    if units is not None and units.get("contact.load") == "GPa" and "contact.load" in last:
+    if (
+        units is not None
+        and units.get("contact.load") == "GPa"
+        and "contact.load" in last
+    ):
         last["contact.load"] = "nominal_pressure"
     names = {}
     for path, name in last.items():
-        clear = list(last.values()).count(name) == 1 and name not in taken and name not in RESERVED
+        clear = (
+            list(last.values()).count(name) == 1
+            and name not in taken
+            and name not in RESERVED
+        )
         names[path] = name if clear else path.replace(".", "_").replace("/", "_")
     return names
 
@@ -116,10 +157,18 @@ def dimensions(
     names = short_names([path for axis in axes for path in axis.paths], taken, units)
     dims = []
     for axis in axes:
-        distinct = [path for path in axis.paths if len({str(value) for value in values[path]}) == len(axis)]
+        distinct = [
+            path
+            for path in axis.paths
+            if len({str(value) for value in values[path]}) == len(axis)
+        ]
         fields = [path for path in distinct if not is_seed(path)]
         leading = [*fields, *distinct, *axis.paths][0]
-        dims.append(Dimension(names[leading], {path: names[path] for path in axis.paths}, len(axis)))
+        dims.append(
+            Dimension(
+                names[leading], {path: names[path] for path in axis.paths}, len(axis)
+            )
+        )
     return tuple(dims)
 
 
@@ -177,9 +226,13 @@ class SweepTable:
         def add(row: int, summary: Mapping[str, Any]) -> None:
             for name, unit, meaning, value in _numbers(summary):
                 numbers = np.array(value, dtype=np.float64)  # None where nan
-                column = results.get(name) or Column(unit, meaning, np.full((count, *(0,) * numbers.ndim), np.nan))
+                column = results.get(name) or Column(
+                    unit, meaning, np.full((count, *(0,) * numbers.ndim), np.nan)
+                )
                 if column.values.ndim == 1 + numbers.ndim:
-                    results[name] = column._replace(values=_put(column.values, row, numbers, np.nan))
+                    results[name] = column._replace(
+                        values=_put(column.values, row, numbers, np.nan)
+                    )
 
         add(0, {"hold_times": []})  # what there is, before any point is done
         for number, point in enumerate(points):
@@ -190,23 +243,41 @@ class SweepTable:
             summary, means = point["summary"], means or "ensemble" in point
             if processor := summary["versions"].get("processor"):
                 processors[processor] = None
-            plugins = "; ".join(f"{name}: {source}" for name, source in summary.get("plugins", {}).items())
+            plugins = "; ".join(
+                f"{name}: {source}"
+                for name, source in summary.get("plugins", {}).items()
+            )
             for name, texts in marks.items():
-                texts[number] = plugins if name == "plugins" else summary.get(name) or ""
+                texts[number] = (
+                    plugins if name == "plugins" else summary.get(name) or ""
+                )
             add(number, summary)
-            counts = np.array(point["aging"]["bonds"] if point["aging"] else (), ndmin=2)
+            counts = np.array(
+                point["aging"]["bonds"] if point["aging"] else (), ndmin=2
+            )
             if counts.size:
-                bonds = _put(bonds, number, counts if counts.dtype.kind == "f" else counts.astype(np.int32), -1)
+                bonds = _put(
+                    bonds,
+                    number,
+                    counts if counts.dtype.kind == "f" else counts.astype(np.int32),
+                    -1,
+                )
         # limits of the material with which no point was compared, plastic flow where there is none, and what means over
         # surfaces do not have
-        optional = SCALARS.keys() if means else {*ELASTIC_MEASURES, *FLOW_MEASURES} & SCALARS.keys()
+        optional = (
+            SCALARS.keys()
+            if means
+            else {*ELASTIC_MEASURES, *FLOW_MEASURES} & SCALARS.keys()
+        )
         for name in optional:
             if np.isnan(results[name].values).all():
                 del results[name]
         longest = results[HOLD_TIME.name].values.shape[1:]
         for name, column in results.items():
             if column.values.ndim > 1:
-                results[name] = column._replace(values=_widened(column.values, longest, np.nan))
+                results[name] = column._replace(
+                    values=_widened(column.values, longest, np.nan)
+                )
         return cls(
             swept={path: _column(values) for path, values in swept.items()},
             units=dict(units),
@@ -241,7 +312,11 @@ class SweepTable:
             return values
         if not values.size:
             return np.full(self.points, np.nan)
-        known = np.isfinite(self.results.get(name.removesuffix("_half_width"), self.results[name]).values)
+        known = np.isfinite(
+            self.results.get(
+                name.removesuffix("_half_width"), self.results[name]
+            ).values
+        )
         last = values.shape[1] - 1 - np.argmax(known[:, ::-1], axis=1)
         return np.where(known.any(axis=1), values[np.arange(self.points), last], np.nan)
 
@@ -256,11 +331,24 @@ class SweepTable:
         """Write CSV with one line per point: swept fields, scalars, last values of the curves, with units."""
         numbers = self.numbers("last ")
         units = [column.unit for column in self.results.values()]
-        headings = [f"{path} ({unit})" if (unit := self.units.get(path)) else path for path in self.swept]
-        headings += [headed(name, unit) for name, unit in zip(numbers, units, strict=True)]
+        headings = [
+            f"{path} ({unit})" if (unit := self.units.get(path)) else path
+            for path in self.swept
+        ]
+        headings += [
+            headed(name, unit) for name, unit in zip(numbers, units, strict=True)
+        ]
         marks = sorted(self.marks)
-        columns = [range(self.points), self.status, *self.swept.values(), *numbers.values()]
-        columns += [*(self.marks[name] for name in marks), [text.replace("\n", " ") for text in self.error]]
+        columns = [
+            range(self.points),
+            self.status,
+            *self.swept.values(),
+            *numbers.values(),
+        ]
+        columns += [
+            *(self.marks[name] for name in marks),
+            [text.replace("\n", " ") for text in self.error],
+        ]
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(["point", "status", *headings, *marks, "error"])
@@ -280,11 +368,17 @@ class SweepTable:
             for name, value in attributes.items():
                 file.attrs[name] = value
             grid = {dimension.name: dimension.size for dimension in self.dimensions}
-            file.dimensions = {**grid, "hold_time": self.hold_times.shape[-1], "replica": self.bonds.shape[1]}
+            file.dimensions = {
+                **grid,
+                "hold_time": self.hold_times.shape[-1],
+                "replica": self.bonds.shape[1],
+            }
             for name, (dims, values, notes) in self.variables().items():
                 kind = text if values.dtype == object else values.dtype
                 empty = 0 in values.shape
-                variable = file.create_variable(name, dims, kind, data=None if empty else values)
+                variable = file.create_variable(
+                    name, dims, kind, data=None if empty else values
+                )
                 for key, note in notes.items():
                     variable.attrs[key] = note
         write_file(path, seal(image), force=True)
@@ -296,23 +390,41 @@ class SweepTable:
 
     def along(self, axis: int, values: Sequence[Any] | np.ndarray) -> np.ndarray:
         """Those of ``values`` (points,) along an axis of the grid."""
-        return np.moveaxis(np.reshape(values, self.shape), axis, 0).reshape(self.shape[axis], -1)[:, 0]
+        return np.moveaxis(np.reshape(values, self.shape), axis, 0).reshape(
+            self.shape[axis], -1
+        )[:, 0]
 
     def variables(self) -> dict[str, Variable]:
         """The variables of the dataset by name."""
         dims = tuple(dimension.name for dimension in self.dimensions)
 
         def of_points(values: Any, *more: str, **notes: str) -> Variable:
-            array = values if isinstance(values, np.ndarray) else np.array(values, dtype=object)
+            array = (
+                values
+                if isinstance(values, np.ndarray)
+                else np.array(values, dtype=object)
+            )
             return (*dims, *more), array.reshape(*self.shape, *array.shape[1:]), notes
 
         variables: dict[str, Variable] = {}
         for axis, dimension in enumerate(self.dimensions):
             for path, name in dimension.coordinates.items():
-                notes = {"units": self.units.get(path) or "1", "long_name": "swept", "path": path}
-                variables[name] = ((dimension.name,), self.along(axis, self.swept[path]), notes)
-        variables["point"] = of_points(np.arange(self.points), long_name="number of the point")
-        variables["status"] = of_points(self.status, long_name="done, failed, missing or damaged")
+                notes = {
+                    "units": self.units.get(path) or "1",
+                    "long_name": "swept",
+                    "path": path,
+                }
+                variables[name] = (
+                    (dimension.name,),
+                    self.along(axis, self.swept[path]),
+                    notes,
+                )
+        variables["point"] = of_points(
+            np.arange(self.points), long_name="number of the point"
+        )
+        variables["status"] = of_points(
+            self.status, long_name="done, failed, missing or damaged"
+        )
         variables["error"] = of_points(self.error, long_name="why it failed")
         for name, texts in self.marks.items():
             variables[name] = of_points(texts, long_name=MARKS[name])
@@ -324,7 +436,12 @@ class SweepTable:
         for name, (unit, meaning, values) in self.results.items():
             if name in variables or name == HOLD_TIME.name:  # swept, see GIVEN
                 continue
-            variables[name] = of_points(values, *("hold_time",)[: values.ndim - 1], units=unit, long_name=meaning)
+            variables[name] = of_points(
+                values,
+                *("hold_time",)[: values.ndim - 1],
+                units=unit,
+                long_name=meaning,
+            )
         notes = {"units": "1", "long_name": "bonds; -1 where there are none"}
         variables["bonds"] = of_points(self.bonds, "replica", "hold_time", **notes)
         return variables
@@ -338,9 +455,21 @@ class SweepTable:
             pandas is not installed.
         """
         pandas = optional_module("pandas", "xarray")
-        numbers = {name: column.values for name, column in self.results.items() if column.values.ndim == 1}
-        columns = {"status": self.status, **self.swept, **numbers, **self.marks, "error": self.error}
-        return pandas.DataFrame(columns, index=pandas.RangeIndex(self.points, name="point"))
+        numbers = {
+            name: column.values
+            for name, column in self.results.items()
+            if column.values.ndim == 1
+        }
+        columns = {
+            "status": self.status,
+            **self.swept,
+            **numbers,
+            **self.marks,
+            "error": self.error,
+        }
+        return pandas.DataFrame(
+            columns, index=pandas.RangeIndex(self.points, name="point")
+        )
 
     def to_xarray(self) -> xarray.Dataset:
         """A dataset with one dimension for each axis of the grid, hold_time and replica; swept fields are coordinates.
@@ -352,7 +481,11 @@ class SweepTable:
         """
         xarray = optional_module("xarray", "xarray")
         variables = self.variables()
-        swept = [name for dimension in self.dimensions for name in dimension.coordinates.values()]
+        swept = [
+            name
+            for dimension in self.dimensions
+            for name in dimension.coordinates.values()
+        ]
         times = [name for name in ("hold_time", "hold_times") if name in variables]
         return xarray.Dataset(variables).set_coords([*swept, "point", *times])
 
@@ -360,8 +493,16 @@ class SweepTable:
 def _numbers(summary: Mapping[str, Any]) -> Iterator[tuple[str, str, str, Any]]:
     """Every number and curve in the summary of a point: name, unit, meaning, value."""
     if "b" not in summary:  # it was written before there was b beside beta
-        betas = {name: summary.get(f"beta{name[1:]}") for name in ("b", "b_stderr", "b_half_width")}
-        summary = {**summary, **{name: value / LN10 for name, value in betas.items() if value is not None}}
+        betas = {
+            name: summary.get(f"beta{name[1:]}")
+            for name in ("b", "b_stderr", "b_half_width")
+        }
+        summary = {
+            **summary,
+            **{
+                name: value / LN10 for name, value in betas.items() if value is not None
+            },
+        }
     for name, (unit, meaning) in SCALARS.items():
         yield name, unit, meaning, summary.get(name)
     yield HOLD_TIME.name, HOLD_TIME.unit, HOLD_TIME.label, summary["hold_times"]
@@ -372,19 +513,33 @@ def _numbers(summary: Mapping[str, Any]) -> Iterator[tuple[str, str, str, Any]]:
     for name, output in summary.get("observables", {}).items():
         for suffix, (part, words) in PARTS.items() if "mean" in output else ():
             meaning = f"{output['description'] or name}{words and ': '}{words}"
-            yield f"observable.{name}{suffix}", output["unit"] or "1", meaning, output[part]
+            yield (
+                f"observable.{name}{suffix}",
+                output["unit"] or "1",
+                meaning,
+                output[part],
+            )
 
 
 def _widened(values: np.ndarray, shape: Sequence[int], fill: float) -> np.ndarray:
     """``values`` (points, ...) with at least ``shape`` after the first axis."""
-    more = [(0, max(0, wanted - there)) for wanted, there in zip(shape, values.shape[1:], strict=True)]
-    return np.pad(values, [(0, 0), *more], constant_values=fill) if np.any(more) else values
+    more = [
+        (0, max(0, wanted - there))
+        for wanted, there in zip(shape, values.shape[1:], strict=True)
+    ]
+    return (
+        np.pad(values, [(0, 0), *more], constant_values=fill)
+        if np.any(more)
+        else values
+    )
 
 
 def _put(values: np.ndarray, row: int, numbers: np.ndarray, fill: float) -> np.ndarray:
     """``values`` (points, ...), made larger as far as it is needed, with ``numbers`` in a row."""
     # methods of ageing may estimate the bonds, which are then no whole numbers
-    values = _widened(values, numbers.shape, fill).astype(np.result_type(values, numbers), copy=False)
+    values = _widened(values, numbers.shape, fill).astype(
+        np.result_type(values, numbers), copy=False
+    )
     values[(row, *map(slice, numbers.shape))] = numbers
     return values
 

@@ -18,7 +18,14 @@ from chemage.foundation.units import convert
 from chemage.studies.ensembles.quantities import Quantities
 from chemage.studies.sweeps.grid import Axis, shown
 from chemage.studies.sweeps.result import SweepResult
-from chemage.studies.sweeps.table import CURVES, DECLARED, Dimension, SweepTable, is_seed, last_part
+from chemage.studies.sweeps.table import (
+    CURVES,
+    DECLARED,
+    Dimension,
+    SweepTable,
+    is_seed,
+    last_part,
+)
 
 #: the axis along a curve
 HOLD_TIME = "hold_time"
@@ -65,7 +72,9 @@ class SweepData:
     def __init__(self, result: SweepResult) -> None:
         self.name = result.name
         self.table: SweepTable = result.table()
-        self.dimensions: dict[str, Dimension] = {dimension.name: dimension for dimension in self.table.dimensions}
+        self.dimensions: dict[str, Dimension] = {
+            dimension.name: dimension for dimension in self.table.dimensions
+        }
         self.variables = self.table.variables()
         #: coordinates that were written in one unit: name -> values along their dimension, unit
         self._written: dict[str, tuple[np.ndarray, str]] = {}
@@ -78,14 +87,19 @@ class SweepData:
         self._window: tuple[float, float] | None = None
         if not any(path.partition(".")[0] == "fit" for path in self.table.swept):
             fit = result.grid.base.get("fit", {})
-            start, stop = fit.get("start", FIT_WINDOW[0]), fit.get("stop", FIT_WINDOW[1])
+            start = fit.get("start", FIT_WINDOW[0])
+            stop = fit.get("stop", FIT_WINDOW[1])
             self._window = convert(start, "s"), convert(stop, "s")
 
     @property
     def doubt(self) -> str:
         """That β of the points rests on too few hold times; "" where it does not, or the points differ in it."""
         times = self.table.hold_times
-        if times.ndim > 1 or not np.isfinite(self.variables["beta"][1]).any() or self._window is None:
+        if (
+            times.ndim > 1
+            or not np.isfinite(self.variables["beta"][1]).any()
+            or self._window is None
+        ):
             return ""
         return Quantities(times, 1.0, self._window, ()).doubt
 
@@ -98,14 +112,25 @@ class SweepData:
             There is none; the message lists the names.
         """
         for dim, dimension in self.dimensions.items():
-            if name == dim or name in dimension.coordinates or name in dimension.coordinates.values():
+            if (
+                name == dim
+                or name in dimension.coordinates
+                or name in dimension.coordinates.values()
+            ):
                 return dim
-        same = [dim for dim, dimension in self.dimensions.items() if name in map(last_part, dimension.coordinates)]
+        same = [
+            dim
+            for dim, dimension in self.dimensions.items()
+            if name in map(last_part, dimension.coordinates)
+        ]
         if len(same) == 1:
             return same[0]
         names = [*self.dimensions, HOLD_TIME]
         raise InputError.of(
-            option, name, f"is no axis of this sweep{nearest(name, names)}", f"the axes are {', '.join(names)}"
+            option,
+            name,
+            f"is no axis of this sweep{nearest(name, names)}",
+            f"the axes are {', '.join(names)}",
         )
 
     def label(self, name: str, option: str) -> str:
@@ -113,11 +138,20 @@ class SweepData:
         coordinates = self.dimensions[self.axis(name, option)].coordinates
         if name in coordinates.values():
             return name
-        return next((short for path, short in coordinates.items() if name in (path, last_part(path))), name)
+        return next(
+            (
+                short
+                for path, short in coordinates.items()
+                if name in (path, last_part(path))
+            ),
+            name,
+        )
 
     def values(self, name: str) -> np.ndarray:
         """The values of a coordinate along its dimension, in :meth:`unit`; hold times in s."""
-        return self._written[name][0] if name in self._written else self.variables[name][1]
+        return (
+            self._written[name][0] if name in self._written else self.variables[name][1]
+        )
 
     def unit(self, name: str) -> str:
         """The unit of a variable, that in which its values were written if it is one; "" for a pure number."""
@@ -153,7 +187,9 @@ class SweepData:
         names = [name for name in _USUAL if np.isfinite(self.variables[name][1]).any()]
         return names or list(_WITHOUT_AGEING)
 
-    def view(self, x: str | None, lines: str | None, where: Mapping[str, str] | None = None) -> View:
+    def view(
+        self, x: str | None, lines: str | None, where: Mapping[str, str] | None = None
+    ) -> View:
         """Choose the axes that were not given.
 
         x is the numeric axis with most values, or else hold time; lines the next one. Axes of seeds are averaged over,
@@ -164,14 +200,27 @@ class SweepData:
         InputError
             An axis or a value does not exist.
         """
-        fixed = {self.axis(name, "--where"): self._place(name, value) for name, value in (where or {}).items()}
+        fixed = {
+            self.axis(name, "--where"): self._place(name, value)
+            for name, value in (where or {}).items()
+        }
         axes = {"--x": x, "--lines": lines}
-        asked = [self.axis(name, option) for option, name in axes.items() if name and name != HOLD_TIME]
+        asked = [
+            self.axis(name, option)
+            for option, name in axes.items()
+            if name and name != HOLD_TIME
+        ]
         if len(set(asked)) < len(asked):
-            raise InputError.of("--lines", lines, "is the axis of --x", "choose another one")
+            raise InputError.of(
+                "--lines", lines, "is the axis of --x", "choose another one"
+            )
         if lines == HOLD_TIME:
             raise InputError.of("--lines", lines, "can only be --x")
-        free = [dim for dim, dimension in self.dimensions.items() if dimension.size > 1 and dim not in {*asked, *fixed}]
+        free = [
+            dim
+            for dim, dimension in self.dimensions.items()
+            if dimension.size > 1 and dim not in {*asked, *fixed}
+        ]
         seeds = [dim for dim in free if self.is_seed(dim)]
         free = [dim for dim in free if dim not in seeds]
         free.sort(key=lambda dim: (not self.is_number(dim), -self.dimensions[dim].size))
@@ -179,15 +228,28 @@ class SweepData:
             x = free.pop(0) if free else HOLD_TIME
         if lines is None and free:
             lines = free.pop(0)
-        used = {self.axis(name, "--x") for name in (x, lines) if name and name != HOLD_TIME}
-        rest = {dim: dimension.size // 2 for dim, dimension in self.dimensions.items() if dim not in {*used, *seeds}}
+        used = {
+            self.axis(name, "--x") for name in (x, lines) if name and name != HOLD_TIME
+        }
+        rest = {
+            dim: dimension.size // 2
+            for dim, dimension in self.dimensions.items()
+            if dim not in {*used, *seeds}
+        }
         label = HOLD_TIME if x == HOLD_TIME else self.label(x, "--x")
-        return View(label, self.label(lines, "--lines") if lines else None, tuple(seeds), {**rest, **fixed})
+        return View(
+            label,
+            self.label(lines, "--lines") if lines else None,
+            tuple(seeds),
+            {**rest, **fixed},
+        )
 
     def _place(self, name: str, value: str) -> int:
         label = self.label(name, "--where")
         unit = self.variables[label][2].get("units", "1")
-        texts = [self.value_text(label, place) for place in range(len(self.values(label)))]
+        texts = [
+            self.value_text(label, place) for place in range(len(self.values(label)))
+        ]
         if value in texts:
             return texts.index(value)
         # as it was written, in the unit inside, or with a unit
@@ -213,33 +275,57 @@ class SweepData:
         if name not in self.names:
             names = ", ".join(self.names)
             raise InputError.of(
-                "--y", name, f"is no result of this sweep{nearest(name, self.names)}", f"the results are {names}"
+                "--y",
+                name,
+                f"is no result of this sweep{nearest(name, self.names)}",
+                f"the results are {names}",
             )
         along = view.x == HOLD_TIME
         result = self.table.results[name]
         is_curve = result.values.ndim > 1
         if along and not is_curve:
             raise InputError.of(
-                "--y", name, "is one number per point", f"with --x {HOLD_TIME} choose {', '.join(CURVES)}"
+                "--y",
+                name,
+                "is one number per point",
+                f"with --x {HOLD_TIME} choose {', '.join(CURVES)}",
             )
         if along and self.table.hold_times.ndim > 1:
-            raise InputError.of("--x", HOLD_TIME, "points have different hold times", "choose another axis")
+            raise InputError.of(
+                "--x",
+                HOLD_TIME,
+                "points have different hold times",
+                "choose another axis",
+            )
         x = HOLD_TIME if along else self.axis(view.x, "--x")
         order = [self.axis(view.lines, "--lines"), x] if view.lines else [x]
-        mean, low, high = map(np.atleast_2d, self._estimates(name, view.averaged, order, view.fixed))
+        mean, low, high = map(
+            np.atleast_2d, self._estimates(name, view.averaged, order, view.fixed)
+        )
         unit = self.unit(name)
-        return ViewedQuantity(name, unit, result.meaning, mean, low, high, is_curve and not along)
+        return ViewedQuantity(
+            name, unit, result.meaning, mean, low, high, is_curve and not along
+        )
 
     def _estimates(
-        self, name: str, averaged: Sequence[str], order: Sequence[str], fixed: Mapping[str, int]
+        self,
+        name: str,
+        averaged: Sequence[str],
+        order: Sequence[str],
+        fixed: Mapping[str, int],
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The means of a result over axes, or its numbers, and the ends of their 95 % intervals, nan where there are
         none; with the axes in ``order``. Curves are at the last hold time unless this is one of the axes."""
-        results, axes = self.table.results, [*self.dimensions, *([HOLD_TIME] if HOLD_TIME in order else [])]
+        results = self.table.results
+        axes = [*self.dimensions, *([HOLD_TIME] if HOLD_TIME in order else [])]
         left = [axis for axis in axes if axis not in fixed]
 
         def arranged(variable: str) -> np.ndarray:
-            values = results[variable].values if HOLD_TIME in order else self.table.at_last(variable)
+            values = (
+                results[variable].values
+                if HOLD_TIME in order
+                else self.table.at_last(variable)
+            )
             values = values.reshape(*self.table.shape, *values.shape[1:])
             values = values[tuple(fixed.get(axis, slice(None)) for axis in axes)]
             return values.transpose([left.index(axis) for axis in (*averaged, *order)])
@@ -248,14 +334,21 @@ class SweepData:
         if averaged:
             over, finite = tuple(range(len(averaged))), np.isfinite(values)
             count = finite.sum(axis=over)
-            mean = np.where(finite, values, 0.0).sum(axis=over) / np.where(count > 0, count, np.nan)
+            mean = np.where(finite, values, 0.0).sum(axis=over) / np.where(
+                count > 0, count, np.nan
+            )
             # points that share the seed of a surface are not independent
             half = crossed_half_width(values, len(averaged))
         elif f"{name}_low" in results:
             return values, arranged(f"{name}_low"), arranged(f"{name}_high")
         else:
             has_interval = f"{name}_half_width" in results
-            mean, half = values, arranged(f"{name}_half_width") if has_interval else np.full(values.shape, np.nan)
+            mean = values
+            half = (
+                arranged(f"{name}_half_width")
+                if has_interval
+                else np.full(values.shape, np.nan)
+            )
         return mean, mean - half, mean + half
 
     def records(self) -> list[dict[str, Any]]:
@@ -264,19 +357,36 @@ class SweepData:
         numbers = table.numbers("last_")
         for row in range(table.points):
             swept = {path: values[row] for path, values in table.swept.items()}
-            record = {"point": row, "status": table.status[row], "error": table.error[row], "swept": swept}
-            records.append(record | {name: values[row] for name, values in numbers.items()})
+            record = {
+                "point": row,
+                "status": table.status[row],
+                "error": table.error[row],
+                "swept": swept,
+            }
+            records.append(
+                record | {name: values[row] for name, values in numbers.items()}
+            )
         return records
 
     def rows(self) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
         """Headings and lines of a table with β, Δμ and the contact area; one line for the mean over seeds."""
-        dims = [dim for dim in self.dimensions if not self.is_seed(dim)] or list(self.dimensions)
+        dims = [dim for dim in self.dimensions if not self.is_seed(dim)] or list(
+            self.dimensions
+        )
         seeds = [dim for dim in self.dimensions if dim not in dims]
         places = enumerate(self.dimensions[dim] for dim in dims)
-        along = [(name, place) for place, dimension in places for name in dimension.coordinates.values()]
-        columns = [name for name in _FIRST if np.isfinite(self.variables[name][1]).any()]
+        along = [
+            (name, place)
+            for place, dimension in places
+            for name in dimension.coordinates.values()
+        ]
+        columns = [
+            name for name in _FIRST if np.isfinite(self.variables[name][1]).any()
+        ]
         results = [self._estimates(name, seeds, dims, {}) for name in columns]
-        done = (self.variables["status"][1] == "done").sum(axis=tuple(map(list(self.dimensions).index, seeds)))
+        done = (self.variables["status"][1] == "done").sum(
+            axis=tuple(map(list(self.dimensions).index, seeds))
+        )
         uneven = bool(seeds) and np.unique(done[done > 0]).size > 1
         lines = []
         for place in np.ndindex(done.shape):
@@ -289,24 +399,39 @@ class SweepData:
                 value, half = float(mean[place]), 0.5 * float(high[place] - low[place])
                 texts.append(plus_minus(value, half) if math.isfinite(value) else NONE)
             lines.append(tuple(texts))
-        headings = [headed(name, self.unit(name)) for name, _ in along] + ["seeds"] * uneven
-        return (*headings, *(DECLARED[name].symbol or DECLARED[name].label for name in columns)), lines
+        headings = [headed(name, self.unit(name)) for name, _ in along] + [
+            "seeds"
+        ] * uneven
+        return (
+            *headings,
+            *(DECLARED[name].symbol or DECLARED[name].label for name in columns),
+        ), lines
 
     def notes(self) -> list[str]:
         """What to know of :meth:`rows`, in words."""
         sentences = []
-        seeds = [dimension.size for dim, dimension in self.dimensions.items() if self.is_seed(dim)]
+        seeds = [
+            dimension.size
+            for dim, dimension in self.dimensions.items()
+            if self.is_seed(dim)
+        ]
         if seeds and len(seeds) < len(self.dimensions):
-            sentences.append(f"means over {math.prod(seeds)} seeds with 95 % intervals (Student's t)")
+            sentences.append(
+                f"means over {math.prod(seeds)} seeds with 95 % intervals (Student's t)"
+            )
         elif np.isfinite(self.variables["beta"][1]).any():
             over = "of means over surfaces" if self.table.means else "over replicas"
             sentences.append(f"95 % intervals {over}")
         times = self.table.hold_times
         if times.ndim == 1 and times.size and np.isfinite(times).any():
-            sentences.append(f"Δμ at the last hold time, {np.nanmax(times):g} s; β per decade of hold time")
+            sentences.append(
+                f"Δμ at the last hold time, {np.nanmax(times):g} s; β per decade of hold time"
+            )
         sentences += [self.doubt] * bool(self.doubt)
         if approximate := self.table.marks.get("approximate"):
-            sentences.append("approximate: " + "; ".join(dict.fromkeys(filter(None, approximate))))
+            sentences.append(
+                "approximate: " + "; ".join(dict.fromkeys(filter(None, approximate)))
+            )
         return sentences
 
 

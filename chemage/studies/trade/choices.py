@@ -46,7 +46,8 @@ MOST_VALUES = 8
 COARSER = (4, 2)
 #: what an ageing method may cost before it gives its first answer, CPU seconds
 PREPARATION = 10.0
-_WORD, _KEY = re.compile(r"[A-Za-z_-][A-Za-z0-9_-]*"), re.compile(r'"([A-Za-z0-9_-]+)" = ')
+_WORD = re.compile(r"[A-Za-z_-][A-Za-z0-9_-]*")
+_KEY = re.compile(r'"([A-Za-z0-9_-]+)" = ')
 
 
 @dataclass(frozen=True)
@@ -81,25 +82,38 @@ def applied(scene: Scene, combination: Combination) -> Scene:
     ChemageError
         They do not go together.
     """
-    return load_scene(scene, {path: value for one in combination for path, value in one.changes.items()})
+    return load_scene(
+        scene,
+        {path: value for one in combination for path, value in one.changes.items()},
+    )
 
 
 def go_together(combination: Combination) -> bool:
     """Whether settings can be combined: no two of one option, and none of a component that another one replaces."""
     paths = [path for one in combination for path in one.changes]
-    if any(f"{inner}.".startswith(f"{outer}.") for inner, outer in permutations(paths, 2)):
+    if any(
+        f"{inner}.".startswith(f"{outer}.") for inner, outer in permutations(paths, 2)
+    ):
         return False
     method = any(one.name == AGEING and not one.exact for one in combination)
-    return not (method and any(one.name.partition(".")[0] == ENGINE for one in combination))
+    return not (
+        method and any(one.name.partition(".")[0] == ENGINE for one in combination)
+    )
 
 
 def choices(scene: Scene, notes: list[str]) -> list[TradeSetting]:
     """Every setting that ``scene`` has besides its own values; what is not tried is noted in words."""
-    found = [*_options(scene, notes), *_grids(scene), *_kinds(scene, SOLVER, _with_solver, notes)]
+    found = [
+        *_options(scene, notes),
+        *_grids(scene),
+        *_kinds(scene, SOLVER, _with_solver, notes),
+    ]
     if scene.ages:
         found += _kinds(scene, ENGINE, _with_engine, notes)
         if scene.ageing is not None:
-            found.append(TradeSetting(AGEING, "every site", {AGEING: None}, "ageing", exact=True))
+            found.append(
+                TradeSetting(AGEING, "every site", {AGEING: None}, "ageing", exact=True)
+            )
         found += _kinds(scene, AGEING, _with_method, notes)
     return found
 
@@ -112,24 +126,38 @@ def _options(scene: Scene, notes: list[str]) -> Iterator[TradeSetting]:
             for option, values in part.trade.items():
                 name = f"{path}.{option}"
                 if section.startswith("observe"):
-                    notes.append(f"{name}: not tried, because it changes what is measured")
+                    notes.append(
+                        f"{name}: not tried, because it changes what is measured"
+                    )
                     continue
                 if stage == "ageing" and not scene.ages:
-                    notes.append(f"{name}: not tried, because the scene stops at the contact")
+                    notes.append(
+                        f"{name}: not tried, because the scene stops at the contact"
+                    )
                     continue
                 own = getattr(part, option, None)
                 tried = _some(tuple(values), own)
                 if len(tried) < len(values):
-                    notes.append(f"{name}: {len(tried)} of {len(values)} values are tried")
-                yield from (TradeSetting(name, str(value), {name: value}, stage) for value in tried if value != own)
+                    notes.append(
+                        f"{name}: {len(tried)} of {len(values)} values are tried"
+                    )
+                yield from (
+                    TradeSetting(name, str(value), {name: value}, stage)
+                    for value in tried
+                    if value != own
+                )
 
 
 def _some(values: tuple[Any, ...], own: Any) -> tuple[Any, ...]:
     if len(values) <= MOST_VALUES:
         return values
-    chosen = {round(k * (len(values) - 1) / (MOST_VALUES - 1)) for k in range(MOST_VALUES)}
+    chosen = {
+        round(k * (len(values) - 1) / (MOST_VALUES - 1)) for k in range(MOST_VALUES)
+    }
     if own in values and values.index(own) not in chosen:
-        nearest = min(chosen - {0, len(values) - 1}, key=lambda k: abs(k - values.index(own)))
+        nearest = min(
+            chosen - {0, len(values) - 1}, key=lambda k: abs(k - values.index(own))
+        )
         chosen = chosen - {nearest} | {values.index(own)}
     return tuple(values[k] for k in sorted(chosen))
 
@@ -138,11 +166,16 @@ def _grids(scene: Scene) -> Iterator[TradeSetting]:
     """Coarser grids of the contact, with the sites in place."""
     for factor in COARSER:
         if (coarse := coarser(scene, factor)) is not None:
-            yield TradeSetting(GRID, f"{factor} times coarser", changes(scene, coarse), "contact")
+            yield TradeSetting(
+                GRID, f"{factor} times coarser", changes(scene, coarse), "contact"
+            )
 
 
 def _kinds(
-    scene: Scene, role: str, made: Callable[[Scene, Any], Scene | None], notes: list[str]
+    scene: Scene,
+    role: str,
+    made: Callable[[Scene, Any], Scene | None],
+    notes: list[str],
 ) -> Iterator[TradeSetting]:
     """Other components of a role, which ``made`` puts into the scene; methods of ageing at each value of their
     options."""
@@ -154,23 +187,41 @@ def _kinds(
         trade = cls.trade if role == AGEING else {}
         shared = {}
         if role == SOLVER:  # the options that it has in common with that of the scene
-            shared = {name: getattr(own, name) for name in scene.contact.model_fields_set if name in cls.model_fields}
-        for options in [{name: value} for name, values in trade.items() for value in values] or [{}]:
-            label = ", ".join([kind, *(f"{name} {value}" for name, value in options.items())])
+            shared = {
+                name: getattr(own, name)
+                for name in scene.contact.model_fields_set
+                if name in cls.model_fields
+            }
+        for options in [
+            {name: value} for name, values in trade.items() for value in values
+        ] or [{}]:
+            label = ", ".join(
+                [kind, *(f"{name} {value}" for name, value in options.items())]
+            )
             try:
                 component = plugins.make(role, kind, shared | options)
                 other = made(scene, component)
                 before = _prepared(scene, component) if role == AGEING else 0.0
                 if before > PREPARATION:
-                    raise ChemageError(f"it may need {before:.0f} CPU seconds before its first answer")
+                    raise ChemageError(
+                        f"it may need {before:.0f} CPU seconds before its first answer"
+                    )
             except ChemageError as error:
                 notes.append(f"{role} {label}: not tried: {str(error).splitlines()[0]}")
                 continue
             if before > 0:
-                notes.append(f"ageing {label}: up to {before:.2g} CPU seconds, needed once, are not in its times")
+                notes.append(
+                    f"ageing {label}: up to {before:.2g} CPU seconds, needed once, are not in its times"
+                )
             if other is not None:
                 stage = "contact" if role == SOLVER else "ageing"
-                yield TradeSetting(role, label, changes(scene, other), stage, role == ENGINE and component.exact)
+                yield TradeSetting(
+                    role,
+                    label,
+                    changes(scene, other),
+                    stage,
+                    role == ENGINE and component.exact,
+                )
 
 
 def _with_solver(scene: Scene, solver: Any) -> Scene | None:
@@ -182,12 +233,16 @@ def _with_solver(scene: Scene, solver: Any) -> Scene | None:
 
 
 def _with_engine(scene: Scene, engine: Any) -> Scene:
-    engine.check(scene.chemistry is not None and scene.chemistry.interaction is not None)
+    engine.check(
+        scene.chemistry is not None and scene.chemistry.interaction is not None
+    )
     return scene.model_copy(update={"engine": engine})
 
 
 def _with_method(scene: Scene, method: Any) -> Scene:
-    return scene.model_copy(update={"ageing": method, "observe": scene.observe if method.observes else ()})
+    return scene.model_copy(
+        update={"ageing": method, "observe": scene.observe if method.observes else ()}
+    )
 
 
 def _prepared(scene: Scene, method: Any) -> float:
@@ -214,17 +269,28 @@ def _prepared(scene: Scene, method: Any) -> float:
         temperature=scene.hold.temperature,
         mean_pressure=costs.mean_pressure,
     )
-    return max(0.0, seconds.get("cpu_seconds_most", 0.0) - seconds.get("cpu_seconds_least", 0.0))
+    return max(
+        0.0,
+        seconds.get("cpu_seconds_most", 0.0) - seconds.get("cpu_seconds_least", 0.0),
+    )
 
 
 def most_accurate(scene: Scene) -> Scene:
     """The most accurate settings of every section, and the kinetics of every site."""
     changed: dict[str, Any] = {AGEING: None} if scene.ageing is not None else {}
     for section, component in scene.sections().items():
-        parts = () if section.startswith("observe") or section in changed else nested(component, section)
+        parts = (
+            ()
+            if section.startswith("observe") or section in changed
+            else nested(component, section)
+        )
         for path, part in parts:
             best = part.reference()
-            options = {name: value for name, value in best.todict().items() if value != part.todict().get(name)}
+            options = {
+                name: value
+                for name, value in best.todict().items()
+                if value != part.todict().get(name)
+            }
             changed |= {f"{path}.{name}": value for name, value in options.items()}
     return load_scene(scene, changed)
 
@@ -241,13 +307,28 @@ def changes(own: Scene, other: Scene) -> dict[str, Any]:
         old, new = before.get(name), after.get(name)
         if old == new:
             continue
-        if isinstance(old, Mapping) and isinstance(new, Mapping) and old.get("kind") == new.get("kind"):
+        if (
+            isinstance(old, Mapping)
+            and isinstance(new, Mapping)
+            and old.get("kind") == new.get("kind")
+        ):
             keys = {**old, **new}
-            changed |= {f"{name}.{key}": new.get(key) for key in keys if old.get(key) != new.get(key)}
-        elif isinstance(new, Mapping) and (component := other.sections().get(name)) is not None:
+            changed |= {
+                f"{name}.{key}": new.get(key)
+                for key in keys
+                if old.get(key) != new.get(key)
+            }
+        elif (
+            isinstance(new, Mapping)
+            and (component := other.sections().get(name)) is not None
+        ):
             besides = {"seed", "load"} & new.keys()
             options = component.model_fields_set
-            changed[name] = {key: value for key, value in new.items() if key in options | {"kind", *besides}}
+            changed[name] = {
+                key: value
+                for key, value in new.items()
+                if key in options | {"kind", *besides}
+            }
         else:
             changed[name] = [] if new is None and name == "observe" else new
     return changed
@@ -259,7 +340,10 @@ def _plain(scene: Scene) -> dict[str, Any]:
 
 def pasted(changed: Mapping[str, Any]) -> str:
     """The same as options of the command line: ``--set contact.tolerance=0.001``."""
-    return " ".join(f"--set {shlex.quote(f'{path}={_toml(value)}')}" for path, value in changed.items())
+    return " ".join(
+        f"--set {shlex.quote(f'{path}={_toml(value)}')}"
+        for path, value in changed.items()
+    )
 
 
 def _toml(value: Any) -> str:
@@ -316,7 +400,9 @@ class Timed(Task):
             solved = _solution(worker.owner, scene)
             distance = 0.0
             if self.reference is not None:
-                distance = _distance(solved.contact, _solution(worker.owner, self.reference).contact)
+                distance = _distance(
+                    solved.contact, _solution(worker.owner, self.reference).contact
+                )
             worker.stage = "ageing"
             _compile(scene, solved.contact)
             aging, seconds = timed(lambda: aged(scene, solved.contact))
@@ -376,14 +462,20 @@ def _data(scene: Scene) -> dict[str, Any]:
 
 def _contact_key(scene: Scene) -> str:
     data = scene.todict()
-    return content_hash([scene.task_keys()["contact"], data["surface"], data["contact"]])
+    return content_hash(
+        [scene.task_keys()["contact"], data["surface"], data["contact"]]
+    )
 
 
 def _distance(contact: ContactSolution, reference: ContactSolution) -> float:
     """Wasserstein distance of the distributions of pressure over the contact, over the mean pressure."""
     from scipy import stats
 
-    pressure, other = (solution.pressure[solution.contact] for solution in (contact, reference))
+    pressure, other = (
+        solution.pressure[solution.contact] for solution in (contact, reference)
+    )
     if not pressure.size or not other.size:
         return math.nan
-    return float(stats.wasserstein_distance(pressure, other)) / float(np.abs(other).mean(dtype=np.float64))
+    return float(stats.wasserstein_distance(pressure, other)) / float(
+        np.abs(other).mean(dtype=np.float64)
+    )

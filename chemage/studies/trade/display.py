@@ -8,7 +8,15 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from chemage.foundation.figures import BLACK, GREY, PALETTE, shared_legend
-from chemage.foundation.result import Medium, Panel, Picture, Result, Rows, Table, displays
+from chemage.foundation.result import (
+    Medium,
+    Panel,
+    Picture,
+    Result,
+    Rows,
+    Table,
+    displays,
+)
 from chemage.foundation.text import percent, plus_minus
 from chemage.studies.trade.choices import AGEING, ENGINE, GRID, SOLVER
 from chemage.studies.trade.trade_map import TradeMap, TradePoint, of_ageing, words
@@ -54,7 +62,10 @@ class TradeDisplay(Result):
         where = "surfaces" if trade.random else "repetitions on the one surface"
         rows = [
             ("computed on", f"{trade.rounds} {where}, CPU times on one thread"),
-            ("errors", "mean difference from the reference in %, ± half the width of its 95 % interval"),
+            (
+                "errors",
+                "mean difference from the reference in %, ± half the width of its 95 % interval",
+            ),
             ("(in brackets)", "not resolved, smaller than that; 0: below 0.005"),
             ("*", "on the Pareto front: nothing else is both faster and more accurate"),
         ]
@@ -78,10 +89,20 @@ class TradeDisplay(Result):
         if len(drops) > 1:
             chosen.insert(len(chosen) - 1, drops[len(drops) // 2])
         tables = [self._table("Ageing", chosen)] if chosen else []
-        tables.append(self._table("Contact", [name for name in names if not of_ageing(name)]))
+        tables.append(
+            self._table("Contact", [name for name in names if not of_ageing(name)])
+        )
         for name, lines in self.trade.sentences().items():
             title = f"The cheapest settings for the {words(name)} of one surface:"
-            tables.append(Table(title, (), [(line,) for line in lines], "Cheapest settings", in_detail=False))
+            tables.append(
+                Table(
+                    title,
+                    (),
+                    [(line,) for line in lines],
+                    "Cheapest settings",
+                    in_detail=False,
+                )
+            )
         return tables
 
     def _table(self, title: str, names: Sequence[str]) -> Table:
@@ -89,10 +110,23 @@ class TradeDisplay(Result):
         for point in sorted(self.trade.of(first), key=lambda one: one.seconds(first)):
             if len(point.choices) > 1 and not set(names) & set(point.front):
                 continue  # a combination that is beaten by another
-            settings = "\n".join(f"{short[knob]} {label}".strip() for knob, label in point.choices.items())
+            settings = "\n".join(
+                f"{short[knob]} {label}".strip()
+                for knob, label in point.choices.items()
+            )
             seconds = _plus_minus(point.seconds(first), point.spread(first))
-            rows.append((settings or "as in the scene", seconds, *(_deviation(point, name) for name in names)))
-        columns = ("settings", "CPU (s)", *(_SHORT.get(name, words(name)) for name in names))
+            rows.append(
+                (
+                    settings or "as in the scene",
+                    seconds,
+                    *(_deviation(point, name) for name in names),
+                )
+            )
+        columns = (
+            "settings",
+            "CPU (s)",
+            *(_SHORT.get(name, words(name)) for name in names),
+        )
         return Table(title, columns, rows, title, in_detail=False, dense=True)
 
     def pictures(self) -> dict[str, Picture]:
@@ -107,26 +141,43 @@ class TradeDisplay(Result):
         panels = []
         for name in names:
             caption = f"Error of the {words(name)} against CPU time; filled: combinations; line: Pareto front."
-            panels.append(Panel(partial(_draw, trade=self.trade, name=name, style=style), caption, name=name))
+            panels.append(
+                Panel(
+                    partial(_draw, trade=self.trade, name=name, style=style),
+                    caption,
+                    name=name,
+                )
+            )
 
         def finish(figure: Figure, plots: list[Axes]) -> None:
             shared_legend(figure, style.handles())
 
         size = (3.1 * max(columns, 2), height)
-        return {"trade": Picture(panels, size, columns, finish=finish, dpi=110)} if panels else {}
+        return (
+            {"trade": Picture(panels, size, columns, finish=finish, dpi=110)}
+            if panels
+            else {}
+        )
 
 
 def _short_knobs(trade: TradeMap) -> dict[str, str]:
     """What is chosen -> the last part of its name where this is the only one with it, else the whole name."""
     knobs = {knob for point in trade.points for knob in point.choices}
     last = [knob.rpartition(".")[2] for knob in knobs]
-    short = {knob: part if last.count(part) == 1 else knob for knob, part in zip(knobs, last, strict=True)}
+    short = {
+        knob: part if last.count(part) == 1 else knob
+        for knob, part in zip(knobs, last, strict=True)
+    }
     return {**short, GRID: "grid", AGEING: ""}
 
 
 def _plus_minus(value: float, error: float) -> str:
     text = plus_minus(value, error).replace(" ± ", "±")
-    return text.removeprefix("-") if text.startswith("-0") and not text.partition("±")[0].strip("-0.") else text
+    return (
+        text.removeprefix("-")
+        if text.startswith("-0") and not text.partition("±")[0].strip("-0.")
+        else text
+    )
 
 
 def _deviation(point: TradePoint, name: str) -> str:
@@ -148,7 +199,11 @@ def _shown(trade: TradeMap) -> list[str]:
     drops = [name for name in trade.observables if of_ageing(name) and name != "beta"]
     if len(drops) > _TIMES:
         drops = [drops[0], drops[len(drops) // 2], drops[-1]]
-    return [name for name in trade.observables if name in drops or name == "beta" or not of_ageing(name)]
+    return [
+        name
+        for name in trade.observables
+        if name in drops or name == "beta" or not of_ageing(name)
+    ]
 
 
 class _Style:
@@ -157,8 +212,12 @@ class _Style:
     def __init__(self, trade: TradeMap) -> None:
         contacts = sorted({_contact(point) for point in trade.points})
         ageings = sorted({_ageing(point) for point in trade.points})
-        self.colors = {name: PALETTE[k % len(PALETTE)] for k, name in enumerate(contacts)}
-        self.markers = {name: _MARKERS[k % len(_MARKERS)] for k, name in enumerate(ageings)}
+        self.colors = {
+            name: PALETTE[k % len(PALETTE)] for k, name in enumerate(contacts)
+        }
+        self.markers = {
+            name: _MARKERS[k % len(_MARKERS)] for k, name in enumerate(ageings)
+        }
 
     def of(self, point: TradePoint) -> dict[str, Any]:
         """How a point is drawn."""
@@ -177,16 +236,26 @@ class _Style:
         from matplotlib.lines import Line2D
 
         def symbol(label: str, **style: Any) -> Any:
-            return Line2D([], [], label=label, **{"linestyle": "none", "markersize": 6, **style})
+            return Line2D(
+                [], [], label=label, **{"linestyle": "none", "markersize": 6, **style}
+            )
 
         symbols = [symbol("as in the scene", marker="*", color=BLACK, markersize=10)]
-        symbols.append(symbol("single setting", marker="o", color=GREY, markerfacecolor="white"))
+        symbols.append(
+            symbol("single setting", marker="o", color=GREY, markerfacecolor="white")
+        )
         symbols.append(symbol("combination", marker="o", color=GREY))
         symbols.append(Line2D([], [], color=GREY, lw=1, label="Pareto front"))
-        symbols += [symbol(name or "grid of the scene", marker="o", color=color) for name, color in self.colors.items()]
+        symbols += [
+            symbol(name or "grid of the scene", marker="o", color=color)
+            for name, color in self.colors.items()
+        ]
         if len(self.markers) > 1:
             markers = self.markers.items()
-            symbols += [symbol(name or "ageing of the scene", marker=marker, color=GREY) for name, marker in markers]
+            symbols += [
+                symbol(name or "ageing of the scene", marker=marker, color=GREY)
+                for name, marker in markers
+            ]
         return symbols
 
 
@@ -199,25 +268,48 @@ def _contact(point: TradePoint) -> str:
 
 def _ageing(point: TradePoint) -> str:
     """How the ageing of a point is computed, without numbers; "" as in the scene."""
-    return (point.choices.get(AGEING) or point.choices.get(ENGINE, "")).partition(",")[0]
+    return (point.choices.get(AGEING) or point.choices.get(ENGINE, "")).partition(",")[
+        0
+    ]
 
 
-def _draw(axes: Axes, medium: Medium, trade: TradeMap, name: str, style: _Style) -> None:
+def _draw(
+    axes: Axes, medium: Medium, trade: TradeMap, name: str, style: _Style
+) -> None:
     points = trade.of(name)
     errors = [100 * point.deviation(name).bound for point in points]
-    nothing = max(_NOTHING * min((error for error in errors if error > 0), default=1.0), _SMALLEST)
+    nothing = max(
+        _NOTHING * min((error for error in errors if error > 0), default=1.0), _SMALLEST
+    )
     for point, error in zip(points, errors, strict=True):
-        axes.plot(point.seconds(name), max(error, nothing), zorder=4 if point.own else 3, **style.of(point))
-    front = [(point.seconds(name), max(100 * point.deviation(name).bound, nothing)) for point in trade.front(name)]
+        axes.plot(
+            point.seconds(name),
+            max(error, nothing),
+            zorder=4 if point.own else 3,
+            **style.of(point),
+        )
+    front = [
+        (point.seconds(name), max(100 * point.deviation(name).bound, nothing))
+        for point in trade.front(name)
+    ]
     if front:
         seconds, bounds = zip(*front, strict=True)
-        axes.step([*seconds, 1e9], [*bounds, bounds[-1]], where="post", color=GREY, lw=1, zorder=2)
+        axes.step(
+            [*seconds, 1e9],
+            [*bounds, bounds[-1]],
+            where="post",
+            color=GREY,
+            lw=1,
+            zorder=2,
+        )
     axes.set(xscale="log", yscale="log", title=words(name))
     _scale(axes.xaxis, [point.seconds(name) for point in points])
     _scale(axes.yaxis, [max(error, nothing) for error in errors])
     if any(error < nothing for error in errors):
         text: dict[str, Any] = {"textcoords": "offset points", "va": "center"}
-        axes.annotate("0", (0, nothing), xycoords=("axes fraction", "data"), xytext=(3, 0), **text)
+        axes.annotate(
+            "0", (0, nothing), xycoords=("axes fraction", "data"), xytext=(3, 0), **text
+        )
     axes.set(xlabel="CPU time (s)", ylabel="error, at most (%)")
 
 
@@ -229,8 +321,13 @@ def _scale(axis: Any, values: list[float]) -> None:
     if not known:
         return
     low, high = min(known), max(known)
-    middle, reach = math.sqrt(low * high), max(1.5 * (high / low) ** 0.54, math.sqrt(10.0))
-    (axis.axes.set_xlim if axis.axis_name == "x" else axis.axes.set_ylim)(middle / reach, middle * reach)
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if reach < 16.0 else (1.0,), numticks=8))
+    middle = math.sqrt(low * high)
+    reach = max(1.5 * (high / low) ** 0.54, math.sqrt(10.0))
+    (axis.axes.set_xlim if axis.axis_name == "x" else axis.axes.set_ylim)(
+        middle / reach, middle * reach
+    )
+    axis.set_major_locator(
+        LogLocator(subs=(1.0, 2.0, 5.0) if reach < 16.0 else (1.0,), numticks=8)
+    )
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())

@@ -106,12 +106,26 @@ def tradeoff(
     if rounds is not None:
         checked_count("rounds", rounds)
     if executor == "threads":
-        raise InputError.of("executor", executor, "CPU times of threads cannot be told apart", "choose processes")
+        raise InputError.of(
+            "executor",
+            executor,
+            "CPU times of threads cannot be told apart",
+            "choose processes",
+        )
     if not scene.contact.gives_map:
-        raise InputError(no_map(scene.contact, "there is no pressure whose error could be measured"))
+        raise InputError(
+            no_map(scene.contact, "there is no pressure whose error could be measured")
+        )
     with scene.in_use():
         design = Mapper(scene, rounds, report)
-        carry_out(design, folder, executor=executor, workers=workers, threads=1, patience=patience)
+        carry_out(
+            design,
+            folder,
+            executor=executor,
+            workers=workers,
+            threads=1,
+            patience=patience,
+        )
         return design.map()
 
 
@@ -119,7 +133,9 @@ def planned(scene: Scene) -> str:
     """What a map of ``scene`` computes, in words."""
     tried = choices(scene, [])
     contacts = sum(choice.stage == "contact" for choice in tried)
-    ageings = len(tried) + 2 if scene.ages else 0  # and the scene itself, and the reference
+    ageings = (
+        len(tried) + 2 if scene.ages else 0
+    )  # and the scene itself, and the reference
     text = f"{contacts + 2} contacts and {ageings} ageing curves on each of {_rounds(scene)} surfaces"
     return f"{text}, and combinations of those that pay"
 
@@ -163,7 +179,11 @@ class _Trial:
     @property
     def stage(self) -> str:
         """``contact`` if only the contact depends on the settings, else ``ageing``."""
-        return "contact" if all(one.stage == "contact" for one in self.combination) else "ageing"
+        return (
+            "contact"
+            if all(one.stage == "contact" for one in self.combination)
+            else "ageing"
+        )
 
     def seconds(self, stage: str) -> float:
         """CPU seconds of a stage in the first round."""
@@ -224,22 +244,39 @@ class Mapper(Design):
                 return
             self._spent += timing.seconds
         each = self._spent / max(len(self._found), 1)
-        left = f"; about {seconds:.0f} s left of these" if (seconds := each * len(self._asked)) >= 1 else ""
+        left = (
+            f"; about {seconds:.0f} s left of these"
+            if (seconds := each * len(self._asked)) >= 1
+            else ""
+        )
         self._report(words + left)
 
     def _read(self, outcome: Outcome) -> _Timing:
         """From what a worker sends, or a folder has."""
         summary, content = outcome.summary, outcome.content
         assert content is not None
-        values = {name: summary[name] for name in (*MEASURES, *FLOW_MEASURES) if name in summary and name not in GIVEN}
+        values = {
+            name: summary[name]
+            for name in (*MEASURES, *FLOW_MEASURES)
+            if name in summary and name not in GIVEN
+        }
         values[DISTRIBUTION] = content[DISTRIBUTION]
-        values = {name: np.array([value], dtype=np.float64) for name, value in values.items()}
+        values = {
+            name: np.array([value], dtype=np.float64) for name, value in values.items()
+        }
         if content["aging"] is not None:
-            drop = np.asarray(from_json(Aging, content["aging"]).friction_drop, dtype=np.float64)
-            values |= {_drop_at(at): drop[:, k] for k, at in enumerate(self._quantities.hold_times.tolist())}
+            drop = np.asarray(
+                from_json(Aging, content["aging"]).friction_drop, dtype=np.float64
+            )
+            values |= {
+                _drop_at(at): drop[:, k]
+                for k, at in enumerate(self._quantities.hold_times.tolist())
+            }
             if self._quantities.has_beta:
                 values[BETA] = self._quantities.slope(drop) / self.scene.load
-        return _Timing(summary["timings"]["contact"], summary["timings"]["ageing"], values)
+        return _Timing(
+            summary["timings"]["contact"], summary["timings"]["ageing"], values
+        )
 
     def _measured_of(self, task: Task) -> _Timing:
         """What was measured of a task; raises the error that it gave."""
@@ -262,7 +299,9 @@ class Mapper(Design):
         if self.scene.ages:
             yield from self._leave_out_slow()
         yield from self._referred(0)
-        yield from self._measured(0, self._tried([(), *((one,) for one in self.choices)]))
+        yield from self._measured(
+            0, self._tried([(), *((one,) for one in self.choices)])
+        )
         if frozenset() not in self.trials:
             self._measured_of(self._task(self.scene, 0))
         yield from self._measured(0, self._combinations())
@@ -274,7 +313,11 @@ class Mapper(Design):
         for number in range(1, self.rounds):
             yield from self._referred(number)
             yield from self._measured(number, list(self.trials.values()))
-        self.trials = {key: trial for key, trial in self.trials.items() if len(trial.rounds) == self.rounds}
+        self.trials = {
+            key: trial
+            for key, trial in self.trials.items()
+            if len(trial.rounds) == self.rounds
+        }
 
     def _referred(self, number: int) -> Iterator[list[tuple[str, Timed]]]:
         """The reference of a round: the scene itself where the most accurate one fails in the first round."""
@@ -285,11 +328,15 @@ class Mapper(Design):
         except ChemageError as error:
             if number or self.reference is self.scene:
                 raise
-            self.notes.append(f"no reference, so that errors are differences from the scene as it is: {error}")
+            self.notes.append(
+                f"no reference, so that errors are differences from the scene as it is: {error}"
+            )
             self.reference = self.scene
             yield from self._referred(0)
 
-    def _named(self, number: int, tasks: Sequence[tuple[str, Timed]]) -> list[tuple[str, Timed]]:
+    def _named(
+        self, number: int, tasks: Sequence[tuple[str, Timed]]
+    ) -> list[tuple[str, Timed]]:
         of = f"{number + 1} of {self.rounds}"
         where = f"surface {of}" if self.random else f"repetition {of}"
         return [(f"{where}: {words}", task) for words, task in tasks]
@@ -309,12 +356,19 @@ class Mapper(Design):
             return one * (1 if whole else scene.hold.replicas)
 
         scenes = self._alone()
-        yield [(f"one replica: {words}", of(scene)) for words, scene in [("scene", self.scene), *scenes.items()]]
+        yield [
+            (f"one replica: {words}", of(scene))
+            for words, scene in [("scene", self.scene), *scenes.items()]
+        ]
         first = self._found.get(of(self.scene).key)
-        own = seconds(self.scene) + (first.contact_seconds if isinstance(first, _Timing) else 0.0)
+        own = seconds(self.scene) + (
+            first.contact_seconds if isinstance(first, _Timing) else 0.0
+        )
         for one in [one for one in self.choices if one.words in scenes]:
             if (expected := seconds(scenes[one.words])) > max(SLOWER * own, NOT_LONG):
-                self.notes.append(f"{one.words}: left out: about {expected / own:.0f} times slower than the scene")
+                self.notes.append(
+                    f"{one.words}: left out: about {expected / own:.0f} times slower than the scene"
+                )
                 self.choices.remove(one)
 
     def _tried(self, combinations: Iterable[Combination]) -> list[_Trial]:
@@ -327,9 +381,14 @@ class Mapper(Design):
                 self._refused(combination, error)
         return trials
 
-    def _measured(self, number: int, trials: Sequence[_Trial]) -> Iterator[list[tuple[str, Timed]]]:
+    def _measured(
+        self, number: int, trials: Sequence[_Trial]
+    ) -> Iterator[list[tuple[str, Timed]]]:
         """Compute trials in a round, and the references of exact engines among them; record what they give."""
-        tasks = [(_words(trial.combination), self._task(trial.scene, number)) for trial in trials]
+        tasks = [
+            (_words(trial.combination), self._task(trial.scene, number))
+            for trial in trials
+        ]
         tasks += [("reference", self._compared(trial, number)) for trial in trials]
         yield self._named(number, tasks)
         for trial in trials:
@@ -351,24 +410,37 @@ class Mapper(Design):
     def _task(self, scene: Scene, number: int, compared: bool = True) -> Timed:
         """A scene on the surface of a round, with its random numbers."""
         reference = self._in_round(self.reference, number) if compared else None
-        return Timed.measuring(self._in_round(scene, number), number=number, reference=reference)
+        return Timed.measuring(
+            self._in_round(scene, number), number=number, reference=reference
+        )
 
     def _in_round(self, scene: Scene, number: int) -> Scene:
         if scene.hold is not None:
-            scene = scene.bare(replicas=scene.hold.replicas, seed=scene.hold.seed + number)
-        return scene.model_copy(update={"surface_seed": scene.surface_seed + (number if self.random else 0)})
+            scene = scene.bare(
+                replicas=scene.hold.replicas, seed=scene.hold.seed + number
+            )
+        return scene.model_copy(
+            update={"surface_seed": scene.surface_seed + (number if self.random else 0)}
+        )
 
     def _compared(self, trial: _Trial, number: int) -> Timed:
         """The reference that a trial is compared with: with the noise of its engine, if that is exact."""
         exact = any(one.name == ENGINE and one.exact for one in trial.combination)
-        same = self.reference.model_copy(update={"engine": trial.scene.engine}) if exact else self.reference
+        same = (
+            self.reference.model_copy(update={"engine": trial.scene.engine})
+            if exact
+            else self.reference
+        )
         return self._task(same, number, compared=False)
 
     # -- combinations -------------------------------------------------------------------------------------------------
 
     def observables(self) -> list[str]:
         """The observables that are shown, as far as the reference has them."""
-        mean = {name: _mean_of(self._references, name) for name in self._references[0].values}
+        mean = {
+            name: _mean_of(self._references, name)
+            for name in self._references[0].values
+        }
         names = [BETA] if BETA in mean else []
         if self.scene.ages and self.scene.hold is not None:
             names += [_drop_at(at) for at in _decades(self.scene.hold.hold_times)]
@@ -384,12 +456,21 @@ class Mapper(Design):
             return math.nan
         return max(abs(float(differences[0].mean())), math.sqrt(_noise(differences[0])))
 
-    def _fronts(self, trials: list[_Trial], seconds: Callable[[_Trial], float]) -> list[_Trial]:
+    def _fronts(
+        self, trials: list[_Trial], seconds: Callable[[_Trial], float]
+    ) -> list[_Trial]:
         """The trials on the front of at least one observable, in the first round."""
         on_front: dict[_Trial, None] = {}
         for name in self.observables():
-            comparable = [trial for trial in trials if not math.isnan(self._error(trial, name))]
-            on_front |= dict.fromkeys(pareto(comparable, lambda one, name=name: (seconds(one), self._error(one, name))))
+            comparable = [
+                trial for trial in trials if not math.isnan(self._error(trial, name))
+            ]
+            on_front |= dict.fromkeys(
+                pareto(
+                    comparable,
+                    lambda one, name=name: (seconds(one), self._error(one, name)),
+                )
+            )
         return list(on_front)
 
     def _useful(self) -> dict[str, list[TradeSetting]]:
@@ -397,15 +478,25 @@ class Mapper(Design):
         own = self.trials[frozenset()]
         useful: dict[str, list[TradeSetting]] = {}
         for name in dict.fromkeys(one.name for one in self.choices):
-            singles = [trial for trial in self.trials.values() if [one.name for one in trial.combination] == [name]]
+            singles = [
+                trial
+                for trial in self.trials.values()
+                if [one.name for one in trial.combination] == [name]
+            ]
 
             def seconds(trial: _Trial) -> float:
                 return trial.seconds(trial.stage)
 
-            cheaper = [trial for trial in singles if seconds(trial) <= CHEAPER * own.seconds(trial.stage)]
+            cheaper = [
+                trial
+                for trial in singles
+                if seconds(trial) <= CHEAPER * own.seconds(trial.stage)
+            ]
             if name == ENGINE:  # exact engines differ by their speed alone
                 exact = [trial for trial in cheaper if trial.combination[0].exact]
-                cheaper = [trial for trial in cheaper if trial not in exact] + sorted(exact, key=seconds)[:1]
+                cheaper = [trial for trial in cheaper if trial not in exact] + sorted(
+                    exact, key=seconds
+                )[:1]
             front = sorted(self._fronts(cheaper, seconds), key=seconds)
             if len(front) > MOST_VALUES:
                 front = [front[0], front[len(front) // 2], front[-1]]
@@ -420,7 +511,9 @@ class Mapper(Design):
             combination = tuple(choice for choice in chosen if choice is not None)
             if len(combination) > 1 and go_together(combination):
                 together.append(combination)
-        tried = sorted(self._tried(together), key=lambda trial: self._presumed(trial.combination))[:MOST_TRIED]
+        tried = sorted(
+            self._tried(together), key=lambda trial: self._presumed(trial.combination)
+        )[:MOST_TRIED]
         return sorted(tried, key=lambda trial: _contact_of(trial.combination))
 
     def _presumed(self, combination: Combination) -> float:
@@ -429,7 +522,9 @@ class Mapper(Design):
         for stage in ("contact", "ageing"):
             seconds = own.seconds(stage)
             for one in combination:
-                seconds *= self.trials[_key((one,))].seconds(stage) / max(own.seconds(stage), 1e-9)
+                seconds *= self.trials[_key((one,))].seconds(stage) / max(
+                    own.seconds(stage), 1e-9
+                )
             total += seconds
         return total
 
@@ -439,12 +534,18 @@ class Mapper(Design):
         front = self._fronts(everything, lambda trial: trial.first.seconds)
         contacts = [trial for trial in everything if trial.stage == "contact"]
         front += self._fronts(contacts, lambda trial: trial.first.contact_seconds)
-        combined = [trial for trial in dict.fromkeys(front) if len(trial.combination) > 1]
+        combined = [
+            trial for trial in dict.fromkeys(front) if len(trial.combination) > 1
+        ]
         combined.sort(key=lambda trial: trial.first.seconds)
         if len(combined) > MOST_KEPT:
             step = len(combined) / MOST_KEPT
             combined = [combined[int(k * step)] for k in range(MOST_KEPT)]
-        return {key: trial for key, trial in self.trials.items() if len(trial.combination) < 2 or trial in combined}
+        return {
+            key: trial
+            for key, trial in self.trials.items()
+            if len(trial.combination) < 2 or trial in combined
+        }
 
     # -- the map ------------------------------------------------------------------------------------------------------
 
@@ -453,7 +554,11 @@ class Mapper(Design):
         own, scatter = self.trials[frozenset()].rounds, {}
         for name in own[0].values if self.random and self.rounds > 1 else ():
             total = np.var([one.values[name].mean() for one in own], ddof=1)
-            between = max(float(total) - float(np.mean([_noise(one.values[name]) for one in own])), 0.0)
+            between = max(
+                float(total)
+                - float(np.mean([_noise(one.values[name]) for one in own])),
+                0.0,
+            )
             mean = abs(_mean_of(own, name))
             scatter[name] = math.sqrt(between) / mean if mean else math.nan
         measured = TradeMap(
@@ -463,7 +568,9 @@ class Mapper(Design):
             machine=machine(),
             rounds=self.rounds,
             random=self.random,
-            replicas=self.scene.hold.replicas if self.scene.ages and self.scene.hold is not None else 0,
+            replicas=self.scene.hold.replicas
+            if self.scene.ages and self.scene.hold is not None
+            else 0,
             observables=self.observables(),
             surface_scatter=scatter,
             points=[self._point(trial) for trial in self.trials.values()],
@@ -482,7 +589,11 @@ class Mapper(Design):
             mean, stderr, freedom = _mean_and_error(found, self.random)
             if stderr < 1e-13 * max(abs(mean), scale):  # equal but for rounding
                 stderr = 0.0
-            differences[name] = (mean / scale, stderr / scale, freedom) if scale else (math.nan, math.nan, 0)
+            differences[name] = (
+                (mean / scale, stderr / scale, freedom)
+                if scale
+                else (math.nan, math.nan, 0)
+            )
             if (count := len(rounds[0].values[name])) > 1 and values[name]:
                 noise = float(np.mean([_noise(one.values[name]) for one in rounds]))
                 scatter[name] = math.sqrt(noise * count) / abs(values[name])
@@ -497,9 +608,12 @@ class Mapper(Design):
             scatter=scatter,
             contact_only=trial.stage == "contact",
             replicates=(method or EVERY_SITE).replicates,
-            exact=bool(trial.combination) and all(one.exact for one in trial.combination),
+            exact=bool(trial.combination)
+            and all(one.exact for one in trial.combination),
             own=not trial.combination,
-            remark=approximations_in_words(approximations(*_replaced(self.scene, trial.scene))),
+            remark=approximations_in_words(
+                approximations(*_replaced(self.scene, trial.scene))
+            ),
         )
 
 
@@ -534,9 +648,15 @@ def _mean_and_error(rounds: list[np.ndarray], random: bool) -> tuple[float, floa
     count = len(means)
     stderr = float(standard_error(means))
     if random and min(map(len, rounds)) > 1:
-        within = math.sqrt(float(np.mean([_noise(differences) for differences in rounds])) / count)
+        within = math.sqrt(
+            float(np.mean([_noise(differences) for differences in rounds])) / count
+        )
         if not stderr >= within:
-            return float(means.mean()), within, sum(len(differences) - 1 for differences in rounds)
+            return (
+                float(means.mean()),
+                within,
+                sum(len(differences) - 1 for differences in rounds),
+            )
     return float(means.mean()), stderr, count - 1
 
 
@@ -569,7 +689,8 @@ def _decades(times: np.ndarray) -> list[float]:
         power = math.log10(time)
         whole = round(power)
         if abs(power - whole) < 0.25 and (
-            whole not in nearest or abs(power - whole) < abs(math.log10(nearest[whole]) - whole)
+            whole not in nearest
+            or abs(power - whole) < abs(math.log10(nearest[whole]) - whole)
         ):
             nearest[whole] = time
     return [nearest[whole] for whole in sorted(nearest)]

@@ -43,7 +43,9 @@ WORDS = {
 MOST_REPLICAS = 100_000
 FORMAT = 1
 #: a number that is null in a file where it is not known
-Known = Annotated[float, BeforeValidator(lambda value: math.nan if value is None else value)]
+Known = Annotated[
+    float, BeforeValidator(lambda value: math.nan if value is None else value)
+]
 
 
 def words(observable: str) -> str:
@@ -123,7 +125,10 @@ class TradePoint:
     @property
     def words(self) -> str:
         """The settings in words."""
-        return ", ".join(f"{knob} {label}" for knob, label in self.choices.items()) or "as in the scene"
+        return (
+            ", ".join(f"{knob} {label}" for knob, label in self.choices.items())
+            or "as in the scene"
+        )
 
     def deviation(self, observable: str) -> Deviation:
         """The error of an observable."""
@@ -132,7 +137,9 @@ class TradePoint:
     def seconds(self, observable: str = BETA) -> float:
         """Median CPU seconds of what an observable needs: of an observable of the contact, the contact alone."""
         contact = statistics.median(self.contact_seconds)
-        return contact + (statistics.median(self.ageing_seconds) if of_ageing(observable) else 0.0)
+        return contact + (
+            statistics.median(self.ageing_seconds) if of_ageing(observable) else 0.0
+        )
 
     def spread(self, observable: str = BETA) -> float:
         """Half the range of the middle half of the repeated timings, CPU seconds."""
@@ -172,15 +179,27 @@ class Cheapest:
     def text(self, wider: Sequence[float] = ()) -> str:
         """What was found, in words; ``wider`` are accuracies for which it is the cheapest as well."""
         within = " and ".join(
-            filter(None, [", ".join(f"{100 * accuracy:.2g}" for accuracy in wider), f"{100 * self.within:.2g}"])
+            filter(
+                None,
+                [
+                    ", ".join(f"{100 * accuracy:.2g}" for accuracy in wider),
+                    f"{100 * self.within:.2g}",
+                ],
+            )
         )
         if self.point is None:
-            best = f"; the best is known to {percent(self.best)}" if math.isfinite(self.best) else ""
+            best = (
+                f"; the best is known to {percent(self.best)}"
+                if math.isfinite(self.best)
+                else ""
+            )
             if self.best < self.within:
                 best = f" with at most {MOST_REPLICAS:,} replicas"
             return f"within {within} %: none found{best}"
         parts = f"settings {percent(self.settings_error)}, replicas {percent(self.replicas_error)}"
-        error = f"error {percent(self.error)}" + (f" ({parts})" if self.replicas_error else "")
+        error = f"error {percent(self.error)}" + (
+            f" ({parts})" if self.replicas_error else ""
+        )
         how = self.options or "as the scene is"
         return f"within {within} %: {self.seconds:.2g} CPU s, {error}: {how}"
 
@@ -235,23 +254,44 @@ class TradeMap:
 
     def seconds_of(self, point: TradePoint) -> tuple[float, float]:
         """Median CPU seconds of the contact, and of one replica; of all ageing where replicas are not computed."""
-        contact, ageing = statistics.median(point.contact_seconds), statistics.median(point.ageing_seconds)
-        return contact, ageing / self.replicas if point.replicates and self.replicas else ageing
+        contact = statistics.median(point.contact_seconds)
+        ageing = statistics.median(point.ageing_seconds)
+        return (
+            contact,
+            ageing / self.replicas if point.replicates and self.replicas else ageing,
+        )
 
     def of(self, observable: str) -> list[TradePoint]:
         """The points that can be compared at an observable: for one of the contact, those that differ there."""
-        points = [point for point in self.points if not math.isnan(point.deviation(observable).bound)]
-        return points if of_ageing(observable) else [point for point in points if point.contact_only]
+        points = [
+            point
+            for point in self.points
+            if not math.isnan(point.deviation(observable).bound)
+        ]
+        return (
+            points
+            if of_ageing(observable)
+            else [point for point in points if point.contact_only]
+        )
 
     def front(self, observable: str) -> list[TradePoint]:
         """The Pareto front, from fast to accurate: no other point is both faster and more accurate."""
-        return pareto(self.of(observable), lambda point: (point.seconds(observable), point.deviation(observable).bound))
+        return pareto(
+            self.of(observable),
+            lambda point: (
+                point.seconds(observable),
+                point.deviation(observable).bound,
+            ),
+        )
 
     def marked(self) -> TradeMap:
         """The same with the front of every observable marked in the points."""
         fronts = {name: list(map(id, self.front(name))) for name in self.observables}
         points = [
-            replace(point, front=[name for name, front in fronts.items() if id(point) in front])
+            replace(
+                point,
+                front=[name for name, front in fronts.items() if id(point) in front],
+            )
             for point in self.points
         ]
         return replace(self, points=points)
@@ -267,25 +307,42 @@ class TradeMap:
             if bound >= within:
                 continue
             candidate = self._with_replicas(point, observable, within, bound)
-            if candidate is not None and (least is None or candidate.seconds < least.seconds):
+            if candidate is not None and (
+                least is None or candidate.seconds < least.seconds
+            ):
                 least = candidate
         return least or Cheapest(observable, within, None, best=best)
 
-    def _with_replicas(self, point: TradePoint, observable: str, within: float, bound: float) -> Cheapest | None:
+    def _with_replicas(
+        self, point: TradePoint, observable: str, within: float, bound: float
+    ) -> Cheapest | None:
         contact, replica = self.seconds_of(point)
         if not of_ageing(observable):
             return Cheapest(observable, within, point, None, contact, bound, bound)
         if not point.replicates:
-            return Cheapest(observable, within, point, None, contact + replica, bound, bound)
+            return Cheapest(
+                observable, within, point, None, contact + replica, bound, bound
+            )
         scatter = point.scatter.get(observable, math.nan)
         if not math.isfinite(scatter):
             return None
-        count = max(2, math.ceil((NORMAL_LIMIT * scatter) ** 2 / (within**2 - bound**2)))
+        count = max(
+            2, math.ceil((NORMAL_LIMIT * scatter) ** 2 / (within**2 - bound**2))
+        )
         if count > MOST_REPLICAS:
             return None
         noise = NORMAL_LIMIT * scatter / math.sqrt(count)
         seconds = contact + replica * count
-        return Cheapest(observable, within, point, count, seconds, math.hypot(bound, noise), bound, noise)
+        return Cheapest(
+            observable,
+            within,
+            point,
+            count,
+            seconds,
+            math.hypot(bound, noise),
+            bound,
+            noise,
+        )
 
     def sentences(self) -> dict[str, list[str]]:
         """Observable -> the cheapest settings within each of the accuracies, in words."""
@@ -293,14 +350,20 @@ class TradeMap:
         for name in self.observables:
             found = [self.cheapest(name, within) for within in WITHIN]
             texts[name] = []
-            for _, same in groupby(found, key=lambda one: (id(one.point), one.replicas)):
+            for _, same in groupby(
+                found, key=lambda one: (id(one.point), one.replicas)
+            ):
                 *wider, last = same
                 texts[name].append(last.text([one.within for one in wider]))
         return texts
 
     def summary(self) -> dict[str, Any]:
         """One JSON-able object: the map, and the cheapest settings within each of the accuracies."""
-        cheapest = [self.cheapest(name, within).todict() for name in self.observables for within in WITHIN]
+        cheapest = [
+            self.cheapest(name, within).todict()
+            for name in self.observables
+            for within in WITHIN
+        ]
         return {
             "scene": self.name,
             "notes": self.notes,
@@ -328,7 +391,11 @@ class TradeMap:
         StoreError
             It cannot be written, or exists and ``force`` is false.
         """
-        write_file(path, sealed_json({"trade_map": FORMAT, **self.todict()}, indent=1), force=force)
+        write_file(
+            path,
+            sealed_json({"trade_map": FORMAT, **self.todict()}, indent=1),
+            force=force,
+        )
 
     @classmethod
     def read(cls, path: str | Path) -> TradeMap:
@@ -346,9 +413,13 @@ class TradeMap:
         except DamagedError:
             raise
         except StoreError as error:
-            raise StoreError(f"cannot read the map: {error}; `chemage tradeoff SCENE -o {path}` writes one") from error
+            raise StoreError(
+                f"cannot read the map: {error}; `chemage tradeoff SCENE -o {path}` writes one"
+            ) from error
         if content.pop("trade_map", None) != FORMAT:
-            raise StoreError(f"{path} is no map; `chemage tradeoff SCENE -o {path}` writes one")
+            raise StoreError(
+                f"{path} is no map; `chemage tradeoff SCENE -o {path}` writes one"
+            )
         try:
             return cls.fromdict(content)
         except (KeyError, TypeError, ValueError) as error:
@@ -364,7 +435,11 @@ class TradeMap:
         """
         again = f"measure it again: chemage tradeoff {scene.name} -o {name} --force"
         if self.question != question(scene):
-            other = f" ({self.name})" if self.name != scene.name else ", which has changed since"
+            other = (
+                f" ({self.name})"
+                if self.name != scene.name
+                else ", which has changed since"
+            )
             raise InputError(f"{name}: was measured on another scene{other}; {again}")
         now = versions(scene)
         changed = [
@@ -373,7 +448,9 @@ class TradeMap:
             if now.get(key) != self.versions.get(key)
         ]
         if changed:
-            raise InputError(f"{name}: was measured with other versions: {', '.join(changed)}; {again}")
+            raise InputError(
+                f"{name}: was measured with other versions: {', '.join(changed)}; {again}"
+            )
 
 
 def pareto(points: Sequence[Any], of: Any) -> list[Any]:
