@@ -221,6 +221,22 @@ def numbers(
     return values
 
 
+def _parts_may_be_absent(checks: Checks[Asked]) -> None:
+    """Lattices without breaking barriers or without interaction, contacts that are not square, and any hold times
+    are treated too, or a rupture law refuses them, in ``check`` as well."""
+    component = checks.component
+    for what, fields in UNUSUAL.items():
+        replica = finished(40, 17, **fields)
+        try:
+            if isinstance(component, Rupture):
+                component.check(replica.chemistry, replica.temperature)
+        except InputError:  # it says beforehand that it cannot treat this
+            seen = _given(component, replica)
+            refuses(what, lambda seen=seen: component.force(seen))  # pyright: ignore[reportAttributeAccessIssue]
+        else:
+            numbers(component, replica, what)
+
+
 class ObservableChecks(Checks[Observable], of=Observable):
     """What every observable must do."""
 
@@ -296,6 +312,7 @@ class ObservableChecks(Checks[Observable], of=Observable):
                 not swapped, f"{what}: {', '.join(swapped)} has the shape {grid[::-1]}"
             )
 
+    parts_may_be_absent = _parts_may_be_absent
     calls_are_independent = independent_calls
 
 
@@ -310,25 +327,6 @@ def force_of(
 ) -> np.ndarray:
     """What the law gives, which must be a force in nN for each hold time."""
     return numbers(component, bonded, what)["force"]
-
-
-class UnusualReplicaChecks(Checks[Asked], of=(Rupture, Observable)):
-    """What observables and laws of rupture must do with replicas of any kind."""
-
-    def parts_may_be_absent(self) -> None:
-        """Lattices without breaking barriers or without interaction, contacts that are not square, and any hold times
-        are treated too, or a rupture law refuses them, in ``check`` as well."""
-        component = self.component
-        for what, fields in UNUSUAL.items():
-            replica = finished(40, 17, **fields)
-            try:
-                if isinstance(component, Rupture):
-                    component.check(replica.chemistry, replica.temperature)
-            except InputError:  # it says beforehand that it cannot treat this
-                seen = _given(component, replica)
-                refuses(what, lambda seen=seen: component.force(seen))  # pyright: ignore[reportAttributeAccessIssue]
-            else:
-                numbers(component, replica, what)
 
 
 class RuptureChecks(Checks[Rupture], of=Rupture):
@@ -349,6 +347,8 @@ class RuptureChecks(Checks[Rupture], of=Rupture):
                 (force == 0).all(),
                 f"{what}: a force of {force.max(initial=0.0):.4g} nN where there is no bond",
             )
+
+    parts_may_be_absent = _parts_may_be_absent
 
     def forces_are_in_nn(self) -> None:
         """Forces are in nN: the mean force per bond is between 1e-4 and 100 nN, unless all are zero."""

@@ -163,7 +163,7 @@ def test_runs_show_compare_and_report_give_the_error_of_the_method(half, command
     (further,) = [texts for label, texts in made.table() if label.startswith("errors of the mean at ")]
     assert further == ["-", "table 1 % (assumed)"]
     assert "table 1 % (assumed)" in made.csv()
-    assert "ageing.kind" in [one.path for one in made.other_differences()]
+    assert "ageing.kind" in made.other_differences()
     ca.write_report(["plain.h5", "tip.h5"], "page.html")
     assert "table 1 % (assumed)" in (tmp_path / "page.html").read_text()
     checked = command("check", "tip.toml").out

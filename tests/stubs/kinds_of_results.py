@@ -80,7 +80,7 @@ def ageing() -> dict[str, list[np.ndarray]]:
         "bonds of every engine": [*bonds, aged("independent", apart, replicas=3).bonds, sample.bonds],
         "friction, β and its intervals": [
             one.friction_drop,
-            *(np.array([fit.beta, *vars(fit.beta_interval).values(), fit.beta_stderr, fit.log_cutoff]) for fit in fits),
+            *(np.array([fit.beta, *fit.beta_interval, fit.beta_stderr, fit.log_cutoff]) for fit in fits),
         ],
         "pulls": [aged("rejection-free", replicas=2, rupture=pulled).friction_drop],
         "`closure`": [closed.bonds],
