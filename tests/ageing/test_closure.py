@@ -222,8 +222,9 @@ def _silica():
     return patch, patch.chemistry.replace(interaction=strong)
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("tip", [False, True])
+@pytest.mark.parametrize(
+    "tip", [pytest.param(False, marks=pytest.mark.long), pytest.param(True, marks=pytest.mark.campaign)]
+)
 def test_the_stated_error_holds_on_very_rough_contacts_and_on_twelve_sites_under_a_tip(monkeypatch, tip):
     """H = 0.3 with a shortest wave of two pixels, a patch for each three to four sites; and a tip of 4 nm."""
     for name, value in (("SIDE", 128), ("BAND", 8), ("FIRST", 4), ("MOST", 256)):
