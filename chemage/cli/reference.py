@@ -106,7 +106,7 @@ def warmup(
     loading("loading chemage")
     from chemage.foundation import compiling, machine
     from chemage.plugins import registry
-    from chemage.scene.warm_up import form, warm_up
+    from chemage.scene.warm_up import form
 
     begin = time.perf_counter()
     failed: dict[str, str] = {}
@@ -125,7 +125,7 @@ def warmup(
                     continue
                 seen.add(what)
                 try:
-                    warm_up(entry)
+                    entry.warm_up()
                 except Exception as error:
                     if registry.current().strict:
                         raise

@@ -12,6 +12,7 @@ from functools import cached_property
 from typing import Any
 
 from chemage.ageing.age import kept_bytes
+from chemage.ageing.methods import check_method, expected_cost
 from chemage.foundation.components import Component
 from chemage.foundation.errors import ChemageError, InputError, PlanWarning
 from chemage.foundation.machine import slowness
@@ -178,6 +179,39 @@ class Plan:
             self._seconds("ageing", f"cpu_seconds_{end}") for end in ("least", "most")
         )
         return None if least is None or most is None else (least, most)
+
+    def preparation(self) -> float:
+        """CPU seconds that the method of ageing may need before its first answer, such as for a table.
+
+        Raises
+        ------
+        InputError
+            The method does not fit the scene.
+        """
+        scene = self.scene
+        method, chemistry, engine, hold = (
+            scene.ageing,
+            scene.chemistry,
+            scene.engine,
+            scene.hold,
+        )
+        if method is None or chemistry is None or engine is None or hold is None:
+            return 0.0
+        check_method(method, chemistry, engine, scene.rupture, scene.observe)
+        # without the range that an engine states
+        seconds = expected_cost(
+            method,
+            self.sites or 1.0,
+            {"cpu_seconds": self.stated["engine"].get("cpu_seconds", 0.0)},
+            1,
+            chemistry=chemistry,
+            temperature=hold.temperature,
+            mean_pressure=self.mean_pressure,
+        )
+        least, most = (
+            seconds.get(f"cpu_seconds_{end}", 0.0) for end in ("least", "most")
+        )
+        return max(0.0, most - least)
 
     @property
     def range_reason(self) -> str:

@@ -17,11 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from chemage.ageing.aging import Aging
 from chemage.ageing.fitting import BETA, DROPS, few_hold_times, line_slopes
 from chemage.contacts.solution import FLOW_MEASURES, MEASURES
 from chemage.foundation.checks import within
-from chemage.foundation.codec import from_json
 from chemage.foundation.errors import InputError, nearest
 from chemage.foundation.outputs import HOLD_TIME, RECORDED, Output
 from chemage.foundation.quantities import ONE, Quantity
@@ -58,8 +56,9 @@ class SurfaceSample:
         InputError
             The friction is not finite.
         """
+        aging = outcome.aging
         if outcome.run is not None:
-            contact, aging = outcome.run.contact, outcome.run.aging
+            contact = outcome.run.contact
             measures, plugins = contact.summary(), outcome.run.plugins
             measures |= _recorded(
                 {
@@ -73,7 +72,6 @@ class SurfaceSample:
         else:
             summary, content = outcome.summary, outcome.content
             assert content is not None
-            aging = from_json(Aging, content["aging"]) if content["aging"] else None
             measures = summary | _recorded(summary["observables"])
             plugins = content["plugins"]
             approximate = (

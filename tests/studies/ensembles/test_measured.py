@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from seen import TradeMap, TradePoint
 
 import chemage as ca
 from chemage import InputError, ensemble
-from chemage.plugin import versions
+from chemage.plugin import TradeMap, TradePoint, versions
 from chemage.scene.scene import question
 from chemage.studies.ensembles.goals import Request
 from chemage.studies.ensembles.running import Sampler

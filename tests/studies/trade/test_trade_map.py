@@ -9,13 +9,26 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
-from seen import TradeMap, TradePoint, figures, tradeoff
+from seen import figures
 
 import chemage as ca
-from chemage import ContactSolution, InputError
-from chemage.plugin import ContactSolver, DamagedError, Pressure, StoreError, container, options, override
-from chemage.studies.trade.choices import Timed, applied, changes, choices, go_together, pasted
-from chemage.studies.trade.trade_map import Deviation, pareto, words
+import chemage_trade
+from chemage import ContactSolution, InputError, Tradeoff, tradeoff
+from chemage.plugin import (
+    ContactSolver,
+    DamagedError,
+    Pressure,
+    Scatter,
+    StoreError,
+    TradePoint,
+    container,
+    options,
+    override,
+)
+from chemage.studies.trade import Deviation
+from chemage_trade.choices import applied, changes, choices, go_together, pasted
+from chemage_trade.result import pareto, words
+from chemage_trade.timing import Timed
 
 ROUNDS = 3
 
@@ -56,12 +69,13 @@ def scene(tiny):
     toss = type("Toss", (coin,), {"kind": "tiny-toss", "__doc__": coin.__doc__, "__module__": __name__})
     ca.register(Part)
     ca.register(toss)
+    ca.plugin.registry.current().register(chemage_trade, "trade")
     hold = {"times": [1.0, 10.0, 100.0, 1000.0], "replicas": 3, "seed": 4}
     surface = {"kind": "tiny-tip", "pixels": 12, "seed": 2}
     return ca.parse_scene(tiny.scene(surface=surface, contact={"kind": "tiny-part", "load": 10.0}, hold=hold))
 
 
-_MADE: list[TradeMap] = []
+_MADE: list[Tradeoff] = []
 
 
 @pytest.fixture
@@ -72,7 +86,7 @@ def found(scene):
     return _MADE[0]
 
 
-def point(found: TradeMap, **chosen: str) -> TradePoint:
+def point(found: Tradeoff, **chosen: str) -> TradePoint:
     """The point with these choices; ``_`` stands for a dot."""
     wanted = {name.replace("_", "."): value for name, value in chosen.items()}
     (one,) = [one for one in found.points if one.choices == wanted]
@@ -147,7 +161,7 @@ def test_the_noise_of_an_exact_engine_is_not_an_error(found):
 
 
 def test_where_the_seed_changes_no_surface_replicas_are_the_sample(scene, monkeypatch):
-    monkeypatch.setattr("chemage.studies.trade.mapping.is_random", lambda _: False)
+    monkeypatch.setattr(type(scene.surface), "scatter", lambda self, contact: Scatter(0.0, "the tip is the same"))
     made = tradeoff(scene, rounds=2)
     assert not made.random
     assert made.surface_scatter == {}
@@ -187,7 +201,7 @@ def faster(monkeypatch):
     def timed(task, worker):
         contact, computed = task.scene.contact, outcome(task, worker)
         faster = (getattr(contact, "share", 1) < 1) + (not getattr(contact, "smooth", True))
-        computed.content["summary"]["timings"] = {"contact": 2.0**-faster, "ageing": 1e-3}
+        computed.run.timings.update(contact=2.0**-faster, ageing=1e-3)
         return computed
 
     monkeypatch.setattr(Timed, "outcome", timed)
@@ -208,7 +222,7 @@ def test_two_values_of_one_option_are_not_combined(scene):
 # -- where it is computed ----------------------------------------------------------------------------------------------
 
 
-def differences(found: TradeMap) -> dict[str, Any]:
+def differences(found: Tradeoff) -> dict[str, Any]:
     return {one.words: (one.differences, one.values, one.scatter) for one in found.points}
 
 
@@ -307,7 +321,7 @@ def drawn():
         made_point(0.3, 0.05),  # beaten
         made_point(0.5, -0.004, 0.0005),
     ]
-    return TradeMap(
+    return Tradeoff(
         scene={"name": "drawn"}, question="q", versions={}, machine={}, rounds=3, random=True, replicas=10,
         observables=["beta", "corrected_area"], points=points,
     ).marked()  # fmt: skip
@@ -362,7 +376,7 @@ def test_the_figure_has_a_panel_for_each_observable(drawn, found):
 
 def test_a_map_is_read_as_it_was_written(found, scene, tmp_path):
     found.write(tmp_path / "map.json")
-    again = TradeMap.read(tmp_path / "map.json")
+    again = Tradeoff.read(tmp_path / "map.json")
     assert again.todict() == found.todict()
     assert again.front("beta")[0].changes == found.front("beta")[0].changes
     again.check(scene)
@@ -376,18 +390,18 @@ def test_a_damaged_map_is_refused(found, tmp_path):
     text = path.read_bytes()
     path.write_bytes(text.replace(b'"replicas": 3', b'"replicas": 4', 1))
     with pytest.raises(DamagedError, match="not what chemage wrote"):
-        TradeMap.read(path)
+        Tradeoff.read(path)
     path.write_bytes(text[:200])
     with pytest.raises(DamagedError, match="is damaged"):
-        TradeMap.read(path)
+        Tradeoff.read(path)
     path.write_text('{"a": 1}')
     with pytest.raises(StoreError, match=r"cannot read the map: .* is no file of chemage"):
-        TradeMap.read(path)
+        Tradeoff.read(path)
     path.write_bytes(container.sealed_json({"a": 1}))
     with pytest.raises(StoreError, match="is no map"):
-        TradeMap.read(path)
+        Tradeoff.read(path)
     with pytest.raises(StoreError, match="cannot read the map"):
-        TradeMap.read(tmp_path / "none.json")
+        Tradeoff.read(tmp_path / "none.json")
 
 
 def test_a_map_serves_other_seeds_replicas_and_goals(found, scene):
@@ -424,7 +438,7 @@ def test_the_command_prints_tables_of_80_columns_and_writes_the_map(scene, tmp_p
     assert "map      map.json" in done.out
     assert (tmp_path / "map.png").stat().st_size > 1000
     assert command("tradeoff", "part.toml", "--rounds", 2, "-o", "map.json").status == 2
-    assert TradeMap.read("map.json").rounds == 2
+    assert Tradeoff.read("map.json").rounds == 2
 
 
 def test_the_command_goes_on_from_its_folder(scene, tmp_path, command, monkeypatch, tiny):
@@ -454,8 +468,8 @@ def toml(scene) -> str:
 
 
 def test_what_is_far_slower_than_the_scene_is_left_out(scene, monkeypatch):
-    monkeypatch.setattr("chemage.studies.trade.mapping.NOT_LONG", 0.0)
-    monkeypatch.setattr("chemage.studies.trade.mapping.SLOWER", 0.0)
+    monkeypatch.setattr("chemage_trade.mapping.NOT_LONG", 0.0)
+    monkeypatch.setattr("chemage_trade.mapping.SLOWER", 0.0)
     made = tradeoff(scene, rounds=2)
     assert all(set(one.choices) <= {"contact", "contact.share", "contact.smooth"} for one in made.points)
     assert any("engine tiny-toss: left out: about" in note for note in made.notes)

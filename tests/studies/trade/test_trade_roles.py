@@ -7,10 +7,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
-from seen import planned, tradeoff, tried_values
 
 import chemage as ca
+from chemage import tradeoff
 from chemage.plugin import Choice, Length
+from chemage_trade.choices import choices
+from chemage_trade.mapping import planned
 
 pytestmark = pytest.mark.usefixtures("few_choices")
 
@@ -223,8 +225,9 @@ def test_few_of_many_values_are_tried():
     ca.register(Many)
     made = ca.parse_scene({**SCENE, "forming": {"kind": "many", "levels": 37}})
     ca.unregister(Many)
-    tried, notes = tried_values(made, "forming.levels")
-    values = [int(label) for label in tried]
+    notes: list[str] = []
+    tried = choices(made, notes)
+    values = [int(one.label) for one in tried if one.name == "forming.levels"]
     assert len(values) == 7  # and that of the scene
     assert {1, 100} <= set(values)
     assert values == sorted(values)
