@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage import tradeoff
 from chemage.plugin import Choice, Length
 from chemage_trade.choices import choices
 from chemage_trade.mapping import planned
@@ -136,7 +135,7 @@ def scene():
 
 @pytest.fixture(scope="module")
 def found(scene):
-    return tradeoff(scene, rounds=1)
+    return ca.tradeoff(scene, rounds=1)
 
 
 def singles(found, option):
@@ -247,7 +246,7 @@ def test_a_setting_that_is_refused_has_its_reason():
     changes = {"contact": {"kind": "fft-bem", "modulus": "35.3 GPa", "load": "40 nN"}, "observe": []}
     plain = {**SCENE, **changes, "forming": {"kind": "refusing"}, "hold": {**SCENE["hold"], "replicas": 2}}
     try:
-        few = tradeoff(ca.parse_scene(plain), rounds=1)
+        few = ca.tradeoff(ca.parse_scene(plain), rounds=1)
     finally:
         ca.unregister(Refusing)
     assert singles(few, "forming.levels").keys() == {"512"}
@@ -256,5 +255,5 @@ def test_a_setting_that_is_refused_has_its_reason():
 
 def test_contact_mechanics_alone_says_that_the_rest_is_not_tried():
     data = {name: part for name, part in SCENE.items() if name in ("name", "surface", "contact")}
-    found = tradeoff(ca.parse_scene(data), rounds=1)
+    found = ca.tradeoff(ca.parse_scene(data), rounds=1)
     assert {knob.partition(".")[0] for one in found.points for knob in one.choices} == {"surface", "contact"}
