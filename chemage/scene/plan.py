@@ -188,30 +188,22 @@ class Plan:
         InputError
             The method does not fit the scene.
         """
-        scene = self.scene
-        method, chemistry, engine, hold = (
-            scene.ageing,
-            scene.chemistry,
-            scene.engine,
-            scene.hold,
-        )
-        if method is None or chemistry is None or engine is None or hold is None:
+        scene, parts = self.scene, self.parts
+        if scene.ageing is None:
             return 0.0
-        check_method(method, chemistry, engine, scene.rupture, scene.observe)
-        # without the range that an engine states
+        chemistry, engine = parts["chemistry"], parts["engine"]
+        check_method(scene.ageing, chemistry, engine, scene.rupture, scene.observe)
         seconds = expected_cost(
-            method,
+            scene.ageing,
             self.sites or 1.0,
-            {"cpu_seconds": self.stated["engine"].get("cpu_seconds", 0.0)},
+            {"cpu_seconds": 0.0},  # of kinetics, which may state a range of their own
             1,
             chemistry=chemistry,
-            temperature=hold.temperature,
+            temperature=parts["hold"].temperature,
             mean_pressure=self.mean_pressure,
         )
-        least, most = (
-            seconds.get(f"cpu_seconds_{end}", 0.0) for end in ("least", "most")
-        )
-        return max(0.0, most - least)
+        least = seconds.get("cpu_seconds_least", 0.0)
+        return max(0.0, seconds.get("cpu_seconds_most", 0.0) - least)
 
     @property
     def range_reason(self) -> str:

@@ -151,6 +151,8 @@ def learn(known: Known) -> None:
 
 
 T = TypeVar("T")
+#: measures of a contact that are the same on every surface and with all settings
+GIVEN = {"load", "modulus", "nominal_area", "nominal_pressure"}
 #: number of times that a task is tried again after its worker died
 RETRIES = 1
 
@@ -342,10 +344,11 @@ class Outcome:
 
     @property
     def measures(self) -> dict[str, Any]:
-        """Those of the contact, as far as it has them; what is not known is None or nan."""
-        summary = self.summary
-        names = (*MEASURES, *FLOW_MEASURES)
-        return {name: summary[name] for name in names if name in summary}
+        """Those of the contact, but for :data:`GIVEN` ones; what is not known is None or nan."""
+        run = self.run
+        numbers = self.summary if run is None else run.contact.summary()
+        names = [name for name in (*MEASURES, *FLOW_MEASURES) if name not in GIVEN]
+        return {name: numbers[name] for name in names if name in numbers}
 
     @property
     def aging(self) -> Aging | None:

@@ -223,18 +223,15 @@ class TradeMap:
         DamagedError
             It is not what was written.
         """
+        remedy = f"`chemage tradeoff SCENE -o {path}` writes one"
         try:
             content = read_json(path)
         except DamagedError:
             raise
         except StoreError as error:
-            raise StoreError(
-                f"cannot read the map: {error}; `chemage tradeoff SCENE -o {path}` writes one"
-            ) from error
+            raise StoreError(f"cannot read the map: {error}; {remedy}") from error
         if content.pop("trade_map", None) != FORMAT:
-            raise StoreError(
-                f"{path} is no map; `chemage tradeoff SCENE -o {path}` writes one"
-            )
+            raise StoreError(f"{path} is no map; {remedy}")
         try:
             return cls.fromdict(content)
         except (KeyError, TypeError, ValueError) as error:

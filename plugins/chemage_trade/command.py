@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import sys
+from itertools import count
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -62,25 +63,16 @@ def tradeoff(
     loaded = load_scene(scene, options.changed_fields(changes))
     if not output.quiet():
         print(f"{loaded.name}: {planned(loaded)}", file=sys.stderr)
-    done = 0
+    steps = count(1)
     with progress.progress_bars({_STAGE: "steps"}) as report:
-
-        def shown(what: str) -> None:
-            nonlocal done
-            done += 1
-            report(_STAGE, done, 0, what)
-
-        where: dict[str, Any] = {
-            "executor": options.chosen_executor(executor, workers, "serial"),
-            "workers": workers,
-        }
         measured = measure(
             loaded,
             rounds=rounds,
-            report=shown,
+            report=lambda what: report(_STAGE, next(steps), 0, what),
             folder=folder,
+            executor=executor,
+            workers=workers,
             patience=patience,
-            **where,
         )
         report(_STAGE, 1, 1)
     result = TradeDisplay(measured)

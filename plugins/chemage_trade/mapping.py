@@ -58,8 +58,6 @@ from chemage_trade.timing import Timed
 Report = Callable[[str], None]
 #: rounds by what the scene itself is expected to cost, CPU seconds: (less than, rounds)
 ROUNDS = ((0.3, 6), (1.5, 4), (math.inf, 3))
-#: measures of a contact that are the same on every surface and with all settings
-GIVEN = {"load", "modulus", "nominal_area", "nominal_pressure"}
 #: combined values of one choice, combinations that are tried once, and that are measured in every round
 MOST_VALUES, MOST_TRIED, MOST_KEPT = 3, 90, 24
 #: a value is combined if its stage costs at most this part of that of the scene
@@ -74,7 +72,7 @@ def tradeoff(
     rounds: int | None = None,
     report: Report | None = None,
     folder: str | Path | None = None,
-    executor: str | Executor = "serial",
+    executor: str | Executor | None = None,
     workers: int | None = None,
     patience: float | str | None = None,
 ) -> Tradeoff:
@@ -91,7 +89,7 @@ def tradeoff(
         Where results are kept, and from which they are taken, if they are of these versions and this processor;
         default: none are kept.
     executor, workers, patience
-        Where to compute, as for :func:`chemage.sweep`; default: one scene after the other in this process. CPU times
+        Where to compute, as for :func:`chemage.plugin.carry_out`. CPU times
         are measured where a scene is computed, in one thread; beside other work they are longer. Threads of one process
         cannot be told apart and are refused.
 
@@ -255,10 +253,7 @@ class Mapper(Design):
         """From what a worker sends, or a folder has."""
         summary, content, aging = outcome.summary, outcome.content, outcome.aging
         assert content is not None
-        measures = {
-            name: value for name, value in outcome.measures.items() if name not in GIVEN
-        }
-        measures[DISTRIBUTION] = content[DISTRIBUTION]
+        measures = outcome.measures | {DISTRIBUTION: content[DISTRIBUTION]}
         values = {
             name: np.array([value], dtype=np.float64)
             for name, value in measures.items()
@@ -679,13 +674,10 @@ def _drop_at(time: float) -> str:
 
 def _decades(times: np.ndarray) -> list[float]:
     """Of each decade, the hold time that is next to its beginning, where one is within a quarter of a decade."""
-    nearest: dict[int, float] = {}
+    found: dict[int, list[tuple[float, float]]] = {}
     for time in times[times > 0].tolist():
         power = math.log10(time)
-        whole = round(power)
-        if abs(power - whole) < 0.25 and (
-            whole not in nearest
-            or abs(power - whole) < abs(math.log10(nearest[whole]) - whole)
-        ):
-            nearest[whole] = time
-    return [nearest[whole] for whole in sorted(nearest)]
+        away = abs(power - round(power))
+        if away < 0.25:
+            found.setdefault(round(power), []).append((away, time))
+    return [min(found[power])[1] for power in sorted(found)]
