@@ -189,7 +189,7 @@ class Plan:
             The method does not fit the scene.
         """
         scene, parts = self.scene, self.parts
-        if scene.ageing is None:
+        if scene.ageing is None or scene.hold is None:
             return 0.0
         chemistry, engine = parts["chemistry"], parts["engine"]
         check_method(scene.ageing, chemistry, engine, scene.rupture, scene.observe)
@@ -199,7 +199,7 @@ class Plan:
             {"cpu_seconds": 0.0},  # of kinetics, which may state a range of their own
             1,
             chemistry=chemistry,
-            temperature=parts["hold"].temperature,
+            temperature=scene.hold.temperature,
             mean_pressure=self.mean_pressure,
         )
         least = seconds.get("cpu_seconds_least", 0.0)

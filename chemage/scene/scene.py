@@ -11,6 +11,7 @@ contacts that of vanishing pixels is extrapolated.
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -50,6 +51,8 @@ from chemage.plugins.sources import implementing, nested, providers, stage_hooks
 from chemage.scene.materials import MaterialValue
 from chemage.surfaces.role import SurfaceMaker
 
+#: a number in JSON
+_NUMBER = re.compile(r"(?<=[ \[])-?\d[\d.e+-]*")
 _PERCENT = re.compile(r"\s*([-+0-9.eE]+)\s*%\s*")
 #: what a process of its own compiles (:data:`chemage.foundation.compiling.STAGES`) -> keys of the stages it is for
 COMPILED = {"contact": KEYS[:2], "ageing": KEYS[2:]}
@@ -452,6 +455,12 @@ class Scene(Section):
             for stage in registry.current().stages():
                 if stage.key in keys and stage.section in parts:
                     stage.warm_up(parts)
+
+    def form(self) -> str:
+        """What kernels may depend on: the scene without its numbers. Scenes of one form share their kernels, up to
+        those that depend on a number of pixels."""
+        data = json.dumps(self.todict() | {"name": "", "title": ""}, sort_keys=True)
+        return f"{_NUMBER.sub('', data)} {self.surface.expected().get('nx')}"
 
     def in_use(self) -> AbstractContextManager[None]:
         """A block in which plugins have the options that this scene sets, and come in its order."""

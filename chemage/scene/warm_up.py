@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from subprocess import TimeoutExpired
@@ -12,27 +11,6 @@ from chemage.foundation import compiling
 from chemage.foundation.progress import Report
 from chemage.scene.files import load_scene, parse_scene
 from chemage.scene.scene import Scene
-
-
-def form(scene: Scene) -> str:
-    """What kernels may depend on: the scene without the sizes of its numbers. Scenes of one form share their kernels,
-    up to those that depend on a number of pixels."""
-    data = scene.todict() | {"name": "", "title": ""}
-    return json.dumps(_without_numbers(data), sort_keys=True) + str(
-        scene.surface.expected().get("nx", "")
-    )
-
-
-def _without_numbers(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {name: _without_numbers(item) for name, item in value.items()}
-    if isinstance(value, list):
-        return [_without_numbers(item) for item in value]
-    return (
-        type(value).__name__
-        if isinstance(value, int | float) and not isinstance(value, bool)
-        else value
-    )
 
 
 @contextmanager

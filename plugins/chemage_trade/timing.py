@@ -6,9 +6,7 @@ those of a reference, and the friction drop of each replica.
 
 from __future__ import annotations
 
-import json
 import math
-import re
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -29,8 +27,6 @@ from chemage.plugin import (
 from chemage_trade.result import DISTRIBUTION
 
 T = TypeVar("T")
-#: a number in JSON
-_NUMBER = re.compile(r"(?<=[ \[])-?\d[\d.e+-]*")
 #: forms of scenes that this process has compiled everything for, and whether it has solved a contact
 _compiled: set[str] = set()
 
@@ -109,8 +105,7 @@ def _solution(worker: Any, scene: Scene) -> tuple[ContactSolution, float]:
 def _compile(scene: Scene, contact: ContactSolution) -> None:
     """Age one replica where no scene of this form was aged, which has other numbers at most, so that compilation, or a
     table that a method of ageing makes once, is in no time."""
-    data = _NUMBER.sub("", json.dumps(_data(scene)))
-    form = f"{data} {scene.surface.expected().get('nx')} {scene.ageing!r}"
+    form = f"{scene.form()} {scene.ageing!r}"
     if scene.ages and form not in _compiled:
         aging_of(scene, contact, replicas=1)
         _compiled.add(form)

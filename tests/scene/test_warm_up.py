@@ -326,9 +326,9 @@ def test_there_are_sites_on_the_small_contact(density, pixel_size):
 
 def test_scenes_that_differ_in_numbers_have_one_form():
     cold, dense = ({"hold.temperature": 250.0}, {"chemistry.site_density": "pixel"})
-    assert warm_up.form(scene()) == warm_up.form(ca.load_scene("silica-tip", cold))
-    assert warm_up.form(scene()) != warm_up.form(ca.load_scene("silica-tip", dense))
-    assert warm_up.form(scene()) != warm_up.form(ca.load_scene("silica-tip", {"engine.kind": "bkl"}))
+    assert scene().form() == ca.load_scene("silica-tip", cold).form()
+    assert scene().form() != ca.load_scene("silica-tip", dense).form()
+    assert scene().form() != ca.load_scene("silica-tip", {"engine.kind": "bkl"}).form()
 
 
 def test_a_kernel_that_is_kept_is_told_from_others():
