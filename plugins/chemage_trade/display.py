@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-#: panels side by side, and hold times that are drawn
-_COLUMNS, _TIMES = 4, 3
+#: panels side by side
+_COLUMNS = 4
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<")
 #: an error of 0 is drawn at this part of the smallest other one, and one below the limit (%) at the limit
 _NOTHING, _SMALLEST = 0.3, 1e-3
@@ -83,18 +83,12 @@ class TradeDisplay(Result):
 
     def tables(self) -> list[Table]:
         """Of the ageing four observables at most, and of the contact; and the cheapest settings."""
-        names = self.trade.observables
-        ageing = [name for name in names if TradePoint.of_ageing(name)]
-        drops = [name for name in ageing if name != "beta"]
-        chosen = [name for name in ageing if name == "beta"] + drops[-1:]
-        if len(drops) > 1:
-            chosen.insert(len(chosen) - 1, drops[len(drops) // 2])
-        tables = [self._table("Ageing", chosen)] if chosen else []
-        tables.append(
-            self._table(
-                "Contact", [name for name in names if not TradePoint.of_ageing(name)]
-            )
-        )
+        names, drops = self.trade.observables, _drops(self.trade)
+        shown = {"beta", *drops[len(drops) // 2 :][:1], *drops[-1:]}
+        ageing = [name for name in names if name in shown]
+        contact = [name for name in names if not TradePoint.of_ageing(name)]
+        tables = [self._table("Ageing", ageing)] if ageing else []
+        tables.append(self._table("Contact", contact))
         for name, lines in self.trade.sentences().items():
             title = f"The cheapest settings for the {words(name)} of one surface:"
             tables.append(
@@ -194,20 +188,17 @@ def _deviation(point: TradePoint, name: str) -> str:
     return (shown if deviation.resolved else f"({shown})") + mark
 
 
+def _drops(trade: Tradeoff) -> list[str]:
+    """The observables of the ageing but β: friction drops, by hold time."""
+    names = trade.observables
+    return [name for name in names if TradePoint.of_ageing(name) and name != "beta"]
+
+
 def _shown(trade: Tradeoff) -> list[str]:
     """The observables that are drawn: of the hold times the first, a middle one and the last."""
-    drops = [
-        name
-        for name in trade.observables
-        if TradePoint.of_ageing(name) and name != "beta"
-    ]
-    if len(drops) > _TIMES:
-        drops = [drops[0], drops[len(drops) // 2], drops[-1]]
-    return [
-        name
-        for name in trade.observables
-        if name in drops or name == "beta" or not TradePoint.of_ageing(name)
-    ]
+    drops = _drops(trade)
+    shown = {*drops[:1], *drops[len(drops) // 2 :][:1], *drops[-1:]}
+    return [name for name in trade.observables if name in shown or name not in drops]
 
 
 class _Style:

@@ -207,7 +207,7 @@ class Mapper(Design):
         self.choices = choices(scene, self.notes)
         self.reference = most_accurate(scene)
         self.trials: dict[frozenset[tuple[str, str]], _Trial] = {}
-        self._stages: Iterator[Sequence[tuple[str, Timed]]] | None = None
+        self._stages = self._all_stages()
         #: by key of a task that was asked for: what it is, in words
         self._asked: dict[str, str] = {}
         #: by key of a task: what was measured, or why nothing was
@@ -220,8 +220,6 @@ class Mapper(Design):
 
     def ask(self) -> list[Task]:
         """The tasks of the next stage."""
-        if self._stages is None:
-            self._stages = self._all_stages()
         for stage in self._stages:
             tasks: dict[str, Task] = {}
             for words, task in stage:
