@@ -181,9 +181,8 @@ def _kinds(
             try:
                 component = plugins.make(role, kind, shared | options)
                 other = made(scene, component)
-                before = 0.0
-                if role == AGEING and other is not None:
-                    before = plan(other).preparation()
+                methods = role == AGEING and other is not None
+                before = plan(other).preparation() if methods else 0.0
                 if before > PREPARATION:
                     raise ChemageError(
                         f"it may need {before:.0f} CPU seconds before its first answer"

@@ -327,34 +327,30 @@ class Mapper(Design):
         def of(scene: Scene) -> Timed:
             return self._task(scene.with_hold(replicas=1), 0, False)
 
-        tasks = {"scene": of(self.scene)}
+        hold, tasks = self.scene.hold, {"scene": of(self.scene)}
+        assert hold is not None
         for one in self.choices:
             if one.stage == "ageing":
                 with suppress(ChemageError):  # the reason is noted where it is measured
                     tasks[one.words] = of(applied(self.scene, (one,)))
 
-        def found(words: str) -> _Timing | None:
-            timing = self._found[tasks[words].key]
-            return timing if isinstance(timing, _Timing) else None
-
-        def seconds(words: str) -> float:
-            timing = found(words)
-            if timing is None:
-                return 0.0
-            scene = tasks[words].scene
-            whole = scene.ageing is not None and not scene.ageing.replicates
-            assert self.scene.hold is not None
-            return timing.ageing_seconds * (1 if whole else self.scene.hold.replicas)
+        def seconds(task: Timed) -> float:
+            """Of the ageing of all replicas."""
+            timing, method = self._measured_of(task), task.scene.ageing
+            whole = method is not None and not method.replicates
+            return timing.ageing_seconds * (1 if whole else hold.replicas)
 
         yield [(f"one replica: {words}", task) for words, task in tasks.items()]
-        first = found("scene")
-        own = seconds("scene") + (first.contact_seconds if first else 0.0)
+        scene = tasks.pop("scene")
+        own = seconds(scene) + self._measured_of(scene).contact_seconds
         for one in [one for one in self.choices if one.words in tasks]:
-            if (expected := seconds(one.words)) > max(SLOWER * own, NOT_LONG):
-                self.notes.append(
-                    f"{one.words}: left out: about {expected / own:.0f} times slower than the scene"
-                )
-                self.choices.remove(one)
+            with suppress(ChemageError):  # it is noted where it is measured
+                expected = seconds(tasks[one.words])
+                if expected > max(SLOWER * own, NOT_LONG):
+                    self.notes.append(
+                        f"{one.words}: left out: about {expected / own:.0f} times slower than the scene"
+                    )
+                    self.choices.remove(one)
 
     def _tried(self, combinations: Iterable[Combination]) -> list[_Trial]:
         """Trials of the combinations that can be had at all."""
