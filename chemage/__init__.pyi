@@ -20,6 +20,7 @@ from chemage.scene.run import Run as Run
 from chemage.scene.scene import Scene as Scene
 from chemage.surfaces.surface import Surface as Surface
 from chemage.studies.sweeps.result import SweepResult as SweepResult
+from chemage_trade.result import Tradeoff as Tradeoff
 from chemage_inference.result import UnexplainedError as UnexplainedError
 from chemage.ageing.age import age as age
 from chemage.results.arrhenius import arrhenius as arrhenius
@@ -49,6 +50,7 @@ from chemage.scene.run import run as run
 from chemage.contacts.role import solve_contact as solve_contact
 from chemage.studies.sweeps.running import sweep as sweep
 from chemage import testing as testing
+from chemage_trade.mapping import tradeoff as tradeoff
 from chemage.plugins.registry import unregister as unregister
 from chemage.results.files import write as write
 from chemage.results.page import write_report as write_report

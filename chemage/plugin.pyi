@@ -83,12 +83,15 @@ from chemage.foundation.result import Table as Table
 from chemage.studies.tasks import Task as Task
 from chemage.foundation.units import Temperature as Temperature
 from chemage.foundation.units import Time as Time
+from chemage.studies.trade import TradeMap as TradeMap
+from chemage.studies.trade import TradePoint as TradePoint
 from chemage.lattices.independent import TwoState as TwoState
 from chemage.foundation.units import Unit as Unit
 from chemage.foundation.errors import UnitError as UnitError
 from chemage.foundation.errors import UnknownKindError as UnknownKindError
 from chemage.foundation.units import Volume as Volume
 from chemage.foundation.errors import WorkerLost as WorkerLost
+from chemage.scene.run import aging_of as aging_of
 from chemage.foundation import algebra as algebra
 from chemage.foundation.units import array_in as array_in
 from chemage.lattices.chemistry import build_lattice as build_lattice
@@ -126,6 +129,7 @@ from chemage.cli import output as output
 from chemage.scene.files import override as override
 from chemage.friction.pulling import partners_of as partners_of
 from chemage.contacts import patches as patches
+from chemage.scene.plan import plan as plan
 from chemage.foundation.files import preflight as preflight
 from chemage.foundation import progress as progress
 from chemage.friction.pulling import pull as pull

@@ -381,6 +381,18 @@ class Aging(Observing, Record):
         """Half the width of Student's 95 % interval of the mean Δμ, (m,); nan for a single replica or without load."""
         return half_width(self.friction_coefficient_drop)
 
+    def betas(self, window: tuple[float, float] = FIT_WINDOW) -> np.ndarray:
+        """(replicas,) β of each replica: the slope of its line over ``window`` (s); their mean is that of :meth:`fit`.
+
+        Raises
+        ------
+        InputError
+            Fewer than two different hold times in the window.
+        """
+        if reason := why_not_fitted(self.hold_times, window):
+            raise InputError(reason)
+        return line_slopes(self.hold_times, self.friction_drop, window) / self.load
+
     def fit(
         self, start: QuantityLike = FIT_WINDOW[0], stop: QuantityLike = FIT_WINDOW[1]
     ) -> Fit:

@@ -29,7 +29,6 @@ COMMANDS = {
         experiments.run,
         experiments.sweep,
         experiments.status,
-        experiments.tradeoff,
     ),
     "Results": (
         results.show,

@@ -1,4 +1,4 @@
-"""The commands of an experiment: run, sweep, check, status, init, tradeoff."""
+"""The commands of an experiment: run, sweep, check, status, init."""
 
 from __future__ import annotations
 
@@ -11,14 +11,12 @@ import typer
 
 from chemage.cli import completion, output
 from chemage.cli.options import (
-    FIGURES,
     RESULTS,
     AccuracyOpt,
     AllOpt,
     BudgetOpt,
     ExecutorOpt,
     FiguresOpt,
-    FolderOpt,
     ForceOpt,
     JsonOpt,
     MapOpt,
@@ -34,7 +32,6 @@ from chemage.cli.options import (
     YesOpt,
     changed_fields,
     check_ending,
-    chosen_executor,
     requested_fields,
     user_error,
 )
@@ -44,7 +41,6 @@ from chemage.cli.output import (
     preflight_result,
     protect_inputs,
     result_written,
-    save_picture,
     show_all,
 )
 from chemage.foundation import compiling
@@ -461,90 +457,3 @@ def init(
     output.say(
         f"{file} is a copy of {like}; change it, then: chemage check {file} && chemage run {file}"
     )
-
-
-_STAGE = "measuring"
-
-
-def tradeoff(
-    scene: SceneArg,
-    changes: SetOpt = None,
-    out: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--out",
-            "-o",
-            metavar="FILE",
-            help="write the map into this file (.json), for `chemage run --map`, or draw it (.png, .pdf or .svg); may "
-            "be repeated; default: neither",
-        ),
-    ] = None,
-    rounds: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            metavar="N",
-            help="how often everything is computed, each time on another surface where the surface is random; default: "
-            "3 to 6, by the cost of the scene",
-        ),
-    ] = None,
-    folder: FolderOpt = None,
-    executor: ExecutorOpt = None,
-    workers: WorkersOpt = None,
-    patience: PatienceOpt = None,
-    as_json: JsonOpt = False,
-    force: ForceOpt = False,
-) -> None:
-    """Measure speed against accuracy on a scene.
-
-    Settings, and combinations of those that pay, are computed on several surfaces and compared with a reference. The
-    result is a table of CPU times and errors, and the cheapest settings within 10, 3, 1 and 0.3 % for each observable.
-    """
-    from chemage.foundation.files import preflight
-    from chemage.foundation.result import result_of
-    from chemage.scene.files import load_scene
-    from chemage.studies.trade.mapping import planned
-    from chemage.studies.trade.mapping import tradeoff as measure
-
-    files = out or []
-    for file in files:
-        check_ending(file, (".json", *FIGURES), "a map or its figure")
-        preflight(file, force=force)
-    if len(set(files)) < len(files):
-        raise user_error("--out: one file is named twice")
-    loaded = load_scene(scene, changed_fields(changes))
-    if not output.quiet():
-        print(f"{loaded.name}: {planned(loaded)}", file=sys.stderr)
-    done = 0
-    with progress_bars({_STAGE: "steps"}) as report:
-
-        def shown(what: str) -> None:
-            nonlocal done
-            done += 1
-            report(_STAGE, done, 0, what)
-
-        where: dict[str, Any] = {
-            "executor": chosen_executor(executor, workers, "serial"),
-            "workers": workers,
-        }
-        measured = measure(
-            loaded,
-            rounds=rounds,
-            report=shown,
-            folder=folder,
-            patience=patience,
-            **where,
-        )
-        report(_STAGE, 1, 1)
-    result = result_of(measured)
-    for file in files:
-        if file.suffix.lower() == ".json":
-            measured.write(file, force=force)
-            continue
-        save_picture(result, file, force=force)
-    if as_json:
-        output.say_json(measured.summary())
-        return
-    output.show_result(result)
-    for file in files:
-        output.say(f"{'map' if file.suffix.lower() == '.json' else 'figure':8} {file}")

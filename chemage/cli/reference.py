@@ -106,7 +106,6 @@ def warmup(
     loading("loading chemage")
     from chemage.foundation import compiling, machine
     from chemage.plugins import registry
-    from chemage.scene.warm_up import form, warm_up
 
     begin = time.perf_counter()
     failed: dict[str, str] = {}
@@ -121,11 +120,11 @@ def warmup(
         seen: set[str] = set()
         for name in scenes or sorted(registry.current().scenes()):
             for entry in _forms(name):
-                if (what := form(entry)) in seen:
+                if (what := entry.form()) in seen:
                     continue
                 seen.add(what)
                 try:
-                    warm_up(entry)
+                    entry.warm_up()
                 except Exception as error:
                     if registry.current().strict:
                         raise

@@ -44,7 +44,8 @@ NAMES = {
     "studies.ensembles.running": "ensemble",
     "scene.materials": "Material MaterialValue material",
     "scene.provenance": "versions",
-    "scene.run": "Run contact_of run surface_of",
+    "scene.plan": "plan",
+    "scene.run": "Run aging_of contact_of run surface_of",
     "scene.scene": "Scene",
     "scene.files": "load_scene override parse_scene scene_data",
     "foundation.kernels": "kernel",
@@ -80,6 +81,7 @@ NAMES = {
     "surfaces.surface": "Roughness Surface",
     "studies.study": "Design carry_out",
     "studies.tasks": "Outcome Task",
+    "studies.trade": "TradeMap TradePoint",
     "studies.sweeps.result": "Collected Point SweepResult collect_sweep load_sweep",
     "studies.sweeps.running": "sweep",
 }

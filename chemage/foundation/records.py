@@ -54,24 +54,6 @@ def approximation_made_by(component: Any) -> list[dict[str, Any]]:
     return [entry]
 
 
-def approximations_in_words(approximations: Iterable[Mapping[str, Any]]) -> str:
-    """The one sentence by which everything that prints a number marks it: ``KIND (declared error 2 % of ...)``."""
-    return "; ".join(
-        f"{entry['kind']} ({_error_in_words(entry)})" for entry in approximations
-    )
-
-
-def _error_in_words(entry: Mapping[str, Any]) -> str:
-    if "carries" in entry:
-        return f"carries {entry['carries']}"
-    error = entry.get("declared_error")
-    if not isinstance(error, int | float):
-        return "no error declared"
-    return (
-        f"declared error {100 * error:.3g} % of {entry.get('of') or 'what it computes'}"
-    )
-
-
 def content_hash(content: Any) -> str:
     """128 bits as 32 hexadecimal digits; the order of the entries of a dict does not count."""
     try:

@@ -24,8 +24,13 @@ from chemage.foundation.names import PICTURES
 from chemage.foundation.outputs import Observing
 from chemage.foundation.quantities import NONE as NONE
 from chemage.foundation.quantities import Curve, Quantity, Rank, headed
-from chemage.foundation.records import Record, approximations_in_words
-from chemage.foundation.text import html_table, jsonable, with_article
+from chemage.foundation.records import Record
+from chemage.foundation.text import (
+    approximations_in_words,
+    html_table,
+    jsonable,
+    with_article,
+)
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -105,6 +105,24 @@ def with_interval(value: float, low: float, high: float) -> str:
     )
 
 
+def approximations_in_words(approximations: Iterable[Mapping[str, Any]]) -> str:
+    """The one sentence by which everything that prints a number marks it: ``KIND (declared error 2 % of ...)``."""
+    return "; ".join(
+        f"{entry['kind']} ({_error_in_words(entry)})" for entry in approximations
+    )
+
+
+def _error_in_words(entry: Mapping[str, Any]) -> str:
+    if "carries" in entry:
+        return f"carries {entry['carries']}"
+    error = entry.get("declared_error")
+    if not isinstance(error, int | float):
+        return "no error declared"
+    return (
+        f"declared error {100 * error:.3g} % of {entry.get('of') or 'what it computes'}"
+    )
+
+
 def jsonable(value: Any) -> Any:
     """Plain JSON: numpy scalars and arrays as numbers and lists, what is not finite as None."""
     if isinstance(value, Mapping):

@@ -5,18 +5,19 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 
 # what shows an activation energy and an ageing curve is in rooms above them
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
 from chemage.foundation.result import Result, result_of
+from chemage.plugins import registry
 from chemage.results import arrhenius as _arrhenius  # noqa: F401
 from chemage.results.files import read
 from chemage.scene import display as _scene  # noqa: F401
 from chemage.scene.provenance import components_of
 from chemage.studies.sweeps.result import load_sweep
-from chemage.studies.trade.trade_map import TradeMap
 
 
 def load(path: str | os.PathLike[str], *, maps: bool = True) -> Result:
@@ -42,7 +43,10 @@ def load(path: str | os.PathLike[str], *, maps: bool = True) -> Result:
     if source.is_dir():
         return result_of(load_sweep(source))
     if source.suffix.lower() == ".json" and source.is_file():
-        return result_of(TradeMap.read(source))
+        # as the plugin shows it that measures such maps
+        names = registry.current().offered("names")
+        target = names.get("Tradeoff", "chemage.studies.trade:TradeMap")
+        return result_of(resolve_name(target).read(source))
     return result_of(read(source, maps=maps)).completed(source)
 
 

@@ -12,6 +12,7 @@ from functools import cached_property
 from typing import Any
 
 from chemage.ageing.age import kept_bytes
+from chemage.ageing.methods import check_method, expected_cost
 from chemage.foundation.components import Component
 from chemage.foundation.errors import ChemageError, InputError, PlanWarning
 from chemage.foundation.machine import slowness
@@ -178,6 +179,31 @@ class Plan:
             self._seconds("ageing", f"cpu_seconds_{end}") for end in ("least", "most")
         )
         return None if least is None or most is None else (least, most)
+
+    def preparation(self) -> float:
+        """CPU seconds that the method of ageing may need before its first answer, such as for a table.
+
+        Raises
+        ------
+        InputError
+            The method does not fit the scene.
+        """
+        scene, parts = self.scene, self.parts
+        if scene.ageing is None or scene.hold is None:
+            return 0.0
+        chemistry, engine = parts["chemistry"], parts["engine"]
+        check_method(scene.ageing, chemistry, engine, scene.rupture, scene.observe)
+        seconds = expected_cost(
+            scene.ageing,
+            self.sites or 1.0,
+            {"cpu_seconds": 0.0},  # of kinetics, which may state a range of their own
+            1,
+            chemistry=chemistry,
+            temperature=scene.hold.temperature,
+            mean_pressure=self.mean_pressure,
+        )
+        least = seconds.get("cpu_seconds_least", 0.0)
+        return max(0.0, seconds.get("cpu_seconds_most", 0.0) - least)
 
     @property
     def range_reason(self) -> str:

@@ -40,14 +40,9 @@ from chemage.foundation.errors import (
 from chemage.foundation.files import make_folder
 from chemage.foundation.outputs import MeasuredOutput
 from chemage.foundation.progress import progress_bars
-from chemage.foundation.records import (
-    Record,
-    approximations_in_words,
-    content_hash,
-    merged_approximations,
-)
+from chemage.foundation.records import Record, content_hash, merged_approximations
 from chemage.foundation.result import draw_parts, notebook_html
-from chemage.foundation.text import jsonable
+from chemage.foundation.text import approximations_in_words, jsonable
 from chemage.plugins import registry
 from chemage.plugins.hooks import Stage, StageInputs
 from chemage.plugins.sources import run_stage
@@ -488,7 +483,7 @@ def contact_of(scene: Scene, surface: Surface | None = None) -> Any:
         return compute_stages(scene, {"contact"}, surface=surface)["contact"]
 
 
-def aged(
+def aging_of(
     scene: Scene, contact: ContactSolution | ContactStatistics, **changes: Any
 ) -> Aging | None:
     """The ageing of ``scene`` on ``contact``, with ``changes`` to the arguments of :func:`chemage.age`; None if the

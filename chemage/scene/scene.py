@@ -11,6 +11,7 @@ contacts that of vanishing pixels is extrapolated.
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -46,11 +47,15 @@ from chemage.lattices.site_grid import site_rule, site_shape
 from chemage.plugins import context, registry
 from chemage.plugins.hooks import KEYS
 from chemage.plugins.options import PluginOptions, joined
-from chemage.plugins.sources import implementing, providers, stage_hooks
+from chemage.plugins.sources import implementing, nested, providers, stage_hooks
 from chemage.scene.materials import MaterialValue
 from chemage.surfaces.role import SurfaceMaker
 
+#: a number in JSON
+_NUMBER = re.compile(r"(?<=[ \[])-?\d[\d.e+-]*")
 _PERCENT = re.compile(r"\s*([-+0-9.eE]+)\s*%\s*")
+#: what a process of its own compiles (:data:`chemage.foundation.compiling.STAGES`) -> keys of the stages it is for
+COMPILED = {"contact": KEYS[:2], "ageing": KEYS[2:]}
 #: surfaces of an ensemble, unless more are allowed
 MOST_SURFACES = 10_000
 #: more than anybody can compute, and as many as counts and their squares can hold
@@ -306,6 +311,14 @@ class Scene(Section):
                 components[path] = part
         return components
 
+    def nested(self) -> dict[str, Component]:
+        """Every component at any depth by its path, such as ``contact.inner``; each before its parts."""
+        return {
+            path: part
+            for section, component in self.sections().items()
+            for path, part in nested(component, section)
+        }
+
     def component(self, section: str) -> Any:
         """The component or the options of a section; None where the scene has none."""
         return self.parts.get(section)
@@ -372,6 +385,12 @@ class Scene(Section):
         )
 
     @property
+    def is_random(self) -> bool:
+        """Whether another seed gives another surface, as far as its maker says."""
+        scatter = self.surface.scatter({})
+        return scatter is None or scatter.relative != 0
+
+    @property
     def ages(self) -> bool:
         """Whether the scene goes on after the contact."""
         return (
@@ -411,6 +430,37 @@ class Scene(Section):
         if grids and site_rule(*grids) == "reconstructed":
             parts["contact"] = self.contact.with_gap()
         return parts | {"grids": grids}
+
+    def coarser(self, factor: int) -> Self | None:
+        """The scene with the contact on pixels ``factor`` times larger and the sites where they are; None where its
+        surface has no coarser grid. Sites that are pixels get the density of the scene's own pixels."""
+        if not self.contact.gives_map:
+            return None
+        expected = self.surface.expected()
+        maker = self.surface.coarser(factor)
+        if maker is None or "pixel_size" not in expected:
+            return None
+        update: dict[str, Any] = {"surface": maker}
+        if self.chemistry is not None and self.chemistry.site_density == "pixel":
+            update["chemistry"] = self.chemistry.replace(
+                site_density=expected["pixel_size"] ** -2
+            )
+        return self.model_copy(update=update)
+
+    def warm_up(self, *compiled: str) -> None:
+        """Compile what a run needs, or of that what ``compiled`` names ("contact", "ageing"), and compute nothing."""
+        keys = {key for name in compiled or COMPILED for key in COMPILED[name]}
+        with self.in_use():
+            parts = self.solved_parts
+            for stage in registry.current().stages():
+                if stage.key in keys and stage.section in parts:
+                    stage.warm_up(parts)
+
+    def form(self) -> str:
+        """What kernels may depend on: the scene without its numbers. Scenes of one form share their kernels, up to
+        those that depend on a number of pixels."""
+        data = json.dumps(self.todict() | {"name": "", "title": ""}, sort_keys=True)
+        return f"{_NUMBER.sub('', data)} {self.surface.expected().get('nx')}"
 
     def in_use(self) -> AbstractContextManager[None]:
         """A block in which plugins have the options that this scene sets, and come in its order."""
@@ -556,34 +606,3 @@ def _without_none(data: Any) -> Any:
     if isinstance(data, list | tuple):
         return [_without_none(value) for value in data]
     return data
-
-
-def is_random(scene: Scene) -> bool:
-    """Whether another seed gives another surface, as far as its maker says."""
-    scatter = scene.surface.scatter({})
-    return scatter is None or scatter.relative != 0
-
-
-def coarser(scene: Scene, factor: int) -> Scene | None:
-    """``scene`` with the contact on pixels ``factor`` times larger and the sites where they are; None where its surface
-    has no coarser grid. Sites that are pixels get the density of the scene's own pixels."""
-    if not scene.contact.gives_map:
-        return None
-    expected = scene.surface.expected()
-    maker = scene.surface.coarser(factor)
-    if maker is None or "pixel_size" not in expected:
-        return None
-    update: dict[str, Any] = {"surface": maker}
-    if scene.chemistry is not None and scene.chemistry.site_density == "pixel":
-        update["chemistry"] = scene.chemistry.replace(
-            site_density=expected["pixel_size"] ** -2
-        )
-    return scene.model_copy(update=update)
-
-
-def question(scene: Scene) -> str:
-    """Content hash of what a scene asks but for seeds, replicas, goals and observables, which change neither costs per
-    replica nor errors of its settings."""
-    return content_hash(
-        scene.bare(seed=0).model_copy(update={"surface_seed": 0}).keys()["result"]
-    )

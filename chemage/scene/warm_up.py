@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from subprocess import TimeoutExpired
@@ -10,44 +9,8 @@ from typing import Any
 
 from chemage.foundation import compiling
 from chemage.foundation.progress import Report
-from chemage.plugins import registry
-from chemage.plugins.hooks import KEYS
 from chemage.scene.files import load_scene, parse_scene
 from chemage.scene.scene import Scene
-
-#: what a process of its own compiles (:data:`chemage.foundation.compiling.STAGES`) -> keys of the stages it is for
-COMPILED = {"contact": KEYS[:2], "ageing": KEYS[2:]}
-
-
-def warm_up(scene: Scene, *compiled: str) -> None:
-    """Compile what a run of ``scene`` needs, or of that what ``compiled`` names, without computing anything of it."""
-    keys = {key for name in compiled or COMPILED for key in COMPILED[name]}
-    with scene.in_use():
-        parts = scene.solved_parts
-        for stage in registry.current().stages():
-            if stage.key in keys and stage.section in parts:
-                stage.warm_up(parts)
-
-
-def form(scene: Scene) -> str:
-    """What kernels may depend on: the scene without the sizes of its numbers. Scenes of one form share their kernels,
-    up to those that depend on a number of pixels."""
-    data = scene.todict() | {"name": "", "title": ""}
-    return json.dumps(_without_numbers(data), sort_keys=True) + str(
-        scene.surface.expected().get("nx", "")
-    )
-
-
-def _without_numbers(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {name: _without_numbers(item) for name, item in value.items()}
-    if isinstance(value, list):
-        return [_without_numbers(item) for item in value]
-    return (
-        type(value).__name__
-        if isinstance(value, int | float) and not isinstance(value, bool)
-        else value
-    )
 
 
 @contextmanager
@@ -105,7 +68,6 @@ def compile_stage(
     stage: str, scene: Mapping[str, Any] | str, changes: Mapping[str, Any] | None
 ) -> None:
     """Compile the kernels of a stage of a scene, given as data, or by name with ``changes``."""
-    warm_up(
-        load_scene(scene, changes) if isinstance(scene, str) else parse_scene(scene),
-        stage,
-    )
+    known = isinstance(scene, str)
+    read = load_scene(scene, changes) if known else parse_scene(scene)
+    read.warm_up(stage)

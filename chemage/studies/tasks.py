@@ -22,12 +22,12 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, ClassVar, Generic, Self, TypeVar
+from typing import Any, Generic, Self, TypeVar
 
-from chemage.ageing.aging import elastic_limits
-from chemage.contacts.solution import ContactSolution
+from chemage.ageing.aging import Aging, elastic_limits
+from chemage.contacts.solution import FLOW_MEASURES, MEASURES, ContactSolution
 from chemage.foundation import threads as thread_budget
-from chemage.foundation.codec import to_json
+from chemage.foundation.codec import from_json, to_json
 from chemage.foundation.errors import (
     ChemageError,
     ExecutorError,
@@ -43,7 +43,6 @@ from chemage.scene.provenance import versions
 from chemage.scene.run import Run, contact_of, run, run_keys, surface_of
 from chemage.scene.scene import Scene
 from chemage.studies.folder import CannotWrite, Folder, process_name, refuse_links
-from chemage.surfaces.surface import Surface
 
 #: (name, "module:Class") of a component, (name, "module") of a plugin with hooks
 Known = tuple[tuple[str, str], ...]
@@ -152,6 +151,8 @@ def learn(known: Known) -> None:
 
 
 T = TypeVar("T")
+#: measures of a contact that are the same on every surface and with all settings
+GIVEN = {"load", "modulus", "nominal_area", "nominal_pressure"}
 #: number of times that a task is tried again after its worker died
 RETRIES = 1
 
@@ -188,7 +189,7 @@ class Task:
         changes: Mapping[str, Any] | None = None,
         costs: Plan | None = None,
         **more: Any,
-    ) -> Task:
+    ) -> Self:
         """The run of a scene (its object, file, name or data) with ``changes``: dotted path -> value. Its ``costs`` are
         estimated where they are not given.
 
@@ -233,7 +234,8 @@ class Task:
         return replace(self, source=self.scene)
 
     def outcome(self, worker: Worker) -> Outcome:
-        """Compute this task: here a run of its scene."""
+        """Compute this task: here a run of its scene. What another design computes has a run as well, and may add
+        ``content`` of its own; it names its ``worker.stage``, and finds what is :meth:`Worker.kept`."""
         if self.contact_only:
             worker.contact(self)
             return Outcome()
@@ -327,7 +329,7 @@ class Outcome:
 
     #: without the surface; None where another process computed it
     run: Run | None = None
-    #: what a folder has of it, see :func:`content_of`
+    #: what a folder has of it, see :func:`content_of`; with a run, the plain values that the task adds to that
     content: dict[str, Any] | None = None
     error: BaseException | None = None
     #: the stage that failed
@@ -338,12 +340,29 @@ class Outcome:
     @property
     def summary(self) -> dict[str, Any]:
         """The numbers of the run, see :meth:`chemage.Run.summary`; raises the error of what failed."""
+        return self._stored("summary") if self.run is None else self.run.summary()
+
+    @property
+    def measures(self) -> dict[str, Any]:
+        """Those of the contact, but for :data:`GIVEN` ones; what is not known is None or nan."""
+        run = self.run
+        numbers = self.summary if run is None else run.contact.summary()
+        names = [name for name in (*MEASURES, *FLOW_MEASURES) if name not in GIVEN]
+        return {name: numbers[name] for name in names if name in numbers}
+
+    @property
+    def aging(self) -> Aging | None:
+        """The ageing; None where the scene ends at the contact."""
+        if self.run is not None:
+            return self.run.aging
+        stored = self._stored("aging")
+        return None if stored is None else from_json(Aging, stored)
+
+    def _stored(self, name: str) -> Any:
         if self.error is not None:
             raise self.error
-        if self.run is not None:
-            return self.run.summary()
         assert self.content is not None
-        return self.content["summary"]
+        return self.content[name]
 
 
 #: what a worker sends back: its wall time, s, and how each task ended, by its key
@@ -355,11 +374,7 @@ Answer = tuple[float, dict[str, Outcome]]
 class Recent(Generic[T]):
     """A small cache of the objects used last, by key; threads that ask for one that is being made wait for it."""
 
-    #: all that this process has
-    caches: ClassVar[list[Recent[Any]]] = []
-
     def __init__(self, size: int) -> None:
-        self.caches.append(self)
         self._size, self._lock = size, threading.Lock()
         self._making: dict[str, threading.Lock] = {}
         self._kept: OrderedDict[str, T] = OrderedDict()
@@ -387,14 +402,13 @@ class Recent(Generic[T]):
                 self._making.pop(key, None)
 
 
-# 50 MB each at 2500 x 2500 pixels; tasks are computed in an order for which two of each are enough
-_surfaces: Recent[Surface] = Recent(2)
-_contacts: Recent[ContactSolution] = Recent(2)
+#: what it is -> the last two: 50 MB each at 2500 x 2500 pixels; the order of tasks makes two enough
+_kept: dict[str, Recent[Any]] = {}
 
 
 def forget(path: str) -> None:
     """Free the surfaces and contacts of the study in the folder ``path`` that this process has in memory."""
-    for cache in Recent.caches:
+    for cache in [*_kept.values()]:
         cache.drop(f"{path} ")
 
 
@@ -455,7 +469,7 @@ class Worker:
         #: where contacts and failures are kept as well
         self._whole = None if place is None else place.whole
         #: in caches of this process: the study, and the plugins in use, which may change between two studies
-        self.owner = f"{'' if place is None else f'{place.path} {place.digest}'} {registry.current().state()}"
+        self._owner = f"{'' if place is None else f'{place.path} {place.digest}'} {registry.current().state()}"
         #: the ageing that was computed last, and what came of it
         self._ageing, self._run, self._error = "", None, None
         #: the stage that runs, which an error is of
@@ -473,11 +487,16 @@ class Worker:
         ) as error:  # a plugin that calls exit must not end the study
             return self._failed(task, error)
         if outcome.run is not None and (self._folder is not None or self._remote):
-            outcome = Outcome(content=content_of(outcome.run, task))
+            content = content_of(outcome.run, task) | (outcome.content or {})
+            outcome = Outcome(content=content)
         if self._folder is None or outcome.content is None:
             return outcome
         self._folder.write_point(task.key, outcome.content)
         return Outcome()
+
+    def kept(self, what: str, key: str, make: Callable[[], T]) -> T:
+        """What ``make`` gives for ``key``; of each ``what`` this process keeps the last two until the study ends."""
+        return _kept.setdefault(what, Recent(2)).get(f"{self._owner} {key}", make)
 
     def run(self, task: Task) -> Run:
         """The run of a task's scene, which has its ageing in common with the task before if that was the same."""
@@ -492,9 +511,7 @@ class Worker:
             contact = (
                 None
                 if theory
-                else _contacts.get(
-                    f"{self.owner} {task.contact}", lambda: self.contact(task)
-                )
+                else self.kept("contact", task.contact, lambda: self.contact(task))
             )
             self.stage = "ageing"
             self._run = run(
@@ -523,9 +540,7 @@ class Worker:
         # the name contains the study: in another one other plugins may change the surface of the same options
         scene = task.scene
         with scene.in_use():
-            surface = _surfaces.get(
-                f"{self.owner} {task.surface}", lambda: surface_of(scene)
-            )
+            surface = self.kept("surface", task.surface, lambda: surface_of(scene))
             return contact_of(scene, surface)
 
     def _failed(self, task: Task, error: BaseException) -> Outcome:

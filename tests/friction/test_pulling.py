@@ -18,11 +18,10 @@ from pulled_models import (
     random_pull,
 )
 from scipy.stats import kstest
-from seen import plan
 
 import chemage as ca
 from chemage import InputError
-from chemage.plugin import PlottedResult, PullHistory
+from chemage.plugin import PlottedResult, PullHistory, plan
 
 EXACT = ca.pulling("event-driven")
 

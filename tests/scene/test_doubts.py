@@ -6,10 +6,11 @@ import warnings
 
 import numpy as np
 import pytest
-from seen import plan, result_of
+from seen import result_of
 
 import chemage as ca
 from chemage import run
+from chemage.plugin import plan
 
 PATCH, TIP = "silica-patch", "silica-tip"
 BEM_TIP = {"contact": {"kind": "fft-bem", "modulus": 35.3, "load": "50 nN"}}

@@ -6,11 +6,10 @@ import json
 
 import faults
 import pytest
-from seen import plan
 
 import chemage
 from chemage import load_scene
-from chemage.plugin import scene_data
+from chemage.plugin import plan, scene_data
 
 
 @pytest.fixture

@@ -7,10 +7,10 @@ import tomllib
 
 import jsonschema
 import pytest
-from seen import plan, read_grid, scene_schema, survey_of
+from seen import read_grid, scene_schema, survey_of
 
 import chemage as ca
-from chemage.plugin import registry, scene_data
+from chemage.plugin import plan, registry, scene_data
 from chemage.testing import CheckFailed, check_material
 
 CHEMISTRY = ("forming", "breaking", "interaction", "chemistry")

@@ -279,8 +279,8 @@ def test_a_sweep_keeps_pressures_of_sites_and_frees_its_contacts_in_the_end(tmp_
             largest = max(stored[name].size for name in stored.files if stored[name].dtype.kind in "fiu")
         assert 0 < largest < 64 * 64 / 2
         assert point.contact().sites.size < 64 * 64 / 2
-    assert not tasks._surfaces._kept
-    assert not tasks._contacts._kept
+    assert {"surface", "contact"} <= tasks._kept.keys()
+    assert not any(recent._kept for recent in tasks._kept.values())
 
 
 # -- figures ----------------------------------------------------------------------------------------------------------

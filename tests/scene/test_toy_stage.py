@@ -11,9 +11,10 @@ import re
 import jsonschema
 import pytest
 import wear
-from seen import plan, read_grid, scene_schema, survey_of
+from seen import read_grid, scene_schema, survey_of
 
 import chemage as ca
+from chemage.plugin import plan
 
 
 @pytest.fixture(autouse=True)

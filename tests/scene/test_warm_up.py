@@ -60,7 +60,7 @@ def compiled(code: str, folder: Path, **environment: str) -> list[str]:
 
 
 def warmed(name: str) -> str:
-    return f"import chemage as ca; from chemage.scene.warm_up import warm_up; warm_up(ca.load_scene({name!r}))"
+    return f"import chemage as ca; ca.load_scene({name!r}).warm_up()"
 
 
 RUN = """import chemage as ca
@@ -302,7 +302,7 @@ def test_an_engine_of_another_package_is_warmed_up_on_a_lattice_like_that_of_the
     registered(Mine)
     one = ca.load_scene("silica-tip", {"engine": {"kind": "mine"}})
     with pytest.raises(RuntimeError, match="compile here"):
-        warm_up.warm_up(one, "ageing")
+        one.warm_up("ageing")
     lattice, times, temperature = seen[0]
     assert lattice.interacting
     assert lattice.breaking is not None
@@ -319,16 +319,16 @@ def test_there_are_sites_on_the_small_contact(density, pixel_size):
     seen = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(ca.plugin.Engine, "warm_up", lambda self, lattice, temperature: seen.append(lattice))
-        warm_up.warm_up(ca.load_scene("silica-tip", changes), "ageing")
+        ca.load_scene("silica-tip", changes).warm_up("ageing")
     (lattice,) = seen
     assert 4 <= lattice.sites.size < 200_000
 
 
 def test_scenes_that_differ_in_numbers_have_one_form():
     cold, dense = ({"hold.temperature": 250.0}, {"chemistry.site_density": "pixel"})
-    assert warm_up.form(scene()) == warm_up.form(ca.load_scene("silica-tip", cold))
-    assert warm_up.form(scene()) != warm_up.form(ca.load_scene("silica-tip", dense))
-    assert warm_up.form(scene()) != warm_up.form(ca.load_scene("silica-tip", {"engine.kind": "bkl"}))
+    assert scene().form() == ca.load_scene("silica-tip", cold).form()
+    assert scene().form() != ca.load_scene("silica-tip", dense).form()
+    assert scene().form() != ca.load_scene("silica-tip", {"engine.kind": "bkl"}).form()
 
 
 def test_a_kernel_that_is_kept_is_told_from_others():

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from made_inference import made_forecast, made_inference
-from seen import Comparison, Entry, TradeMap, TradePoint
+from seen import Comparison, Entry
 
 import chemage as ca
 from chemage.plugin import ContactStatistics
@@ -92,13 +92,13 @@ def made_ensemble(random: bool = True, ages: bool = True, seed: int = 0) -> ca.E
     )
 
 
-def made_trade() -> TradeMap:
+def made_trade() -> ca.Tradeoff:
     """A map of speed and accuracy with a front of combinations."""
 
     observables = ["beta", "corrected_area", "friction_drop@1000 s"]
 
-    def point(seconds: float, error: float, **choices: str) -> TradePoint:
-        return TradePoint(
+    def point(seconds: float, error: float, **choices: str) -> ca.plugin.TradePoint:
+        return ca.plugin.TradePoint(
             choices=choices,
             changes={},
             own=not choices,
@@ -116,7 +116,7 @@ def made_trade() -> TradeMap:
         point(0.5, 0.004, **{"engine.kind": "independent, coarse"}),
     ]
     more = {"scene": {"name": "made"}, "question": "q", "versions": {}, "machine": {}, "rounds": 3, "random": True}
-    return TradeMap(**more, replicas=10, observables=observables, points=points).marked()
+    return ca.Tradeoff(**more, replicas=10, observables=observables, points=points).marked()
 
 
 def made_result_of_inference() -> InferenceResult:

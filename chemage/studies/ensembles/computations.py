@@ -20,12 +20,11 @@ from chemage.foundation.statistics import NORMAL_LIMIT
 from chemage.scene import plan as estimate
 from chemage.scene.files import load_scene
 from chemage.scene.run import run
-from chemage.scene.scene import Scene, coarser
+from chemage.scene.scene import Scene
 from chemage.studies.ensembles.quantities import Quantities, SurfaceSample
 from chemage.studies.runner import PROGRAM
 from chemage.studies.tasks import Outcome, Task
-from chemage.studies.trade.choices import GRID
-from chemage.studies.trade.trade_map import TradeMap, TradePoint
+from chemage.studies.trade import TradeMap, TradePoint
 
 #: factors by which the pixels of the contact are made larger, the largest first
 COARSER = (4, 2)
@@ -144,7 +143,7 @@ def computations(scene: Scene) -> list[Computation]:
     own = estimated(base, 1)
     ways = [own]
     for factor in reversed(COARSER):
-        coarse = coarser(base, factor)
+        coarse = base.coarser(factor)
         if coarse is not None:
             way = estimated(coarse, factor)
             if way.seconds <= PAYS * ways[-1].seconds:
@@ -271,7 +270,7 @@ def _mapped(
         replica_seconds=replica,
         settings="" if point.own else point.words,
         errors=_errors(point, quantities) if errors else None,
-        grid_only=set(point.choices) <= {GRID},
+        grid_only=point.grid_only,
         timed=True,
     )
 

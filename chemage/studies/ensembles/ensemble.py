@@ -13,15 +13,9 @@ from chemage.ageing.fitting import BETA, DROPS, LN10, B, why_not_fitted
 from chemage.foundation.codec import dataset, frame
 from chemage.foundation.outputs import RECORDED
 from chemage.foundation.quantities import HOLD_TIME, Curve, ErrorPart, Quantity, by_name
-from chemage.foundation.records import (
-    Doubles,
-    Named,
-    Number,
-    Plain,
-    Record,
-    approximations_in_words,
-)
+from chemage.foundation.records import Doubles, Named, Number, Plain, Record
 from chemage.foundation.result import draw_result, notebook_html
+from chemage.foundation.text import approximations_in_words
 from chemage.scene.scene import heading
 from chemage.studies.ensembles.quantities import (
     Quantities,

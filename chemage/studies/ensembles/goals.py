@@ -27,7 +27,6 @@ from chemage.scene.scene import (
     Scene,
     accuracies,
     budget_seconds,
-    is_random,
 )
 from chemage.studies.ensembles import stages
 from chemage.studies.ensembles.computations import (
@@ -43,7 +42,7 @@ from chemage.studies.ensembles.quantities import (
     limit,
     recorded_measures,
 )
-from chemage.studies.trade.trade_map import TradeMap
+from chemage.studies.trade import TradeMap
 
 #: scatter of a quantity between surfaces that is expected where nothing is known, over the mean
 SCATTER = 0.05
@@ -109,7 +108,7 @@ class Request:
             raise InputError(
                 f"contact {scene.contact.kind!r} is a theory of the mean; it has no surfaces to average over"
             )
-        random = is_random(scene)
+        random = scene.is_random
         if surfaces is not None and not random:
             problem = "but this surface is the same at every seed"
             raise InputError.of(

@@ -17,23 +17,17 @@ from typing import Any
 
 import numpy as np
 
-from chemage.ageing.aging import Aging
 from chemage.ageing.fitting import BETA, DROPS, few_hold_times, line_slopes
 from chemage.contacts.solution import FLOW_MEASURES, MEASURES
 from chemage.foundation.checks import within
-from chemage.foundation.codec import from_json
 from chemage.foundation.errors import InputError, nearest
 from chemage.foundation.outputs import HOLD_TIME, RECORDED, Output
 from chemage.foundation.quantities import ONE, Quantity
-from chemage.foundation.records import merged_approximations
 from chemage.foundation.statistics import student_limit, student_limits
 from chemage.foundation.units import convert
 from chemage.plugins.sources import components_in
 from chemage.scene.scene import Scene
-from chemage.studies.tasks import Outcome
-
-#: measures of a contact that are the same on every surface and with all settings
-GIVEN = {"load", "modulus", "nominal_area", "nominal_pressure"}
+from chemage.studies.tasks import GIVEN, Outcome
 
 
 @dataclass(frozen=True)
@@ -58,27 +52,17 @@ class SurfaceSample:
         InputError
             The friction is not finite.
         """
-        if outcome.run is not None:
-            contact, aging = outcome.run.contact, outcome.run.aging
-            measures, plugins = contact.summary(), outcome.run.plugins
-            measures |= _recorded(
-                {
-                    name: output.summary()
-                    for name, output in outcome.run.measured.items()
-                }
-            )
-            approximate = merged_approximations(
-                contact.approximate, aging.approximate if aging is not None else ()
-            )
+        run, aging, content = outcome.run, outcome.aging, outcome.content
+        if run is not None:
+            plugins, approximate = run.plugins, run.contact.approximate
+            recorded = {name: one.summary() for name, one in run.measured.items()}
         else:
-            summary, content = outcome.summary, outcome.content
             assert content is not None
-            aging = from_json(Aging, content["aging"]) if content["aging"] else None
-            measures = summary | _recorded(summary["observables"])
-            plugins = content["plugins"]
-            approximate = (
-                content.get("approximate", ()) if aging is None else aging.approximate
-            )
+            plugins, approximate = content["plugins"], content.get("approximate", ())
+            recorded = content["summary"]["observables"]
+        if aging is not None:  # which has what is approximate about the contact as well
+            approximate = aging.approximate
+        measures = outcome.measures | _recorded(recorded)
         numbers = {}
         for name, value in measures.items():
             if (

@@ -41,7 +41,7 @@ from chemage.studies.ensembles.goals import AccuracyGoal, Request, with_request
 from chemage.studies.ensembles.quantities import MOST, SurfaceSample
 from chemage.studies.study import Design, Selection, carry_out
 from chemage.studies.tasks import Outcome, Task
-from chemage.studies.trade.trade_map import TradeMap
+from chemage.studies.trade import TradeMap
 
 #: seconds between two intervals that are shown
 PERIOD = 0.25

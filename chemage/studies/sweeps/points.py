@@ -22,7 +22,7 @@ from chemage.foundation.codec import to_json
 from chemage.foundation.text import jsonable
 from chemage.plugins.context import Plugins
 from chemage.plugins.sources import changed, implementing, providers, would_change
-from chemage.scene.run import aged, surface_of
+from chemage.scene.run import aging_of, surface_of
 from chemage.scene.scene import Scene
 from chemage.studies.ensembles.planning import plan
 from chemage.studies.ensembles.running import Sampler
@@ -145,7 +145,7 @@ class Outdated:
 
     def _ageing_would_change(self, scene: Scene, solution: ContactSolution) -> bool:
         # one replica goes through all stages after the contact
-        aging = aged(scene, solution, replicas=1) if self._new_in_ageing else None
+        aging = aging_of(scene, solution, replicas=1) if self._new_in_ageing else None
         if aging is None:
             return False
         provide = providers(*scene.components())

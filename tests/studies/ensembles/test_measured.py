@@ -7,12 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from seen import TradeMap, TradePoint
 
 import chemage as ca
 from chemage import InputError, ensemble
-from chemage.plugin import versions
-from chemage.scene.scene import question
+from chemage.plugin import TradeMap, TradePoint, versions
 from chemage.studies.ensembles.goals import Request
 from chemage.studies.ensembles.running import Sampler
 
@@ -37,10 +35,8 @@ def scene() -> ca.Scene:
 def made(scene: ca.Scene, *points: TradePoint) -> TradeMap:
     """A map with these points and that of the scene itself, which takes 1 s for a contact and 30 ms for 3 replicas."""
     own = measured(1.0, 0.0, choices={}, changes={}, own=True)
-    return TradeMap(
-        scene=scene.todict(), question=question(scene), versions=versions(scene), machine={}, rounds=4, random=True,
-        replicas=3, observables=["beta"], surface_scatter={"beta": 0.1}, points=[own, *points],
-    )  # fmt: skip
+    more: dict[str, Any] = {"observables": ["beta"], "surface_scatter": {"beta": 0.1}, "points": [own, *points]}
+    return TradeMap.measured(scene, rounds=4, random=True, **more)
 
 
 def measured(seconds: float, error: float, stderr: float = 0.0, **more: Any) -> TradePoint:

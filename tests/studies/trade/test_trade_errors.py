@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from independent_contact import Body
 from scipy.stats import wasserstein_distance
-from seen import TradeMap, TradePoint, figures, tradeoff
+from seen import figures
 
 import chemage as ca
+from chemage.plugin import TradePoint
 from chemage_contact import FFTBEM
 
 pytestmark = pytest.mark.usefixtures("few_choices")
@@ -24,11 +25,11 @@ MODULUS = 35.3
 
 
 @pytest.fixture(scope="module")
-def found() -> TradeMap:
-    return tradeoff(ca.load_scene("silica-rough", SMALL), rounds=1)
+def found() -> ca.Tradeoff:
+    return ca.tradeoff(ca.load_scene("silica-rough", SMALL), rounds=1)
 
 
-def singles(found: TradeMap, option: str) -> dict[str, TradePoint]:
+def singles(found: ca.Tradeoff, option: str) -> dict[str, TradePoint]:
     """The points that differ from the scene in this option alone: value -> point."""
     return {one.choices[option]: one for one in found.points if set(one.choices) == {option}}
 
@@ -60,7 +61,7 @@ def distance(one: np.ndarray, other: np.ndarray) -> float:
 
 
 @pytest.mark.long
-def test_errors_of_the_contact_are_the_true_ones(found: TradeMap):
+def test_errors_of_the_contact_are_the_true_ones(found: ca.Tradeoff):
     """Against a dense solve that is independent of the project: every error, the smallest included."""
     scene = ca.load_scene("silica-rough", SMALL)
     surface = scene.surface.make(scene.surface_seed)
@@ -76,7 +77,7 @@ def test_errors_of_the_contact_are_the_true_ones(found: TradeMap):
             assert apart == pytest.approx(distance(contact.pressure, truth), rel=0.1), options
 
 
-def test_every_option_the_solver_declares_is_varied(found: TradeMap):
+def test_every_option_the_solver_declares_is_varied(found: ca.Tradeoff):
     scene = ca.load_scene("silica-rough", SMALL)
     for option, values in scene.contact.trade.items():
         others = {str(value) for value in values if value != getattr(scene.contact, option)}
@@ -94,7 +95,7 @@ class Unsolved(FFTBEM):
 
 def test_without_a_reference_errors_are_differences_from_the_scene():
     with registered(Unsolved):
-        found = tradeoff(ca.load_scene("silica-rough", {**CONTACT_ONLY, "contact.kind": "unsolved"}), rounds=1)
+        found = ca.tradeoff(ca.load_scene("silica-rough", {**CONTACT_ONLY, "contact.kind": "unsolved"}), rounds=1)
     (note,) = [note for note in found.notes if note.startswith("no reference, so that errors are differences")]
     assert "iteration limit" in note
     assert found.own is not None
@@ -110,13 +111,13 @@ def registered(cls: type[FFTBEM]) -> Iterator[None]:
 
 
 def test_one_replica_has_differences_without_errors():
-    found = tradeoff(ca.load_scene("silica-rough", {**SMALL, "hold.replicas": 1}), rounds=1)
+    found = ca.tradeoff(ca.load_scene("silica-rough", {**SMALL, "hold.replicas": 1}), rounds=1)
     for point in singles(found, "contact.tolerance").values():
         assert math.isfinite(point.deviation("beta").value)
         assert math.isnan(point.deviation("beta").half_width)
 
 
-def test_a_coarser_grid_samples_the_same_surface(found: TradeMap):
+def test_a_coarser_grid_samples_the_same_surface(found: ca.Tradeoff):
     assert singles(found, "grid of the contact").keys() == {"2 times coarser"}  # 32 pixels: two to the shortest wave
     scene = ca.load_scene("silica-rough", SMALL)
     coarse = scene.surface.coarser(2)
@@ -126,7 +127,7 @@ def test_a_coarser_grid_samples_the_same_surface(found: TradeMap):
     np.testing.assert_allclose(again.heights, fine.heights[::2, ::2], atol=1e-9)
 
 
-def test_exact_engines_agree_and_the_closed_form_is_refused(found: TradeMap):
+def test_exact_engines_agree_and_the_closed_form_is_refused(found: ca.Tradeoff):
     engines = singles(found, "engine")
     assert "independent" not in engines
     assert any(note.startswith("engine independent: not tried") for note in found.notes)
@@ -137,12 +138,12 @@ def test_exact_engines_agree_and_the_closed_form_is_refused(found: TradeMap):
 
 
 def test_contact_mechanics_alone_has_no_engines():
-    found = tradeoff(ca.load_scene("silica-rough", CONTACT_ONLY), rounds=1)
+    found = ca.tradeoff(ca.load_scene("silica-rough", CONTACT_ONLY), rounds=1)
     knobs = {knob for one in found.points for knob in one.choices}
     assert knobs == {"contact.precision", "contact.tolerance", "grid of the contact"}
 
 
-def test_the_figure_has_a_panel_for_each_observable(found: TradeMap):
+def test_the_figure_has_a_panel_for_each_observable(found: ca.Tradeoff):
     titles = [" ".join(axes.get_title().split()) for axes in figures(found)["trade"].axes]
     assert titles[0] == "β"
     assert titles[-4:] == [

@@ -9,13 +9,26 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
-from seen import TradeMap, TradePoint, figures, tradeoff
+from seen import figures
 
 import chemage as ca
+import chemage_trade
 from chemage import ContactSolution, InputError
-from chemage.plugin import ContactSolver, DamagedError, Pressure, StoreError, container, options, override
-from chemage.studies.trade.choices import Timed, applied, changes, choices, go_together, pasted
-from chemage.studies.trade.trade_map import Deviation, pareto, words
+from chemage.plugin import (
+    ContactSolver,
+    DamagedError,
+    Pressure,
+    Scatter,
+    StoreError,
+    TradePoint,
+    container,
+    options,
+    override,
+)
+from chemage.studies.trade import Deviation
+from chemage_trade.choices import applied, changes, choices, go_together, pasted
+from chemage_trade.result import pareto, words
+from chemage_trade.timing import Timed
 
 ROUNDS = 3
 
@@ -56,23 +69,24 @@ def scene(tiny):
     toss = type("Toss", (coin,), {"kind": "tiny-toss", "__doc__": coin.__doc__, "__module__": __name__})
     ca.register(Part)
     ca.register(toss)
+    ca.plugin.registry.current().register(chemage_trade, "trade")
     hold = {"times": [1.0, 10.0, 100.0, 1000.0], "replicas": 3, "seed": 4}
     surface = {"kind": "tiny-tip", "pixels": 12, "seed": 2}
     return ca.parse_scene(tiny.scene(surface=surface, contact={"kind": "tiny-part", "load": 10.0}, hold=hold))
 
 
-_MADE: list[TradeMap] = []
+_MADE: list[ca.Tradeoff] = []
 
 
 @pytest.fixture
 def found(scene):
     """The map of the scene, measured once for all tests."""
     if not _MADE:
-        _MADE.append(tradeoff(scene, rounds=ROUNDS))
+        _MADE.append(ca.tradeoff(scene, rounds=ROUNDS))
     return _MADE[0]
 
 
-def point(found: TradeMap, **chosen: str) -> TradePoint:
+def point(found: ca.Tradeoff, **chosen: str) -> TradePoint:
     """The point with these choices; ``_`` stands for a dot."""
     wanted = {name.replace("_", "."): value for name, value in chosen.items()}
     (one,) = [one for one in found.points if one.choices == wanted]
@@ -147,8 +161,8 @@ def test_the_noise_of_an_exact_engine_is_not_an_error(found):
 
 
 def test_where_the_seed_changes_no_surface_replicas_are_the_sample(scene, monkeypatch):
-    monkeypatch.setattr("chemage.studies.trade.mapping.is_random", lambda _: False)
-    made = tradeoff(scene, rounds=2)
+    monkeypatch.setattr(type(scene.surface), "scatter", lambda self, contact: Scatter(0.0, "the tip is the same"))
+    made = ca.tradeoff(scene, rounds=2)
     assert not made.random
     assert made.surface_scatter == {}
     one = point(made, contact_share="0.5")
@@ -165,14 +179,14 @@ def test_observables_are_of_each_decade_and_of_the_contact(found):
 
 def test_a_contact_alone_has_a_map(scene, tiny):
     data = {name: part for name, part in scene.todict().items() if name in ("name", "surface", "contact")}
-    made = tradeoff(ca.parse_scene(data), rounds=2)
+    made = ca.tradeoff(ca.parse_scene(data), rounds=2)
     assert made.observables == ["corrected_area", "pressure_distribution", "patches", "perimeter_to_area"]
     assert made.cheapest("corrected_area", 0.01).point is not None
 
 
 def test_the_time_that_is_left_is_said(scene):
     said = []
-    tradeoff(scene, rounds=2, report=said.append)
+    ca.tradeoff(scene, rounds=2, report=said.append)
     assert any(text.startswith("surface 2 of 2: contact.share 0.5") for text in said)
 
 
@@ -187,14 +201,14 @@ def faster(monkeypatch):
     def timed(task, worker):
         contact, computed = task.scene.contact, outcome(task, worker)
         faster = (getattr(contact, "share", 1) < 1) + (not getattr(contact, "smooth", True))
-        computed.content["summary"]["timings"] = {"contact": 2.0**-faster, "ageing": 1e-3}
+        computed.run.timings.update(contact=2.0**-faster, ageing=1e-3)
         return computed
 
     monkeypatch.setattr(Timed, "outcome", timed)
 
 
 def test_choices_that_save_time_are_combined(scene, faster):
-    combined = [set(one.choices) for one in tradeoff(scene, rounds=1).points if len(one.choices) > 1]
+    combined = [set(one.choices) for one in ca.tradeoff(scene, rounds=1).points if len(one.choices) > 1]
     assert {"contact.share", "contact.smooth"} in combined
     assert all(len({name for name in one if name.startswith("engine")}) < 2 for one in combined)
 
@@ -208,7 +222,7 @@ def test_two_values_of_one_option_are_not_combined(scene):
 # -- where it is computed ----------------------------------------------------------------------------------------------
 
 
-def differences(found: TradeMap) -> dict[str, Any]:
+def differences(found: ca.Tradeoff) -> dict[str, Any]:
     return {one.words: (one.differences, one.values, one.scatter) for one in found.points}
 
 
@@ -221,25 +235,25 @@ def test_a_map_that_was_stopped_is_resumed_with_equal_times(scene, faster, tmp_p
             raise Stopped
 
     with pytest.raises(Stopped):
-        tradeoff(scene, rounds=2, folder=tmp_path, report=stop)
+        ca.tradeoff(scene, rounds=2, folder=tmp_path, report=stop)
     kept = len(list(tmp_path.rglob("*.json")))
     assert kept > 5
     tiny.forget()
-    resumed = tradeoff(scene, rounds=2, folder=tmp_path)
+    resumed = ca.tradeoff(scene, rounds=2, folder=tmp_path)
     assert len(list(tmp_path.rglob("*.json"))) > kept
     assert 0 < len(tiny.computed("kinetics")) < len(resumed.points) * 2 * 3
     tiny.forget()
-    again = tradeoff(scene, rounds=2, folder=tmp_path)
+    again = ca.tradeoff(scene, rounds=2, folder=tmp_path)
     assert tiny.computed("kinetics") == []  # what is refused is tried again
     assert again.todict() == resumed.todict()
-    assert repr(differences(tradeoff(scene, rounds=2))) == repr(differences(resumed))  # nan are equal
+    assert repr(differences(ca.tradeoff(scene, rounds=2))) == repr(differences(resumed))  # nan are equal
 
 
 def test_times_of_another_processor_are_not_taken(scene, tmp_path, tiny, monkeypatch):
-    tradeoff(scene, rounds=1, folder=tmp_path)
+    ca.tradeoff(scene, rounds=1, folder=tmp_path)
     monkeypatch.setattr("chemage.scene.provenance.processor", lambda: "another")
     tiny.forget()
-    tradeoff(scene, rounds=1, folder=tmp_path)
+    ca.tradeoff(scene, rounds=1, folder=tmp_path)
     assert tiny.computed("kinetics") != []
 
 
@@ -249,7 +263,7 @@ def test_processes_measure_the_same():
         "silica-rough",
         {"surface.pixels": 64, "surface.zeta": 8, "contact.load": "200 nN", "hold.replicas": 3, "hold.per_decade": 2},
     )
-    here, there = (tradeoff(plain, rounds=2, executor=executor) for executor in ("serial", "processes"))
+    here, there = (ca.tradeoff(plain, rounds=2, executor=executor) for executor in ("serial", "processes"))
     both = differences(here).keys() & differences(there).keys()  # which combinations are kept depends on times
     assert {name for name in differences(here) if "," not in name} <= both
     assert [name for name in both if repr(differences(here)[name]) != repr(differences(there)[name])] == []
@@ -258,7 +272,7 @@ def test_processes_measure_the_same():
 
 def test_threads_of_one_process_are_refused(scene):
     with pytest.raises(InputError, match="CPU times of threads cannot be told apart; choose processes"):
-        tradeoff(scene, executor="threads")
+        ca.tradeoff(scene, executor="threads")
 
 
 def test_settings_can_be_pasted(scene, found):
@@ -307,7 +321,7 @@ def drawn():
         made_point(0.3, 0.05),  # beaten
         made_point(0.5, -0.004, 0.0005),
     ]
-    return TradeMap(
+    return ca.Tradeoff(
         scene={"name": "drawn"}, question="q", versions={}, machine={}, rounds=3, random=True, replicas=10,
         observables=["beta", "corrected_area"], points=points,
     ).marked()  # fmt: skip
@@ -362,7 +376,7 @@ def test_the_figure_has_a_panel_for_each_observable(drawn, found):
 
 def test_a_map_is_read_as_it_was_written(found, scene, tmp_path):
     found.write(tmp_path / "map.json")
-    again = TradeMap.read(tmp_path / "map.json")
+    again = ca.Tradeoff.read(tmp_path / "map.json")
     assert again.todict() == found.todict()
     assert again.front("beta")[0].changes == found.front("beta")[0].changes
     again.check(scene)
@@ -376,18 +390,18 @@ def test_a_damaged_map_is_refused(found, tmp_path):
     text = path.read_bytes()
     path.write_bytes(text.replace(b'"replicas": 3', b'"replicas": 4', 1))
     with pytest.raises(DamagedError, match="not what chemage wrote"):
-        TradeMap.read(path)
+        ca.Tradeoff.read(path)
     path.write_bytes(text[:200])
     with pytest.raises(DamagedError, match="is damaged"):
-        TradeMap.read(path)
+        ca.Tradeoff.read(path)
     path.write_text('{"a": 1}')
     with pytest.raises(StoreError, match=r"cannot read the map: .* is no file of chemage"):
-        TradeMap.read(path)
+        ca.Tradeoff.read(path)
     path.write_bytes(container.sealed_json({"a": 1}))
     with pytest.raises(StoreError, match="is no map"):
-        TradeMap.read(path)
+        ca.Tradeoff.read(path)
     with pytest.raises(StoreError, match="cannot read the map"):
-        TradeMap.read(tmp_path / "none.json")
+        ca.Tradeoff.read(tmp_path / "none.json")
 
 
 def test_a_map_serves_other_seeds_replicas_and_goals(found, scene):
@@ -424,7 +438,7 @@ def test_the_command_prints_tables_of_80_columns_and_writes_the_map(scene, tmp_p
     assert "map      map.json" in done.out
     assert (tmp_path / "map.png").stat().st_size > 1000
     assert command("tradeoff", "part.toml", "--rounds", 2, "-o", "map.json").status == 2
-    assert TradeMap.read("map.json").rounds == 2
+    assert ca.Tradeoff.read("map.json").rounds == 2
 
 
 def test_the_command_goes_on_from_its_folder(scene, tmp_path, command, monkeypatch, tiny):
@@ -454,8 +468,8 @@ def toml(scene) -> str:
 
 
 def test_what_is_far_slower_than_the_scene_is_left_out(scene, monkeypatch):
-    monkeypatch.setattr("chemage.studies.trade.mapping.NOT_LONG", 0.0)
-    monkeypatch.setattr("chemage.studies.trade.mapping.SLOWER", 0.0)
-    made = tradeoff(scene, rounds=2)
+    monkeypatch.setattr("chemage_trade.mapping.NOT_LONG", 0.0)
+    monkeypatch.setattr("chemage_trade.mapping.SLOWER", 0.0)
+    made = ca.tradeoff(scene, rounds=2)
     assert all(set(one.choices) <= {"contact", "contact.share", "contact.smooth"} for one in made.points)
     assert any("engine tiny-toss: left out: about" in note for note in made.notes)

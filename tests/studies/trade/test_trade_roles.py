@@ -7,10 +7,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
-from seen import planned, tradeoff, tried_values
 
 import chemage as ca
 from chemage.plugin import Choice, Length
+from chemage_trade.choices import choices
+from chemage_trade.mapping import planned
 
 pytestmark = pytest.mark.usefixtures("few_choices")
 
@@ -134,7 +135,7 @@ def scene():
 
 @pytest.fixture(scope="module")
 def found(scene):
-    return tradeoff(scene, rounds=1)
+    return ca.tradeoff(scene, rounds=1)
 
 
 def singles(found, option):
@@ -223,8 +224,9 @@ def test_few_of_many_values_are_tried():
     ca.register(Many)
     made = ca.parse_scene({**SCENE, "forming": {"kind": "many", "levels": 37}})
     ca.unregister(Many)
-    tried, notes = tried_values(made, "forming.levels")
-    values = [int(label) for label in tried]
+    notes: list[str] = []
+    tried = choices(made, notes)
+    values = [int(one.label) for one in tried if one.name == "forming.levels"]
     assert len(values) == 7  # and that of the scene
     assert {1, 100} <= set(values)
     assert values == sorted(values)
@@ -244,7 +246,7 @@ def test_a_setting_that_is_refused_has_its_reason():
     changes = {"contact": {"kind": "fft-bem", "modulus": "35.3 GPa", "load": "40 nN"}, "observe": []}
     plain = {**SCENE, **changes, "forming": {"kind": "refusing"}, "hold": {**SCENE["hold"], "replicas": 2}}
     try:
-        few = tradeoff(ca.parse_scene(plain), rounds=1)
+        few = ca.tradeoff(ca.parse_scene(plain), rounds=1)
     finally:
         ca.unregister(Refusing)
     assert singles(few, "forming.levels").keys() == {"512"}
@@ -253,5 +255,5 @@ def test_a_setting_that_is_refused_has_its_reason():
 
 def test_contact_mechanics_alone_says_that_the_rest_is_not_tried():
     data = {name: part for name, part in SCENE.items() if name in ("name", "surface", "contact")}
-    found = tradeoff(ca.parse_scene(data), rounds=1)
+    found = ca.tradeoff(ca.parse_scene(data), rounds=1)
     assert {knob.partition(".")[0] for one in found.points for knob in one.choices} == {"surface", "contact"}

@@ -2,44 +2,25 @@
 
 These are the values of options in ``trade`` of its components, at any depth; coarser grids; other solvers, engines and
 methods of ageing.
-
-A scene of which the CPU time is measured, as a task: in the process that computes it, on one thread.
-
-The result is what a map of speed against accuracy compares: measures of the contact, the distance of its pressures from
-those of a reference, and the friction drop of each replica.
 """
 
 from __future__ import annotations
 
 import json
-import math
 import re
 import shlex
-import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import permutations
-from typing import Any, Self, TypeVar
+from typing import Any
 
-import numpy as np
-
-from chemage.ageing.methods import check_method, expected_cost
-from chemage.contacts.solution import ContactSolution
-from chemage.foundation.errors import ChemageError
-from chemage.foundation.records import content_hash
-from chemage.foundation.text import jsonable
-from chemage.plugins import registry
-from chemage.plugins.sources import nested
-from chemage.scene.files import load_scene
-from chemage.scene.plan import cost
-from chemage.scene.provenance import versions
-from chemage.scene.run import Run, aged, contact_of
-from chemage.scene.scene import Scene, coarser
-from chemage.scene.warm_up import form, warm_up
-from chemage.studies.tasks import Outcome, Recent, Task, Worker, content_of
+from chemage import ChemageError, Scene, load_scene
+from chemage.plugin import TradePoint, plan, registry
 
 #: names of what is chosen, besides the options of components
-GRID, SOLVER, ENGINE, AGEING = "grid of the contact", "contact", "engine", "ageing"
+SOLVER, ENGINE, AGEING = "contact", "engine", "ageing"
+#: the section whose components only measure
+OBSERVABLES = "observe"
 #: at most so many values of one option are tried, the first, the last and the scene's own among them
 MOST_VALUES = 8
 #: factors by which pixels are made larger
@@ -120,32 +101,28 @@ def choices(scene: Scene, notes: list[str]) -> list[TradeSetting]:
 
 def _options(scene: Scene, notes: list[str]) -> Iterator[TradeSetting]:
     """The values in ``trade`` of every component, but those of the scene."""
-    for section, component in scene.sections().items():
+    for path, part in scene.nested().items():
+        section = path.partition(".")[0]
         stage = "contact" if section in ("surface", "contact") else "ageing"
-        for path, part in nested(component, section):
-            for option, values in part.trade.items():
-                name = f"{path}.{option}"
-                if section.startswith("observe"):
-                    notes.append(
-                        f"{name}: not tried, because it changes what is measured"
-                    )
-                    continue
-                if stage == "ageing" and not scene.ages:
-                    notes.append(
-                        f"{name}: not tried, because the scene stops at the contact"
-                    )
-                    continue
-                own = getattr(part, option, None)
-                tried = _some(tuple(values), own)
-                if len(tried) < len(values):
-                    notes.append(
-                        f"{name}: {len(tried)} of {len(values)} values are tried"
-                    )
-                yield from (
-                    TradeSetting(name, str(value), {name: value}, stage)
-                    for value in tried
-                    if value != own
+        for option, values in part.trade.items():
+            name = f"{path}.{option}"
+            if section == OBSERVABLES:
+                notes.append(f"{name}: not tried, because it changes what is measured")
+                continue
+            if stage == "ageing" and not scene.ages:
+                notes.append(
+                    f"{name}: not tried, because the scene stops at the contact"
                 )
+                continue
+            own = getattr(part, option, None)
+            tried = _some(tuple(values), own)
+            if len(tried) < len(values):
+                notes.append(f"{name}: {len(tried)} of {len(values)} values are tried")
+            yield from (
+                TradeSetting(name, str(value), {name: value}, stage)
+                for value in tried
+                if value != own
+            )
 
 
 def _some(values: tuple[Any, ...], own: Any) -> tuple[Any, ...]:
@@ -165,9 +142,12 @@ def _some(values: tuple[Any, ...], own: Any) -> tuple[Any, ...]:
 def _grids(scene: Scene) -> Iterator[TradeSetting]:
     """Coarser grids of the contact, with the sites in place."""
     for factor in COARSER:
-        if (coarse := coarser(scene, factor)) is not None:
+        if (coarse := scene.coarser(factor)) is not None:
             yield TradeSetting(
-                GRID, f"{factor} times coarser", changes(scene, coarse), "contact"
+                TradePoint.GRID,
+                f"{factor} times coarser",
+                changes(scene, coarse),
+                "contact",
             )
 
 
@@ -201,7 +181,8 @@ def _kinds(
             try:
                 component = plugins.make(role, kind, shared | options)
                 other = made(scene, component)
-                before = _prepared(scene, component) if role == AGEING else 0.0
+                methods = role == AGEING and other is not None
+                before = plan(other).preparation() if methods else 0.0
                 if before > PREPARATION:
                     raise ChemageError(
                         f"it may need {before:.0f} CPU seconds before its first answer"
@@ -241,57 +222,20 @@ def _with_engine(scene: Scene, engine: Any) -> Scene:
 
 def _with_method(scene: Scene, method: Any) -> Scene:
     return scene.model_copy(
-        update={"ageing": method, "observe": scene.observe if method.observes else ()}
-    )
-
-
-def _prepared(scene: Scene, method: Any) -> float:
-    """CPU seconds that a method of ageing may need before its first answer, such as for a table.
-
-    Raises
-    ------
-    ChemageError
-        The method does not fit the scene.
-    """
-    assert scene.chemistry is not None
-    assert scene.engine is not None
-    check_method(method, scene.chemistry, scene.engine, scene.rupture, ())
-    if scene.site_grids:
-        method.check_sites(scene.site_grids[1], None)
-    costs = cost(scene)
-    assert scene.hold is not None
-    seconds = expected_cost(
-        method,
-        costs.sites or 1.0,
-        {"cpu_seconds": costs.kinetics_cpu_seconds or 0.0},
-        1,
-        chemistry=scene.chemistry,
-        temperature=scene.hold.temperature,
-        mean_pressure=costs.mean_pressure,
-    )
-    return max(
-        0.0,
-        seconds.get("cpu_seconds_most", 0.0) - seconds.get("cpu_seconds_least", 0.0),
+        update={"ageing": method, OBSERVABLES: scene.observe if method.observes else ()}
     )
 
 
 def most_accurate(scene: Scene) -> Scene:
     """The most accurate settings of every section, and the kinetics of every site."""
     changed: dict[str, Any] = {AGEING: None} if scene.ageing is not None else {}
-    for section, component in scene.sections().items():
-        parts = (
-            ()
-            if section.startswith("observe") or section in changed
-            else nested(component, section)
-        )
-        for path, part in parts:
-            best = part.reference()
-            options = {
-                name: value
-                for name, value in best.todict().items()
-                if value != part.todict().get(name)
-            }
-            changed |= {f"{path}.{name}": value for name, value in options.items()}
+    for path, part in scene.nested().items():
+        if path.partition(".")[0] in (OBSERVABLES, *changed):
+            continue
+        own = part.todict()
+        for name, value in part.reference().todict().items():
+            if value != own.get(name):
+                changed[f"{path}.{name}"] = value
     return load_scene(scene, changed)
 
 
@@ -330,7 +274,7 @@ def changes(own: Scene, other: Scene) -> dict[str, Any]:
                 if key in options | {"kind", *besides}
             }
         else:
-            changed[name] = [] if new is None and name == "observe" else new
+            changed[name] = [] if new is None and name == OBSERVABLES else new
     return changed
 
 
@@ -351,131 +295,3 @@ def _toml(value: Any) -> str:
     if value is None or (isinstance(value, str) and _WORD.fullmatch(value)):
         return str(value)
     return _KEY.sub(r"\1 = ", json.dumps(value, separators=(", ", " = ")))
-
-
-T = TypeVar("T")
-
-#: distance of the distribution of pressure from that of the reference over the mean pressure
-DISTRIBUTION = "pressure_distribution"
-
-
-def timed(work: Callable[[], T]) -> tuple[T, float]:
-    """What ``work`` returns, and its CPU seconds over all threads of this process."""
-    begin = time.process_time()
-    result = work()
-    return result, time.process_time() - begin
-
-
-@dataclass(frozen=True)
-class Timed(Task):
-    """A scene of which the CPU time is measured."""
-
-    #: with whose pressures those of the scene are compared; None: with none
-    reference: Scene | None = None
-
-    @classmethod
-    def measuring(cls, scene: Scene, **more: Any) -> Self:
-        """The task that measures a scene."""
-        reference, estimates = more.get("reference"), cost(scene)
-        keys = scene.task_keys()
-        against = None if reference is None else _contact_key(reference)
-        return cls(
-            # options that change the speed alone are in the data of the scene, and in no key of its stages
-            key=content_hash([keys["result"], _data(scene), against]),
-            ageing=content_hash([keys["aging"], _data(scene)]),
-            contact=_contact_key(scene),
-            surface=keys["surface"],
-            source=scene,
-            contact_seconds=estimates.contact_cpu_seconds or 0.0,
-            ageing_seconds=estimates.kinetics_cpu_seconds or 0.0,
-            bytes=max(estimates.contact_bytes or 0.0, estimates.replica_bytes or 0.0),
-            **more,
-        )
-
-    def outcome(self, worker: Worker) -> Outcome:
-        """Compute and time the scene; what it needs is compiled before."""
-        scene = self.scene
-        with scene.in_use():
-            worker.stage = "contact"
-            solved = _solution(worker.owner, scene)
-            distance = 0.0
-            if self.reference is not None:
-                distance = _distance(
-                    solved.contact, _solution(worker.owner, self.reference).contact
-                )
-            worker.stage = "ageing"
-            _compile(scene, solved.contact)
-            aging, seconds = timed(lambda: aged(scene, solved.contact))
-        made = Run(
-            scene.todict(),
-            solved.contact,
-            aging=aging,
-            timings={"contact": solved.seconds, "ageing": seconds},
-            versions=versions(scene, (solved.contact, aging)),
-        )
-        content = content_of(made, self)
-        return Outcome(content=content | jsonable({DISTRIBUTION: distance}))
-
-
-# -- in the worker ----------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class _Solved:
-    """A contact, and the CPU seconds of making its surface and solving it."""
-
-    contact: ContactSolution
-    seconds: float
-
-
-# that of the reference, which every task uses, and that of the task
-_solutions: Recent[_Solved] = Recent(2)
-#: forms of scenes that this process has compiled everything for, and whether it has solved a contact
-_compiled: set[str] = set()
-
-
-def _solution(owner: str, scene: Scene) -> _Solved:
-    def solve() -> ContactSolution:
-        return contact_of(scene)
-
-    def measured() -> _Solved:
-        warm_up(scene, "contact")
-        if not _compiled:  # the first contact of a process takes longer
-            solve()
-            _compiled.add("contact")
-        return _Solved(*timed(solve))
-
-    return _solutions.get(f"{owner} {_contact_key(scene)}", measured)
-
-
-def _compile(scene: Scene, contact: ContactSolution) -> None:
-    """Age one replica where no scene of this form was aged, so that compilation, or a table that a method of ageing
-    makes once, is in no time."""
-    if scene.ages and (name := f"{form(scene)} {scene.ageing!r}") not in _compiled:
-        aged(scene, contact, replicas=1)
-        _compiled.add(name)
-
-
-def _data(scene: Scene) -> dict[str, Any]:
-    return scene.todict() | {"name": "", "title": ""}
-
-
-def _contact_key(scene: Scene) -> str:
-    data = scene.todict()
-    return content_hash(
-        [scene.task_keys()["contact"], data["surface"], data["contact"]]
-    )
-
-
-def _distance(contact: ContactSolution, reference: ContactSolution) -> float:
-    """Wasserstein distance of the distributions of pressure over the contact, over the mean pressure."""
-    from scipy import stats
-
-    pressure, other = (
-        solution.pressure[solution.contact] for solution in (contact, reference)
-    )
-    if not pressure.size or not other.size:
-        return math.nan
-    return float(stats.wasserstein_distance(pressure, other)) / float(
-        np.abs(other).mean(dtype=np.float64)
-    )

@@ -7,26 +7,25 @@ from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from chemage.foundation.figures import BLACK, GREY, PALETTE, shared_legend
-from chemage.foundation.result import (
-    Medium,
+from chemage.plugin import (
     Panel,
     Picture,
     Result,
-    Rows,
     Table,
+    TradePoint,
     displays,
+    figures,
+    text,
 )
-from chemage.foundation.text import percent, plus_minus
-from chemage.studies.trade.choices import AGEING, ENGINE, GRID, SOLVER
-from chemage.studies.trade.trade_map import TradeMap, TradePoint, of_ageing, words
+from chemage_trade.choices import AGEING, ENGINE, SOLVER
+from chemage_trade.result import Tradeoff, words
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-#: panels side by side, and hold times that are drawn
-_COLUMNS, _TIMES = 4, 3
+#: panels side by side
+_COLUMNS = 4
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<")
 #: an error of 0 is drawn at this part of the smallest other one, and one below the limit (%) at the limit
 _NOTHING, _SMALLEST = 0.3, 1e-3
@@ -39,14 +38,14 @@ _SHORT = {
 }
 
 
-@displays(TradeMap)
+@displays(Tradeoff)
 class TradeDisplay(Result):
     """A map of speed against accuracy as users see it."""
 
     width = 80
     errors = "95 % intervals over the surfaces on which everything was computed"
 
-    def __init__(self, trade: TradeMap) -> None:
+    def __init__(self, trade: Tradeoff) -> None:
         self.trade = trade
 
     @property
@@ -57,7 +56,7 @@ class TradeDisplay(Result):
     def title(self) -> str:
         return f"Speed against accuracy: {self.name}"
 
-    def facts(self) -> Rows:
+    def facts(self) -> list[tuple[str, str]]:
         trade = self.trade
         where = "surfaces" if trade.random else "repetitions on the one surface"
         rows = [
@@ -70,8 +69,10 @@ class TradeDisplay(Result):
             ("*", "on the Pareto front: nothing else is both faster and more accurate"),
         ]
         if scatter := trade.surface_scatter.get("beta"):
-            text = f"scatters by about {percent(scatter)} between surfaces"
-            rows.append(("β", f"{text}; `chemage run --accuracy` averages over them"))
+            scatters = f"scatters by about {text.percent(scatter)} between surfaces"
+            rows.append(
+                ("β", f"{scatters}; `chemage run --accuracy` averages over them")
+            )
         return rows
 
     def numbers(self) -> dict[str, Any]:
@@ -82,16 +83,12 @@ class TradeDisplay(Result):
 
     def tables(self) -> list[Table]:
         """Of the ageing four observables at most, and of the contact; and the cheapest settings."""
-        names = self.trade.observables
-        ageing = [name for name in names if of_ageing(name)]
-        drops = [name for name in ageing if name != "beta"]
-        chosen = [name for name in ageing if name == "beta"] + drops[-1:]
-        if len(drops) > 1:
-            chosen.insert(len(chosen) - 1, drops[len(drops) // 2])
-        tables = [self._table("Ageing", chosen)] if chosen else []
-        tables.append(
-            self._table("Contact", [name for name in names if not of_ageing(name)])
-        )
+        names, drops = self.trade.observables, _drops(self.trade)
+        shown = {"beta", *drops[len(drops) // 2 :][:1], *drops[-1:]}
+        ageing = [name for name in names if name in shown]
+        contact = [name for name in names if not TradePoint.of_ageing(name)]
+        tables = [self._table("Ageing", ageing)] if ageing else []
+        tables.append(self._table("Contact", contact))
         for name, lines in self.trade.sentences().items():
             title = f"The cheapest settings for the {words(name)} of one surface:"
             tables.append(
@@ -150,7 +147,7 @@ class TradeDisplay(Result):
             )
 
         def finish(figure: Figure, plots: list[Axes]) -> None:
-            shared_legend(figure, style.handles())
+            figures.shared_legend(figure, style.handles())
 
         size = (3.1 * max(columns, 2), height)
         return (
@@ -160,7 +157,7 @@ class TradeDisplay(Result):
         )
 
 
-def _short_knobs(trade: TradeMap) -> dict[str, str]:
+def _short_knobs(trade: Tradeoff) -> dict[str, str]:
     """What is chosen -> the last part of its name where this is the only one with it, else the whole name."""
     knobs = {knob for point in trade.points for knob in point.choices}
     last = [knob.rpartition(".")[2] for knob in knobs]
@@ -168,16 +165,13 @@ def _short_knobs(trade: TradeMap) -> dict[str, str]:
         knob: part if last.count(part) == 1 else knob
         for knob, part in zip(knobs, last, strict=True)
     }
-    return {**short, GRID: "grid", AGEING: ""}
+    return {**short, TradePoint.GRID: "grid", AGEING: ""}
 
 
 def _plus_minus(value: float, error: float) -> str:
-    text = plus_minus(value, error).replace(" ± ", "±")
-    return (
-        text.removeprefix("-")
-        if text.startswith("-0") and not text.partition("±")[0].strip("-0.")
-        else text
-    )
+    shown = text.plus_minus(value, error).replace(" ± ", "±")
+    is_zero = not shown.partition("±")[0].strip("-0.")
+    return shown.removeprefix("-") if is_zero else shown
 
 
 def _deviation(point: TradePoint, name: str) -> str:
@@ -190,30 +184,32 @@ def _deviation(point: TradePoint, name: str) -> str:
         return f"{value:.2g}±?{mark}"
     if half == 0 or abs(value) + half < 0.005:
         return f"{value:.2g}{mark}" if abs(value) + half > 0.005 else f"0{mark}"
-    text = _plus_minus(value, half)
-    return (text if deviation.resolved else f"({text})") + mark
+    shown = _plus_minus(value, half)
+    return (shown if deviation.resolved else f"({shown})") + mark
 
 
-def _shown(trade: TradeMap) -> list[str]:
+def _drops(trade: Tradeoff) -> list[str]:
+    """The observables of the ageing but β: friction drops, by hold time."""
+    names = trade.observables
+    return [name for name in names if TradePoint.of_ageing(name) and name != "beta"]
+
+
+def _shown(trade: Tradeoff) -> list[str]:
     """The observables that are drawn: of the hold times the first, a middle one and the last."""
-    drops = [name for name in trade.observables if of_ageing(name) and name != "beta"]
-    if len(drops) > _TIMES:
-        drops = [drops[0], drops[len(drops) // 2], drops[-1]]
-    return [
-        name
-        for name in trade.observables
-        if name in drops or name == "beta" or not of_ageing(name)
-    ]
+    drops = _drops(trade)
+    shown = {*drops[:1], *drops[len(drops) // 2 :][:1], *drops[-1:]}
+    return [name for name in trade.observables if name in shown or name not in drops]
 
 
 class _Style:
     """Colours of contacts and symbols of ways of ageing."""
 
-    def __init__(self, trade: TradeMap) -> None:
+    def __init__(self, trade: Tradeoff) -> None:
         contacts = sorted({_contact(point) for point in trade.points})
         ageings = sorted({_ageing(point) for point in trade.points})
         self.colors = {
-            name: PALETTE[k % len(PALETTE)] for k, name in enumerate(contacts)
+            name: figures.PALETTE[k % len(figures.PALETTE)]
+            for k, name in enumerate(contacts)
         }
         self.markers = {
             name: _MARKERS[k % len(_MARKERS)] for k, name in enumerate(ageings)
@@ -225,8 +221,12 @@ class _Style:
         filled = len(point.choices) > 1
         return {
             "marker": "*" if point.own else self.markers[_ageing(point)],
-            "color": BLACK if point.own else color,
-            "markerfacecolor": BLACK if point.own else color if filled else "white",
+            "color": figures.BLACK if point.own else color,
+            "markerfacecolor": figures.BLACK
+            if point.own
+            else color
+            if filled
+            else "white",
             "markersize": 11 if point.own else 5,
             "linestyle": "none",
         }
@@ -240,12 +240,19 @@ class _Style:
                 [], [], label=label, **{"linestyle": "none", "markersize": 6, **style}
             )
 
-        symbols = [symbol("as in the scene", marker="*", color=BLACK, markersize=10)]
+        symbols = [
+            symbol("as in the scene", marker="*", color=figures.BLACK, markersize=10)
+        ]
         symbols.append(
-            symbol("single setting", marker="o", color=GREY, markerfacecolor="white")
+            symbol(
+                "single setting",
+                marker="o",
+                color=figures.GREY,
+                markerfacecolor="white",
+            )
         )
-        symbols.append(symbol("combination", marker="o", color=GREY))
-        symbols.append(Line2D([], [], color=GREY, lw=1, label="Pareto front"))
+        symbols.append(symbol("combination", marker="o", color=figures.GREY))
+        symbols.append(Line2D([], [], color=figures.GREY, lw=1, label="Pareto front"))
         symbols += [
             symbol(name or "grid of the scene", marker="o", color=color)
             for name, color in self.colors.items()
@@ -253,7 +260,7 @@ class _Style:
         if len(self.markers) > 1:
             markers = self.markers.items()
             symbols += [
-                symbol(name or "ageing of the scene", marker=marker, color=GREY)
+                symbol(name or "ageing of the scene", marker=marker, color=figures.GREY)
                 for name, marker in markers
             ]
         return symbols
@@ -261,8 +268,8 @@ class _Style:
 
 def _contact(point: TradePoint) -> str:
     """The grid or the solver of a point; "" for those of the scene."""
-    if GRID in point.choices:
-        return f"grid {point.choices[GRID]}"
+    if TradePoint.GRID in point.choices:
+        return f"grid {point.choices[TradePoint.GRID]}"
     return point.choices.get(SOLVER, "")
 
 
@@ -273,9 +280,7 @@ def _ageing(point: TradePoint) -> str:
     ]
 
 
-def _draw(
-    axes: Axes, medium: Medium, trade: TradeMap, name: str, style: _Style
-) -> None:
+def _draw(axes: Axes, _: Any, trade: Tradeoff, name: str, style: _Style) -> None:
     points = trade.of(name)
     errors = [100 * point.deviation(name).bound for point in points]
     nothing = max(
@@ -298,7 +303,7 @@ def _draw(
             [*seconds, 1e9],
             [*bounds, bounds[-1]],
             where="post",
-            color=GREY,
+            color=figures.GREY,
             lw=1,
             zorder=2,
         )
@@ -306,9 +311,13 @@ def _draw(
     _scale(axes.xaxis, [point.seconds(name) for point in points])
     _scale(axes.yaxis, [max(error, nothing) for error in errors])
     if any(error < nothing for error in errors):
-        text: dict[str, Any] = {"textcoords": "offset points", "va": "center"}
         axes.annotate(
-            "0", (0, nothing), xycoords=("axes fraction", "data"), xytext=(3, 0), **text
+            "0",
+            (0, nothing),
+            xycoords=("axes fraction", "data"),
+            xytext=(3, 0),
+            textcoords="offset points",
+            va="center",
         )
     axes.set(xlabel="CPU time (s)", ylabel="error, at most (%)")
 

@@ -21,26 +21,22 @@ from typing import Any
 
 import numpy as np
 
-from chemage.ageing.aging import Aging
-from chemage.ageing.methods import EVERY_SITE
-from chemage.contacts.solution import FLOW_MEASURES, MEASURES
-from chemage.contacts.theory import no_map
-from chemage.foundation.checks import checked_count
-from chemage.foundation.codec import from_json
-from chemage.foundation.errors import ChemageError, InputError
-from chemage.foundation.records import approximations_in_words
-from chemage.foundation.statistics import standard_error
-from chemage.plugins.sources import approximations
-from chemage.scene.plan import cost
-from chemage.scene.provenance import versions
-from chemage.scene.scene import Scene, is_random, question
-from chemage.studies.ensembles.quantities import GIVEN, Quantities
-from chemage.studies.study import Design, carry_out
-from chemage.studies.tasks import Outcome, Task
-from chemage.studies.trade.choices import (
+from chemage import ChemageError, InputError, Scene
+from chemage.plugin import (
+    Design,
+    Outcome,
+    Task,
+    TradePoint,
+    carry_out,
+    checked_count,
+    plan,
+    statistics,
+    text,
+    theory,
+)
+from chemage_trade.choices import (
     ENGINE,
     Combination,
-    Timed,
     TradeSetting,
     applied,
     changes,
@@ -48,16 +44,15 @@ from chemage.studies.trade.choices import (
     go_together,
     most_accurate,
 )
-from chemage.studies.trade.trade_map import (
+from chemage_trade.result import (
     BETA,
     DISTRIBUTION,
     DROP,
     SHOWN_MEASURES,
-    TradeMap,
-    TradePoint,
-    machine,
+    Tradeoff,
     pareto,
 )
+from chemage_trade.timing import Timed
 
 #: called with what was measured
 Report = Callable[[str], None]
@@ -77,10 +72,10 @@ def tradeoff(
     rounds: int | None = None,
     report: Report | None = None,
     folder: str | Path | None = None,
-    executor: str | Executor = "serial",
+    executor: str | Executor | None = None,
     workers: int | None = None,
     patience: float | str | None = None,
-) -> TradeMap:
+) -> Tradeoff:
     """Measure what each setting of ``scene`` and their combinations cost, and how large their errors are.
 
     Parameters
@@ -94,7 +89,7 @@ def tradeoff(
         Where results are kept, and from which they are taken, if they are of these versions and this processor;
         default: none are kept.
     executor, workers, patience
-        Where to compute, as for :func:`chemage.sweep`; default: one scene after the other in this process. CPU times
+        Where to compute, as for :func:`chemage.plugin.carry_out`. CPU times
         are measured where a scene is computed, in one thread; beside other work they are longer. Threads of one process
         cannot be told apart and are refused.
 
@@ -114,7 +109,9 @@ def tradeoff(
         )
     if not scene.contact.gives_map:
         raise InputError(
-            no_map(scene.contact, "there is no pressure whose error could be measured")
+            theory.no_map(
+                scene.contact, "there is no pressure whose error could be measured"
+            )
         )
     with scene.in_use():
         design = Mapper(scene, rounds, report)
@@ -136,8 +133,10 @@ def planned(scene: Scene) -> str:
     ageings = (
         len(tried) + 2 if scene.ages else 0
     )  # and the scene itself, and the reference
-    text = f"{contacts + 2} contacts and {ageings} ageing curves on each of {_rounds(scene)} surfaces"
-    return f"{text}, and combinations of those that pay"
+    return (
+        f"{contacts + 2} contacts and {ageings} ageing curves on each of {_rounds(scene)} surfaces, and combinations of "
+        "those that pay"
+    )
 
 
 @dataclass(frozen=True)
@@ -203,13 +202,12 @@ class Mapper(Design):
     def __init__(self, scene: Scene, rounds: int | None, report: Report | None) -> None:
         self.scene, self._report = scene, report or (lambda _: None)
         self.notes: list[str] = []
-        self.random = is_random(scene)
-        self._quantities = Quantities.of(scene, ())
+        self.random = scene.is_random
         self.rounds = rounds or _rounds(scene)
         self.choices = choices(scene, self.notes)
         self.reference = most_accurate(scene)
         self.trials: dict[frozenset[tuple[str, str]], _Trial] = {}
-        self._stages: Iterator[Sequence[tuple[str, Timed]]] | None = None
+        self._stages = self._all_stages()
         #: by key of a task that was asked for: what it is, in words
         self._asked: dict[str, str] = {}
         #: by key of a task: what was measured, or why nothing was
@@ -222,8 +220,6 @@ class Mapper(Design):
 
     def ask(self) -> list[Task]:
         """The tasks of the next stage."""
-        if self._stages is None:
-            self._stages = self._all_stages()
         for stage in self._stages:
             tasks: dict[str, Task] = {}
             for words, task in stage:
@@ -253,27 +249,20 @@ class Mapper(Design):
 
     def _read(self, outcome: Outcome) -> _Timing:
         """From what a worker sends, or a folder has."""
-        summary, content = outcome.summary, outcome.content
+        summary, content, aging = outcome.summary, outcome.content, outcome.aging
         assert content is not None
+        measures = outcome.measures | {DISTRIBUTION: content[DISTRIBUTION]}
         values = {
-            name: summary[name]
-            for name in (*MEASURES, *FLOW_MEASURES)
-            if name in summary and name not in GIVEN
+            name: np.array([value], dtype=np.float64)
+            for name, value in measures.items()
         }
-        values[DISTRIBUTION] = content[DISTRIBUTION]
-        values = {
-            name: np.array([value], dtype=np.float64) for name, value in values.items()
-        }
-        if content["aging"] is not None:
-            drop = np.asarray(
-                from_json(Aging, content["aging"]).friction_drop, dtype=np.float64
-            )
-            values |= {
-                _drop_at(at): drop[:, k]
-                for k, at in enumerate(self._quantities.hold_times.tolist())
-            }
-            if self._quantities.has_beta:
-                values[BETA] = self._quantities.slope(drop) / self.scene.load
+        if aging is not None:
+            drop = np.asarray(aging.friction_drop, dtype=np.float64)
+            for k, at in enumerate(aging.hold_times.tolist()):
+                values[_drop_at(at)] = drop[:, k]
+            if summary["beta"] is not None:
+                fit = self.scene.fit
+                values[BETA] = aging.betas((fit.start, fit.stop))
         return _Timing(
             summary["timings"]["contact"], summary["timings"]["ageing"], values
         )
@@ -284,15 +273,6 @@ class Mapper(Design):
         if isinstance(found, ChemageError):
             raise found
         return found
-
-    def _alone(self) -> dict[str, Scene]:
-        """The scene with each of the settings of the ageing that can be had, by the words of the setting."""
-        scenes: dict[str, Scene] = {}
-        for one in self.choices:
-            if one.stage == "ageing":
-                with suppress(ChemageError):  # the reason is noted where it is measured
-                    scenes[one.words] = applied(self.scene, (one,))
-        return scenes
 
     def _all_stages(self) -> Iterator[list[tuple[str, Timed]]]:
         """The tasks of each stage; all of a stage have been computed when the next is asked for."""
@@ -321,9 +301,9 @@ class Mapper(Design):
 
     def _referred(self, number: int) -> Iterator[list[tuple[str, Timed]]]:
         """The reference of a round: the scene itself where the most accurate one fails in the first round."""
-        task = self._task(self.reference, number, compared=False)
-        yield self._named(number, [("reference", task)])
         try:
+            task = self._task(self.reference, number, compared=False)
+            yield self._named(number, [("reference", task)])
             self._references.append(self._measured_of(task))
         except ChemageError as error:
             if number or self.reference is self.scene:
@@ -345,31 +325,32 @@ class Mapper(Design):
         """Age one replica of everything, and leave out what is far slower than the scene."""
 
         def of(scene: Scene) -> Timed:
-            assert scene.hold is not None
             return self._task(scene.with_hold(replicas=1), 0, False)
 
-        def seconds(scene: Scene) -> float:
-            assert scene.hold is not None
-            whole = scene.ageing is not None and not scene.ageing.replicates
-            found = self._found.get(of(scene).key)
-            one = found.ageing_seconds if isinstance(found, _Timing) else 0.0
-            return one * (1 if whole else scene.hold.replicas)
+        hold, tasks = self.scene.hold, {"scene": of(self.scene)}
+        assert hold is not None
+        for one in self.choices:
+            if one.stage == "ageing":
+                with suppress(ChemageError):  # the reason is noted where it is measured
+                    tasks[one.words] = of(applied(self.scene, (one,)))
 
-        scenes = self._alone()
-        yield [
-            (f"one replica: {words}", of(scene))
-            for words, scene in [("scene", self.scene), *scenes.items()]
-        ]
-        first = self._found.get(of(self.scene).key)
-        own = seconds(self.scene) + (
-            first.contact_seconds if isinstance(first, _Timing) else 0.0
-        )
-        for one in [one for one in self.choices if one.words in scenes]:
-            if (expected := seconds(scenes[one.words])) > max(SLOWER * own, NOT_LONG):
-                self.notes.append(
-                    f"{one.words}: left out: about {expected / own:.0f} times slower than the scene"
-                )
-                self.choices.remove(one)
+        def seconds(task: Timed) -> float:
+            """Of the ageing of all replicas."""
+            timing, method = self._measured_of(task), task.scene.ageing
+            whole = method is not None and not method.replicates
+            return timing.ageing_seconds * (1 if whole else hold.replicas)
+
+        yield [(f"one replica: {words}", task) for words, task in tasks.items()]
+        scene = tasks.pop("scene")
+        own = seconds(scene) + self._measured_of(scene).contact_seconds
+        for one in [one for one in self.choices if one.words in tasks]:
+            with suppress(ChemageError):  # it is noted where it is measured
+                expected = seconds(tasks[one.words])
+                if expected > max(SLOWER * own, NOT_LONG):
+                    self.notes.append(
+                        f"{one.words}: left out: about {expected / own:.0f} times slower than the scene"
+                    )
+                    self.choices.remove(one)
 
     def _tried(self, combinations: Iterable[Combination]) -> list[_Trial]:
         """Trials of the combinations that can be had at all."""
@@ -385,16 +366,19 @@ class Mapper(Design):
         self, number: int, trials: Sequence[_Trial]
     ) -> Iterator[list[tuple[str, Timed]]]:
         """Compute trials in a round, and the references of exact engines among them; record what they give."""
-        tasks = [
-            (_words(trial.combination), self._task(trial.scene, number))
-            for trial in trials
-        ]
-        tasks += [("reference", self._compared(trial, number)) for trial in trials]
-        yield self._named(number, tasks)
+        tasks: dict[_Trial, tuple[Timed, Timed]] = {}
         for trial in trials:
             try:
-                timing = self._measured_of(self._task(trial.scene, number))
-                reference = self._measured_of(self._compared(trial, number))
+                task = self._task(trial.scene, number)
+                tasks[trial] = task, self._compared(trial, number)
+            except ChemageError as error:
+                self._refused(trial.combination, error)
+        named = [(_words(trial.combination), tasks[trial][0]) for trial in tasks]
+        named += [("reference", compared) for _, compared in tasks.values()]
+        yield self._named(number, named)
+        for trial, (task, compared) in tasks.items():
+            try:
+                timing, reference = self._measured_of(task), self._measured_of(compared)
             except ChemageError as error:
                 self._refused(trial.combination, error)
                 continue
@@ -549,7 +533,7 @@ class Mapper(Design):
 
     # -- the map ------------------------------------------------------------------------------------------------------
 
-    def map(self) -> TradeMap:
+    def map(self) -> Tradeoff:
         """The map of what was measured."""
         own, scatter = self.trials[frozenset()].rounds, {}
         for name in own[0].values if self.random and self.rounds > 1 else ():
@@ -561,16 +545,10 @@ class Mapper(Design):
             )
             mean = abs(_mean_of(own, name))
             scatter[name] = math.sqrt(between) / mean if mean else math.nan
-        measured = TradeMap(
-            scene=self.scene.todict(),
-            question=question(self.scene),
-            versions=versions(self.scene),
-            machine=machine(),
+        measured = Tradeoff.measured(
+            self.scene,
             rounds=self.rounds,
             random=self.random,
-            replicas=self.scene.hold.replicas
-            if self.scene.ages and self.scene.hold is not None
-            else 0,
             observables=self.observables(),
             surface_scatter=scatter,
             points=[self._point(trial) for trial in self.trials.values()],
@@ -607,13 +585,11 @@ class Mapper(Design):
             values=values,
             scatter=scatter,
             contact_only=trial.stage == "contact",
-            replicates=(method or EVERY_SITE).replicates,
+            replicates=method is None or method.replicates,
             exact=bool(trial.combination)
             and all(one.exact for one in trial.combination),
             own=not trial.combination,
-            remark=approximations_in_words(
-                approximations(*_replaced(self.scene, trial.scene))
-            ),
+            remark=_approximate(self.scene, trial.scene),
         )
 
 
@@ -623,17 +599,25 @@ def _mean_of(rounds: Sequence[_Timing], name: str) -> float:
 
 
 def _rounds(scene: Scene) -> int:
-    costs = cost(scene)
+    costs = plan(scene)
     seconds = (costs.contact_cpu_seconds or 0.0) + (costs.kinetics_cpu_seconds or 0.0)
     return next(rounds for most, rounds in ROUNDS if seconds < most)
 
 
-def _replaced(own: Scene, other: Scene) -> Iterator[Any]:
-    """The components of ``other`` that are not those of ``own``."""
+def _approximate(own: Scene, other: Scene) -> str:
+    """What is approximate about the components of ``other`` in sections that are not those of ``own``, in words."""
     before = own.sections()
-    for name, component in other.sections().items():
-        if before.get(name) != component:
-            yield component
+    changed = [
+        name for name, part in other.sections().items() if before.get(name) != part
+    ]
+    entries = []
+    for path, part in other.nested().items():
+        if part.role and not part.exact and path.startswith(tuple(changed)):
+            error = {"declared_error": part.declared_error, "of": part.error_of}
+            entry = {"kind": part.kind, **error}
+            if entry not in entries:
+                entries.append(entry)
+    return text.approximations_in_words(entries)
 
 
 def _mean_and_error(rounds: list[np.ndarray], random: bool) -> tuple[float, float, int]:
@@ -646,7 +630,7 @@ def _mean_and_error(rounds: list[np.ndarray], random: bool) -> tuple[float, floa
     if not random:
         means = np.concatenate(rounds)
     count = len(means)
-    stderr = float(standard_error(means))
+    stderr = float(statistics.standard_error(means))
     if random and min(map(len, rounds)) > 1:
         within = math.sqrt(
             float(np.mean([_noise(differences) for differences in rounds])) / count
@@ -684,13 +668,10 @@ def _drop_at(time: float) -> str:
 
 def _decades(times: np.ndarray) -> list[float]:
     """Of each decade, the hold time that is next to its beginning, where one is within a quarter of a decade."""
-    nearest: dict[int, float] = {}
+    found: dict[int, list[tuple[float, float]]] = {}
     for time in times[times > 0].tolist():
         power = math.log10(time)
-        whole = round(power)
-        if abs(power - whole) < 0.25 and (
-            whole not in nearest
-            or abs(power - whole) < abs(math.log10(nearest[whole]) - whole)
-        ):
-            nearest[whole] = time
-    return [nearest[whole] for whole in sorted(nearest)]
+        away = abs(power - round(power))
+        if away < 0.25:
+            found.setdefault(round(power), []).append((away, time))
+    return [min(found[power])[1] for power in sorted(found)]

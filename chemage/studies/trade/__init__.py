@@ -1,1 +1,0 @@
-"""Speed against accuracy: what each setting of a scene costs, and what it changes."""
