@@ -181,8 +181,9 @@ def _kinds(
             try:
                 component = plugins.make(role, kind, shared | options)
                 other = made(scene, component)
-                methods = role == AGEING and other is not None
-                before = plan(other).preparation() if methods else 0.0
+                before = 0.0
+                if role == AGEING and other is not None:
+                    before = plan(other).preparation()
                 if before > PREPARATION:
                     raise ChemageError(
                         f"it may need {before:.0f} CPU seconds before its first answer"
