@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import importlib
 import importlib.util
 import itertools
@@ -80,6 +81,9 @@ def takes_long(item):
 
 
 def pytest_collection_finish():
+    # what was imported stays: the garbage collector need not look at it again and again
+    gc.collect()
+    gc.freeze()
     # modules that tests write anew leave no bytecode behind that a later import would take for that of the new text
     sys.dont_write_bytecode = True
 

@@ -567,6 +567,8 @@ def beta_parts(aging: Aging, window: tuple[float, float]) -> dict[str, ErrorPart
     Errors of the bonds at different hold times may have any signs, also opposite ones early and late, so that their
     parts in the slope are added up by magnitude.
     """
+    if aging.replicas > 1 and aging.member_ratios is None:
+        return {}
     fit, _ = fit_or_reason(aging, window)
     if fit is None or fit.beta == 0:
         return {}

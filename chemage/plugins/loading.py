@@ -9,6 +9,7 @@ import threading
 import weakref
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from importlib import metadata
 from typing import Any
 
@@ -90,8 +91,18 @@ def installed(group: str) -> list[metadata.EntryPoint]:
     ]
 
 
+@lru_cache(maxsize=128)
+def _names(distribution: metadata.Distribution) -> tuple[str, str]:
+    return distribution.name, distribution.version  # each reads the whole file
+
+
+def origin(point: metadata.EntryPoint) -> tuple[str, str]:
+    """Name and version of the distribution of an entry point; empty where it has none."""
+    return _names(point.dist) if point.dist else ("", "")
+
+
 def is_own(point: metadata.EntryPoint) -> bool:
-    return point.dist is not None and point.dist.name == "chemage"
+    return origin(point)[0] == "chemage"
 
 
 def selected(
@@ -114,7 +125,7 @@ def selected(
 
     def wanted(point: metadata.EntryPoint) -> bool:
         return point.name not in without and (
-            is_own(point) or not only or point.name in only
+            not only or point.name in only or is_own(point)
         )
 
     return [point for point in points if wanted(point)]

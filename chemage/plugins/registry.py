@@ -52,6 +52,7 @@ from chemage.plugins.loading import (
     installed,
     is_own,
     is_stage,
+    origin,
     scene_text,
     selected,
     short_hash,
@@ -159,13 +160,7 @@ class Registry:
         return self._stages
 
     def _load(self, point: metadata.EntryPoint) -> None:
-        dist = point.dist
-        record = PluginRecord(
-            point.name,
-            dist.name if dist else "",
-            dist.version if dist else "",
-            point.value,
-        )
+        record = PluginRecord(point.name, *origin(point), point.value)
         self.records.append(record)
         try:
             begin = time.perf_counter()

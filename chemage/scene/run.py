@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -145,7 +145,7 @@ class Run:
 
     def fit(self) -> Fit | None:
         """Line of Δμ against log t over the scene's fit window; None without ageing or without times in the window."""
-        return self._fitted()[0]
+        return self._fitted[0]
 
     @property
     def beta_errors(self) -> dict[str, float]:
@@ -154,6 +154,7 @@ class Run:
         beta = abs(self.fit().beta) if parts else 1.0  # pyright: ignore[reportOptionalMemberAccess]
         return {name: part.size / beta for name, part in parts.items()}
 
+    @cached_property
     def _fitted(self) -> tuple[Fit | None, str]:
         return (
             (None, "") if self.aging is None else fit_or_reason(self.aging, self.window)
@@ -162,7 +163,7 @@ class Run:
     def summary(self) -> dict[str, Any]:
         """One JSON-able object with the numbers users compare; what does not exist is None, as is nan."""
         contact, aging, scatter = self.contact, self.aging, self.scatter
-        fit, reason = self._fitted()
+        fit, reason = self._fitted
         numbers: dict[str, Any] = {
             "name": self.name,
             "solver": self.scene["contact"]["kind"],

@@ -18,13 +18,24 @@ EV_PER_GPA_NM3 = ca.plugin.EV_PER_GPA_NM3
 TIMES = np.array([0.0, 1.0, 10.0, 100.0, 1000.0])
 
 
+@pytest.fixture(scope="module")
+def tables(tmp_path_factory):
+    return tmp_path_factory.mktemp("tables")
+
+
 @pytest.fixture(autouse=True)
-def small_tables(monkeypatch, tmp_path):
-    """Tables of a few hundred sites in a folder of the test."""
-    monkeypatch.setenv("CHEMAGE_CACHE", str(tmp_path))
+def small_tables(monkeypatch, tables):
+    """Tables of a few hundred sites, each computed once for all tests."""
+    monkeypatch.setenv("CHEMAGE_CACHE", str(tables))
     for name, value in (("SIDE", 32), ("BAND", 4), ("FIRST", 2), ("MOST", 2)):
         monkeypatch.setattr(_table, name, value)
     monkeypatch.setattr("chemage_ageing.closure._tables", {})
+
+
+@pytest.fixture
+def own_tables(monkeypatch, tmp_path):
+    """The folder with the tables of this test alone."""
+    monkeypatch.setenv("CHEMAGE_CACHE", str(tmp_path))
     return tmp_path
 
 
@@ -128,10 +139,10 @@ def test_pressure_makes_barriers_crossed_that_are_far_too_high_without_it(pressu
     assert bonded_share(own, 300.0, np.array([1e4]), np.array([pressure]))[0, 0] == pytest.approx(exact, rel=2e-4)
 
 
-def test_no_table_is_made_without_interaction(small_tables):
+def test_no_table_is_made_without_interaction(own_tables):
     aged(uniform(2.0), chemistry())
     aged(uniform(2.0), chemistry(interaction=ca.interaction("elastic-pairs", strength=0.1)), hold_times=[1.0])
-    assert len(list(small_tables.glob("*.npz"))) == 1
+    assert len(list(own_tables.glob("*.npz"))) == 1
 
 
 def test_a_contact_without_pressure_has_no_bonds():
@@ -283,7 +294,7 @@ def test_what_it_gives_is_said():
 # -- tables -----------------------------------------------------------------------------------------------------------
 
 
-def test_a_table_is_made_once_and_kept(small_tables, monkeypatch):
+def test_a_table_is_made_once_and_kept(own_tables, monkeypatch):
     done = []
     first = aged(uniform(1.7), interacting(), progress=lambda k, n: done.append((k, n)))
     assert done[-1][0] == done[-1][1] > 1
@@ -295,22 +306,22 @@ def test_a_table_is_made_once_and_kept(small_tables, monkeypatch):
 
 
 @pytest.mark.long
-def test_a_table_grows_with_the_pressure_and_its_nodes_do_not_change(small_tables, monkeypatch):
+def test_a_table_grows_with_the_pressure_and_its_nodes_do_not_change(own_tables, monkeypatch):
     low = aged(uniform(0.3), interacting())
     aged(uniform(4.0), interacting())
     monkeypatch.setattr("chemage_ageing.closure._tables", {})
     np.testing.assert_array_equal(aged(uniform(0.3), interacting()).bonds, low.bonds)
-    assert len(list(small_tables.glob("*.npz"))) == 1
+    assert len(list(own_tables.glob("*.npz"))) == 1
 
 
 @pytest.mark.long
-def test_every_chemistry_temperature_and_accuracy_has_a_table_of_its_own(small_tables):
+def test_every_chemistry_temperature_and_accuracy_has_a_table_of_its_own(own_tables):
     contact = uniform(0.2, (8, 8))
     aged(contact, interacting())
     aged(contact, interacting(hydroxylation=0.9))
     aged(contact, interacting(), temperature=310.0)
     aged(contact, interacting(), method=ca.ageing_method("closure", accuracy=0.02))
-    assert len(list(small_tables.glob("*.npz"))) == 4
+    assert len(list(own_tables.glob("*.npz"))) == 4
 
 
 @pytest.mark.parametrize(
@@ -320,9 +331,9 @@ def test_every_chemistry_temperature_and_accuracy_has_a_table_of_its_own(small_t
         *(pytest.param(one, marks=pytest.mark.long) for one in (lambda b: b[:-100], lambda b: b"", lambda b: b"no")),
     ],
 )
-def test_a_damaged_table_is_computed_again_and_that_is_said(small_tables, monkeypatch, damage):
+def test_a_damaged_table_is_computed_again_and_that_is_said(own_tables, monkeypatch, damage):
     first = aged(uniform(0.3), interacting())
-    (path,) = small_tables.glob("*.npz")
+    (path,) = own_tables.glob("*.npz")
     path.write_bytes(damage(path.read_bytes()))
     monkeypatch.setattr("chemage_ageing.closure._tables", {})
     again = aged(uniform(0.3), interacting())

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -19,9 +21,18 @@ GRID = {
 }
 
 
+@pytest.fixture(scope="module")
+def computed(tmp_path_factory):
+    return tmp_path_factory.mktemp("sweep") / "out"
+
+
 @pytest.fixture
-def result(tiny, tmp_path):
-    return chemage.sweep({**tiny.scene(), "sweep": GRID}, tmp_path / "out")
+def result(tiny, tmp_path, computed):
+    """A sweep in a folder of the test, computed once for all of them."""
+    if not computed.exists():
+        chemage.sweep({**tiny.scene(), "sweep": GRID}, computed)
+    shutil.copytree(computed, tmp_path / "out")
+    return chemage.load_sweep(tmp_path / "out")
 
 
 @pytest.fixture
