@@ -161,6 +161,7 @@ tasks.run = compute
     assert names(small.parent) == ["small-samples", "small.toml"]
 
 
+@pytest.mark.long
 def test_sigterm_ends_a_run_as_ctrl_c_does(small):
     process = start("import chemage" + ENDLESS.format(hook="run_kinetics", work="time.sleep(0.5)"), small.parent)
     wait_for(process, "begun")

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 HOSTILE = Path(__file__).parents[1] / "stubs" / "hostile.py"
-CASES = int(os.environ.get("CHEMAGE_FUZZ", "1250"))
+CASES = int(os.environ.get("CHEMAGE_FUZZ", "700"))
 #: of these, in the quick run
 QUICK = min(100, CASES)
 #: where one process ends and the next begins, so that a crash costs few cases

@@ -337,7 +337,9 @@ def test_what_is_printed_does_not_move_the_cursor(command, small, tmp_path):
 PROGRAM = [sys.executable, "-m", "chemage"]
 
 
-@pytest.mark.parametrize("words", ["show small.h5", "check small.toml", "--version"])
+@pytest.mark.parametrize(
+    "words", ["show small.h5", pytest.param("check small.toml", marks=pytest.mark.long), "--version"]
+)
 def test_outputs_that_are_closed_before_the_start_leave_no_traceback(command, small, words):
     assert command("run", small, "--no-figures").status == 0
     for closed in (">&-", ">&- 2>&-"):

@@ -92,7 +92,7 @@ def test_schallamachs_maximum_and_both_limits():
     assert values[-1] < 1e-4 * values[top]
 
 
-@pytest.mark.parametrize(("seed", "speed"), [(1, 1e4), (2, 1e6)])
+@pytest.mark.parametrize(("seed", "speed"), [(1, 1e4), pytest.param(2, 1e6, marks=pytest.mark.long)])
 def test_the_master_equation_of_interacting_patches(seed, speed):
     """The joint states of 3 × 3 interacting sites in a force ramp, by products of matrix exponentials."""
     count, lattice, drive = 8000, patches(8000, seed, forming=0.42 if speed < 1e5 else 0.3), drive_of(speed)

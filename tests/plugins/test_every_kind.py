@@ -156,6 +156,14 @@ EXPECTED_FAILURES: dict[tuple[str, str, str], str] = {
 }
 
 
+#: (role, kind, number) of options of which others are checked at once, or their parts are
+SECOND = {
+    ("surface", "roughened", 0),
+    ("contact", "adhesive-bem", 1),
+    ("contact", "fft-bem", 1),
+    ("rupture", "pulled", 1),
+}
+
 #: checks that take longest, of engines other than the default; `auto` runs one of the others
 LONGEST = {
     "going_on_keeps_the_rates",
@@ -175,7 +183,7 @@ OTHERS = {
 SLOW = {
     "rejection-free": set(),
     "bkl": LONGEST,
-    "next-reaction": LONGEST,
+    "next-reaction": LONGEST | {"options_keep_the_rates", "history_adds_up"},
     "independent": LONGEST,
     "auto": LONGEST | OTHERS,
 }
@@ -195,7 +203,13 @@ def own_kinds() -> set[tuple[str, str]]:
 def cases(slow: bool) -> list[Any]:
     """Every kind with its options; ``slow``: those with checks that take longest."""
     return [
-        pytest.param(role, kind, options, id=f"{role}-{kind}-{number}")
+        pytest.param(
+            role,
+            kind,
+            options,
+            id=f"{role}-{kind}-{number}",
+            marks=[pytest.mark.long] if (role, kind, number) in SECOND else [],
+        )
         for (role, kind), alternatives in CASES.items()
         for number, options in enumerate(alternatives)
         if not slow or (role == "engine" and SLOW[kind])

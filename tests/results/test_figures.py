@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from seen import figures, published, report, result_of
+from seen import every_figure, figures, published, report, result_of
 
 import chemage
 import chemage_ageing
@@ -172,7 +172,7 @@ def test_saving_checks_every_name_before_the_first_is_written(result, tmp_path):
 
 def test_each_figure_is_drawn_once(result, tmp_path, monkeypatch):
     """``savefig`` draws a figure twice, and what it writes is the same."""
-    made, again, drawn = figures(result), figures(result), []
+    made, again, drawn = every_figure(result), every_figure(result), []
     draw = Figure.draw
     monkeypatch.setattr(Figure, "draw", lambda self, renderer: (drawn.append(self), draw(self, renderer)))
     for path in plots.save_figures(made, tmp_path):

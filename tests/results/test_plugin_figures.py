@@ -10,7 +10,8 @@ from typing import ClassVar
 import numpy as np
 import pytest
 from nested import Outer
-from seen import Comparison, Entry, comparison_figures, figures, report
+from seen import Comparison, Entry, comparison_figures, report
+from seen import every_figure as figures
 
 import chemage as ca
 from chemage import compare_files, parse_scene

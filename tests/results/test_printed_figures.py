@@ -38,7 +38,7 @@ SIDE = 128
 #: of 255: root mean square difference of images that show the same. Another font gives 0, 256 colours in place of all
 #: up to 0.7; a curve with its errors that is missing gives 2 to 12
 DIFFERENT = 1.0
-WIDTHS = ("1", "2", pytest.param(None, marks=pytest.mark.long))
+WIDTHS = ("1", *(pytest.param(width, marks=pytest.mark.long) for width in ("2", None)))
 
 
 @pytest.fixture(scope="module")

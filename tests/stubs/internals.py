@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from seen import figures as figures_of
+
 from chemage.cli.app import _plain_warnings as plain_warnings
 from chemage.foundation.units import in_one_unit
-from chemage.results.drawing import figures as figures_of  # as matplotlib's objects, which users get as files
 from chemage.scene.files import parse_toml
 
 __all__ = ["figures_of", "in_one_unit", "parse_toml", "plain_warnings"]

@@ -75,7 +75,7 @@ def test_the_load_is_where_a_sweep_around_it_has_it(found, tmp_path):
     assert found.high == pytest.approx(found.low, rel=0.01)
 
 
-@pytest.mark.parametrize("executor", ["threads", "processes", ThreadPoolExecutor])
+@pytest.mark.parametrize("executor", ["threads", pytest.param("processes", marks=pytest.mark.long), ThreadPoolExecutor])
 def test_where_it_is_computed_changes_nothing(found, executor, tmp_path):
     design = Counted(scene(), BETA, 10.0, 1000.0)
     if isinstance(executor, str):

@@ -144,7 +144,7 @@ def test_offset_lines_do_not_change_the_fit():
 # -- tip and noise -----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("radius", [8.0, 20.0])
+@pytest.mark.parametrize("radius", [8.0, pytest.param(20.0, marks=pytest.mark.long)])
 def test_the_effect_of_a_tip_is_seen_corrected_and_stated(radius):
     true = ca.surface("self-affine", pixels=512, pixel_size=2.0, rms_slope=0.2, hurst=0.7, zeta=256).make(5)
     image = Surface(heights=dilated(true.heights, 2.0, radius), pixel_size=2.0)
@@ -274,6 +274,7 @@ def test_noise_is_the_difference_of_trace_and_retrace():
     assert np.average(ratio[short], weights=difference.modes[short]) == pytest.approx(1, abs=0.03)
 
 
+@pytest.mark.long
 def test_noise_that_is_not_white_spoils_no_fit_where_the_retrace_is_there():
     away = {True: [], False: []}
     for seed in range(4):

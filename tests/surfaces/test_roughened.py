@@ -103,6 +103,7 @@ def test_the_seed_draws_the_waves_that_are_added():
     assert maker.scatter({}).relative is None
 
 
+@pytest.mark.long
 def test_the_ensemble_is_that_of_the_original():
     """Rms slopes and fitted H of 12 surfaces: their means agree within their scatter, which is a few per cent."""
     slopes, exponents, errors = [], [], []

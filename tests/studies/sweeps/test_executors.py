@@ -266,7 +266,7 @@ def test_the_limit_on_threads_holds_until_it_is_taken_away(monkeypatch):
 # -- Dask -------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("seconds", "said"), [(None, "4"), (0.5, r"0\.5")])
+@pytest.mark.parametrize(("seconds", "said"), [pytest.param(None, "4", marks=pytest.mark.long), (0.5, r"0\.5")])
 def test_an_address_that_does_not_answer_is_told_in_seconds(monkeypatch, seconds, said):
     if seconds is not None:
         monkeypatch.setattr("chemage.studies.clusters.ANSWER_TIME", seconds)
