@@ -11,6 +11,7 @@ import io
 import os
 import sys
 import time
+from functools import lru_cache
 from typing import Annotated, Any
 
 import typer
@@ -202,6 +203,11 @@ def _add_plugin_commands() -> None:
 def _all_commands() -> Any:
     """Every command, those of plugins included, with the options that all of them have."""
     _add_plugin_commands()
+    return _built(tuple(app.registered_commands))
+
+
+@lru_cache(maxsize=1)
+def _built(registered: tuple[Any, ...]) -> Any:
     commands = typer.main.get_command(app)
     output.add_to(commands)
     return commands

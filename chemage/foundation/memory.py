@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import re
+from functools import cache
 from pathlib import Path
 
 from chemage.foundation.errors import InputError
@@ -81,8 +82,9 @@ def _of_machine() -> float:
         return math.inf
 
 
+@cache
 def _of_group() -> float:
-    """The limit of the control group (version 2, else 1), as in containers and batch jobs."""
+    """The limit of the control group (version 2, else 1), as in containers and batch jobs, when first asked for."""
     try:
         lines = Path("/proc/self/cgroup").read_text().splitlines()
     except (OSError, UnicodeDecodeError):
