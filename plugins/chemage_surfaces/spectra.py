@@ -74,7 +74,7 @@ def _weighted(
         new: Any = np.linalg.solve(normal, design.T @ (weight * values))
         away = np.abs(values - design @ new) / np.sqrt(variance)
         weight = np.minimum(1.0, ROBUST / np.maximum(away, 1e-300)) / variance
-        settled = np.allclose(new, fit, rtol=1e-12, atol=1e-12)
+        settled = (np.abs(new - fit) <= 1e-12 + 1e-12 * np.abs(fit)).all()
         fit = new
         if settled:
             break

@@ -72,11 +72,21 @@ def tree(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
 
 
-def imports(module: str) -> Iterator[tuple[int, str, str]]:
+@cache
+def nodes(path: Path) -> tuple[ast.AST, ...]:
+    return tuple(ast.walk(tree(path)))
+
+
+@cache
+def imports(module: str) -> tuple[tuple[int, str, str], ...]:
     """(line, module, name) of every import, also inside functions and under TYPE_CHECKING; the name is "" for
     ``import x``."""
+    return tuple(_imports(module))
+
+
+def _imports(module: str) -> Iterator[tuple[int, str, str]]:
     package = module.split(".") if MODULES[module].name == "__init__.py" else module.split(".")[:-1]
-    for node in ast.walk(tree(MODULES[module])):
+    for node in nodes(MODULES[module]):
         if isinstance(node, ast.Import):
             yield from ((node.lineno, alias.name, "") for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -137,7 +147,7 @@ def private_uses(module: str) -> Iterator[str]:
                 yield f"{at} imports {name or source} of {source}, which is not public"
         elif top in PLUGINS and top != package and (source != top or name.startswith("_")):
             yield f"{at}: another plugin is used by what its package offers"
-    for node in ast.walk(tree(MODULES[module])):
+    for node in nodes(MODULES[module]):
         used = ast.unparse(node.value) if isinstance(node, ast.Attribute) else ""
         if used in public and node.attr not in public[used].__all__:
             yield f"{where(module, node.lineno)}: {node.attr} is no public name of {used}"
@@ -151,7 +161,7 @@ def defined(paths: list[Path]) -> set[str]:
     """Every name that these files define: functions, classes, attributes, fields, variables, modules."""
     names = {path.stem for path in paths}
     for path in paths:
-        for node in ast.walk(tree(path)):
+        for node in nodes(path):
             if isinstance(node, ast.FunctionDef | ast.ClassDef):
                 names.add(node.name)
             elif isinstance(node, ast.Name | ast.Attribute) and isinstance(node.ctx, ast.Store):
@@ -169,7 +179,7 @@ def test_no_private_name_is_reached_through_a_public_one():
     for name in PLUGINS:
         own = defined(sources(f"plugins/{name}"))
         for path in sources(f"plugins/{name}"):
-            for node in ast.walk(tree(path)):
+            for node in nodes(path):
                 if isinstance(node, ast.Attribute) and node.attr.startswith("_") and not node.attr.startswith("__"):
                     assert node.attr in own or node.attr not in framework(), f"{path}:{node.lineno} reaches {node.attr}"
 
@@ -279,7 +289,7 @@ def imports_decorator(module: str) -> bool:
 def compiled_with(module: str) -> set[str]:
     """Names of the decorators in a module, as far as they are plain names: ``jit`` of ``@jit``."""
     found = set()
-    for node in ast.walk(tree(MODULES[module])):
+    for node in nodes(MODULES[module]):
         if isinstance(node, ast.FunctionDef):
             for decorator in node.decorator_list:
                 target = decorator.func if isinstance(decorator, ast.Call) else decorator
@@ -470,7 +480,7 @@ def test_the_framework_names_no_kind_output_or_figure_of_a_plugin(examples):
     said = {}
     for path in sources("chemage"):
         file = path.relative_to(ROOT).as_posix()
-        for node in ast.walk(tree(path)):
+        for node in nodes(path):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
                 for word in words:
                     quoted = rf"""["'`]{re.escape(word)}["'`]"""
@@ -490,7 +500,7 @@ def files_that(has: Callable[[ast.AST], bool], folders: Iterable[str] = ("chemag
         path.relative_to(ROOT).as_posix()
         for folder in folders
         for path in sources(folder)
-        if any(has(node) for node in ast.walk(tree(path)))
+        if any(map(has, nodes(path)))
     }
 
 
@@ -626,7 +636,7 @@ MOST_INTERNAL = 18
 def reaches_inside(path: Path) -> set[str]:
     """The modules of chemage besides the public ones that a file imports, or names in a call such as ``setattr``."""
     reached: set[str] = set()
-    for node in ast.walk(tree(path)):
+    for node in nodes(path):
         if isinstance(node, ast.Import):
             reached |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -649,7 +659,7 @@ def test_tests_use_public_names_except_a_few():
 def test_what_benchmarks_import_exists():
     """They are run by hand, so that nobody else would see a name that has moved."""
     for path in sources("tests/benchmarks"):
-        for node in ast.walk(tree(path)):
+        for node in nodes(path):
             if isinstance(node, ast.ImportFrom) and (node.module or "").partition(".")[0] in ("chemage", *PLUGINS):
                 module = importlib.import_module(str(node.module))
                 for alias in node.names:
