@@ -63,7 +63,7 @@ class Figures(Mapping[str, Any]):
         return every_figure(self.thing, **self.choice) | self.drawn
 
     def __getitem__(self, name: str) -> Any:
-        if name not in self.pictures:
+        if "every" in vars(self) or name not in self.pictures:
             return self.every[name]
         if name not in self.drawn:
             self.drawn[name] = drawn_picture(self.pictures[name])

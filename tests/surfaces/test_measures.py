@@ -178,6 +178,7 @@ def test_white_noise_is_found_and_subtracted():
 # -- several images, and the command -----------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_images_at_two_magnifications_make_one_spectrum():
     true = ca.surface("self-affine", pixels=1024, pixel_size=1.0, rms_slope=0.2, hurst=0.7, zeta=512, eta=8).make(2)
     near = Surface(heights=true.heights[100:356, 400:656], pixel_size=1.0, periodic=False)
