@@ -35,6 +35,9 @@ settings.load_profile("chemage")
 settings.register_profile("chemage-long", settings.get_profile("chemage"), max_examples=60)
 
 
+# few cycles are made, and looking for them among a million objects takes a tenth of the time
+gc.set_threshold(100_000, 20, 50)
+
 # What the user has set or installed beside chemage is no part of a test, but for the place of kernels.
 for name in [name for name in os.environ if name.startswith("CHEMAGE_") or name == "COLUMNS"]:
     if name not in ("CHEMAGE_BASELINES", "CHEMAGE_CACHE"):

@@ -103,6 +103,7 @@ def test_an_interrupted_study_goes_on_and_computes_nothing_twice(found, tmp_path
     assert other.kept == []
 
 
+@pytest.mark.long
 def test_shares_compute_each_run_once(found, tmp_path):
     designs = [Counted(scene(), BETA, 10.0, 1000.0) for _ in range(2)]
     folder = tmp_path / "kept"
