@@ -324,6 +324,7 @@ def test_every_chemistry_temperature_and_accuracy_has_a_table_of_its_own(own_tab
     assert len(list(own_tables.glob("*.npz"))) == 4
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "damage",
     [

@@ -115,6 +115,7 @@ def test_a_result_says_which_random_numbers_were_common():
         ca.age(contact, SILICA, engine=engine, hold_times=[1.0], temperature=300, common="some")  # pyright: ignore
 
 
+@pytest.mark.long
 def test_runs_that_differ_in_the_rupture_law_alone_have_the_same_bonds():
     """So that laws and speeds are compared on them; a result says that only runs with other bonds are independent."""
     pull = {"distance": 0.6, "bond_stiffness": 10, "transition_distance": 0.05, "points": 2}

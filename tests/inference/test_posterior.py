@@ -244,6 +244,7 @@ def choices_drawn(made, draws=4000):
     return np.array(found), np.array(signs)
 
 
+@pytest.mark.long
 def test_a_choice_that_is_the_only_candidate_changes_nothing():
     prior, made = Prior(NODES), problem()
     chain = Chain(made, np.ones(12), np.random.default_rng(2))

@@ -155,6 +155,7 @@ def test_the_scene_on_the_page_is_a_scene_that_gives_the_same_result(one, files,
     assert ca.load_scene(again).todict() == run.scene
 
 
+@pytest.mark.long
 def test_several_files_are_compared_and_each_has_its_section(several):
     page = Page(several)
     headings = [attrs for tag, attrs in page.elements if tag == "h2"]

@@ -295,6 +295,7 @@ def test_the_table_beside_a_figure_has_its_numbers():
     assert rows[0]["y quantity"] == "friction coefficient drop Δμ"
 
 
+@pytest.mark.long
 def test_bands_bars_and_maps_are_in_the_table(results, drawn):
     inference = {name.removeprefix("inference-"): one for name, one in drawn("2").items()}
     band = [row for row in table(inference["density"]) if row["curve"] == "90 % band"]

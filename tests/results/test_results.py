@@ -156,6 +156,7 @@ def test_objects_come_back_bit_for_bit(tmp_path, name, compact):
         assert not (isinstance(value, np.ndarray) and value.flags.writeable)
 
 
+@pytest.mark.long
 @settings(max_examples=20)
 @given(
     heights=hnp.arrays(

@@ -206,6 +206,7 @@ def test_the_command_measures_what_makes_no_surface(command):
     assert "no fit: gaps.npy: 300 of 1200 heights are missing, the first at pixel (0, 0); give missing" in done.out
 
 
+@pytest.mark.long
 def test_the_command_fits_several_images_together_and_draws_them(command):
     true = ca.surface("self-affine", pixels=256, pixel_size=2.0, rms_slope=0.2, hurst=0.8, zeta=128).make(7).heights
     np.save("one.npy", true[:, :200] + RANDOM.standard_normal(200))

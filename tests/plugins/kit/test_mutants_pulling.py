@@ -71,6 +71,15 @@ MUTANTS = {
 }
 
 
-@pytest.mark.parametrize(("check", "component"), MUTANTS.items(), ids=list(MUTANTS))
+SLOW = {"going_on_is_exact"}
+
+
+@pytest.mark.parametrize(
+    ("check", "component"),
+    [
+        pytest.param(check, component, id=check, marks=[pytest.mark.long] if check in SLOW else [])
+        for check, component in MUTANTS.items()
+    ],
+)
 def test_the_check_finds_it(check, component, caught):
     assert caught(component, check)[0] == check
