@@ -177,6 +177,7 @@ def test_statistics_of_a_uniform_contact_have_the_bonds_of_its_map():
     np.testing.assert_allclose(aged(statistics, own).bonds, aged(contact, own).bonds, rtol=1e-9)
 
 
+@pytest.mark.long
 def test_a_contact_half_of_whose_sites_are_reactive():
     _agrees(uniform(1.7), interacting(hydroxylation=0.5), 0.01)
 
@@ -213,6 +214,7 @@ def _patches(pixels: int, box: tuple[int, int], low: float, high: float) -> ca.C
     return ca.ContactSolution(pressure=values, load=float(values.sum()) * 0.2, pixel_size=0.2**0.5, modulus=35.3)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("box", "low", "high"), [((1, 2), 1.7, 1.7), ((2, 2), 0.5, 4.0), ((1, 4), 0.1, 3.0), ((3, 3), 0.2, 3.0)]
 )

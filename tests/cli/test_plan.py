@@ -38,6 +38,7 @@ def test_run_repeats_the_warnings_once_on_stderr(command, small):
     assert told["beta_reason"].startswith("no hold time lies between 1e+06 and 1e+07 s")
 
 
+@pytest.mark.long
 def test_a_fit_that_cannot_be_made_keeps_its_row(command, small, tmp_path):
     """In run, show, compare and report; nothing is nan."""
     shown = command("run", small, *LATE, "--no-figures", "-o", "late.h5").out

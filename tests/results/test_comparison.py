@@ -411,6 +411,7 @@ def test_results_with_nothing_to_draw_draw_nothing(results):
     assert "bonds-per-area" not in figures
 
 
+@pytest.mark.long
 def test_numbers_at_other_hold_times_say_at_which(tmp_path):
     """The last of a run, and those that a reader looks for first, are not at one time in all results."""
     tip = {

@@ -106,6 +106,7 @@ def faults(figure: Figure, monkeypatch) -> list[str]:
     return found
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("width", WIDTHS)
 def test_no_text_overlaps_leaves_the_figure_or_is_small(width, drawn, monkeypatch):
     with looks.drawn_as(looks.Look.of(width)):
@@ -115,6 +116,7 @@ def test_no_text_overlaps_leaves_the_figure_or_is_small(width, drawn, monkeypatc
     assert width is None or inches == {looks.COLUMNS[width] / 25.4}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("width", WIDTHS)
 def test_the_same_holds_for_a_real_run_with_figures_of_plugins_and_a_sweep(width, computed, monkeypatch):
     run, swept = computed
@@ -125,6 +127,7 @@ def test_the_same_holds_for_a_real_run_with_figures_of_plugins_and_a_sweep(width
     assert found == {}
 
 
+@pytest.mark.long
 def test_legends_leave_two_thirds_of_a_figure_in_one_column(drawn):
     for name, figure in drawn("1").items():
         legends = [*figure.legends, *filter(None, (axes.get_legend() for axes in figure.axes))]
@@ -164,6 +167,7 @@ def difference(one: np.ndarray, other: np.ndarray) -> float:
     return float(np.sqrt((blocks**2).mean()))
 
 
+@pytest.mark.long
 def test_every_figure_looks_as_its_baseline(results):
     with looks.drawn_as(looks.Look.of("1")):
         made = {name: thumbnail(figure) for name, figure in drawn_anew(results, "1").items()}
@@ -309,6 +313,7 @@ def test_bands_bars_and_maps_are_in_the_table(results, drawn):
     assert len([row for row in table(inference["unknowns"]) if row["y"]]) >= 40
 
 
+@pytest.mark.long
 def test_forecasts_and_measurements_have_the_colour_of_their_condition(results, drawn):
     result = results["inference"]
     plots_ = drawn("2")["inference-forecasts"].axes

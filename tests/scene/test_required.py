@@ -223,6 +223,7 @@ def test_no_grid_is_used_that_the_goal_does_not_need(calls):
     assert len(made.levels) == 1
 
 
+@pytest.mark.long
 def test_an_ensemble_keeps_numbers_and_no_maps(tmp_path):
     """Samples are a few numbers each, in memory, in the folder and in the file: no contact outlives its sample."""
     gc.collect()

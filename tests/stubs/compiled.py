@@ -7,6 +7,8 @@ from collections.abc import Callable
 import numpy as np
 
 import chemage as ca
+from chemage.foundation import algebra
+from chemage.plugin import Drive
 
 
 def _engine(kind: str) -> None:
@@ -37,12 +39,25 @@ def _contact() -> None:
     ca.engine("independent").run(alone, [1.0], temperature=300.0)
 
 
+def _pulled() -> None:
+    """The kernels of a pull, and of the algebra in a fixed order."""
+    drive = Drive(speed=1e4, bond_stiffness=10.0, transition_distance=0.05, partner="kept", shape="constant")
+    alone = ca.ReactionLattice(pixels=(2, 1), sites=[0, 1], forming=[0.8, 0.8], breaking=[0.8, 0.8])
+    ca.pulling("event-driven").run(alone, drive, [1e-5], temperature=300.0)
+    matrix = np.array([[2.0, 1.0], [1.0, 3.0], [0.0, 1.0]])
+    algebra.product(matrix.T, matrix)
+    algebra.forward(algebra.cholesky(matrix[:2].T @ matrix[:2]), matrix[:2])
+    algebra.row_axes(matrix, 1e-12)
+    algebra.least_squares(matrix.T.copy(), np.ones(3))
+
+
 #: in the order in which they are handed out: what takes longest first
 TASKS: tuple[Callable[[], None], ...] = (
     lambda: _engine("bkl"),
     lambda: _engine("rejection-free"),
     lambda: _engine("next-reaction"),
     _contact,
+    _pulled,
 )
 
 

@@ -129,6 +129,7 @@ def test_errors_come_back_as_themselves(work, processes):
     assert processes.submit(work.double, 1).result() == 2
 
 
+@pytest.mark.long
 def test_a_task_whose_process_dies_says_how_and_others_run_in_new_ones(work, processes):
     with pytest.raises(BrokenProcessPool, match=r"SIGKILL\(-9\)"):
         processes.submit(work.die).result(300)
@@ -149,6 +150,7 @@ def test_abort_ends_what_runs(work):
     assert all(future.cancelled() or future.exception() for future in running)
 
 
+@pytest.mark.long
 def test_processes_end_when_their_parent_is_killed(work, tmp_path):
     script = tmp_path / "parent.py"
     script.write_text(
