@@ -295,6 +295,7 @@ Told = Callable[[Task, Outcome], None]
 PERIOD = 0.2
 #: memory of the program itself, bytes
 PROGRAM = 2e8
+_GONE = f"the executor dropped its tasks: its scheduler is gone; {RESUME}"
 
 
 @dataclass
@@ -378,9 +379,7 @@ class Runner:
                 for future in finished:
                     self._settle(self._running.pop(future), future, told)
                 if not finished and self._pool.lost():
-                    raise ExecutorError(
-                        f"the executor dropped its tasks: its scheduler is gone; {RESUME}"
-                    )
+                    raise ExecutorError(_GONE)
                 now = time.perf_counter()
                 if self._watch is not None and now > reported + PERIOD:
                     reported = now
@@ -491,9 +490,14 @@ class Runner:
     def _start(self, piece: Piece) -> None:
         remote = self._pool.remote
         tasks = [task.loaded() for task in piece.tasks] if remote else piece.tasks
-        future = self._pool.executor.submit(
-            compute, self._place, tasks, self._pool.threads, self._known, remote
-        )
+        try:
+            future = self._pool.executor.submit(
+                compute, self._place, tasks, self._pool.threads, self._known, remote
+            )
+        except Exception as error:
+            if self._pool.lost():
+                raise ExecutorError(_GONE) from error
+            raise
         self._running[future] = piece
 
     # -- what comes of them -------------------------------------------------------------------------------------------

@@ -13,6 +13,7 @@ from textwrap import dedent
 
 import pytest
 from distributed import Client, LocalCluster
+from distributed.cfexecutor import ClientExecutor
 from distributed.scheduler import KilledWorker
 
 import chemage
@@ -347,6 +348,21 @@ def test_a_scheduler_that_goes_away_ends_the_sweep_in_words(tiny, tmp_path, capf
     tiny.hold(None)
     assert chemage.sweep(scene, tmp_path / "out").states() == ["done"] * 6
     assert len(tiny.computed("kinetics")) == 2 * (6 - done)
+
+
+def test_a_scheduler_that_has_gone_when_a_task_is_handed_over(tiny, tmp_path, monkeypatch):
+    made = LocalCluster(n_workers=0, host="127.0.0.1", dashboard_address=":0", silence_logs=60)
+    submit = ClientExecutor.submit
+
+    def late(executor, *args, **options):
+        made.close()
+        executor._client.close()
+        return submit(executor, *args, **options)
+
+    monkeypatch.setattr(ClientExecutor, "submit", late)
+    scene = {**tiny.scene(), "sweep": {"hold.seed": [0, 1]}}
+    with pytest.raises(ExecutorError, match=r"scheduler is gone.*; completed points are kept; rerun the same command"):
+        chemage.sweep(scene, tmp_path / "out", executor=f"dask:{made.scheduler_address}")
 
 
 @pytest.mark.long
