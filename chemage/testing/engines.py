@@ -29,7 +29,6 @@ from chemage.testing.checks import (
     seeds_are_harmless,
     whole,
 )
-from chemage.testing.replicas import history_of
 from chemage.testing.small_systems import (
     COPIES,
     FLICKERING,
@@ -43,6 +42,7 @@ from chemage.testing.small_systems import (
     single,
     states,
 )
+from chemage.testing.trials import history_of
 
 check_engine = whole(Engine)
 
