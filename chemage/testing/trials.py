@@ -130,6 +130,8 @@ class Trial:
     """whether the contact repeats"""
     sites: int = 40
     """of a replica, at most; they are scattered, the last one of the grid is among them"""
+    idle: int = 0
+    """sites that never react, among groups of sites that do, see :meth:`placed`"""
     bonded: int = 17
     """sites that have a bond at the end, at most"""
     hydroxylation: float = 1.0
@@ -235,16 +237,26 @@ class Trial:
         )
         return Bonded(contact, chemistry, lattice, history)
 
+    def before(
+        self, lattice: ReactionLattice, state: np.ndarray, time: float
+    ) -> BondHistory:
+        """A hold of another engine to ``time`` s, or the history of a pull, from which a run goes on."""
+        n = lattice.sites.size
+        used = {"event": np.array([7]), "slips": np.arange(n) % 3}
+        resume = used if self.start == "after pull" else {}
+        given = ([time], state[None], self.temperature, "another", 3)
+        return history_of(lattice, *given, resume=resume)
+
     def placed(
         self, group: Group, copies: int = COPIES, slots: int = 0
     ) -> tuple[ReactionLattice, np.ndarray]:
-        """``copies`` of a group of sites, none coupled to another, and their places in the list of sites; where there
-        are more ``sites``, the others lie among them and do not react. See :meth:`Group.lattice` for ``slots``."""
+        """``copies`` of a group of sites, none coupled to another, among the ``idle`` ones, and their places in the list
+        of sites. See :meth:`Group.lattice` for ``slots``."""
         near = group.lattice(copies, self.attempt_frequency, slots, self.seed)
         n = near.sites.size
-        if self.sites <= n and self.spacing >= 1.0:
+        if not self.idle and self.spacing >= 1.0:
             return near, np.arange(n)
-        total = max(self.sites, n)
+        total = n + self.idle
         places = np.linspace(0, total - 1, n).astype(np.int64)
 
         def among(values: np.ndarray, others: float) -> np.ndarray:
