@@ -16,11 +16,11 @@ from chemage.testing.checks import Checks, Questions, dimensions, require, whole
 from chemage.testing.replicas import (
     Asked,
     changed,
-    finished,
     force_of,
     numbers,
     with_states,
 )
+from chemage.testing.trials import Trial
 
 check_observable, check_rupture = whole(Observable), whole(Rupture)
 
@@ -108,13 +108,16 @@ def _replicas() -> Iterator[tuple[str, Bonded]]:
         "elsewhere on the surface": lambda replica: shifted(replica, (3, 2)),
     }
     for number, (what, change) in enumerate(changes.items(), 31):
-        plain = with_states(finished(number, 19))
+        plain = with_states(Trial(sites=number, bonded=19).replica())
         yield f"{number} sites", plain
         yield f"{number} sites {what}", change(plain)
-    yield "37 sites whose bonds last", with_states(finished(37, 19, breaking=False))
+    yield (
+        "37 sites whose bonds last",
+        with_states(Trial(sites=37, breaking=False).replica()),
+    )
     yield (
         "37 sites that do not interact",
-        with_states(finished(37, 19, interacting=False)),
+        with_states(Trial(sites=37, coupled=False).replica()),
     )
 
 
@@ -130,7 +133,7 @@ class ChangedReplicaChecks(Checks[Asked], of=(Rupture, Observable)):
             isinstance(component, Rupture) and component.sampled
         ):  # its random numbers belong to the places
             return
-        replica = with_states(finished(40, 17, grid=(9, 7)))
+        replica = with_states(Trial(pixels=(9, 7)).replica())
         one = numbers(component, replica)
         for step in ((3, 2), (5, 6)):
             two = numbers(component, shifted(replica, step))
@@ -168,7 +171,7 @@ class ObservableUnitChecks(Checks[Observable], of=Observable):
     def lengths_have_their_unit(self) -> None:
         """On a contact twice as large, with all lengths among the options doubled, an output in nm is twice as large,
         one in 1/nm**2 a quarter."""
-        small = finished(40, 17)
+        small = Trial().replica()
         try:
             doubled = self.rescaled(stress=1 / 8, length=2)
         except InputError:
@@ -203,7 +206,7 @@ class RuptureUnitChecks(Checks[Rupture], of=Rupture):
             strong = self.rescaled(stress=3)
         except InputError:
             return
-        before = finished(40, 17)
+        before = Trial().replica()
         after = rescaled_replica(before, temperature=900.0, pressure=3.0, energy=3.0)
         chemistry = before.chemistry.replace(bond_force=3 * before.chemistry.bond_force)
         one = force_of(self.component, before)

@@ -452,10 +452,12 @@ def require(condition: Any, message: str) -> None:
 
 
 @contextmanager
-def naming(what: str) -> Iterator[None]:
-    """Say where the component raised what it raises in this block."""
+def naming(what: object) -> Iterator[None]:
+    """Say where the component raised what it raises in this block, or which trial a check fails in."""
     try:
         yield
+    except AssertionError as failure:
+        raise AssertionError(f"{what}: {failure}") from failure
     except Exception as error:
         raise AssertionError(f"{what}: {type(error).__name__}: {error}") from error
 

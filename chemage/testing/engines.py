@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import pickle
 from collections.abc import Sequence
-from itertools import combinations, product
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -16,20 +16,18 @@ from chemage.kinetics.history import BondHistory
 from chemage.kinetics.role import Engine
 from chemage.lattices.lattice import ReactionLattice
 from chemage.plugins import registry
-from chemage.testing.answers import independent_calls
+from chemage.testing.answers import as_bytes, independent_calls
 from chemage.testing.checks import (
-    CHANCE,
     Checks,
     Questions,
-    binomial_chance,
     known,
+    naming,
     refuses,
     require,
     require_estimates,
     seeds_are_harmless,
     whole,
 )
-from chemage.testing.replicas import history_of
 from chemage.testing.small_systems import (
     COPIES,
     FLICKERING,
@@ -37,14 +35,24 @@ from chemage.testing.small_systems import (
     NU,
     TEMPERATURE,
     Group,
+    agree,
     barrier,
     coupled,
     reacting,
     single,
     states,
 )
+from chemage.testing.trials import TRIALS, Trial, history_of
 
 check_engine = whole(Engine)
+
+#: in which sites are compared with their master equation
+SITUATIONS = (
+    *TRIALS,
+    Trial(idle=70_000, hold_times=1, temperature=450.0),
+    Trial(idle=70_000, hold_times=1, spacing=0.5, coupled=False, start="after hold"),
+)
+TWO_TIMES = Trial(hold_times=2)
 
 
 def _trace(history: BondHistory) -> tuple[bytes, ...]:
@@ -128,6 +136,10 @@ class EngineChecks(Checks[Engine], of=Engine):
                 f"279 sites, interacting={interacting}",
                 ask(self._disordered(119, 7, 60, 3, 90, interacting=interacting)),
             )
+        for trial in TRIALS:
+            if self.component.interacting or not trial.coupled:
+                how = {"hold_times": trial.times, "temperature": trial.temperature}
+                yield repr(trial), ask(trial.replica().lattice, **how)
         if self.component.interacting:
             group, time, kelvin = FLICKERING["1 by 2 sites"]
             yield (
@@ -144,73 +156,76 @@ class EngineChecks(Checks[Engine], of=Engine):
         where: str,
         group: Group,
         time: float,
+        trial: Trial = TWO_TIMES,
         *,
         copies: int = COPIES,
         runs: int = 200,
-        temperature: float = TEMPERATURE,
-        nu: float = NU,
         slots: int = 0,
-        start: bool = False,
+        begin: int = 0,
     ) -> None:
-        """Require that groups follow their master equation to ``time`` s, over many seeds, or from all bonds."""
-        m = len(group.forming)
-        counts = np.zeros(2**m, dtype=np.int64)
+        """Require that groups follow their master equation to ``time`` s, over many seeds, from their state ``begin``:
+        their bonds at as many hold times as the trial has, and their states at the end."""
         copies, runs = self._trials(copies, runs)
+        m, number = len(group.forming), trial.times.size
+        first, times = 0.0, time * np.arange(1, number + 1) / number
+        after, probabilities = where, np.zeros(0)
+        bonds, counts = np.zeros(number), np.zeros(2**m, np.int64)
+        placed = [
+            trial.but(seed=seed).placed(group, copies, slots)
+            for seed in range(5 if slots else 1)
+        ]
         for seed in range(runs):
-            lattice = group.lattice(copies, nu, slots, seed % 5)
-            begin = np.ones(lattice.sites.size, dtype=bool) if start else None
+            lattice, places = placed[seed % len(placed)]
+            start: Any = np.zeros(lattice.sites.size, dtype=bool)
+            start[:] = begin > 0
+            start[places] = np.tile(begin >> np.arange(m) & 1 == 1, copies)
+            if trial.start != "fresh":
+                first, start = 1e3 * time, trial.before(lattice, start, 1e3 * time)
             history = self.component.run(
                 lattice,
-                [0.5 * time, time],
-                temperature=temperature,
+                first + times,
+                temperature=trial.temperature,
                 seed=seed,
-                start=begin,
+                start=start if trial.start != "fresh" or begin else None,
             )
-            counts += states(history.state, m)
-        probabilities = group.probabilities(
-            time, temperature, nu, counts.size - 1 if start else 0
+            bonds += history.bonds - (begin > 0) * trial.idle
+            counts += states(history.state[places], m)
+        with naming(trial):
+            for at, count in zip(times, bonds, strict=True):
+                probabilities = group.probabilities(
+                    at, trial.temperature, trial.attempt_frequency, begin
+                )
+                after = f"{where}, after {at:.3g} s"
+                self._mean(after, count, copies * runs, probabilities)
+            self._compare(after, counts, probabilities)
+
+    def _mean(
+        self, where: str, count: float, groups: int, probabilities: np.ndarray
+    ) -> None:
+        """Require that so many ``groups`` have ``count`` bonds, within the noise and the declared error."""
+        bonds = np.array([state.bit_count() for state in range(probabilities.size)])
+        expected = float(probabilities @ bonds)
+        noise = math.sqrt(float(probabilities @ (bonds - expected) ** 2) / groups)
+        # and half a bond per lattice, for rounding, or some of rare ones
+        more = 10 / groups if self.component.exact else 0.5 / LARGE
+        error = self.component.declared_error or 0.0
+        require(
+            abs(count / groups - expected) <= error * expected + 6.5 * noise + more,
+            f"{where}, {count / groups:.4g} bonds per group; the master equation gives {expected:.4g}; "
+            f"declared_error={error}",
         )
-        self._compare(f"{where}, after {time:.3g} s", counts, probabilities)
 
     def _compare(
         self, where: str, counts: np.ndarray, probabilities: np.ndarray
     ) -> None:
-        """Require that ``counts`` of groups in each state agree with the ``probabilities`` of the master equation.
-
-        An exact engine: every site, every pair of sites and every state, each by its binomial distribution. An
-        approximate one: the mean number of bonds, to within its declared error.
-        """
-        total, every = int(counts.sum()), np.arange(counts.size)
-        m = counts.size.bit_length() - 1
-        bonded = every[:, None] >> np.arange(m) & 1 == 1
-        if not self.component.exact:
-            bonds = bonded.sum(axis=1)
-            mean, expected = float(counts @ bonds) / total, float(probabilities @ bonds)
-            noise = math.sqrt(float(probabilities @ (bonds - expected) ** 2) / total)
-            error = self.component.declared_error or 0.0
-            require(
-                # and half a bond per lattice, for rounding
-                abs(mean - expected) <= error * expected + 6.5 * noise + 0.5 / LARGE,
-                f"{where}, {mean:.4g} bonds per group; the master equation gives {expected:.4g}; "
-                f"declared_error={error}",
-            )
-            return
-        questions = {}
-        for chosen in (*combinations(range(m), 1), *combinations(range(m), 2)):
-            questions[f"each of the sites {chosen} is bonded"] = bonded[:, chosen].all(
-                axis=1
-            )
-        for state in every if m > 2 else ():
-            questions[f"just the sites {np.flatnonzero(bonded[state])} are bonded"] = (
-                every == state
-            )
-        for what, yes in questions.items():
-            count, p = int(counts[yes].sum()), min(float(probabilities[yes].sum()), 1.0)
-            require(
-                binomial_chance(count, total, p) > CHANCE,
-                f"{where}, {what} in {count} of {total} cases; the master equation gives {total * p:.4g} "
-                f"± {math.sqrt(total * p * (1 - p)):.2g}",
-            )
+        """Require that ``counts`` of groups in each state agree with the ``probabilities`` of the master equation; of
+        an approximate engine, the mean number of bonds."""
+        if self.component.exact:
+            agree(where, counts, probabilities)
+        else:
+            bonds = [state.bit_count() for state in range(counts.size)]
+            total = int(counts.sum())
+            self._mean(where, float(counts @ bonds), total, probabilities)
 
     def _compare_mean(
         self, where: str, bonds: Sequence[int], of: int, probability: float
@@ -387,18 +402,32 @@ class EngineChecks(Checks[Engine], of=Engine):
         group = single(1.0)
         for kelvin in (260.0, 350.0, 900.0):
             time = math.exp(group.forming[0] / (KB * kelvin)) / NU
-            self._follows(
-                f"at {kelvin:g} K, over {group.forming[0]:.4g} eV",
-                group,
-                time,
-                temperature=kelvin,
-            )
+            where = f"over {group.forming[0]:.4g} eV"
+            self._follows(where, group, time, TWO_TIMES.but(temperature=kelvin))
 
     def rates_follow_the_attempt_frequency(self) -> None:
         """Rates are proportional to the attempt frequency of the lattice."""
         for nu in (1e10, 4e15):
+            trial = TWO_TIMES.but(attempt_frequency=nu)
+            self._follows("over one barrier", single(1.0), NU / nu, trial)
+
+    @known
+    def situations_keep_the_rates(self) -> None:
+        """Sites follow their master equation in every situation: wherever they lie, beside 70,000 others, at any
+        temperature and attempt frequency, after a hold and after a pull, at each of 1 to 100 hold times."""
+        alone = reacting((3.0, 1.0), (0.5, 1.5))
+        for trial in SITUATIONS:
+            group, runs = alone, 100
+            if trial.coupled and self.component.interacting:
+                group = coupled()
+            if not trial.breaking:
+                group = Group(group.forming, None, group.pair)
+            group = group.at(trial.temperature, trial.attempt_frequency)
+            copies, runs = (200, 3) if trial.idle else (COPIES, 100)
+            where = "coupled sites" if group.pair else "sites"
+            begin = 2 if trial.start != "fresh" else 0
             self._follows(
-                f"at an attempt frequency of {nu:g} Hz", single(1.0), NU / nu, nu=nu
+                where, group, 0.8, trial, copies=copies, runs=runs, begin=begin
             )
 
     @known
@@ -463,6 +492,24 @@ class EngineChecks(Checks[Engine], of=Engine):
             only.bonds.tolist() == [0] and only.events == 0 and only.time == 0,
             f"{only.events} events by time 0",
         )
+
+    def later_hold_times_change_nothing(self) -> None:
+        """The first of many hold times have the counts that they have alone."""
+        lattice, times = self._disordered(), Trial(hold_times=100).times
+        whole = self._run(lattice, times, 8)
+        for number in (1, 5, 64, 99):
+            first = self._run(lattice, times[:number], 8)
+            for name in ("bonds", "formed", "broken"):
+                alone, with_more = getattr(first, name), getattr(whole, name)[:number]
+                require(
+                    np.array_equal(alone, with_more),
+                    f"{name} at the first {number} of 100 hold times: {alone[-3:]} at the last of them, and "
+                    f"{with_more[-3:]} where later ones follow",
+                )
+            require(
+                first.bonds[-1] == first.state.sum(),
+                f"the state after {number} hold times has other bonds than are counted",
+            )
 
     def bonds_last_without_breaking(self) -> None:
         """On a lattice without breaking barriers no bond breaks, and every site is bonded in the end."""
@@ -556,7 +603,7 @@ class EngineChecks(Checks[Engine], of=Engine):
                 lambda wrong=wrong: self._run(lattice, [1], start=wrong),
             )
         self._follows(
-            "from all sites bonded", reacting((2.0, 0.3), (0.7, 1.5)), 0.6, start=True
+            "from all sites bonded", reacting((2.0, 0.3), (0.7, 1.5)), 0.6, begin=3
         )
 
     def going_on_counts_from_the_history(self) -> None:
@@ -650,6 +697,17 @@ class EngineChecks(Checks[Engine], of=Engine):
                     f"{where}: the final state differs",
                 )
                 require(rest.time == whole.time, f"{where}: the time differs")
+                both = kept.then(rest).observables
+                lost = [
+                    name
+                    for name, values in whole.observables.items()
+                    if as_bytes(both.get(name)) != as_bytes(values)
+                ]
+                require(
+                    not lost and both.keys() == whole.observables.keys(),
+                    f"{where}: recorded are {', '.join(both) or 'no outputs'}, and {', '.join(lost)} differs; "
+                    f"uninterrupted {', '.join(whole.observables)}",
+                )
 
     # -- speed ---------------------------------------------------------------------------------------------------------
 
@@ -710,9 +768,9 @@ class EngineChecks(Checks[Engine], of=Engine):
                         f"{what}: {sites}",
                         group,
                         time,
+                        TWO_TIMES.but(temperature=kelvin),
                         copies=1,
                         runs=250,
-                        temperature=kelvin,
                     )
 
     def wrong_input_is_refused(self) -> None:

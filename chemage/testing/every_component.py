@@ -39,7 +39,8 @@ from chemage.testing.checks import (
     require,
     require_plain,
 )
-from chemage.testing.replicas import contact_of, finished, numbers, with_states
+from chemage.testing.replicas import numbers, with_states
+from chemage.testing.trials import Trial, contact_of
 
 
 def check_material(name: str) -> None:
@@ -364,7 +365,7 @@ class ObservableFigureChecks(Checks[Observable], of=Observable):
     def figures_are_drawn(self) -> None:
         """Each of ``figures`` is drawn from all replicas, of one result and of several, also where the chemistry is not
         known."""
-        few, many, some = (finished(40, bonded) for bonded in (3, 40, 17))
+        few, many, some = (Trial(bonded=bonded).replica() for bonded in (3, 40, 17))
         chemistry = some.chemistry
         for figure in self.cls.figures:
             first = self._measured([some, few, few])
@@ -457,7 +458,7 @@ class ComponentFigureChecks(Checks[Component], of=Component):
         x = np.linspace(0, 2 * np.pi, 12, endpoint=False)
         surface = Surface(heights=np.cos(x)[:, None] + np.cos(2 * x), pixel_size=0.5)
         maps = Maps(contact_of(np.maximum(surface.heights - 0.5, 0.0)), surface)
-        replica = finished(40, 17, times=(0.1, 1.0, 10.0))
+        replica = Trial(hold_times=(0.1, 1.0, 10.0)).replica()
         with recording() as block:
             if isinstance(component, Rupture) and component.outputs:
                 component.force(with_states(replica))

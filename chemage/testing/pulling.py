@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
-from itertools import product
+from itertools import cycle, product
 from typing import Any
 
 import numpy as np
 
 from chemage.foundation.units import EV_PER_GPA_NM3, KB
-from chemage.friction.pulling import BALANCE, Drive, Partners, PullHistory, Pulling
+from chemage.friction.pulling import (
+    BALANCE,
+    Drive,
+    Partners,
+    PullHistory,
+    Pulling,
+    partners_of,
+)
 from chemage.lattices.lattice import ReactionLattice
 from chemage.testing.answers import independent_calls
 from chemage.testing.checks import (
@@ -17,58 +24,75 @@ from chemage.testing.checks import (
     Questions,
     binomial_chance,
     known,
+    naming,
     refuses,
     require,
     seeds_are_harmless,
     whole,
 )
+from chemage.testing.small_systems import Group, agree, coupled, reacting, states
+from chemage.testing.trials import TRIALS, Trial
 
 check_pulling = whole(Pulling)
 
-TEMPERATURE, NU = 300.0, 1e13
-KT = KB * TEMPERATURE
+#: the columns of a pull
+CURVES = ("force", "displacement", "work", "bonds", "formed", "broken")
 #: standard errors within which a mean must agree with the closed form
 FAR = 6.0
+#: a bond that forms 4e4 times per second and breaks, without a force, every three seconds
+USUALLY, USUAL = Trial(), Group((0.5,), (0.8,))
+#: in which forces are compared with closed forms
+SITUATIONS = (
+    *TRIALS,
+    Trial(temperature=250.0, attempt_frequency=3e13, start="after pull"),
+)
 
 
-def _drive(**changes: Any) -> Drive:
+def _quick() -> Group:
+    """Four coupled sites that form and break bonds within a pull."""
+    group = coupled()
+    return Group(
+        tuple(0.6 * energy for energy in group.forming), group.breaking, group.pair
+    )
+
+
+def _at(trial: Trial, group: Group = USUAL) -> Group:
+    """The group with the same rates there."""
+    return group.at(trial.temperature, trial.attempt_frequency)
+
+
+def _drive(trial: Trial, **changes: Any) -> Drive:
+    """A drive whose force lowers the barriers of bonds by the same share everywhere."""
     fields: dict[str, Any] = {
-        "bond_stiffness": 10.0,
+        "speed": 1e4,
+        "bond_stiffness": 10.0 * trial.scale,
         "transition_distance": 0.05,
         "shape": "constant",
         "partner": "kept",
     }
-    return Drive(**{"speed": 1e4, **fields, **changes})
+    return Drive(**{**fields, **changes})
 
 
-def _lattice(
-    n: int, forming: float = 3.0, breaking: float = 0.8, interacting: bool = False
-) -> ReactionLattice:
-    fields: dict[str, Any] = {
-        "forming": np.full(n, forming),
-        "breaking": np.full(n, breaking),
-    }
-    if interacting:
-        ring = np.arange(n)
-        neighbours = np.stack([np.roll(ring, 1), np.roll(ring, -1)], axis=1).astype(
-            np.int32
-        )
-        fields |= {"neighbours": neighbours, "coupling": np.full((n, 2), 0.03)}
-    return ReactionLattice(
-        pixels=(n, 1), sites=np.arange(n), attempt_frequency=NU, **fields
-    )
+def _partners(trial: Trial, n: int) -> Partners:
+    """Forming barriers within 8 % of the usual one, at three pressures."""
+    middle = _at(trial).forming[0]
+    quantiles = middle * np.linspace(0.92, 1.08, 4001)
+    return Partners(quantiles, -0.04 * middle * (np.arange(n) % 3))
 
 
-def _hazard(drive: Drive, breaking: float, stretch: np.ndarray) -> np.ndarray:
+def _hazard(
+    trial: Trial, drive: Drive, group: Group, stretch: np.ndarray
+) -> np.ndarray:
     """Of a bond that was stretched at a constant speed, by the trapezoidal rule on ``stretch`` (nm), from 0 on."""
+    (breaking,) = group.breaking or (np.inf,)
     lowered = (
         drive.bond_stiffness * stretch * drive.transition_distance * EV_PER_GPA_NM3
     )
     left = np.clip(1 - drive.exponent * lowered / breaking, 0.0, 1.0)
     rate = (
-        NU
+        trial.attempt_frequency
         * left ** (1 / drive.exponent - 1)
-        * np.exp(-breaking / KT * left ** (1 / drive.exponent))
+        * np.exp(-breaking / (KB * trial.temperature) * left ** (1 / drive.exponent))
     )
     return (
         np.concatenate(
@@ -90,81 +114,190 @@ class PullingChecks(Checks[Pulling], of=Pulling):
         lattice: ReactionLattice,
         drive: Drive,
         times: Any,
+        trial: Trial = USUALLY,
         seed: Any = 3,
         **more: Any,
     ) -> PullHistory:
         pulled = self.component.run(
-            lattice, drive, times, temperature=TEMPERATURE, seed=seed, **more
+            lattice, drive, times, temperature=trial.temperature, seed=seed, **more
         )
         fault = pulled.fault() or pulled.fault_of(
-            lattice, TEMPERATURE, more.get("start"), times=np.asarray(times)
+            lattice, trial.temperature, more.get("start"), times=np.asarray(times)
         )
         require(not fault, f"{lattice!r} at {drive.speed:g} nm/s: {fault}")
         return pulled
 
+    def _begun(
+        self, trial: Trial, lattice: ReactionLattice, state: np.ndarray, time: float
+    ) -> Any:
+        """What a pull starts from: these bonds, unstretched, at once or after ``time`` s."""
+        if trial.start == "fresh":
+            return state
+        if trial.start == "after hold":
+            return trial.before(lattice, state, time)
+        still = _drive(trial, speed=0.0)
+        return self._run(lattice, still, [time], trial, start=state)
+
     def questions(self) -> Questions:
-        def ask(number: int, speed: float, seed: int) -> Any:
-            lattice = _lattice(30 + number, 0.5, interacting=True)
+        changes: dict[str, dict[str, Any]] = {
+            "with another seed": {"seed": 2},
+            "at another temperature": {"warmer": 17.0},
+            "at another speed": {"speed": 3e4},
+            "of which every third is bonded at first": {"begin": 3},
+            "with other breaking barriers": {"raised": 0.02},
+            "with new partners": {"partner": "new"},
+        }
+
+        def ask(
+            number: int,
+            *,
+            seed: int = 1,
+            warmer: float = 0.0,
+            speed: float = 1e4,
+            begin: int = 0,
+            raised: float = 0.0,
+            partner: str = "kept",
+        ) -> Any:
+            trial = Trial()
+            lattice, _ = trial.placed(_quick(), number)
+            higher = np.asarray(lattice.breaking) + raised
+            lattice = lattice.model_copy(update={"breaking": higher})
+            n = lattice.sites.size
+            start = np.arange(n) % max(begin, 1) == 1 - begin % 2
+            drive = _drive(trial, speed=speed, partner=partner)
+            partners = _partners(trial, n) if partner == "new" else None
             times = np.linspace(0, 1.0 / speed, 5)
             return lambda engine: _bytes(
-                PullingChecks(engine)._run(lattice, _drive(speed=speed), times, seed)
+                engine.run(
+                    lattice,
+                    drive,
+                    times,
+                    temperature=280.0 + number + warmer,
+                    seed=seed,
+                    start=start,
+                    partners=partners,
+                )
             )
 
-        for number, speed in enumerate((1e2, 1e4, 1e6)):
-            for seed in (1, 2):
-                yield f"{speed:g} nm/s, seed {seed}", ask(number, speed, seed)
+        for number, (what, change) in enumerate(changes.items(), 8):
+            yield f"{4 * number} sites", ask(number)
+            yield f"{4 * number} sites {what}", ask(number, **change)
 
     @known
     def bonds_break_as_their_barrier_falls(self) -> None:
         """Of bonds that are stretched at a constant speed, as many are left as the integral of their rate says, for
-        each shape of the energy and also where the drive is a stiff spring."""
+        each shape of the energy and also where the drive is a stiff spring; the peak is the largest force on the way,
+        also where it is asked for at the end alone."""
         n = 2000
         stretch = np.linspace(0, 0.4, 40_001)
-        for shape, spring in product(("cusp", "cubic", "constant"), (None, 1e9)):
-            drive = _drive(shape=shape, spring=spring)
-            hazard = _hazard(drive, 0.8, stretch)
-            at = np.searchsorted(hazard, [0.1, 0.7, 2.0])
-            pulled = self._run(
-                _lattice(n), drive, stretch[at] / drive.speed, start=np.ones(n, bool)
-            )
-            for bonds, where in zip(pulled.bonds, at, strict=True):
-                left = float(np.exp(-hazard[where]))
-                require(
-                    binomial_chance(int(bonds), n, left) > CHANCE,
-                    f"{shape}, spring {spring}: {bonds} of {n} bonds are left at a stretch of {stretch[where]:.4g} nm; "
-                    f"expected {n * left:.1f}",
+        shapes = product(("cusp", "cubic", "constant"), (None, 1e9))
+        for trial, (shape, spring) in zip(SITUATIONS, shapes, strict=True):
+            with naming(trial):
+                group = _at(trial, Group((3.0,), (0.8,)))
+                lattice, _ = trial.placed(group, n)
+                drive = _drive(trial, shape=shape, spring=spring)
+                hazard = _hazard(trial, drive, group, stretch)
+                at = np.searchsorted(hazard, [0.1, 0.7, 2.0])
+                time = 1e-3 if trial.start == "after pull" else 1e3
+                start = self._begun(trial, lattice, np.ones(n, bool), time)
+                bonded = start if isinstance(start, np.ndarray) else start.state
+                first = 0.0 if trial.start == "fresh" else time
+                times = first + stretch[at] / drive.speed
+                pulled, once = (
+                    self._run(lattice, drive, when, trial, start=start)
+                    for when in (times, times[-1:])
                 )
+                total = int(np.count_nonzero(bonded))
+                for bonds, where in zip(pulled.bonds, at, strict=True):
+                    left = float(np.exp(-hazard[where]))
+                    require(
+                        binomial_chance(int(bonds), total, left) > CHANCE,
+                        f"{shape}, spring {spring}: {bonds} of {total} bonds are left at a stretch of "
+                        f"{stretch[where]:.4g} nm; expected {total * left:.1f}",
+                    )
+                share = stretch * np.exp(-hazard)
+                most = total * drive.bond_stiffness * float(share[: at[-1]].max())
+                for peak in (pulled.peak, once.peak):
+                    require(
+                        abs(peak / most - 1) < FAR / total**0.5,
+                        f"{shape}, spring {spring}: the peak is {peak:.5g} nN, expected {most:.5g} nN, between the "
+                        "times as well",
+                    )
 
     @known
     def steady_sliding_is_the_closed_form(self) -> None:
-        """Independent sites in steady sliding carry Ḟ∫tS dt/(1/k_on + ∫S dt) each (Schallamach 1963)."""
-        n, forming, breaking = 300, 0.5, 0.8
-        lattice, stretch = _lattice(n, forming, breaking), np.linspace(0, 0.4, 100_001)
-        for speed in (1e2, 1e4, 1e5):
-            drive = _drive(speed=speed)
-            survival = np.exp(-_hazard(drive, breaking, stretch)) * stretch[1]
-            cycle = speed / (NU * np.exp(-forming / KT)) + float(survival.sum())
-            expected = drive.bond_stiffness * float(stretch @ survival) / cycle
-            times = np.array([8.0, 30.0]) * cycle / speed
+        """Independent sites in steady sliding carry Ḟ∫tS dt/(1/k_on + ∫S dt) each (Schallamach 1963), with the mean of
+        1/k_on over the partners that a site meets."""
+        n, stretch = 300, np.linspace(0, 0.4, 100_001)
+        speeds = (1e2, 1e4, 1e5)
+        for trial, speed in zip(SITUATIONS, cycle(speeds)):
+            group = _at(trial)
+            lattice, _ = trial.placed(group, n)
+            drive = _drive(trial, speed=speed, partner=trial.partner)
+            hazard = _hazard(trial, drive, group, stretch)
+            survival = np.exp(-hazard) * stretch[1]
+            partners, barriers = None, np.array(group.forming)
+            if trial.partner == "new":
+                partners = _partners(trial, n)
+                barriers = partners.quantiles + partners.shift[:, None]
+            thermal = KB * trial.temperature
+            waits = np.exp(barriers / thermal).mean(axis=-1) / trial.attempt_frequency
+            cycles = speed * np.atleast_1d(waits) + float(survival.sum())
+            carried = float(stretch @ survival)
+            expected = drive.bond_stiffness * float((carried / cycles).mean())
+            times = np.array([8.0, 30.0]) * float(cycles.max()) / speed
             works = [
-                np.diff(self._run(lattice, drive, times, seed).work)[0]
+                np.diff(
+                    self._run(
+                        lattice, drive, times, trial, seed, partners=partners
+                    ).work
+                )[0]
                 for seed in range(10)
             ]
             forces = np.array(works) / (np.diff(times) * speed * n)
             error = np.std(forces, ddof=1) / len(forces) ** 0.5
-            require(
-                abs(np.mean(forces) - expected) < FAR * error,
-                f"{np.mean(forces):.5g} ± {error:.2g} nN per site at {speed:g} nm/s; expected {expected:.5g} nN",
-            )
+            with naming(trial):
+                require(
+                    abs(np.mean(forces) - expected) < FAR * error,
+                    f"{np.mean(forces):.5g} ± {error:.2g} nN per site at {speed:g} nm/s; expected {expected:.5g} nN",
+                )
+
+    @known
+    def bonds_without_force_are_those_of_a_hold(self) -> None:
+        """Sites follow their master equation while the drive stands still, and while it moves and its force lowers no
+        barrier: also where they are coupled, after a hold, and beside 70,000 others."""
+        for trial in (*SITUATIONS, Trial(idle=70_000, hold_times=1)):
+            group = coupled() if trial.coupled else reacting((3.0, 1.0), (0.5, 1.5))
+            group, m = _at(trial, group), len(group.forming)
+            copies, runs = (200, 3) if trial.idle else (12, 40)
+            lattice, places = trial.placed(group, copies)
+            state = np.zeros(lattice.sites.size, bool)
+            for speed in (0.0, 1e-3):
+                drive = _drive(trial, speed=speed, bond_stiffness=1e-9)
+                counts = np.zeros(2**m, np.int64)
+                for seed in range(runs):
+                    start = state if trial.start == "fresh" else None
+                    first = 0.0
+                    if trial.start != "fresh":
+                        first, start = 1e3, trial.before(lattice, state, 1e3)
+                    times = first + 0.8 * np.arange(1, 4) / 3
+                    pulled = self._run(lattice, drive, times, trial, seed, start=start)
+                    counts += states(pulled.state[places], m)
+                chances = group.probabilities(
+                    0.8, trial.temperature, trial.attempt_frequency
+                )
+                with naming(trial):
+                    agree(f"at {speed:g} nm/s, after 0.8 s", counts, chances)
 
     def spring_bonds_and_friction_balance(self) -> None:
         """The spring carries what the bonds and the friction of the slider hold, work is stored or lost, and the slider
         rests while the spring pulls less than they hold."""
         n = 200
+        lattice, _ = USUALLY.placed(USUAL, n)
         for spring, friction in ((None, 5.0), (1e3, 0.0), (1e3, 50.0), (20.0, 5.0)):
-            drive, where = _drive(spring=spring, friction=friction), f"spring {spring}"
-            times = np.linspace(0, 2.0 / drive.speed, 41)
-            pulled = self._run(_lattice(n, 0.5), drive, times, start=np.ones(n, bool))
+            drive = _drive(USUALLY, spring=spring, friction=friction)
+            where, times = f"spring {spring}", np.linspace(0, 2.0 / drive.speed, 41)
+            pulled = self._run(lattice, drive, times, start=np.ones(n, bool))
             worst = float(np.abs(pulled.imbalance).max())
             require(
                 worst < BALANCE,
@@ -189,38 +322,56 @@ class PullingChecks(Checks[Pulling], of=Pulling):
 
     def going_on_is_exact(self) -> None:
         """A pull that is interrupted and goes on is the same bit for bit, and what is sampled changes nothing."""
-        n = 60
-        lattice = _lattice(n, 0.5, interacting=True)
-        partners = Partners(np.linspace(0.4, 0.6, 50), np.zeros(n))
-        times = np.linspace(0, 1e-4, 9)
-        for changes in ({}, {"partner": "new"}, {"spring": 100.0, "friction": 3.0}):
-            drive = _drive(**changes)
-            more = {"partners": partners} if drive.partner == "new" else {}
-            whole_run, first, once = (
-                self._run(lattice, drive, part, **more)
-                for part in (times, times[:4], times[-1:])
-            )
-            second = self._run(lattice, drive, times[4:], start=first, **more)
-            for name in ("force", "displacement", "work", "bonds", "formed", "broken"):
-                parts = np.concatenate([getattr(first, name), getattr(second, name)])
-                require(
-                    np.array_equal(parts, getattr(whole_run, name)),
-                    f"{name} differs where a pull goes on ({changes})",
+        for number, trial in enumerate(SITUATIONS):
+            if not trial.breaking:
+                continue
+            replica, lower = trial.replica(), 0.4 * trial.scale
+            lattice = replica.lattice  # whose bonds are to form within the pull
+            lattice = lattice.model_copy(update={"forming": lattice.forming - lower})
+            change = {"spring": 100.0, "friction": 3.0} if number % 2 else {}
+            drive, more = _drive(trial, partner=trial.partner, **change), {}
+            if trial.partner == "new":
+                made = partners_of(replica.chemistry, lattice, replica.contact)
+                more = {"partners": Partners(made.quantiles - lower, made.shift)}
+            times = np.linspace(0, 1e-4, 100)
+            with naming(trial):
+                whole_run, first, once = (
+                    self._run(lattice, drive, part, trial, **more)
+                    for part in (times, times[:44], times[-1:])
                 )
-            for other, what in ((second, "goes on"), (once, "is sampled less often")):
-                require(
-                    _bytes(other)[-9 * n :] == _bytes(whole_run)[-9 * n :],
-                    f"the end differs where a pull {what}",
+                second = self._run(
+                    lattice, drive, times[44:], trial, start=first, **more
                 )
-                require(other.peak >= other.force.max(), "the peak is below a force")
-            require(bool(whole_run.broken[-1]), "no bond broke")
+                for name in CURVES:
+                    parts = np.concatenate(
+                        [getattr(first, name), getattr(second, name)]
+                    )
+                    require(
+                        np.array_equal(parts, getattr(whole_run, name)),
+                        f"{name} differs where a pull goes on ({change})",
+                    )
+                for other, what in (
+                    (second, "goes on"),
+                    (once, "is sampled less often"),
+                ):
+                    require(
+                        _bytes(other)[-9 * lattice.sites.size :]
+                        == _bytes(whole_run)[-9 * lattice.sites.size :],
+                        f"the end differs where a pull {what}",
+                    )
+                    require(
+                        other.peak >= whole_run.force.max(),
+                        f"the peak is below a force where a pull {what}",
+                    )
+                require(bool(whole_run.broken[-1]), "no bond broke")
 
     def at_rest_nothing_moves(self) -> None:
         """Without a speed nothing moves and no work is done; stretched bonds relax; the state goes back to a hold."""
         n = 80
-        lattice = _lattice(n, 0.5)
-        pulled = self._run(lattice, _drive(), [0.1 / 1e4], start=np.ones(n, bool))
-        held = self._run(lattice, _drive(speed=0.0), [1.0, 1e3], start=pulled)
+        lattice, _ = USUALLY.placed(USUAL, n)
+        drive, still = _drive(USUALLY), _drive(USUALLY, speed=0.0)
+        pulled = self._run(lattice, drive, [0.1 / 1e4], start=np.ones(n, bool))
+        held = self._run(lattice, still, [1.0, 1e3], start=pulled)
         require(
             (held.displacement == pulled.displacement[-1]).all(),
             "the slider moves although the drive stands still",
@@ -237,7 +388,8 @@ class PullingChecks(Checks[Pulling], of=Pulling):
             held.history.fault() == "",
             f"the bonds are no history: {held.history.fault()}",
         )
-        none = self._run(_lattice(n), _drive(), [1e-4])
+        unbonded, _ = USUALLY.placed(Group((3.0,), (0.8,)), n)
+        none = self._run(unbonded, drive, [1e-4])
         require(
             none.peak == 0 and not none.bonds.any(),
             "a contact without a bond carries a force",
@@ -245,9 +397,10 @@ class PullingChecks(Checks[Pulling], of=Pulling):
 
     def seeds_decide_the_noise(self) -> None:
         """The same seed gives the same pull, another one another."""
-        lattice, times = _lattice(40, 0.5), np.array([1e-4])
+        lattice, _ = USUALLY.placed(USUAL, 40)
+        drive, times = _drive(USUALLY), np.array([1e-4])
         seeds_are_harmless(
-            lambda seed: _bytes(self._run(lattice, _drive(), times, seed)),
+            lambda seed: _bytes(self._run(lattice, drive, times, seed=seed)),
             "a pull",
             chance=True,
         )
@@ -256,11 +409,12 @@ class PullingChecks(Checks[Pulling], of=Pulling):
 
     def what_cannot_be_pulled_is_refused(self) -> None:
         """Bonds that last, times before the start and new partners that are not given are refused."""
-        lattice = _lattice(5)
+        lattice, _ = USUALLY.placed(USUAL, 5)
+        drive, new = _drive(USUALLY), _drive(USUALLY, partner="new")
         lasting = lattice.model_copy(update={"breaking": None})
-        first = self._run(lattice, _drive(), [1e-5])
-        refuses("bonds that last", lambda: self._run(lasting, _drive(), [1.0]))
+        first = self._run(lattice, drive, [1e-5])
+        refuses("bonds that last", lambda: self._run(lasting, drive, [1.0]))
         refuses(
-            "an earlier time", lambda: self._run(lattice, _drive(), [1e-6], start=first)
+            "an earlier time", lambda: self._run(lattice, drive, [1e-6], start=first)
         )
-        refuses("no partners", lambda: self._run(lattice, _drive(partner="new"), [1.0]))
+        refuses("no partners", lambda: self._run(lattice, new, [1.0]))

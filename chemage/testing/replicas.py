@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import islice, product
 from operator import attrgetter
@@ -27,7 +27,6 @@ from chemage.kinetics.role import Engine
 from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.independent import TwoState
 from chemage.lattices.lattice import ReactionLattice
-from chemage.lattices.role import Barriers
 from chemage.testing.answers import independent_calls
 from chemage.testing.checks import (
     Checks,
@@ -38,103 +37,12 @@ from chemage.testing.checks import (
     require,
     whole,
 )
-
-
-class Even(Barriers):
-    """Barriers between 0.8 and 1.4 eV, for what needs some chemistry."""
-
-    kind = "even"
-
-    def quantile(self, uniform: np.ndarray) -> np.ndarray:
-        return 0.8 + 0.6 * uniform
-
-    def density(self, energy: np.ndarray) -> np.ndarray:
-        return np.where((energy >= 0.8) & (energy <= 1.4), 1 / 0.6, 0.0)
-
-
-TIMES = (0.0, 0.1, 10.0, 10.0, 1e4)
-
-
-def contact_of(pressure: np.ndarray, periodic: bool = True) -> ContactSolution:
-    """A contact with this pressure, in pixels of 0.5 nm."""
-    load = float(pressure.sum()) * 0.25
-    return ContactSolution(
-        pressure=pressure,
-        load=load,
-        pixel_size=0.5,
-        modulus=35.3,
-        rms_slope=0.1,
-        periodic=periodic,
-    )
-
-
-def history_of(
-    lattice: ReactionLattice,
-    times: Any,
-    states: np.ndarray,
-    temperature: float,
-    engine: str,
-) -> BondHistory:
-    """The history of sites with these ``states`` at each time, (m, n), of which no bond has broken."""
-    bonds = states.sum(axis=1, dtype=np.int64)
-    return BondHistory(
-        hold_times=np.array(times),
-        bonds=bonds,
-        formed=bonds,
-        broken=np.zeros_like(bonds),
-        state=states[-1],
-        time=float(times[-1]),
-        temperature=temperature,
-        engine=engine,
-        lattice_hash=lattice.digest(),
-    )
-
-
-def finished(
-    n: int,
-    bonded: int,
-    *,
-    grid: tuple[int, int] = (8, 8),
-    times: Sequence[float] = TIMES,
-    breaking: bool = True,
-    interacting: bool = True,
-) -> Bonded:
-    """A finished replica: ``n`` sites scattered over the grid, ``bonded`` of them with a bond at the end."""
-    rng = np.random.default_rng(n + 100 * grid[0])
-    pixels = grid[0] * grid[1]
-    # the last pixel is one of them
-    touching = np.sort(
-        np.append(pixels - 1, rng.permutation(pixels - 1))[: n + 3 * (n > 1)]
-    )
-    pressure = np.zeros(pixels)
-    pressure[touching] = rng.uniform(0.3, 3.0, touching.size)
-    fields: dict[str, Any] = {"forming": rng.uniform(0.8, 1.4, n)}
-    if breaking:
-        fields["breaking"] = rng.uniform(0.9, 1.3, n)
-    if interacting:
-        k = np.arange(n)
-        near = np.stack([np.where(k + 1 < n, k + 1, -1), k - 1], axis=1).astype(
-            np.int32
-        )
-        fields |= {"neighbours": near, "coupling": np.where(near >= 0, 0.05, 0.0)}
-    lattice = ReactionLattice(
-        pixels=grid, sites=touching[touching.size - n :], pixel_size=0.5, **fields
-    )
-    counts = np.linspace(bonded, 0, len(times)).astype(np.int64)[::-1]
-    history = history_of(lattice, times, _states(n, counts), 300.0, "by-hand")
-    of_bonds: Any = Even() if breaking else None
-    chemistry = Chemistry(forming=Even(), breaking=of_bonds)
-    return Bonded(contact_of(pressure.reshape(grid)), chemistry, lattice, history)
-
-
-def _states(n: int, bonds: np.ndarray) -> np.ndarray:
-    """Which of ``n`` sites have so many bonds, (m, n): a bond that has formed stays."""
-    return np.random.default_rng(n).permutation(n) < bonds[:, None]
+from chemage.testing.trials import Even, Trial, contact_of, history_of, states_of
 
 
 def with_states(replica: Bonded) -> Bonded:
     """The replica with the state of every site at every hold time."""
-    states = _states(replica.lattice.sites.size, replica.history.bonds)
+    states = states_of(replica.lattice.sites.size, replica.history.bonds)
     return changed(replica, history={"states": states})
 
 
@@ -159,24 +67,22 @@ def usual() -> list[tuple[str, Bonded]]:
     """Replicas with and without bonds and sites, each with what it is; the second is the plain one."""
     counts = ((40, 0), (40, 17), (40, 40), (1, 1), (0, 0))
     return [
-        (f"{bonded} of {n} sites bonded", finished(n, bonded)) for n, bonded in counts
+        (f"{bonded} of {n} sites bonded", Trial(sites=n, bonded=bonded).replica())
+        for n, bonded in counts
     ]
 
 
 #: what is left out or changed of a replica that is usual
-UNUSUAL: dict[str, dict[str, Any]] = {
-    "a lattice without breaking": {"breaking": False},
-    "a lattice without interaction": {"interacting": False},
-    "a lattice without breaking and interaction": {
-        "breaking": False,
-        "interacting": False,
-    },
-    "a grid of 13x5 pixels": {"grid": (13, 5)},
-    "a grid of 5x13 pixels": {"grid": (5, 13)},
-    "a hold time of 10 s": {"times": (10.0,)},
-    "a hold time of 0 s": {"times": (0.0,)},
-    "hold times of 1, 1, 10 s": {"times": (1.0, 1.0, 10.0)},
-}
+UNUSUAL = (
+    Trial(breaking=False),
+    Trial(coupled=False),
+    Trial(breaking=False, coupled=False),
+    Trial(pixels=(13, 5)),
+    Trial(pixels=(5, 13)),
+    Trial(hold_times=(10.0,)),
+    Trial(hold_times=(0.0,)),
+    Trial(hold_times=(1.0, 1.0, 10.0)),
+)
 
 
 def _given(component: Asked, replica: Bonded) -> Bonded:
@@ -225,8 +131,8 @@ def _parts_may_be_absent(checks: Checks[Asked]) -> None:
     """Lattices without breaking barriers or without interaction, contacts that are not square, and any hold times
     are treated too, or a rupture law refuses them, in ``check`` as well."""
     component = checks.component
-    for what, fields in UNUSUAL.items():
-        replica = finished(40, 17, **fields)
+    for trial in UNUSUAL:
+        what, replica = repr(trial), trial.replica()
         try:
             if isinstance(component, Rupture):
                 component.check(replica.chemistry, replica.temperature)
@@ -267,7 +173,7 @@ class ObservableChecks(Checks[Observable], of=Observable):
     def names_are_safe(self) -> None:
         """Names can be those of a variable in a file and of a column in a table: no slash, no control character, no
         blank at either end."""
-        for problem in map(file_problem, numbers(self.component, finished(40, 17))):
+        for problem in map(file_problem, numbers(self.component, Trial().replica())):
             require(not problem, f"{problem}; rename it")
 
     @known
@@ -288,7 +194,7 @@ class ObservableChecks(Checks[Observable], of=Observable):
         ):
             checker = Checker("it", len(times))
             values = numbers(
-                component, finished(40, 17, times=times), f"{len(times)} hold times"
+                component, Trial(hold_times=times).replica(), f"{len(times)} hold times"
             )
             with naming(f"{len(times)} hold times"):
                 checker.names(values, component.outputs)
@@ -297,10 +203,10 @@ class ObservableChecks(Checks[Observable], of=Observable):
 
     def grids_need_not_be_square(self) -> None:
         """Contacts whose grid is not square are measured, with the same names; maps are (nx, ny)."""
-        names = numbers(self.component, finished(40, 17)).keys()
+        names = numbers(self.component, Trial().replica()).keys()
         for grid in ((13, 5), (5, 13)):
             what = f"a grid of {grid} pixels (nx, ny)"
-            values = numbers(self.component, finished(40, 17, grid=grid), what)
+            values = numbers(self.component, Trial(pixels=grid).replica(), what)
             require(
                 values.keys() == names,
                 f"{what} has other names: {sorted(values.keys() ^ names)}",
@@ -352,7 +258,7 @@ class RuptureChecks(Checks[Rupture], of=Rupture):
 
     def forces_are_in_nn(self) -> None:
         """Forces are in nN: the mean force per bond is between 1e-4 and 100 nN, unless all are zero."""
-        force = float(force_of(self.component, finished(40, 40))[-1]) / 40
+        force = float(force_of(self.component, Trial(bonded=40).replica())[-1]) / 40
         require(
             force == 0 or LEAST <= force <= MOST,
             f"the mean force per bond is {force:.3g} nN; expected {LEAST:g} to {MOST:g} nN: is it in N, pN or eV/nm?",
@@ -363,14 +269,14 @@ class RuptureChecks(Checks[Rupture], of=Rupture):
     def later_times_do_not_matter(self) -> None:
         """The force after a hold time does not depend on what happens later: sliding after 10 s does not know of 1e4
         s."""
-        bonded = finished(40, 30)
+        bonded = Trial(bonded=30).replica()
         whole = force_of(self.component, bonded)
         for number in range(1, bonded.hold_times.size):
             # had it been stopped there
             names = ("hold_times", "bonds", "formed", "broken")
             until = {name: getattr(bonded.history, name)[:number] for name in names}
             end = {
-                "state": _states(40, until["bonds"])[-1],
+                "state": states_of(40, until["bonds"])[-1],
                 "time": float(until["hold_times"][-1]),
             }
             force = force_of(
@@ -389,7 +295,7 @@ class RuptureChecks(Checks[Rupture], of=Rupture):
         them on (``sampled``)."""
         if not self.component.states or self.component.sampled:
             return
-        bonded = finished(40, 17)
+        bonded = Trial().replica()
         raised = {
             name: getattr(bonded.lattice, name) + 0.1 * ~bonded.history.state
             for name in ("forming", "breaking")

@@ -26,7 +26,7 @@ from chemage.scene.files import is_sweep, load_scene
 from chemage.surfaces.surface import Surface
 from chemage.testing.checks import CheckFailed, checks_for, refuses, require
 from chemage.testing.contacts import rough_surface
-from chemage.testing.replicas import finished
+from chemage.testing.trials import Trial
 
 
 class PartOutcome(NamedTuple):
@@ -150,7 +150,7 @@ def random_numbers_are_the_published_ones() -> None:
 
 def files_give_back_what_was_written() -> None:
     """Records come back equal from both kinds of files, and a file of which one bit differs is refused."""
-    replica = finished(12, 5)
+    replica = Trial(sites=12, bonded=5).replica()
     parts: dict[str, Record] = {
         type(part).__name__: part
         for part in (replica.contact, replica.lattice, replica.history)

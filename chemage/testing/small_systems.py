@@ -6,12 +6,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 
 from chemage.foundation.units import KB
 from chemage.lattices.lattice import ReactionLattice
+from chemage.testing.checks import CHANCE, binomial_chance, require
 
 TEMPERATURE = 300.0
 NU = 1e13
@@ -98,6 +100,19 @@ class Group:
                 generator[state, state] -= rate
         return generator
 
+    def at(self, temperature: float, nu: float) -> Group:
+        """The group that has the same rates and couplings in k_B T there as this one at 300 K and 1e13 Hz."""
+        warm = temperature / TEMPERATURE
+        shift = KB * temperature * math.log(nu / NU)
+        forming, breaking = (
+            None if given is None else tuple(warm * energy + shift for energy in given)
+            for given in (self.forming, self.breaking)
+        )
+        pair = self.pair and tuple(
+            tuple(warm * energy for energy in row) for row in self.pair
+        )
+        return Group(forming or (), breaking, pair)
+
     def probabilities(
         self,
         time: float,
@@ -171,6 +186,30 @@ def coupled() -> Group:
         (0.02, -0.02, 0.04, 0.0),
     )
     return reacting((3.0, 1.0, 0.6, 2.0), (0.5, 1.5, 0.2, 0.9), pair)
+
+
+def agree(where: str, counts: np.ndarray, probabilities: np.ndarray) -> None:
+    """Require that ``counts`` of groups in each state agree with the ``probabilities`` of the master equation: every
+    site, every pair of sites and every state, each by its binomial distribution."""
+    total, every = int(counts.sum()), np.arange(counts.size)
+    m = counts.size.bit_length() - 1
+    bonded = every[:, None] >> np.arange(m) & 1 == 1
+    questions = {}
+    for chosen in (*combinations(range(m), 1), *combinations(range(m), 2)):
+        questions[f"each of the sites {chosen} is bonded"] = bonded[:, chosen].all(
+            axis=1
+        )
+    for state in every if m > 2 else ():
+        questions[f"just the sites {np.flatnonzero(bonded[state])} are bonded"] = (
+            every == state
+        )
+    for what, yes in questions.items():
+        count, p = int(counts[yes].sum()), min(float(probabilities[yes].sum()), 1.0)
+        require(
+            binomial_chance(count, total, p) > CHANCE,
+            f"{where}, {what} in {count} of {total} cases; the master equation gives {total * p:.4g} "
+            f"± {math.sqrt(total * p * (1 - p)):.2g}",
+        )
 
 
 def states(history_state: np.ndarray, m: int) -> np.ndarray:

@@ -14,8 +14,6 @@ import chemage as ca
 from chemage import testing
 from chemage.plugin import BondHistory, Energy
 
-pytestmark = pytest.mark.long
-
 #: what the direct method does wrong -> the check that finds it
 FAULTS = {
     Fault.TEMPERATURE: "rates_follow_the_temperature",
@@ -60,6 +58,7 @@ LONG = (
 )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "fault", [pytest.param(fault, marks=pytest.mark.long if fault in LONG else ()) for fault in Fault]
 )
@@ -208,10 +207,156 @@ OTHERS: dict[str, tuple[Any, str]] = {
 }
 
 
+RejectionFree: Any = type(ca.engine("rejection-free"))
+
+
+def _twin(lattice, **fields):
+    """The lattice with other fields, unchecked, as an engine may hold it."""
+    return lattice.model_copy(update=fields)
+
+
+def _short_indices(lattice, *rest):
+    if lattice.interacting:
+        near = lattice.neighbours
+        lattice = _twin(lattice, neighbours=np.where(near < 0, -1, near & 0xFFFF).astype(np.int32))
+    return lattice, *rest
+
+
+def _first_sites_only(lattice, *rest):
+    idle = np.arange(lattice.sites.size) >= 1 << 16
+    return _twin(lattice, forming=np.where(idle, 1e3, lattice.forming)), *rest
+
+
+def _short_counts(history, *given):
+    return history.model_copy(update={"bonds": history.bonds & 0xFFFF})
+
+
+def _sixty_four_times(history, *given):
+    """Every hold time after the 64th has the counts of that one."""
+    at = np.minimum(np.arange(history.bonds.size), 63)
+    counts = {name: getattr(history, name)[at] for name in ("bonds", "formed", "broken")}
+    return history.model_copy(update=counts)
+
+
+def _by_hold_times(lattice, times, kelvin, seed, start):
+    return lattice, times, kelvin, np.random.SeedSequence([*ca.plugin.random.key(seed), times.size]), start
+
+
+def _one_barrier_per_pixel(lattice, *rest):
+    first = np.searchsorted(lattice.sites, lattice.sites)
+    return _twin(lattice, forming=lattice.forming[first]), *rest
+
+
+def _slipped_are_lost(lattice, times, kelvin, seed, start):
+    """Sites that have slipped begin without a bond."""
+    if isinstance(start, BondHistory) and "slips" in start.resume:
+        state = start.state & (start.resume["slips"] == 0)
+        lost = int(start.state.sum() - state.sum())
+        counts = {"state": state, "bonds": start.bonds - lost, "broken": start.broken + lost}
+        start = start.model_copy(update=counts)
+    return lattice, times, kelvin, seed, start
+
+
+_shared: dict[Any, Any] = {}
+
+
+def _temperature_of_another_thread(lattice, times, kelvin, seed, start):
+    _shared["temperature"] = kelvin
+    lattice.digest()  # what takes a moment
+    return lattice, times, _shared["temperature"], seed, start
+
+
+def _barriers_of_another_thread(lattice, times, kelvin, seed, start):
+    n = lattice.sites.size
+    buffer = _shared.setdefault("buffer", np.empty(1 << 17))
+    for site in range(min(n, 200)):
+        buffer[site] = lattice.forming[site]
+    mine = np.append(buffer[: min(n, 200)], lattice.forming[200:])
+    return _twin(lattice, forming=mine), times, kelvin, seed, start
+
+
+def _temperature_of_the_first_call(lattice, times, kelvin, seed, start):
+    return lattice, times, _shared.setdefault(lattice.digest(), kelvin), seed, start
+
+
+def _start_of_the_call_before(lattice, times, kelvin, seed, start):
+    """A start that is given is taken again by the next call that has none."""
+    if isinstance(start, np.ndarray):
+        _shared[lattice.digest()] = np.array(start)
+    return lattice, times, kelvin, seed, _shared.pop(lattice.digest(), None) if start is None else start
+
+
+class Counting(RejectionFree):
+    """Records how many bonds there were at each hold time, but not where it goes on."""
+
+    outputs: ClassVar[Any] = {"seen": ca.plugin.Output("hold_time", description="bonds")}
+
+    def _run(self, lattice, hold_times, temperature, seed, start):
+        history = super()._run(lattice, hold_times, temperature, seed, start)
+        if not isinstance(start, BondHistory):
+            self.record(seen=history.bonds.astype(float))
+        return history
+
+
+class OneCurve(Counting):
+    """Records the number of bonds at the end for all hold times."""
+
+    def _run(self, lattice, hold_times, temperature, seed, start):
+        history = RejectionFree._run(self, lattice, hold_times, temperature, seed, start)
+        self.record(seen=np.full(hold_times.size, float(history.bonds[-1])))
+        return history
+
+
+def fast(name: str, change: Any = None, before: Any = None) -> Any:
+    return passed_on(name, change, before, RejectionFree)
+
+
+#: wrong with many sites, many hold times, in another grid, after a pull, in several threads, or in a second call
+ELSEWHERE: dict[str, tuple[Any, str]] = {
+    "neighbours in 16 bits": (lambda: fast("short", before=_short_indices), "situations_keep_the_rates"),
+    "65,536 sites": (lambda: fast("first-sites", before=_first_sites_only), "situations_keep_the_rates"),
+    "counts in 16 bits": (lambda: fast("short-counts", _short_counts), "situations_keep_the_rates"),
+    "64 hold times": (lambda: fast("64-times", _sixty_four_times), "situations_keep_the_rates"),
+    "one barrier per pixel": (lambda: fast("per-pixel", before=_one_barrier_per_pixel), "situations_keep_the_rates"),
+    "bonds of sites that slipped": (lambda: fast("slipped", before=_slipped_are_lost), "situations_keep_the_rates"),
+    "hold times in the seed": (
+        lambda: passed_on("by-times", before=_by_hold_times),
+        "later_hold_times_change_nothing",
+    ),
+    "a temperature shared by threads": (
+        lambda: fast("shared", before=_temperature_of_another_thread),
+        "calls_are_independent",
+    ),
+    "barriers shared by threads": (
+        lambda: fast("buffer", before=_barriers_of_another_thread),
+        "calls_are_independent",
+    ),
+    "the temperature of the first call": (
+        lambda: fast("first-kelvin", before=_temperature_of_the_first_call),
+        "answers_do_not_depend_on_what_was_asked_before",
+    ),
+    "the start of the call before": (
+        lambda: fast("last-start", before=_start_of_the_call_before),
+        "calls_are_independent",
+    ),
+    "an output lost at restart": (Counting, "restart_is_exact"),
+    "an output of the end alone": (OneCurve, "restart_is_exact"),
+}
+
+
+@pytest.mark.parametrize("name", ELSEWHERE)
+def test_what_is_wrong_elsewhere_is_found(name, caught):
+    make, check = ELSEWHERE[name]
+    _shared.clear()
+    found, said = caught(make(), check)
+    assert found == check, said
+
+
 #: found by the closed form of one site, as are others
 LONG_OTHERS = ("a wrong conversion of energies", "the last count for all hold times")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=pytest.mark.long if name in LONG_OTHERS else ()) for name in OTHERS]
 )
@@ -222,6 +367,7 @@ def test_a_wrong_engine(name, caught):
     assert found == check, said
 
 
+@pytest.mark.long
 def test_the_same_random_numbers_for_all_sites_of_a_pixel(caught):
     def by_pixel(lattice, *rest):
         twin = lattice.model_copy()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from kit_examples import mutant
 
-from chemage.plugin import registry
+from chemage.plugin import BondHistory, PullHistory, registry
 
 EventDriven: Any = registry.current().component("pulling", "event-driven")
 
@@ -60,6 +60,118 @@ def _lasting(self, lattice, drive, times, **options):
     return EventDriven.run(self, lattice, drive, times, **options)
 
 
+def _at_300_kelvin(exact, given):
+    return exact(temperature=300.0).model_copy(update={"temperature": given["temperature"]})
+
+
+def _at_ten_terahertz(exact, given):
+    return exact(lattice=given["lattice"].model_copy(update={"attempt_frequency": 1e13}))
+
+
+def _without_the_clock(exact, given):
+    """A pull that begins at time 0, also after a hold."""
+    start = given["start"]
+    if not isinstance(start, BondHistory):
+        return exact()
+    pulled = exact(start=np.array(start.state))
+    counts = {name: getattr(pulled, name) + getattr(start, name)[-1] for name in ("formed", "broken")}
+    return pulled.model_copy(update=counts)
+
+
+def _without_pressure(exact, given):
+    partners = given["partners"]
+    return exact(partners=partners and partners._replace(shift=np.zeros_like(partners.shift)))
+
+
+def _same_partners(exact, given):
+    return exact(partners=None, drive=given["drive"].replace(partner="kept"))
+
+
+def _first_partners(exact, given):
+    """All new partners have the mean barrier."""
+    partners = given["partners"]
+    return exact(
+        partners=partners and partners._replace(quantiles=np.full_like(partners.quantiles, partners.quantiles.mean()))
+    )
+
+
+def _uncoupled(exact, given):
+    return exact(lattice=given["lattice"].model_copy(update={"neighbours": None, "coupling": None}))
+
+
+def _short_indices(exact, given):
+    lattice = given["lattice"]
+    if lattice.neighbours is None:
+        return exact()
+    short = np.where(lattice.neighbours < 0, -1, lattice.neighbours & 0xFFFF).astype(np.int32)
+    return exact(lattice=lattice.model_copy(update={"neighbours": short}))
+
+
+def _peak_of_the_samples(exact, given):
+    pulled = exact()
+    before = given["start"].peak if isinstance(given["start"], PullHistory) else 0.0
+    return pulled.model_copy(update={"peak": max(float(pulled.force.max()), before)})
+
+
+def _sixty_four_samples(exact, given):
+    pulled = exact()
+    bonds = pulled.bonds.copy()
+    bonds[64:] = bonds[63:64]
+    return pulled.model_copy(update={"bonds": bonds, "formed": bonds + pulled.broken - bonds[0] + pulled.bonds[0]})
+
+
+_kept: dict[Any, Any] = {}
+
+
+def _seed_of_the_first_call(exact, given):
+    return exact(seed=_kept.setdefault(("seed", given["lattice"].sites.size), given["seed"]))
+
+
+def _drive_of_the_first_call(exact, given):
+    return exact(drive=_kept.setdefault(("drive", given["lattice"].sites.size), given["drive"]))
+
+
+def _temperature_of_another_thread(exact, given):
+    _kept["temperature"] = given["temperature"]
+    given["lattice"].digest()  # what takes a moment
+    return exact(temperature=_kept["temperature"]).model_copy(update={"temperature": given["temperature"]})
+
+
+def _moved_times(self, lattice, drive, times, **options):
+    pulled = EventDriven.run(self, lattice, drive, times, **options)
+    if isinstance(times, np.ndarray):
+        times -= times[0]
+        times += 1e-12
+    return pulled
+
+
+def _begins_with_all(self, lattice, drive, times, *, start=None, **options):
+    pulled = EventDriven.run(self, lattice, drive, times, start=start, **options)
+    if isinstance(start, np.ndarray):
+        start[:] = pulled.state
+    return pulled
+
+
+#: wrong in a situation of its own, or in a second call
+OTHERS = {
+    "300 K": (engine("300 K", _at_300_kelvin), "bonds_break_as_their_barrier_falls"),
+    "10 THz": (engine("10 THz", _at_ten_terahertz), "bonds_break_as_their_barrier_falls"),
+    "no clock": (engine("no clock", _without_the_clock), "bonds_break_as_their_barrier_falls"),
+    "peak of the samples": (engine("peak of the samples", _peak_of_the_samples), "bonds_break_as_their_barrier_falls"),
+    "no pressure": (engine("no pressure", _without_pressure), "steady_sliding_is_the_closed_form"),
+    "same partners": (engine("same partners", _same_partners), "steady_sliding_is_the_closed_form"),
+    "mean partners": (engine("mean partners", _first_partners), "steady_sliding_is_the_closed_form"),
+    "uncoupled": (engine("uncoupled", _uncoupled), "bonds_without_force_are_those_of_a_hold"),
+    "short indices": (engine("short indices", _short_indices), "bonds_without_force_are_those_of_a_hold"),
+    "64 samples": (engine("64 samples", _sixty_four_samples), "going_on_is_exact"),
+    "first seed": (engine("first seed", _seed_of_the_first_call), "seeds_decide_the_noise"),
+    "first drive": (engine("first drive", _drive_of_the_first_call), "answers_do_not_depend_on_what_was_asked_before"),
+    "threads": (engine("threads", _temperature_of_another_thread), "calls_are_independent"),
+    "times moved": (mutant(EventDriven, "times moved", run=_moved_times)(), "calls_are_independent"),
+    "start moved": (mutant(EventDriven, "start moved", run=_begins_with_all)(), "calls_are_independent"),
+}
+
+
 MUTANTS = {
     "bonds_break_as_their_barrier_falls": engine("farther", _farther),
     "steady_sliding_is_the_closed_form": engine("slow to form", _slow_to_form),
@@ -83,3 +195,11 @@ SLOW = {"going_on_is_exact"}
 )
 def test_the_check_finds_it(check, component, caught):
     assert caught(component, check)[0] == check
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_what_is_wrong_elsewhere_is_found(name, caught):
+    component, check = OTHERS[name]
+    _kept.clear()
+    found, said = caught(component, check)
+    assert found == check, said
