@@ -31,13 +31,18 @@ from chemage.testing.checks import CHECKS, LIMIT, Checks, Questions, is_number, 
 TURNS, OURS = 100, ("chemage", "numpy", "pydantic", "numba")
 
 
+def _raw(component: Component, ask: Callable[[Any], Any]) -> Any:
+    """What the component gives, or the name of the error that it raises."""
+    try:
+        return ask(component)
+    except Exception as error:
+        return type(error).__name__
+
+
 def answer(component: Component, ask: Callable[[Any], Any]) -> bytes:
     """What the component gives and records, or the error that it raises, as bytes."""
     with recording() as block:
-        try:
-            given = ask(component)
-        except Exception as error:
-            given = type(error).__name__
+        given = _raw(component, ask)
     return as_bytes([given, {name: one.declared.values for name, one in block.items()}])
 
 
@@ -69,9 +74,12 @@ def independent_calls(checks: Checks[Any], **inputs: Any) -> None:
     asked = [ask for _, ask in islice(questions_of(component, inputs), 6)]
     ask = partial(answer, component)
     before, first = _given(asked), list(map(ask, asked))
+    held = [_raw(component, one) for one in asked]
+    kept = as_bytes(held)
     require(
         list(map(ask, asked[::-1])) == first[::-1], "a second call gave another result"
     )
+    require(as_bytes(held) == kept, "a later call changed what an earlier one returned")
     if not isinstance(component, Engine) or component.concurrency() == 1:
         with ThreadPoolExecutor(3) as pool:
             concurrent = list(pool.map(_taking_turns(ask), asked * 3))

@@ -257,15 +257,13 @@ class Checks(Generic[C]):
             if len(variants) > 1:
                 yield name, variants
 
-    def rescaled(self, *, stress: float = 1.0, length: float = 1.0) -> Any:
-        """The component in other units of stress and length: each option that has one times its power."""
+    def rescaled(self, **scale: float) -> Any:
+        """The component in other units: each option times the factor of its unit, see :meth:`Dimensions.factor`."""
         changes: dict[str, float] = {}
         for name, unit in self.units().items():
-            value = getattr(self.component, name)
-            mass, metre, others = dimensions(unit)
-            # a stress is M/(L T²): a time stays as it is, and with it what contains one
-            if is_number(value) and not others and (mass or metre):
-                changes[name] = value * stress**mass * length ** (metre + mass)
+            value, its = getattr(self.component, name), dimensions(unit)
+            if is_number(value) and not its.others and its.factor(**scale) != 1.0:
+                changes[name] = value * its.factor(**scale)
         return self.component.replace(**changes) if changes else self.component
 
     def options(self) -> dict[str, list[dict[str, Any]]]:
@@ -529,15 +527,37 @@ def seeds_are_harmless(
     require(global_state() == before, f"{what}: draws from numpy's global random state")
 
 
-def dimensions(unit: str) -> tuple[float, float, bool]:
-    """The powers of mass and length in a unit, and whether it contains a temperature or another quantity but time."""
+class Dimensions(NamedTuple):
+    """The powers of mass, length, time and temperature in a unit, and whether it contains anything else."""
+
+    mass: float
+    length: float
+    time: float
+    temperature: float
+    others: bool
+
+    def factor(
+        self, stress: float = 1.0, length: float = 1.0, time: float = 1.0
+    ) -> float:
+        """By how much a quantity of this unit grows with all stresses, lengths and times, and with k_BT as every other
+        energy, which is a stress times a volume; a stress is M/(L T²)."""
+        mass = stress * length * time**2
+        return (
+            mass**self.mass
+            * length**self.length
+            * time**self.time
+            * (stress * length**3) ** self.temperature
+        )
+
+
+def dimensions(unit: str) -> Dimensions:
+    """The dimensions of a unit."""
     from chemage.foundation.units import unit_registry as units
 
     found: dict[str, Any] = dict(units().parse_units(unit).dimensionality)
-    mass, metre, _ = (
-        float(found.pop(name, 0)) for name in ("[mass]", "[length]", "[time]")
-    )
-    return mass, metre, bool(found)
+    names = ("[mass]", "[length]", "[time]", "[temperature]")
+    powers = [float(found.pop(name, 0)) for name in names]
+    return Dimensions(*powers, bool(found))
 
 
 def binomial_chance(count: int, of: int, probability: float) -> float:

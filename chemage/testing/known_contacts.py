@@ -1,5 +1,5 @@
-"""Contacts of an elastic half-space whose pressure is known. Their slopes are small, so that pressures stay far below a
-hardness that a solver may add."""
+"""Contacts of an elastic half-space whose pressure is known, and what follows from the pressure of any other one. The
+slopes of the known ones are small, so that pressures stay far below a hardness that a solver may add."""
 
 from __future__ import annotations
 
@@ -8,9 +8,65 @@ from typing import NamedTuple
 
 import numpy as np
 
+from chemage.contacts.solution import ContactSolution
 from chemage.surfaces.surface import Surface
 
 PIXEL = 0.5
+
+
+class HalfSpace(NamedTuple):
+    """How well a contact is that of an elastic half-space, from its pressure alone."""
+
+    #: rms of the gap over the contact, relative to the rms height
+    gap: float
+    #: largest overlap outside of it, relative to the rms height
+    overlap: float
+    #: the contact modulus that closes the gap best, relative to that of the solution; nan for a few pixels
+    modulus: float
+    #: rms of the gap that this leaves, relative to the heights in contact
+    rest: float
+
+    @classmethod
+    def of(cls, surface: Surface, solution: ContactSolution) -> HalfSpace:
+        """Those of the contact of ``surface``."""
+        heights = surface.heights.astype(np.float64)
+        lifted = _indentation(surface, solution.pressure.astype(np.float64))
+        gap = lifted / solution.modulus - heights
+        touching = gap[solution.contact]
+        level, scale = float(touching.mean()), surface.rms_height
+        one, two = (array[solution.contact] for array in (lifted, heights))
+        one, two = one - one.mean(), two - two.mean()
+        modulus = rest = math.nan
+        if touching.size > 8:
+            modulus = float(one @ one / (one @ two)) / solution.modulus
+            left = two - one / (modulus * solution.modulus)
+            rest = float(np.std(left) / np.std(two))
+        return cls(
+            float(np.std(touching)) / scale,
+            max(level - float(gap.min()), 0.0) / scale,
+            modulus,
+            rest,
+        )
+
+
+def _indentation(surface: Surface, pressure: np.ndarray) -> np.ndarray:
+    """The displacement (nm) of a half-space with a contact modulus of 1 GPa, up to a constant where it is periodic:
+    u(q) = 2 p(q)/|q| there, else that of uniformly loaded squares: Love, Phil. Trans. R. Soc. A 228, 377 (1929)."""
+    size = surface.pixel_size
+    if surface.periodic:
+        qx, qy = (2 * np.pi * np.fft.fftfreq(n, size) for n in surface.shape)
+        q = np.hypot(qx[:, None], qy)
+        q[0, 0] = np.inf
+        return np.fft.ifft2(2 * np.fft.fft2(pressure) / q).real
+    from scipy.signal import fftconvolve
+
+    x, y = (np.arange(1 - n, n) * size for n in surface.shape)
+    kernel = 0.0
+    for i, j in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
+        a, b = (x + i * size / 2)[:, None], y + j * size / 2
+        corner = a * np.arcsinh(b / np.abs(a)) + b * np.arcsinh(a / np.abs(b))
+        kernel = kernel + i * j * corner / np.pi
+    return fftconvolve(kernel, pressure, mode="valid")
 
 
 class Known(NamedTuple):
@@ -73,28 +129,31 @@ def sinusoid(axis: int, mean: float, pixels: int = 64, width: int = 6) -> Known:
     )
 
 
-def paraboloid(
-    pixels: int = 48, radius: float = 30.0, pixel_size: float = PIXEL
-) -> Surface:
+def _centred(pixels: int, parts: int = 1) -> np.ndarray:
+    """The middles of ``parts`` of each of so many pixels (nm), from the middle of all."""
+    return (np.arange(parts * pixels) - (parts * pixels - 1) / 2) * PIXEL / parts
+
+
+def paraboloid(shape: tuple[int, int] = (48, 48), radius: float = 30.0) -> Surface:
     """A tip with its apex in the middle; it records its radius for solvers that need one."""
-    x = (np.arange(pixels) - (pixels - 1) / 2) * pixel_size
-    heights = -(x[:, None] ** 2 + x**2) / (2 * radius)
+    x, y = map(_centred, shape)
+    heights = -(x[:, None] ** 2 + y**2) / (2 * radius)
     return Surface(
         heights=heights,
-        pixel_size=pixel_size,
+        pixel_size=PIXEL,
         periodic=False,
         provenance={"radius": radius},
     )
 
 
-def hertz(pixels: int = 28) -> Known:
+def hertz(shape: tuple[int, int] = (28, 23)) -> Known:
     """A paraboloid on a grid that is little larger than its contact. Hertz, J. reine angew. Math. 92, 156 (1881)."""
     edge = 10.3 * PIXEL
     radius = 100 * edge
-    surface = paraboloid(pixels, radius)
-    x = (np.arange(16 * pixels) - (16 * pixels - 1) / 2) * PIXEL / 16
-    inside = np.sqrt(np.maximum(1 - (x[:, None] ** 2 + x**2) / edge**2, 0.0))
-    pressure = inside.reshape(pixels, 16, pixels, 16).mean(axis=(1, 3))
+    surface = paraboloid(shape, radius)
+    x, y = (_centred(n, 16) for n in shape)
+    inside = np.sqrt(np.maximum(1 - (x[:, None] ** 2 + y**2) / edge**2, 0.0))
+    pressure = inside.reshape(shape[0], 16, shape[1], 16).mean(axis=(1, 3))
     load = 4 * edge**3 / (3 * radius)
     pressure *= load / (pressure.sum() * PIXEL**2)
     return Known(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from inspect import signature
 from itertools import product
 from typing import Any
 
@@ -46,9 +47,10 @@ def _graph(
     sites: np.ndarray,
     seed: Any = 0,
     size: float = _PIXEL,
+    positions: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Neighbours of each site, and the energies; neither may need the sites to be writable."""
-    where = {"pixel_size": size, "positions": None}
+    where = {"pixel_size": size, "positions": positions}
     neighbours = call_with(component.neighbours, grid, periodic, sites, **where)
     rows = neighbours.ndim == 2 and len(neighbours) == sites.size
     require(
@@ -127,7 +129,7 @@ class BarriersChecks(Checks[Barriers], of=Barriers):
     def barrier_is_the_pixels_own(self) -> None:
         """The barrier of a pixel depends only on its own number, not on other pixels; the numbers stay as they were."""
         component = self.component
-        uniform, others = np.random.default_rng(1).random(1000), np.full(1000, 0.3)
+        uniform, others = np.random.default_rng(1).random(70_000), np.full(1000, 0.3)
         kept = uniform.copy()
         energy = component.quantile(uniform)
         require(
@@ -141,12 +143,14 @@ class BarriersChecks(Checks[Barriers], of=Barriers):
             "a later call changed the barriers that an earlier one returned",
         )
         uniform.setflags(write=False)
-        for part in (slice(None, None, -1), slice(10, 11), slice(3, 700, 7)):
+        for part in (slice(None, None, -1), slice(10, 11), slice(3, None, 7)):
             alone = component.quantile(np.ascontiguousarray(uniform[part]))
             same = np.allclose(alone, energy[part], rtol=1e-13, atol=0)
             require(same, "a barrier depends on the other numbers in the call")
-        grid = component.quantile(uniform.reshape(20, 50))
-        same = grid.shape == (20, 50) and np.allclose(grid.ravel(), energy, rtol=1e-13)
+        grid = component.quantile(uniform.reshape(7, 10_000))
+        same = grid.shape == (7, 10_000) and np.allclose(
+            grid.ravel(), energy, rtol=1e-13
+        )
         require(same, "the barriers do not have the shape of the numbers")
         require(
             component.quantile(np.empty(0)).shape == (0,),
@@ -222,6 +226,17 @@ class BarriersChecks(Checks[Barriers], of=Barriers):
                 "members() returned other distributions at the second call, so that a run would not repeat",
             )
 
+    def members_are_sound(self) -> None:
+        """What ``members()`` returns are distributions like this one: monotone, in eV, a barrier of its own for each
+        pixel, and a density that agrees."""
+        for member in self.component.members(3):
+            checks = BarriersChecks(member)
+            with naming(f"{member!r} is a member"):
+                checks.quantile_is_monotone()
+                checks.barriers_are_in_ev()
+                checks.barrier_is_the_pixels_own()
+                checks.density_agrees_with_quantile()
+
     def trade_keeps_the_barriers(self) -> None:
         """Every value of ``trade`` gives the median of the last to within a tenth."""
         for name, variants in self.trade_variants():
@@ -263,11 +278,11 @@ class InteractionChecks(Checks[Interaction], of=Interaction):
             every, grid = _every_site((number, 9)), (number, 9)
             plain = (grid, True, every[::2], 3, _PIXEL)
             changed = {
+                "other sites": (grid, True, every[1::2], *plain[3:]),
                 "turned": (grid[::-1], *plain[1:]),
                 "not periodic": (grid, False, *plain[2:]),
                 "another seed": (*plain[:3], 4, _PIXEL),
                 "larger pixels": (*plain[:4], 1.3 * _PIXEL),
-                "other sites": (grid, True, every[1::2], *plain[3:]),
             }
             what = list(changed)[number - 14]
             yield f"half of a grid of {number}x9 pixels", ask(*plain)
@@ -391,6 +406,59 @@ class InteractionChecks(Checks[Interaction], of=Interaction):
             some == expected,
             "pairs or their energies changed when other sites were removed",
         )
+
+    def sites_may_be_many(self) -> None:
+        """Beyond 65,536 sites a patch has the neighbours and the energies that it has alone."""
+        edge, far = 9, np.arange(257)
+        grid = (edge * (far.size + 10), edge * far.size)
+        lone = (edge * far[:, None] * grid[1] + edge * far).ravel()
+        x, y = np.divmod(np.arange(35), 5)
+        patch = (grid[0] - 40 + x) * grid[1] + 40 + y
+        alone = self._pairs(grid, True, patch, 3)
+        among = self._pairs(grid, True, np.append(lone, patch), 3)
+        chosen = set(patch.tolist())
+        require(
+            alone == {k: v for k, v in among.items() if chosen.issuperset(k)},
+            f"the last 35 of {lone.size + 35} sites are other neighbours, or with other energies, than without the rest",
+        )
+
+    def sites_need_not_be_pixels(self) -> None:
+        """An interaction that takes ``positions`` treats sites in the centres of their pixels as without positions, and
+        several sites in a pixel."""
+        if "positions" not in signature(self.component.neighbours).parameters:
+            return
+        for grid, periodic in product(((13, 11), (7, 5)), (True, False)):
+            every = _every_site(grid)
+            centres = (np.stack(np.divmod(every, grid[1]), axis=1) + 0.5) * _PIXEL
+            own, given = (
+                _graph(self.component, grid, periodic, every, 3, _PIXEL, places)
+                for places in (None, centres)
+            )
+            require(
+                all(map(np.array_equal, own, given)),
+                "with positions (nm, from the corner of the grid) in the centres of the pixels, neighbours or energies "
+                "are others than without positions",
+            )
+            shift = 0.25 * _PIXEL * np.array([1.0, 1.0])
+            places = np.stack([centres - shift, centres + shift], axis=1).reshape(-1, 2)
+            double = np.repeat(every, 2)
+            neighbours, coupling = _graph(
+                self.component, grid, periodic, double, 3, _PIXEL, places
+            )
+            with naming(f"two sites in each pixel of {grid}, periodic={periodic}"):
+                ReactionLattice(
+                    pixels=grid,
+                    sites=double,
+                    positions=places,
+                    forming=np.ones(double.size),
+                    neighbours=neighbours,
+                    coupling=coupling,
+                    pixel_size=_PIXEL,
+                )
+            require(
+                np.count_nonzero(neighbours >= 0) >= np.count_nonzero(own[0] >= 0),
+                f"two sites in each pixel of {grid}, periodic={periodic}, have fewer neighbours in all than one",
+            )
 
     def energies_are_in_ev(self) -> None:
         """Energies are in eV: the largest is between 1e-6 and 10 eV, unless all are zero."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import islice, product
 from operator import attrgetter
@@ -27,6 +27,7 @@ from chemage.kinetics.role import Engine
 from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.independent import TwoState
 from chemage.lattices.lattice import ReactionLattice
+from chemage.lattices.role import Barriers
 from chemage.testing.answers import independent_calls
 from chemage.testing.checks import (
     Checks,
@@ -37,7 +38,13 @@ from chemage.testing.checks import (
     require,
     whole,
 )
-from chemage.testing.trials import Even, Trial, contact_of, history_of, states_of
+from chemage.testing.trials import (
+    Even,
+    Trial,
+    contact_of,
+    history_of,
+    states_of,
+)
 
 
 def with_states(replica: Bonded) -> Bonded:
@@ -59,6 +66,56 @@ def changed(replica: Bonded, **changes: Mapping[str, Any]) -> Bonded:
     )
 
 
+def held(
+    replica: Bonded, times: Sequence[float], bonds: Sequence[int], passed: Any = 0
+) -> Bonded:
+    """The replica with so many bonds at each of ``times`` (s), and ``passed`` (m,) that formed and broke before."""
+    counts = np.array(bonds, np.int64)
+    broken: Any = np.cumsum(np.maximum(-np.diff(counts, prepend=0), 0)) + passed
+    states = states_of(replica.lattice.sites.size, counts)
+    history = history_of(
+        replica.lattice, times, states, replica.temperature, "by-hand", broken
+    )
+    return replace(replica, history=history)
+
+
+def tiled(replica: Bonded, copies: int) -> Bonded:
+    """So many copies of a replica with states, one after the other along x."""
+    contact, lattice, history = replica.contact, replica.lattice, replica.history
+    (nx, ny), n, states = lattice.pixels, lattice.sites.size, history.states
+    number = np.repeat(np.arange(copies), n)
+    fields: dict[str, Any] = {
+        name: np.tile(values, copies)
+        for name in ("forming", "breaking")
+        if (values := getattr(lattice, name)) is not None
+    }
+    if lattice.neighbours is not None and lattice.coupling is not None:
+        near = np.tile(lattice.neighbours, (copies, 1))
+        ends = np.where(near >= 0, near + n * number[:, None], -1).astype(np.int32)
+        coupling = np.tile(lattice.coupling, (copies, 1))
+        fields |= {"neighbours": ends, "coupling": coupling}
+    return changed(
+        replica,
+        contact={
+            "pressure": np.tile(contact.pressure, (copies, 1)),
+            "load": copies * contact.load,
+        },
+        lattice={
+            "pixels": (copies * nx, ny),
+            "sites": np.tile(lattice.sites, copies) + nx * ny * number,
+            **fields,
+        },
+        history={
+            "state": np.tile(history.state, copies),
+            "states": None if states is None else np.tile(states, (1, copies)),
+            **{
+                name: copies * getattr(history, name)
+                for name in ("bonds", "formed", "broken")
+            },
+        },
+    )
+
+
 #: what can be asked for its answer to a replica
 Asked = Observable | Rupture
 
@@ -66,9 +123,16 @@ Asked = Observable | Rupture
 def usual() -> list[tuple[str, Bonded]]:
     """Replicas with and without bonds and sites, each with what it is; the second is the plain one."""
     counts = ((40, 0), (40, 17), (40, 40), (1, 1), (0, 0))
+    plain = Trial().replica()
     return [
-        (f"{bonded} of {n} sites bonded", Trial(sites=n, bonded=bonded).replica())
-        for n, bonded in counts
+        *(
+            (f"{bonded} of {n} sites bonded", Trial(sites=n, bonded=bonded).replica())
+            for n, bonded in counts
+        ),
+        (
+            "17 bonds that have broken",
+            held(plain, plain.hold_times, [0, 8, 17, 17, 0], [0, 0, 5, 5, 5]),
+        ),
     ]
 
 
@@ -127,20 +191,27 @@ def numbers(
     return values
 
 
+def treats(component: Asked, replica: Bonded) -> bool:
+    """Whether it does not say beforehand that it cannot treat this."""
+    try:
+        if isinstance(component, Rupture):
+            component.check(replica.chemistry, replica.temperature)
+    except InputError:
+        return False
+    return True
+
+
 def _parts_may_be_absent(checks: Checks[Asked]) -> None:
     """Lattices without breaking barriers or without interaction, contacts that are not square, and any hold times
     are treated too, or a rupture law refuses them, in ``check`` as well."""
     component = checks.component
     for trial in UNUSUAL:
         what, replica = repr(trial), trial.replica()
-        try:
-            if isinstance(component, Rupture):
-                component.check(replica.chemistry, replica.temperature)
-        except InputError:  # it says beforehand that it cannot treat this
+        if treats(component, replica):
+            numbers(component, replica, what)
+        else:
             seen = _given(component, replica)
             refuses(what, lambda seen=seen: component.force(seen))  # pyright: ignore[reportAttributeAccessIssue]
-        else:
-            numbers(component, replica, what)
 
 
 class ObservableChecks(Checks[Observable], of=Observable):
@@ -272,16 +343,10 @@ class RuptureChecks(Checks[Rupture], of=Rupture):
         bonded = Trial(bonded=30).replica()
         whole = force_of(self.component, bonded)
         for number in range(1, bonded.hold_times.size):
-            # had it been stopped there
-            names = ("hold_times", "bonds", "formed", "broken")
-            until = {name: getattr(bonded.history, name)[:number] for name in names}
-            end = {
-                "state": states_of(40, until["bonds"])[-1],
-                "time": float(until["hold_times"][-1]),
-            }
+            times, bonds = bonded.hold_times[:number], bonded.bonds[:number]
             force = force_of(
                 self.component,
-                changed(bonded, history=until | end),
+                held(bonded, times, bonds),
                 f"the first {number} hold times",
             )
             require(
@@ -321,7 +386,7 @@ check_ageing_method = whole(AgeingMethod)
 
 
 class Single(Engine):
-    """Sites that form a bond once and for all, each by itself: the engine of these checks."""
+    """Sites that form and break their bond each by itself: the engine of these checks."""
 
     kind = "single"
     interacting = False
@@ -335,13 +400,28 @@ class Single(Engine):
         seed: Seed,
         start: BondHistory | np.ndarray | None,
     ) -> BondHistory:
-        rate = lattice.attempt_frequency * np.exp(
-            -np.maximum(lattice.forming, 0.0) / (KB * temperature)
-        )
-        formed = -np.log(random.uniforms(seed, 900, lattice.random_index)) / rate
-        return history_of(
-            lattice, hold_times, formed <= hold_times[:, None], temperature, self.kind
-        )
+        def rate(barriers: np.ndarray) -> np.ndarray:
+            return lattice.attempt_frequency * np.exp(
+                -np.maximum(barriers, 0.0) / (KB * temperature)
+            )
+
+        forming, index = rate(lattice.forming), lattice.random_index
+        if lattice.breaking is None:
+            formed = -np.log(random.uniforms(seed, 900, index)) / forming
+            states = formed <= hold_times[:, None]
+        else:
+            sites, now = TwoState(forming, rate(lattice.breaking)), 0.0
+            state, found = np.zeros(index.size), []
+            for number, time in enumerate(hold_times):
+                left = 1 - sites.relaxed(time - now)
+                chance = sites.bonded(time - now) + state * left
+                state = random.uniforms(seed, 901 + number, index) < chance
+                now = time
+                found.append(state)
+            states = np.array(found).reshape(hold_times.size, index.size)
+        lost = -np.diff(states.sum(axis=1), prepend=0)
+        broken: Any = np.cumsum(np.maximum(lost, 0))
+        return history_of(lattice, hold_times, states, temperature, self.kind, broken)
 
 
 def _contacts() -> Iterator[tuple[str, ContactSolution]]:
@@ -391,18 +471,66 @@ def _expected(
     contact: ContactSolution, chemistry: Chemistry, kelvin: float, times: np.ndarray
 ) -> np.ndarray:
     """Mean number of bonds at each of ``times``, (m,): sites that do not interact, over 4000 barriers each."""
-    ranks = (np.arange(4000) + 0.5) / 4000
+
+    def barriers(of: Barriers, count: int) -> np.ndarray:
+        return of.quantile((np.arange(count) + 0.5) / count)
+
+    of_bonds = chemistry.breaking
+    breaking = 0.0
+    if of_bonds is not None:
+        breaking = chemistry.rates(barriers(of_bonds, 50), kelvin)[:, None]
     total = np.zeros(times.size)
     pressures, counts = np.unique(
         chemistry.sites_of(contact).pressure, return_counts=True
     )
+    forming = barriers(chemistry.forming, 4000)
     for pressure, count in zip(pressures, counts, strict=True):
-        barrier = chemistry.forming.quantile(
-            ranks
-        ) - chemistry.activation_volume * EV_PER_GPA_NM3 * float(pressure)
-        sites = TwoState(chemistry.rates(barrier, kelvin))
-        total += count * sites.bonded(times[:, None]).mean(axis=1)
+        barrier = forming - chemistry.activation_volume * EV_PER_GPA_NM3 * float(
+            pressure
+        )
+        sites = TwoState(chemistry.rates(barrier, kelvin), breaking)
+        total += count * np.array([np.mean(sites.bonded(time)) for time in times])
     return total * chemistry.hydroxylation
+
+
+#: hydroxylation, attempt frequency (Hz), activation volume (nm³), temperature (K), pixel (nm), hold times (s), and
+#: other options of the chemistry
+_CONDITIONS: tuple[tuple[Any, ...], ...] = (
+    (1.0, 1e13, 0.01, 300.0, 0.5, METHOD_TIMES, {}),
+    (0.7, 3e11, 0.02, 360.0, 0.8, METHOD_TIMES[1:] / 7, {}),
+)
+#: ... of which one contact is enough
+_FURTHER: tuple[tuple[Any, ...], ...] = (
+    (
+        0.9,
+        1e11,
+        0.01,
+        150.0,
+        0.5,
+        np.array([1e3]),
+        {"forming": Even(lower=0.3, upper=0.6)},
+    ),
+    (
+        0.8,
+        1e14,
+        0.01,
+        600.0,
+        0.5,
+        np.geomspace(1e-3, 1e5, 100),
+        {"forming": Even(lower=1.6, upper=2.8)},
+    ),
+    (1.0, 1e13, 0.01, 300.0, 0.5, METHOD_TIMES, {"site_density": 13.0}),
+    (1.0, 1e13, 0.01, 300.0, 0.5, METHOD_TIMES, {"site_density": 1.1}),
+    (
+        1.0,
+        1e13,
+        0.01,
+        300.0,
+        0.5,
+        METHOD_TIMES,
+        {"breaking": Even(lower=0.7, upper=1.0)},
+    ),
+)
 
 
 class AgeingMethodChecks(Checks[AgeingMethod], of=AgeingMethod):
@@ -433,10 +561,10 @@ class AgeingMethodChecks(Checks[AgeingMethod], of=AgeingMethod):
             return lambda method: answered(method.age(request))
 
         changes: dict[str, dict[str, Any]] = {
+            "at other hold times": {"hold_times": 1.3 * METHOD_TIMES},
             "at another temperature": {"temperature": 317.0},
             "under another pressure": {"pressure": 1.9},
             "with another seed": {"seed": 6},
-            "at other hold times": {"hold_times": 1.3 * METHOD_TIMES},
             "with another attempt frequency": {
                 "chemistry": _chemistry(attempt_frequency=7e12)
             },
@@ -468,16 +596,19 @@ class AgeingMethodChecks(Checks[AgeingMethod], of=AgeingMethod):
     def bonds_are_those_of_the_whole_contact(self) -> None:
         """Bonds and sites are those of the whole contact: sites that do not interact have the mean of the closed form,
         within the errors that the method states."""
-        conditions = (
-            (1.0, 1e13, 0.01, 300.0, 0.5, METHOD_TIMES),
-            (0.7, 3e11, 0.02, 360.0, 0.8, METHOD_TIMES[1:] / 7),
-        )
-        for (share, nu, volume, kelvin, pixel, times), (what, contact) in product(
-            conditions, _contacts()
-        ):
+        contacts = list(_contacts())
+        cases = [*product(_CONDITIONS, contacts), *product(_FURTHER, contacts[:1])]
+        for (share, nu, volume, kelvin, pixel, times, more), (what, contact) in cases:
             chemistry = _chemistry(
-                hydroxylation=share, attempt_frequency=nu, activation_volume=volume
+                hydroxylation=share,
+                attempt_frequency=nu,
+                activation_volume=volume,
+                **more,
             )
+            try:
+                self.component.check(chemistry, Single())
+            except InputError:
+                continue  # it says beforehand that it cannot treat this
             load = contact.load * (pixel / contact.pixel_size) ** 2
             contact = contact.model_copy(update={"pixel_size": pixel, "load": load})
             aging = self._aged(
@@ -485,7 +616,7 @@ class AgeingMethodChecks(Checks[AgeingMethod], of=AgeingMethod):
                     contact, chemistry=chemistry, temperature=kelvin, hold_times=times
                 )
             )
-            sites = share * contact.sites.size
+            sites = share * chemistry.sites_of(contact).sites.size
             exact = _expected(contact, chemistry, kelvin, times)
             spread = FAR * math.sqrt(max(sites * (1 - share), 0.25))
             size = float(aging.sites.mean())
@@ -513,7 +644,7 @@ class AgeingMethodChecks(Checks[AgeingMethod], of=AgeingMethod):
             at = int(np.argmax(np.abs(bonds - exact) - allowed))
             require(
                 abs(bonds[at] - exact[at]) <= allowed[at],
-                f"{what}, hydroxylation {share:g}, ν = {nu:g} Hz, {kelvin:g} K: {bonds[at]:.4g} bonds at "
+                f"{what}, hydroxylation {share:g}, ν = {nu:g} Hz, {kelvin:g} K, {more}: {bonds[at]:.4g} bonds at "
                 f"{times[at]:g} s, the closed form has {exact[at]:.4g}; bonds are those of the whole contact",
             )
 

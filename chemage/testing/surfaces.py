@@ -16,7 +16,7 @@ from chemage.foundation.records import Record
 from chemage.surfaces.reading import HeightMap, Reader
 from chemage.surfaces.role import Scatter, SurfaceMaker
 from chemage.surfaces.surface import Surface
-from chemage.testing.answers import as_bytes
+from chemage.testing.answers import as_bytes, independent_calls
 from chemage.testing.checks import (
     Checks,
     Questions,
@@ -95,6 +95,8 @@ class SurfaceChecks(Checks[SurfaceMaker], of=SurfaceMaker):
         if self._random():
             for seed in (-1, 0.5):
                 refuses(f"make({seed})", lambda seed=seed: self.component.make(seed))  # pyright: ignore[reportArgumentType]
+
+    calls_are_independent = independent_calls
 
     def surface_has_its_options(self) -> None:
         """Options named ``pixels``, ``pixel_size`` (nm), ``rms_slope``, ``rms_height`` (nm) and ``periodic`` are
@@ -509,6 +511,8 @@ class ReaderChecks(Checks[Reader], of=Reader):
             first == self.component.read(Path(path)),
             "reading the file twice gave different objects",
         )
+
+    calls_are_independent = independent_calls
 
     def file_is_in_nm(self, path: Any) -> None:
         """Heights and pixel size are in nm, as far as it can be told without the surface: slopes are neither below 1e-8

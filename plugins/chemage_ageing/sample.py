@@ -189,6 +189,8 @@ class Sample(AgeingMethod):
         bonds = np.stack(found) * scale
         total = compared.sum(axis=0)
         alone = np.stack([compared[squares] for squares in drawn]) * scale - total
+        # where all windows are alike, only rounding is left, which is nothing to regress on
+        alone[np.abs(alone) < 1e-10 * total] = 0.0
         count = bonds.shape[1]
         # standard error of the mean if sites are independent and the coefficient is 1
         share = np.clip(compared / windows.held[:, None], 0.0, 1.0)

@@ -67,7 +67,7 @@ def test_a_failure_names_its_check():
 def test_all_failures_are_reported_at_once():
     wrong = mutant(Flat, "three faults", quantile=lambda self, u: 1 - u, density=lambda self, e: 0 * e, cite="Hertz")()
     for check in (testing.check_component, testing.check_barriers):
-        with pytest.raises(testing.ChecksFailed, match="4 of 21 checks fail") as several:
+        with pytest.raises(testing.ChecksFailed, match="4 of 22 checks fail") as several:
             check(wrong, all=True)
         names = ["citations_are_strings", "quantile_is_monotone", "density_agrees_with_quantile", "options_count"]
         assert [failure.check for failure in several.value.exceptions] == names

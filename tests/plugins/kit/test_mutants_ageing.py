@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import time
 from typing import Any, ClassVar
 
 import numpy as np
@@ -11,7 +12,7 @@ from kit_examples import calls, caught_by, mutant
 from pydantic import Field
 
 import chemage as ca
-from chemage import testing
+from chemage import InputError, testing
 from chemage.plugin import EV_PER_GPA_NM3, KB, AgedBonds, AgeingMethod
 
 pytestmark = pytest.mark.long
@@ -22,6 +23,10 @@ class Means(AgeingMethod):
 
     kind = "means"
     replicates = False
+
+    def check(self, chemistry, engine):
+        if chemistry.breaking is not None or chemistry.interaction is not None:
+            raise InputError("ageing 'means' is about sites by themselves whose bonds last; use another method")
 
     def age(self, request):
         chemistry, times = request.chemistry, request.hold_times
@@ -91,7 +96,48 @@ def _overwriting(found, request):
     return {}
 
 
+def _pixels_for_sites(found, request):
+    share = request.contact.sites.size / max(request.chemistry.sites_of(request.contact).sites.size, 1)
+    return {"bonds": share * found.bonds, "sites": share * found.sites}
+
+
+_kelvin: list[float] = []
+_times = np.zeros(1000)
+
+
+def _temperature_before(self, request):
+    last = _kelvin[-1] if _kelvin else request.temperature
+    _kelvin.append(request.temperature)
+    return Means.age(self, dataclasses.replace(request, temperature=last))
+
+
+def _in_one_array(self, request):
+    """All threads work in one array."""
+    mine = _times[: request.hold_times.size]
+    mine[:] = request.hold_times
+    time.sleep(2e-3)
+    return Means.age(self, dataclasses.replace(request, hold_times=mine.copy()))
+
+
+WHOLE = "bonds_are_those_of_the_whole_contact"
 WRONG: dict[str, tuple[Any, str]] = {
+    "breaking left out": (lambda: mutant(Means, "lasting", check=lambda *given: None)(), WHOLE),
+    "pixels for sites": (lambda: changed(Means, "pixels", _pixels_for_sites), WHOLE),
+    "no bonds at the first hold time": (
+        lambda: changed(Means, "first", lambda f, r: {"bonds": f.bonds * (np.arange(r.hold_times.size) > 0)}),
+        WHOLE,
+    ),
+    "64 hold times at most": (
+        lambda: changed(
+            Means, "most", lambda f, r: {"bonds": f.bonds[:, np.minimum(np.arange(r.hold_times.size), 63)]}
+        ),
+        WHOLE,
+    ),
+    "the temperature of the call before": (
+        lambda: mutant(Means, "before", age=_temperature_before)(),
+        WHOLE,
+    ),
+    "threads that share an array": (lambda: mutant(Means, "shared", age=_in_one_array)(), "calls_are_independent"),
     "one row for all replicas": (
         lambda: changed(Drawn, "row", lambda f, r: {"bonds": f.bonds[:1], "sites": f.sites[:1], "events": None}),
         "gives_aged_bonds",

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from kit_examples import Flat, caught_by, changed, mutant
 
-from chemage import Surface, testing
+from chemage import InputError, Surface, testing
 from chemage.plugin import (
     EV_PER_GPA_NM3,
     KB,
@@ -112,6 +112,10 @@ class Means(AgeingMethod):
 
     kind = "means"
     replicates = False
+
+    def check(self, chemistry, engine):
+        if chemistry.breaking is not None or chemistry.interaction is not None:
+            raise InputError("ageing 'means' is about sites by themselves whose bonds last; use another method")
 
     def sites(self, request):
         return chemistry_sites(request)
@@ -260,13 +264,13 @@ class Spots(Observable):
         return history.states & (lattice.pressures(contact) >= self.threshold)
 
     def measure(self, contact, lattice, history, pixel=None, pressure=None):
-        states, pixel = self.counted(contact, lattice, history), pixel or contact.pixel_size
+        states, pixel = self.counted(contact, lattice, history), pixel or lattice.pixel_size
         pressure = lattice.pressures(contact) if pressure is None else pressure
         count = states.sum(axis=1)
         return {
             "bonded_area": count * pixel**2,
             "bonded_pressure": states @ pressure / np.maximum(count, 1),
-            "density": count / (contact.pressure.size * pixel**2),
+            "density": count / (lattice.pixels[0] * lattice.pixels[1] * pixel**2),
         }
 
 
@@ -288,7 +292,7 @@ def _by_number(self, contact, lattice, history):
 
 def _in_pixels(self, contact, lattice, history):
     found = Spots.measure(self, contact, lattice, history)
-    return found | {"bonded_area": found["bonded_area"] / contact.pixel_size**2}
+    return found | {"bonded_area": found["bonded_area"] / lattice.pixel_size**2}
 
 
 ORDER = "order_of_the_sites_does_not_matter"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any, ClassVar
 
 import numpy as np
@@ -159,7 +160,118 @@ class Reversed(Bed):
         return changed(solution, pressure=rounded * (solution.pressure.sum() / max(rounded.sum(), 1e-300)))
 
 
+#: what mutants keep from call to call
+_kept: dict[Any, Any] = {}
+
+
+def _undeclared(name: str, change: Any = None, before: Any = None, base: Any = FFT, **attributes: Any) -> Any:
+    """A solver that claims no error."""
+    return solver(name, change, before, base, declared_error=None, **attributes)
+
+
+def _compliant(self: Any, surface: Surface, load: float, start: Any) -> ContactSolution:
+    found = JKR._solve(self.replace(modulus=0.5 * self.modulus), surface, load, start)
+    return changed(found, modulus=self.modulus)
+
+
+def _kept_gap(self, solution, surface, load, start):
+    """The gap of the first contact on this grid."""
+    if solution.gap is None:
+        return solution
+    return changed(solution, gap=_kept.setdefault((solution.shape, solution.pixel_size), solution.gap))
+
+
+def _previous_gap(self, solution, surface, load, start):
+    """The gap of the contact before on this grid."""
+    if solution.gap is None:
+        return solution
+    gap = _kept.get(solution.shape, solution.gap)
+    _kept[solution.shape] = solution.gap
+    return changed(solution, gap=gap)
+
+
+def _nearby(self, solution, surface, load, start):
+    """The pressure at a load that is little different, scaled."""
+    key = surface.digest()
+    near = [one for one in _kept.get(key, ()) if abs(one.load / load - 1) < 0.05] if load else []
+    _kept.setdefault(key, []).append(solution)
+    return changed(solution, pressure=near[0].pressure * (load / near[0].load)) if near else solution
+
+
+def _shared(self: Any, surface: Surface, load: float, start: Any) -> ContactSolution:
+    """All threads work in one array."""
+    work = _kept.setdefault(("heights", surface.shape), np.zeros(surface.shape))
+    work[...] = surface.heights
+    time.sleep(2e-3)
+    found = Bed._solve(self, changed(surface, heights=work), load, start)
+    return changed(found, rms_slope=surface.rms_slope, rms_height=surface.rms_height)
+
+
+def _recentred(pressure_of, surface, load, start):
+    """The summit is moved to the middle and back, by half of the pixels that there are, rounded down."""
+    half = tuple(n // 2 for n in surface.shape)
+    if not surface.periodic:
+        return pressure_of(surface, load, start)
+    found = pressure_of(changed(surface, heights=np.roll(surface.heights, half, (0, 1))), load, start)
+    return changed(found, pressure=np.roll(found.pressure, half, (0, 1)), gap=None)
+
+
+def _square_grids(self, surface, load, start):
+    """Right where a surface that does not repeat is square, or wider than long."""
+    nx, ny = surface.shape
+    return surface, load * (1.2 if not surface.periodic and nx > ny else 1.0), start
+
+
+def _absolute(self: Any, roughness: Any, load: float) -> Any:
+    return Persson._statistics(self, roughness, load * (self.modulus / 35.3) ** 0.1)
+
+
+def _by_height(self: Any, roughness: Any, load: float) -> Any:
+    return Persson._statistics(self.replace(kappa=2.0 + 0.1 * roughness.rms_height), roughness, load)
+
+
 MUTANTS: dict[str, tuple[Any, str]] = {
+    "half the modulus, and no error declared": (
+        lambda: _undeclared("soft undeclared", restored, _soft),
+        "contact_obeys_the_half_space",
+    ),
+    "Hertz with the wrong factor, and no error declared": (
+        lambda: _undeclared("hertz undeclared", restored, _soft, HERTZ),
+        "contact_obeys_the_half_space",
+    ),
+    "an adhesive sphere of half the modulus": (
+        lambda: mutant(JKR, "compliant", _solve=_compliant)(modulus=35.3, work_of_adhesion=0.05),
+        "contact_obeys_the_half_space",
+    ),
+    "a gap kept from the first contact": (lambda: solver("kept gap", _kept_gap), "gap_is_closed_in_contact"),
+    "the gap of the call before": (lambda: solver("previous gap", _previous_gap), "contact_is_deterministic"),
+    "a gap that is closed everywhere": (
+        lambda: solver("closed", lambda self, s, *g: s if s.gap is None else changed(s, gap=0.0 * s.gap)),
+        "gap_is_closed_in_contact",
+    ),
+    "a load that is little different": (lambda: solver("nearby", _nearby), "calls_are_independent"),
+    "threads that share an array": (lambda: mutant(Bed, "shared", _solve=_shared)(), "calls_are_independent"),
+    "a pixel off on odd grids": (
+        lambda: mutant(
+            FFT,
+            "odd",
+            _solve=lambda self, *given: _recentred(lambda *g: FFT._solve(self, *g), *given),
+            implemented_properties=("pressure",),
+        )(modulus=35.3),
+        "summits_touch_first",
+    ),
+    "right on square tips alone": (
+        lambda: solver("square tips", restored, _square_grids),
+        "known_contacts_are_found",
+    ),
+    "a theory for one modulus": (
+        lambda: mutant(Persson, "one modulus", _statistics=_absolute)(modulus=35.3),
+        "statistics_carry_the_load",
+    ),
+    "a theory with a length of 1 nm": (
+        lambda: mutant(Persson, "one length", _statistics=_by_height)(modulus=35.3),
+        "statistics_carry_the_load",
+    ),
     "heights upside down": (lambda: solver("down", restored, heights(lambda h: -h)), "summits_touch_first"),
     "mirrored": (lambda: solver("mirrored", pressed(lambda p: p[::-1])), "summits_touch_first"),
     "shifted by a pixel": (lambda: solver("shifted", pressed(lambda p: np.roll(p, 1, 0))), "summits_touch_first"),
@@ -280,5 +392,6 @@ MUTANTS: dict[str, tuple[Any, str]] = {
 def test_a_wrong_solver(name, caught):
     make, check = MUTANTS[name]
     _last.clear()
+    _kept.clear()
     found, said = caught(make(), check)
     assert found == check, said

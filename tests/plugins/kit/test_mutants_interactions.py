@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 from kit_examples import Shell, calls, caught_by, mutant
+from scipy.spatial import cKDTree
 
-from chemage.plugin import random
+from chemage import testing
+from chemage.plugin import Energy, Interaction, Length, random
 
 pytestmark = pytest.mark.long
 
@@ -120,3 +123,97 @@ def test_a_wrong_interaction(name):
     _graphs.clear()
     found, said = caught_by(make()())
     assert found == check, said
+
+
+# -- under other conditions -------------------------------------------------------------------------------------------
+
+
+class Placed(Interaction):
+    """Sites within a distance are coupled, wherever they lie in their pixels."""
+
+    kind = "placed"
+
+    reach: Length = 0.7
+    """largest distance, nm"""
+    strength: Energy = 0.05
+    """energy of a pair, eV"""
+
+    def neighbours(self, pixels, periodic, sites, pixel_size=0.4518, positions=None):
+        if positions is None:
+            positions = (np.stack(np.divmod(sites, pixels[1]), axis=1) + 0.5) * pixel_size
+        box = np.array(pixels) * pixel_size if periodic else None
+        ends = cKDTree(positions, boxsize=box).query_pairs(1.0001 * self.reach, output_type="ndarray")
+        ends = np.concatenate([ends, ends[:, ::-1]]).reshape(-1, 2)
+        ends = ends[np.lexsort((ends[:, 1], ends[:, 0]))]
+        counts = np.bincount(ends[:, 0], minlength=sites.size)
+        slot = np.arange(len(ends)) - np.repeat(np.cumsum(counts) - counts, counts)
+        found = np.full((sites.size, max(int(counts.max(initial=0)), 1)), -1, np.int32)
+        found[ends[:, 0], slot] = ends[:, 1]
+        return found
+
+    def coupling(self, sites, neighbours, seed):
+        return np.where(neighbours >= 0, self.strength, 0.0)
+
+
+def _in_pixels(self, pixels, periodic, sites, pixel_size=0.4518, positions=None):
+    """Takes positions for pixels."""
+    places = None if positions is None else positions * pixel_size
+    return Placed.neighbours(self, pixels, periodic, sites, pixel_size, places)
+
+
+def _one_per_pixel(self, pixels, periodic, sites, pixel_size=0.4518, positions=None):
+    """Knows one site of each pixel, the last one."""
+    found = Placed.neighbours(self, pixels, periodic, sites, pixel_size, positions)
+    last = {site: number for number, site in enumerate(sites.tolist())}
+    same = np.array([last[site] for site in sites.tolist()], np.int32)
+    return np.where(found >= 0, same[found], -1).astype(np.int32) if sites.size else found
+
+
+def _short(self, pixels, periodic, sites, pixel_size=0.4518, positions=None):
+    """Numbers sites in 16 bits."""
+    found = Placed.neighbours(self, pixels, periodic, sites, pixel_size, positions)
+    return np.where(found >= 0, found & 0xFFFF, -1).astype(np.int32)
+
+
+def _square(self, pixels, periodic, sites, pixel_size=0.4518, positions=None):
+    """Repeats what is not square."""
+    return Placed.neighbours(self, pixels, periodic or pixels[0] != pixels[1], sites, pixel_size, positions)
+
+
+_work = np.zeros(100_000, np.int64)
+_returned: dict[Any, np.ndarray] = {}
+
+
+def _in_one_array(self, pixels, periodic, sites, pixel_size=0.4518, positions=None):
+    mine = _work[: sites.size]
+    mine[:] = sites
+    time.sleep(1e-3)
+    return Placed.neighbours(self, pixels, periodic, mine, pixel_size, positions)
+
+
+def _same_array(self, sites, neighbours, seed):
+    """Returns one array again and again."""
+    found = _returned.setdefault(neighbours.shape, np.zeros(neighbours.shape))
+    found[:] = Placed.coupling(self, sites, neighbours, seed) * (1 + 0.1 * random.uniforms(seed, 78, np.arange(1)))
+    return found
+
+
+CONDITIONS: dict[str, tuple[dict[str, Any], str]] = {
+    "positions in pixels": ({"neighbours": _in_pixels}, "sites_need_not_be_pixels"),
+    "one site in a pixel assumed": ({"neighbours": _one_per_pixel}, "sites_need_not_be_pixels"),
+    "numbers of sites in 16 bits": ({"neighbours": _short}, "sites_may_be_many"),
+    "a window that is not square repeats": ({"neighbours": _square}, "patch_keeps_its_graph"),
+    "threads that share an array": ({"neighbours": _in_one_array}, "calls_are_independent"),
+    "one array for all answers": ({"coupling": _same_array}, "calls_are_independent"),
+}
+
+
+@pytest.mark.parametrize("name", CONDITIONS)
+def test_an_interaction_that_is_wrong_under_other_conditions(name, caught):
+    changes, check = CONDITIONS[name]
+    found, said = caught(mutant(Placed, name, **changes)(), check)
+    assert found == check, said
+
+
+def test_an_interaction_that_is_right_under_all_conditions_passes():
+    testing.check_interaction(Placed(), all=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any, ClassVar
 
 import numpy as np
@@ -10,7 +11,7 @@ from kit_examples import Count, Flat, caught_by, mutant
 from pydantic import Field
 
 from chemage import testing
-from chemage.plugin import Barriers, Energy, Observable, Output
+from chemage.plugin import KB, Barriers, Energy, Observable, Output
 
 pytestmark = pytest.mark.long
 
@@ -22,9 +23,9 @@ class Map(Observable):
     figures: ClassVar[Any] = {"bonds-with-time": "Bonds against hold time, the mean of all replicas."}
 
     def measure(self, contact, lattice, history):
-        bonds = np.zeros(contact.shape, dtype=np.int64)
+        bonds = np.zeros(lattice.pixels, dtype=np.int64)
         bonds.ravel()[lattice.sites] = history.state
-        pressure = contact.pressure.ravel()[lattice.sites][history.state]
+        pressure = lattice.pressures(contact)[history.state]
         return {
             "bond_map": bonds,
             "bonds_at": history.bonds,
@@ -208,6 +209,139 @@ def test_a_wrong_observable(name):
     make, check = OBSERVABLES[name]
     found, said = caught_by(make())
     assert found == check, said
+
+
+# -- observables under other conditions --------------------------------------------------------------------------------
+
+
+class Watch(Observable):
+    """The bonds and the pressure on them at every hold time, and the rate at which the others form."""
+
+    kind = "watch"
+    states = True
+    outputs: ClassVar[Any] = {
+        "bonded": Output("hold_time", "", "sites with a bond"),
+        "bonded_pressure": Output("hold_time", "GPa", "mean pressure on sites with a bond, 0 without any"),
+        "rate": Output((), "1/s", "mean rate at which sites without a bond form one, at the last hold time"),
+    }
+
+    def measure(self, contact, lattice, history, states=None, pressure=None, kelvin=None, nu=None):
+        states = history.states if states is None else states
+        pressure = lattice.pressures(contact) if pressure is None else pressure
+        count, unbonded = states.sum(axis=1), lattice.forming[~states[-1]]
+        rates = np.exp(-np.maximum(unbonded, 0.0) / (KB * (kelvin or history.temperature)))
+        return {
+            "bonded": count,
+            "bonded_pressure": states @ pressure[: states.shape[1]] / np.maximum(count, 1),
+            "rate": (nu or lattice.attempt_frequency) * rates.sum() / max(unbonded.size, 1),
+        }
+
+
+_kept: dict[Any, Any] = {}
+_work = np.zeros(100_000)
+
+
+def watching(name: str, **given: Any) -> Any:
+    """``Watch`` with some of its arguments as functions of contact, lattice and history."""
+
+    def measure(self, contact, lattice, history):
+        return Watch.measure(
+            self, contact, lattice, history, **{k: f(contact, lattice, history) for k, f in given.items()}
+        )
+
+    return mutant(Watch, name, measure=measure)()
+
+
+def counting(name: str, change: Any) -> Any:
+    """``Watch`` whose number of bonds is passed through ``change``."""
+
+    def measure(self, contact, lattice, history):
+        found = Watch.measure(self, contact, lattice, history)
+        return found | {"bonded": change(found["bonded"], history)}
+
+    return mutant(Watch, name, measure=measure)()
+
+
+def _by_lattice(self, contact, lattice, history):
+    return _kept.setdefault(lattice.digest(), Watch.measure(self, contact, lattice, history))
+
+
+def _before(contact, lattice, history):
+    kelvin, _kept["kelvin"] = _kept.get("kelvin", history.temperature), history.temperature
+    return kelvin
+
+
+def _in_one_array(contact, lattice, history):
+    found = _work[: lattice.sites.size]
+    found[:] = lattice.pressures(contact)
+    time.sleep(1e-3)
+    return found
+
+
+def _all_bonded(contact, lattice, history):
+    states = history.states
+    states.setflags(write=True)
+    states[:] = True
+    states.setflags(write=False)
+    return states
+
+
+PIXELS, TIMES = "sites_need_not_be_pixels", "number_of_hold_times_does_not_matter"
+CONDITIONS: dict[str, tuple[Any, str]] = {
+    "the pressure of the pixel with the number of the site": (
+        lambda: watching("by pixel", pressure=lambda con, lat, his: con.pressure.ravel()[lat.sites]),
+        PIXELS,
+    ),
+    "the last state at every hold time": (
+        lambda: watching("last", states=lambda con, lat, his: np.repeat(his.states[-1:], his.bonds.size, axis=0)),
+        "every_hold_time_has_its_bonds",
+    ),
+    "no bond at the first hold time": (lambda: counting("first", lambda n, his: np.append(0, n[1:])), TIMES),
+    "64 hold times at most": (
+        lambda: counting("most", lambda n, his: n[np.minimum(np.arange(n.size), 63)]),
+        TIMES,
+    ),
+    "300 K assumed": (lambda: watching("warm", kelvin=lambda *given: 300.0), "energies_have_their_unit"),
+    "1e13 Hz assumed": (lambda: watching("fast", nu=lambda *given: 1e13), "times_have_their_unit"),
+    "bonds formed for bonds": (lambda: counting("formed", lambda n, his: his.formed), "broken_bonds_do_not_count"),
+    "a bond stays for ever": (
+        lambda: watching("lasting", states=lambda con, lat, his: np.maximum.accumulate(his.states, axis=0)),
+        "broken_bonds_do_not_count",
+    ),
+    "65,536 sites at most": (
+        lambda: watching("largest", states=lambda con, lat, his: his.states[:, :65536], kelvin=lambda *given: None),
+        "sites_may_be_many",
+    ),
+    "numbers of sites in 16 bits": (
+        lambda: watching(
+            "short", pressure=lambda con, lat, his: lat.pressures(con)[np.arange(lat.sites.size).astype(np.uint16)]
+        ),
+        "sites_may_be_many",
+    ),
+    "bonds in 16 bits": (lambda: counting("bits", lambda n, his: n.astype(np.int16)), "sites_may_be_many"),
+    "kept by the lattice": (
+        lambda: mutant(Watch, "kept", measure=_by_lattice)(),
+        "answers_do_not_depend_on_what_was_asked_before",
+    ),
+    "the temperature of the call before": (lambda: watching("before", kelvin=_before), "calls_are_independent"),
+    "threads that share an array": (lambda: watching("shared", pressure=_in_one_array), "calls_are_independent"),
+    "bonds written into the history": (lambda: watching("bonded", states=_all_bonded), "calls_are_independent"),
+}
+
+
+@pytest.mark.parametrize("name", CONDITIONS)
+def test_an_observable_that_is_wrong_under_other_conditions(name, caught):
+    make, check = CONDITIONS[name]
+    _kept.clear()
+    found, said = caught(make(), check)
+    assert found == check, said
+
+
+def test_an_observable_that_is_right_under_all_conditions_passes():
+    testing.check_observable(Watch(), all=True)
+    since = {"since": Output("hold_time", "", "bonds formed so far")}
+    measure = {"measure": lambda self, contact, lattice, history: {"since": history.formed}}
+    testing.check_observable(mutant(Count, "since", outputs=since, **measure)(), all=True)
 
 
 # -- barriers ---------------------------------------------------------------------------------------------------------

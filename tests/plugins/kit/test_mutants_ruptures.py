@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+import time
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import pytest
 from kit_examples import Breaking, calls, caught_by, mutant
 
 from chemage import testing
-from chemage.plugin import Rupture
+from chemage.plugin import KB, Energy, Length, Pressure, Rupture, Unit
 
 pytestmark = pytest.mark.long
 
@@ -136,3 +137,136 @@ def test_a_wrong_rupture_law(name):
 def test_right_rupture_laws_pass():
     testing.check_rupture(Ageless())
     testing.check_rupture(Breaking(), all=True)
+
+
+# -- under other conditions -------------------------------------------------------------------------------------------
+
+
+class Loaded(Rupture):
+    """Every bond at its most probable force under a load that rises at a constant rate; pressed bonds are stronger."""
+
+    kind = "loaded"
+    states = True
+
+    length: Length = 0.1
+    """distance to the barrier, nm"""
+    rate: Annotated[float, Unit("nN/s", gt=0)] = 1e3
+    """rate at which the force rises, nN/s"""
+    stiffening: Pressure = 100.0
+    """pressure that doubles the strength, GPa"""
+    barrier: Energy = 1.1
+    """barrier where the chemistry has none, eV"""
+
+    def strength(self, bonded, kelvin=None, nu=None, pressure=None, stiffening=None, barrier=None):
+        lattice, kt = bonded.lattice, KB * (kelvin or bonded.temperature)
+        barriers = (
+            np.full(lattice.sites.size, barrier or self.barrier) if lattice.breaking is None else lattice.breaking
+        )
+        rise = kt * NM / (self.rate * self.length)
+        energy = np.maximum(barriers - kt * np.log((nu or lattice.attempt_frequency) * rise), 0.0)
+        pressure = lattice.pressures(bonded.contact) if pressure is None else pressure
+        return energy * NM / self.length * (1 + pressure / (stiffening or self.stiffening))
+
+    def force(self, bonded):
+        return bonded.states @ self.strength(bonded)
+
+
+class Tabulated(Loaded):
+    """The strength falls with the cube root of the thermal energy: interpolated between barriers of a table."""
+
+    kind = "tabulated"
+
+    def strength(self, bonded, **assumed):
+        lattice, kt = bonded.lattice, KB * bonded.temperature
+        barriers = np.full(lattice.sites.size, self.barrier) if lattice.breaking is None else lattice.breaking
+        table = np.linspace(0.01, 6.0, 4000)
+        rise = kt * NM / (self.rate * self.length)
+        share = np.clip(kt * np.log(lattice.attempt_frequency * rise) / table, 0.0, 1.0)
+        strength = np.interp(barriers, table, table * (1 - share ** (2 / 3))) * NM / self.length
+        return strength * (1 + lattice.pressures(bonded.contact) / self.stiffening)
+
+
+_kept: dict[Any, Any] = {}
+_work = np.zeros(100_000)
+
+
+def loaded(name: str, **given: Any) -> Any:
+    """``Loaded`` with some of its arguments as functions of what it receives."""
+
+    def force(self, bonded):
+        return bonded.states @ self.strength(bonded, **{k: f(bonded) for k, f in given.items()})
+
+    return mutant(Loaded, name, force=force)()
+
+
+def forced(name: str, change: Any) -> Any:
+    """``Loaded`` whose force is passed through ``change``."""
+    return mutant(Loaded, name, force=lambda self, bonded: change(Loaded.force(self, bonded), bonded))()
+
+
+def _before(bonded):
+    kelvin, _kept["kelvin"] = _kept.get("kelvin", bonded.temperature), bonded.temperature
+    return kelvin
+
+
+def _shared(bonded):
+    found = _work[: bonded.lattice.sites.size]
+    found[:] = bonded.lattice.pressures(bonded.contact)
+    time.sleep(1e-3)
+    return found
+
+
+UNIT, TIMES = "forces_have_their_unit", "number_of_hold_times_does_not_matter"
+CONDITIONS: dict[str, tuple[Any, str]] = {
+    "the pressure of the pixel with the number of the site": (
+        lambda: loaded("by pixel", pressure=lambda b: b.contact.pressure.ravel()[b.lattice.sites]),
+        "sites_need_not_be_pixels",
+    ),
+    "100 GPa assumed": (lambda: loaded("stiff", stiffening=lambda b: 100.0), UNIT),
+    "300 K assumed where bonds last": (
+        lambda: loaded("warm", kelvin=lambda b: 300.0 if b.lattice.breaking is None else None),
+        UNIT,
+    ),
+    "1.1 eV assumed where bonds last": (lambda: loaded("even", barrier=lambda b: 1.1), UNIT),
+    "a temperature that is 0.15 K too high": (
+        lambda: loaded("celsius", kelvin=lambda b: b.temperature + 0.15),
+        UNIT,
+    ),
+    "1e13 Hz assumed": (lambda: loaded("fast", nu=lambda b: 1e13), "times_have_their_unit"),
+    "hydroxylation once more": (
+        lambda: forced("hydroxyl", lambda f, b: f * b.chemistry.hydroxylation),
+        "hydroxyls_are_drawn_already",
+    ),
+    "no force at the first hold time": (lambda: forced("first", lambda f, b: np.append(0.0, f[1:])), TIMES),
+    "64 hold times at most": (
+        lambda: forced("most", lambda f, b: f[np.minimum(np.arange(f.size), 63)]),
+        TIMES,
+    ),
+    "bonds formed for bonds": (
+        lambda: mutant(Ageless, "formed", force=lambda self, b: 2.0 * b.history.formed)(),
+        "no_bonds_no_force",
+    ),
+    "numbers of sites in 16 bits": (
+        lambda: loaded(
+            "short", pressure=lambda b: b.lattice.pressures(b.contact)[np.arange(b.lattice.sites.size).astype("u2")]
+        ),
+        "sites_may_be_many",
+    ),
+    "the temperature of the call before": (lambda: loaded("before", kelvin=_before), "calls_are_independent"),
+    "threads that share an array": (lambda: loaded("shared", pressure=_shared), "calls_are_independent"),
+}
+
+
+@pytest.mark.parametrize("name", CONDITIONS)
+def test_a_rupture_law_that_is_wrong_under_other_conditions(name, caught):
+    make, check = CONDITIONS[name]
+    _kept.clear()
+    found, said = caught(make(), check)
+    assert found == check, said
+    if name == "100 GPa assumed":
+        assert "is a stress, with which pressures are compared, assumed" in said
+
+
+@pytest.mark.parametrize("law", [Loaded, Tabulated])
+def test_a_rupture_law_that_is_right_under_all_conditions_passes(law):
+    testing.check_rupture(law(), all=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any, ClassVar
 
 import numpy as np
@@ -197,9 +198,38 @@ MAKERS: dict[str, tuple[Any, str]] = {
 }
 
 
+_heights: dict[Any, np.ndarray] = {}
+
+
+def _in_one_array(self, seed=0):
+    """All threads work in one array."""
+    made = SPHERE.make(self, seed) if isinstance(self, SPHERE) else ROUGH.make(self, seed)
+    work = _heights.setdefault(made.shape, np.zeros(made.shape))
+    work[:] = made.heights
+    time.sleep(2e-3)
+    return changed(made, heights=1.0 * work)
+
+
+def _before(surface, self, seed):
+    """The surface of the call before."""
+    key = ("before", surface.shape)
+    last, _heights[key] = _heights.get(key, surface.heights), surface.heights
+    return changed(surface, heights=last)
+
+
+MAKERS |= {
+    "threads that share an array": (
+        lambda: mutant(ROUGH, "shared", make=_in_one_array)(**OPTIONS[ROUGH]),
+        "calls_are_independent",
+    ),
+    "the surface of the call before": (lambda: maker(ROUGH, "before", _before), "surface_follows_its_seed"),
+}
+
+
 @pytest.mark.parametrize("name", MAKERS)
 def test_a_wrong_maker(name):
     make, check = MAKERS[name]
+    _heights.clear()
     found, said = caught_by(make())
     assert found == check, said
 

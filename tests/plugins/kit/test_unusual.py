@@ -221,11 +221,12 @@ class Maps(Observable):
     kind = "maps"
 
     def measure(self, contact, lattice, history):
-        bonded = np.zeros(contact.shape, dtype=bool)
+        bonded = np.zeros(lattice.pixels, dtype=bool)
         bonded.ravel()[lattice.sites] = history.state
         events = np.stack([history.formed, history.broken], axis=1)
+        pressure = lattice.pressures(contact)
         strongest = lattice.forming[history.state].max() if history.state.any() else np.nan
-        return {"bonded": bonded, "events": events, "strongest": strongest, "map": contact.pressure * bonded}
+        return {"bonded": bonded, "events": events, "strongest": strongest, "map": bonded * lattice.per_pixel(pressure)}
 
 
 def warning_import(self, uniform):
