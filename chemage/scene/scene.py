@@ -357,7 +357,8 @@ class Scene(Section):
             "name": self.name,
             **({"title": self.title} if self.title else {}),
         }
-        data |= _sections(self.parts, methodcaller("todict"))
+        with self.in_use():
+            data |= _sections(self.parts, methodcaller("todict"))
         if self.plugins or self.prefer:
             prefer = {"prefer": list(self.prefer)} if self.prefer else {}
             data["plugins"] = prefer | {
