@@ -242,7 +242,7 @@ class Scene(Section):
     from_material: tuple[MaterialValue, ...] = ()
     """the values that are the material's; they are in the components as well, which decide the keys"""
     prefer: tuple[str, ...] = ()
-    """names of the plugins that come first where several answer a stage or read a file"""
+    """names of the plugins that come first where several answer a stage, read a file or have a kind"""
 
     @field_validator("name")
     @classmethod

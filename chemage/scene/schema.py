@@ -186,7 +186,7 @@ def _plugins_section(
     prefer = {
         "type": "array",
         "items": {"enum": installed},
-        "description": "plugins that come first where several answer a stage or read a file",
+        "description": "plugins that come first where several answer a stage, read a file or have a kind",
     }
     properties: dict[str, Any] = {"prefer": prefer}
     for name, cls in plugins_with_options(plugins).items():
