@@ -7,10 +7,13 @@ for users, each imported when it is first used; those for plugins are in :mod:`c
 
 from __future__ import annotations
 
+import sys
 from typing import Any
 
-from chemage.foundation import names
+from chemage.foundation import moved, names
 from chemage.foundation.names import __version__ as __version__
+
+sys.meta_path.append(moved.Finder())  # pyright: ignore[reportArgumentType]
 
 __all__ = ["__version__", *sorted(names.USERS)]  # pyright: ignore[reportUnsupportedDunderAll]
 

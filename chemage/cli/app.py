@@ -125,8 +125,8 @@ def _options(
         list[str] | None,
         typer.Option(
             metavar="PLUGIN",
-            help="call this plugin first where several implement a stage or read a file; may be repeated, in order; "
-            "before the command",
+            help="let this plugin come first where several implement a stage, read a file or have a kind; may be "
+            "repeated, in order; before the command",
         ),
     ] = None,
 ) -> None:

@@ -32,19 +32,20 @@ def plugins_list(as_json: JsonOpt = False) -> None:
     for role in plugins.roles:
         for kind in plugins.kinds(role):
             for record in plugins.offers(role, kind):
+                own = record.own_kind(role, kind)
                 # optional libraries of kinds, with their licences
                 needs = getattr(
                     plugins.implementation(record.name), "CHEMAGE_NEEDS", {}
                 )
                 source = (
-                    f"{record.source}; needs {needs[kind]}"
-                    if kind in needs
+                    f"{record.source}; needs {needs[own]}"
+                    if own in needs
                     else record.source
                 )
                 about = {
                     "plugin": record.name,
                     "from": source,
-                    "target": record.kinds[role][kind],
+                    "target": record.kinds[role][own],
                 }
                 rows.append({"role": role, "kind": kind, **about})
     hooks = [
@@ -127,7 +128,7 @@ def plugins_show(
     roles = [
         name
         for name in plugins.roles
-        if kind in plugins.kinds(name) and role in (None, name)
+        if plugins.offers(name, kind) and role in (None, name)
     ]
     plugin = next(
         (
@@ -157,7 +158,7 @@ def plugins_show(
         about = {
             "role": name,
             "kind": kind,
-            "from": plugins.offers(name, kind)[0].source,
+            "from": plugins.offer(name, kind).source,
         }
         shown.append(
             {

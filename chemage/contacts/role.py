@@ -231,7 +231,7 @@ def solve_contact(
         kind = solution.provenance.get("kind")
         used = (
             approximation_of("contact", kind)
-            if isinstance(kind, str) and kind != solver.kind
+            if isinstance(kind, str) and kind != solver.qualified_kind()
             else []
         )
         approximate = [

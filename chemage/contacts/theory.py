@@ -76,10 +76,14 @@ class ContactTheory(ContactSolver, ABC):
         own = (
             []
             if error is None
-            else [entry for entry in approximate if entry["kind"] == self.kind]
+            else [
+                entry for entry in approximate if entry["kind"] == self.qualified_kind()
+            ]
         )
         own = [{**entry, "declared_error": error, "of": self.error_of} for entry in own]
-        others = [entry for entry in approximate if entry["kind"] != self.kind]
+        others = [
+            entry for entry in approximate if entry["kind"] != self.qualified_kind()
+        ]
         others += statistics.unloaded()
         return statistics.noting(
             surface.plugins | providers(*parts),

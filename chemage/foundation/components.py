@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self, cast
 
 from pydantic import SerializationInfo, SerializerFunctionWrapHandler, model_serializer
 
-from chemage.foundation import ownership
+from chemage.foundation import names, ownership
 from chemage.foundation.checks import Frozen, meanings
 from chemage.foundation.errors import ChemageError, InputError, PluginError
 from chemage.foundation.outputs import Output, record_by
@@ -76,6 +76,11 @@ class Component(Owned, Frozen):
     def _title(cls) -> str:
         return f"{cls.role} {cls.kind!r}" if cls.kind else cls.__name__
 
+    @classmethod
+    def qualified_kind(cls) -> str:
+        """:attr:`kind`, after the name of its plugin where it is not built in: ``"grit:winkler"``."""
+        return names.spelling(cls, everywhere=True)
+
     def model_copy(
         self, *, update: Mapping[str, Any] | None = None, deep: bool = False
     ) -> Self:
@@ -86,15 +91,17 @@ class Component(Owned, Frozen):
     def _with_kind(
         self, handler: SerializerFunctionWrapHandler, info: SerializationInfo
     ) -> dict[str, Any]:
-        fields = handler(self)
-        if info.context is _IDENTITY:
+        fields, is_identity = handler(self), info.context is _IDENTITY
+        if is_identity:
             fields = {
                 name: value
                 for name, value in fields.items()
                 if name not in self.speed_only
             } | self.content()
         # a component inside a component keeps its kind too: without it two chemistries would have one digest
-        return {"kind": self.kind, **fields} if self.kind else fields
+        if not self.kind:
+            return fields
+        return {"kind": names.spelling(type(self), everywhere=is_identity), **fields}
 
     def __eq__(self, other: object) -> bool:
         # by options alone: pydantic would compare what a class keeps in private attributes as well
@@ -133,7 +140,7 @@ class Component(Owned, Frozen):
             raise InputError.of("fields", fields, "is not a table of options by name")
         options = dict(fields)
         kind = options.pop("kind", cls.kind)
-        if kind != cls.kind:
+        if str(kind).rpartition(":")[2] != cls.kind:
             raise InputError.of(
                 "kind",
                 kind,

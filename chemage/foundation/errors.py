@@ -6,7 +6,7 @@ ChemageError
 │   ├── UnknownKindError no installed plugin offers that kind
 │   ├── MissingError     a library that chemage can do without is needed and not installed
 │   └── SceneError       a scene file is wrong; carries the path of the field in the file
-├── PluginError          a plugin is broken, or two plugins claim one kind
+├── PluginError          a plugin is broken, or two of one name claim one kind
 ├── ConvergenceError     a contact solver stopped short of its tolerance; carries the residual history
 ├── StoreError           a file is missing, foreign, or already there
 │   ├── AbsentError      there is no such file

@@ -118,6 +118,14 @@ MODULES = {
 }
 
 
+def spelling(cls: Any, everywhere: bool) -> str:
+    """How data name the kind of a component's class: so that it is read as that class here, or ``everywhere``.
+
+    The registry of plugins, which knows whose it is, puts its own function here.
+    """
+    return cls.kind
+
+
 @cache
 def load(name: str, target: str = "") -> Any:
     """The object, or the module, with this public name, or the ``target`` (``"module:object"``) of a plugin; a function

@@ -55,7 +55,7 @@ def approximation_made_by(component: Any) -> list[dict[str, Any]]:
     """The approximation that a component, or every component of a class, makes; empty if it is exact."""
     if component.exact:
         return []
-    entry: dict[str, Any] = {"role": component.role, "kind": component.kind}
+    entry: dict[str, Any] = {"role": component.role, "kind": component.qualified_kind()}
     if component.declared_error is not None:
         entry |= {
             "declared_error": float(component.declared_error),

@@ -18,6 +18,9 @@ import pluggy
 from chemage.foundation.errors import InputError, PluginError
 from chemage.plugins.hooks import BOTTOM, TOP, Stage
 
+#: the distribution whose kinds are built in
+OWN = "chemage"
+
 
 class PluginWarning(UserWarning):
     """A plugin was skipped because it is broken."""
@@ -44,6 +47,21 @@ class PluginRecord:
     seconds: float = 0.0
     #: libraries that it names as its basis (``CHEMAGE_LIBRARIES``) -> version
     libraries: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def owner(self) -> str:
+        """What stands before the colon where one of its kinds is qualified, as in ``grit:winkler``."""
+        return OWN if self.distribution == OWN else self.name
+
+    def own_kind(self, role: str, kind: str) -> str:
+        """Its own name of ``kind``, which may be qualified; empty where it offers none of that name."""
+        kinds = self.kinds.get(role, {})
+        plain = kind if kind in kinds else kind.removeprefix(f"{self.owner}:")
+        return plain if plain in kinds else ""
+
+    def spelled(self, kind: str) -> str:
+        """How a scene names its ``kind``, with where it is from."""
+        return f'"{self.owner}:{kind}" ({self.source})'
 
     @property
     def source(self) -> str:
@@ -102,7 +120,7 @@ def origin(point: metadata.EntryPoint) -> tuple[str, str]:
 
 
 def is_own(point: metadata.EntryPoint) -> bool:
-    return origin(point)[0] == "chemage"
+    return origin(point)[0] == OWN
 
 
 def selected(

@@ -57,7 +57,7 @@ def _chosen(role: Any, value: Any) -> Any:
         if isinstance(value, str):
             return current().make(role.role, value, {})
         if isinstance(value, Mapping):
-            return current().fromdict(role.role, value)
+            return current().fromtable(role.role, value)
     except ChemageError as error:
         raise ValueError(str(error)) from None
     if not isinstance(value, role):

@@ -8,6 +8,10 @@ just these besides chemage's own. ``CHEMAGE_TRACE=1`` prints every hook call to 
 Several plugins that implement the hook of a stage are asked in this order, and as wrappers the first has the last
 word: those that the scene, a block or ``CHEMAGE_PREFER`` prefers; registered by hand, the latest first; installed, by
 name; chemage itself.
+
+Of several plugins with one kind, that which the scene, a block or ``CHEMAGE_PREFER`` prefers is meant by ``winkler``,
+else chemage itself; ``grit:winkler`` is that of the plugin ``grit`` in any case, ``chemage:winkler`` what is built in.
+Data that chemage writes qualify every kind that is not built in.
 """
 
 from __future__ import annotations
@@ -41,6 +45,7 @@ from chemage.plugins.context import (
 )
 from chemage.plugins.hooks import Stage, in_order
 from chemage.plugins.loading import (
+    OWN,
     Hooks,
     PluginRecord,
     PluginWarning,
@@ -114,7 +119,8 @@ class Registry:
             str, PluginRecord
         ] = {}  # section -> the plugin whose stage it is
         self._stages: list[Stage] | None = None
-        self._classes: dict[tuple[str, str], type] = {}
+        #: the plugin's full name, role and kind -> class
+        self._classes: dict[tuple[str, str, str], type] = {}
         self._monitor(self.manager)
         for name in ROOMS:
             self.add_room(importlib.import_module(name))
@@ -124,7 +130,7 @@ class Registry:
             self._load(point)
         self.records.sort(
             key=lambda record: (
-                record.distribution != "chemage",
+                record.owner != OWN,
                 record.name,
                 record.distribution,
             )
@@ -211,7 +217,6 @@ class Registry:
             )
         name = f"{cls.__module__}.{cls.__qualname__}"
         self.records = [record for record in self.records if record.name != name]
-        self._classes.pop((role, kind), None)
         record = PluginRecord(
             name,
             "",
@@ -222,7 +227,7 @@ class Registry:
         )
         if others := self.offers(role, kind):
             raise PluginError(clash(role, kind, [*others, record]))
-        self._classes[role, kind] = checked_class(cls, self.role(role), kind, record)
+        checked_class(cls, self.role(role), kind, record)
         self.records.append(record)
         return record
 
@@ -231,7 +236,6 @@ class Registry:
         self.records = [
             record for record in self.records if record.component is not cls
         ]
-        self._classes.pop((getattr(cls, "role", ""), getattr(cls, "kind", "")), None)
 
     def _register(self, plugin: Any, record: PluginRecord) -> None:
         api = getattr(plugin, "CHEMAGE_API", hooks.API_VERSION)
@@ -512,16 +516,14 @@ class Registry:
     def provider(self, cls: type) -> PluginRecord | None:
         """The plugin whose component ``cls`` is; None for a class that is not registered."""
         role, kind = getattr(cls, "role", ""), getattr(cls, "kind", "")
-        is_imported = (
-            self._classes.get((role, kind)) is cls
-        )  # perhaps under another path than its own
         for record in self.records:
             offered = record.kinds.get(role, {}).get(kind)
-            own = (
+            if offered is not None and (
                 record.component is cls
                 or offered == f"{cls.__module__}:{cls.__qualname__}"
-            )
-            if offered is not None and (own or is_imported):
+                # imported, perhaps under another path than its own
+                or self._classes.get((full_name(record), role, kind)) is cls
+            ):
                 return record
         return None
 
@@ -536,22 +538,92 @@ class Registry:
     # -- components ---------------------------------------------------------------------------------------------------
 
     def kinds(self, role: str) -> list[str]:
-        """Kinds installed for ``role``, sorted."""
+        """Kinds installed for ``role``, sorted, each qualified where it is not meant otherwise."""
         return sorted(
-            {kind for record in self.records for kind in record.kinds.get(role, ())}
+            {
+                kind
+                if self._meant(self.offers(role, kind)) == [record]
+                else f"{record.owner}:{kind}"
+                for record in self.records
+                for kind in record.kinds.get(role, ())
+            }
         )
 
+    def _offered(self) -> Iterator[tuple[PluginRecord, str, str]]:
+        """Each plugin with the roles and kinds that it has."""
+        for record in self.records:
+            for role, kinds in record.kinds.items():
+                yield from ((record, role, kind) for kind in kinds)
+
     def offers(self, role: str, kind: str) -> list[PluginRecord]:
-        """The plugins that claim ``kind``."""
-        return [record for record in self.records if kind in record.kinds.get(role, ())]
+        """The plugins that have ``kind``, qualified or not."""
+        return [record for record in self.records if record.own_kind(role, kind)]
+
+    def first(self, offers: Iterable[PluginRecord]) -> tuple[list[PluginRecord], str]:
+        """Those of the plugins that come first where any of them will do, and why: the preferred one, else chemage's
+        own, so that no result changes when a plugin is installed; else all.
+
+        Raises
+        ------
+        InputError
+            A plugin that is not in use is preferred.
+        """
+        offers, preferred = list(offers), context.preference()
+        self.check_preference(preferred, "the preference of plugins")
+        for name in preferred:
+            if found := [record for record in offers if record.name == name]:
+                return found, "its plugin is preferred"
+        own = [record for record in offers if record.owner == OWN]
+        return (own, "it comes with chemage") if own else (offers, "")
+
+    def _meant(self, offers: list[PluginRecord]) -> list[PluginRecord]:
+        return self.first(offers)[0] if len(offers) > 1 else offers
+
+    def offer(self, role: str, kind: str) -> PluginRecord:
+        """The plugin whose ``kind`` is meant, qualified or not.
+
+        Raises
+        ------
+        UnknownKindError
+            Nothing installed has it; the message lists what is and suggests the nearest.
+        InputError
+            Several plugins have it and none comes first; the message names them as a scene does.
+        PluginError
+            Two plugins of one name have it.
+        """
+        offers = self._meant(self.offers(role, kind))
+        if not offers:
+            raise UnknownKindError(self._unknown(role, kind))
+        if len(offers) == 1:
+            return offers[0]
+        if len({record.owner for record in offers}) == 1:
+            raise PluginError(clash(role, kind, offers))
+        spelled = " or ".join(record.spelled(kind) for record in offers)
+        raise InputError(
+            f"{len(offers)} plugins have a {role} {kind!r}; write {spelled}, or prefer one of them"
+        )
+
+    def _unknown(self, role: str, kind: str) -> str:
+        owner, _, plain = kind.rpartition(":")
+        if owner and owner not in {record.owner for record in self.records}:
+            installed = self.offers(role, plain)
+            return f"{role} {kind!r}: no plugin {owner!r} is installed" + "".join(
+                f"; there is {record.spelled(plain)}" for record in installed
+            )
+        installed = self.kinds(role)
+        broken = [record.name for record in self.records if record.error]
+        return (
+            f"no {role} {kind!r}{nearest(kind, installed)}; installed: {', '.join(installed) or 'none'}"
+            + (f" (skipped because broken: {', '.join(broken)})" if broken else "")
+        )
 
     def clashes(self) -> list[str]:
-        """A sentence for each kind, scene and name of a plugin that is claimed more than once."""
-        claims = [
-            (role, kind, self.offers(role, kind))
-            for role in self.roles
-            for kind in self.kinds(role)
-        ]
+        """A sentence for each kind, scene and name of a plugin that is claimed more than once, so that no spelling
+        selects one."""
+        qualified = dict.fromkeys(
+            (role, f"{record.owner}:{kind}") for record, role, kind in self._offered()
+        )
+        claims = [(*claim, self.offers(*claim)) for claim in qualified]
         for what, one in hooks.OFFERED.items():
             claims += [
                 (one, name, self._offering(what, name)) for name in self.offered(what)
@@ -568,26 +640,20 @@ class Registry:
 
         Raises
         ------
-        UnknownKindError
-            Nothing installed offers it; the message lists what is and suggests the nearest.
+        UnknownKindError, InputError
+            See :meth:`offer`.
         PluginError
-            Two plugins claim it, or the class cannot be imported or is not of that role.
+            See :meth:`offer`; or the class cannot be imported or is not of that role.
         """
-        if (role, kind) in self._classes:
-            return self._classes[role, kind]
         self.role(role)
-        offers = self.offers(role, kind)
-        if not offers:
-            installed = self.kinds(role)
-            broken = [record.name for record in self.records if record.error]
-            raise UnknownKindError(
-                f"no {role} {kind!r}{nearest(kind, installed)}; installed: {', '.join(installed) or 'none'}"
-                + (f" (skipped because broken: {', '.join(broken)})" if broken else "")
-            )
-        if len(offers) > 1:
-            raise PluginError(clash(role, kind, offers))
-        self._classes[role, kind] = cls = self._import(role, kind, offers[0])
-        return cls
+        record = self.offer(role, kind)
+        if record.component is not None:
+            return record.component
+        kind = record.own_kind(role, kind)
+        place = full_name(record), role, kind
+        if place not in self._classes:
+            self._classes[place] = self._import(role, kind, record)
+        return self._classes[place]
 
     def role(self, name: str) -> Any:
         """The abstract class of a role; InputError if there is none."""
@@ -602,7 +668,12 @@ class Registry:
         return self.component(role, kind)(**options)
 
     def fromdict(self, role: str, fields: Mapping[str, Any]) -> Any:
-        """A component from its ``todict()``."""
+        """A component from its ``todict()``, which no preference reads otherwise."""
+        with context.applied(context.options(), ()):
+            return self.fromtable(role, fields)
+
+    def fromtable(self, role: str, fields: Mapping[str, Any]) -> Any:
+        """A component from a table with its ``kind`` and options, as a user writes it."""
         if not isinstance(fields, Mapping) or not all(
             isinstance(name, str) for name in fields
         ):
@@ -685,6 +756,7 @@ class Registry:
             for record in self.records
             if record.seconds > SLOW
         ]
+        said += self._shared_kinds()
         for name in self.stage_hooks():
             implementations = getattr(
                 self._in_order(context.preference()).hook, name
@@ -713,6 +785,21 @@ class Registry:
                         f"{listed} {verb} {name}; {sharing[0].name!r} {wins}; to change this, {how}"
                     )
         return said
+
+    def _shared_kinds(self) -> Iterator[str]:
+        """A sentence for each kind that several plugins have."""
+        for role, kind in dict.fromkeys(
+            (role, kind) for _, role, kind in self._offered()
+        ):
+            offers = self.offers(role, kind)
+            if len({record.owner for record in offers}) > 1:
+                spelled = " and ".join(record.spelled(kind) for record in offers)
+                first, why = self.first(offers)
+                yield f"{role} {kind!r} may be {spelled}; " + (
+                    f'without a plugin, it is "{first[0].owner}:{kind}", because {why}'
+                    if why
+                    else "a scene must say which"
+                )
 
     def _import(self, role: str, kind: str, record: PluginRecord) -> Any:
         if record.component is not None:
@@ -779,6 +866,24 @@ def using(registry: Registry) -> Iterator[Registry]:
 def fromdict(role: str, fields: Mapping[str, Any]) -> Any:
     """A component from its ``todict()``."""
     return current().fromdict(role, fields)
+
+
+def _spelling(cls: Any, everywhere: bool) -> str:
+    with _discovery:
+        if _finding:  # nothing is registered yet
+            return cls.kind
+    plugins = current()
+    record = plugins.provider(cls)
+    if record is None or record.component is not None:
+        return cls.kind
+    if record.owner == OWN and (
+        everywhere or plugins.offer(cls.role, cls.kind) is record
+    ):
+        return cls.kind
+    return f"{record.owner}:{cls.kind}"
+
+
+names.spelling = _spelling
 
 
 def register(cls: T) -> T:

@@ -24,7 +24,7 @@ from chemage.foundation.records import (
 from chemage.plugins.content import changed_fields, contents, differences
 from chemage.plugins.context import Plugins, TakingPart, taking_part
 from chemage.plugins.hooks import Stage, StageInputs, hookimpl
-from chemage.plugins.loading import add_specifications, full_name
+from chemage.plugins.loading import OWN, add_specifications, full_name
 from chemage.plugins.registry import Registry, current, source_version
 
 R = TypeVar("R", bound=Record)
@@ -65,7 +65,7 @@ def _providers(parts: Iterable[Any]) -> Plugins:
         record = plugins.provider(cls)
         if record is None:
             sources[f"{cls.__module__}.{cls.__qualname__}"] = source_version(cls)
-        elif record.distribution != "chemage":
+        elif record.owner != OWN:
             sources[record.name] = plugins.source_in_use(record)
     return sources
 

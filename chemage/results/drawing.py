@@ -119,15 +119,15 @@ def _of_components(sources: Sequence[Source]) -> Iterator[_PlannedFigure]:
         for path, component in entry.components:
             measured = component.role != "observable" or plotted.aging is not None
             if type(component).figures and measured:
-                groups.setdefault((component.role, component.kind), []).append(
-                    (number, path, component)
-                )
+                groups.setdefault(
+                    (component.role, component.qualified_kind()), []
+                ).append((number, path, component))
     for (role, kind), components in groups.items():
         component = components[0][2]
         results = _results(sources, components)
         bringer = f"{role} {kind!r}"
         record = registry.current().provider(type(component))
-        if record is not None and record.distribution != "chemage":
+        if record is not None and record.owner != "chemage":
             bringer += f" (plugin {record.name}, {record.source})"
         figures = type(component).figures
         if not isinstance(figures, Mapping):

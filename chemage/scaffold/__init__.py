@@ -100,20 +100,17 @@ def version_range() -> str:
 def _warn_if_taken(name: str, role: str, package: str) -> None:
     plugins = registry.current()
     taken = [
-        f"{role} {name!r} comes with {record.name!r} ({record.source})"
+        f"{role} {name!r} comes with {record.name!r} ({record.source}); choose another name, or write "
+        f'"{package}:{name}" in scenes'
         for record in plugins.offers(role, name)
     ]
     taken += [
-        f"a plugin {package!r} is there: {record.source}"
+        f"a plugin {package!r} is there: {record.source}; the new one cannot be used beside it, so choose another name"
         for record in plugins.records
         if record.name == package
     ]
     if taken:
-        warnings.warn(
-            f"{'; '.join(taken)}; the new plugin cannot be used beside it, so choose another name",
-            registry.PluginWarning,
-            stacklevel=3,
-        )
+        warnings.warn("; ".join(taken), registry.PluginWarning, stacklevel=3)
 
 
 def _template(name: str) -> str:

@@ -27,7 +27,7 @@ from chemage.foundation.errors import (
 )
 from chemage.foundation.files import DEEPEST, MOST_NAMES, check_data, described
 from chemage.foundation.units import in_words, is_file_path
-from chemage.plugins import registry
+from chemage.plugins import context, registry
 from chemage.plugins.hooks import BOTTOM, TOP, Stage
 from chemage.plugins.options import PluginOptions, options_for
 from chemage.scene.materials import MaterialValue, filled
@@ -78,25 +78,26 @@ class _Parser:
             check_data(dict(data), MOST_NAMES)
         except InputError as error:
             raise SceneError(source, error.problems) from None
-        self.data, self.material, self.from_material = self._with_material(
-            in_words(data)
-        )
+        self.data = in_words(data)
+        self.prefer, self.options = self._plugins(self.data.get("plugins", {}))
 
-    def _with_material(
-        self, data: Mapping[str, Any]
-    ) -> tuple[dict[str, Any], str, tuple[MaterialValue, ...]]:
+    def _fill(self) -> tuple[str, tuple[MaterialValue, ...]]:
+        """Complete the data with the values of the material: its name, and the values."""
         try:
-            data_filled, material, values = filled(data)
+            self.data, material, values = filled(self.data)
         except UnknownKindError as error:
             self.problems.append(("material", str(error)))
-            return (
-                {name: part for name, part in data.items() if name != "material"},
-                "",
-                (),
-            )
-        return data_filled, material.name if material is not None else "", values
+            self.data.pop("material")
+            return "", ()
+        return material.name if material is not None else "", values
 
     def scene(self) -> Scene:
+        # the kinds of this scene are those of the plugins that it prefers
+        with context.applied(context.options(), self.prefer or None):
+            return self._scene()
+
+    def _scene(self) -> Scene:
+        material, from_material = self._fill()
         stages, names = registry.current().stages(), section_names()
         for name in self.data:
             if name not in names:
@@ -104,7 +105,6 @@ class _Parser:
                 self.problems.append((name, text))
         for stage in stages:
             self._read(stage)
-        prefer, options = self._plugins(self.data.get("plugins", {}))
         if not self.problems:
             for stage in stages:
                 self.problems += stage.problems(self.parts)
@@ -117,10 +117,10 @@ class _Parser:
                         if name in self.data
                     },
                     **Scene.fields_of(self.parts),
-                    plugins=options,
-                    prefer=prefer,
-                    material=self.material,
-                    from_material=self.from_material,
+                    plugins=self.options,
+                    prefer=self.prefer,
+                    material=material,
+                    from_material=from_material,
                 )
             except InputError as error:
                 paths = {

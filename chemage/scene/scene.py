@@ -242,7 +242,7 @@ class Scene(Section):
     from_material: tuple[MaterialValue, ...] = ()
     """the values that are the material's; they are in the components as well, which decide the keys"""
     prefer: tuple[str, ...] = ()
-    """names of the plugins that come first where several answer a stage or read a file"""
+    """names of the plugins that come first where several answer a stage, read a file or have a kind"""
 
     @field_validator("name")
     @classmethod
@@ -357,7 +357,8 @@ class Scene(Section):
             "name": self.name,
             **({"title": self.title} if self.title else {}),
         }
-        data |= _sections(self.parts, methodcaller("todict"))
+        with self.in_use():
+            data |= _sections(self.parts, methodcaller("todict"))
         if self.plugins or self.prefer:
             prefer = {"prefer": list(self.prefer)} if self.prefer else {}
             data["plugins"] = prefer | {

@@ -18,8 +18,11 @@ from chemage.scene.materials import material
 def scene_schema() -> dict[str, Any]:
     """JSON Schema (2020-12) of a scene, for editors that complete and check TOML."""
     plugins = registry.current()
-    stages, components = plugins.stages(), _components(plugins)
-    models: list[Any] = [cls for classes in components.values() for cls in classes]
+    stages, kinds = plugins.stages(), _kinds(plugins)
+    components: dict[str, list[Any]] = {role: [] for role in plugins.roles}
+    for cls in kinds:
+        components[cls.role].append(cls)
+    models = [*kinds]
     others: list[Any] = [
         model for stage in stages if (model := stage.model()) is not None
     ]
@@ -34,7 +37,7 @@ def scene_schema() -> dict[str, Any]:
     for model in models:
         part = definitions[target(model)]
         part["properties"] = {
-            "kind": {"const": model.kind},
+            "kind": {"enum": kinds[model]},
             **part.get("properties", {}),
         }
         part["required"] = ["kind", *part.get("required", [])]
@@ -99,18 +102,21 @@ def scene_schema() -> dict[str, Any]:
     }
 
 
-def _components(plugins: registry.Registry) -> dict[str, list[Any]]:
-    """Role -> the class of each installed kind; one that cannot be imported is left out."""
-    components: dict[str, list[Any]] = {role: [] for role in plugins.roles}
+def _kinds(plugins: registry.Registry) -> dict[Any, list[str]]:
+    """The class of each installed component -> what selects it; one that cannot be imported is left out."""
+    found: dict[Any, list[str]] = {}
     for role in plugins.roles:
         for kind in plugins.kinds(role):
             try:
-                components[role].append(plugins.component(role, kind))
+                cls = plugins.component(role, kind)
             except PluginError as error:
                 warnings.warn(
                     f"not in the schema: {error}", registry.PluginWarning, stacklevel=3
                 )
-    return components
+                continue
+            qualified = f"{plugins.offer(role, kind).owner}:{cls.kind}"
+            found[cls] = [*dict.fromkeys((kind, qualified))]
+    return found
 
 
 def _of_model(stage: Stage, refs: Any, definitions: dict[str, Any]) -> dict[str, Any]:
@@ -180,7 +186,7 @@ def _plugins_section(
     prefer = {
         "type": "array",
         "items": {"enum": installed},
-        "description": "plugins that come first where several answer a stage or read a file",
+        "description": "plugins that come first where several answer a stage, read a file or have a kind",
     }
     properties: dict[str, Any] = {"prefer": prefer}
     for name, cls in plugins_with_options(plugins).items():

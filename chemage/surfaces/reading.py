@@ -231,25 +231,14 @@ def _readers() -> tuple[dict[str, dict[str, PluginRecord]], set[str]]:
         if cls.general:
             general.add(kind)
         for ending in cls.suffixes:
-            readers.setdefault(ending, {})[kind] = plugins.offers("reader", kind)[0]
+            readers.setdefault(ending, {})[kind] = plugins.offer("reader", kind)
     return readers, general
 
 
 def _first(kinds: dict[str, PluginRecord]) -> tuple[dict[str, PluginRecord], str]:
     """Those of the readers ``kinds`` that come first, and why."""
-    preferred = context.preference()
-    registry.current().check_preference(preferred, "the preference of plugins")
-    for name in preferred:
-        if first := {
-            kind: record for kind, record in kinds.items() if record.name == name
-        }:
-            return first, "its plugin is preferred"
-    own = {
-        kind: record
-        for kind, record in kinds.items()
-        if record.distribution == "chemage"
-    }
-    return (own, "it comes with chemage") if own else (kinds, "")
+    first, why = registry.current().first(kinds.values())
+    return {kind: record for kind, record in kinds.items() if record in first}, why
 
 
 def shared_endings() -> list[str]:

@@ -244,9 +244,10 @@ class ComponentChecks(Checks[Component], of=Component):
         component = self.component
         fields = component.todict()
         require_plain(fields, "todict()")
+        kinds = component.kind, component.qualified_kind()
         require(
-            fields.get("kind") == component.kind,
-            f"todict() has kind {fields.get('kind')!r}, not {component.kind!r}",
+            fields.get("kind") in kinds,
+            f"todict() has kind {fields.get('kind')!r}, not {kinds[-1]!r}",
         )
         ways: dict[str, Callable[[], Component]] = {
             "fromdict(todict())": lambda: self.cls.fromdict(

@@ -82,12 +82,12 @@ def _outcome(part: str, tests: list[Callable[[], None]]) -> PartOutcome:
 def examples() -> tuple[list[Component], dict[str, str]]:
     """One component of each kind that computes or reads, and role and kind of the others with the reason."""
     plugins = registry.current()
-    used: dict[tuple[str, str], Any] = {}
+    used: dict[type, Any] = {}
     values: dict[tuple[str, str], Any] = {}
     for name in plugins.scenes():
         if not is_sweep(name):
             for part in components_in(load_scene(name).parts):
-                used.setdefault((part.role, part.kind), part)
+                used.setdefault(type(part), part)
                 values |= {
                     (part.role, option): getattr(part, option)
                     for option in part.model_fields_set
@@ -106,7 +106,7 @@ def examples() -> tuple[list[Component], dict[str, str]]:
                     if field.is_required()
                     and ((role, option) in values or field.examples)
                 }
-                components.append(used.get((role, kind)) or cls(**options))
+                components.append(used.get(cls) or cls(**options))
             except (InputError, PluginError) as error:
                 unmade[f"{role} {kind}"] = str(error)
     return components, unmade

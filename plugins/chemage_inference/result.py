@@ -17,7 +17,7 @@ from typing import Any, Self
 import numpy as np
 from pydantic import model_validator
 
-from chemage import InputError, Scene, load_scene, parse_scene
+from chemage import InputError, Scene, load_scene, parse_scene, prefer_plugins
 from chemage.plugin import (
     Doubles,
     Flags,
@@ -270,7 +270,10 @@ class Inference(Record):
     @property
     def scene(self) -> Scene:
         """The scene that says everything but the density."""
-        return parse_scene(self.provenance["scene"], "the scene of this inference")
+        with (
+            prefer_plugins()
+        ):  # what is stored does not depend on what is preferred now
+            return parse_scene(self.provenance["scene"], "the scene of this inference")
 
     @property
     def measured(self) -> tuple[MeasuredCurve, ...]:

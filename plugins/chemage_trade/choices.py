@@ -161,9 +161,9 @@ def _kinds(
     options."""
     plugins, own = registry.current(), scene.component(role)
     for kind in plugins.kinds(role):
-        if own is not None and kind == own.kind:
-            continue
         cls = plugins.component(role, kind)
+        if type(own) is cls:
+            continue
         trade = cls.trade if role == AGEING else {}
         shared = {}
         if role == SOLVER:  # the options that it has in common with that of the scene

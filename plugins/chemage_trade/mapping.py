@@ -614,7 +614,7 @@ def _approximate(own: Scene, other: Scene) -> str:
     for path, part in other.nested().items():
         if part.role and not part.exact and path.startswith(tuple(changed)):
             error = {"declared_error": part.declared_error, "of": part.error_of}
-            entry = {"kind": part.kind, **error}
+            entry = {"kind": part.qualified_kind(), **error}
             if entry not in entries:
                 entries.append(entry)
     return text.approximations_in_words(entries)

@@ -76,14 +76,16 @@ def test_two_plugins_with_one_kind_are_both_named(command, small, site, everythi
     everything()
     done = command("run", small, "--set", "contact.kind='winkler'")
     assert (done.status, done.out) == (2, "")
-    assert "contact 'winkler' is claimed by 'one' (one 1.0) and by 'two' (two 1.0)" in done.err
+    assert (
+        '2 plugins have a contact \'winkler\'; write "one:winkler" (one 1.0) or "two:winkler" (two 1.0), or' in done.err
+    )
     # who does not use it is not disturbed
     assert command("run", small, "--no-figures").status == 0
     assert command("plugins", "check").status == 1
     schema = command("schema")
     assert schema.status == 0
     assert "FFTBEM" in json.loads(schema.out)["$defs"]
-    assert "not in the schema: contact 'winkler' is claimed by" in schema.err
+    assert "not in the schema: contact 'winkler' of plugin 'one'" in schema.err
 
 
 def test_a_kind_whose_class_is_missing_says_which_plugin(command, small, site, everything):

@@ -273,17 +273,15 @@ def test_two_plugins_of_one_name_are_both_named(fine):
 # -- who claims what --------------------------------------------------------------------------------------------------
 
 
-def test_two_plugins_that_claim_one_kind_are_both_named(fine):
-    fine.install("rival-barriers", {"rival.py": offering("{'barriers': {'level': 'levels:Rough'}}")}, {"r": "rival"})
+def test_two_plugins_of_one_name_with_one_kind_are_both_named(fine):
+    fine.install("rival-barriers", {"rival.py": offering("{'barriers': {'level': 'levels:Rough'}}")}, {"fine": "rival"})
     found = fine.registry()
-    with pytest.raises(PluginError) as caught:
-        found.component("barriers", "level")
-    said = str(caught.value)
-    assert said == (
-        "barriers 'level' is claimed by 'fine' (fine 1.0) and by 'r' (rival-barriers 1.0); uninstall one of them"
-    )
-    assert found.clashes() == [said]
-    assert said in found.check()
+    for kind in ("level", "fine:level"):
+        with pytest.raises(PluginError) as caught:
+            found.component("barriers", kind)
+        said = f"barriers {kind!r} is claimed by 'fine' (fine 1.0) and by 'fine' (rival-barriers 1.0)"
+        assert str(caught.value) == f"{said}; uninstall one of them"
+    assert f"{said}; uninstall one of them" in found.clashes()
 
 
 def test_one_name_in_two_roles_is_no_clash(fine):

@@ -108,7 +108,7 @@ def _definition(schema, role, kind):
     (found,) = [
         part
         for part in schema["$defs"].values()
-        if part.get("properties", {}).get("kind", {}).get("const") == kind
+        if part.get("properties", {}).get("kind", {}).get("enum", [""])[0] == kind
         and part["title"] == registry.current().component(role, kind).__name__
     ]
     return found
@@ -153,7 +153,7 @@ def test_every_role_has_its_section(schema):
         part = sections[section]
         part = part["anyOf"][0] if "anyOf" in part else part  # or false, or the kind of a material
         names = [schema["$defs"][ref["$ref"].rpartition("/")[2]] for ref in part["oneOf"]]
-        assert sorted(part["properties"]["kind"]["const"] for part in names) == plugins.kinds(role)
+        assert sorted(part["properties"]["kind"]["enum"][0] for part in names) == plugins.kinds(role)
 
 
 def test_the_schema_is_made_anew_each_time(schema):
