@@ -384,7 +384,7 @@ def in_one_unit(values: Sequence[object]) -> tuple[list[float], str] | None:
 
 
 class Unit:
-    """Marks a field as a quantity: ``Annotated[float, Unit("nm", gt=0)]``.
+    """Marks a field as a quantity: ``Annotated[Any, Unit("nm", gt=0)]``; type checkers then accept strings with units.
 
     Numbers are taken as they are (they are in ``unit``), strings are converted; infinite values and NaN are refused.
     Bounds are ``gt``, ``ge``, ``lt``, ``le``. The unit appears in the JSON Schema. Magnitudes outside 1e-100

@@ -104,7 +104,7 @@ class Chemistry(Component):
     shear_strength: Pressure | None = None
     """shear strength of the material, GPa, with which the mean shear stress that the bonds carry is compared; None: not
     compared"""
-    work_of_adhesion: Annotated[float, Unit("J/m**2", gt=0)] | None = None
+    work_of_adhesion: Annotated[Any, Unit("J/m**2", gt=0)] | None = None
     """work of adhesion of the two surfaces, J/m²: the result compares the load of a sphere without adhesion with its
     pull-off force; None: not compared"""
 
