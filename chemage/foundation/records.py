@@ -7,9 +7,11 @@ Each array declares its dimensions, unit and meaning in ``arrays``; the store an
 from __future__ import annotations
 
 import hashlib
+import inspect
 import json
 from collections.abc import Iterable, Mapping
 from functools import cached_property, lru_cache
+from textwrap import indent
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
@@ -192,7 +194,20 @@ SignedNumber = Annotated[float, Field(allow_inf_nan=False), _Ranged]
 PositiveNumber = Annotated[float, Field(gt=0, allow_inf_nan=False), _Ranged]
 
 
-class Record(Frozen):
+class _Documented(type(Frozen)):
+    """Of records, whose fields are read from the source when somebody asks for the docstring."""
+
+    @property
+    def __doc__(cls) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """That of the class, with its fields below it."""
+        lines = [inspect.cleandoc(vars(cls).get("__doc__") or ""), ""]
+        lines += ["Attributes", "----------"]
+        for name, meaning in meanings(cls).items():  # pyright: ignore[reportArgumentType]
+            lines += [name, indent(meaning, "    ")]
+        return "\n".join(lines)
+
+
+class Record(Frozen, metaclass=_Documented):
     """Base of the frozen objects."""
 
     model_config = ConfigDict(
