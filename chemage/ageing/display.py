@@ -33,6 +33,7 @@ from chemage.foundation.result import (
 )
 from chemage.foundation.statistics import NORMAL_LIMIT, half_width
 from chemage.foundation.text import jsonable, percent
+from chemage.friction.role import Rupture
 from chemage.surfaces.role import Scatter
 
 if TYPE_CHECKING:
@@ -77,7 +78,7 @@ class AgingDisplay(OfRecord[Aging]):
 
     def facts(self) -> Rows:
         aging = self.record
-        law = _with_parts(aging.provenance.get("rupture", {})) or (
+        law = _with_parts(aging.provenance.get(Rupture.role, {})) or (
             "mean force per bond" if aging.rupture_force is None else "a plugin's"
         )
         facts = [

@@ -160,8 +160,9 @@ class Request:
     def _declared(self) -> Iterator[tuple[str, np.ndarray]]:
         """The same of each of them."""
         for component in self.scene.components():
-            method = component is self.scene.ageing
-            if component.exact or (method and component.replicates):
+            ageing = self.scene.ageing
+            replicates = ageing is not None and ageing.replicates
+            if component.exact or (component is ageing and replicates):
                 continue
             declared = component.declared_error
             errors = self.quantities.columns(
