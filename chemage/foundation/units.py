@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from decimal import Decimal
 from functools import lru_cache
 from pathlib import Path
@@ -434,11 +434,11 @@ class Unit:
 
 
 class UnitOrWord(Unit):
-    """As :class:`Unit`, for a quantity or one word in its place: ``Annotated[float | str, UnitOrWord("no", "nm")]``."""
+    """As :class:`Unit`, for a quantity or a word in its place: ``Annotated[float | str, UnitOrWord(("no",), "nm")]``."""
 
-    def __init__(self, word: str, unit: str, **bounds: Any) -> None:
+    def __init__(self, words: Collection[str], unit: str, **bounds: Any) -> None:
         super().__init__(unit, **bounds)
-        self.word = word
+        self.words = words
 
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler
@@ -450,7 +450,7 @@ class UnitOrWord(Unit):
         ) -> object:
             return (
                 value
-                if isinstance(value, str) and value == self.word
+                if isinstance(value, str) and value in self.words
                 else check(self._read(value))
             )
 
