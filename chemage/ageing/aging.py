@@ -136,6 +136,7 @@ class Aging(Observing, Record):
     """(members, m) bonds of other distributions of barriers that the same data allow over those of this one, with the
     same random numbers; None: none were aged"""
     engine: str = ""
+    """kind of the engine"""
     notes: tuple[str, ...] = ()
     """notes of the first replica's run"""
     contact: dict[str, float] = {}
@@ -148,6 +149,7 @@ class Aging(Observing, Record):
     outputs: dict[str, dict[str, Any]] = {}
     """name of an observable's output -> dims, unit and description, as far as they are declared"""
     provenance: Plain = {}
+    """how it was made: plain JSON values"""
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -33,6 +33,7 @@ from chemage.foundation.result import (
 )
 from chemage.foundation.statistics import NORMAL_LIMIT, half_width
 from chemage.foundation.text import jsonable, percent
+from chemage.friction.role import Rupture
 from chemage.surfaces.role import Scatter
 
 if TYPE_CHECKING:
@@ -77,7 +78,7 @@ class AgingDisplay(OfRecord[Aging]):
 
     def facts(self) -> Rows:
         aging = self.record
-        law = aging.rupture or (
+        law = _with_parts(aging.provenance.get(Rupture.role, {})) or (
             "mean force per bond" if aging.rupture_force is None else "a plugin's"
         )
         facts = [
@@ -290,6 +291,17 @@ def draw_fit(axes: Axes, fit: Fit | None, label: str = "", color: str = ORANGE) 
         zorder=3,
         label=label or plain(fit.short_text()),
     )
+
+
+def _with_parts(component: Mapping[str, Any]) -> str:
+    """The kind of a component, as stored, with those of the components inside it; "" of none."""
+    parts = [
+        f"{name} {_with_parts(option)}"
+        for name, option in component.items()
+        if isinstance(option, Mapping) and "kind" in option
+    ]
+    kind = component.get("kind", "")
+    return f"{kind} ({', '.join(parts)})" if parts else kind
 
 
 def _finish(figure: Any, plots: list[Axes]) -> None:

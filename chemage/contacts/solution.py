@@ -305,12 +305,14 @@ class ContactSolution(PixelMap, Contact):
     residual: float = 0.0
     """the solver's convergence measure at the end; 0 for a closed form"""
     iterations: int = Field(default=0, ge=0)
+    """of the solver"""
     convergence: Plain = {}
     """the solver's own account of its error: plain JSON values. ``pressure_error``, where it is given, is the estimated
     error of the pressure: its L2 norm relative to that of the pressure"""
     notes: tuple[str, ...] = ()
     """what the user should know of this solution, in words"""
     provenance: Plain = {}
+    """how it was made: plain JSON values"""
     observables: Named = {}
     """name -> what was recorded on the way to this, see :class:`chemage.plugin.Output`"""
     outputs: dict[str, dict[str, Any]] = {}
@@ -579,6 +581,7 @@ class ContactStatistics(Contact):
     notes: tuple[str, ...] = ()
     """what the user should know of this contact, in words"""
     provenance: Plain = {}
+    """how it was made: plain JSON values"""
     observables: Named = {}
     """name -> what was recorded on the way to this, see :class:`chemage.plugin.Output`"""
     outputs: dict[str, dict[str, Any]] = {}

@@ -68,7 +68,7 @@ NAMES = {
     "lattices.independent": "TwoState",
     "lattices.lattice": "ReactionLattice",
     "lattices.role": "Barriers Interaction",
-    "lattices.site_grid": "ContactSites contact_sites",
+    "lattices.site_grid": "SITE_POSITIONS ContactSites contact_sites",
     "plugins.hooks": "API_VERSION Doubt Stage StageInputs hookimpl lazy_attributes",
     "plugins.options": "Choice PluginOptions plugin_options prefer_plugins",
     "plugins.registry": "fromdict register unregister",

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -42,7 +42,7 @@ _TAKEN = (
 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False)
 class Output:
     """The dimensions, the unit and the meaning of one recorded number or array.
 
@@ -51,15 +51,19 @@ class Output:
 
     #: names of the dimensions in order; () for a single number; ``"hold_time"``, of what is followed in time, has one
     #: entry for each hold time of the run, or of the part of it that is computed
-    dims: tuple[str, ...] = ()
+    dims: tuple[str, ...]
     #: "" for a pure number
-    unit: str = ""
-    description: str = ""
+    unit: str
+    description: str
 
-    def __post_init__(self) -> None:
-        names = (self.dims,) if isinstance(self.dims, str) else tuple(self.dims)
-        dims = tuple(HOLD_TIME if dim == _HOLD_TIMES else dim for dim in names)
-        object.__setattr__(self, "dims", dims)
+    def __init__(
+        self, dims: str | Sequence[str] = (), unit: str = "", description: str = ""
+    ) -> None:
+        names = (dims,) if isinstance(dims, str) else dims
+        known = tuple(HOLD_TIME if name == _HOLD_TIMES else name for name in names)
+        object.__setattr__(self, "dims", known)
+        object.__setattr__(self, "unit", unit)
+        object.__setattr__(self, "description", description)
 
     def of(self, values: Any) -> RecordedValue:
         """``values`` with this declaration, for :func:`record` and the hook ``chemage_observe``."""

@@ -8,10 +8,12 @@ the store and the documentation are made from that.
 from __future__ import annotations
 
 import hashlib
+import inspect
 import json
 import zlib
 from collections.abc import Iterable, Mapping
 from functools import cached_property, lru_cache
+from textwrap import indent
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
@@ -248,7 +250,20 @@ SignedNumber = Annotated[float, Field(allow_inf_nan=False), _Ranged]
 PositiveNumber = Annotated[float, Field(gt=0, allow_inf_nan=False), _Ranged]
 
 
-class Record(Frozen):
+class _Documented(type(Frozen)):
+    """Of records, whose fields are read from the source when somebody asks for the docstring."""
+
+    @property
+    def __doc__(cls) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """That of the class, with its fields below it."""
+        lines = [inspect.cleandoc(vars(cls).get("__doc__") or ""), ""]
+        lines += ["Attributes", "----------"]
+        for name, meaning in meanings(cls).items():  # pyright: ignore[reportArgumentType]
+            lines += [name, indent(meaning, "    ")]
+        return "\n".join(lines)
+
+
+class Record(Frozen, metaclass=_Documented):
     """Base of the frozen objects."""
 
     model_config = ConfigDict(

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from decimal import Decimal
 from functools import lru_cache
 from pathlib import Path
@@ -384,7 +384,7 @@ def in_one_unit(values: Sequence[object]) -> tuple[list[float], str] | None:
 
 
 class Unit:
-    """Marks a field as a quantity: ``Annotated[float, Unit("nm", gt=0)]``.
+    """Marks a field as a quantity: ``Annotated[Any, Unit("nm", gt=0)]``; type checkers then accept strings with units.
 
     Numbers are taken as they are (they are in ``unit``), strings are converted; infinite values and NaN are refused.
     Bounds are ``gt``, ``ge``, ``lt``, ``le``. The unit appears in the JSON Schema. Magnitudes outside 1e-100
@@ -434,11 +434,11 @@ class Unit:
 
 
 class UnitOrWord(Unit):
-    """As :class:`Unit`, for a quantity or one word in its place: ``Annotated[float | str, UnitOrWord("no", "nm")]``."""
+    """As :class:`Unit`, for a quantity or a word in its place: ``Annotated[float | str, UnitOrWord(("no",), "nm")]``."""
 
-    def __init__(self, word: str, unit: str, **bounds: Any) -> None:
+    def __init__(self, words: Collection[str], unit: str, **bounds: Any) -> None:
         super().__init__(unit, **bounds)
-        self.word = word
+        self.words = words
 
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler
@@ -450,7 +450,7 @@ class UnitOrWord(Unit):
         ) -> object:
             return (
                 value
-                if isinstance(value, str) and value == self.word
+                if isinstance(value, str) and value in self.words
                 else check(self._read(value))
             )
 

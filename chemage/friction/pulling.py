@@ -48,13 +48,13 @@ class Drive(Component):
     K(Vt − X) = κ Σ stretch + friction, and rests where the spring pulls less than that.
     """
 
-    speed: Annotated[float, Unit("nm/s", ge=0)]
+    speed: Annotated[Any, Unit("nm/s", ge=0)]
     """speed of the drive, nm/s; 0: it stands still, and its force relaxes"""
-    spring: Annotated[float, Unit("nN/nm", ge=0)] | None = None
+    spring: Annotated[Any, Unit("nN/nm", ge=0)] | None = None
     """K, stiffness of the spring that pulls the slider, nN/nm; default: the slider itself has the speed"""
     friction: Force = 0.0
     """friction of the slider beside that of the bonds, nN; default: none"""
-    bond_stiffness: Annotated[float, Unit("nN/nm", ge=0)]
+    bond_stiffness: Annotated[Any, Unit("nN/nm", ge=0)]
     """κ, stiffness of a bond with what holds it, nN/nm"""
     transition_distance: Length
     """Δx, from the bound state to the transition state along the pull, nm"""

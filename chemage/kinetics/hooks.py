@@ -146,8 +146,11 @@ class _Engine(Stage):
             modulus=getattr(solver, "modulus", 1.0),
             periodic=bool(surface.get("periodic", 1)),
         )
+        chemistry = parts["chemistry"]
+        if isinstance(density, str):  # the sites of a surface are some of its pixels
+            chemistry = chemistry.replace(site_density="pixel")
         parts[self.section].warm_up(
-            build_lattice(parts["chemistry"], contact), parts["hold"].temperature
+            build_lattice(chemistry, contact), parts["hold"].temperature
         )
 
 

@@ -90,11 +90,11 @@ class Chemistry(Component):
     """fraction of the bonds that carry load at once as the detachment front passes"""
     hydroxylation: float = Field(default=1.0, ge=0, le=1)
     """probability that a site in contact is reactive"""
-    site_density: Annotated[Density, UnitOrWord("pixel", "1/nm**2", gt=0)] = (
-        SITE_DENSITY
-    )
+    site_density: Annotated[
+        Density, UnitOrWord(("pixel", "surface"), "1/nm**2", gt=0)
+    ] = SITE_DENSITY
     """sites per nm²; where their spacing differs from the pixels of the contact, the pressure is reconstructed below
-    the pixel, or averaged; "pixel": one site per pixel, whatever its size"""
+    the pixel, or averaged; "pixel": one site per pixel, whatever its size; "surface": those that the surface has"""
     tensile_sites: bool = True
     """whether sites of an adhesive contact react that are in contact under tension, with a barrier that is raised by
     ΔV times that tension; no: those under pressure alone"""
@@ -104,7 +104,7 @@ class Chemistry(Component):
     shear_strength: Pressure | None = None
     """shear strength of the material, GPa, with which the mean shear stress that the bonds carry is compared; None: not
     compared"""
-    work_of_adhesion: Annotated[float, Unit("J/m**2", gt=0)] | None = None
+    work_of_adhesion: Annotated[Any, Unit("J/m**2", gt=0)] | None = None
     """work of adhesion of the two surfaces, J/m²: the result compares the load of a sphere without adhesion with its
     pull-off force; None: not compared"""
 
@@ -166,6 +166,8 @@ class Chemistry(Component):
             return {"words": f"{self.site_density} per nm² of contact, no grid"}
         solution = cast("ContactSolution", contact)
         sites = self.sites_of(solution)
+        if self.site_density == "surface":
+            return {"words": sites.words, "touching": sites.sites.size}
         return {} if sites.words == ONE_PER_PIXEL else sites.describe(solution)
 
     def on(
@@ -312,6 +314,11 @@ def contact_statistics(
         Chemistry,
         "make one with chemage.chemistry(forming=...)",
     )
+    if chemistry.site_density == "surface":
+        raise InputError(
+            "site_density = 'surface': the sites of a surface have no statistics by pressure; simulate every site, "
+            "without [ageing]"
+        )
     sites = chemistry.sites_of(contact)
     pressure = sites.pressure.astype(np.float64)
     if float(pressure.min(initial=0.0)) < 0:

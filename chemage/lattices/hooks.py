@@ -70,6 +70,8 @@ class _Chemistry(Stage):
         ends: dict[str, Any] = {}
         if not (grids and grids[0] == grids[1]):
             ends[self.key] = {"sites": grids[1] if grids else chemistry.site_density}
+        elif chemistry.site_density == "surface":
+            ends[self.key] = {"sites": chemistry.site_density}
         if limits := chemistry.given_limits():
             ends["result"] = limits
         return ends
@@ -103,6 +105,8 @@ class _Chemistry(Stage):
             whole = contact["nominal_area"] * density
         elif whole and grids:
             whole = float(grids[1][0] * grids[1][1])
+        if density == "surface":
+            whole = stated["surface"].get("sites")
         if fraction is not None and whole:
             numbers["sites"] = fraction * whole * chemistry.hydroxylation
         if "hold" in parts and pressure is not None:
@@ -121,9 +125,18 @@ class _Chemistry(Stage):
 
     def doubts(self, parts: Parts, stated: Stated) -> Iterator[Doubt]:
         from chemage.foundation.errors import InputError
-        from chemage.lattices.site_grid import adhering
+        from chemage.lattices.site_grid import SITE_POSITIONS, adhering
 
         grids = parts.get("grids")
+        maker = parts["surface"]
+        own = parts[self.section].site_density == "surface"
+        if own and SITE_POSITIONS not in maker.outputs:
+            raise InputError.of(
+                "site_density",
+                "surface",
+                f"surface {maker.kind!r} has no sites",
+                "use one that has, or give sites per nm²",
+            )
         if (
             grids
             and parts["contact"].adheres
@@ -183,6 +196,8 @@ class _Chemistry(Stage):
                 stated["surface"]["pixel_size"], chemistry.site_density
             )
             rows["sites"] = in_words(*grids, gap=gap, ratio=ratio)
+        if chemistry.site_density == "surface":
+            rows["sites"] = "those of the surface"
         return rows
 
 

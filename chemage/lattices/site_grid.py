@@ -51,7 +51,9 @@ APART = 0.23
 #: passes in which the rim and its normal are found
 PASSES = 2
 
-Density = float | Literal["pixel"]
+Density = float | Literal["pixel", "surface"]
+#: what a surface records that has sites of its own: their positions, (n, 2) nm from the corner of its grid
+SITE_POSITIONS = "site_positions"
 #: how sites belong to pixels: each is a pixel; the rim is found between pixels; each has many pixels
 Rule = Literal["pixels", "reconstructed", "averaged"]
 
@@ -60,7 +62,7 @@ def site_shape(
     pixels: tuple[int, int], pixel_size: float, density: Density
 ) -> tuple[int, int]:
     """The grid of sites on a contact of ``pixels`` of ``pixel_size`` nm: the pixels themselves where ``density`` is
-    "pixel" or where the spacing of ``density`` (1/nm²) agrees with them within half a percent.
+    "pixel" or "surface", or where the spacing of ``density`` (1/nm²) agrees with them within half a percent.
 
     The number of sites along a side is rounded, so that the grid is as periodic as the contact.
 
@@ -69,7 +71,7 @@ def site_shape(
     InputError
         There would be no site, or more than random numbers can tell apart.
     """
-    if density == "pixel":
+    if isinstance(density, str):
         return pixels
     ratio = pixel_size * math.sqrt(density)
     if abs(ratio - 1.0) < SAME:
@@ -212,7 +214,7 @@ _kept: OncePerObject[ContactSites] = OncePerObject()
 def contact_sites(
     contact: ContactSolution, density: Density, pressed: bool = False
 ) -> ContactSites:
-    """The sites of ``density`` (1/nm², or "pixel") that are in contact, and their pressures.
+    """The sites of ``density`` (1/nm², "pixel", or "surface") that are in contact, and their pressures.
 
     Site (0, 0) is at pixel (0, 0) of a periodic contact; on one that is not, both grids cover the same square. Where
     both grids are the same, the pressures are those of the pixels. Otherwise the rim is found between the pixels: with
@@ -227,10 +229,12 @@ def contact_sites(
     Where the surfaces adhere there is tension at the rim and no such law of it: sites are pixels, or larger than they
     are and averaged. With ``pressed`` those under tension are left out.
 
+    Sites of the "surface" are the pixels in which its makers recorded one, as :data:`SITE_POSITIONS`.
+
     Raises
     ------
     InputError
-        The surfaces adhere, and sites are smaller than pixels.
+        The surfaces adhere, and sites are smaller than pixels; the surface has no sites, or several in a pixel.
 
     Results are kept as long as the contact is, because replicas share them.
     """
@@ -271,18 +275,43 @@ def _made(contact: ContactSolution, density: Density, pressed: bool) -> ContactS
         if contact.periodic and rule != "pixels"
         else 0.0
     )
-    if pressed:
-        sites, pressure = sites[pressure > 0], pressure[pressure > 0]
     words = in_words(
         contact.shape,
         shape,
         contact.gap is not None,
         nominal_ratio(contact.pixel_size, density),
     )
+    if density == "surface":
+        own = _of_surface(contact)
+        there = np.isin(sites, own)
+        sites, pressure = sites[there], pressure[there]
+        words = f"the {own.size} sites of the surface"
+    if pressed:
+        sites, pressure = sites[pressure > 0], pressure[pressure > 0]
     arrays = frozen(sites, np.int64), frozen(pressure)
     return ContactSites(
         shape, size, contact.periodic, (corner, corner), *arrays, rule, words
     )
+
+
+def _of_surface(contact: ContactSolution) -> np.ndarray:
+    """Flat indices of the pixels that have a site of the surface."""
+    positions = contact.observables.get(SITE_POSITIONS)
+    if positions is None:
+        raise InputError(
+            'site_density = "surface": this surface has no sites; use one that has, and solve the contact with '
+            "chemage.solve_contact"
+        )
+    x, y = (positions // contact.pixel_size).astype(np.int64).T
+    pixels = np.ravel_multi_index((x, y), contact.shape, mode="clip")
+    if np.unique(pixels).size < pixels.size:
+        raise InputError.of(
+            "pixel_size",
+            contact.pixel_size,
+            "two sites of the surface lie in one pixel",
+            "use smaller pixels",
+        )
+    return pixels
 
 
 def adhering(pixel_size: float, density: Density) -> tuple[str, str]:

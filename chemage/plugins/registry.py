@@ -314,7 +314,7 @@ class Registry:
         stage = next((stage for stage in self.stages() if hook in stage.hooks), None)
 
         def check(answer: Any, who: str) -> None:
-            component = None if who else self._own(stage, arguments)
+            component = None if who else self._own(arguments)
             there = recorded.keys() | getattr(answer, "observables", {}).keys()
             problem = ""
             if missing := getattr(component, "outputs", {}).keys() - there:
@@ -334,12 +334,10 @@ class Registry:
             )
         return result, took_part, recorded
 
-    def _own(self, stage: Stage | None, arguments: Mapping[str, Any]) -> Any:
+    def _own(self, arguments: Mapping[str, Any]) -> Any:
         """The component whose method chemage calls where no plugin answers."""
-        role = (stage is not None and stage.role) or None
         return next(
-            (part for part in arguments.values() if getattr(part, "role", "") == role),
-            None,
+            (part for part in arguments.values() if getattr(part, "role", "")), None
         )
 
     def _named(self, component: Any) -> str:

@@ -72,15 +72,33 @@ _ATTRIBUTES = ("scene", "timings", "versions", "keys", "cite")
 
 @dataclass(frozen=True)
 class Run:
-    """A finished run. Everything needed to repeat it is in ``scene`` and ``versions``."""
+    """A finished run. Everything needed to repeat it is in ``scene`` and ``versions``.
+
+    Attributes
+    ----------
+    scene
+        The scene as it was run, with every default: plain JSON values, in the units of the options.
+    contact
+        The contact, or its statistics; pressures in GPa, lengths in nm.
+    surface
+        The surface, heights in nm; None where a theory needs none.
+    aging
+        Bonds and friction against hold time, in nN and s; None where the scene solves the contact alone.
+    timings
+        Stage -> wall time, s.
+    versions
+        Of chemage, the plugins used, and the libraries below them.
+    keys
+        Stage -> hash of all that decides what it gives.
+    cite
+        The works to cite.
+    """
 
     scene: dict[str, Any]
     contact: ContactSolution | ContactStatistics
     surface: Surface | None = None
     aging: Aging | None = None
-    #: wall seconds of each stage
     timings: dict[str, float] = field(default_factory=dict)
-    #: of chemage, the plugins used, and the libraries below them
     versions: dict[str, str] = field(default_factory=dict)
     keys: dict[str, str] = field(default_factory=dict)
     cite: tuple[str, ...] = ()

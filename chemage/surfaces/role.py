@@ -63,7 +63,8 @@ class SurfaceMaker(Component, ABC):
     def expected(self) -> dict[str, float]:
         """What is known before anything is computed, as far as it is: ``nx``, ``ny`` (pixels), ``pixel_size`` (nm),
         ``rms_slope``, ``shortest_wavelength`` (nm), ``radius`` (of a sphere, nm), ``periodic`` (1 or 0),
-        ``cpu_seconds`` (to make it). Used by ``chemage check``."""
+        ``sites`` (that the surface has, see :data:`chemage.plugin.SITE_POSITIONS`), ``cpu_seconds`` (to make it). Used
+        by ``chemage check``."""
         return {}
 
     def roughness(self, seed: Seed = 0) -> Roughness:

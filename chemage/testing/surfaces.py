@@ -242,6 +242,7 @@ class SurfaceChecks(Checks[SurfaceMaker], of=SurfaceMaker):
                 "shortest_wavelength",
                 "radius",
                 "periodic",
+                "sites",
                 "cpu_seconds",
             )
             require_estimates("expected()", expected, *names)

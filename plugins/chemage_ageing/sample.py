@@ -61,7 +61,7 @@ class Sample(AgeingMethod):
     bibtex: ClassVar[tuple[str, ...]] = (HANSEN,)
     trade: ClassVar[Mapping[str, tuple[Any, ...]]] = {"share": (0.02, 0.05, 0.1, 0.2)}
 
-    share: Annotated[float, Unit("", gt=0, le=0.5)]
+    share: Annotated[Any, Unit("", gt=0, le=0.5)]
     """share of the sites that each replica counts, on average; above one half, every site costs no more"""
     window: int = Field(default=16, ge=1, le=4096)
     """side of a window, in sites"""

@@ -383,7 +383,7 @@ class Tabulated(Barriers):
     """barriers in ``energy_unit``, in any order, for example from molecular dynamics"""
     path: FilePath | None = None
     """text file with ``energies`` and ``weights``, or with ``samples``"""
-    energy_unit: Annotated[float, Unit("eV", gt=0), BeforeValidator(_named_unit)] = 1.0
+    energy_unit: Annotated[Any, Unit("eV", gt=0), BeforeValidator(_named_unit)] = 1.0
     """unit of the given energies: its name, such as "meV", or its value in eV; default: 1 eV"""
 
     _distribution: PiecewiseLinearDensity | EmpiricalQuantile = PrivateAttr()

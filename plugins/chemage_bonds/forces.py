@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field
@@ -58,7 +58,7 @@ class ElasticPairs(Interaction):
 
     strength: Annotated[Energy, Unit("eV", ge=0, le=1e6)]
     """I_b, the strength of the interaction, eV"""
-    bias: Annotated[float, Unit("", ge=-1e6, le=1e6)] = 0.1
+    bias: Annotated[Any, Unit("", ge=-1e6, le=1e6)] = 0.1
     """ε: the share of pairs in which a bond lowers its neighbour's forming barrier; default: 0.1"""
 
     def neighbours(

@@ -176,11 +176,11 @@ class UnderForce(Rupture):
 
     transition_distance: Length
     """Δx, from the bound state to the transition state along the pull, nm"""
-    loading_rate: Annotated[float, Unit("nN/s", gt=0)] | None = None
+    loading_rate: Annotated[Any, Unit("nN/s", gt=0)] | None = None
     """at which the force on a bond grows, nN/s; default: speed × stiffness"""
-    speed: Annotated[float, Unit("nm/s", gt=0)] | None = None
+    speed: Annotated[Any, Unit("nm/s", gt=0)] | None = None
     """of the pull, nm/s; with ``stiffness``, instead of the loading rate"""
-    stiffness: Annotated[float, Unit("nN/nm", gt=0)] | None = None
+    stiffness: Annotated[Any, Unit("nN/nm", gt=0)] | None = None
     """of a bond with what holds it, nN/nm"""
     front_factor: float | None = Field(default=None, gt=0, le=1)
     """fraction of the bonds that carry load at once as the detachment front passes; default: that of the chemistry"""

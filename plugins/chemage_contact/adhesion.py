@@ -17,7 +17,7 @@ from chemage_contact._solvers import GRID, SphereSolver
 from chemage_contact.closed_forms import _corner_force, _pixels
 
 #: work of adhesion: 1 J/m² is 1 nN/nm
-Adhesion = Annotated[float, Unit("J/m**2", gt=0)]
+Adhesion = Annotated[Any, Unit("J/m**2", gt=0)]
 #: nodes of the integral over the zone of cohesion: the load is exact, the pressure of a pixel at the rims within half a
 #: percent of the stress
 _NODES = 48

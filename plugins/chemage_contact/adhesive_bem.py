@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
@@ -70,7 +70,7 @@ class AdhesiveBEM(HalfSpaceSolver):
     )
     bibtex = (_BUGNICOURT, _REY)
 
-    work_of_adhesion: Annotated[float, Unit("J/m**2", ge=0)] = Field(
+    work_of_adhesion: Annotated[Any, Unit("J/m**2", ge=0)] = Field(
         examples=["50 mJ/m^2"]
     )
     """work of adhesion w of the two surfaces, J/m² (the same number in nN/nm)"""

@@ -42,7 +42,7 @@ SINGLE_LIMIT = 1e-6
 #: A reference: rounding errors of double precision allow little less than its tolerance.
 REFERENCE_TOLERANCE, REFERENCE_ITERATIONS = 1e-12, 500
 
-_Ratio = Annotated[float, Unit("", ge=0, le=0.5)]
+_Ratio = Annotated[Any, Unit("", ge=0, le=0.5)]
 
 _POLONSKY = """@article{polonsky1999,
   author = {Polonsky, I. A. and Keer, L. M.},
@@ -126,7 +126,7 @@ class FFTBEM(HalfSpaceSolver):
     """thickness of an elastic layer with this modulus, nm (periodic only); default: half-space"""
     poisson_ratio: _Ratio = 0.25
     """Poisson's ratio of the layer; not used for a half-space"""
-    substrate: tuple[Annotated[float, Unit("GPa", gt=0)], _Ratio] | None = None
+    substrate: tuple[Annotated[Any, Unit("GPa", gt=0)], _Ratio] | None = None
     """Young's modulus (GPa) and Poisson's ratio of the elastic half-space to which the layer is bonded; default: a
     rigid base"""
     fft: Literal["scipy", "ducc0", "pyfftw", "mkl_fft"] = "scipy"

@@ -215,7 +215,7 @@ class Tamaas(Peer):
 
     boundary: Literal["auto", "periodic"] = "auto"
     """periodic: repeat also a surface that is not periodic; auto: refuse one"""
-    hardness: Annotated[float, Unit("GPa", gt=0)] | None = None
+    hardness: Annotated[Any, Unit("GPa", gt=0)] | None = None
     """largest pressure, GPa; default: the body is elastic at any pressure"""
 
     def is_nominally_flat(self, periodic: bool) -> bool:

@@ -16,12 +16,14 @@ from chemage.plugin import (
     Length,
     Output,
     PlottedResult,
+    PluginError,
     PullHistory,
     Pulling,
     Rupture,
     TwoState,
     figures,
     pull,
+    record,
     text,
     threads,
 )
@@ -156,10 +158,14 @@ class Pulled(Rupture, Drive):
             raise InputError(self._lasting())
         times = np.linspace(0.0, self.distance / self.speed, self.points + 1)
         found: list[dict[str, Any]] = []
+        recorded: list[Mapping[str, np.ndarray]] = []
+        outputs: dict[str, dict[str, Any]] = {}
         forces, end = [], 0.0
         for number in range(bonded.hold_times.size):
             one = self._pull(bonded, number, times)
             found.append(self._numbers(one))
+            recorded.append(one.observables)
+            outputs |= one.outputs
             forces.append(max(one.peak - self.friction, 0.0))
             end = min(AFTER_PEAK * one.peak_time, one.time) or one.time
         at, maps = self._maps(bonded, end)
@@ -171,6 +177,16 @@ class Pulled(Rupture, Drive):
                 name: np.stack([numbers[name] for numbers in found])
                 for name in found[0]
             },
+        )
+        record(
+            **{
+                name: Output(
+                    ("hold_time", *output["dims"]),
+                    output["unit"],
+                    output["description"],
+                ).of(_stacked(name, recorded))
+                for name, output in outputs.items()
+            }
         )
         return np.array(forces)
 
@@ -383,6 +399,16 @@ class Pulled(Rupture, Drive):
             xlabel="displacement of the drive (nm)", ylabel="force (nN)", ylim=(0, None)
         )
         figures.legend(axes)
+
+
+def _stacked(name: str, recorded: Sequence[Mapping[str, np.ndarray]]) -> np.ndarray:
+    """What the engine or a hook recorded under ``name`` in each pull, (m, ...)."""
+    shapes = {values[name].shape if name in values else None for values in recorded}
+    if len(shapes) > 1:
+        raise PluginError(
+            f"{name!r} is not recorded with one shape in every pull; record it in the pull after each hold time"
+        )
+    return np.stack([values[name] for values in recorded])
 
 
 def _map(bonded: Bonded, state: np.ndarray) -> np.ndarray:

@@ -1,5 +1,5 @@
 """Surfaces (``self-affine``, ``sphere``, ``spherical-cap``, ``cone``, ``tip``, ``from-file``, ``measured``,
-``roughened``), and readers of height maps (``npy``, ``text``, ``hdf5``, ``x3p``, ``gwy``, ``netcdf``, ``xyz``, and
+``roughened``, ``atoms``), and readers of height maps (``npy``, ``text``, ``hdf5``, ``x3p``, ``gwy``, ``netcdf``, ``xyz``, and
 ``topography`` for other files of instruments, with the library SurfaceTopography)."""
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from chemage.plugin import hookimpl, lazy_attributes
 if TYPE_CHECKING:
     from chemage_surfaces._maps import HeightUnit as HeightUnit
     from chemage_surfaces._maps import surface_of as surface_of
+    from chemage_surfaces.atoms import Atoms as Atoms
     from chemage_surfaces.generated import SelfAffine as SelfAffine
     from chemage_surfaces.images import FromFile as FromFile
     from chemage_surfaces.images import Measured as Measured
@@ -40,6 +41,7 @@ KINDS = {
         "from-file": "chemage_surfaces.images:FromFile",
         "measured": "chemage_surfaces.images:Measured",
         "roughened": "chemage_surfaces.roughened:Roughened",
+        "atoms": "chemage_surfaces.atoms:Atoms",
     },
     "reader": {
         "npy": "chemage_surfaces.readers:Npy",

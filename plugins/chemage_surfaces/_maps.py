@@ -127,7 +127,7 @@ def _named_unit(value: Any) -> Any:
 
 
 #: nm per unit of heights, from a number or the name of a unit
-HeightUnit = Annotated[float, Unit("nm", gt=0), BeforeValidator(_named_unit)]
+HeightUnit = Annotated[Any, Unit("nm", gt=0), BeforeValidator(_named_unit)]
 #: edges of a pixel along x and y, nm, from one length (a square) or two
 PixelSides = Annotated[
     tuple[Length, Length],

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,15 +71,15 @@ class SelfAffine(SurfaceMaker):
     """grid: one number for a square, or [nx, ny]"""
     pixel_size: Length
     """edge of a pixel, nm"""
-    hurst: Annotated[float, Unit("", ge=0, le=1)]
+    hurst: Annotated[Any, Unit("", ge=0, le=1)]
     """Hurst exponent H"""
-    zeta: Annotated[float, Unit("", ge=1)]
+    zeta: Annotated[Any, Unit("", ge=1)]
     """short-wavelength cut-off q_s/q_L; at most half the pixels of the longer side (Nyquist)"""
-    eta: Annotated[float, Unit("", ge=1)] = 1.0
+    eta: Annotated[Any, Unit("", ge=1)] = 1.0
     """roll-off q_r/q_L, 1 ≤ eta ≤ zeta; 1: no plateau"""
-    rms_slope: Annotated[float, Unit("", ge=0, le=1e100)] | None = None
+    rms_slope: Annotated[Any, Unit("", ge=0, le=1e100)] | None = None
     """rms slope (spectral) of this realisation; give either this or rms_height"""
-    rms_height: Annotated[float, Unit("nm", ge=0)] | None = None
+    rms_height: Annotated[Any, Unit("nm", ge=0)] | None = None
     """rms height of this realisation, nm; give either this or rms_slope"""
 
     @model_validator(mode="after")

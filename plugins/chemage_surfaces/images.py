@@ -116,7 +116,7 @@ FEW_SPIKES, FEW_MISSING = 1e-3, 0.05
 #: rms slopes outside are those of a wrong unit
 SLOPES = (1e-8, 10.0)
 _DEGREES = {"mean": 0, "plane": 1, "quadratic": 2}
-_Coordinate = Annotated[float, Unit("nm", ge=0)]
+_Coordinate = Annotated[Any, Unit("nm", ge=0)]
 
 
 class Measured(ImageMaker):
@@ -147,7 +147,7 @@ class Measured(ImageMaker):
     spikes: Literal["few", "refuse", "keep", "interpolate"] = "few"
     """what to do with spikes, that is pixels far from the median around them: interpolate up to 0.1 % of the pixels and
     refuse more, refuse any, keep them, or interpolate all"""
-    spike_threshold: Annotated[float, Unit("", ge=3, le=1e6)] = 15.0
+    spike_threshold: Annotated[Any, Unit("", ge=3, le=1e6)] = 15.0
     """distance of a spike from the median of the 5 x 5 pixels around it, in robust standard deviations of such
     distances"""
     missing: Literal["few", "refuse", "interpolate"] = "few"

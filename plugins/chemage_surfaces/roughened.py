@@ -69,7 +69,7 @@ class Roughened(SurfaceMaker):
     """the measured surface: a table with its ``kind`` and options"""
     pixel_size: Length
     """edge of the new pixels, such as the spacing of the sites, nm"""
-    hurst: Annotated[float, Unit("", ge=0, le=1)] | None = None
+    hurst: Annotated[Any, Unit("", ge=0, le=1)] | None = None
     """Hurst exponent H of the continuation; None: fitted"""
     cutoff: Length | None = None
     """shortest wavelength of the continuation, nm; None: two new pixels"""

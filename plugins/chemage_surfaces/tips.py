@@ -158,7 +158,7 @@ class Cone(_Body):
     kind = "cone"
     hertzian = False
 
-    half_angle: Annotated[float, Unit("deg", gt=0, lt=90)]
+    half_angle: Annotated[Any, Unit("deg", gt=0, lt=90)]
     """angle α between the axis and the side, degrees"""
 
     @model_validator(mode="after")
@@ -207,8 +207,7 @@ class Tip(SurfaceMaker):
     counterface_seed: _Seed = 0
     """seed of the counterface"""
     place: (
-        tuple[Annotated[float, Unit("nm", ge=0)], Annotated[float, Unit("nm", ge=0)]]
-        | None
+        tuple[Annotated[Any, Unit("nm", ge=0)], Annotated[Any, Unit("nm", ge=0)]] | None
     ) = None
     """[x, y] of the middle of the tip on the counterface, nm from its edges, to whole pixels; None: random, uniform
     over all places where the tip's grid lies on the counterface"""

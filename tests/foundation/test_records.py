@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
+import inspect
 import math
 import pickle
+import pydoc
+import re
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 from pydantic import ValidationError
 
+import chemage as ca
 from chemage import InputError
 
 
@@ -243,3 +250,35 @@ def test_a_mask_that_hides_nothing_is_no_mask(surface):
 def test_pixel_sizes_that_are_refused(surface, size):
     with pytest.raises(InputError, match="Surface: pixel_size"):
         surface(pixel_size=size)
+
+
+# -- what help shows --------------------------------------------------------------------------------------------------
+
+PUBLIC = [ca.Surface, ca.ContactSolution, ca.ReactionLattice, ca.Aging, ca.Ensemble, *(
+    getattr(ca.plugin, name) for name in ("BondHistory", "PullHistory", "ContactStatistics", "Roughness", "RuptureForce")
+)]  # fmt: skip
+
+
+@pytest.mark.parametrize("cls", PUBLIC)
+def test_help_shows_every_field_of_a_record_with_its_unit(cls):
+    shown = pydoc.plain(pydoc.render_doc(cls))
+    before, _, fields = inspect.getdoc(cls).partition("\n\nAttributes\n----------\n")
+    assert before.endswith(".")
+    for name in cls.model_fields:
+        assert f" |  {name}\n |      " in shown, name
+        unit = cls.arrays.get(name, ((), "", ""))[1].replace("1", "")
+        meaning = re.search(rf"^{name}\n((?:    .*\n?)+)", fields, re.M)[1]
+        assert unit in meaning.replace("²", "2"), name
+
+
+def test_help_shows_the_parts_of_a_run_with_their_units():
+    text = inspect.getdoc(ca.Run)
+    assert all(f"\n{field.name}\n    " in text for field in dataclasses.fields(ca.Run))
+    assert "Stage -> wall time, s." in text
+
+
+def test_docstrings_of_records_are_not_made_before_somebody_asks():
+    program = "from chemage.foundation.checks import _texts_below as read; import chemage; chemage.Aging; "
+    program += "print(read.cache_info().misses)"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "0"

@@ -33,6 +33,7 @@ from chemage.plugin import (
     Unit,
     UnitError,
     convert,
+    registry,
     units,
 )
 
@@ -404,10 +405,18 @@ def test_the_program_that_type_checkers_accept_runs():
 
 def test_the_programs_that_strict_type_checkers_accept_run():
     stubs = Path(__file__).parents[1] / "stubs"
-    assert runpy.run_path(str(stubs / "typed_strict.py"))["pressure"] > 0
+    used = runpy.run_path(str(stubs / "typed_strict.py"))
+    assert used["pressure"] > 0
+    assert used["spectra"]
+    assert used["peak"] > 0
+    assert used["again"] == used["again"].model_copy(update={"heights": used["tip"].heights})
     written = runpy.run_path(str(stubs / "typed_plugin.py"))
     assert (written["inner"].kind, written["solver"].kind) == ("rejection-free", "hertz")
     assert written["Ladder"](top=0.9).declared_error == 0.1
+    roles = {
+        one.role for one in written.values() if isinstance(one, type) and getattr(one, "kind", "").startswith("typed-")
+    }
+    assert roles == set(registry.current().roles)
 
 
 # -- data that carry a unit in their attributes -----------------------------------------------------------------------

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
+import sys
+from importlib import resources
+from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,7 +23,7 @@ from scipy.stats import kstest
 
 import chemage as ca
 from chemage import InputError
-from chemage.plugin import PlottedResult, PullHistory, plan
+from chemage.plugin import Output, PlottedResult, PluginError, PullHistory, hookimpl, plan, record, registry
 
 EXACT = ca.pulling("event-driven")
 
@@ -359,6 +361,74 @@ def test_a_result_says_where_the_force_ended_at_its_largest(distance, noted):
     said = [note for note in result.notes if "pulls the force was at its largest when the drive had moved" in note]
     assert bool(said) == noted
     assert all("ΔF is the force there, not a peak" in note for note in said)
+
+
+# -- what an engine that pulls, and hooks, leave behind -----------------------------------------------------------------
+
+
+@pytest.fixture
+def stretching():
+    """The engine that ``chemage plugins new`` writes, in a module of its own."""
+    text = (resources.files("chemage.scaffold") / "templates" / "role_pulling.py.in").read_text()
+    module = ModuleType("stretching")
+    sys.modules["stretching"] = module
+    exec(text.format(cls="Stretching", kind="stretching"), vars(module))
+    with registry.using(registry.Registry()):
+        yield ca.register(module.Stretching)
+    del sys.modules["stretching"]
+
+
+class OfPulls:
+    """A plugin that looks at every pull."""
+
+    @hookimpl(wrapper=True)
+    def chemage_pull_bonds(self):
+        pulled = yield
+        record(longest=Output("end", "nm", "longest stretch").of([pulled.stretch.max()]))
+        return pulled
+
+
+def test_what_a_pulling_engine_and_hooks_record_reaches_results_files_and_tables(stretching, tmp_path, command):
+    plain = ca.run(scene()).aging
+    registry.current().register(OfPulls(), "of-pulls")
+    run = ca.run(scene(engine="stretching"))
+    aging = run.aging
+    np.testing.assert_array_equal(aging.friction_drop, plain.friction_drop)
+    assert aging.observables["mean_stretch"].shape == (3, 4)
+    assert aging.measured["mean_stretch"].output == Output(
+        "hold_time", "nm", "mean stretch of the bonds at the end, 0 without bonds"
+    )
+    left = aging.observables["pull_bonds"][:, :, -1] > 0
+    np.testing.assert_array_equal(aging.observables["mean_stretch"] > 0, left)
+    assert aging.observables["longest"].shape == (3, 4, 1)
+    assert (aging.observables["longest"][..., 0] >= aging.observables["mean_stretch"]).all()
+    assert not [note for note in aging.notes if "mean_stretch" in note]
+    assert "stretching.Stretching" in run.plugins
+    ca.write(tmp_path / "a.h5", run)
+    assert ca.read(tmp_path / "a.h5").aging == aging
+    shown = command("show", tmp_path / "a.h5").out
+    assert "pulled (engine stretching (inner event-driven))" in shown
+    assert "mean stretch of the bonds" in shown
+
+
+def test_a_hook_that_records_only_in_some_pulls_is_refused(stretching):
+    class Early:
+        @hookimpl(wrapper=True)
+        def chemage_pull_bonds(self, seed):
+            if seed.spawn_key[-1] == 0:
+                record(few=Output((), "", "only after the first hold time").of(1))
+            return (yield)
+
+    registry.current().register(Early(), "early")
+    with pytest.raises(PluginError, match="'few' is not recorded with one shape in every pull"):
+        ca.run(scene())
+
+
+def test_a_pulling_engine_that_breaks_its_word_is_named(stretching, monkeypatch):
+    monkeypatch.setattr(stretching, "_run", lambda self, *arguments: EXACT._run(*arguments))
+    said = "pulling 'stretching' of .* declares the output 'mean_stretch' and does not record it"
+    with pytest.raises(PluginError, match=said):
+        ca.run(scene(engine="stretching"))
 
 
 # -- figures ----------------------------------------------------------------------------------------------------------

@@ -9,10 +9,12 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+import ase.io
 import h5py
 import instrument_files
 import numpy as np
 import pytest
+from ase.build import fcc100
 from made_inference import made_inference
 
 import chemage as ca
@@ -36,6 +38,9 @@ PART = {"kind": "measured", "path": str(FILES / "part.txt"), "height_unit": "nm"
 rough = registry.current().fromdict("surface", ROUGH).make(1).heights
 np.savetxt(FILES / "part.txt", rough[:40, :40], header="pixel_size = 2 nm")
 ca.write(FILES / "inferred.h5", made_inference())
+COPPER = fcc100("Cu", (2, 2, 3), vacuum=5, periodic=True)
+COPPER.info = {}
+ase.io.write(FILES / "copper.extxyz", COPPER)
 # images of other programs
 POINTS = np.indices((9, 7)).reshape(2, -1) * 0.5
 np.savetxt(FILES / "map.xyz", np.column_stack([*POINTS, rough_surface((9, 7)).heights.ravel()]))
@@ -74,6 +79,10 @@ CASES: dict[tuple[str, str], list[dict[str, Any]]] = {
     ("surface", "measured"): [
         {"path": str(FILES / "map.txt"), "height_unit": "nm", "detrend": "quadratic"},
         {"path": str(FILES / "wide.txt"), "height_unit": 1, "crop": [2, 4, 30, 40], "resample": 3, "window": "mirror"},
+    ],
+    ("surface", "atoms"): [
+        {"file": str(FILES / "copper.extxyz"), "resolution": "0.04 nm", "sites": "Cu"},
+        {"atoms": COPPER[:8], "resolution": 0.06, "probe_radius": "1 angstrom", "radii": "covalent"},
     ],
     ("surface", "roughened"): [
         {"surface": ROUGH, "pixel_size": 0.5, "hurst": 0.8, "fit_from": 40},

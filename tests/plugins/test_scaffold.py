@@ -6,11 +6,13 @@ import sys
 import tomllib
 from importlib import resources
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
 import chemage
 from chemage import InputError
+from chemage.foundation.units import unit_of
 from chemage.plugin import API_VERSION, registry
 
 #: one process for the plugins of all roles, because it takes longer to start than most of their tests to run
@@ -79,6 +81,21 @@ def test_every_role_has_a_template():
     names = {path.name for path in resources.files("chemage.scaffold").joinpath("templates").iterdir()}
     roles = {found[1] for name in names if (found := re.fullmatch(r"role_(\w+)\.py\.in", name))}
     assert roles == set(registry.current().roles)
+
+
+def test_what_new_plugins_describe_in_a_unit_is_a_quantity_in_that_unit():
+    described = set()
+    for role in registry.current().roles:
+        text = resources.files("chemage.scaffold").joinpath("templates", f"role_{role}.py.in").read_text()
+        names = {"__name__": f"scaffold_{role}"}
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setitem(sys.modules, f"scaffold_{role}", ModuleType(f"scaffold_{role}"))
+            exec(text.format(cls="Made", kind="made"), names)
+        options = re.findall(r'^    (\w+): .*\n    """.*, (nm|eV|GPa|s|nN)"""$', text, re.M)
+        for name, unit in options:
+            assert unit_of(names["Made"].model_fields[name]) == unit
+        described |= {role for _ in options}
+    assert {"rupture", "surface", "barriers", "contact", "interaction"} <= described
 
 
 def test_a_new_plugin_states_its_interface_and_the_versions_that_it_works_with(new):

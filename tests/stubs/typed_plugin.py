@@ -5,23 +5,37 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from os import PathLike
 from typing import ClassVar
 
 import numpy as np
 
 from chemage import ContactSolution, ReactionLattice, Surface
 from chemage.plugin import (
+    AgedBonds,
+    AgeingMethod,
+    AgeingRequest,
     Barriers,
     Bonded,
     BondHistory,
     Choice,
     ContactSolver,
+    Drive,
     Energy,
     Engine,
+    Interaction,
+    Length,
     Observable,
     Output,
+    Partners,
+    PullHistory,
+    Pulling,
+    Reader,
     Rupture,
     Seed,
+    SurfaceMaker,
+    hookimpl,
+    record,
 )
 
 
@@ -80,14 +94,94 @@ class Fallback(ContactSolver):
         return self.other.solve(surface, load, start=start)
 
 
+class Step(SurfaceMaker):
+    """A step."""
+
+    kind = "typed-step"
+    outputs: ClassVar[Mapping[str, Output]] = {"highest": Output(unit="nm", description="the upper terrace")}
+
+    height: Length = 1.0
+    """of the step, nm"""
+
+    def make(self, seed: Seed = 0) -> Surface:
+        self.record(highest=self.height)
+        return Surface(heights=np.repeat([[0.0], [self.height]], 2, axis=1), pixel_size=1.0)
+
+
+class Flat(Reader):
+    """Reads nothing."""
+
+    kind = "typed-flat"
+    suffixes = (".flat",)
+
+    def read(self, path: str | PathLike[str]) -> Surface:
+        return Surface(heights=np.zeros((2, 2)), pixel_size=1.0, provenance={"file": str(path)})
+
+
+class Alone(Interaction):
+    """No site has a neighbour."""
+
+    kind = "typed-alone"
+
+    def neighbours(self, pixels: tuple[int, int], periodic: bool, sites: np.ndarray) -> np.ndarray:
+        return np.full((sites.size, 1), -1, dtype=np.int32)
+
+    def coupling(self, sites: np.ndarray, neighbours: np.ndarray, seed: Seed) -> np.ndarray:
+        return np.zeros(neighbours.shape)
+
+
+class Recorded(Pulling):
+    """Another engine, whose work it records."""
+
+    kind = "typed-recorded"
+    inner: Choice[Pulling]
+    """the engine that pulls"""
+    outputs: ClassVar[Mapping[str, Output]] = {"final_work": Output((), "nN nm", "work of the drive")}
+
+    def _run(
+        self,
+        lattice: ReactionLattice,
+        drive: Drive,
+        times: np.ndarray,
+        temperature: float,
+        seed: Seed,
+        start: PullHistory | BondHistory | np.ndarray | None,
+        partners: Partners | None,
+    ) -> PullHistory:
+        pulled = self.inner.run(
+            lattice, drive, times, temperature=temperature, seed=seed, start=start, partners=partners
+        )
+        self.record(final_work=pulled.work[-1])
+        return pulled
+
+
+class Never(AgeingMethod):
+    """No site bonds."""
+
+    kind = "typed-none"
+    replicates = False
+
+    def age(self, request: AgeingRequest) -> AgedBonds:
+        return AgedBonds(bonds=np.zeros((1, request.hold_times.size)), sites=np.array([1.0]))
+
+
+@hookimpl
+def chemage_run_kinetics(engine: Engine, lattice: ReactionLattice) -> BondHistory | None:
+    record(sites_seen=Output((), "", "sites of the lattice").of(lattice.sites.size))
+    return None
+
+
 class Steady(Rupture):
     """One force for each bond."""
 
     kind = "typed-steady"
     states = True
+    outputs: ClassVar[Mapping[str, Output]] = {"most": Output("hold_time", "nN", "the force once more")}
 
     def force(self, bonded: Bonded) -> np.ndarray:
-        return 2.0 * bonded.states.sum(axis=1)
+        force = 2.0 * bonded.states.sum(axis=1)
+        self.record(most=force)
+        return force
 
 
 class Share(Observable):
@@ -107,3 +201,4 @@ class Share(Observable):
 
 inner: Engine = Pausing(inner="rejection-free").inner
 solver: ContactSolver = Fallback(other={"kind": "hertz", "modulus": "35.3 GPa"}).other
+step: Surface = Step(height="2 nm").make()

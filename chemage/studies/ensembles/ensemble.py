@@ -82,7 +82,9 @@ class Ensemble(Record):
     stopped: str = ""
     """why sampling ended, in words"""
     notes: tuple[str, ...] = ()
+    """what the user should know of it, in words"""
     provenance: Plain = {}
+    """how it was made: plain JSON values"""
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,8 @@ import numpy as np
 from chemage.contacts.solution import MEASURES
 from chemage.foundation.checks import checked_count
 from chemage.foundation.errors import InputError
+from chemage.foundation.statistics import NORMAL_LIMIT
+from chemage.foundation.text import percent
 from chemage.foundation.threads import available
 from chemage.lattices.independent import (
     expected_kinetics,
@@ -46,6 +48,8 @@ from chemage.studies.trade import TradeMap
 
 #: scatter of a quantity between surfaces that is expected where nothing is known, over the mean
 SCATTER = 0.05
+#: fewer bonds than 1 in this many are no answer, also where sites that interact form some more than is expected
+NO_BOND = 10.0
 
 
 def time_text(seconds: float) -> str:
@@ -132,7 +136,7 @@ class Request:
                     "accuracy or a budget"
                 )
             measurements.check(scene, options.map or "the map")
-        return cls(
+        request = cls(
             scene,
             random,
             quantities,
@@ -142,6 +146,73 @@ class Request:
             options.most,
             measurements,
         )
+        if wishes and options.budget is None:
+            request._refuse_unreachable()
+        return request
+
+    def approximation(self) -> np.ndarray:
+        """(quantities,) relative standard errors that approximate components of the scene declare; nan: not known."""
+        total = np.zeros(self.quantities.count)
+        for _, errors in self._declared():
+            total += errors**2
+        return np.sqrt(total)
+
+    def _declared(self) -> Iterator[tuple[str, np.ndarray]]:
+        """The same of each of them."""
+        for component in self.scene.components():
+            ageing = self.scene.ageing
+            replicates = ageing is not None and ageing.replicates
+            if component.exact or (component is ageing and replicates):
+                continue
+            declared = component.declared_error
+            errors = self.quantities.columns(
+                {} if declared is None else {"friction_drop": declared}
+            )
+            if component not in (self.scene.surface, self.scene.contact):
+                # the contact is solved before
+                errors[self.quantities.curve.stop :] = 0.0
+            yield f"{component.role} {component.kind!r}", errors
+
+    def _refuse_unreachable(self) -> None:
+        """Raise an InputError where what is asked has no answer, as far as that is known before."""
+        total = NORMAL_LIMIT * self.approximation()
+        curve = self.quantities.curve
+        scatter = _replicas(self.scene, cost(self.scene), self)
+        for goal in self.goals:
+            asked = f"accuracy.{goal.name} = {100 * goal.accuracy:g} %"
+            on = (
+                self.quantities.fitted
+                if goal.column < curve.start
+                else goal.column - curve.start
+            )
+            bare = (
+                scatter[curve][on] ** 2 > NO_BOND * self.most
+                if goal.column < curve.stop
+                else np.False_
+            )
+            if bare.all():
+                raise InputError(
+                    f"{asked}: no bond is expected to form in time on {self.most:,} {self.counted}, so that its mean is 0 "
+                    "within its interval; ask at a later hold time or a higher temperature"
+                )
+            if total[goal.column] < goal.accuracy:
+                continue
+            parts = [
+                (part, errors[goal.column])
+                for part, errors in self._declared()
+                if errors[goal.column] != 0
+            ]
+            if unknown := [part for part, error in parts if math.isnan(error)]:
+                number = ", or give a number of surfaces" if self.random else ""
+                raise InputError(
+                    f"{asked}: an approximate part of the scene does not say how large its error of this quantity is; "
+                    f"replace {unknown[0]} by an exact one{number}"
+                )
+            listed = ", ".join(f"{part} {percent(error)}" for part, error in parts)
+            raise InputError(
+                f"{asked}: errors that no number of {self.counted} makes smaller are larger, ± {percent(total[goal.column])} "
+                f"(standard errors: {listed}); ask for a wider interval, or use exact parts"
+            )
 
     @property
     def counted(self) -> str:

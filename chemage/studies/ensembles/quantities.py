@@ -17,7 +17,13 @@ from typing import Any
 
 import numpy as np
 
-from chemage.ageing.fitting import BETA, DROPS, few_hold_times, line_slopes
+from chemage.ageing.fitting import (
+    BETA,
+    DROPS,
+    few_hold_times,
+    line_slopes,
+    why_not_fitted,
+)
 from chemage.contacts.solution import FLOW_MEASURES, MEASURES
 from chemage.foundation.checks import within
 from chemage.foundation.errors import InputError, nearest
@@ -218,7 +224,7 @@ class Quantities:
         """
         if name not in self.names:
             raise InputError(
-                f"accuracy.{name}: no such quantity{nearest(name, self.names)}; this scene has {', '.join(self.names)}"
+                f"accuracy.{name}: {self._why_not(name)}; this scene has {', '.join(self.names)}"
             )
         if name in DROPS:
             return self.curve.start + self._moment(name, time)
@@ -227,6 +233,25 @@ class Quantities:
                 f"accuracy.{name}: does not depend on the hold time; leave out the part after @"
             )
         return 0 if name == "beta" else self.curve.stop + self.measures.index(name)
+
+    def _why_not(self, name: str) -> str:
+        """Why the scene does not have a quantity, and the remedy."""
+        if name != BETA.name and name not in DROPS:
+            return f"no such quantity{nearest(name, self.names)}"
+        if not self.hold_times.size:
+            return "this scene solves the contact alone; for friction add [forming], [engine] and [hold]"
+        if self.load <= 0:
+            return "there is no coefficient of friction without a load; give one"
+        return f"it cannot be fitted: {why_not_fitted(self.hold_times, self.window)}"
+
+    def columns(self, errors: Mapping[str, float]) -> np.ndarray:
+        """(count,) errors of β and of ΔF by name as one number for each quantity; nan where nothing is known."""
+        columns = np.full(self.count, np.nan)
+        if self.has_beta and "beta" in errors:
+            columns[0] = errors["beta"]
+        if "friction_drop" in errors:
+            columns[self.curve] = errors["friction_drop"]
+        return columns
 
     def asked(self, text: str) -> int:
         """The column of a quantity written as ``name`` or ``name@time``."""

@@ -313,7 +313,7 @@ class Sampler(Design):
     def possible_routes(self) -> list[stages.Route]:
         """Ways to the answer, the one without corrections first."""
         ways = self.request.computations()
-        base = np.hypot(self._approximation(), self._barriers)
+        base = np.hypot(self.request.approximation(), self._barriers)
         coarse, fine = ways[0], ways[-1]
         row = self._quantities.row
         single = SurfaceLevel(SAMPLING, row, self._samples(coarse, 0, SAMPLING))
@@ -379,43 +379,9 @@ class Sampler(Design):
                 strict=True,
             )
         )
-        return self._columns(
+        return self._quantities.columns(
             self.scene.surface.coarser_errors(computation.factor, measures)
         )
-
-    def _approximation(self) -> np.ndarray:
-        """(quantities,) relative standard errors that approximate components of the scene declare."""
-        total = np.zeros(self._quantities.count)
-        for component in self.scene.components():
-            method = component is self.scene.ageing
-            if component.exact or (
-                method
-                and self.scene.ageing is not None
-                and self.scene.ageing.replicates
-            ):
-                continue
-            declared = component.declared_error
-            errors = self._columns(
-                {} if declared is None else {"friction_drop": declared}
-            )
-            if (
-                component is not self.scene.surface
-                and component is not self.scene.contact
-            ):
-                errors[self._quantities.curve.stop :] = (
-                    0.0  # the contact is solved before
-                )
-            total += errors**2
-        return np.sqrt(total)
-
-    def _columns(self, errors: Mapping[str, float]) -> np.ndarray:
-        """Errors by name as one number for each quantity; nan where nothing is known."""
-        columns = np.full(self._quantities.count, np.nan)
-        if self._quantities.has_beta and "beta" in errors:
-            columns[0] = errors["beta"]
-        if "friction_drop" in errors:
-            columns[self._quantities.curve] = errors["friction_drop"]
-        return columns
 
     # -- progress and messages ----------------------------------------------------------------------------------------
 
@@ -525,7 +491,7 @@ class Sampler(Design):
             else:
                 inside = within(parts, self._quantities) or inside
         errors, how = {}, {}
-        approximation = self._approximation()
+        approximation = self.request.approximation()
         if not np.all(approximation == 0):
             errors["approximation"], how["approximation"] = (
                 approximation,

@@ -8,7 +8,10 @@ import pytest
 
 import chemage as ca
 from chemage import Ensemble, InputError, ensemble
+from chemage.plugin import registry
 from chemage.studies.ensembles import running
+from chemage.studies.ensembles.goals import with_request
+from chemage.studies.ensembles.planning import plan
 
 ROUGH = {
     "name": "small",
@@ -152,6 +155,42 @@ def test_what_cannot_be_asked_is_refused_in_words(rough, arguments, message):
     with pytest.raises(InputError) as caught:
         ensemble(rough, **arguments)
     assert message in str(caught.value)
+
+
+ALONE = {name: ROUGH[name] for name in ("name", "surface", "contact")}
+ONE_TIME = {**ROUGH, "hold": {"start": 1.0, "stop": 1.0}}
+
+
+@pytest.mark.parametrize(
+    ("scene", "name", "message"),
+    [
+        (ALONE, "friction_drop", "for friction add [forming], [engine] and [hold]; this scene has area_fraction,"),
+        (ALONE, "beta", "for friction add [forming], [engine] and [hold]"),
+        (ONE_TIME, "beta", "it cannot be fitted: no hold time lies between 10 and 10000 s"),
+        ({**ROUGH, "ageing": {"kind": "closure"}}, "friction_drop", "(standard errors: ageing 'closure' 14 %); ask for a"),
+        ({**TIP, "ageing": {"kind": "closure"}}, "friction_drop@1e4 s", "errors that no number of replicas makes smaller"),
+        ({**ROUGH, "engine": {"kind": "guessing"}}, "friction_drop", "replace engine 'guessing' by an exact one, or give"),
+        ({**TIP, "engine": {"kind": "guessing"}}, "friction_drop", "replace engine 'guessing' by an exact one"),
+        ({**ROUGH, "hold": {**ROUGH["hold"], "temperature": 100.0}}, "friction_drop", "ask at a later hold time or a"),
+    ],
+)  # fmt: skip
+@pytest.mark.filterwarnings("ignore::chemage.PlanWarning")
+def test_an_accuracy_without_an_answer_is_refused_before_anything_is_computed(scene, name, message, monkeypatch):
+    class Guessing(type(ca.engine("independent"))):
+        """An engine that does not say how wrong it is."""
+
+        kind = "guessing"
+        exact = False
+        declared_error = None
+
+    with registry.using(registry.Registry()):
+        ca.register(Guessing)
+        asked = with_request(ca.parse_scene(scene).completed(), accuracy={name: "20 %"})
+        monkeypatch.setattr(running, "carry_out", lambda *arguments, **options: pytest.fail("it is computed"))
+        for refused in (lambda: ensemble(asked), lambda: plan(asked)):
+            with pytest.raises(InputError) as caught:
+                refused()
+            assert message in str(caught.value)
 
 
 def test_a_load_of_zero_has_no_relative_accuracy():
