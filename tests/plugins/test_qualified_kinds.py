@@ -254,6 +254,23 @@ def test_commands_take_the_qualified_kind(both, command, tmp_path):
     ]
 
 
+def test_a_scene_that_a_package_brings_means_its_own_kinds(site):
+    import tomli_w
+
+    brings = "\n\n@hookimpl\ndef chemage_scenes():\n    return {{'{name}-scene': 'chemage_{name}:scene.toml'}}\n"
+    for name in ("grit", "sand"):
+        text = PACKAGE.format(name=name, modulus=1.0) + brings.format(name=name)
+        files = {"__init__.py": text, "scene.toml": tomli_w.dumps(scene("gaussian", "winkler"))}
+        files = {f"chemage_{name}/{file}": text for file, text in files.items()}
+        site.install(f"chemage-{name}", files, {name: f"chemage_{name}"})
+    with registry.using(registry.Registry()):
+        for name in ("grit", "sand"):
+            for preferred in ((), ("grit",), ("sand",)):
+                with ca.prefer_plugins(*preferred):
+                    parts = ca.load_scene(f"{name}-scene").parts
+                assert {type(parts[part]).__module__ for part in ("forming", "contact")} == {f"chemage_{name}"}
+
+
 def test_plugins_check_says_which_kind_is_meant(both, command):
     done = command("plugins", "check")
     assert done.status == 0, done.out
