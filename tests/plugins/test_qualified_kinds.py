@@ -218,22 +218,7 @@ def test_commands_take_the_qualified_kind(both, command, tmp_path):
     import tomli_w
 
     path = tmp_path / "mine.toml"
-    path.write_text(tomli_w.dumps(scene("gaussian")))
-    done = command(
-        "run",
-        path,
-        "--json",
-        "--no-figures",
-        "--out",
-        tmp_path / "a.h5",
-        "--set",
-        "contact.kind=sand:winkler",
-        "--set",
-        "contact.modulus=false",
-    )
-    assert done.status == 2  # hertz has a modulus, these have none
-    text = tomli_w.dumps(scene("gaussian", "grit:winkler"))
-    path.write_text(text)
+    path.write_text(tomli_w.dumps(scene("gaussian", "grit:winkler")))
     words = ("--json", "--no-figures", "--out", tmp_path / "b.h5", "--set", "contact.kind=sand:winkler")
     done = command("run", path, *words)
     assert done.status == 0, done.err
@@ -241,7 +226,6 @@ def test_commands_take_the_qualified_kind(both, command, tmp_path):
     listed = json.loads(command("plugins", "list", "--json").out)["components"]
     kinds = {(row["kind"], row["plugin"]) for row in listed}
     assert {("gaussian", "bonds"), ("grit:gaussian", "grit"), ("sand:winkler", "sand")} <= kinds
-    assert "from grit" not in command("plugins", "show", "sand:winkler").out
     shown = command("plugins", "show", "sand:winkler")
     assert shown.out.startswith("contact sand:winkler  (chemage-sand 1.0)")
     assert 'write "grit:winkler"' in command("plugins", "show", "winkler").err
