@@ -56,8 +56,8 @@ class PluginRecord:
     def own_kind(self, role: str, kind: str) -> str:
         """Its own name of ``kind``, which may be qualified; empty where it offers none of that name."""
         kinds = self.kinds.get(role, {})
-        plain = kind if kind in kinds else kind.removeprefix(f"{self.owner}:")
-        return plain if plain in kinds else ""
+        owner, _, plain = ("", "", kind) if kind in kinds else kind.partition(":")
+        return plain if plain in kinds and owner in ("", self.owner) else ""
 
     def spelled(self, kind: str) -> str:
         """How a scene names its ``kind``, with where it is from."""

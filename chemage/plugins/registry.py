@@ -875,7 +875,9 @@ def _spelling(cls: Any, everywhere: bool) -> str:
     if record is None or record.component is not None:
         return cls.kind
     if record.owner == OWN and (
-        everywhere or plugins.offer(cls.role, cls.kind) is record
+        everywhere
+        or not context.preference()
+        or plugins.offer(cls.role, cls.kind) is record
     ):
         return cls.kind
     return f"{record.owner}:{cls.kind}"

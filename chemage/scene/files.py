@@ -29,6 +29,7 @@ from chemage.foundation.files import DEEPEST, MOST_NAMES, check_data, described
 from chemage.foundation.units import in_words, is_file_path
 from chemage.plugins import context, registry
 from chemage.plugins.hooks import BOTTOM, TOP, Stage
+from chemage.plugins.loading import OWN
 from chemage.plugins.options import PluginOptions, options_for
 from chemage.scene.materials import MaterialValue, filled
 from chemage.scene.scene import Scene
@@ -373,10 +374,30 @@ def _parsed(where: str | Path) -> tuple[dict[str, Any], str, Path | None]:
         except StoreError as error:
             raise StoreError(f"{error}: it cannot be read as a scene") from None
     data = parse_toml(text, source)
+    if folder is None and (record := plugins.target("scenes", source)[0]).owner != OWN:
+        _qualify(data, record)
     data.setdefault(
         "name", os.fsencode(path.stem).decode(errors="replace")
     )  # also where the locale is ASCII
     return data, source, folder
+
+
+def _qualify(data: dict[str, Any], brought_by: registry.PluginRecord) -> None:
+    """Let a kind that several plugins have be that of the plugin whose scene it is."""
+    plugins = registry.current()
+    for stage in plugins.stages():
+        for name, role in {**stage.parts, stage.section: stage.role}.items():
+            section = data.get(name)
+            for table in section if isinstance(section, list) else [section]:
+                if not isinstance(table, dict):
+                    continue
+                kind = table.get("kind")
+                if (
+                    isinstance(kind, str)
+                    and brought_by.own_kind(role, kind) == kind
+                    and len(plugins.offers(role, kind)) > 1
+                ):
+                    table["kind"] = f"{brought_by.owner}:{kind}"
 
 
 def _is_there(path: Path) -> bool:
