@@ -91,10 +91,10 @@ class Chemistry(Component):
     hydroxylation: float = Field(default=1.0, ge=0, le=1)
     """probability that a site in contact is reactive"""
     site_density: Annotated[
-        Density, UnitOrWord(("pixel", "surface"), "1/nm**2", gt=0)
+        Density, UnitOrWord(("pixel", "given"), "1/nm**2", gt=0)
     ] = SITE_DENSITY
     """sites per nm²; where their spacing differs from the pixels of the contact, the pressure is reconstructed below
-    the pixel, or averaged; "pixel": one site per pixel, whatever its size; "surface": those that the surface has"""
+    the pixel, or averaged; "pixel": one site per pixel, whatever its size; "given": those that the surface gives"""
     tensile_sites: bool = True
     """whether sites of an adhesive contact react that are in contact under tension, with a barrier that is raised by
     ΔV times that tension; no: those under pressure alone"""
@@ -166,7 +166,7 @@ class Chemistry(Component):
             return {"words": f"{self.site_density} per nm² of contact, no grid"}
         solution = cast("ContactSolution", contact)
         sites = self.sites_of(solution)
-        if self.site_density == "surface":
+        if self.site_density == "given":
             return {"words": sites.words, "touching": sites.sites.size}
         return {} if sites.words == ONE_PER_PIXEL else sites.describe(solution)
 
@@ -314,9 +314,9 @@ def contact_statistics(
         Chemistry,
         "make one with chemage.chemistry(forming=...)",
     )
-    if chemistry.site_density == "surface":
+    if chemistry.site_density == "given":
         raise InputError(
-            "site_density = 'surface': the sites of a surface have no statistics by pressure; simulate every site, "
+            "site_density = 'given': the sites of a surface have no statistics by pressure; simulate every site, "
             "without [ageing]"
         )
     sites = chemistry.sites_of(contact)

@@ -70,7 +70,7 @@ class _Chemistry(Stage):
         ends: dict[str, Any] = {}
         if not (grids and grids[0] == grids[1]):
             ends[self.key] = {"sites": grids[1] if grids else chemistry.site_density}
-        elif chemistry.site_density == "surface":
+        elif chemistry.site_density == "given":
             ends[self.key] = {"sites": chemistry.site_density}
         if limits := chemistry.given_limits():
             ends["result"] = limits
@@ -105,7 +105,7 @@ class _Chemistry(Stage):
             whole = contact["nominal_area"] * density
         elif whole and grids:
             whole = float(grids[1][0] * grids[1][1])
-        if density == "surface":
+        if density == "given":
             whole = stated["surface"].get("sites")
         if fraction is not None and whole:
             numbers["sites"] = fraction * whole * chemistry.hydroxylation
@@ -127,13 +127,12 @@ class _Chemistry(Stage):
         from chemage.foundation.errors import InputError
         from chemage.lattices.site_grid import SITE_POSITIONS, adhering
 
-        grids = parts.get("grids")
-        maker = parts["surface"]
-        own = parts[self.section].site_density == "surface"
-        if own and SITE_POSITIONS not in maker.outputs:
+        grids, maker = parts.get("grids"), parts["surface"]
+        density = getattr(parts.get(self.section), "site_density", None)
+        if density == "given" and SITE_POSITIONS not in maker.outputs:
             raise InputError.of(
                 "site_density",
-                "surface",
+                density,
                 f"surface {maker.kind!r} has no sites",
                 "use one that has, or give sites per nm²",
             )
@@ -142,7 +141,6 @@ class _Chemistry(Stage):
             and parts["contact"].adheres
             and grids[1][0] * grids[1][1] > grids[0][0] * grids[0][1]
         ):
-            density = parts[self.section].site_density
             raise InputError.of(
                 "site_density",
                 density,
@@ -196,7 +194,7 @@ class _Chemistry(Stage):
                 stated["surface"]["pixel_size"], chemistry.site_density
             )
             rows["sites"] = in_words(*grids, gap=gap, ratio=ratio)
-        if chemistry.site_density == "surface":
+        if chemistry.site_density == "given":
             rows["sites"] = "those of the surface"
         return rows
 

@@ -51,7 +51,7 @@ APART = 0.23
 #: passes in which the rim and its normal are found
 PASSES = 2
 
-Density = float | Literal["pixel", "surface"]
+Density = float | Literal["pixel", "given"]
 #: what a surface records that has sites of its own: their positions, (n, 2) nm from the corner of its grid
 SITE_POSITIONS = "site_positions"
 #: how sites belong to pixels: each is a pixel; the rim is found between pixels; each has many pixels
@@ -62,7 +62,7 @@ def site_shape(
     pixels: tuple[int, int], pixel_size: float, density: Density
 ) -> tuple[int, int]:
     """The grid of sites on a contact of ``pixels`` of ``pixel_size`` nm: the pixels themselves where ``density`` is
-    "pixel" or "surface", or where the spacing of ``density`` (1/nm²) agrees with them within half a percent.
+    "pixel" or "given", or where the spacing of ``density`` (1/nm²) agrees with them within half a percent.
 
     The number of sites along a side is rounded, so that the grid is as periodic as the contact.
 
@@ -214,7 +214,7 @@ _kept: OncePerObject[ContactSites] = OncePerObject()
 def contact_sites(
     contact: ContactSolution, density: Density, pressed: bool = False
 ) -> ContactSites:
-    """The sites of ``density`` (1/nm², "pixel", or "surface") that are in contact, and their pressures.
+    """The sites of ``density`` (1/nm², "pixel", or "given") that are in contact, and their pressures.
 
     Site (0, 0) is at pixel (0, 0) of a periodic contact; on one that is not, both grids cover the same square. Where
     both grids are the same, the pressures are those of the pixels. Otherwise the rim is found between the pixels: with
@@ -229,7 +229,7 @@ def contact_sites(
     Where the surfaces adhere there is tension at the rim and no such law of it: sites are pixels, or larger than they
     are and averaged. With ``pressed`` those under tension are left out.
 
-    Sites of the "surface" are the pixels in which its makers recorded one, as :data:`SITE_POSITIONS`.
+    "given" sites are the pixels in which its makers recorded one, as :data:`SITE_POSITIONS`.
 
     Raises
     ------
@@ -281,7 +281,7 @@ def _made(contact: ContactSolution, density: Density, pressed: bool) -> ContactS
         contact.gap is not None,
         nominal_ratio(contact.pixel_size, density),
     )
-    if density == "surface":
+    if density == "given":
         own = _of_surface(contact)
         there = np.isin(sites, own)
         sites, pressure = sites[there], pressure[there]
@@ -299,7 +299,7 @@ def _of_surface(contact: ContactSolution) -> np.ndarray:
     positions = contact.observables.get(SITE_POSITIONS)
     if positions is None:
         raise InputError(
-            'site_density = "surface": this surface has no sites; use one that has, and solve the contact with '
+            'site_density = "given": this surface has no sites; use one that has, and solve the contact with '
             "chemage.solve_contact"
         )
     x, y = (positions // contact.pixel_size).astype(np.int64).T

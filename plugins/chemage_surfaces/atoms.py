@@ -81,7 +81,7 @@ class Atoms(SurfaceMaker):
     The axes a and b of the cell lie along x and y. Where both are periodic the surface is; its pixels are at most as
     large as ``resolution``, so that they fit the cell. The highest point is at height 0. The atoms that the probe
     touches are the uppermost ones; the positions of those among them that are ``sites`` are recorded, for
-    ``site_density = "surface"`` in ``[chemistry]``. The seed is ignored.
+    ``site_density = "given"`` in ``[chemistry]``. The seed is ignored.
     """
 
     kind = "atoms"

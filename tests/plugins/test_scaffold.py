@@ -12,7 +12,6 @@ import pytest
 
 import chemage
 from chemage import InputError
-from chemage.foundation.units import unit_of
 from chemage.plugin import API_VERSION, registry
 
 #: one process for the plugins of all roles, because it takes longer to start than most of their tests to run
@@ -93,7 +92,7 @@ def test_what_new_plugins_describe_in_a_unit_is_a_quantity_in_that_unit():
             exec(text.format(cls="Made", kind="made"), names)
         options = re.findall(r'^    (\w+): .*\n    """.*, (nm|eV|GPa|s|nN)"""$', text, re.M)
         for name, unit in options:
-            assert unit_of(names["Made"].model_fields[name]) == unit
+            assert names["Made"].model_json_schema()["properties"][name]["unit"] == unit
         described |= {role for _ in options}
     assert {"rupture", "surface", "barriers", "contact", "interaction"} <= described
 

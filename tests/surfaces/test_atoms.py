@@ -143,7 +143,7 @@ SCENE = {
     "name": "hydroxyls",
     "contact": {"kind": "fft-bem", "modulus": 35.3, "load": "200 nN"},
     "forming": {"kind": "uniform", "lower": 0.6, "upper": 0.8},
-    "chemistry": {"site_density": "surface", "activation_volume": "1 angstrom**3"},
+    "chemistry": {"site_density": "given", "activation_volume": "1 angstrom**3"},
     "engine": {"kind": "independent"},
     "hold": {"start": 1, "stop": 1e3, "per_decade": 1, "replicas": 2},
 }
@@ -176,7 +176,7 @@ def test_a_surface_without_sites_and_sites_that_share_a_pixel_are_refused():
     ball = {"kind": "sphere", "radius": 30, "pixels": 32, "pixel_size": 0.45}
     with pytest.raises(InputError, match="surface 'sphere' has no sites; use one that has, or give sites per nm²"):
         ca.plugin.plan(ca.parse_scene({**SCENE, "surface": ball}).completed())
-    chemistry = ca.chemistry(forming=ca.barriers("uniform", lower=1, upper=2), site_density="surface")
+    chemistry = ca.chemistry(forming=ca.barriers("uniform", lower=1, upper=2), site_density="given")
     tip = ca.surface(**ball).make()
     with pytest.raises(InputError, match="this surface has no sites"):
         chemistry.on(ca.solve_contact(ca.contact("hertz", modulus=35), tip, 1))

@@ -123,8 +123,10 @@ def test_too_many_surfaces_and_too_few_bonds_are_said_before(scene):
     assert "surfaces (" in note
     assert "100 are allowed; ask for a wider interval, or allow more with [ensemble] most" in note
     early = ca.parse_scene({**DATA, "hold": {**DATA["hold"], "start": 1e-9}})
-    *_, note = planned(early, accuracy={"friction_drop@1e-9 s": 0.05}).notes
+    *_, note = planned(early, accuracy={"friction_drop@1e-7 s": 0.05}).notes
     assert "its mean is expected to be 0 within its interval" in note
+    with pytest.raises(ca.InputError, match="no bond is expected to form in time on 10,000 surfaces"):
+        planned(early, accuracy={"friction_drop@1e-9 s": 0.05})
 
 
 def test_memory_is_that_of_the_surfaces_at_the_same_time(scene, monkeypatch):
