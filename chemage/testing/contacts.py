@@ -114,7 +114,7 @@ class ContactChecks(Checks[ContactSolver], of=ContactSolver):
         own = (
             rough_surface(),
             paraboloid(),
-            rough_surface((25, 36), seed=3),
+            rough_surface((27, 36), seed=3),
             rough_surface((20, 31), seed=4, periodic=False),
         )
         for surface in (*surfaces, *own):
