@@ -173,7 +173,7 @@ def _replicas() -> Iterator[tuple[str, Bonded]]:
 
 
 def _on_pixels(pressures: np.ndarray, size: float, periodic: bool) -> Bonded:
-    """A replica with sites every 0.5 nm, under ``pressures`` (4, 4) of squares of 1 nm, in pixels of ``size`` nm."""
+    """A replica with sites every 0.5 nm, under the pressures (4, 4) of squares of 1 nm, in pixels of ``size`` nm."""
     replica = Trial().replica()
     pressure, fine = (
         np.kron(pressures, np.ones((round(1 / edge),) * 2)) for edge in (size, 0.5)

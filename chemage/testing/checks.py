@@ -556,8 +556,8 @@ def dimensions(unit: str) -> Dimensions:
 
     found: dict[str, Any] = dict(units().parse_units(unit).dimensionality)
     names = ("[mass]", "[length]", "[time]", "[temperature]")
-    powers = [float(found.pop(name, 0)) for name in names]
-    return Dimensions(*powers, bool(found))
+    mass, length, time, kelvin = (float(found.pop(name, 0)) for name in names)
+    return Dimensions(mass, length, time, kelvin, bool(found))
 
 
 def binomial_chance(count: int, of: int, probability: float) -> float:

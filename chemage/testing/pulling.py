@@ -183,6 +183,18 @@ class PullingChecks(Checks[Pulling], of=Pulling):
             yield f"{4 * number} sites", ask(number)
             yield f"{4 * number} sites {what}", ask(number, **change)
 
+    calls_are_independent = independent_calls
+
+    def seeds_decide_the_noise(self) -> None:
+        """The same seed gives the same pull, another one another."""
+        lattice, _ = USUALLY.placed(USUAL, 40)
+        drive, times = _drive(USUALLY), np.array([1e-4])
+        seeds_are_harmless(
+            lambda seed: _bytes(self._run(lattice, drive, times, seed=seed)),
+            "a pull",
+            chance=True,
+        )
+
     @known
     def bonds_break_as_their_barrier_falls(self) -> None:
         """Of bonds that are stretched at a constant speed, as many are left as the integral of their rate says, for
@@ -394,18 +406,6 @@ class PullingChecks(Checks[Pulling], of=Pulling):
             none.peak == 0 and not none.bonds.any(),
             "a contact without a bond carries a force",
         )
-
-    def seeds_decide_the_noise(self) -> None:
-        """The same seed gives the same pull, another one another."""
-        lattice, _ = USUALLY.placed(USUAL, 40)
-        drive, times = _drive(USUALLY), np.array([1e-4])
-        seeds_are_harmless(
-            lambda seed: _bytes(self._run(lattice, drive, times, seed=seed)),
-            "a pull",
-            chance=True,
-        )
-
-    calls_are_independent = independent_calls
 
     def what_cannot_be_pulled_is_refused(self) -> None:
         """Bonds that last, times before the start and new partners that are not given are refused."""

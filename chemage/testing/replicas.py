@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import islice, product
 from operator import attrgetter
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from chemage.ageing.age import age
 from chemage.ageing.aging import Aging
@@ -67,7 +68,7 @@ def changed(replica: Bonded, **changes: Mapping[str, Any]) -> Bonded:
 
 
 def held(
-    replica: Bonded, times: Sequence[float], bonds: Sequence[int], passed: Any = 0
+    replica: Bonded, times: ArrayLike, bonds: ArrayLike, passed: Any = 0
 ) -> Bonded:
     """The replica with so many bonds at each of ``times`` (s), and ``passed`` (m,) that formed and broke before."""
     counts = np.array(bonds, np.int64)

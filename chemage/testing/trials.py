@@ -131,7 +131,7 @@ class Trial:
     sites: int = 40
     """of a replica, at most; they are scattered, the last one of the grid is among them"""
     idle: int = 0
-    """sites that never react, among groups of sites that do, see :meth:`placed`"""
+    """sites that never react, between groups of sites that do, see :meth:`placed`"""
     bonded: int = 17
     """sites that have a bond at the end, at most"""
     hydroxylation: float = 1.0
@@ -250,14 +250,14 @@ class Trial:
     def placed(
         self, group: Group, copies: int = COPIES, slots: int = 0
     ) -> tuple[ReactionLattice, np.ndarray]:
-        """``copies`` of a group of sites, none coupled to another, among the ``idle`` ones, and their places in the list
-        of sites. See :meth:`Group.lattice` for ``slots``."""
+        """``copies`` of a group of sites, none coupled to another, and their places in the list of sites: half of them
+        before and half behind the ``idle`` ones. See :meth:`Group.lattice` for ``slots``."""
         near = group.lattice(copies, self.attempt_frequency, slots, self.seed)
         n = near.sites.size
         if not self.idle and self.spacing >= 1.0:
             return near, np.arange(n)
         total = n + self.idle
-        places = np.linspace(0, total - 1, n).astype(np.int64)
+        places = np.arange(n) + self.idle * (np.arange(n) >= n // 2)
 
         def among(values: np.ndarray, others: float) -> np.ndarray:
             every = np.full((total, *values.shape[1:]), others, values.dtype)

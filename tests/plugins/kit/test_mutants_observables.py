@@ -262,8 +262,9 @@ def counting(name: str, change: Any) -> Any:
     return mutant(Watch, name, measure=measure)()
 
 
-def _by_lattice(self, contact, lattice, history):
-    return _kept.setdefault(lattice.digest(), Watch.measure(self, contact, lattice, history))
+def _kept_rate(self, contact, lattice, history):
+    key = (contact.digest(), lattice.digest(), history.bonds.tobytes())
+    return _kept.setdefault(key, Watch.measure(self, contact, lattice, history))
 
 
 def _before(contact, lattice, history):
@@ -319,8 +320,8 @@ CONDITIONS: dict[str, tuple[Any, str]] = {
         "sites_may_be_many",
     ),
     "bonds in 16 bits": (lambda: counting("bits", lambda n, his: n.astype(np.int16)), "sites_may_be_many"),
-    "kept by the lattice": (
-        lambda: mutant(Watch, "kept", measure=_by_lattice)(),
+    "kept without the temperature": (
+        lambda: mutant(Watch, "kept", measure=_kept_rate)(),
         "answers_do_not_depend_on_what_was_asked_before",
     ),
     "the temperature of the call before": (lambda: watching("before", kelvin=_before), "calls_are_independent"),

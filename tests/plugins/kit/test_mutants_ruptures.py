@@ -176,7 +176,7 @@ class Tabulated(Loaded):
 
     kind = "tabulated"
 
-    def strength(self, bonded, **assumed):
+    def strength(self, bonded, **assumed):  # pyright: ignore[reportIncompatibleMethodOverride]
         lattice, kt = bonded.lattice, KB * bonded.temperature
         barriers = np.full(lattice.sites.size, self.barrier) if lattice.breaking is None else lattice.breaking
         table = np.linspace(0.01, 6.0, 4000)
