@@ -336,11 +336,11 @@ _POWER = re.compile(r"(?:(?<=\d)\s*[×x·*]\s*|^)10\s?\^\s?\(?([-+]?\d+)\)?", re
 _SUPERSCRIPTS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺", "0123456789-+")
 
 
-@lru_cache(maxsize=1024)
 def _plain(text: str) -> str:
     """A number as a text has it, with e for powers of ten."""
-    text = re.sub(r"\+ ?/? ?-", "±", text)
-    if "10" in text:
+    if "+" in text:
+        text = re.sub(r"\+ ?/? ?-", "±", text)
+    if not text.isascii() or "10^" in text:
         text = re.sub(
             "10([⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺]+)",
             lambda power: f"10^{power[1].translate(_SUPERSCRIPTS)}",
@@ -352,6 +352,7 @@ def _plain(text: str) -> str:
     return text
 
 
+@lru_cache(maxsize=4096)
 def _matched(text: str) -> re.Match[str] | None:
     return _CELL.fullmatch(_plain(text)) if len(text) <= _LONGEST else None
 
