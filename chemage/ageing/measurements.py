@@ -446,7 +446,7 @@ class _Reading:
             first = times == times[0]
             start, count_ = float(values[first].mean()), int(first.sum())
             notes.append(
-                f"values are rises above {start:.4g} at {times[0]:g} s, without what formed before"
+                f"values are rises above {start:.4g} at {times[0]:g} s: sites that bonded before are not counted"
             )
             if error is not None:
                 shared = float(np.sqrt((error[first] ** 2).sum()) / count_)

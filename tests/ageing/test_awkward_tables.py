@@ -222,7 +222,7 @@ def test_what_a_table_does_not_say_is_asked_for(tmp_path, name):
         ("replicates with their mean", "2 columns left out: mean, std"),
         ("markers of what is missing", "rows without a value are left out: line 7, line 8, line 9, line 10"),
         ("footnotes", "2 lines without numbers left out: * new tip other sample; † see the lab book"),
-        ("friction above the first point", "rises above 20 at 0.001 s, without what formed before"),
+        ("friction above the first point", "rises above 20 at 0.001 s: sites that bonded before are not counted"),
         ("a load that is merged over rows", "an empty cell of conditions means what is above it: line 3"),
         ("the sheet with hold times", "sheet 'data' is read; 1 others are left out"),
     ],
