@@ -43,13 +43,13 @@ ROLES = {
     "plus": "+|plus|upper|high|up|obere|oberer|oben",
     "minus": "-|minus|lower|low|down|untere|unterer|unten",
     "interval": "ci|CI|confidence interval|limit|bound|grenze|konfidenzintervall|vertrauensbereich",
-    "scatter": "std|sd|SD|s d|stdev|std dev|standard deviation|stabw|standardabw|standardabweichung|scatter|streuung",
+    "scatter": "std|sd|SD|s d|stdev|std dev|standard deviation|stabw|std abw|standardabw|standardabweichung|scatter|streuung",
     "count": "n|N|count|number|anzahl",
     "mean": "mean|average|mittelwert|mittelwerts|mittel|mittlere|mittlerer",
     "relative": "relative|rel|relativer",
     "unclear": "d F|dF|d mu|dmu|d μ|dμ",
-    "": "of|the|in|for|and|der|die|des|force|static|total|standard|run|trial|rep|replicate|repeat|measurement|no|nr|"
-    "messung|lauf|wiederholung",
+    "": "peak|maximum|of|the|in|for|and|der|die|des|force|static|total|standard|run|trial|rep|replicate|repeat|no|nr|"
+    "measurement|messung|lauf|wiederholung",
 }
 #: words of roles in one heading -> the role that they mean together
 _TOGETHER = {
@@ -167,6 +167,8 @@ def heading_of(text: str) -> Heading | None:
     whole = text = " ".join(text.strip(' "*').split())
     if text in ("", "+", "-") or len(text) > _LONGEST:
         return None
+    if (written := re.fullmatch(r"(.*\S) in (\S+)", text)) and _is_unit(written[2]):
+        text = f"{written[1]} ({written[2]})"
     base = sigmas = 0.0
     if log := _LOG.match(text):
         base = _BASES.get(log[1].lower(), 10.0)
@@ -414,7 +416,7 @@ class ColumnTable:
                 raise InputError(
                     f"{where}: {shown(cell)} is not a finite number; leave that row out"
                 )
-            if unit == "%" and target and of is not None:
+            if unit == "%" and of is not None:
                 return number / 100 * abs(of)
             return in_unit(number, unit, name, target, where if own else self.where)
 

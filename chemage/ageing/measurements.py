@@ -386,8 +386,9 @@ class _Reading:
         ((value, error),) = found
         if not self.errors:
             return value, None if error is None else error / sigmas
+        share = None if table.columns[self.value][0].unit == "%" else value
         numbers = [
-            table.number(cells, name, "" if name == "count" else unit, value)
+            table.number(cells, name, "" if name == "count" else unit, share)
             for name in self.errors
         ]
         if self.errors == ("scatter", "count"):

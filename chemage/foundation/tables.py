@@ -195,7 +195,7 @@ def _text_lines(
             ((named(split(part, mark)), mark) for mark in marks if mark),
             key=itemgetter(0),
         )
-        if count < 2 and None in marks:
+        if not count and None in marks:
             count, mark = named(split(part, None)), None
         if count > 1:
             more = [] if lines and part[0] == lines[0] else part

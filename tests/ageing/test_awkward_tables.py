@@ -65,6 +65,8 @@ READ = {
     "names, parts and units below each other": (
         text("t;Friction drop;;load\n;average;std. error;\ns;nN;nN;nN", TIMES, VALUES, ERRORS, [50.0] * 5), {}, {}),
     "log10(t/s)": (text("log10(t/s), ΔF (nN), error (nN)", np.log10(TIMES), VALUES, ERRORS, mark=","), {}, {}),
+    "units after in": (text("Zeit in s;Zunahme der Reibung in nN;Std.Abw. in nN;n", TIMES, VALUES, 2 * ERRORS, [4.0] * 5),
+                       {}, {}),
     "lg t, German": (
         text("lg t [s];Reibkraftanstieg [nN];Fehler [nN]", np.log10(TIMES), VALUES, ERRORS, decimal=","), {}, {}),
     "log10 of minutes": (
@@ -244,3 +246,11 @@ def test_a_coefficient_of_friction_has_an_offset_without_a_unit(tmp_path):
     assert curve.quantity == "friction_coefficient_drop"
     assert curve.values.tolist() == [0.25, 0.5]
     assert math.isclose(ca.read_measurements(file, offset="5 %").values[0], 0.45)
+
+
+@pytest.mark.parametrize(("unit", "error"), [("", 0.01), (" (%)", 5e-4)])
+def test_errors_in_percent_are_shares_of_the_value_unless_it_is_in_percent_too(tmp_path, unit, error):
+    file = written(tmp_path, f"t (s);Δμ{unit};error (%)\n1;0.2;{0.05 if unit else 5}\n10;0.2;{0.05 if unit else 5}\n")
+    found = ca.read_measurements(file).error
+    assert found is not None
+    assert found.tolist() == pytest.approx([error] * 2)
