@@ -12,7 +12,7 @@ import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import pairwise
+from itertools import pairwise, zip_longest
 from statistics import NormalDist
 from typing import Any
 
@@ -155,10 +155,14 @@ class Heading:
 
 _LOG = re.compile(r"(log_?\s?10|log₁₀|lg|ln|log)(?=[\s(\[_])[\s_]*", re.I)
 _BASES = {"lg": 10.0, "ln": math.e, "log": math.nan}
-_LEVEL = re.compile(r"([5-9]\d(?:[.,]\d)?)\s?%(?:[\s-]|$)")
-_SIGMAS = re.compile(r"\b([123])[\s-]?(?=σ|sigma|s\.?d\b|std|stand|s\.?e)", re.I)
-#: what follows a name: a unit in brackets, or after a comma or a slash
-_IN_BRACKETS = re.compile(r"[(\[{]([^()\[\]{}]*)[)\]}]$")
+#: a level of confidence, or a number of standard errors
+_LEVEL = re.compile(
+    r"([5-9]\d(?:[.,]\d)?)\s?%(?:[\s-]|$)|\b([123])[\s-]?(?=σ|sigma|s\.?d\b|std|stand|s\.?e)",
+    re.I,
+)
+_NAME_AND_UNIT = re.compile(
+    r"(?P<name>.*?)\s*(?:[(\[{](?P<inside>[^()\[\]{}]*)[)\]}]|,\s*(?P<after>\S+)|/\s*(?P<below>\S+))"
+)
 
 
 @lru_cache(maxsize=4096)
@@ -177,11 +181,9 @@ def heading_of(text: str) -> Heading | None:
     if base and unit and (log := _LOG.match(unit)):
         unit = unit[log.end() :]
     if level := _LEVEL.search(text):
-        sigmas = NormalDist().inv_cdf(0.5 + float(level[1].replace(",", ".")) / 200)
+        share = float((level[1] or "50").replace(",", ".")) / 100
+        sigmas = float(level[2] or NormalDist().inv_cdf((1 + share) / 2))
         text = text[: level.start()] + text[level.end() :]
-    elif several := _SIGMAS.search(text):
-        sigmas = float(several[1])
-        text = text[: several.start()] + text[several.end() :]
     text, sign, inside = re.sub(r"(?<=\S) ?\+ ?/? ?-", "±", text).partition("±")
     if sign and not text:
         text, inside = sign, ""
@@ -249,25 +251,10 @@ def _unwrapped(text: str) -> str:
 
 def _parted(text: str) -> tuple[str, str | None]:
     """A heading as a name and its unit, in brackets, or after a comma or a slash."""
-    if not text or text in ("+/-", "+ / -"):
+    found = _NAME_AND_UNIT.fullmatch(text)
+    if found is None or text in ("+/-", "+ / -"):
         return text, None
-    brackets = _IN_BRACKETS.search(text)
-    *_, last = text.rsplit(None, 1)
-    begin = len(text) - len(last)
-    head = text[:begin].rstrip()
-    place = begin + min(
-        (at for mark in ",/" if 0 <= (at := last.find(mark)) < len(last) - 1),
-        default=len(last),
-    )
-    if head.endswith(",") or (
-        head.endswith("/") and (begin - len(head) == 1 or head[-2:-1].isspace())
-    ):
-        place = len(head) - 1
-    if place < (brackets.start() if brackets else len(text)):
-        return text[:place].rstrip(), text[place + 1 :].strip()
-    if brackets:
-        return text[: brackets.start()].rstrip(), brackets[1].strip()
-    return text, None
+    return found["name"], (found[found.lastgroup or 0]).strip()
 
 
 def _joined(above: str, below: str) -> str:
@@ -283,15 +270,14 @@ def _joined(above: str, below: str) -> str:
 
 def _stacked(lines: Sequence[Sequence[Cell]]) -> list[str]:
     """The headings of several lines as one; a name stands also for empty cells to its right, as merged cells do."""
-    texts = [str(cell) for cell in lines[0]]
-    for depth, line in enumerate(lines[1:], 1):
-        width = max(len(texts), len(line))
-        texts += [""] * (width - len(texts))
-        below = [*map(str, line), *[""] * (width - len(line))]
-        for at in range(1, width):
-            if not texts[at] and below[at] and depth == 1 and not _is_unit(below[at]):
-                texts[at] = texts[at - 1]
-        texts = [_joined(*pair) for pair in zip(texts, below, strict=True)]
+    texts: list[str] = []
+    for line in lines:
+        name, joined = "", []
+        for above, cell in zip_longest(texts, line, fillvalue=""):
+            below = str(cell)[: _LONGEST + 1]
+            name = above or ("" if _is_unit(below) else name)
+            joined.append(_joined(name, below))
+        texts = joined
     return texts
 
 

@@ -274,9 +274,8 @@ class _Reading:
             )
         kinds = [kind for kind in _KINDS if all(name in columns for name in kind)]
         for kind, remedy in _KINDS.items():
-            if not kinds and kind[0] in columns:
-                heading = columns[kind[0]][0].text
-                raise InputError(f"{where}: {shown(heading)}: {remedy}")
+            for name in () if kinds else columns.keys() - {"count"} & {*kind}:
+                raise InputError(f"{where}: {shown(columns[name][0].text)}: {remedy}")
         errors = kinds[0] if kinds else ()
         if "upper" in errors and not columns["upper"][0].sigmas:
             raise InputError(

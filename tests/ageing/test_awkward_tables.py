@@ -161,6 +161,7 @@ REFUSED = {
     "limits of an unknown interval": (
         "t (s);ΔF (nN);upper (nN);lower (nN)\n1;2;3;1\n10;3;4;2\n", {}, "does not say of which interval"),
     "one limit": ("t (s);ΔF (nN);error + (nN)\n1;2;3\n10;3;4\n", {}, "'error \\+ .nN.': give both sides"),
+    "one error": ("t (s);ΔF (nN);error - (nN)\n1;2;3\n10;3;4\n", {}, "'error - .nN.': give both sides"),
     "a scatter without a number": ("t (s);ΔF (nN);SD\n1;2;3\n10;3;4\n", {}, "add a column n"),
     "an error twice": ("t (s);ΔF (nN);error\n1;2±1;1\n10;3±1;1\n", {}, "line 2: a value with its error, beside"),
     "replicates with errors": ("t (s);ΔF1 (nN);ΔF2 (nN)\n1;2±1;3\n10;3±1;4\n", {}, "line 2: a value with its error"),
