@@ -42,7 +42,6 @@ from chemage.foundation.records import Indices as Indices
 from chemage.lattices.role import Interaction as Interaction
 from chemage.foundation.units import KB as KB
 from chemage.foundation.units import Length as Length
-from chemage.ageing.measurements import MEASURED_COLUMNS as MEASURED_COLUMNS
 from chemage.ageing.observables import Maps as Maps
 from chemage.scene.materials import Material as Material
 from chemage.scene.materials import MaterialValue as MaterialValue
@@ -135,6 +134,7 @@ from chemage.foundation.files import preflight as preflight
 from chemage.foundation import progress as progress
 from chemage.friction.pulling import pull as pull
 from chemage.foundation import random as random
+from chemage.ageing.columns import read_columns as read_columns
 from chemage.ageing.measurements import read_table as read_table
 from chemage.surfaces.reading import reader_for as reader_for
 from chemage.foundation.outputs import record as record

@@ -187,6 +187,21 @@ MeasuredOpt = Annotated[
         "drops; may be repeated",
     ),
 ]
+OffsetOpt = Annotated[
+    str | None,
+    typer.Option(
+        metavar="FRICTION|first",
+        help='friction without ageing, of tables of friction, such as "20 nN" or 0.3, or first: take the rise above the '
+        "first hold time",
+    ),
+]
+SheetOpt = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="sheet of an Excel file; default: the only one with hold times",
+    ),
+]
 FolderOpt = Annotated[
     Path | None,
     typer.Option(

@@ -18,8 +18,10 @@ from chemage.cli.options import (
     FormatOpt,
     JsonOpt,
     MeasuredOpt,
+    OffsetOpt,
     ResultArg,
     ResultsArg,
+    SheetOpt,
     StyleOpt,
     WidthOpt,
     changed_fields,
@@ -214,6 +216,8 @@ def compare(
     font: FontOpt = None,
     style: StyleOpt = None,
     measured: MeasuredOpt = None,
+    offset: OffsetOpt = None,
+    sheet: SheetOpt = None,
     at: Annotated[
         list[str] | None,
         typer.Option(
@@ -235,7 +239,11 @@ def compare(
         raise user_error("--json and --csv: choose one")
     look = Look.of(width, font, style)
     joined = comparison.compare_files(
-        files, measured=measured or (), times=at or comparison.TIMES
+        files,
+        measured=measured or (),
+        times=at or comparison.TIMES,
+        offset=offset,
+        sheet=sheet,
     )
     pictures: list[Path] = []
     if figures is not None:
@@ -262,6 +270,8 @@ def report(
         ),
     ] = Path("report.html"),
     measured: MeasuredOpt = None,
+    offset: OffsetOpt = None,
+    sheet: SheetOpt = None,
     force: ForceOpt = False,
 ) -> None:
     """Write a report of results as an HTML page.
@@ -274,7 +284,14 @@ def report(
     if out not in files:  # which is refused for that reason
         check_ending(out, PAGES, "a report")
     with progress_bars() as bars, reported(bars, "report"):
-        written = write_report(files, out, measured=measured or (), force=force)
+        written = write_report(
+            files,
+            out,
+            measured=measured or (),
+            offset=offset,
+            sheet=sheet,
+            force=force,
+        )
     output.say(written)
 
 

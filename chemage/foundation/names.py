@@ -32,7 +32,8 @@ NAMES = {
     "ageing.fitting": "FIT_WINDOW Fit fit_aging",
     "foundation.checks": "hold_times Seed check_times checked_count checked_seed checked_states force "
     "temperature_value",
-    "ageing.measurements": "MEASURED_COLUMNS Measurements read_measurements read_table",
+    "ageing.columns": "read_columns",
+    "ageing.measurements": "Measurements read_measurements read_table",
     "ageing.methods": "AgedBonds AgeingMethod AgeingRequest ageing_method",
     "ageing.observables": "Maps Observable Observed PlottedResult observable",
     "contacts.options": "ContactModulus contact_modulus",

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import csv
-import difflib
-import math
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import lru_cache
+from collections.abc import Callable, Sequence
+from datetime import datetime, time, timedelta
+from operator import itemgetter
 from os import SEEK_END, PathLike
 from pathlib import Path
 from typing import IO, Any
@@ -19,7 +17,6 @@ import numpy as np
 from chemage.foundation.errors import (
     InputError,
     StoreError,
-    UnitError,
     nearest,
     optional_module,
     shortened,
@@ -27,7 +24,6 @@ from chemage.foundation.errors import (
 )
 from chemage.foundation.files import open_file, read_bytes
 from chemage.foundation.files import read_text as read_text
-from chemage.foundation.units import convert
 
 #: number of a line, from 1, and its text
 Line = tuple[int, str]
@@ -37,8 +33,6 @@ Cell = str | float
 Cells = tuple[int, str, list[Cell]]
 #: lines among which the header is looked for
 _PREAMBLE = 40
-#: rows and columns of a table with names, characters of a name, and ways to write the unit of a column
-_ROWS, _COLUMNS, _LONGEST, _SPELLINGS = 100_000, 1000, 200, 100
 #: of a workbook: its parts, their bytes, cells with their values, other elements, attributes
 _PARTS = 1000
 _BYTES = 1 << 25
@@ -47,10 +41,6 @@ _ELEMENTS = 10_000
 _ATTRIBUTES = 1_000_000
 _OF_CELLS = re.compile(rb"<(?:\w{1,20}:)?(?:row|c|v|f|si|t)[\s/>]")
 _ELEMENT = re.compile(rb"<[A-Za-z_]")
-_NUMBER = re.compile(
-    r"(?P<number>[-+]?(?:\d+(?:[.,]\d+)*[.,]?|[.,]\d+)(?:[eE][-+]?\d+)?)\s*(?P<unit>[^\W\d_].*|[°%].*)?"
-)
-_PLAIN_NUMBERS = "write decimals with a point and no marks of thousands"
 
 
 def data_lines(text: str, comments: str = "#") -> list[Line]:
@@ -105,178 +95,28 @@ def numbers(
         ) from None
 
 
-@dataclass(frozen=True)
-class ColumnTable:
-    """The header and the rows of a table."""
-
-    #: name -> place, and unit; None where it has none
-    columns: dict[str, tuple[int, str | None]]
-    #: where the header is, in words
-    where: str
-    #: number of the line, where it is in words, and its cells, one for each column
-    rows: list[Cells]
-    #: what was left out or understood, for users
-    notes: tuple[str, ...] = ()
-    #: mark of decimals
-    decimal: str = "."
-
-    def number(self, row: Cells, name: str, target: str) -> float:
-        """The finite number of a column in a row, in the unit ``target``; "" for pure numbers.
-
-        Raises
-        ------
-        InputError
-            The cell holds none, or no unit says what it is.
-        """
-        value, own, where = self._value(row, name)
-        return in_unit(
-            value, unit_of(own, name) or self.columns[name][1], name, target, where
-        )
-
-    def error(self, row: Cells, of: str, value: float, target: str) -> float:
-        """The standard error of ``value`` in a row: in its own unit, else that of the column ``of``, or in %."""
-        error, own, where = self._value(row, "error")
-        unit = unit_of(own, "error") or self.columns["error"][1]
-        if unit == "%" and target:
-            return error / 100 * abs(value)
-        return in_unit(
-            error, self.columns[of][1] if unit is None else unit, "error", target, where
-        )
-
-    def _value(self, row: Cells, name: str) -> tuple[float, str, str]:
-        """A finite number as it is written, its unit where it has one, and where that, or the unit of all, stands."""
-        cell, where = row[2][self.columns[name][0]], f"{row[1]}, column {name}"
-        if not isinstance(cell, str):
-            value, own = float(cell), ""
-        elif (match := _NUMBER.fullmatch(cell)) is None:
-            lost = cell.lower() in ("", "nan", "inf", "-inf", "n/a", "na", "-", "--")
-            remedy = (
-                "fill in the number, or leave that row out" if lost else _PLAIN_NUMBERS
-            )
-            raise InputError(
-                f"{where}: {shown(cell)} is not a {'finite ' * lost}number; {remedy}"
-            )
-        else:
-            value = float(match["number"].replace(self.decimal, "."))
-            own = match["unit"] or ""
-        if not math.isfinite(value):
-            raise InputError(
-                f"{where}: {shown(cell)} is not a finite number; leave that row out"
-            )
-        return value, own, where if own else self.where
+# -- lines of cells ---------------------------------------------------------------------------------------------------
 
 
-def read_columns(
-    source: Any,
-    known: Mapping[str, str],
-    example: str,
-    unclear: Mapping[str, str] | None = None,
-) -> ColumnTable:
-    """Read a table with named columns: a text file, an Excel file (.xlsx) or a data frame.
-
-    Of text, commas, semicolons, tabs or blanks separate the columns, and UTF-8, UTF-16 and Windows code pages are read.
-    Decimals have a point or a comma, the same one everywhere; what could be a thousand or a decimal is refused. The
-    first line that names columns is the header; units stand in brackets, after a comma or a slash, at the end of the
-    name after ``_``, in the line below the header, or with the numbers. Columns with other names are left out.
+def lines_of(
+    source: Any, named: Callable[[Sequence[Cells]], int], sheet: str | None = None
+) -> tuple[str, list[Cells], list[str]]:
+    """Read a text file, an Excel file or a data frame: what is read, in words; the lines that hold anything; and notes.
 
     Parameters
     ----------
-    known
-        Names that columns may have -> other spellings, separated by ``|``; case matters in single letters.
-    example
-        A header for messages.
-    unclear
-        What to do instead -> names that may mean two things, separated by ``|``.
+    named
+        How many columns the header among some lines names: by that separators, and the sheet, are found.
+    sheet
+        Of an Excel file; default: the only one whose columns are named.
 
     Raises
     ------
     StoreError
-        The file cannot be read as text.
+        The file cannot be read.
     InputError
-        It is empty, or a line does not have the columns; names line and column, and the remedy.
+        It is none of these, or has several such sheets.
     """
-    name, lines, notes = _lines(source, known)
-    if not lines:
-        raise InputError(
-            f"{name}: there is nothing in it; the first line names the columns, such as {example}"
-        )
-    first = next(
-        (
-            at
-            for at, (_, _, cells) in enumerate(lines[:_PREAMBLE])
-            if _is_header(cells, known)
-        ),
-        0,
-    )
-    if first:
-        notes.append(
-            f"{first} line{'s' * (first > 1)} before the names of the columns left out"
-        )
-    (_, where, header), *rest = lines[first:]
-    if len(rest) > _ROWS or len(header) > _COLUMNS:
-        raise InputError(
-            f"{where}: {len(rest)} rows below {len(header)} columns; a table has at most {_ROWS} rows and {_COLUMNS} "
-            "columns: leave out what is not needed"
-        )
-    columns, more = _header(header, where, known, unclear or {}, example)
-    if rest and (units := _units_below(rest[0][2], columns)) is not None:
-        columns, rest = units, rest[1:]
-    rows = [(number, at, _row(cells, len(header), at)) for number, at, cells in rest]
-    decimal = _decimal(rows, [place for place, _ in columns.values()])
-    return ColumnTable(columns, where, rows, (*notes, *more), decimal)
-
-
-def unit_of(text: str | None, name: str) -> str | None:
-    """The unit that is meant in a column of this name, as :mod:`chemage.foundation.units` has it."""
-    if text is None:
-        return None
-    text = " ".join(text.replace("\u03bc", "u").replace("\u00b5", "u").split())
-    if name == "temperature" and (
-        match := re.fullmatch(
-            r"(?:°|deg|º)?\s*(C|F|celsius|fahrenheit)|(℃)", text, re.I
-        )
-    ):
-        return "degF" if (match[1] or "C")[0] in "fF" else "degC"
-    return {"-": "", "–": "", "—": "", "1": "", "sec": "s", "percent": "%"}.get(
-        text, text
-    )
-
-
-def in_unit(
-    value: float, unit: str | None, name: str, target: str, where: str
-) -> float:
-    """A number of a column in the unit ``target``; "" for pure numbers.
-
-    Raises
-    ------
-    UnitError
-        The unit is missing, or another quantity's.
-    """
-    if unit in (None, ""):
-        if target:
-            raise UnitError(
-                f"{where}: the column {name} has no unit; write it as {name} ({target})"
-            )
-        return value
-    try:
-        zero, one = _line(unit, target)
-    except UnitError as error:
-        raise UnitError(f"{where}: the column {name} ({unit}): {error}") from None
-    return zero + value * (one - zero) if zero else value * one
-
-
-@lru_cache(maxsize=256)
-def _line(unit: str, target: str) -> tuple[float, float]:
-    """What 0 and 1 of ``unit`` are in ``target``: zeros of temperatures differ."""
-    one = convert(f"1 {unit}", target)
-    return convert(f"0 {unit}", target), one
-
-
-# -- lines of cells ---------------------------------------------------------------------------------------------------
-
-
-def _lines(source: Any, known: Mapping[str, str]) -> tuple[str, list[Cells], list[str]]:
-    """What is read, in words; the lines that hold anything; and notes."""
     if hasattr(source, "columns") and hasattr(source, "itertuples"):
         return "the data frame", _frame_lines(source), []
     if not isinstance(source, str | PathLike):
@@ -285,16 +125,15 @@ def _lines(source: Any, known: Mapping[str, str]) -> tuple[str, list[Cells], lis
         )
     path = Path(source)
     if path.suffix.lower() in (".xlsx", ".xlsm"):
-        return str(path), *_excel_lines(path)
+        return str(path), *_excel_lines(path, named, sheet)
     if path.suffix.lower() in (".xls", ".ods"):
         raise InputError(
             f"{path}: files ending in {path.suffix} are not read; save it as .xlsx or as CSV"
         )
-    return (
-        str(path),
-        _text_lines(text_of(read_bytes(path), str(path)), str(path), known),
-        [],
-    )
+    if sheet is not None:
+        raise InputError(f"{path}: has no sheets; leave the sheet {sheet!r} out")
+    text = text_of(read_bytes(path), str(path))
+    return str(path), _text_lines(text, str(path), named), []
 
 
 def text_of(data: bytes, source: str) -> str:
@@ -324,8 +163,10 @@ def text_of(data: bytes, source: str) -> str:
     raise StoreError(f"{source} is not a text file")
 
 
-def _text_lines(text: str, source: str, known: Mapping[str, str]) -> list[Cells]:
-    """The lines without comments, split by the separator that makes a header of one of them."""
+def _text_lines(
+    text: str, source: str, named: Callable[[Sequence[Cells]], int]
+) -> list[Cells]:
+    """The lines without comments, split by the separator by which most columns have names."""
     text = re.sub("[\u00a0\u202f\u2007]", " ", text.replace("\u2212", "-"))
     every = [
         (number, line)
@@ -338,35 +179,36 @@ def _text_lines(text: str, source: str, known: Mapping[str, str]) -> list[Cells]
         match := re.fullmatch(r'"?sep=(.)"?\s*', lines[0][1])
     ):  # as Excel writes and reads it
         marks, lines = [match[1]], lines[1:]
-    begin = next(
-        (at for at, (_, line) in enumerate(lines) if re.match(r'\s*"?[-+.]?\d', line)),
-        len(lines),
-    )
+
+    def split(part: Sequence[Line], mark: str | None) -> list[Cells]:
+        return [(n, f"{source}, line {n}", [*_cells(line, mark)]) for n, line in part]
+
     # of comments the last one, as numpy.savetxt writes the names
     commented = [
         (n, line.lstrip("# \t")) for n, line in every if line.lstrip().startswith("#")
     ]
-    for number, line in [
-        *lines[: min(begin + 1, _PREAMBLE)],
-        *reversed(commented[:_PREAMBLE]),
-    ]:
-        for mark in marks:
-            if len(cells := _cells(line, mark)) > 1 and _is_header(cells, known):
-                if (number, line) not in lines:
-                    lines = [(number, line), *lines]
-                return [
-                    (n, f"{source}, line {n}", list(_cells(line, mark)))
-                    for n, line in lines
-                ]
+    for part in (
+        lines[:_PREAMBLE],
+        *([line] for line in reversed(commented[:_PREAMBLE])),
+    ):
+        count, mark = max(
+            ((named(split(part, mark)), mark) for mark in marks if mark),
+            key=itemgetter(0),
+        )
+        if not count and None in marks:
+            count, mark = named(split(part, None)), None
+        if count > 1:
+            more = [] if lines and part[0] == lines[0] else part
+            return split([*more, *lines], mark)
     mark = next((mark for mark in marks if mark and lines and mark in lines[0][1]), ",")
-    return [(n, f"{source}, line {n}", list(_cells(line, mark))) for n, line in lines]
+    return split(lines, mark)
 
 
 def _cells(line: str, separator: str | None) -> list[str]:
     if separator is None:  # blanks, of which a name with its unit may have some
         line = line.strip()
         if re.match(r"[-+.,]?\d", line):
-            return line.split()
+            return re.sub(r"\s*(±|\+/-)\s*", r"\1", line).split()
         parts = re.split(r"\t|\s{2,}", line)
         return (
             parts
@@ -384,23 +226,35 @@ def _cells(line: str, separator: str | None) -> list[str]:
         raise InputError(f"{shown(line, 40)}: {error}") from None
 
 
-def _excel_lines(path: Path) -> tuple[list[Cells], list[str]]:
-    """The lines of the first sheet that holds anything."""
+def _excel_lines(
+    path: Path, named: Callable[[Sequence[Cells]], int], sheet: str | None
+) -> tuple[list[Cells], list[str]]:
+    """The lines of a sheet: the one that is wanted, else the only one with names of columns, else the first."""
     with open_file(path) as stream:
         openpyxl = optional_module("openpyxl", "excel")
         try:
             _check_book(stream)
             stream.seek(0)
             book = openpyxl.load_workbook(stream, read_only=True, data_only=True)
-            sheets = [(sheet.title, _rows_of(sheet)) for sheet in book.worksheets]
+            sheets = {sheet.title: _rows_of(sheet) for sheet in book.worksheets}
         except Exception as error:  # of whatever is in it
             raise StoreError(
                 f"{path} is no Excel file that can be read: {shortened(error, 200)}"
             ) from None
-    filled = [(title, rows) for title, rows in sheets if rows]
-    if not filled:
-        return [], []
-    title, rows = filled[0]
+    filled = [title for title, rows in sheets.items() if rows]
+    if sheet is not None and sheet not in sheets:
+        raise InputError(
+            f"{path}: has no sheet {sheet!r}{nearest(sheet, list(sheets))}; it has {', '.join(sheets)}"
+        )
+    if sheet is None and len(filled) > 1:
+        found = [title for title in filled if named(_beginning(sheets[title]))]
+        if len(found) > 1:
+            raise InputError(
+                f"{path}: the sheets {', '.join(found)} hold tables; choose one as the sheet (--sheet {found[0]!r})"
+            )
+        filled = [*found, *(title for title in filled if title not in found)]
+    title = sheet or next(iter(filled), "")
+    rows = sheets.get(title, [])
     notes = (
         [f"sheet {title!r} is read; {len(filled) - 1} others are left out"]
         if len(filled) > 1
@@ -429,6 +283,14 @@ def _excel_lines(path: Path) -> tuple[list[Cells], list[str]]:
         (number, at, [*cells[:width], *[""] * (width - len(cells))])
         for number, at, cells in lines
     ], notes
+
+
+def _beginning(rows: Sequence[tuple[int, list[Any]]]) -> list[Cells]:
+    """The first lines of a sheet as texts, in which its header is looked for."""
+    return [
+        (number, "", ["" if value is None else str(value) for value in row])
+        for number, row in rows[:_PREAMBLE]
+    ]
 
 
 def _check_book(stream: IO[bytes]) -> None:
@@ -479,13 +341,15 @@ def _frame_lines(frame: Any) -> list[Cells]:
     names = [name for name in getattr(index, "names", ()) if name is not None]
     if names:
         frame = frame.reset_index()
-    heads = [
-        f"{name[0]} ({name[1]})".removesuffix(" ()")
-        if isinstance(name, tuple) and len(name) == 2
-        else str(name)
-        for name in frame.columns
+    heads = [name if isinstance(name, tuple) else (name,) for name in frame.columns]
+    lines: list[Cells] = [
+        (
+            0,
+            "the data frame",
+            [str(one[level]) if level < len(one) else "" for one in heads],
+        )
+        for level in range(max(map(len, heads), default=0))
     ]
-    lines: list[Cells] = [(0, "the data frame", list(heads))]
     for number, row in enumerate(frame.itertuples(index=False, name=None)):
         at = f"the data frame, row {number}"
         lines.append((number, at, [_cell(value, at) for value in row]))
@@ -495,184 +359,14 @@ def _frame_lines(frame: Any) -> list[Cells]:
 def _cell(value: Any, where: str) -> Cell:
     if value is None or isinstance(value, str):
         return " ".join((value or "").replace("\u2212", "-").split())
+    if isinstance(value, timedelta | time):
+        if isinstance(value, time):
+            value = datetime.combine(datetime.min, value) - datetime.min
+        hours, seconds = divmod(value.total_seconds(), 3600)
+        return f"{hours:.0f}:{seconds // 60:02.0f}:{seconds % 60:09.6f}"
     if isinstance(value, bool) or not hasattr(value, "__float__"):
         remedy = "; spreadsheets make dates of numbers such as 1.5: format the cells as numbers"
         raise InputError(
             f"{where}: {shown(value)} is not a number{remedy if hasattr(value, 'isoformat') else ''}"
         )
     return float(value)
-
-
-# -- header -----------------------------------------------------------------------------------------------------------
-
-#: what follows a name: a unit in brackets, or after a comma or a slash
-_IN_BRACKETS = re.compile(r"[(\[{]([^()\[\]{}]*)[)\]}]$")
-
-
-def _named(cell: Cell, known: Mapping[str, str]) -> tuple[str, str | None] | None:
-    """Name and unit of a column that is known."""
-    text = str(cell).strip().strip('"').strip()
-    if not text or len(text) > _LONGEST:
-        return None
-    text, unit = _parted(text)
-    found = _known(text, known)
-    if found is None and unit is None and "_" in text:  # hold_time_s
-        stem, _, unit = text.rpartition("_")
-        found = _known(stem, known)
-    return None if found is None else (found, unit_of(unit, found))
-
-
-def _parted(text: str) -> tuple[str, str | None]:
-    """A heading as a name and its unit, in brackets, or after a comma or a slash."""
-    brackets = _IN_BRACKETS.search(text)
-    *_, last = text.rsplit(None, 1)
-    begin = len(text) - len(last)
-    head = text[:begin].rstrip()
-    place = begin + min(
-        (at for mark in ",/" if 0 <= (at := last.find(mark)) < len(last) - 1),
-        default=len(last),
-    )
-    if head.endswith(",") or (
-        head.endswith("/") and (begin - len(head) == 1 or head[-2:-1].isspace())
-    ):
-        place = len(head) - 1
-    if place < (brackets.start() if brackets else len(text)):
-        return text[:place].rstrip(), text[place + 1 :].strip()
-    if brackets:
-        return text[: brackets.start()].rstrip(), brackets[1].strip()
-    return text, None
-
-
-def _known(text: str, known: Mapping[str, str]) -> str | None:
-    text = re.sub(r"[\s_\-]+", " ", text).strip()
-    for name, others in known.items():
-        for other in (name.replace("_", " "), *filter(None, others.split("|"))):
-            if text == other or (len(other) > 2 and text.lower() == other.lower()):
-                return name
-    return None
-
-
-def _is_header(cells: Sequence[Cell], known: Mapping[str, str]) -> bool:
-    """Whether two cells name columns, or one of two that a mistake is in."""
-    return sum(_named(cell, known) is not None for cell in cells[:_COLUMNS]) >= min(
-        2, len(cells)
-    )
-
-
-def _header(
-    cells: Sequence[Cell],
-    where: str,
-    known: Mapping[str, str],
-    unclear: Mapping[str, str],
-    example: str,
-) -> tuple[dict[str, tuple[int, str | None]], list[str]]:
-    columns: dict[str, tuple[int, str | None]] = {}
-    left, read = [], []
-    for place, cell in enumerate(cells):
-        found = _named(cell, known)
-        text = " ".join(str(cell).split())
-        if found is None:
-            if not text:
-                continue
-            head = re.sub(r"[\s_]+", " ", re.sub(r"[(\[,/].*", "", text)).strip()
-            if (question := _known(head, unclear)) is not None:
-                raise InputError(
-                    f"{where}: column {place + 1}, {shown(text)}, {question}"
-                )
-            head = head.lower().replace(" ", "_")
-            number = _NUMBER.fullmatch(text) is not None
-            if number or difflib.get_close_matches(head, known, n=1, cutoff=0.7):
-                raise InputError(
-                    f"{where}: column {place + 1} is {shown(text)}{'' if number else nearest(head, list(known))}; the "
-                    f"columns are {', '.join(known)}, named on the first line, such as {example}"
-                )
-            left.append(text)
-            continue
-        name, unit = found
-        if name in columns:
-            raise InputError(f"{where}: the column {name} is there twice; keep one")
-        columns[name] = place, unit
-        if not re.sub(r"[\s_]+", "_", text.lower()).startswith(name):
-            read.append(f"{text} as {name}")
-    notes = [f"read {', '.join(read)}"] if read else []
-    if left:
-        notes.append(
-            f"{len(left)} column{'s' * (len(left) > 1)} left out: {shortened(', '.join(left), 120)}"
-        )
-    return columns, notes
-
-
-def _units_below(
-    cells: Sequence[Cell], columns: dict[str, tuple[int, str | None]]
-) -> dict[str, tuple[int, str | None]] | None:
-    """The columns with the units of the line below their names; None where it is a line of numbers."""
-    texts = {
-        name: str(cells[place]).strip("()[] ")
-        for name, (place, _) in columns.items()
-        if place < len(cells)
-    }
-    if not any(texts.values()) or any(
-        re.match(r"[-+.,]*\d", text) and text != "1" for text in texts.values()
-    ):
-        return None
-    if any(
-        text and unit is not None
-        for text, (_, unit) in zip(texts.values(), columns.values(), strict=False)
-    ):
-        return None
-    return {
-        name: (place, unit_of(texts.get(name) or None, name) or unit)
-        for name, (place, unit) in columns.items()
-    }
-
-
-# -- numbers ----------------------------------------------------------------------------------------------------------
-
-
-def _row(cells: list[Cell], columns: int, where: str) -> list[Cell]:
-    while len(cells) > columns and cells[-1] == "":
-        cells = cells[:-1]
-    if len(cells) != columns:
-        more = ""
-        if len(cells) > columns:
-            more = "; separate columns by semicolons or tabs where decimals have a comma, and quote texts with blanks"
-        raise InputError(f"{where}: {len(cells)} values under {columns} columns{more}")
-    return cells
-
-
-def _decimal(rows: Sequence[Cells], places: Sequence[int]) -> str:
-    """The mark of decimals, a comma or a point; what could be thousands, or mixes both, is refused."""
-    sure: dict[str, str] = {}
-    unsure: dict[str, tuple[str, str]] = {}
-    for place in places:
-        texts = [(at, cells[place]) for _, at, cells in rows]
-        matches = [
-            (at, _NUMBER.fullmatch(cell)) for at, cell in texts if isinstance(cell, str)
-        ]
-        column = [(at, match["number"]) for at, match in matches if match]
-        if len({match["unit"] for _, match in matches if match}) > _SPELLINGS:
-            raise InputError(
-                f"{texts[0][0]}: a column with more than {_SPELLINGS} units; write one above the column"
-            )
-        whole = any(text.lstrip("+-").isdigit() for _, text in column)
-        for at, text in column:
-            if sum(text.count(mark) for mark in ",.") > 1:
-                raise InputError(
-                    f"{at}: {text} has marks of thousands; {_PLAIN_NUMBERS}"
-                )
-            for mark in (mark for mark in ",." if mark in text):
-                if re.fullmatch(rf"[+-]?[1-9]\d{{0,2}}[{mark}]\d{{3}}", text) and (
-                    whole or mark == ","
-                ):
-                    unsure[mark] = at, text
-                else:
-                    sure[mark] = at
-    for mark, (at, text) in unsure.items():
-        if mark not in sure:
-            other = f"{text.replace(mark, '')} or {text.replace(mark, '.')}"
-            raise InputError(f"{at}: {text} may be {other}; {_PLAIN_NUMBERS}")
-    if len(sure) > 1:
-        raise InputError(
-            f"{sure[',']}: it has a decimal comma, where others have a point; {_PLAIN_NUMBERS}"
-        )
-    return next(iter(sure), ".")

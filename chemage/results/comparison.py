@@ -474,6 +474,8 @@ def compare_files(
     *,
     measured: Sequence[str | Path] = (),
     times: Sequence[QuantityLike] = TIMES,
+    offset: QuantityLike | None = None,
+    sheet: str | None = None,
 ) -> Comparison:
     """Compare result files with each other and with measurements.
 
@@ -486,6 +488,8 @@ def compare_files(
         Files (or data frames) of measurements, see :func:`chemage.plugin.read_table`.
     times
         Hold times at which to compare, s or strings with units, besides the last.
+    offset, sheet
+        Of the measurements, as for :func:`chemage.plugin.read_table`.
 
     Raises
     ------
@@ -505,7 +509,11 @@ def compare_files(
                 "must be above zero and finite",
                 'give times such as "1e3 s"',
             )
-    every = [(path, curve) for path in measured for curve in read_table(path)]
+    every = [
+        (path, curve)
+        for path in measured
+        for curve in read_table(path, offset=offset, sheet=sheet)
+    ]
     repeated = Counter(curve.name for _, curve in every)
     data = [
         curve

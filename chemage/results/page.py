@@ -27,6 +27,7 @@ from chemage.foundation.looks import drawn_as
 from chemage.foundation.names import __version__
 from chemage.foundation.quantities import by_name
 from chemage.foundation.result import Panel, Picture, Result, Table, drawn_picture
+from chemage.foundation.units import QuantityLike
 from chemage.results.comparison import Comparison, Entry, compare_files, in_a_row
 from chemage.results.drawing import brought_figures, curve_pictures
 
@@ -67,6 +68,8 @@ def write_report(
     out: str | Path = "report.html",
     *,
     measured: Sequence[str | Path] = (),
+    offset: QuantityLike | None = None,
+    sheet: str | None = None,
     force: bool = False,
 ) -> Path:
     """Write a report of result files to ``out``, with a comparison if there are several.
@@ -79,6 +82,8 @@ def write_report(
         The HTML file to write.
     measured
         Files of measurements, see :func:`chemage.plugin.read_table`.
+    offset, sheet
+        Of the measurements, see there.
     force
         Overwrite ``out``, unless it is one of the files that are read.
 
@@ -101,14 +106,20 @@ def write_report(
                 f"{target} is an input of this report; choose another --out"
             )
     preflight(target, force=force)
-    page = html(files, measured=measured)
+    page = html(files, measured=measured, offset=offset, sheet=sheet)
     write_file(target, page, force=force)
     return target
 
 
-def html(files: Sequence[str | Path], *, measured: Sequence[str | Path] = ()) -> str:
+def html(
+    files: Sequence[str | Path],
+    *,
+    measured: Sequence[str | Path] = (),
+    offset: QuantityLike | None = None,
+    sheet: str | None = None,
+) -> str:
     """Make the page as text; arguments and errors as for :func:`write_report`."""
-    comparison = compare_files(files, measured=measured)
+    comparison = compare_files(files, measured=measured, offset=offset, sheet=sheet)
     several = len(comparison.results) > 1
     sections, cite, please = [], {}, ""
     if several or comparison.measured:

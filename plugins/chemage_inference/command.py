@@ -158,13 +158,11 @@ def _candidates(text: str) -> list[dict[str, Any]]:
 
 def _from_file(path: Path) -> list[dict[str, Any]]:
     """Planned measurements in a CSV file: columns hold_time (s), load (nN), temperature (K), error (nN)."""
-    from chemage.plugin import MEASURED_COLUMNS, tables
+    from chemage.plugin import read_columns
     from chemage_inference.forecast import PLAN, STATED, stated
 
     example = ", ".join(f"{name} ({STATED[name][0]})" for name in PLAN)
-    table = tables.read_columns(
-        path, {name: MEASURED_COLUMNS[name] for name in PLAN}, example
-    )
+    table = read_columns(path, PLAN, example)
     if not table.rows:
         raise options.user_error(
             f"--next {path}: no planned measurements; write a header, such as {example}, and a row for each"
@@ -178,10 +176,10 @@ def _from_file(path: Path) -> list[dict[str, Any]]:
     plans = []
     for row in table.rows:
         plan = {}
-        for name, (place, unit) in table.columns.items():
-            if row[2][place] == "":
+        for name, (heading, *_) in table.columns.items():
+            if row[2][heading.place] == "":
                 continue
-            share = name == "error" and unit == "%"
+            share = name == "error" and heading.unit == "%"
             number = table.number(row, name, "" if share else STATED[name][0])
             plan[name] = f"{100 * number:g} %" if share else number
         plans.append(stated(f"--next {row[1]}", plan, PLAN))
@@ -356,6 +354,8 @@ def infer(
     load: LoadOpt = None,
     temperature: TemperatureOpt = None,
     relative_error: RelativeErrorOpt = None,
+    offset: options.OffsetOpt = None,
+    sheet: options.SheetOpt = None,
     unknown: UnknownOpt = None,
     errors: ErrorsOpt = "scaled,robust",
     calibration: CalibrationOpt = None,
@@ -409,7 +409,16 @@ def infer(
         if relative_error is None
         else convert(relative_error, "", "--relative-error")
     )
-    curves = _curves(measured, load, temperature, share)
+    curves = _curves(
+        measured,
+        {
+            "load": load,
+            "temperature": temperature,
+            "relative_error": share,
+            "offset": offset,
+            "sheet": sheet,
+        },
+    )
     if calibrate is not None:
         _calibrated(
             curves,
@@ -472,19 +481,9 @@ def _calibrated(
     )
 
 
-def _curves(
-    files: Sequence[Path],
-    load: str | None,
-    temperature: str | None,
-    share: float | None,
-) -> tuple[MeasuredCurve, ...]:
+def _curves(files: Sequence[Path], how: Mapping[str, Any]) -> tuple[MeasuredCurve, ...]:
     from chemage_inference.curves import check_curves, read_curves
 
-    how: dict[str, Any] = {
-        "load": load,
-        "temperature": temperature,
-        "relative_error": share,
-    }
     curves = tuple(curve for file in files for curve in read_curves(file, **how))
     for note in dict.fromkeys(
         f"note: {curve.name}: {note}" for curve in curves for note in curve.notes

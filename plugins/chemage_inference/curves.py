@@ -186,6 +186,8 @@ def read_curves(
     load: units.QuantityLike | None = None,
     temperature: units.QuantityLike | None = None,
     relative_error: float | None = None,
+    offset: units.QuantityLike | None = None,
+    sheet: str | None = None,
 ) -> tuple[MeasuredCurve, ...]:
     """Read measured curves with the conditions that an inference needs; the table is that of
     :func:`chemage.plugin.read_table`.
@@ -198,6 +200,8 @@ def read_curves(
         nN and K, or with units, where the table has no such column.
     relative_error
         Standard error over the value (0.03: 3 %), where the table has no errors.
+    offset, sheet
+        Friction without ageing, and the sheet of an Excel file, as for :func:`chemage.plugin.read_table`.
 
     Raises
     ------
@@ -206,7 +210,9 @@ def read_curves(
     InputError
         Naming the line and the column that is wrong, or what is missing, and the remedy.
     """
-    tables = read_table(source, load=load, temperature=temperature)
+    tables = read_table(
+        source, load=load, temperature=temperature, offset=offset, sheet=sheet
+    )
     return tuple(
         MeasuredCurve.of(table, relative_error=relative_error) for table in tables
     )

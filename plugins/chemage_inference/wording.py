@@ -89,11 +89,12 @@ def shape_rows(one: Inference) -> Rows:
     low, high = one.visible_range
     if not math.isfinite(low):
         return []
-    rows_: Rows = [("density", density_text(one))]
+    below, _, above = three_shares(one)
+    before = f"{_percent(below.median, below.band)} of the sites: bonded before the first hold time"
+    rows_: Rows = [("density", density_text(one)), (f"  below {low:.3f} eV", before)]
     for part in shares(one):
         text = f"{_percent(part.median, part.band)} of the sites"
         rows_.append((f"  {part.low:.3f} to {part.high:.3f} eV", text))
-    above = three_shares(one)[2]
     rows_.append(
         (
             f"  above {high:.3f} eV",

@@ -105,8 +105,8 @@ def test_what_spreadsheets_do_to_a_file_does_no_harm(tmp_path, text):
             InputError,
             r"line 6, column friction_coefficient_drop: 'abc' is not a number",
         ),
-        (GOOD.replace("0.30", "nan"), InputError, "line 6, .*'nan' is not a finite number"),
-        (GOOD.replace("0.30", ""), InputError, "line 6, .*'' is not a finite number; fill in the number"),
+        (GOOD.replace("10, 0.30", "nan, 0.30"), InputError, "line 6, .*'nan' is not a finite number"),
+        (GOOD.replace("0.30, 0.01", "0.30, "), InputError, "line 6, .*'' is not a finite number; fill in the number"),
         (GOOD.replace("10, 0.30", "-10, 0.30"), InputError, "line 6, column hold_time: -10 is negative"),
         (
             GOOD.replace("0.30, 0.01", "0.30, 0"),

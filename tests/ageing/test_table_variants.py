@@ -35,8 +35,8 @@ READ = {
     "semicolons": table(SEMI, mark=";"),
     "semicolons, decimal commas": table(SEMI, mark=";", decimal=","),
     "tabs, decimal commas": table(SEMI.replace(";", "\t"), mark="\t", decimal=","),
-    "blanks": table("t(s) F(nN) error(nN)", mark=" "),
-    "blanks, decimal commas": table("t (s)   F (nN)   error (nN)", mark="  ", decimal=","),
+    "blanks": table("t(s) ΔF(nN) error(nN)", mark=" "),
+    "blanks, decimal commas": table("t (s)   ΔF (nN)   error (nN)", mark="  ", decimal=","),
     "aligned by blanks": table("hold time (s)   friction drop (nN)   error (nN)", form="{:>12g}", mark=" "),
     "quoted decimal commas": table('"hold_time (s)","friction_drop (nN)","error (nN)"', form='"{:g}"', mark=",",
                                    decimal=","),
@@ -45,25 +45,25 @@ READ = {
     "three decimals everywhere": table(H, form="{:.3f}"),
     "sep= line": "sep=;\n" + table(SEMI, mark=";", decimal=","),
     "sep= comma": "sep=,\n" + table(H, mark=","),
-    "units after a comma": table('"t, s","F, nN","error, nN"'),
-    "units after a slash": table("t / s;F / nN;error / nN", mark=";"),
+    "units after a comma": table('"t, s","ΔF, nN","error, nN"'),
+    "units after a slash": table("t / s;ΔF / nN;error / nN", mark=";"),
     "units after an underscore": table("hold_time_s,friction_drop_nN,error_nN"),
-    "units below": table("hold time\tF\terror\ns\tnN\tnN", mark="\t"),
-    "units in brackets below": table("t;F;sigma\n[s];[nN];[nN]", mark=";"),
+    "units below": table("hold time\tΔF\terror\ns\tnN\tnN", mark="\t"),
+    "units in brackets below": table("t;ΔF;sigma\n[s];[nN];[nN]", mark=";"),
     "units with the numbers": "hold_time;friction_drop;error\n" + "".join(
         f"{t:g} s;{v:g} nN;{e:g} nN\n" for t, v, e in ROWS),
-    "milliseconds, micronewtons": table("Time (ms), F (μN), err (uN)", rows=[(t * 1e3, v / 1e3, e / 1e3) for t, v, e
+    "milliseconds, micronewtons": table("Time (ms), ΔF (μN), err (uN)", rows=[(t * 1e3, v / 1e3, e / 1e3) for t, v, e
                                         in ROWS], form="{:.9g}"),
-    "seconds and minutes": table("holding time (min), friction (nN), se", rows=[(t / 60, v, e) for t, v, e in ROWS],
+    "seconds and minutes": table("holding time (min), friction rise (nN), se", rows=[(t / 60, v, e) for t, v, e in ROWS],
                                  form="{:.17g}"),
-    "percent": "t (s), F (nN), error (%)\n" + "".join(f"{t:g}, {v:g}, {100 * e / v:.15g}\n" for t, v, e in ROWS),
-    "percent with the numbers": "t (s);F (nN);error\n" + "".join(
+    "percent": "t (s), ΔF (nN), error (%)\n" + "".join(f"{t:g}, {v:g}, {100 * e / v:.15g}\n" for t, v, e in ROWS),
+    "percent with the numbers": "t (s);ΔF (nN);error\n" + "".join(
         f"{t:g};{v:g};{100 * e / v:.15g} %\n" for t, v, e in ROWS),
     "rows in any order": table(H, rows=ROWS[::-1]),
-    "columns in any order": "error (nN), t (s), F (nN)\n" + "".join(f"{e:g}, {t:g}, {v:g}\n" for t, v, e in ROWS),
+    "columns in any order": "error (nN), t (s), ΔF (nN)\n" + "".join(f"{e:g}, {t:g}, {v:g}\n" for t, v, e in ROWS),
     "unknown columns": table(H + ", humidity (%), remark", more=(50, "dry")),
     "lines before the header": "Tip 3; 2024\nRamp 5\n" + table(SEMI, mark=";"),
-    "header in a comment": COMMENTED + table("t (s) F (nN) error (nN)", mark=" "),
+    "header in a comment": COMMENTED + table("t (s) ΔF (nN) error (nN)", mark=" "),
     "comments": COMMENTED + "\n" + table(H).replace("\n100,", "\n# a remark\n100,"),
     "empty lines and ends": table(H + ",,", more=("", "")).replace("\n1,", "\n\n,,,,\n1,"),
     "no-break blanks and minus": table(H).replace("0.01,", "1e\u22122,").replace(", ", ",\u00a0"),
@@ -71,33 +71,31 @@ READ = {
     "Δ": table("t (s), ΔF (nN), σ (nN)"),
     "value and quantity": table("hold_time (s), value (nN), error, quantity", more=("friction_drop",)),
     "load in the table": table(FULL, more=(50, 300)),
-    "degrees": table("t (s), F (nN), error (nN), F_N (µN), T (°C)", more=(0.05, 26.85)),
-    "degrees C": table("t (s);F (nN);error;normal load (nN);temp (C)", mark=";", decimal=",", more=(50, "26,85")),
+    "degrees": table("t (s), ΔF (nN), error (nN), F_N (µN), T (°C)", more=(0.05, 26.85)),
+    "degrees C": table("t (s);ΔF (nN);error;normal load (nN);temp (C)", mark=";", decimal=",", more=(50, "26,85")),
 }  # fmt: skip
 REFUSED = {
-    "thousands": (table("t (s);F (nN)", mark=";", rows=[(1, 3)]) + "10;5\n1.000;7\n", r"1.000 may be 1000 or 1.000"),
-    "thousands with commas": ("t (s);F (nN)\n1;3\n10;5\n1,000;7\n", "1,000 may be 1000 or 1.000"),
-    "both marks": ("t (s);F (nN)\n1;3\n10;5\n1.000,5;7\n", "1.000,5 has marks of thousands"),
-    "millions": ("t (s);F (nN)\n1;3\n10;5\n1,000,000;7\n", "marks of thousands"),
-    "commas and points": ("t (s);F (nN)\n0,5;3\n10;5.5\n", "decimal comma, where others have a point"),
-    "blanks of thousands": ("t (s);F (nN)\n1;3\n10;5\n1 000;7\n", "'1 000' is not a number"),
-    "commas twice": ("t (s),F (nN)\n0,1,3,5\n1,0,5,5\n", "4 values under 2 columns"),
+    "thousands": (table("t (s);ΔF (nN)", mark=";", rows=[(1, 3)]) + "10;5\n1.000;7\n", r"1.000 may be 1000 or 1.000"),
+    "thousands with commas": ("t (s);ΔF (nN)\n1;3\n10;5\n1,000;7\n", "1,000 may be 1000 or 1.000"),
+    "both marks": ("t (s);ΔF (nN)\n1;3\n10;5\n1.000,5;7\n", "1.000,5 has marks of thousands"),
+    "millions": ("t (s);ΔF (nN)\n1;3\n10;5\n1,000,000;7\n", "marks of thousands"),
+    "commas and points": ("t (s);ΔF (nN)\n0,5;3\n10;5.5\n", "decimal comma, where others have a point"),
+    "blanks of thousands": ("t (s);ΔF (nN)\n1;3\n10;5\n1 000;7\n", "'1 000' is not a number"),
+    "commas twice": ("t (s),ΔF (nN)\n0,1,3,5\n1,0,5,5\n", "4 values under 2 columns"),
     "no header": ("1, 2\n3, 4\n", "column 1 is '1'; the columns are hold_time"),
-    "no unit of time": ("t, F (nN)\n1, 2\n10, 3\n", "hold_time has no unit"),
-    "no unit of force": ("t (s), F\n1, 2\n10, 3\n", "friction_drop has no unit"),
-    "force in grams": ("t (s), F (g)\n1, 2\n10, 3\n", "gram"),
-    "capital seconds": ("t (S), F (nN)\n1, 2\n10, 3\n", "siemens"),
-    "two values": ("t (s), F (nN), mu\n1, 2, 1\n10, 3, 2\n", "both there; give one"),
-    "twice the same": ("t (s), F (nN), F (uN)\n1, 2, 1\n10, 3, 2\n", "is there twice"),
-    "an error or a difference": ("t (s), F (nN), dF (nN)\n1, 2, 1\n10, 3, 2\n", "may be an error or a difference"),
-    "standard deviation": ("t (s), F (nN), std (nN)\n1, 2, 1\n10, 3, 2\n", "may be the scatter of single"),
-    "a slip": ("t (s), F (nN), eror (nN)\n1, 2, 1\n10, 3, 2\n", "did you mean 'error'"),
-    "merged cells": ("t (s);F (nN);load (nN)\n1;2;50\n10;3;\n", "column load: '' is not a finite number"),
-    "not a number": ("t (s);F (nN)\n1;2\n10;NaN\n", "'NaN' is not a finite number"),
-    "Python's marks": ("t (s);F (nN)\n1;2\n1_0;3\n", "'1_0' is not a number"),
-    "a limit": ("t (s);F (nN)\n1;<2\n10;3\n", "'<2' is not a number"),
-    "below absolute zero": ("t (s);F (nN);T (°C)\n1;2;-300\n10;3;-300\n", "temperature: -26.85 is not above zero"),
-    "negative times": ("t (s);F (nN)\n-1;2\n10;3\n", "is negative"),
+    "no unit of time": ("t, ΔF (nN)\n1, 2\n10, 3\n", "hold_time has no unit"),
+    "no unit of force": ("t (s), ΔF\n1, 2\n10, 3\n", "friction_drop has no unit"),
+    "force in grams": ("t (s), ΔF (g)\n1, 2\n10, 3\n", "gram"),
+    "capital seconds": ("t (S), ΔF (nN)\n1, 2\n10, 3\n", "siemens"),
+    "two values": ("t (s), ΔF (nN), Δμ\n1, 2, 1\n10, 3, 2\n", "both there; give one"),
+    "twice the same": ("t (s), ΔF (nN), ΔF (uN)\n1, 2, 1\n10, 3, 2\n", "is there twice"),
+    "an error or a difference": ("t (s), ΔF (nN), dF (nN)\n1, 2, 1\n10, 3, 2\n", "may be an error or a difference"),
+    "standard deviation": ("t (s), ΔF (nN), std (nN)\n1, 2, 1\n10, 3, 2\n", "may be the scatter of single"),
+    "a slip": ("t (s), ΔF (nN), eror (nN)\n1, 2, 1\n10, 3, 2\n", "did you mean 'error'"),
+    "Python's marks": ("t (s);ΔF (nN)\n1;2\n1_0;3\n", "'1_0' is not a number"),
+    "a limit": ("t (s);ΔF (nN)\n1;<2\n10;3\n", "'<2' is not a number"),
+    "below absolute zero": ("t (s);ΔF (nN);T (°C)\n1;2;-300\n10;3;-300\n", "temperature: -26.85 is not above zero"),
+    "negative times": ("t (s);ΔF (nN)\n-1;2\n10;3\n", "is negative"),
 }
 
 
@@ -144,7 +142,7 @@ def test_an_excel_file_and_a_frame_are_the_same_table(tmp_path):
     pandas = pytest.importorskip("pandas")
     book = openpyxl.Workbook()
     book.active.append(["Tip 3"])
-    book.active.append(["hold time (s)", "F (nN)", "error (nN)", "load (nN)", "T (°C)", "who"])
+    book.active.append(["hold time (s)", "ΔF (nN)", "error (nN)", "load (nN)", "T (°C)", "who"])
     for row in ROWS:
         book.active.append([*row, 50, 26.85, "me"])
     book.create_sheet("empty")
@@ -152,12 +150,12 @@ def test_an_excel_file_and_a_frame_are_the_same_table(tmp_path):
     (curve,) = ca.plugin.read_table(tmp_path / "m.xlsx")
     check(curve)
     assert curve.notes == (
-        "1 line before the names of the columns left out", "read F (nN) as friction_drop, T (°C) as temperature",
+        "1 line before the names of the columns left out", "read ΔF (nN) as friction_drop, T (°C) as temperature",
         "1 column left out: who",
     )  # fmt: skip
-    frame = pandas.DataFrame({"F (nN)": VALUES, "error (nN)": ERRORS}, index=pandas.Index(TIMES, name="t (s)"))
+    frame = pandas.DataFrame({"ΔF (nN)": VALUES, "error (nN)": ERRORS}, index=pandas.Index(TIMES, name="t (s)"))
     check(*ca.plugin.read_table(frame))
-    frame = pandas.DataFrame(dict(zip([("t", "s"), ("F", "nN"), ("se", "")], (TIMES, VALUES, ERRORS), strict=True)))
+    frame = pandas.DataFrame(dict(zip([("t", "s"), ("ΔF", "nN"), ("se", "")], (TIMES, VALUES, ERRORS), strict=True)))
     check(*ca.plugin.read_table(frame.sort_values(("t", "s"), ascending=False)))
     book.active.append([pandas.Timestamp("2024-05-01"), 1, 1, 50, 26.85])
     book.save(tmp_path / "m.xlsx")

@@ -106,12 +106,15 @@ def test_figures_and_measurements_are_drawn_and_fitted(two, command):
         (("at40.h5", "--at", "0 s"), "must be above zero"),
         (("at40.h5", "--measured", "bad.csv"), "line 3, column hold_time: -1 is negative"),
         (("at40.h5", "--measured", "none.csv"), "none.csv does not exist"),
+        (("at40.h5", "--measured", "rise.csv", "--offset", "0.1"), "is a rise already; leave offset out"),
+        (("at40.h5", "--measured", "rise.csv", "--sheet", "wet"), "has no sheets"),
         (("at40.h5", "--figures", "at80.h5"), "cannot make the folder at80.h5"),
         (("small.toml",), "no reader for files ending in '.toml'"),
     ],
 )
 def test_user_errors_are_one_message_and_status_2(two, command, words, message):
     (two / "bad.csv").write_text("hold_time (s), friction_coefficient_drop\n2,1\n-1,1\n", encoding="utf-8")
+    (two / "rise.csv").write_text(TABLE, encoding="utf-8")
     before = sorted(path.name for path in two.iterdir())
     done = command("compare", *words)
     assert done.status == 2

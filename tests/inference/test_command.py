@@ -341,3 +341,16 @@ def test_the_whole_command_on_a_tip(command, folder):
     scene = ca.load_scene("tip.toml", {"forming": {"kind": "inferred", "path": "tip-inferred.h5"}})
     run = ca.run(scene, warn=False)
     assert "barriers" in run.aging.errors
+
+
+def test_the_offset_of_whole_friction_and_the_sheet_are_options(command, folder, made_up):
+    Path("whole.csv").write_text("t (s);F (nN);error (nN)\n0.1;13;1\n10;15;1\n1e3;18;1\n", encoding="utf-8")
+    words = ["infer", "whole.csv", "--scene", "tip.toml", "--load", "20 nN", "--temperature", "300 K", "--no-figures"]
+    asked = command(*words)
+    assert asked.status == 2
+    assert "is the whole friction" in asked.err
+    assert "--offset first" in asked.err
+    assert "has no sheets" in command(*words, "--sheet", "wet").err
+    done = command(*words, "--offset", "10 nN")
+    assert done.status == 0, done.err
+    assert made_up["curves"][0].values.tolist() == [3, 5, 8]

@@ -135,7 +135,7 @@ def test_instruments_have_calibrations_of_their_own():
 
 
 def test_curves_of_two_instruments_are_told_apart(tmp_path):
-    text = "t (s), F (nN), err (nN), load (nN), T (K), lever\n"
+    text = "t (s), ΔF (nN), err (nN), load (nN), T (K), lever\n"
     text += "".join(f"{t}, {t + 1}, 0.1, 50, 300, {lever}\n" for lever in ("a", "b") for t in (1, 10, 100))
     (tmp_path / "m.csv").write_text(text)
     found = ca.read_curves(tmp_path / "m.csv")

@@ -515,6 +515,18 @@ def test_shares_are_integrals_of_the_density():
     )
 
 
+def test_sites_below_the_visible_energies_have_a_row():
+    """Of an offset that was left in the values, sites seem bonded from the first hold time on."""
+    one = made_inference((0.65, 1.0))
+    below, _, above = three_shares(one)
+    assert 0.2 < below.median < 0.6
+    rows = words.shape_rows(one)
+    assert rows[1][0] == "  below 0.760 eV"
+    assert rows[1][1].startswith(f"{100 * below.median:.1f} % ({100 * below.band[0]:.1f} to {100 * below.band[1]:.1f})")
+    assert rows[1][1].endswith("of the sites: bonded before the first hold time")
+    assert rows[-1][1].startswith(f"{100 * above.median:.1f} %")
+
+
 def test_data_that_tell_nothing_are_shown_as_such():
     one = made_inference(visible=np.zeros(61, dtype=bool))
     made = InferenceResult(one)
