@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from functools import partial
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Self
 
 import numpy as np
@@ -119,7 +119,7 @@ class Roughened(SurfaceMaker):
     def expected(self) -> dict[str, float]:
         """Grid, shortest wavelength and rms slope, from the measured surface and the fit."""
         measured = self.surface.make()
-        plan = self._plan(measured)
+        plan = _plan(self, measured)
         nx, ny = plan.shape
         return {
             "nx": nx,
@@ -143,11 +143,11 @@ class Roughened(SurfaceMaker):
             The new pixels are no finer than the image or do not fit into its period, or the spectrum of the image
             allows no fit.
         """
-        return self._whole(self._plan(self.surface.make(seed)), seed)
+        return self._whole(_plan(self, self.surface.make(seed)), seed)
 
     def whole_or_parts(self, seed: Seed = 0) -> Surface | Parts:
         """The surface, or its parts where it has more than 2²⁴ pixels and is not periodic."""
-        plan = self._plan(self.surface.make(seed))
+        plan = _plan(self, self.surface.make(seed))
         if math.prod(plan.shape) <= MOST_WHOLE or plan.measured.periodic:
             return self._whole(plan, seed)
         return Parts(
@@ -216,7 +216,8 @@ class Roughened(SurfaceMaker):
             "roughened": plan.record(),
         }
 
-    def _plan(self, measured: Surface) -> _Plan:
+    def plan(self, measured: Surface) -> _Plan:
+        """What is added to the measured surface, and what is taken from it; errors as of :meth:`make`."""
         side = measured.pixel_size
         if self.pixel_size >= side * (1 - 1e-9):
             raise InputError(
@@ -331,6 +332,12 @@ class Roughened(SurfaceMaker):
             axes.axvline(record["join"], color="0.6", lw=0.8)
         axes.set(xlabel="wavenumber q (1/nm)", ylabel="power spectral density C (nm⁴)")
         figures.legend(axes)
+
+
+@lru_cache(maxsize=2)
+def _plan(maker: Roughened, measured: Surface) -> _Plan:
+    """The last ones are kept: for the estimate of a scene, and for every place of a tip."""
+    return maker.plan(measured)
 
 
 def _recorded(result: Any) -> dict[str, Any] | None:

@@ -296,13 +296,11 @@ class Tip(SurfaceMaker):
     def scatter(self, contact: Mapping[str, float]) -> Scatter:
         """Unknown where the seed draws the roughness or the place, else none."""
         drawn = self._drawn
-        return (
-            Scatter(
-                None, f"the seed draws the {' and the '.join(drawn)}".replace("_", " ")
-            )
-            if drawn
-            else Scatter(0.0)
-        )
+        if not drawn:
+            return Scatter(0.0)
+        source = f"the seed draws the {' and the '.join(drawn)}".replace("_", " ")
+        between = "places" if drawn == ["place"] else "surfaces"
+        return Scatter(None, source, between)
 
     def make(self, seed: Seed = 0) -> Surface:
         """The tip and the counterface below it: heights (nx, ny) float64 nm, not periodic.

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 from scipy.optimize import brentq
+from seen import result_of
 
 import chemage as ca
 from chemage.plugin import Scatter, SceneError, roughness
@@ -324,14 +325,14 @@ def test_a_measured_tip_is_the_shape_of_its_file(tmp_path, apex):
 def test_parts_of_a_large_surface_are_like_the_whole(image, monkeypatch):
     """Waves of the image are those of the whole; random ones have its spectrum, and parts around one pixel the same."""
     maker = ca.surface(**image)
-    plan = maker._plan(maker.surface.make())
+    plan = maker.plan(maker.surface.make())
     kept = plan.cosines(plan.completed(3), *plan.places(plan.shape, 0.5))
     added = maker.make(3).heights - kept
     monkeypatch.setattr("chemage_surfaces.roughened.MOST_WHOLE", 0)
     parts = maker.whole_or_parts(3)
     assert (parts.shape, parts.provenance) == (plan.shape, maker.make(3).provenance)
     slopes, squares = [], []
-    for x in range(0, 128, 16):
+    for x in range(0, 128, 32):
         first, shape = (x, 60), (128, 160)
         own = parts.heights(first, shape, (x + 64, 140)) - kept[x : x + 128, 60:220]
         slopes.append(roughness.rms_slope(own, 0.5, False) ** 2)
@@ -349,22 +350,33 @@ def test_a_tip_on_a_scan_of_20_um_takes_little_memory_and_its_patch_is_enough(tm
     scan = SCAN | {"path": str(tmp_path / "scan.npy"), "pixel_size": 78.125}
     carried = {"kind": "roughened", "pixel_size": 0.5, "hurst": 0.8, "cutoff": "2 nm", "surface": scan}
     maker = tip(body=BLUNT, counterface=carried, depth="1 nm")
+    made = maker.make(1)
     tracemalloc.start()
-    made = [maker.make(seed) for seed in (1, 2)]
+    assert made.heights.tobytes() == maker.make(1).heights.tobytes()
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert peak < 3e8
-    assert made[0].heights.tobytes() == maker.make(1).heights.tobytes()
-    record = made[0].provenance["tip"]["counterface"]
+    record = made.provenance["tip"]["counterface"]
     with pytest.raises(ca.InputError, match="memory needed"):
         ca.surface(**carried | {"pixel_size": 0.1}).make()
-    # the same place on a grid of 200 nm around it
+    # the same place on a grid of 100 nm around it
     parts = maker.counterface.whole_or_parts(0)
     middle = [round(at / 0.5 - 16) + 16 for at in record["place"]]
-    x, y = (at - 200 for at in middle)
-    heights = parts.heights((x, y), (400, 400), tuple(middle))
-    at = (np.arange(400) - 200 + 0.5) * 0.5
+    x, y = (at - 100 for at in middle)
+    heights = parts.heights((x, y), (200, 200), tuple(middle))
+    at = (np.arange(200) - 100 + 0.5) * 0.5
     around = ca.Surface(heights=heights + maker.body.around(at, at), pixel_size=0.5, periodic=False, provenance={})
-    patch, full = (SOLVER.solve(surface, 20.0) for surface in (made[0], around))
-    assert patch.displacement < made[0].provenance["tip"]["below"]
+    patch, full = (SOLVER.solve(surface, 20.0) for surface in (made, around))
+    assert patch.displacement < made.provenance["tip"]["below"]
     assert (patch.area, patch.displacement) == pytest.approx((full.area, full.displacement), rel=1e-4)
+
+
+@pytest.mark.parametrize(("own", "between"), [({}, "places"), ({"own_roughness": ROUGH}, "surfaces")])
+def test_the_scatter_is_named_by_what_the_seed_draws(own, between):
+    surface = {"kind": "tip", "body": BALL, "counterface": ROUGH, "seed": 3, **own}
+    mean = ca.ensemble(ca.parse_scene(scene(surface=surface, contact=FFT | {"load": 5.0})), surfaces=3)
+    shown = result_of(mean)
+    rows = dict(shown.rows())
+    assert rows["mean over"].startswith(f"3 random {between}: 64 x 64 pixels")
+    assert f"error of β: scatter between {between}" in rows
+    assert f"include the scatter between {between}" in shown.errors
