@@ -587,9 +587,9 @@ class FFTBEM(HalfSpaceSolver):
             raise InputError.of(
                 "load",
                 load,
-                f"the tip touches the counterface beyond its grid ({nx} x {ny} pixels of {surface.pixel_size:.4g} nm), "
-                f"too: a point there is {below:.4g} nm below the highest one, and the approach is {approach:.4g} nm",
-                f"use a smaller load, or the option depth of the tip: '{1.5 * approach:.2g} nm'",
+                f"the tip may touch the counterface beyond its grid ({nx} x {ny} pixels of {surface.pixel_size:.4g} nm), "
+                f"too: of the highest points, one there is {below:.4g} nm lower, and the approach is {approach:.4g} nm",
+                f"give the tip depth = '{1.5 * approach:.2g} nm' or more, another place, or use a smaller load",
             )
         rows = pressure[sorted({0, nx - 1})]
         columns = pressure[1:-1, sorted({0, ny - 1})]

@@ -153,9 +153,10 @@ class Parts:
     #: of (first pixel, shape, middle): heights, nm; random waves are drawn for the pixel ``middle``, so that parts that
     #: name the same one are equal where they overlap
     heights: Callable[[Pair, Pair, Pair], Floats]
-    #: the same surface on larger pixels
-    coarse: Surface
-    #: rms height of the waves that these do not show, nm
+    #: its longer waves on the pixels of the image, and the edge of these, nm
+    coarse: Floats
+    side: float
+    #: rms height of the other waves, nm
     unseen: float
 
 

@@ -147,15 +147,19 @@ class Roughened(SurfaceMaker):
 
     def whole_or_parts(self, seed: Seed = 0) -> Surface | Parts:
         """The surface, or its parts where it has more than 2²⁴ pixels and is not periodic."""
-        plan = _plan(self, self.surface.make(seed))
-        if math.prod(plan.shape) <= MOST_WHOLE or plan.measured.periodic:
+        measured = self.surface.make(seed)
+        plan = _plan(self, measured)
+        if math.prod(plan.shape) <= MOST_WHOLE or measured.periodic:
             return self._whole(plan, seed)
         return Parts(
             shape=plan.shape,
             pixel_size=self.pixel_size,
             provenance=self._record(plan, seed),
             heights=partial(self._part, plan, seed),
-            coarse=plan.measured,
+            coarse=plan.cosines(
+                plan.completed(seed), *plan.places(measured.shape, measured.pixel_size)
+            ),
+            side=measured.pixel_size,
             unseen=plan.added_height(self.shortest),
         )
 

@@ -466,27 +466,35 @@ class _Patch(NamedTuple):
         middle, apex = begin + shape // 2, begin + 0.5 * (shape - 1)
         low, beyond = 0 * shape, -math.inf
 
-        def body_at(low: Floats, counts: Pair, side: float) -> Floats:
-            """Heights of the body at ``counts`` places from ``low`` (pixels from the apex) on, ``side`` apart."""
+        def body_at(low: Floats, counts: Pair, side: float, near: float = 0) -> Floats:
+            """Heights of the body at ``counts`` places from ``low`` on, ``side`` apart and up to ``near`` closer to the
+            apex; in pixels."""
             x, y = (
-                (start + side * np.arange(count)) * size
+                np.maximum(np.abs(start + side * np.arange(count)) - near, 0) * size
                 for start, count in zip(low, counts, strict=True)
             )
             return body.around(x, y)
 
         if isinstance(surface, Parts):
-            image, side = surface.coarse, surface.coarse.pixel_size / size
-            both = image.heights + body_at(0.5 * (side - 1) - apex, image.shape, side)
-            unsure = UNSEEN * surface.unseen
-            highest = np.argwhere(both >= both.max() - 2 * unsure - depth)
-            reach = np.abs((highest + 0.5) * side - middle).max()
-            reach = int(np.clip(reach, 2 * shape.max(), LARGEST_PART // 2))
-            low = np.maximum(middle - reach, 0)
-            high = np.minimum(middle + reach, surface.shape)
+            image, side = surface.coarse, surface.side / size
+            corner, unsure = 0.5 * (side - 1) - apex, UNSEEN * surface.unseen
+            lower = image + body_at(corner, image.shape, side) - unsure
+            upper = image + body_at(corner, image.shape, side, side / 2)
+            upper += unsure
+            can = np.argwhere(upper >= lower.max() - depth)
+            low, high = can.min(axis=0) * side, (can.max(axis=0) + 1) * side
+            centre = (low + high) / 2
+            if (high - low).max() > LARGEST_PART:
+                centre = (
+                    np.array(np.unravel_index(lower.argmax(), lower.shape)) + 0.5
+                ) * side
+            reach = np.clip((high - low) / 2, 2 * shape, LARGEST_PART // 2)
+            low = np.maximum(centre - reach, 0).astype(int)
+            high = np.minimum(np.ceil(centre + reach), surface.shape).astype(int)
             x, y = np.ceil(low / side).astype(int)
             end_x, end_y = np.floor(high / side).astype(int)
-            both[x:end_x, y:end_y] = -math.inf
-            beyond = float(both.max()) + unsure
+            upper[x:end_x, y:end_y] = -math.inf
+            beyond = float(upper.max())
             heights = surface.heights(_pair(low), _pair(high - low), _pair(middle))
         elif surface.periodic:
             low = middle - np.array(surface.shape) // 2
@@ -498,8 +506,10 @@ class _Patch(NamedTuple):
         start = begin - low
         # of the points that can touch, with a pixel around them
         can = np.argwhere(both >= both.max() - depth)
-        least, most = can.min(axis=0) - 1, can.max(axis=0) + 2
-        if (least < start).any() or (most > start + shape).any():
+        least = np.maximum(can.min(axis=0) - 1, 0)
+        most = np.minimum(can.max(axis=0) + 2, both.shape)
+        end = start + shape
+        if (least < start).any() or (most > end).any() or (end > both.shape).any():
             shape = np.maximum(shape, most - least)
             start = np.clip((least + most - shape) // 2, 0, both.shape - shape)
         if shape.max() > max(LARGEST_PATCH, *body.pixels):

@@ -268,7 +268,7 @@ def test_a_tip_that_touches_elsewhere_is_moved_there_and_one_that_touches_there_
             assert SOLVER.solve(made, 20.0).displacement <= record["below"]
         except ca.InputError:
             refused += 1
-            with pytest.raises(ca.InputError, match=r"beyond its grid .*option depth of the tip: '\S+ nm'|edge of its"):
+            with pytest.raises(ca.InputError, match=r"beyond its grid .*give the tip depth = '\S+ nm'|edge of its"):
                 SOLVER.solve(made, 20.0)
     assert min(moves) <= 1
     assert max(moves) > 16
