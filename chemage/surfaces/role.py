@@ -27,6 +27,8 @@ class Scatter:
     relative: float | None
     #: how this is known, in words
     source: str = ""
+    #: what another seed gives, in words
+    between: str = "surfaces"
 
     def __post_init__(self) -> None:
         if self.relative is not None and not 0 <= self.relative < math.inf:

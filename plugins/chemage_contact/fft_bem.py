@@ -509,7 +509,7 @@ class FFTBEM(HalfSpaceSolver):
         edge = (
             []
             if self.is_nominally_flat(surface.periodic)
-            else self._at_edge(surface, values, load)
+            else self._at_edge(surface, values, load, -result.offset * unit)
         )
         notes += (
             self._full(surface, result, flow) if values.size and least > 0.0 else edge
@@ -577,10 +577,20 @@ class FFTBEM(HalfSpaceSolver):
         return notes
 
     def _at_edge(
-        self, surface: Surface, pressure: np.ndarray, load: float
+        self, surface: Surface, pressure: np.ndarray, load: float, approach: float
     ) -> list[str]:
-        """A note of contact on the outermost pixels of a free surface; of a tip, an error: its contact is cut off."""
+        """A note of contact on the outermost pixels of a free surface; of a tip, an error: its contact is cut off, as
+        where the surfaces beyond the grid are less than the approach below the highest point."""
         nx, ny = pressure.shape
+        below = surface.provenance.get("tip", {}).get("below", math.inf)
+        if approach > below:
+            raise InputError.of(
+                "load",
+                load,
+                f"the tip may touch the counterface beyond its grid ({nx} x {ny} pixels of {surface.pixel_size:.4g} nm), "
+                f"too: of the highest points, one there is {below:.4g} nm lower, and the approach is {approach:.4g} nm",
+                f"give the tip depth = '{1.5 * approach:.2g} nm' or more, another place, or use a smaller load",
+            )
         rows = pressure[sorted({0, nx - 1})]
         columns = pressure[1:-1, sorted({0, ny - 1})]
         total = float(rows.sum(dtype=np.float64) + columns.sum(dtype=np.float64))

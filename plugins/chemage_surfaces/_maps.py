@@ -6,9 +6,10 @@ from __future__ import annotations
 import math
 import operator
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,10 +37,14 @@ from chemage.plugin import (
 
 #: heights, or numbers of wave vectors
 Floats = NDArray[np.float64]
+#: along x and y
+Pair: TypeAlias = tuple[int, int]
 #: sides of a pixel that differ by less than this are equal
 SQUARE = 1e-6
 #: pixels that are given against a file may differ by this, as rounded lengths do
 DIFFERENT = 1e-3
+#: pixels along the sides of parts, beyond which their random waves repeat
+LARGEST_PART = 2048
 #: pixels of the largest grid: no machine holds its heights, but theories of contact need none
 MOST_PIXELS = 2**43
 
@@ -133,6 +138,26 @@ PixelSides = Annotated[
     tuple[Length, Length],
     BeforeValidator(_sides, json_schema_input_type=Length | tuple[Length, Length]),
 ]
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """A surface on a grid too large to be made, of which any part can be. It is not periodic."""
+
+    periodic: ClassVar[bool] = False
+
+    shape: Pair
+    #: nm
+    pixel_size: float
+    provenance: Mapping[str, Any]
+    #: of (first pixel, shape, middle): heights, nm; random waves are drawn for the pixel ``middle``, so that parts that
+    #: name the same one are equal where they overlap
+    heights: Callable[[Pair, Pair, Pair], Floats]
+    #: its longer waves on the pixels of the image, and the edge of these, nm
+    coarse: Floats
+    side: float
+    #: rms height of the other waves, nm
+    unseen: float
 
 
 class ImageMaker(SurfaceMaker):

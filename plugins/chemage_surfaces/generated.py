@@ -312,6 +312,22 @@ def heights_of(half: NDArray[np.complex128], ny: int) -> Floats:
     return np.ascontiguousarray(heights)
 
 
+def heights_at(
+    half: NDArray[np.complex128],
+    ny: int,
+    sides: tuple[float, float],
+    x: Floats,
+    y: Floats,
+) -> Floats:
+    """The Fourier series of a half spectrum of periods ``sides``, at ``x`` and ``y``: (len(x), len(y))."""
+    nx, columns = half.shape
+    across = np.outer(x, np.rint(np.fft.fftfreq(nx) * nx))
+    along = np.outer(np.arange(columns), y)
+    waves = np.exp(2j * math.pi / sides[1] * along)
+    waves *= roughness.multiplicity(ny)[:columns, None] / (nx * ny)
+    return (np.exp(2j * math.pi / sides[0] * across) @ half @ waves).real
+
+
 def half_spectrum(
     shape: tuple[int, int],
     seed: Seed,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Self
 
 import numpy as np
@@ -24,8 +25,8 @@ from chemage.plugin import (
     roughness,
     threads,
 )
-from chemage_surfaces._maps import Floats, provenance, stream
-from chemage_surfaces.generated import JACOBS, half_spectrum, heights_of
+from chemage_surfaces._maps import LARGEST_PART, Floats, Pair, Parts, provenance, stream
+from chemage_surfaces.generated import JACOBS, half_spectrum, heights_at, heights_of
 from chemage_surfaces.spectra import Binned, PowerLaw, wavenumbers
 from chemage_surfaces.trusted import TO_PIXELS, trusted
 
@@ -38,6 +39,10 @@ FIT_RANGE = 4.0
 FITS = 1e-3
 #: distinguishes the random numbers of this class from those of another maker with the same seed
 _STREAM = 0x726F7567
+#: pixels up to which a grid is made whole where only a part is needed
+MOST_WHOLE = 2**24
+#: period of the longer random waves of a part, in lengths of the longest
+PERIODS = 16.5
 #: bins of the spectra that are recorded
 _BINS = 60
 
@@ -114,7 +119,7 @@ class Roughened(SurfaceMaker):
     def expected(self) -> dict[str, float]:
         """Grid, shortest wavelength and rms slope, from the measured surface and the fit."""
         measured = self.surface.make()
-        plan = self._plan(measured)
+        plan = _plan(self, measured)
         nx, ny = plan.shape
         return {
             "nx": nx,
@@ -138,52 +143,85 @@ class Roughened(SurfaceMaker):
             The new pixels are no finer than the image or do not fit into its period, or the spectrum of the image
             allows no fit.
         """
+        return self._whole(_plan(self, self.surface.make(seed)), seed)
+
+    def whole_or_parts(self, seed: Seed = 0) -> Surface | Parts:
+        """The surface, or its parts where it has more than 2²⁴ pixels and is not periodic."""
         measured = self.surface.make(seed)
-        plan = self._plan(measured)
+        plan = _plan(self, measured)
+        if math.prod(plan.shape) <= MOST_WHOLE or measured.periodic:
+            return self._whole(plan, seed)
+        return Parts(
+            shape=plan.shape,
+            pixel_size=self.pixel_size,
+            provenance=self._record(plan, seed),
+            heights=partial(self._part, plan, seed),
+            coarse=plan.cosines(
+                plan.completed(seed), *plan.places(measured.shape, measured.pixel_size)
+            ),
+            side=measured.pixel_size,
+            unseen=plan.added_height(self.shortest),
+        )
+
+    def _whole(self, plan: _Plan, seed: Seed) -> Surface:
         memory.require(
             6 * 8.0 * plan.shape[0] * plan.shape[1],
             f"pixel_size = {self.pixel_size:g} nm",
             "give larger pixels",
         )
-        # amplitudes are those of a Gaussian surface, not scaled to meet a roughness; noise has a mean square of 2
-        nx, ny = plan.shape
-        longest = 2.0 * math.pi / (max(nx, ny) * self.pixel_size)
-        half = half_spectrum(
-            plan.shape,
-            stream(seed, _STREAM),
-            hurst=plan.law.hurst,
-            roll=plan.join / longest,
-            long=plan.join / longest,
-            short=2 * math.pi / self.shortest / longest,
-            scale=math.sqrt(0.5 * float(plan.law(plan.join)) * nx * ny)
-            / self.pixel_size,
-        )
+        waves = (plan.join, 2 * math.pi / self.shortest)
+        half = plan.added(plan.shape, self.pixel_size, waves, stream(seed, _STREAM))
         heights = None
-        if measured.periodic:
+        if plan.measured.periodic:
             half = plan.with_image(half)
         else:
-            series = plan.series()
-            lost = plan.lost()
-            random = np.random.Generator(np.random.Philox(stream(seed, _STREAM, 0)))
-            series[: len(lost)] = np.where(
-                lost > 0, lost * random.standard_normal(lost.shape), series[: len(lost)]
+            heights = plan.cosines(
+                plan.completed(seed), *plan.places(plan.shape, self.pixel_size)
             )
-            heights = plan.cosines(series, plan.shape, self.pixel_size)
         added = heights_of(half, plan.shape[1])
         heights = added if heights is None else heights + added
         heights.setflags(write=False)
         return Surface(
             heights=heights,
             pixel_size=self.pixel_size,
-            periodic=measured.periodic,
-            provenance={
-                **provenance(self, seed),
-                "measured": measured.provenance,
-                "roughened": plan.record(),
-            },
+            periodic=plan.measured.periodic,
+            provenance=self._record(plan, seed),
         )
 
-    def _plan(self, measured: Surface) -> _Plan:
+    def _part(
+        self,
+        plan: _Plan,
+        seed: Seed,
+        first: Pair,
+        shape: Pair,
+        middle: Pair,
+    ) -> Floats:
+        """See :attr:`Parts.heights`: each octave of long random waves has a period of its own, short ones share one."""
+        size = self.pixel_size
+        x, y = plan.places(shape, size, first)
+        heights = plan.cosines(plan.completed(seed), x, y)
+        x, y = x - middle[0] * size, y - middle[1] * size
+        least = max(LARGEST_PART, *shape) * size
+        low, highest, octave = plan.join, 2 * math.pi / self.shortest, 0
+        while low < highest:
+            period = max(least, 2 * math.pi * PERIODS / low)
+            high = highest if period == least else min(2 * low, highest)
+            side = 2 * math.ceil(period * high / (2 * math.pi)) + 2
+            key = stream(seed, _STREAM, 1, *middle, octave)
+            half = plan.added((side, side), period / side, (low, high), key)
+            heights += heights_at(half, side, (period, period), x, y)
+            low, octave = high, octave + 1
+        return heights
+
+    def _record(self, plan: _Plan, seed: Seed) -> dict[str, Any]:
+        return {
+            **provenance(self, seed),
+            "measured": plan.measured.provenance,
+            "roughened": plan.record(),
+        }
+
+    def plan(self, measured: Surface) -> _Plan:
+        """What is added to the measured surface, and what is taken from it; errors as of :meth:`make`."""
         side = measured.pixel_size
         if self.pixel_size >= side * (1 - 1e-9):
             raise InputError(
@@ -300,6 +338,12 @@ class Roughened(SurfaceMaker):
         figures.legend(axes)
 
 
+@lru_cache(maxsize=2)
+def _plan(maker: Roughened, measured: Surface) -> _Plan:
+    """The last ones are kept: for the estimate of a scene, and for every place of a tip."""
+    return maker.plan(measured)
+
+
 def _recorded(result: Any) -> dict[str, Any] | None:
     """What a plan noted with the surface of a result or its contact, or with a part of a tip; None where
     neither has it."""
@@ -330,6 +374,27 @@ class _Plan(NamedTuple):
     #: the part that is trusted, tip and noise corrected
     data: Binned
 
+    def added(
+        self,
+        shape: tuple[int, int],
+        pixel_size: float,
+        waves: tuple[float, float],
+        seed: np.random.SeedSequence,
+    ) -> NDArray[np.complex128]:
+        """The half spectrum of the continuation between two wavenumbers (1/nm), on a grid."""
+        nx, ny = shape
+        longest = 2.0 * math.pi / (max(nx, ny) * pixel_size)
+        # amplitudes are those of a Gaussian surface, not scaled to meet a roughness; noise has a mean square of 2
+        return half_spectrum(
+            shape,
+            seed,
+            hurst=self.law.hurst,
+            roll=self.join / longest,
+            long=waves[0] / longest,
+            short=waves[1] / longest,
+            scale=math.sqrt(0.5 * float(self.law(self.join)) * nx * ny) / pixel_size,
+        )
+
     def added_slope(self, shortest: float) -> float:
         """rms slope of the continuation: h'² = ∫ C q³ dq/(2π)."""
         power = 2 - 2 * self.law.hurst
@@ -337,6 +402,15 @@ class _Plan(NamedTuple):
         integral = math.log(ratio) if power < 1e-9 else (ratio**power - 1) / power
         return math.sqrt(
             float(self.law(self.join)) * self.join**4 * integral / (2 * math.pi)
+        )
+
+    def added_height(self, shortest: float) -> float:
+        """rms height of the continuation, nm: h² = ∫ C q dq/(2π)."""
+        power = -2 * self.law.hurst
+        ratio = 2 * math.pi / shortest / self.join
+        integral = math.log(ratio) if power > -1e-9 else (ratio**power - 1) / power
+        return math.sqrt(
+            float(self.law(self.join)) * self.join**2 * integral / (2 * math.pi)
         )
 
     def waves(self) -> tuple[NDArray[np.complex128], NDArray[np.bool_]]:
@@ -381,18 +455,33 @@ class _Plan(NamedTuple):
         )
         return np.hypot(qx[:, None], qy)
 
-    def cosines(
-        self, series: Floats, shape: tuple[int, int], pixel_size: float
-    ) -> Floats:
-        """The sum of cosines with these amplitudes at the centres of the pixels of another grid."""
+    def completed(self, seed: Seed) -> Floats:
+        """These amplitudes, with random ones where the alignment of scan lines took them."""
+        series, lost = self.series(), self.lost()
+        random = np.random.Generator(np.random.Philox(stream(seed, _STREAM, 0)))
+        series[: len(lost)] = np.where(
+            lost > 0, lost * random.standard_normal(lost.shape), series[: len(lost)]
+        )
+        return series
+
+    def places(
+        self,
+        shape: tuple[int, int],
+        pixel_size: float,
+        first: tuple[int, int] = (0, 0),
+    ) -> tuple[Floats, Floats]:
+        """x and y of the centres of the pixels from ``first`` on, nm."""
+        (nx, ny), (x, y) = shape, first
+        return (
+            (np.arange(float(x), x + nx) + 0.5) * pixel_size,
+            (np.arange(float(y), y + ny) + 0.5) * pixel_size,
+        )
+
+    def cosines(self, series: Floats, x: Floats, y: Floats) -> Floats:
+        """The sum of cosines with these amplitudes at ``x`` and ``y``, nm: (len(x), len(y))."""
         at_x, at_y = (
-            np.cos(
-                np.outer(
-                    (np.arange(m) + 0.5) * pixel_size,
-                    np.pi * np.arange(n) / (n * self.measured.pixel_size),
-                )
-            )
-            for n, m in zip(series.shape, shape, strict=True)
+            np.cos(np.outer(at, np.pi * np.arange(n) / (n * self.measured.pixel_size)))
+            for n, at in zip(series.shape, (x, y), strict=True)
         )
         return at_x @ series @ at_y.T
 
@@ -429,7 +518,8 @@ class _Plan(NamedTuple):
             return roughness.rms_slope(low, self.measured.pixel_size, True)
         series, lost = self.series(), self.lost()
         series[: len(lost)][lost > 0] = 0.0
-        low = self.cosines(series, self.measured.shape, self.measured.pixel_size)
+        places = self.places(self.measured.shape, self.measured.pixel_size)
+        low = self.cosines(series, *places)
         q = self.cosine_waves()[: len(lost)]
         share = np.where(np.arange(len(lost))[:, None] == 0, 2.0, 4.0)
         return math.hypot(

@@ -10,14 +10,23 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from chemage import InputError, Surface
 from chemage.plugin import Choice, Length, Scatter, Seed, SurfaceMaker, Unit, memory
-from chemage_surfaces._maps import SQUARE, Floats, Pixels, provenance, stream
+from chemage_surfaces._maps import (
+    LARGEST_PART,
+    SQUARE,
+    Floats,
+    Pair,
+    Parts,
+    Pixels,
+    provenance,
+    stream,
+)
 
 _JOHNSON = """@book{johnson1985,
   author = {Johnson, K. L.},
@@ -29,6 +38,10 @@ _JOHNSON = """@book{johnson1985,
 #: distinguishes the random numbers of this module from those of other makers with the same seed
 _STREAM = 0x74697073
 _Seed = Annotated[int, Field(ge=0)]
+#: standard deviations of the waves that an image does not show, by which a point may be higher than in the image
+UNSEEN = 4.0
+#: pixels along the sides of the largest grid that ``depth`` makes
+LARGEST_PATCH = 1024
 
 
 class _Body(SurfaceMaker):
@@ -47,6 +60,12 @@ class _Body(SurfaceMaker):
     @abstractmethod
     def _heights(self, x: Floats, y: Floats) -> Floats:
         """Heights (nx, ny) at the squared distances ``x`` and ``y`` from the apex along both sides, nm²."""
+
+    def around(self, x: Floats, y: Floats) -> Floats:
+        """Heights at ``x`` and ``y`` nm from the apex, also beyond the grid: −∞ where the body has ended."""
+        with np.errstate(invalid="ignore"):
+            heights = self._heights(x**2, y**2)
+        return np.where(np.isnan(heights), -math.inf, heights)
 
     @property
     def _corner(self) -> float:
@@ -190,6 +209,11 @@ class Tip(SurfaceMaker):
     The seed draws the roughness and the place, so that an ensemble is the mean over tips and places; with
     ``roughness_seed`` it is over the places of one tip, which is the average of a scan. The counterface is one surface,
     that of ``counterface_seed``. x and y are those of the counterface. ``provenance["tip"]`` has the place.
+
+    The grid is the part that can touch, see ``depth``; of a measured body, which ends with its image, it is that of the
+    body. ``provenance["tip"]["below"]`` says how far (nm) all points beyond the grid are below the highest one: a contact
+    with a larger approach is refused. Beyond the grid the tip is taken as smooth. Of a counterface of more than 2²⁴
+    pixels only this part is made.
     """
 
     kind = "tip"
@@ -211,17 +235,25 @@ class Tip(SurfaceMaker):
     ) = None
     """[x, y] of the middle of the tip on the counterface, nm from its edges, to whole pixels; None: random, uniform
     over all places where the tip's grid lies on the counterface"""
+    depth: Length | None = None
+    """the grid of the body is moved and enlarged to hold all points that are up to this far below the highest one, nm:
+    a contact with a smaller approach touches no others; None: to hold the highest one"""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
         for option, part in (
             ("place", "counterface"),
+            ("depth", "counterface"),
             ("roughness_seed", "own_roughness"),
         ):
             if getattr(self, option) is not None and getattr(self, part) is None:
                 raise ValueError(
                     f"{option} = {getattr(self, option)}: there is no {part}; give {part}, or leave it out"
                 )
+        if self.depth is not None and not isinstance(self.body, _Body):
+            raise ValueError(
+                f"depth = {self.depth:g} nm: a {self.body.kind} body ends with its grid; leave depth out"
+            )
         if self.apex == "down" and isinstance(self.body, _Body):
             raise ValueError(
                 f"apex = 'down': {self.body.kind} has its apex up; leave apex out"
@@ -263,13 +295,11 @@ class Tip(SurfaceMaker):
     def scatter(self, contact: Mapping[str, float]) -> Scatter:
         """Unknown where the seed draws the roughness or the place, else none."""
         drawn = self._drawn
-        return (
-            Scatter(
-                None, f"the seed draws the {' and the '.join(drawn)}".replace("_", " ")
-            )
-            if drawn
-            else Scatter(0.0)
-        )
+        if not drawn:
+            return Scatter(0.0)
+        source = f"the seed draws the {' and the '.join(drawn)}".replace("_", " ")
+        between = "places" if drawn == ["place"] else "surfaces"
+        return Scatter(None, source, between)
 
     def make(self, seed: Seed = 0) -> Surface:
         """The tip and the counterface below it: heights (nx, ny) float64 nm, not periodic.
@@ -283,22 +313,43 @@ class Tip(SurfaceMaker):
         body = self.body.make(seed)
         heights = body.heights.astype(np.float64) * (1.0 if self.apex == "up" else -1.0)
         record: dict[str, Any] = {"body": body.provenance}
-        if self.own_roughness is not None:
-            own = seed if self.roughness_seed is None else self.roughness_seed
-            rough = self.own_roughness.make(stream(own, _STREAM, 0))
-            heights += self._part(
-                "own_roughness", rough, body, None, stream(own, _STREAM, 1), record
-            )
+        below, beyond = None, -math.inf
         if self.counterface is not None:
-            surface = self.counterface.make(self.counterface_seed)
-            heights += self._part(
+            maker = self.counterface
+            whole = getattr(maker, "whole_or_parts", maker.make)(self.counterface_seed)
+            first = self._first(
                 "counterface",
-                surface,
-                body,
+                whole,
+                body.shape,
+                body.pixel_size,
                 self.place,
                 stream(seed, _STREAM, 2),
                 record,
             )
+            if isinstance(self.body, _Body):
+                first, below, heights, beyond = _Patch.under(
+                    self.body, whole, first, self.depth or 0.0
+                )
+                record["counterface"]["first_pixel"] = list(first)
+            else:
+                below = _cut(whole, first, body.shape)
+        if self.own_roughness is not None:
+            own = seed if self.roughness_seed is None else self.roughness_seed
+            rough = self.own_roughness.make(stream(own, _STREAM, 0))
+            first = self._first(
+                "own_roughness",
+                rough,
+                heights.shape,
+                body.pixel_size,
+                None,
+                stream(own, _STREAM, 1),
+                record,
+            )
+            heights += _cut(rough, first, heights.shape)
+        if below is not None:
+            heights += below
+        if beyond > -math.inf:
+            record["below"] = float(heights.max()) - beyond
         heights.setflags(write=False)
         smooth = self.own_roughness is None and self.counterface is None
         radius = (
@@ -336,48 +387,146 @@ class Tip(SurfaceMaker):
                 f"give a larger {name}, or a body on fewer pixels"
             )
 
-    def _part(
+    def _first(
         self,
         name: str,
-        surface: Surface,
-        body: Surface,
+        surface: Surface | Parts,
+        shape: Pair,
+        pixel_size: float,
         place: tuple[float, float] | None,
         stream: np.random.SeedSequence,
         record: dict[str, Any],
-    ) -> Floats:
-        """The part of ``surface`` under the body at ``place``, or at a random one."""
+    ) -> Pair:
+        """The first pixel of the part of ``surface`` under the body at ``place``, or at a random one."""
         grids = [
-            {"nx": one.shape[0], "ny": one.shape[1], "pixel_size": one.pixel_size}
-            for one in (body, surface)
+            {"nx": nx, "ny": ny, "pixel_size": size}
+            for (nx, ny), size in (
+                (shape, pixel_size),
+                (surface.shape, surface.pixel_size),
+            )
         ]
         self._check_part(name, *grids)
         rng = np.random.Generator(np.random.Philox(stream))
         first = []
-        for axis, (count, width) in enumerate(
-            zip(surface.shape, body.shape, strict=True)
-        ):
+        for axis, (count, width) in enumerate(zip(surface.shape, shape, strict=True)):
             last = count - 1 if surface.periodic else count - width
             start = (
                 int(rng.integers(last + 1))
                 if place is None
-                else round(place[axis] / body.pixel_size - width / 2)
+                else round(place[axis] / pixel_size - width / 2)
             )
             if not surface.periodic and not 0 <= start <= last:
-                low = 0.5 * width * body.pixel_size
-                high = (count - 0.5 * width) * body.pixel_size
+                low = 0.5 * width * pixel_size
+                high = (count - 0.5 * width) * pixel_size
                 raise InputError(
                     f"place = {list(place or ())}: the tip leaves the {name} along {'xy'[axis]}; give {low:.6g} to "
                     f"{high:.6g} nm"
                 )
             first.append(start)
-        (x, y), (nx, ny) = first, body.shape
+        (x, y), (nx, ny) = first, shape
         record[name] = {"surface": surface.provenance, "first_pixel": first}
         record[name]["place"] = [
-            (x + 0.5 * nx) * body.pixel_size,
-            (y + 0.5 * ny) * body.pixel_size,
+            (x + 0.5 * nx) * pixel_size,
+            (y + 0.5 * ny) * pixel_size,
         ]
-        rows, columns = (
-            np.arange(s, s + n) % c
-            for s, n, c in zip(first, body.shape, surface.shape, strict=True)
+        return x, y
+
+
+def _cut(surface: Surface | Parts, first: Pair, shape: Pair) -> Floats:
+    """Heights of ``shape`` pixels from ``first`` on, nm."""
+    if isinstance(surface, Parts):
+        x, y = (start + count // 2 for start, count in zip(first, shape, strict=True))
+        return surface.heights(first, shape, (x, y))
+    rows, columns = (
+        np.arange(start, start + count) % side
+        for start, count, side in zip(first, shape, surface.shape, strict=True)
+    )
+    return surface.heights[np.ix_(rows, columns)].astype(np.float64)
+
+
+class _Patch(NamedTuple):
+    """The part of a counterface that can touch a body."""
+
+    first: Pair
+    #: heights of the two, nm
+    counterface: Floats
+    body: Floats
+    #: highest point of their sum beyond the patch, nm
+    beyond: float
+
+    @classmethod
+    def under(
+        cls, body: _Body, surface: Surface | Parts, first: Pair, depth: float
+    ) -> Self:
+        """The patch under a body whose grid begins at the pixel ``first``, or what holds all points up to ``depth``
+        (nm) below the highest one. Of :class:`Parts` they are sought as far around as the image says that they may be.
+        """
+        size, shape, begin = surface.pixel_size, np.array(body.pixels), np.array(first)
+        middle, apex = begin + shape // 2, begin + 0.5 * (shape - 1)
+        low, beyond = 0 * shape, -math.inf
+
+        def body_at(low: Floats, counts: Pair, side: float, near: float = 0) -> Floats:
+            """Heights of the body at ``counts`` places from ``low`` on, ``side`` apart and up to ``near`` closer to the
+            apex; in pixels."""
+            x, y = (
+                np.maximum(np.abs(start + side * np.arange(count)) - near, 0) * size
+                for start, count in zip(low, counts, strict=True)
+            )
+            return body.around(x, y)
+
+        if isinstance(surface, Parts):
+            image, side = surface.coarse, surface.side / size
+            corner, unsure = 0.5 * (side - 1) - apex, UNSEEN * surface.unseen
+            lower = image + body_at(corner, image.shape, side) - unsure
+            upper = image + body_at(corner, image.shape, side, side / 2)
+            upper += unsure
+            can = np.argwhere(upper >= lower.max() - depth)
+            low, high = can.min(axis=0) * side, (can.max(axis=0) + 1) * side
+            centre = (low + high) / 2
+            if (high - low).max() > LARGEST_PART:
+                centre = (
+                    np.array(np.unravel_index(lower.argmax(), lower.shape)) + 0.5
+                ) * side
+            reach = np.clip((high - low) / 2, 2 * shape, LARGEST_PART // 2)
+            low = np.maximum(centre - reach, 0).astype(int)
+            high = np.minimum(np.ceil(centre + reach), surface.shape).astype(int)
+            x, y = np.ceil(low / side).astype(int)
+            end_x, end_y = np.floor(high / side).astype(int)
+            upper[x:end_x, y:end_y] = -math.inf
+            beyond = float(upper.max())
+            heights = surface.heights(_pair(low), _pair(high - low), _pair(middle))
+        elif surface.periodic:
+            low = middle - np.array(surface.shape) // 2
+            heights = _cut(surface, _pair(low), surface.shape)
+        else:
+            heights = surface.heights
+        shapes = body_at(low - apex, heights.shape, 1.0)
+        both = heights + shapes
+        start = begin - low
+        # of the points that can touch, with a pixel around them
+        can = np.argwhere(both >= both.max() - depth)
+        least = np.maximum(can.min(axis=0) - 1, 0)
+        most = np.minimum(can.max(axis=0) + 2, both.shape)
+        end = start + shape
+        if (least < start).any() or (most > end).any() or (end > both.shape).any():
+            shape = np.maximum(shape, most - least)
+            start = np.clip((least + most - shape) // 2, 0, both.shape - shape)
+        if shape.max() > max(LARGEST_PATCH, *body.pixels):
+            raise InputError(
+                f"depth = {depth:g} nm: points that can touch are {shape.max() * size:.4g} nm apart, {shape.max()} pixels; "
+                f"more than {LARGEST_PATCH} are not made: give a smaller depth, larger pixels, or another place"
+            )
+        (x, y), (end_x, end_y) = start, start + shape
+        part = np.s_[x:end_x, y:end_y]
+        both[part] = -math.inf
+        return cls(
+            first=_pair(low + start),
+            counterface=heights[part].astype(np.float64),
+            body=shapes[part],
+            beyond=max(beyond, float(both.max())),
         )
-        return surface.heights[np.ix_(rows, columns)].astype(np.float64)
+
+
+def _pair(values: np.ndarray) -> Pair:
+    x, y = values.tolist()
+    return x, y

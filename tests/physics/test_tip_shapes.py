@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from scipy.integrate import quad
 from scipy.optimize import brentq
+from seen import result_of
 
 import chemage as ca
-from chemage.plugin import Scatter, SceneError
+from chemage.plugin import Scatter, SceneError, roughness
 
 GRID = {"pixels": 129, "pixel_size": 0.25}
 MODULUS = 35.3
@@ -128,7 +131,7 @@ def scene(**changes):
 
 
 def test_the_scatter_over_places_is_that_of_separate_runs():
-    parsed = ca.parse_scene(scene())
+    parsed = ca.parse_scene(scene(contact=FFT | {"load": 10.0}))
     mean = ca.ensemble(parsed, surfaces=5)
     runs = []
     for surface, hold in mean.levels[0]["seeds"]:
@@ -202,6 +205,76 @@ def test_what_does_not_fit_is_refused(options, message):
         tip(**{"body": BALL, **options}).make(1)
 
 
+def whole(made, below):
+    """The contact of the tip of a made surface with all of the counterface."""
+    body = ca.surface(**made.provenance["options"]["body"])
+    size = made.pixel_size
+    x, y = (
+        (np.arange(count) + 0.5) * size - at
+        for count, at in zip(below.shape, made.provenance["tip"]["counterface"]["place"], strict=True)
+    )
+    heights = below.heights + body.around(x, y)
+    return ca.Surface(heights=heights, pixel_size=size, periodic=False, provenance={})
+
+
+def assert_the_patch_is_enough(maker, below, seed, load):
+    made = maker.make(seed)
+    patch, full = (SOLVER.solve(surface, load) for surface in (made, whole(made, below)))
+    assert patch.displacement < made.provenance["tip"]["below"]
+    assert patch.area == full.area
+    assert patch.pressure.max() == pytest.approx(full.pressure.max(), rel=1e-3)
+    assert patch.displacement == pytest.approx(full.displacement, rel=1e-4)
+    x, y = made.provenance["tip"]["counterface"]["first_pixel"]
+    nx, ny = made.shape
+    there = full.pressure[x : x + nx, y : y + ny]
+    assert there.sum() == pytest.approx(full.pressure.sum(), rel=1e-12)
+    np.testing.assert_allclose(patch.pressure, there, rtol=0, atol=1e-3 * there.max())
+
+
+SCAN = {"kind": "measured", "height_unit": "nm", "pixel_size": "2 nm"}
+BLUNT = {"kind": "cone", "radius": 20, "half_angle": "75 deg", "pixels": 32, "pixel_size": 0.5}
+
+
+@pytest.fixture
+def image(tmp_path):
+    """A scan of 128 nm; its hills are steeper than the side of the tip."""
+    rough = ca.surface("self-affine", pixels=64, pixel_size=2.0, rms_slope=0.5, hurst=0.8, zeta=16, eta=2).make(1)
+    np.save(tmp_path / "scan.npy", rough.heights)
+    carried = {"kind": "roughened", "pixel_size": 0.5, "hurst": 0.8, "cutoff": "2 nm"}
+    return carried | {"surface": SCAN | {"path": str(tmp_path / "scan.npy")}}
+
+
+def test_the_patch_holds_what_touches_of_the_whole_scan(image):
+    below = ca.surface(**image).make()
+    maker = tip(body=BLUNT, counterface=image, depth="1.5 nm")
+    shapes = set()
+    for seed in range(6):
+        assert_the_patch_is_enough(maker, below, seed, 20.0)
+        shapes.add(maker.make(seed).shape)
+    assert (32, 32) in shapes
+    assert len(shapes) > 2
+
+
+def test_a_tip_that_touches_elsewhere_is_moved_there_and_one_that_touches_there_too_is_refused(image):
+    maker = tip(body=BLUNT, counterface=image)
+    moves, refused = [], 0
+    for seed in range(8):
+        made = maker.make(seed)
+        record = made.provenance["tip"]
+        middle = np.array(record["counterface"]["first_pixel"]) + 16
+        moves.append(np.abs(middle - np.array(record["counterface"]["place"]) / 0.5).max())
+        assert record["below"] >= 0
+        try:
+            assert SOLVER.solve(made, 20.0).displacement <= record["below"]
+        except ca.InputError:
+            refused += 1
+            with pytest.raises(ca.InputError, match=r"beyond its grid .*give the tip depth = '\S+ nm'|edge of its"):
+                SOLVER.solve(made, 20.0)
+    assert min(moves) <= 1
+    assert max(moves) > 16
+    assert 0 < refused < 8
+
+
 SMALL = {"pixels": 32, "pixel_size": 0.25}
 
 
@@ -247,3 +320,63 @@ def test_a_measured_tip_is_the_shape_of_its_file(tmp_path, apex):
     np.testing.assert_allclose(made.heights, direct, rtol=0, atol=1e-12)
     given = ca.Surface(heights=direct, pixel_size=0.25, periodic=False, provenance={})
     np.testing.assert_allclose(SOLVER.solve(made, 20.0).pressure, SOLVER.solve(given, 20.0).pressure, rtol=0, atol=1e-9)
+
+
+def test_parts_of_a_large_surface_are_like_the_whole(image, monkeypatch):
+    """Waves of the image are those of the whole; random ones have its spectrum, and parts around one pixel the same."""
+    maker = ca.surface(**image)
+    plan = maker.plan(maker.surface.make())
+    kept = plan.cosines(plan.completed(3), *plan.places(plan.shape, 0.5))
+    added = maker.make(3).heights - kept
+    monkeypatch.setattr("chemage_surfaces.roughened.MOST_WHOLE", 0)
+    parts = maker.whole_or_parts(3)
+    assert (parts.shape, parts.provenance) == (plan.shape, maker.make(3).provenance)
+    slopes, squares = [], []
+    for x in range(0, 128, 32):
+        first, shape = (x, 60), (128, 160)
+        own = parts.heights(first, shape, (x + 64, 140)) - kept[x : x + 128, 60:220]
+        slopes.append(roughness.rms_slope(own, 0.5, False) ** 2)
+        squares.append(np.mean(own**2))
+    assert np.sqrt(np.mean(slopes)) == pytest.approx(plan.added_slope(2.0), rel=0.05)
+    assert np.sqrt(np.mean(squares)) == pytest.approx(plan.added_height(2.0), rel=0.1)
+    assert added.std() == pytest.approx(plan.added_height(2.0), rel=0.1)
+    small, large = (parts.heights(*part, (80, 90)) for part in (((70, 80), (32, 32)), ((40, 60), (128, 96))))
+    np.testing.assert_allclose(small, large[30:62, 20:52], rtol=0, atol=1e-12)
+
+
+def test_a_tip_on_a_scan_of_20_um_takes_little_memory_and_its_patch_is_enough(tmp_path):
+    rough = ca.surface("self-affine", pixels=256, pixel_size=78.125, rms_slope=0.03, hurst=0.8, zeta=64, eta=2).make(1)
+    np.save(tmp_path / "scan.npy", rough.heights)
+    scan = SCAN | {"path": str(tmp_path / "scan.npy"), "pixel_size": 78.125}
+    carried = {"kind": "roughened", "pixel_size": 0.5, "hurst": 0.8, "cutoff": "2 nm", "surface": scan}
+    maker = tip(body=BLUNT, counterface=carried, depth="1 nm")
+    made = maker.make(1)
+    tracemalloc.start()
+    assert made.heights.tobytes() == maker.make(1).heights.tobytes()
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 3e8
+    record = made.provenance["tip"]["counterface"]
+    with pytest.raises(ca.InputError, match="memory needed"):
+        ca.surface(**carried | {"pixel_size": 0.1}).make()
+    # the same place on a grid of 100 nm around it
+    parts = maker.counterface.whole_or_parts(0)
+    middle = [round(at / 0.5 - 16) + 16 for at in record["place"]]
+    x, y = (at - 100 for at in middle)
+    heights = parts.heights((x, y), (200, 200), tuple(middle))
+    at = (np.arange(200) - 100 + 0.5) * 0.5
+    around = ca.Surface(heights=heights + maker.body.around(at, at), pixel_size=0.5, periodic=False, provenance={})
+    patch, full = (SOLVER.solve(surface, 20.0) for surface in (made, around))
+    assert patch.displacement < made.provenance["tip"]["below"]
+    assert (patch.area, patch.displacement) == pytest.approx((full.area, full.displacement), rel=1e-4)
+
+
+@pytest.mark.parametrize(("own", "between"), [({}, "places"), ({"own_roughness": ROUGH}, "surfaces")])
+def test_the_scatter_is_named_by_what_the_seed_draws(own, between):
+    surface = {"kind": "tip", "body": BALL, "counterface": ROUGH, "seed": 3, **own}
+    mean = ca.ensemble(ca.parse_scene(scene(surface=surface, contact=FFT | {"load": 5.0})), surfaces=3)
+    shown = result_of(mean)
+    rows = dict(shown.rows())
+    assert rows["mean over"].startswith(f"3 random {between}: 64 x 64 pixels")
+    assert f"error of β: scatter between {between}" in rows
+    assert f"include the scatter between {between}" in shown.errors

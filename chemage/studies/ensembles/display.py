@@ -27,6 +27,7 @@ from chemage.foundation.result import (
 from chemage.foundation.text import jsonable, percent
 from chemage.foundation.units import convert
 from chemage.scene.display import chemistry_of_scene
+from chemage.scene.provenance import scatter_of
 from chemage.studies.ensembles.ensemble import SOURCES, Ensemble
 
 if TYPE_CHECKING:
@@ -48,7 +49,13 @@ class EnsembleDisplay(OfRecord[Ensemble]):
 
     def __init__(self, ensemble: Ensemble) -> None:
         super().__init__(ensemble)
-        self.errors = OVER_SURFACES if ensemble.random else ON_ONE_SURFACE
+        known = scatter_of(self.scene, None, {}) if ensemble.random else None
+        self.over = known.between if known else "surfaces"
+        self.errors = (
+            OVER_SURFACES.replace("surfaces", self.over)
+            if ensemble.random
+            else ON_ONE_SURFACE
+        )
 
     @property
     def name(self) -> str:
@@ -80,14 +87,18 @@ class EnsembleDisplay(OfRecord[Ensemble]):
         for goal, size in ensemble.goals.items():
             facts.append((f"asked of {goal}", f"± {100 * size:.3g} %"))
         if ensemble.random and math.isfinite(ensemble.scatter):
-            text = f"{percent(ensemble.scatter)} (standard deviation), measured here on {ensemble.surfaces} surfaces"
-            facts.append(("scatter of β between surfaces", text))
+            text = f"{percent(ensemble.scatter)} (standard deviation), measured here on {ensemble.surfaces} {self.over}"
+            facts.append((f"scatter of β between {self.over}", text))
         facts += [
             (f"plugin {name}", source) for name, source in ensemble.plugins.items()
         ]
         return facts + (
             [("ended because", ensemble.stopped)] if ensemble.stopped else []
         )
+
+    def _source(self, cause: str) -> str:
+        """What an error is due to, in words."""
+        return SOURCES.get(cause, cause).replace("surfaces", self.over)
 
     def quantities(self) -> list[Quantity]:
         asked = {goal.partition("@")[0].strip() for goal in self.record.goals}
@@ -102,9 +113,7 @@ class EnsembleDisplay(OfRecord[Ensemble]):
         # those of b are those of β
         found = []
         for one in self.record.numbers():
-            errors = {
-                SOURCES.get(cause, cause): part for cause, part in one.errors.items()
-            }
+            errors = {self._source(cause): part for cause, part in one.errors.items()}
             found.append(one.but(errors=errors if one.name != "b" else {}))
         shown = [
             one if one.name in names or one.name in asked else one.but(rank=Rank.REST)
@@ -118,7 +127,7 @@ class EnsembleDisplay(OfRecord[Ensemble]):
     def _averaged(self) -> Rows:
         """What was averaged, with its grids and replicas."""
         first, *others = self.record.levels
-        mean = f"{first['samples']} random surfaces: {first['words']} each"
+        mean = f"{first['samples']} random {self.over}: {first['words']} each"
         if not self.record.random:
             mean = f"{first['samples']} replicas on the one surface: {first['words'].partition(',')[0]}"
         rows = [("mean over", mean)]
@@ -226,7 +235,7 @@ class EnsembleDisplay(OfRecord[Ensemble]):
         )
         if not self.ages:
             return {"ensemble": Picture((parts,), (5.6, 3.2), title=ensemble.title)}
-        what = "surfaces" if ensemble.random else "replicas on the one surface"
+        what = self.over if ensemble.random else "replicas on the one surface"
         (first, *_, last), (begin, *_, end) = (
             ensemble.friction_drop,
             ensemble.hold_times,
@@ -324,9 +333,7 @@ class EnsembleDisplay(OfRecord[Ensemble]):
         """Draw the standard errors as bars, in percent of the mean, with how each is known."""
         name = self.record.quantities.names[0]
         estimate = self.record.estimate(name)
-        parts = [
-            (SOURCES.get(part, part), error) for part, error in estimate.errors.items()
-        ]
+        parts = [(self._source(part), error) for part, error in estimate.errors.items()]
         for number, (label, error) in enumerate(parts):
             share = (
                 100 * error.size / abs(estimate.value) if estimate.value else math.nan
