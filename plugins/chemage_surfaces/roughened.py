@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Self
 
@@ -25,6 +26,7 @@ from chemage.plugin import (
     threads,
 )
 from chemage_surfaces._maps import Floats, provenance, stream
+from chemage_surfaces.findings import examined
 from chemage_surfaces.generated import JACOBS, half_spectrum, heights_of
 from chemage_surfaces.spectra import Binned, PowerLaw, wavenumbers
 from chemage_surfaces.trusted import TO_PIXELS, trusted
@@ -140,6 +142,9 @@ class Roughened(SurfaceMaker):
         """
         measured = self.surface.make(seed)
         plan = self._plan(measured)
+        for one in examined(measured):
+            if one.consequence == "no fit":
+                warnings.warn(f"surface: {one.text}", UserWarning, stacklevel=2)
         memory.require(
             6 * 8.0 * plan.shape[0] * plan.shape[1],
             f"pixel_size = {self.pixel_size:g} nm",
