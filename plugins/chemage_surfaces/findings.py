@@ -16,6 +16,7 @@ from scipy import fft as sfft
 from chemage import Surface
 from chemage.plugin import roughness, threads
 from chemage_surfaces._maps import Floats
+from chemage_surfaces.measures import MOST_SKEWNESS, Measures
 from chemage_surfaces.steps import (
     filled,
     find_groups,
@@ -43,13 +44,15 @@ FEWEST_LINES = 48
 OFFSET = 2.5
 #: and of the rms slope, where they change it
 OFFSET_SLOPE = 0.15
-#: a step of one line over the robust standard deviation of such steps
+#: a step of one line over the robust standard deviation of such steps, of lines and of columns
 JUMP = 10.0
 #: share of the mean square height that a paraboloid has where it is bow or drift
 BOWED = 0.9
 #: density of a periodic wave over that of waves near it, periods that it has in the image, and the share of the mean
 #: square height or slope from which it matters, and from which no random surface replaces it
 PEAK, FEWEST_PERIODS, LEAST_PERIODIC, MOST_PERIODIC = 30.0, 4, 0.01, 0.1
+#: waves near an axis, on which offsets of lines, bow and drift are; and those along it that are compared
+CROSS, ALONG = 3, 16
 #: most periodic waves that are named
 MOST_WAVES = 64
 #: share of saturated pixels from which the heights are not those of the surface
@@ -82,6 +85,11 @@ class Finding:
     def count(self) -> int:
         """Pixels that are marked."""
         return 0 if self.where is None else int(self.where.sum())
+
+    @property
+    def first(self) -> tuple[int, ...]:
+        """The first pixel that is marked."""
+        return () if self.where is None else tuple(np.argwhere(self.where)[0].tolist())
 
     def line(self) -> str:
         """The finding as a line of a table."""
@@ -128,14 +136,14 @@ class Scan:
         whole = _nearest(self.heights, self.there)
         whole = whole - trend(whole, 1)
         groups = find_groups(whole, self.threshold) & self.there
-        label, _ = ndimage.label(groups, np.ones((3, 3)))
+        label, _ = labelled(groups)
         # between jumps of the level there are whole lines
         for i, box in enumerate(ndimage.find_objects(label), 1):
             sizes = zip(box, groups.shape, strict=True)
             if any(part.stop - part.start > ALIKE * size for part, size in sizes):
                 groups[box] &= label[box] != i
         low, high = np.quantile(whole[self.there & ~groups], (0.001, 0.999))
-        label, count = ndimage.label(groups, np.ones((3, 3)))
+        label, count = labelled(groups)
         levels = np.asarray(ndimage.median(whole, label, np.arange(1, count + 1)))
         far = np.abs(levels - 0.5 * (low + high)) > 1.5 * (high - low)
         beyond = np.concatenate([[False], far])[label]
@@ -317,6 +325,14 @@ def blocks(scan: Scan) -> Finding | None:
     return Finding("blocks", text, "no fit" if share > MOST_STEPS else "noted", where)
 
 
+def labelled(where: Mask) -> tuple[NDArray[np.intp], int]:
+    """The number of the group of each marked pixel, groups joined at corners too; and how many there are."""
+    from scipy import ndimage
+
+    found: Any = ndimage.label(where, np.ones((3, 3)))
+    return found
+
+
 def scars(scan: Scan) -> Finding | None:
     """Stretches of a few scan lines off the lines on both sides, which are no ridges: the lines beyond go on level."""
     from scipy import ndimage
@@ -335,7 +351,7 @@ def scars(scan: Scan) -> Finding | None:
         border = where & ~marked[:, one : one + count]
         edge += border
         sharp += border & (np.abs(here - beside) > 2 * np.abs(beside - beyond))
-    label, found = ndimage.label(where)
+    label, found = labelled(where)
     number = np.arange(found + 1)
     share = ndimage.sum(sharp, label, number) / np.maximum(
         ndimage.sum(edge, label, number), 1
@@ -383,7 +399,8 @@ def offsets(scan: Scan) -> Finding | None:
     if not scan.large:
         return None
     along, across = (scan.steps(axis) for axis in (0, 1))
-    rms = [1.4826 * float(np.median(np.abs(steps))) for steps in (along, across)]
+    # bow and drift change the steps slowly
+    rms = [_robust(np.diff(steps)) / math.sqrt(2) for steps in (along, across)]
     if min(rms) <= 0:
         return None
     slopes = [
@@ -404,7 +421,11 @@ def offsets(scan: Scan) -> Finding | None:
             f"that along {x}; {remedy}, unless the surface was ground along {x}"
         )
         return Finding("line offsets", text)
-    jumps = np.nonzero(np.abs(across) > JUMP * rms[1])[0]
+    from scipy import ndimage
+
+    across = across - ndimage.median_filter(across, 9, mode="nearest")
+    least = max(JUMP * max(_robust(across), rms[0]), slopes[1])
+    jumps = np.nonzero(np.abs(across) > least)[0]
     if not jumps.size:
         return None
     where = np.zeros(scan.heights.shape, dtype=bool)
@@ -414,6 +435,10 @@ def offsets(scan: Scan) -> Finding | None:
         '"differences" unless the surface has steps there'
     )
     return Finding("level jumps", text, where=where)
+
+
+def _robust(values: Floats) -> float:
+    return 1.4826 * float(np.median(np.abs(values - np.median(values))))
 
 
 def bow(scan: Scan) -> Finding | None:
@@ -440,7 +465,9 @@ def periodic_structure(scan: Scan) -> Finding | None:
     """Waves whose density is far above that of all waves near them: gratings, lattices, interference."""
     if not scan.large:
         return None
-    heights = scan.level if scan.periodic else hann(scan.level)
+    heights = scan.level
+    if not scan.periodic:
+        heights = hann(heights - trend(heights, 2))
     nx, ny = heights.shape
     spectrum: Any = sfft.rfft2(heights, workers=threads.available())
     power = spectrum.real**2 + spectrum.imag**2
@@ -508,24 +535,51 @@ def _beside(a: int, b: int, reach: int, shape: tuple[int, ...]) -> Any:
 
 
 def _around(power: Floats, a: int, b: int) -> float:
-    """The density near a wave: of waves around it, or along its axis where it is on one."""
+    """The density near a wave: of the waves around it, and along its axis where it is near one, which offsets of lines
+    fill."""
     nx, half = power.shape
-    di, dj = np.meshgrid(np.arange(-7, 8), np.arange(-7, 8), indexing="ij")
-    distance = np.maximum(np.abs(di), np.abs(dj))
-    rows, columns = a + di, b + dj
-    # conjugate waves
-    rows, columns = np.where(columns < 0, -rows, rows) % nx, np.abs(columns)
-    usable = (distance >= 4) & (columns < half)
-    # the mean and the trend are in the first waves; a spectrum that ends leaves nothing beyond
+    rows, columns = np.arange(a - 7, a + 8), np.arange(b - 7, b + 8)
+    away = np.maximum(np.abs(rows - a)[:, None], np.abs(columns - b))
+    # a wave and its conjugate are one
+    rows = np.where(columns < 0, -rows[:, None], rows[:, None]) % nx
+    columns = np.broadcast_to(np.abs(columns), rows.shape)
+    # a spectrum that ends leaves nothing beyond
     order = np.hypot(np.minimum(rows, nx - rows), columns)
-    usable &= (order > 2) & (order <= 1.02 * math.hypot(min(a, nx - a), b))
-    most = float(np.median(power[rows[usable], columns[usable]]))
-    on_axes = ((np.abs(dj) <= 1, b <= 2), (np.abs(di) <= 1, min(a, nx - a) <= 2))
-    for strip, here in on_axes:
-        if here and (strip & usable).any():
-            chosen = strip & usable
-            most = max(most, float(np.median(power[rows[chosen], columns[chosen]])))
-    return most
+    longer = order <= 1.02 * math.hypot(min(a, nx - a), b)
+    near = [(rows, columns, (away >= 4) & longer)]
+    along = np.arange(-ALONG, ALONG + 1)
+    # what falls steeply along the axis is no peak
+    for side in (along <= -4, along >= 4):
+        if b <= CROSS:
+            there = side & (min(a, nx - a) + along >= FEWEST_PERIODS)
+            way = 1 if 2 * a <= nx else -1
+            near.append(((a + way * along) % nx, np.full(along.shape, b), there))
+        if min(a, nx - a) <= CROSS:
+            there = side & (b + along >= FEWEST_PERIODS)
+            near.append((np.full(along.shape, a), b + along, there))
+    found = 0.0
+    for i, j, usable in near:
+        usable = usable & (j < half)
+        values = power[i[usable], j[usable]]
+        values = values[values > 0]
+        if len(values) > FEWEST_PERIODS:
+            found = max(found, float(np.median(values)))
+    return found
+
+
+def dilation(scan: Scan) -> Finding | None:
+    """Valleys far sharper than peaks, from which the radius of the tip cannot be told."""
+    if not scan.large:
+        return None
+    measures = Measures.of(scan.heights, scan.sides)
+    skewness = min(float(axis.skewness[:3].min()) for axis in (measures.x, measures.y))
+    if not skewness > MOST_SKEWNESS or measures.tip_radius():
+        return None
+    text = (
+        f"valleys are far sharper than peaks (skewness {skewness:.2g} of second differences), as a tip leaves them whose "
+        "radius is not seen; the fit needs it as tip_radius"
+    )
+    return Finding("dilation", text)
 
 
 def terraces(scan: Scan) -> Finding | None:
@@ -593,7 +647,7 @@ ARTEFACTS: tuple[Detector, ...] = (
     offsets,
 )
 #: what a fit of a random surface leaves out or does not have
-STRUCTURES: tuple[Detector, ...] = (bow, periodic_structure, terraces)
+STRUCTURES: tuple[Detector, ...] = (bow, dilation, periodic_structure, terraces)
 
 
 def examined(surface: Surface) -> list[Finding]:

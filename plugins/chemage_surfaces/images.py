@@ -352,7 +352,7 @@ class Measured(ImageMaker):
         if self.spikes != "keep":
             found = self._find(image, spikes)
             if found is not None and not self._is_left(image, found, FEW_SPIKES):
-                image.heights = np.where(found.where, np.nan, image.heights)
+                image.take_out(found)
                 image.did("spikes", replaced=found.count)
         if left:
             return
@@ -395,7 +395,7 @@ class Measured(ImageMaker):
             remedy = ", which is too many to interpolate; crop the image to a part that was measured"
         else:
             left = found.count > most
-            first = tuple(np.argwhere(found.where)[0].tolist())
+            first = found.first
             remedy = f', the first at pixel {first}; give {option} = "interpolate"'
             remedy += (
                 ' to replace them, or spikes = "keep" if they are part of the surface'
@@ -407,7 +407,7 @@ class Measured(ImageMaker):
             if action == "few":
                 remedy += f'; {option} = "interpolate" says that this is meant'
         elif option == "missing" and (part := image.measured_part()) is not None:
-            remedy += f" to lines and columns that have heights: crop = {part}"
+            remedy = f", where the scan was stopped or has an edge; give crop = {part}"
         image.note(
             replace(
                 found,
@@ -477,10 +477,15 @@ class Image:
         """Say why it makes no surface."""
         self.findings.append(Finding(kind, text, "refused"))
 
+    def take_out(self, found: Finding) -> None:
+        """Take out the heights at the place of a finding."""
+        if found.where is not None:
+            self.heights = np.where(found.where, np.nan, self.heights)
+
     def remove(self, found: Finding) -> None:
         """Add a finding, and take out the heights at its place."""
         self.note(replace(found, text=found.text + ", removed", consequence="mended"))
-        self.heights = np.where(found.where, np.nan, self.heights)
+        self.take_out(found)
 
     def measured_part(self) -> list[float] | None:
         """The part [x, y, width, height] (nm) outside of which whole lines or columns at the ends are missing, if it is
@@ -489,7 +494,8 @@ class Image:
         part, box = [], []
         for axis in (0, 1):
             # a line in which the scan was stopped
-            known = np.nonzero(there.mean(axis=1 - axis) > 1 - MOST_MISSING)[0]
+            share = there.mean(axis=1 - axis)
+            known = np.nonzero((share >= 0.5 * share.max()) & (share > 0))[0]
             if not known.size:
                 return None
             box.append(slice(known[0], known[-1] + 1))

@@ -11,6 +11,7 @@ import numpy as np
 
 from chemage import InputError
 from chemage.plugin import figures
+from chemage_surfaces.findings import labelled
 from chemage_surfaces.images import Image
 from chemage_surfaces.measures import Measures
 from chemage_surfaces.roughness_fit import RoughnessFit
@@ -139,7 +140,7 @@ def _draw_findings(axes: Axes, image: Image) -> None:
                 interpolation="nearest",
                 aspect=axes.get_aspect(),
             )
-            groups, _ = ndimage.label(found.where, np.ones((3, 3)))
+            groups, _ = labelled(found.where)
             places = [
                 (
                     0.5 * (box[0].start + box[0].stop) * dx,

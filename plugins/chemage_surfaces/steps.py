@@ -116,7 +116,8 @@ def find_groups(heights: Floats, threshold: float) -> NDArray[np.bool_]:
     if groups.mean() > MOST_CUT_OFF:
         return none
     # pixels inside that happen to join
-    return ndimage.binary_fill_holes(groups) if groups.any() else none
+    inside: Any = ndimage.binary_fill_holes(groups)
+    return inside
 
 
 def line_offsets(heights: Floats, degree: int | None) -> Floats:
