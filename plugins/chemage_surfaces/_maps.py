@@ -298,6 +298,10 @@ _WAYS = (("retrace", "trace"), ("backward", "forward"), ("bwd", "fwd"))
 def opposite(one: str, other: str) -> bool:
     """Whether two names of channels differ in the direction of the scan lines, and in nothing else."""
     names = [" ".join(name.lower().replace("_", " ").split()) for name in (one, other)]
+    # JPK names the way back only
+    bare = [name.replace(", retrace)", ")").replace(" (retrace)", "") for name in names]
+    if names[0] != names[1] and bare[0] == bare[1]:
+        return True
     for back, there in _WAYS:
         marked = [name.replace(back, "<").replace(there, ">") for name in names]
         if (

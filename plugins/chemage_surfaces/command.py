@@ -9,7 +9,7 @@ import typer
 
 if TYPE_CHECKING:
     from chemage import Surface
-    from chemage_surfaces.images import Image
+    from chemage_surfaces.images import Image, Measured
     from chemage_surfaces.roughness_fit import RoughnessFit
 
 
@@ -30,6 +30,10 @@ def roughness(
     ],
     reader: Annotated[
         Text, _how("KIND", "kind of the reader; default: by the content of the file")
+    ] = None,
+    channel: Annotated[
+        Text,
+        _how("NAME", "channel of the file; default: the first one with heights"),
     ] = None,
     height_unit: Annotated[
         Text,
@@ -106,20 +110,26 @@ def roughness(
     ] = None,
     figures: Annotated[
         Path | None,
-        _how("FOLDER", "also draw FOLDER/roughness.png: spectrum and differences"),
+        _how(
+            "FOLDER",
+            "also draw roughness.png (spectrum and differences) and findings.png (the images and what was found in them)",
+        ),
     ] = None,
     force: Annotated[
         bool, typer.Option("--force", help="overwrite the figure")
     ] = False,
 ) -> None:
-    """Measure the roughness of an image, and fit it.
+    """Examine an image, measure its roughness, and fit it.
 
-    Prints rms height, slope and curvature along both axes and by distance, of any image; then, of images that make a
-    surface, Hurst exponent and roll-off with their errors, fitted to all of them together, and the section [surface] of
-    a scene that makes random surfaces like them. Where there is no fit or no section, it says why.
+    Prints what was found in any image (artefacts of the instrument, periodic waves, terraces), whether it was mended,
+    is only noted or is refused, and which option helps; rms height, slope and curvature along both axes and by
+    distance; then, of images that make a surface, Hurst exponent and roll-off with their errors, fitted to all of them
+    together, and the section [surface] of a scene that makes random surfaces like them. Where there is no fit or no
+    section, it says why.
     """
     detrend = detrend or ("mean" if periodic else "plane")
     given = locals()
+    from chemage_surfaces.findings import STRUCTURES, Scan, examine
     from chemage_surfaces.images import Measured
     from chemage_surfaces.measures import Measures
 
@@ -129,12 +139,17 @@ def roughness(
         for name in Measured.model_fields
         if given.get(name) is not None
     }
-    makers = [Measured(path=str(path), **options) for path in paths]
+    makers = [Measured(path=str(path), **options).of_channel(channel) for path in paths]
     images = [maker.image() for maker in makers]
+    for image in images:
+        if not image.faults:
+            scan = Scan(image.heights, image.sides, image.periodic)
+            image.findings += examine(scan, STRUCTURES)
     measures = [Measures.of(image.heights, image.sides) for image in images]
-    for path, image, found in zip(paths, images, measures, strict=True):
+    for maker, image, found in zip(makers, images, measures, strict=True):
         if len(paths) > 1:
-            typer.echo(f"{path}:")
+            typer.echo(f"{image.source}:")
+        _print_channel(maker, image)
         _print_steps(image)
         typer.echo(f"{found.text()}\n")
     fault = next((image.faults[0] for image in images if image.faults), "")
@@ -147,10 +162,15 @@ def roughness(
     )
     if figures is not None:
         from chemage.plugin import figures as drawing
-        from chemage_surfaces.roughness_figure import roughness_figure
+        from chemage_surfaces.roughness_figure import findings_figure, roughness_figure
 
         drawn = roughness_figure([path.name for path in paths], images, measures, fit)
-        drawing.save_figures({"roughness": drawn}, figures, force=force)
+        names = [path.name for path in paths]
+        drawing.save_figures(
+            {"roughness": drawn, "findings": findings_figure(names, images)},
+            figures,
+            force=force,
+        )
     if fit is None:
         typer.echo(f"no fit: {why}")
         return
@@ -158,6 +178,10 @@ def roughness(
         typer.echo(
             f"retrace             {one.provenance['channel']!r}: the difference is noise"
         )
+    printed = {one.kind for image in images for one in image.findings}
+    for one in fit.findings:
+        if one.kind not in printed:
+            typer.echo(one.line())
     typer.echo(f"{fit.text()}\n")
     if fit.fault:
         typer.echo(f"no section [surface]: {fit.fault}")
@@ -173,9 +197,10 @@ def _fitted(
 ) -> tuple[RoughnessFit | None, str]:
     """The fit to all images, or why there is none."""
     from chemage import InputError
+    from chemage_surfaces.images import Measured
     from chemage_surfaces.roughness_fit import fit_roughness
 
-    surfaces = [image.surface() for image in images]
+    surfaces = [image.surface(kind=Measured.kind) for image in images]
     try:
         return fit_roughness(
             surfaces, resolution=resolution, tip_radius=tip_radius, retraces=retraces
@@ -187,10 +212,22 @@ def _fitted(
 
 
 def _print_steps(image: Image) -> None:
-    """Print the steps that changed heights."""
+    """Print the steps that changed heights, and what was found."""
     for step in image.steps:
         if step["step"] in ("lines", "scars", "spikes", "missing"):
             typer.echo(
                 f"{step['step']:<19} "
                 + ", ".join(f"{k} {v}" for k, v in step.items() if k != "step")
             )
+    for found in image.findings:
+        typer.echo(found.line())
+
+
+def _print_channel(maker: Measured, image: Image) -> None:
+    """Print which channel was read, and which others there are."""
+    name = image.steps[0].get("channel")
+    if name is None:
+        return
+    others = [repr(other) for other in maker.channels() if other != name]
+    choice = f"; --channel takes another: {', '.join(others)}" if others else ""
+    typer.echo(f"{'channel':<19} {name!r}{choice}")

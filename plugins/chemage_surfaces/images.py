@@ -33,11 +33,24 @@ from chemage_surfaces._maps import (
     stated,
     surface_of,
 )
+from chemage_surfaces.findings import (
+    Detector,
+    Finding,
+    Scan,
+    blocks,
+    dead_lines,
+    gaps,
+    offsets,
+    saturation,
+    scars,
+    sentinels,
+    spikes,
+)
+from chemage_surfaces.readers import Instrument
 from chemage_surfaces.steps import (
     cropped,
     filled,
     find_scars,
-    find_spikes,
     hann,
     line_offsets,
     resampled,
@@ -115,6 +128,12 @@ MOST_MISSING = 0.5
 FEW_SPIKES, FEW_MISSING = 1e-3, 0.05
 #: rms slopes outside are those of a wrong unit
 SLOPES = (1e-8, 10.0)
+#: kind of a finding -> the option that decides on it
+_OPTIONS = {
+    "repeated heights": "missing",
+    "dead lines": "missing",
+    **{name: name for name in ("missing", "spikes", "scars")},
+}
 _DEGREES = {"mean": 0, "plane": 1, "quadratic": 2}
 _Coordinate = Annotated[Any, Unit("nm", ge=0)]
 
@@ -123,10 +142,11 @@ class Measured(ImageMaker):
     """A measured image and the steps that make a surface of it, in the order of the options: units, crop, lines, scars,
     spikes, missing heights, trend, pixels, window.
 
-    A few spikes (up to 0.1 % of the pixels) and missing heights (up to 5 %) are interpolated with a warning that counts
-    them. No other step is taken that is not asked for: an image with more of them, with pixels that are not square, or
-    with units that nobody states is refused with the option that helps. ``provenance["steps"]`` records what each step
-    did. Scan lines run along x.
+    A few spikes (up to 0.1 % of the pixels) and missing heights (up to 5 %, with lines and numbers that stand for none)
+    are interpolated with a warning that counts them. No other step is taken that is not asked for: an image with more
+    of them, with pixels that are not square, or with units that nobody states is refused with the option that helps;
+    of other artefacts a warning says which option removes them. ``provenance["steps"]`` records what each step did.
+    Scan lines run along x.
     """
 
     kind = "measured"
@@ -177,6 +197,9 @@ class Measured(ImageMaker):
         image = self._prepared(reader)
         if image.faults:
             return image.faults[0]
+        for one in image.findings:
+            if getattr(self, _OPTIONS.get(one.kind, "kind")) != "interpolate":
+                warnings.warn(f"{image.source}: {one.text}", UserWarning, stacklevel=2)
         image.heights.setflags(write=False)
         made = {
             "reader": reader.kind,
@@ -189,6 +212,29 @@ class Measured(ImageMaker):
         """The image after all steps that it allows: also where heights are missing, spikes are left or pixels are not
         square, so that it makes no surface. Errors as of :meth:`make`, but for these."""
         return self._prepared(self.reader or reader_for(self.path))
+
+    def of_channel(self, name: str | None) -> Self:
+        """The same steps on another channel of the file.
+
+        Raises
+        ------
+        InputError
+            The reader takes no channel.
+        """
+        if name is None:
+            return self
+        reader: Any = self.reader or reader_for(self.path)
+        option = getattr(reader, "channel_option", "")
+        if not option:
+            raise InputError(
+                f"channel = {name!r}: the reader {reader.kind!r} knows no channels; leave it out"
+            )
+        return self.replace(reader=reader.replace(**{option: name}))
+
+    def channels(self) -> list[str]:
+        """Names of the channels of heights in the file, where the reader knows several."""
+        reader = self.reader or reader_for(self.path)
+        return reader.channels(self.path) if isinstance(reader, Instrument) else []
 
     def retrace(self) -> Surface | None:
         """The image of the other direction of the scan lines after the same steps; None where the file has none that
@@ -232,23 +278,23 @@ class Measured(ImageMaker):
             **read.notes,
         )
         image.heights[~np.isfinite(image.heights)] = np.nan
-        what = image.source
+        what = ""
         if self.crop is not None:
-            what = f"crop = {list(self.crop)}"
+            what = f"crop = {list(self.crop)}: "
             try:
                 image.heights, taken = cropped(image.heights, sides, self.crop)
             except ValueError as error:
-                raise InputError(f"{what}: {error}") from None
+                raise InputError(f"{what}{error}") from None
             image.periodic = periodic and image.heights.shape == read.heights.shape
             image.did("crop", first_pixel=taken[:2], pixels=taken[2:])
         nx, ny = image.heights.shape
         if min(nx, ny) < FEWEST:
-            image.faults.append(
-                f"{what}: {nx} x {ny} pixels are no image; give an image of at least {FEWEST} x {FEWEST} pixels"
+            image.refuse(
+                "pixels",
+                f"{what}{nx} x {ny} pixels are no image; give an image of at least {FEWEST} x {FEWEST} pixels",
             )
             return image
-        self._align(image)
-        self._complete(image)
+        self._mend(image)
         if self.detrend != "none":
             if image.periodic and self.detrend != "mean":
                 raise InputError(
@@ -278,81 +324,98 @@ class Measured(ImageMaker):
         surface = image.surface()
         slope = surface.rms_slope
         if slope and not SLOPES[0] <= slope <= SLOPES[1]:
-            image.faults.append(
-                f"{image.source}: an rms slope of {slope:.3g} (heights of {surface.rms_height:.3g} nm rms on pixels of "
+            image.refuse(
+                "units",
+                f"an rms slope of {slope:.3g} (heights of {surface.rms_height:.3g} nm rms on pixels of "
                 f"{image.sides[0]:.3g} nm) is not that of a surface; one of the units is wrong: give height_unit and "
-                "pixel_size"
+                "pixel_size",
             )
         return image
 
-    def _align(self, image: Image) -> None:
-        """Align scan lines and remove scars, as far as this was asked for."""
-        if self.lines != "none":
-            if image.periodic:
-                raise InputError(
-                    f"lines = {self.lines!r}: {image.source} is periodic, and aligned lines would not fit at its "
-                    "edges; leave it out, or give periodic = false"
-                )
-            offsets = line_offsets(
-                image.heights,
-                {"constant": 0, "linear": 1, "quadratic": 2}.get(self.lines),
-            )
-            image.heights = image.heights - offsets
-            image.did("lines", lines=self.lines, rms_nm=float(offsets.std()))
+    def _mend(self, image: Image) -> None:
+        """Remove artefacts where this was asked for or they are few; note the others, or refuse the image."""
+        for detector in (sentinels, dead_lines):
+            if (found := self._find(image, detector)) is not None:
+                image.remove(found)
+        missing = self._find(image, gaps)
+        if self.lines == "none":
+            image.note(self._find(image, offsets))
+        else:
+            self._align(image)
         if self.scars == "interpolate":
-            scars = find_scars(image.heights)
-            image.heights = np.where(scars, np.nan, image.heights)
-            image.did("scars", pixels=int(scars.sum()))
-
-    def _complete(self, image: Image) -> None:
-        """Interpolate spikes and gaps; those that are to be refused stay, with a fault."""
-        count = image.heights.size
-        scars = sum(step["pixels"] for step in image.steps if step["step"] == "scars")
-        gaps = ~np.isfinite(image.heights)
-        # scars were asked for
-        missing = int(gaps.sum()) - scars
-        left = missing > {"refuse": 0, "few": FEW_MISSING * count}.get(
-            self.missing, math.inf
-        )
-        if missing + scars > MOST_MISSING * count:
-            left = True
-            image.faults.append(
-                f"{image.source}: {missing + scars} of {count} heights are missing, which is too many to interpolate; "
-                "crop the image to a part that was measured"
-            )
-        elif left:
-            first = tuple(np.argwhere(gaps)[0].tolist())
-            image.faults.append(
-                f"{image.source}: {missing} of {count} heights are missing, the first at pixel {first}; "
-                'give missing = "interpolate", or crop the image'
-            )
-        elif missing > 0 and self.missing == "few":
-            image.warn_of_repair(missing, "missing", "heights are missing")
-        if self.spikes != "keep" and not gaps.all():
-            spikes = find_spikes(image.heights, self.spike_threshold, image.periodic)
-            found = int(spikes.sum())
-            if found > {"refuse": 0, "few": FEW_SPIKES * count}.get(
-                self.spikes, math.inf
-            ):
-                first = tuple(np.argwhere(spikes)[0].tolist())
-                image.faults.append(
-                    f"{image.source}: {found} of {count} pixels are spikes, the first at pixel {first}, "
-                    f"more than {self.spike_threshold:g} robust standard deviations from the median around it; give "
-                    'spikes = "interpolate" to replace them, or spikes = "keep" if they are part of the surface'
-                )
-            elif found:
-                if self.spikes == "few":
-                    image.warn_of_repair(found, "spikes", "pixels are spikes")
-                image.heights = np.where(spikes, np.nan, image.heights)
-                image.did("spikes", replaced=found)
+            where = find_scars(image.heights)
+            image.remove(Finding("scars", f"{where.sum()} pixels", where=where))
+            image.did("scars", pixels=int(where.sum()))
+        else:
+            image.note(self._find(image, scars))
+        left = missing is not None and self._is_left(image, missing, FEW_MISSING)
+        if self.spikes != "keep":
+            found = self._find(image, spikes)
+            if found is not None and not self._is_left(image, found, FEW_SPIKES):
+                image.take_out(found)
+                image.did("spikes", replaced=found.count)
         if left:
             return
-        if missing > 0:
-            image.did("missing", interpolated=missing)
+        if missing is not None:
+            image.did("missing", interpolated=missing.count)
         try:
             image.heights = filled(image.heights, image.periodic)
         except ValueError as error:
             raise InputError(f"{image.source}: {error}") from None
+        for detector in (saturation, blocks):
+            image.note(self._find(image, detector))
+
+    def _find(self, image: Image, detector: Detector) -> Finding | None:
+        return detector(
+            Scan(image.heights, image.sides, image.periodic, self.spike_threshold)
+        )
+
+    def _align(self, image: Image) -> None:
+        """Align scan lines."""
+        if image.periodic:
+            raise InputError(
+                f"lines = {self.lines!r}: {image.source} is periodic, and aligned lines would not fit at its "
+                "edges; leave it out, or give periodic = false"
+            )
+        subtracted = line_offsets(
+            image.heights, {"constant": 0, "linear": 1, "quadratic": 2}.get(self.lines)
+        )
+        image.heights = image.heights - subtracted
+        image.did("lines", lines=self.lines, rms_nm=float(subtracted.std()))
+
+    def _is_left(self, image: Image, found: Finding, few: float) -> bool:
+        """Whether pixels that could be interpolated are not, as more than the share ``few`` of all is only by
+        request; the decision is among the findings."""
+        option, count = found.kind, image.heights.size
+        action = getattr(self, option)
+        gone = int(np.isnan(image.heights).sum())
+        most = {"refuse": 0, "few": few * count}.get(action, math.inf)
+        if option == "missing" and gone > MOST_MISSING * count:
+            left = True
+            remedy = ", which is too many to interpolate; crop the image to a part that was measured"
+        else:
+            left = found.count > most
+            first = found.first
+            remedy = f', the first at pixel {first}; give {option} = "interpolate"'
+            remedy += (
+                ' to replace them, or spikes = "keep" if they are part of the surface'
+                if option == "spikes"
+                else ", or crop the image"
+            )
+        if not left:
+            remedy = ", and interpolated"
+            if action == "few":
+                remedy += f'; {option} = "interpolate" says that this is meant'
+        elif option == "missing" and (part := image.measured_part()) is not None:
+            remedy = f", where the scan was stopped or has an edge; give crop = {part}"
+        image.note(
+            replace(
+                found,
+                text=found.text + remedy,
+                consequence="refused" if left else "mended",
+            )
+        )
+        return left
 
     def _square(self, image: Image) -> None:
         """Make pixels square, or leave them with a fault."""
@@ -360,9 +423,10 @@ class Measured(ImageMaker):
         side = self.resample
         if side is None:
             if abs(dx - dy) > SQUARE * dx:
-                image.faults.append(
-                    f"{image.source}: pixels of {dx:.6g} x {dy:.6g} nm are not square; give resample = "
-                    f'"{min(dx, dy):.6g} nm", or pixel_size if these lengths are wrong'
+                image.refuse(
+                    "pixels",
+                    f"pixels of {dx:.6g} x {dy:.6g} nm are not square; give resample = "
+                    f'"{min(dx, dy):.6g} nm", or pixel_size if these lengths are wrong',
                 )
             return
         if image.faults:
@@ -392,8 +456,70 @@ class Image:
     source: str
     #: what was done, as plain JSON values
     steps: list[dict[str, Any]]
-    #: why it is no surface yet, each with the option that helps
-    faults: list[str] = field(default_factory=list)
+    #: artefacts, and why it is no surface yet
+    findings: list[Finding] = field(default_factory=list)
+
+    @property
+    def faults(self) -> list[str]:
+        """Why it is no surface yet, each with the option that helps."""
+        return [
+            f"{self.source}: {one.text}"
+            for one in self.findings
+            if one.consequence == "refused"
+        ]
+
+    def note(self, found: Finding | None) -> None:
+        """Add a finding, if there is one."""
+        if found is not None:
+            self.findings.append(found)
+
+    def refuse(self, kind: str, text: str) -> None:
+        """Say why it makes no surface."""
+        self.findings.append(Finding(kind, text, "refused"))
+
+    def take_out(self, found: Finding) -> None:
+        """Take out the heights at the place of a finding."""
+        if found.where is not None:
+            self.heights = np.where(found.where, np.nan, self.heights)
+
+    def remove(self, found: Finding) -> None:
+        """Add a finding, and take out the heights at its place."""
+        self.note(replace(found, text=found.text + ", removed", consequence="mended"))
+        self.take_out(found)
+
+    def measured_part(self) -> list[float] | None:
+        """The part [x, y, width, height] (nm) outside of which whole lines or columns at the ends are missing, if it is
+        nearly complete."""
+        there = np.isfinite(self.heights)
+        part, box = [], []
+        for axis in (0, 1):
+            # a line in which the scan was stopped
+            share = there.mean(axis=1 - axis)
+            known = np.nonzero((share >= 0.5 * share.max()) & (share > 0))[0]
+            if not known.size:
+                return None
+            box.append(slice(known[0], known[-1] + 1))
+            part.append((known[0], len(known)))
+        if (
+            there[tuple(box)].mean() < 1 - FEW_MISSING
+            or there[tuple(box)].all() == there.all()
+        ):
+            return None
+        first = next(
+            (step["first_pixel"] for step in self.steps if step["step"] == "crop"),
+            [0, 0],
+        )
+        starts = [
+            (start + before) * side
+            for (start, _), before, side in zip(part, first, self.sides, strict=True)
+        ]
+        return [
+            float(f"{number:.9g}")
+            for number in (
+                *starts,
+                *(n * side for (_, n), side in zip(part, self.sides, strict=True)),
+            )
+        ]
 
     def surface(self, **provenance: Any) -> Surface:
         """The surface, where there is no fault."""
@@ -407,12 +533,3 @@ class Image:
     def did(self, step: str, **numbers: Any) -> None:
         """Record a step."""
         self.steps.append({"step": step, **numbers})
-
-    def warn_of_repair(self, count: int, option: str, what: str) -> None:
-        """Warn that ``count`` heights were interpolated that the user may not know of."""
-        warnings.warn(
-            f"{self.source}: {count} of {self.heights.size} {what}, and interpolated; "
-            f'{option} = "interpolate" says that this is meant',
-            UserWarning,
-            stacklevel=2,
-        )

@@ -230,6 +230,7 @@ class Gwy(Instrument):
     kind = "gwy"
     suffixes = (".gwy",)
     marks = (b"GWYP",)
+    channel_option = "channel"
 
     channel: str | None = None
     """title of the channel; None: the first with heights"""
@@ -266,6 +267,11 @@ class Gwy(Instrument):
                 unit=_unit(field, "si_unit_z"),
                 notes=notes,
             )
+
+    def channels(self, path: str | PathLike[str]) -> list[str]:
+        """Titles of the channels whose values are lengths."""
+        with _content(path) as data:
+            return [title for title, _ in self._maps(data, path)[1].values()]
 
     def retrace(self, path: str | PathLike[str]) -> Gwy | None:
         """The reader of the same channel in the other direction of the scan lines; None where the file has none."""
@@ -352,6 +358,7 @@ class NetCdf(Instrument):
     kind = "netcdf"
     suffixes = (".cdf",)
     marks = (b"CDF\x01", b"CDF\x02")
+    channel_option = "variable"
 
     variable: str | None = None
     """name of the variable; None: the only one with two dimensions"""

@@ -106,6 +106,12 @@ class Instrument(Reader):
 
     #: nm per unit of heights where the file states none; None: it must
     default_unit: ClassVar[float | None] = None
+    #: option that names the channel; empty: a file has one
+    channel_option: ClassVar[str] = ""
+
+    def channels(self, path: str | PathLike[str]) -> list[str]:
+        """Names of the channels of heights in a file, where it has several."""
+        return []
 
     def read(self, path: str | PathLike[str]) -> Surface:
         """The surface, if the image is complete, its pixels are square and its units are known.
@@ -171,6 +177,7 @@ class Hdf5(Unitless):
 
     kind = "hdf5"
     suffixes = (".h5", ".hdf5", ".hdf", ".nc")
+    channel_option = "dataset"
 
     @classmethod
     def claims(cls, head: bytes, path: str | PathLike[str]) -> bool | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping, Sequence
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Self
@@ -26,6 +27,7 @@ from chemage.plugin import (
     threads,
 )
 from chemage_surfaces._maps import LARGEST_PART, Floats, Pair, Parts, provenance, stream
+from chemage_surfaces.findings import examined
 from chemage_surfaces.generated import JACOBS, half_spectrum, heights_at, heights_of
 from chemage_surfaces.spectra import Binned, PowerLaw, wavenumbers
 from chemage_surfaces.trusted import TO_PIXELS, trusted
@@ -143,12 +145,12 @@ class Roughened(SurfaceMaker):
             The new pixels are no finer than the image or do not fit into its period, or the spectrum of the image
             allows no fit.
         """
-        return self._whole(_plan(self, self.surface.make(seed)), seed)
+        return self._whole(self._examined(seed), seed)
 
     def whole_or_parts(self, seed: Seed = 0) -> Surface | Parts:
         """The surface, or its parts where it has more than 2²⁴ pixels and is not periodic."""
-        measured = self.surface.make(seed)
-        plan = _plan(self, measured)
+        plan = self._examined(seed)
+        measured = plan.measured
         if math.prod(plan.shape) <= MOST_WHOLE or measured.periodic:
             return self._whole(plan, seed)
         return Parts(
@@ -162,6 +164,14 @@ class Roughened(SurfaceMaker):
             side=measured.pixel_size,
             unseen=plan.added_height(self.shortest),
         )
+
+    def _examined(self, seed: Seed) -> _Plan:
+        """What is added to the image, of which warnings say what makes the fit doubtful."""
+        measured = self.surface.make(seed)
+        for one in examined(measured):
+            if one.consequence == "no fit":
+                warnings.warn(f"surface: {one.text}", UserWarning, stacklevel=3)
+        return _plan(self, measured)
 
     def _whole(self, plan: _Plan, seed: Seed) -> Surface:
         memory.require(

@@ -1,4 +1,5 @@
-"""The figure of ``chemage roughness``: spectrum and height differences, what is not trusted shaded."""
+"""The figures of ``chemage roughness``: spectrum and height differences, what is not trusted shaded; and the images with
+what was found in them."""
 
 from __future__ import annotations
 
@@ -10,12 +11,15 @@ import numpy as np
 
 from chemage import InputError
 from chemage.plugin import figures
+from chemage_surfaces.findings import labelled
 from chemage_surfaces.images import Image
 from chemage_surfaces.measures import Measures
 from chemage_surfaces.roughness_fit import RoughnessFit
 from chemage_surfaces.spectra import Binned
+from chemage_surfaces.steps import trend
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
@@ -90,3 +94,80 @@ def roughness_figure(
     for axes in (left, right):
         figures.legend(axes, fontsize=8)
     return figure
+
+
+#: marks that show features of a few pixels, at most so many of a kind
+MARKS = 40
+
+
+def findings_figure(names: Sequence[str], images: Sequence[Image]) -> Figure:
+    """The images, each with its findings at their places: pixels in colour with circles around small groups of them,
+    periodic waves as bars of their length along their direction."""
+    figure, plots = figures.plots(5.0 * len(images), 4.6, len(images), len(images))
+    for axes, name, image in zip(plots, names, images, strict=True):
+        _draw_findings(axes, image)
+        axes.set_title(figures.plain(name))
+    return figure
+
+
+def _draw_findings(axes: Axes, image: Image) -> None:
+    from matplotlib.colors import to_rgba
+    from scipy import ndimage
+
+    nx, ny = image.heights.shape
+    dx, dy = image.sides
+    extent = (0.0, nx * dx, 0.0, ny * dy)
+    level = image.heights - trend(image.heights, 0 if image.periodic else 1)
+    low, high = np.nanquantile(level, (0.02, 0.98))
+    figures.draw_map(
+        axes,
+        figures.pooled(level, np.mean),
+        extent,
+        "height less its plane (nm)",
+        cmap="gray",
+        vmin=low,
+        vmax=high,
+    )
+    for i, found in enumerate(image.findings):
+        color = figures.PALETTE[1 + i % (len(figures.PALETTE) - 1)]
+        label = f"{found.kind}: {found.consequence}"
+        if found.where is not None and found.where.shape == (nx, ny):
+            seen = figures.pooled(found.where, np.max)
+            axes.imshow(
+                np.where(seen.T[..., None], to_rgba(color, 0.8), 0.0),
+                origin="lower",
+                extent=extent,
+                interpolation="nearest",
+                aspect=axes.get_aspect(),
+            )
+            groups, _ = labelled(found.where)
+            places = [
+                (
+                    0.5 * (box[0].start + box[0].stop) * dx,
+                    0.5 * (box[1].start + box[1].stop) * dy,
+                )
+                for box in ndimage.find_objects(groups)
+                if max(part.stop - part.start for part in box) < 0.03 * max(nx, ny)
+            ][:MARKS]
+            axes.plot(
+                *(np.transpose(places) if places else ([], [])),
+                "o",
+                mfc="none",
+                color=color,
+                ms=7,
+                label=label,
+            )
+        elif found.waves is not None:
+            for wave in found.waves[:3]:
+                step = 2 * math.pi * wave / float(wave @ wave)
+                middle = 0.5 * np.array([nx * dx, ny * dy])
+                ends = np.stack([middle - 2 * step, middle + 2 * step])
+                axes.plot(*ends.T, color=color, lw=2, label=label)
+                label = None
+        else:
+            axes.plot([], [], "s", color=color, label=label)
+    axes.set(xlim=extent[:2], ylim=extent[2:])
+    if image.findings:
+        axes.legend(
+            loc="upper center", bbox_to_anchor=(0.5, -0.18), fontsize=8, frameon=False
+        )

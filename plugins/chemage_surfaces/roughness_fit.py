@@ -11,6 +11,7 @@ from scipy.integrate import trapezoid
 
 from chemage import InputError, Surface
 from chemage.plugin import checked_count, convert
+from chemage_surfaces.findings import Finding, examined
 from chemage_surfaces.generated import SelfAffine
 from chemage_surfaces.spectra import FEWEST, Binned
 from chemage_surfaces.trusted import trusted
@@ -52,12 +53,17 @@ class RoughnessFit:
     noise: float = 0.0
     #: radius of the tip, nm, given or estimated from valleys that are sharper than peaks; 0: none is seen
     tip_radius: float = 0.0
+    #: artefacts and structures in the images
+    findings: tuple[Finding, ...] = field(default=(), repr=False, compare=False)
     #: the bins of the fit
     data: Binned | None = field(default=None, repr=False, compare=False)
 
     @property
     def fault(self) -> str:
         """Why no surface is made of this fit; empty where one can be."""
+        for one in self.findings:
+            if one.consequence == "no fit":
+                return one.text
         if not 0 <= self.hurst <= 1:
             return (
                 f"the spectrum falls with H = {self.hurst:.2f} ± {self.hurst_error:.2f}, which is not self-affine "
@@ -205,7 +211,7 @@ def fit_roughness(
         raise InputError(
             f"retraces: {len(retraces)} for {len(surfaces)} images; give one for each, or None"
         )
-    parts = []
+    parts, findings = [], []
     for one, retrace in zip(surfaces, retraces or [None] * len(surfaces), strict=True):
         if shortest is not None and not shortest >= 2 * one.pixel_size * (1 - 1e-9):
             raise InputError(
@@ -228,6 +234,8 @@ def fit_roughness(
                 + "; give a larger image"
             )
         parts.append(part)
+        fine = part.fine_pixels(one.pixel_size)
+        findings += [*examined(one), *filter(None, [fine])]
     data = Binned.together([part.data for part in parts])
     roll, interval, law = data.rolled()
     error = law.hurst_error
@@ -260,5 +268,6 @@ def fit_roughness(
         limit=finest.limit,
         noise=finest.noise,
         tip_radius=finest.radius,
+        findings=tuple(findings),
         data=data,
     )

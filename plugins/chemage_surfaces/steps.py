@@ -14,6 +14,8 @@ from chemage_surfaces._maps import Floats
 
 #: more unknown heights than this are found by iteration instead of by elimination
 MOST_ELIMINATED = 50_000
+#: groups of pixels with more of the image than this are part of the surface
+MOST_CUT_OFF = 0.1
 
 
 def cropped(
@@ -79,6 +81,43 @@ def find_spikes(heights: Floats, threshold: float, periodic: bool) -> NDArray[np
     # rounding of a flat image far from zero is no spike
     scale = max(scale, 1e-12 * float(np.abs(whole).max()))
     return there & (away > threshold * scale) & (away > 2 * local)
+
+
+def find_groups(heights: Floats, threshold: float) -> NDArray[np.bool_]:
+    """Groups of pixels that only steps of more than ``threshold`` robust standard deviations of the steps between pixels
+    connect to the others; none where they are a tenth of all, as terraces are."""
+    from scipy import ndimage, sparse
+    from scipy.sparse import csgraph
+
+    none = np.zeros(heights.shape, dtype=bool)
+    joined = []
+    for axis in (0, 1):
+        steps = np.diff(heights, axis=axis)
+        away = np.abs(steps - np.median(steps))
+        scale = 1.4826 * float(np.median(away))
+        # of an image without noise
+        scale = max(scale, 0.01 * float(heights.std()), 1e-300)
+        joined.append(away <= threshold * scale)
+    if joined[0].all() and joined[1].all():
+        return none
+    number = np.arange(heights.size).reshape(heights.shape)
+    ends = [
+        np.concatenate([number[:-1][joined[0]], number[:, :-1][joined[1]]]),
+        np.concatenate([number[1:][joined[0]], number[:, 1:][joined[1]]]),
+    ]
+    graph = sparse.coo_array(
+        (np.ones(len(ends[0]), dtype=bool), (ends[0], ends[1])),
+        shape=(heights.size, heights.size),
+    )
+    _, label = csgraph.connected_components(graph, directed=False)
+    surface = (label == np.bincount(label).argmax()).reshape(heights.shape)
+    groups = ~surface
+    # terraces and gratings have steps, and are surfaces
+    if groups.mean() > MOST_CUT_OFF:
+        return none
+    # pixels inside that happen to join
+    inside: Any = ndimage.binary_fill_holes(groups)
+    return inside
 
 
 def line_offsets(heights: Floats, degree: int | None) -> Floats:

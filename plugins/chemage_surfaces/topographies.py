@@ -45,6 +45,7 @@ class Topography(Instrument):
 
     kind = "topography"
     general = True
+    channel_option = "channel"
     cite = ("M. C. Röttger et al., Surf. Topogr.: Metrol. Prop. 10, 035032 (2022)",)
     bibtex = (_ROETTGER,)
     suffixes = tuple(f".{name}" for name in _ENDINGS.split())
@@ -68,6 +69,18 @@ class Topography(Instrument):
             return None
         except Exception:  # each format has errors of its own
             return False
+
+    def channels(self, path: str | PathLike[str]) -> list[str]:
+        """Names of the images of heights in a file that :meth:`height_map` reads."""
+        with (
+            warnings.catch_warnings(action="ignore"),
+            _library(str(path)).open_topography(str(path)) as file,
+        ):
+            return [
+                str(channel.channel_id)
+                for channel in file.channels
+                if channel.is_height_channel and channel.dim == 2
+            ]
 
     def retrace(self, path: str | PathLike[str]) -> Topography | None:
         """The reader of the same channel in the other direction of the scan lines; None where the file has none."""

@@ -12,6 +12,7 @@ from scipy.optimize import least_squares, minimize_scalar
 
 from chemage import InputError, Surface
 from chemage_surfaces._maps import Floats
+from chemage_surfaces.findings import Finding
 from chemage_surfaces.measures import Measures
 from chemage_surfaces.spectra import (
     CROSS,
@@ -35,6 +36,8 @@ KNOWN_TIP, ESTIMATED_TIP = 0.35, 0.6
 #: share of the Nyquist wavenumber up to which an image is used: heights are samples, and waves shorter than two pixels
 #: appear as longer ones
 SAMPLED = 0.7
+#: pixels per shortest trusted wavelength from which they are finer than what the instrument resolves
+FINE = 6.0
 #: why a spectrum ends where nothing but its pixels ends it
 TO_PIXELS = "two pixels"
 
@@ -86,6 +89,17 @@ class Trusted:
     radius: float = 0.0
     #: what was added to the logarithms of the densities, each with its relative uncertainty
     corrections: tuple[tuple[Floats, float], ...] = ()
+
+    def fine_pixels(self, side: float) -> Finding | None:
+        """That pixels of ``side`` (nm) are finer than what the instrument resolves."""
+        if not len(self.data.q) or self.limit not in ("the tip", "noise"):
+            return None
+        shortest = 2 * math.pi / float(self.data.q[-1])
+        text = (
+            f"pixels of {side:.4g} nm are finer than the scan resolves: {self.limit} decides waves shorter than "
+            f"{shortest:.4g} nm"
+        )
+        return Finding("fine pixels", text) if shortest > FINE * side else None
 
     def without(self, which: int) -> Binned:
         """The data with a correction less by its uncertainty."""

@@ -158,7 +158,14 @@ REFUSED = {
         lambda: measured(holed((3, 4), (5, 6)), missing="refuse"),
         r"2 of 384 heights .*\(3, 4\); give missing = ",
     ),
-    "most heights missing": (lambda: measured(np.where(X < 14, np.nan, IMAGE)), "too many to interpolate; crop"),
+    "most heights missing": (
+        lambda: measured(np.where(X % 3 < 2, np.nan, IMAGE)),
+        "too many to interpolate; crop",
+    ),
+    "a scan that was stopped": (
+        lambda: measured(np.where(Y > 9, np.nan, IMAGE)),
+        r"144 of 384 heights are missing, where the scan was stopped .* give crop = \[0.0, 0.0, 48.0, 20.0\]",
+    ),
     "infinite heights": (lambda: measured(np.where(X < 2, np.inf, IMAGE)), "32 of 384 heights are missing"),
     "a spike": (lambda: measured(np.where((X == 7) & (Y == 3), 99, IMAGE)), r"1 of 384 pixels are spikes.*\(7, 3\)"),
     "one row": (lambda: measured(IMAGE[:1]), "1 x 16 pixels are no image; give an image of at least 4 x 4"),
@@ -209,7 +216,7 @@ def test_an_image_that_needs_a_step_is_refused_with_it(case):
 @pytest.mark.parametrize(
     ("heights", "words"),
     [
-        (np.where(X < 2, np.nan, IMAGE), 'give missing = "interpolate"'),
+        (np.where(X < 2, np.nan, IMAGE), "give crop = [4.0, 0.0, 44.0, 32.0]"),
         (IMAGE[:1], "no image"),
         (1e6 * IMAGE, "units is wrong"),
     ],

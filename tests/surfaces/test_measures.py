@@ -321,6 +321,9 @@ def test_the_command_finds_trace_and_retrace_in_one_file(command):
         ("HeightRetrace", "HeightTrace", True),
         ("Height trace", "Height trace", False),
         ("Z fwd", "Z bwd", True),
+        ("Height (measured)", "Height (measured, retrace)", True),
+        ("Height", "Height (retrace)", True),
+        ("Height", "Height (measured, retrace)", False),
         ("Height#1", "Height#2", False),
     ],
 )

@@ -66,6 +66,8 @@ def test_measured_waves_stay_as_they_are(factor, resolution):
 
 
 @pytest.mark.parametrize("lines", ["none", "differences", "linear"])
+# robust lines through a few hills leave a line off the others
+@pytest.mark.filterwarnings("ignore:.*lie off the lines on both sides")
 def test_waves_that_the_alignment_of_lines_took_are_drawn_from_the_spectrum(lines):
     """Their mean squares, over eight surfaces, are those of the same waves of the surfaces themselves."""
     n, rows = 64, {"none": 0, "linear": 2}.get(lines, 1)
