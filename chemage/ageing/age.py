@@ -33,12 +33,13 @@ from chemage.foundation.errors import InputError, PluginError
 from chemage.foundation.memory import require
 from chemage.foundation.outputs import Block, Checker, Output, recording
 from chemage.foundation.progress import counted, logged, of_plugins
+from chemage.foundation.records import merged_changes
 from chemage.foundation.threads import available, in_order
 from chemage.foundation.units import QuantityLike
 from chemage.friction.role import Rupture
 from chemage.kinetics.role import Engine
 from chemage.lattices.chemistry import Chemistry
-from chemage.plugins.context import Plugins
+from chemage.plugins.context import Plugins, taking_part
 from chemage.plugins.sources import (
     approximations,
     components_in,
@@ -165,7 +166,7 @@ def _check_parts(
 def _aging(request: AgeingRequest, method: AgeingMethod) -> Aging:
     """What ``method`` finds, which must be of the whole contact and at the hold times that were asked for."""
     contact, chemistry, observe = request.contact, request.chemistry, request.observe
-    with recording() as block:
+    with recording() as block, taking_part() as took_part:
         aged = method.age(request)
     if not isinstance(aged, AgedBonds):
         raise PluginError(
@@ -222,7 +223,9 @@ def _aging(request: AgeingRequest, method: AgeingMethod) -> Aging:
             f"ageing {method.kind!r} gave {aging.replicas} replicas of {request.replicas}"
         )
     return aging.noting(
-        plugins, [*contact.approximate, *aged.approximate, *approximations(components)]
+        plugins,
+        [*contact.approximate, *aged.approximate, *approximations(components)],
+        changes=merged_changes(contact.changes, took_part.changes),
     )
 
 

@@ -173,7 +173,7 @@ def measure(
             if name in outputs:
                 seen.outputs[name] = outputs[name]
 
-    with recording() as block, taking_part() as plugins:
+    with recording() as block, taking_part() as took_part:
         for observable in observe:
             checker = Checker(_called(observable), times)
             values = observable.measure(contact, lattice, history)
@@ -205,7 +205,7 @@ def measure(
         raise PluginError(
             f"observables: {min(both)!r} is the name of an output and of a dimension; rename one"
         )
-    return seen._replace(plugins=providers(*observe) | plugins)
+    return seen._replace(plugins=providers(*observe) | took_part.plugins)
 
 
 def stacked(replicas: Sequence[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:

@@ -24,7 +24,7 @@ from chemage.kinetics.role import Engine, run_kinetics
 from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.lattice import ReactionLattice
 from chemage.lattices.site_grid import site_shape
-from chemage.plugins.context import Plugins
+from chemage.plugins.context import Plugins, note_changes
 from chemage.plugins.sources import changed, implementing, would_change
 
 #: the random numbers that replica r of every run with one seed has in common
@@ -206,6 +206,8 @@ def resumed(
             stacklevel=2,
         )
         return None
+    for plugin, changes in record.changes.items():
+        note_changes(plugin, changes)
     return record
 
 

@@ -1,6 +1,6 @@
 """The command line. Commands import what they need when they run, so that ``chemage --help`` is fast.
 
-Exit status: 0 success, 1 a check found problems or points of a sweep failed, 2 invalid input, 3 a fault of chemage,
+Exit status: 0 success, 1 a check found problems or points of a sweep failed, 2 invalid input, 3 an error in the code,
 130 interrupted, 143 terminated (SIGTERM).
 """
 
@@ -157,6 +157,7 @@ def _add_plugin_commands() -> None:
     """Add the commands of plugins; a plugin whose commands cannot be added is reported and skipped."""
     import warnings
 
+    from chemage.foundation.ownership import in_words, naming_owner
     from chemage.plugins import registry
 
     registry.current().check_preference(preference(), PREFER)
@@ -178,7 +179,7 @@ def _add_plugin_commands() -> None:
             for name, function in commands:
                 if name in taken:
                     if any(
-                        function is command.callback
+                        function is getattr(command.callback, "__wrapped__", None)
                         for command in app.registered_commands
                     ):
                         continue  # a second call in one process
@@ -189,12 +190,13 @@ def _add_plugin_commands() -> None:
                 typer.main.get_command(
                     trial
                 )  # raises if typer cannot read the signature
-                app.command(name, rich_help_panel=_OF_PLUGINS)(function)
+                owned = naming_owner(function, f"the command {name!r}".format)
+                app.command(name, rich_help_panel=_OF_PLUGINS)(owned)
         except (Exception, SystemExit) as error:
             if registry.current().strict:
                 raise
             warnings.warn(
-                f"commands of plugin {hook.plugin_name} were skipped: {type(error).__name__}: {error}",
+                f"commands of plugin {hook.plugin_name} were skipped: {in_words(error)}",
                 registry.PluginWarning,
                 stacklevel=2,
             )
@@ -287,9 +289,11 @@ def _plain_warnings() -> None:
 
 def _explain(error: Exception) -> int:
     from chemage.foundation.errors import ChemageError, shortened
+    from chemage.foundation.ownership import owner_of
 
     show_usage = getattr(error, "show", None)  # a usage error found by typer
     text = "\n".join([f"{error}", *getattr(error, "__notes__", ())])
+    owner, where = owner_of(error)
     known = (
         isinstance(error, ChemageError | OSError | MemoryError)
         or show_usage is not None
@@ -307,15 +311,16 @@ def _explain(error: Exception) -> int:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if isinstance(error, BrokenPipeError):  # the reader of the pipe has closed it
             return 0
-        _complain(f"chemage: {error}")
+        _complain(f"chemage: {text}")
         return 2
     if isinstance(error, MemoryError):
         _complain(
-            f"chemage: not enough memory: {error}; `chemage check` estimates what a scene needs"
+            f"chemage: not enough memory: {text}; `chemage check` estimates what a scene needs"
         )
         return 2
+    where = "\n".join(filter(None, ["--log FILE writes where it arose to FILE", where]))
     _complain(
-        f"chemage: this is a fault of chemage, please report it: {type(error).__name__}: {shortened(error, 200)}; "
-        "--log FILE writes where it arose to FILE"
+        f"chemage: this is a fault of {owner or 'chemage'}, please report it: {type(error).__name__}: "
+        f"{shortened(error, 200)}; {where}"
     )
     return 3

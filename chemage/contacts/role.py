@@ -13,6 +13,7 @@ from chemage.foundation.checks import expect
 from chemage.foundation.components import Component
 from chemage.foundation.outputs import kept, recording
 from chemage.foundation.progress import logged, of_plugins
+from chemage.foundation.records import merged_changes
 from chemage.foundation.units import QuantityLike
 from chemage.plugins import registry
 from chemage.plugins.sources import approximation_of, approximations, providers
@@ -218,7 +219,7 @@ def solve_contact(
         "contact",
         f"{solver.kind}, load {force:g} nN, {surface.shape[0]} x {surface.shape[1]} pixels",
     ) as out:
-        solution, plugins, recorded = registry.current().answer(
+        solution, took_part, recorded = registry.current().answer(
             "chemage_solve_contact",
             ContactSolution,
             solver=solver,
@@ -239,9 +240,12 @@ def solve_contact(
             *used,
             *solution.unloaded(),
         ]
-        took_part = surface.plugins | providers(solver) | plugins
+        plugins = surface.plugins | providers(solver) | took_part.plugins
         solution = solution.noting(
-            took_part, approximate, kept(solution, surface.recorded | recorded)
+            plugins,
+            approximate,
+            kept(solution, surface.recorded | recorded),
+            merged_changes(surface.changes, took_part.changes),
         )
         out(
             f"{solution.iterations} iterations, residual {solution.residual:.3g}; {of_plugins(solution.plugins)}"

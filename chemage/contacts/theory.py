@@ -82,7 +82,9 @@ class ContactTheory(ContactSolver, ABC):
         others = [entry for entry in approximate if entry["kind"] != self.kind]
         others += statistics.unloaded()
         return statistics.noting(
-            surface.plugins | providers(*parts), [*surface.approximate, *own, *others]
+            surface.plugins | providers(*parts),
+            [*surface.approximate, *own, *others],
+            changes=surface.changes,
         )
 
     def _solve(

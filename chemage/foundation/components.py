@@ -14,9 +14,11 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self, cast
 
 from pydantic import SerializationInfo, SerializerFunctionWrapHandler, model_serializer
 
+from chemage.foundation import ownership
 from chemage.foundation.checks import Frozen, meanings
-from chemage.foundation.errors import InputError, PluginError
+from chemage.foundation.errors import ChemageError, InputError, PluginError
 from chemage.foundation.outputs import Output, record_by
+from chemage.foundation.ownership import Owned, name_owner
 from chemage.foundation.records import content_hash
 from chemage.foundation.text import html_table
 
@@ -26,7 +28,7 @@ if TYPE_CHECKING:
 _IDENTITY = {"chemage": "identity"}
 
 
-class Component(Frozen):
+class Component(Owned, Frozen):
     """Frozen, validated options of one component. Equal options mean equal objects and equal :meth:`digest`."""
 
     role: ClassVar[str] = ""
@@ -58,6 +60,17 @@ class Component(Frozen):
         error_of: ClassVar[str] = "what it computes"
         #: the numbers, curves and maps that :meth:`record` is given, or that an observable measures
         outputs: ClassVar[Mapping[str, Output]] = {}
+
+    def __init__(self, /, **options: Any) -> None:
+        try:
+            super().__init__(**options)
+        except ChemageError:  # an option is wrong
+            raise
+        except Exception as error:
+            name_owner(
+                error, self._title(), type(self), ownership.plugin_of(type(self))
+            )
+            raise
 
     @classmethod
     def _title(cls) -> str:

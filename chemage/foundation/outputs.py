@@ -105,6 +105,11 @@ def recording() -> Iterator[Block]:
         _block.reset(token)
 
 
+def recorded() -> Block:
+    """What is recorded so far in the block of this thread; nothing outside one."""
+    return _block.get() or {}
+
+
 def record(**values: RecordedValue) -> None:
     """Record numbers, curves or maps beside what a hook answers: ``name=Output(dims, unit, description).of(values)``.
 

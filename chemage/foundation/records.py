@@ -1,13 +1,15 @@
 """Records: frozen, validated objects of arrays and numbers, the base of everything that passes from stage to stage.
 
-Arrays are C-contiguous and read-only; records are equal when their content is. ``todict``/``fromdict`` work as in ASE.
-Each array declares its dimensions, unit and meaning in ``arrays``; the store and the documentation are made from that.
+Arrays are C-contiguous and read-only, mappings and lists are read-only at any depth; records are equal when their
+content is. ``todict``/``fromdict`` work as in ASE. Each array declares its dimensions, unit and meaning in ``arrays``;
+the store and the documentation are made from that.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+import zlib
 from collections.abc import Iterable, Mapping
 from functools import cached_property, lru_cache
 from typing import Annotated, Any, ClassVar, Self
@@ -41,6 +43,14 @@ def merged_approximations(*lists: Any) -> list[dict[str, Any]]:
     return entries
 
 
+def merged_changes(*changes: Mapping[str, Iterable[str]]) -> dict[str, list[str]]:
+    """Join what plugins answered or changed, see :attr:`Record.changes`."""
+    return {
+        name: sorted({what for each in changes for what in each.get(name, ())})
+        for name in dict.fromkeys(name for each in changes for name in each)
+    }
+
+
 def approximation_made_by(component: Any) -> list[dict[str, Any]]:
     """The approximation that a component, or every component of a class, makes; empty if it is exact."""
     if component.exact:
@@ -62,6 +72,12 @@ def content_hash(content: Any) -> str:
         raise InputError.of(
             "content", content, f"is not made of plain JSON values ({error})"
         ) from None
+
+
+def checksum(content: Any, before: int = 0) -> int:
+    """CRC-32 of bytes, or of those of a contiguous array, after others: a quarter of a second for each 10⁹ bytes, to see
+    changes by."""
+    return zlib.crc32(content, before)
 
 
 def text_hash(text: str, size: int = 16) -> str:
@@ -126,6 +142,46 @@ def frozen(array: Any, *dtypes: type[np.generic]) -> np.ndarray:
         values = np.array(values, values.dtype.newbyteorder("="), order="C", copy=True)
         values.setflags(write=False)
     return values
+
+
+def _refuse(self: Any, *arguments: Any, **options: Any) -> Any:
+    raise TypeError(
+        "a result is read-only; change a copy: dict(...) of a mapping, model_copy(update=...) of a record"
+    )
+
+
+class ReadOnlyDict(dict[Any, Any]):
+    """A mapping in a result; a copy of it can be changed."""
+
+    __setitem__ = __delitem__ = __ior__ = _refuse
+    clear = pop = popitem = setdefault = update = _refuse
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return dict, (dict(self),)
+
+
+class ReadOnlyList(list[Any]):
+    """A list in a result; a copy of it can be changed."""
+
+    __setitem__ = __delitem__ = __iadd__ = __imul__ = _refuse
+    append = clear = extend = insert = pop = remove = reverse = sort = _refuse
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return list, (list(self),)
+
+
+def read_only(value: Any) -> Any:
+    """``value`` with its mappings, lists and arrays read-only, at any depth."""
+    if isinstance(value, ReadOnlyDict | ReadOnlyList):
+        return value
+    if isinstance(value, Mapping):
+        return ReadOnlyDict((name, read_only(one)) for name, one in value.items())
+    if type(value) in (list, tuple):
+        return (ReadOnlyList if type(value) is list else tuple)(map(read_only, value))
+    if type(value) is np.ndarray and _can_change(value):
+        value = value.copy()
+        value.setflags(write=False)
+    return value
 
 
 #: numbers of an array that is checked against the memory
@@ -213,6 +269,8 @@ class Record(Frozen):
                 except UnitError as error:
                     raise UnitError(f"{type(self).__name__}: {name}: {error}") from None
         super().__init__(**fields)
+        for name, value in vars(self).items():
+            vars(self)[name] = read_only(value)
 
     def todict(self) -> dict[str, Any]:
         """Field name -> value; arrays stay arrays."""
@@ -283,6 +341,11 @@ class Record(Frozen):
         return getattr(self, "provenance", {}).get("plugins", {})
 
     @property
+    def changes(self) -> dict[str, list[str]]:
+        """What each of these plugins answered or changed: name -> ``hook``, where it answered, or ``hook.field``."""
+        return getattr(self, "provenance", {}).get("changes", {})
+
+    @property
     def approximate(self) -> list[dict[str, Any]]:
         """The approximations on the way to this record, as in :mod:`chemage.foundation.records`."""
         return merged_approximations(getattr(self, "provenance", {}).get("approximate"))
@@ -292,13 +355,17 @@ class Record(Frozen):
         plugins: Mapping[str, str],
         approximate: Iterable[Mapping[str, Any]] = (),
         kept: Mapping[str, Any] | None = None,
+        changes: Mapping[str, Iterable[str]] | None = None,
     ) -> Self:
-        """This record, with the plugins that took part in it (name -> version), and the approximations on the way to
-        it, added to its ``provenance``; and with the fields ``kept``, see :func:`chemage.foundation.outputs.kept`."""
+        """This record, with the plugins that took part in it (name -> version) and what they answered or changed, and the
+        approximations on the way to it, added to its ``provenance``; and with the fields ``kept``, see
+        :func:`chemage.foundation.outputs.kept`."""
         before: dict[str, Any] = getattr(self, "provenance", {})
         provenance = dict(before)
         if plugins:
             provenance["plugins"] = {**self.plugins, **plugins}
+        if changes:
+            provenance["changes"] = merged_changes(self.changes, changes)
         if entries := merged_approximations(before.get("approximate"), approximate):
             provenance["approximate"] = entries
         update = dict(kept or {})

@@ -22,6 +22,7 @@ from chemage.foundation.figures import panels, plots, png
 from chemage.foundation.looks import drawn_as
 from chemage.foundation.names import PICTURES
 from chemage.foundation.outputs import Observing
+from chemage.foundation.ownership import Owned
 from chemage.foundation.quantities import NONE as NONE
 from chemage.foundation.quantities import Curve, Quantity, Rank, headed
 from chemage.foundation.records import Record
@@ -145,7 +146,7 @@ class Ageing:
     ) = None
 
 
-class Result:
+class Result(Owned):
     """A result as users see it: facts, quantities, curves and pictures; everything that is shown is made from these."""
 
     #: characters of a line, where it is printed into a file or a pipe

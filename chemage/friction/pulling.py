@@ -382,7 +382,7 @@ def pull(
     partners = None
     if drive.partner == "new" and chemistry is not None and contact is not None:
         partners = partners_of(chemistry, lattice, contact)
-    pulled, plugins, recorded = registry.current().answer(
+    pulled, took_part, recorded = registry.current().answer(
         "chemage_pull_bonds",
         PullHistory,
         engine=engine,
@@ -396,7 +396,7 @@ def pull(
         contact=contact,
         chemistry=chemistry,
     )
-    return noted(pulled, recorded, plugins, engine)
+    return noted(pulled, recorded, took_part, engine)
 
 
 @displays(PullHistory)

@@ -185,7 +185,7 @@ def rupture_bonds(bonded: Bonded, rupture: Rupture | None = None) -> RuptureForc
     )
     if rupture is not None:
         expect("rupture", rupture, Rupture, 'make one with chemage.rupture("...")')
-    force, plugins, recorded = registry.current().answer(
+    force, took_part, recorded = registry.current().answer(
         "chemage_rupture_bonds", np.ndarray, rupture=rupture, bonded=bonded
     )
     rupture_force = RuptureForce(
@@ -194,4 +194,4 @@ def rupture_bonds(bonded: Bonded, rupture: Rupture | None = None) -> RuptureForc
         law="" if rupture is None else rupture.kind,
         provenance={} if rupture is None else {"rupture": rupture.todict()},
     )
-    return noted(rupture_force, recorded, plugins, rupture)
+    return noted(rupture_force, recorded, took_part, rupture)

@@ -229,7 +229,7 @@ def cannot_give_states(engine: Engine) -> str:
 
 
 def _answered(engine: Engine, **arguments: Any) -> BondHistory:
-    history, plugins, recorded = registry.current().answer(
+    history, took_part, recorded = registry.current().answer(
         "chemage_run_kinetics", BondHistory, engine=engine, **arguments
     )
     # an engine that selects another one, and a plugin that answers with one, record which
@@ -238,4 +238,4 @@ def _answered(engine: Engine, **arguments: Any) -> BondHistory:
         if history.engine != engine.kind
         else []
     )
-    return noted(history, recorded, plugins, engine).noting({}, used)
+    return noted(history, recorded, took_part, engine).noting({}, used)

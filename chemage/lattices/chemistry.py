@@ -400,7 +400,7 @@ def build_lattice(
         "make one with chemage.chemistry(forming=...)",
     )
     expect_contact(contact)
-    lattice, plugins, recorded = registry.current().answer(
+    lattice, took_part, recorded = registry.current().answer(
         "chemage_build_lattice",
         ReactionLattice,
         chemistry=chemistry,
@@ -408,4 +408,4 @@ def build_lattice(
         seed=seed,
         sites=sites,
     )
-    return noted(lattice, recorded, plugins, chemistry)
+    return noted(lattice, recorded, took_part, chemistry)

@@ -23,6 +23,8 @@ from typing import Any, NamedTuple, TypeAlias
 
 import pluggy
 
+from chemage.foundation.ownership import Owned
+
 #: A plugin module may set ``CHEMAGE_API = 1``; one made for another version is reported and skipped.
 API_VERSION = 1
 #: versions whose modules are still loaded
@@ -137,7 +139,7 @@ class StageInputs:
 
 
 @dataclass(frozen=True)
-class Stage:
+class Stage(Owned):
     """The declaration of one stage, or of what a scene says beside its stages.
 
     A stage that computes names what it ``takes`` and what it ``makes``, and has a method :meth:`run`. One that takes
@@ -181,6 +183,9 @@ class Stage:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "key", self.key or self.makes)
+
+    def _title(self) -> str:
+        return f"stage {self.section!r}"
 
     @property
     def changes(self) -> bool:

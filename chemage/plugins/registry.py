@@ -24,7 +24,7 @@ from importlib import metadata
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from chemage.foundation import names
+from chemage.foundation import names, ownership
 from chemage.foundation.errors import (
     InputError,
     PluginError,
@@ -33,7 +33,12 @@ from chemage.foundation.errors import (
     nearest,
 )
 from chemage.plugins import context, hooks
-from chemage.plugins.context import Plugins, record_participation, taking_part
+from chemage.plugins.context import (
+    Plugins,
+    TakingPart,
+    record_participation,
+    taking_part,
+)
 from chemage.plugins.hooks import Stage, in_order
 from chemage.plugins.loading import (
     Hooks,
@@ -145,7 +150,7 @@ class Registry:
         if (answers := getattr(room, "ANSWERS", None)) is not None:
             plugin = answers()
             manager.register(plugin, room.__name__.removesuffix(".hooks"))
-            self._record(manager, plugin, "", str)
+            self._record(manager, plugin, None, str)
 
     def _monitor(self, manager: Hooks) -> None:
         if os.environ.get("CHEMAGE_TRACE", "") not in ("", "0"):
@@ -267,18 +272,20 @@ class Registry:
     def _attach(self, manager: Hooks, plugin: Any, record: PluginRecord) -> None:
         """Add the hooks of a plugin to ``manager``, so that their part in an answer is noted."""
         manager.register(plugin, full_name(record))
-        self._record(manager, plugin, record.name, partial(self.source_in_use, record))
+        self._record(manager, plugin, record, partial(self.source_in_use, record))
 
     def _record(
-        self, manager: Hooks, plugin: Any, name: str, source: Callable[[], str]
+        self,
+        manager: Hooks,
+        plugin: Any,
+        record: PluginRecord | None,
+        source: Callable[[], str],
     ) -> None:
         for hook in manager.get_hookcallers(plugin) or ():
             if hook.name not in hooks.OFFERS:
                 for impl in hook.get_hookimpls():
                     if impl.plugin is plugin:
-                        record_participation(
-                            impl, name, source, many=not is_stage(hook)
-                        )
+                        record_participation(impl, hook, record, source)
 
     def _hook_names(self) -> list[str]:
         return [name for name in dir(self.manager.hook) if name.startswith("chemage_")]
@@ -287,9 +294,9 @@ class Registry:
 
     def answer(
         self, hook: str, expected: type[T], **arguments: Any
-    ) -> tuple[T, Plugins, Block]:
-        """Call the hook of a stage: its answer, the plugins that answered or changed it (name -> version), and what was
-        recorded meanwhile (:mod:`chemage.foundation.outputs`).
+    ) -> tuple[T, TakingPart, Block]:
+        """Call the hook of a stage: its answer, the plugins that answered or changed it, and what was recorded meanwhile
+        (:mod:`chemage.foundation.outputs`).
 
         Raises
         ------
@@ -317,11 +324,11 @@ class Registry:
             if problem:
                 raise PluginError((who or self._named(component)) + problem)
 
-        with recording() as recorded, taking_part(check) as plugins:
+        with recording() as recorded, taking_part(check) as took_part:
             result = getattr(self._in_order(context.preference()).hook, hook)(
                 **arguments
             )
-        return result, dict(plugins), recorded
+        return result, took_part, recorded
 
     def _own(self, stage: Stage | None, arguments: Mapping[str, Any]) -> Any:
         """The component whose method chemage calls where no plugin answers."""
@@ -335,11 +342,27 @@ class Registry:
         """A component with the plugin that provides it."""
         if component is None:
             return "chemage"
-        cls, record = type(component), self.provider(type(component))
-        whose = (
-            full_name(record) if record else f"{cls.__qualname__} {source_version(cls)}"
+        cls = type(component)
+        return f"{component.role} {component.kind!r} of {self.owner(cls) or 'chemage'}"
+
+    def owner(self, code: Any) -> str:
+        """The plugin that a class or a function is from, in words; "" for chemage's own."""
+        package = code.__module__.partition(".")[0]
+        record = self.provider(code) if isinstance(code, type) else None
+        record = record or next(
+            (
+                each
+                for each in self.records
+                if each.component is None
+                and each.module.partition(":")[0].partition(".")[0] == package
+            ),
+            None,
         )
-        return f"{component.role} {component.kind!r} of {whose}"
+        if package == "chemage" or (record and record.distribution == "chemage"):
+            return ""
+        if record is not None and record.component is None:
+            return f"plugin {record.name!r} ({record.source})"
+        return f"{code.__module__}.{code.__qualname__} {source_version(code)}".strip()
 
     def check_preference(self, names: Iterable[str], where: str) -> None:
         """Raise an InputError if one of these plugins, named in ``where``, is not in use."""
@@ -699,6 +722,9 @@ class Registry:
             f"{role} {kind!r} of plugin {record.name!r} ({record.source})",
         )
         return checked_class(cls, self.role(role), kind, record)
+
+
+ownership.plugin_of = lambda code: "" if _finding else current().owner(code)
 
 
 def prefer_another(name: str) -> str:

@@ -21,7 +21,8 @@ from chemage.foundation.records import (
     approximation_made_by,
     merged_approximations,
 )
-from chemage.plugins.context import Plugins, taking_part
+from chemage.plugins.content import changed_fields, contents, differences
+from chemage.plugins.context import Plugins, TakingPart, taking_part
 from chemage.plugins.hooks import Stage, StageInputs, hookimpl
 from chemage.plugins.loading import add_specifications, full_name
 from chemage.plugins.registry import Registry, current, source_version
@@ -76,12 +77,13 @@ def approximations(*components: Any) -> list[dict[str, Any]]:
     )
 
 
-def noted(record: R, block: Block, plugins: Plugins, *components: Any) -> R:
-    """``record`` with what was recorded beside it, and with who took part in it: ``plugins``, and those that provide
-    its ``components``; and what is approximate about these."""
+def noted(record: R, block: Block, took_part: TakingPart, *components: Any) -> R:
+    """``record`` with what was recorded beside it, and with who ``took_part`` in it, and the plugins that provide its
+    ``components``; and what is approximate about these."""
     parts = components_in(*components)
     approximate = [entry for part in parts for entry in approximation_made_by(part)]
-    return record.noting(_providers(parts) | plugins, approximate, kept(record, block))
+    plugins = _providers(parts) | took_part.plugins
+    return record.noting(plugins, approximate, kept(record, block), took_part.changes)
 
 
 def approximation_of(role: str, kind: str) -> list[dict[str, Any]]:
@@ -98,16 +100,27 @@ def run_stage(stage: Stage, inputs: StageInputs) -> Any:
     Raises
     ------
     PluginError
-        It makes something else than it changes, or what contradicts itself.
+        It makes something else than it changes, or what contradicts itself; or a plugin changed in place what stages
+        before it made.
     """
     plugins = current()
     record = plugins.owners.get(stage.section)
-    if record is None:
-        return stage.run(inputs)
-    options, before = inputs.parts[stage.section], inputs.made[stage.makes]
-    who = f"the stage {stage.section!r} of {full_name(record)}"
+    hooks = implementing(*stage_hooks())
+    who = (
+        f"the stage {stage.section!r} of {full_name(record)}"
+        if record
+        else f"a hook of {', '.join(hooks)}"
+    )
+    given = contents(inputs.made) if record or hooks else {}
     with recording() as block, taking_part() as took_part:
         made = stage.run(inputs)
+    if given and (paths := differences(given, contents(inputs.made, given))):
+        raise PluginError(
+            f"{who} changed {paths[0]}, which is made already, in place; make a changed copy"
+        )
+    if record is None:
+        return made
+    options, before = inputs.parts[stage.section], inputs.made[stage.makes]
     if type(made) is not type(before):
         raise PluginError(
             f"{who} made {type(made).__name__}; expected {type(before).__name__}"
@@ -119,9 +132,10 @@ def run_stage(stage: Stage, inputs: StageInputs) -> Any:
     )
     if fault := maker.fault_of(made, inputs):
         raise PluginError(f"{who}: {fault}")
-    made = noted(
-        made, block, {record.name: plugins.source_in_use(record), **took_part}, options
-    )
+    fields = changed_fields(contents(before), contents(made, {}))
+    took_part.plugins[record.name] = plugins.source_in_use(record)
+    took_part.changes[record.name] = {f"{stage.section}.{one}" for one in fields}
+    made = noted(made, block, took_part, options)
     said = stage.todict({stage.section: options}, methodcaller("todict"))
     return made.model_copy(update={"provenance": {**made.provenance, **said}})
 
@@ -171,6 +185,8 @@ def would_change(
     for name in names:
         manager.register(plugins.implementation(name), name)
     try:
-        return getattr(manager.hook, hook)(**arguments) is not answer
+        before = contents(answer)
+        other = getattr(manager.hook, hook)(**arguments)
+        return other is not answer or contents(other) != before
     except Exception:
         return True

@@ -39,6 +39,7 @@ from chemage.foundation.figures import (
 )
 from chemage.foundation.looks import drawn_as
 from chemage.foundation.outputs import RECORDED
+from chemage.foundation.ownership import in_words
 from chemage.foundation.quantities import Curve, Rank
 from chemage.foundation.result import (
     Medium,
@@ -97,7 +98,7 @@ class _PlannedFigure(NamedTuple):
             if registry.current().strict:
                 raise
             what = f"the figure {self.name!r} of {self.bringer} was left out"
-            _warn(f"{what}: it cannot be drawn: {type(error).__name__}: {error}")
+            _warn(f"{what}: it cannot be drawn: {in_words(error)}")
             return None
         return (
             figure if any(one.has_data() or one.texts for one in figure.axes) else None
@@ -194,7 +195,7 @@ def _of_hooks(sources: Sequence[Source]) -> Iterator[_PlannedFigure]:
                 raise
             _warn(
                 f"the figures of {bringer} were left out: chemage_figures must give "
-                f"{{name: (caption, function)}}: {type(error).__name__}: {error}"
+                f"{{name: (caption, function)}}: {in_words(error)}"
             )
             continue
         for name, caption, draw in offered:

@@ -15,6 +15,7 @@ from chemage.ageing.display import AgingDisplay
 from chemage.contacts.display import OfContact
 from chemage.foundation.figures import BLACK, plain
 from chemage.foundation.names import __version__
+from chemage.foundation.ownership import in_words
 from chemage.foundation.quantities import NONE, Curve, Quantity
 from chemage.foundation.result import Ageing, Picture, Result, Rows, displays, result_of
 from chemage.plugins import registry
@@ -54,7 +55,7 @@ def published(scene: Mapping[str, Any]) -> list[PublishedRate]:
                 raise
             warnings.warn(
                 f"published values of plugin {record.name!r} ({record.source}) were left out: "
-                f"{type(error).__name__}: {error}",
+                f"{in_words(error)}",
                 registry.PluginWarning,
                 stacklevel=2,
             )
@@ -160,6 +161,10 @@ class RunDisplay(Result):
         ]
         facts += self.aging.facts() if self.aging is not None else []
         facts += [(f"plugin {name}", source) for name, source in self.plugins.items()]
+        facts += [
+            (f"changed by {name}", ", ".join(changes))
+            for name, changes in self.run.changes.items()
+        ]
         return facts
 
     def remarks(self) -> Rows:

@@ -40,7 +40,13 @@ from chemage.foundation.errors import (
 from chemage.foundation.files import make_folder
 from chemage.foundation.outputs import MeasuredOutput
 from chemage.foundation.progress import progress_bars
-from chemage.foundation.records import Record, content_hash, merged_approximations
+from chemage.foundation.records import (
+    Record,
+    content_hash,
+    merged_approximations,
+    merged_changes,
+    read_only,
+)
 from chemage.foundation.result import draw_parts, notebook_html
 from chemage.foundation.text import approximations_in_words, jsonable
 from chemage.plugins import registry
@@ -79,6 +85,10 @@ class Run:
     keys: dict[str, str] = field(default_factory=dict)
     cite: tuple[str, ...] = ()
 
+    def __post_init__(self) -> None:
+        for name in ("scene", "timings", "versions", "keys"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+
     @property
     def name(self) -> str:
         """The scene's name."""
@@ -114,6 +124,12 @@ class Run:
             **self.contact.plugins,
             **(self.aging.plugins if self.aging is not None else {}),
         }
+
+    @property
+    def changes(self) -> dict[str, list[str]]:
+        """What each of them answered or changed, see :attr:`chemage.plugin.Record.changes`."""
+        later = self.aging.changes if self.aging is not None else {}
+        return merged_changes(self.contact.changes, later)
 
     @property
     def measured(self) -> dict[str, MeasuredOutput]:
@@ -199,6 +215,7 @@ class Run:
             "timings": self.timings,
             "versions": self.versions,
             "plugins": self.plugins,
+            **({"changes": changes} if (changes := self.changes) else {}),
             "keys": self.keys,
             "cite": list(self.cite),
             **({"approximate": self.approximate} if self.approximate else {}),
@@ -548,6 +565,6 @@ def _kept(stage: Stage, scene: Scene, inputs: StageInputs) -> ContactSolution:
     }
     solution = resumed(path, "contact", ContactSolution, key, other, **how, **call)
     if solution is None:
-        solution = stage.run(inputs)
+        solution = run_stage(stage, inputs)
         keep(path, "contact", solution, key, **how)
     return solution

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Self
 
 from chemage.foundation.errors import InputError, StoreError
+from chemage.foundation.ownership import Owned
 from chemage.foundation.progress import Report, progress_bars
 from chemage.foundation.threads import restored
 from chemage.scene.scene import Scene
@@ -198,7 +199,7 @@ LOOK = 0.5
 PATIENCE = 3600.0
 
 
-class Design(ABC):
+class Design(Owned, ABC):
     """What a study computes: it asks for runs, is told what came of them, and asks again, until it asks for none."""
 
     #: whether results depend on the processor, as times do; those of another one are computed again

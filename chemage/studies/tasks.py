@@ -35,6 +35,7 @@ from chemage.foundation.errors import (
     StoreError,
 )
 from chemage.foundation.names import __version__
+from chemage.foundation.ownership import Owned, in_words
 from chemage.plugins import registry
 from chemage.plugins.sources import changed, components_in, stage_hooks
 from chemage.scene.files import load_scene
@@ -158,7 +159,7 @@ RETRIES = 1
 
 
 @dataclass(frozen=True)
-class Task:
+class Task(Owned):
     """One scene to compute."""
 
     #: content hashes: of everything on which the result depends, and of its stages
@@ -550,7 +551,7 @@ class Worker:
             try:
                 pickle.loads(pickle.dumps(error))
             except Exception:  # another process can receive its text alone
-                error = ExecutorError(f"{type(error).__name__}: {error}")
+                error = ExecutorError(in_words(error))
         return Outcome(error=error, stage=self.stage)
 
 
@@ -588,7 +589,7 @@ def failure(task: Task, stage: str, error: BaseException) -> dict[str, Any]:
     report: dict[str, Any] = {
         "stage": stage,
         "type": type(error).__name__,
-        "message": str(error),
+        "message": in_words(error).partition(": ")[2],
     }
     if not isinstance(error, ChemageError):
         report["traceback"] = "".join(traceback.format_exception(error)[-6:])

@@ -111,10 +111,10 @@ def make_surface(maker: SurfaceMaker, seed: Seed = 0) -> Surface:
     """
     expect("maker", maker, SurfaceMaker, 'make one with chemage.surface("sphere", ...)')
     with logged("surface", maker.kind) as outcome:
-        answer, plugins, recorded = registry.current().answer(
+        answer, took_part, recorded = registry.current().answer(
             "chemage_make_surface", Surface, maker=maker, seed=seed
         )
-        answer = noted(answer, recorded, plugins, maker)
+        answer = noted(answer, recorded, took_part, maker)
         outcome(
             f"{answer.shape[0]} x {answer.shape[1]} pixels; {of_plugins(answer.plugins)}"
         )

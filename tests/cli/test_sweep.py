@@ -145,9 +145,9 @@ def test_failed_points_are_listed_at_the_end_with_exit_status_1(command, scene):
     assert "6 of 12 points done" in outcome.out
     lines = [line for line in outcome.err.splitlines() if line.startswith("failed:")]
     assert len(lines) == 6
-    assert lines[0] == (
+    assert lines[0].startswith(
         "failed: point 1 (contact.load = 5 nN, hold.seed = 0, engine.trouble = raise): "
-        "ageing: InputError: this one is meant to fail"
+        "ageing: InputError: this one is meant to fail; in engine 'tiny-coin' of plugin 'tiny' (chemage-tiny 1.0): "
     )
     assert command("status", "study-sweep").err.splitlines() == lines
     told = json.loads(command("run", scene, "--json").out)

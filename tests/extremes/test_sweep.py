@@ -226,9 +226,10 @@ def test_a_failed_point_loses_nothing_else_and_is_tried_again(tiny, tmp_path, mo
     result = chemage.sweep(swept(tiny, text), tmp_path / "out")
     assert result.states() == ["done"] * 2 + ["failed"] * 6
     errors = [point.error for point in result]
-    assert errors[2] == "ageing: InputError: this one is meant to fail"
-    assert errors[4] == "ageing: ZeroDivisionError: a bug in a plugin"
-    assert errors[6] == "ageing: SystemExit: 3"
+    for number, said in ((2, "InputError: this one is meant to fail"), (4, "ZeroDivisionError: a bug in a plugin")):
+        whose = "in engine 'tiny-coin' of plugin 'tiny' (chemage-tiny 1.0): chemage_tiny.Coin._run"
+        assert errors[number].startswith(f"ageing: {said}; {whose}, ")
+    assert errors[6].startswith("ageing: SystemExit: 3; in engine 'tiny-coin' of plugin 'tiny'")
     assert "in _trouble" in result.store.read_point(result.keys[4])["error"]["traceback"]
     assert [point.index for point in result.failed] == [2, 3, 4, 5, 6, 7]
     with pytest.raises(StoreError, match=r"point 2 of .* is failed: ageing: InputError: this one is meant to fail"):
@@ -254,7 +255,10 @@ def test_a_contact_that_fails_fails_its_points_alone(tiny, tmp_path):
     """
     result = chemage.sweep(swept(tiny, text), tmp_path / "out")
     assert result.states() == ["failed", "failed", "done", "done"]
-    assert result[0].error == result[1].error == "contact: InputError: this one is meant to fail"
+    assert result[0].error == result[1].error
+    assert result[0].error.startswith(
+        "contact: InputError: this one is meant to fail; in contact 'tiny-even' of plugin"
+    )
     assert len(tiny.computed("contact")) == 2, "not tried anew for every point"
 
 

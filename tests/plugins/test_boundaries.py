@@ -527,7 +527,7 @@ def test_one_function_fits_beta():
 #: file -> why it hashes
 HASHES = {
     "chemage/foundation/container.py": "the seal of files",
-    "chemage/foundation/records.py": "content_hash, text_hash and the digest of arrays",
+    "chemage/foundation/records.py": "content_hash, text_hash, the digest of arrays, checksums by which changes are seen",
     "chemage/foundation/random.py": "the number of a named stream; a module of kernels, which imports no other",
 }
 

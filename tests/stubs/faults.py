@@ -10,6 +10,7 @@ from dataclasses import replace
 import pytest
 
 from chemage.plugin import Scatter
+from chemage.plugins import content
 from chemage.results import comparison, drawing
 from chemage.scene import plan
 from chemage.scene import run as experiment
@@ -17,6 +18,15 @@ from chemage.studies import tasks
 from chemage.studies.sweeps import display, running
 from chemage_inference import families, sampling
 from chemage_inference import infer as inference
+
+
+def no_checksums(patch: pytest.MonkeyPatch) -> None:
+    """Checksums of what hooks are given and answer cannot be made."""
+
+    def refuse(*_):
+        raise AssertionError("a checksum was made")
+
+    patch.setattr(content, "checksum", refuse)
 
 
 def interrupt_after(patch: pytest.MonkeyPatch, count: int) -> None:
