@@ -170,12 +170,17 @@ def test_without_a_law_the_force_is_that_of_the_chemistry_times_the_bonds():
         (lambda b: np.where(b.bonds < 5, 1.0, np.nan), r"gave \d+ forces of 15 that are not finite"),
         (lambda b: -1.5 * np.ones(15), "gave a negative force, -1.5 nN"),
         (lambda b: ["much"] * 15, "gave values of type <U4"),
-        (lambda b: None, "gave values of type object"),
     ],
 )
 def test_what_is_no_force_is_an_error_that_names_law_and_plugin(bell, answer, said):
     Wrong.answer = staticmethod(answer)
     with pytest.raises(PluginError, match=f"rupture 'wrong' of .*Wrong .*source .*{said}; give one force in nN"):
+        aged(Wrong())
+
+
+def test_a_law_that_returns_nothing_is_told(bell):
+    Wrong.answer = staticmethod(lambda b: None)
+    with pytest.raises(PluginError, match=r"rupture 'wrong' of .*: force returned None; expected a np\.ndarray"):
         aged(Wrong())
 
 
