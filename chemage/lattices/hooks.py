@@ -128,7 +128,7 @@ class _Chemistry(Stage):
         from chemage.lattices.site_grid import SITE_POSITIONS, adhering
 
         grids, maker = parts.get("grids"), parts["surface"]
-        density = getattr(parts.get(self.section), "site_density", None)
+        density: Any = getattr(parts.get(self.section), "site_density", None)
         if density == "given" and SITE_POSITIONS not in maker.outputs:
             raise InputError.of(
                 "site_density",

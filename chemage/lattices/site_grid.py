@@ -303,7 +303,8 @@ def _of_surface(contact: ContactSolution) -> np.ndarray:
             "chemage.solve_contact"
         )
     x, y = (positions // contact.pixel_size).astype(np.int64).T
-    pixels = np.ravel_multi_index((x, y), contact.shape, mode="clip")
+    nx, ny = contact.shape
+    pixels = np.minimum(x, nx - 1) * ny + np.minimum(y, ny - 1)
     if np.unique(pixels).size < pixels.size:
         raise InputError.of(
             "pixel_size",

@@ -163,8 +163,9 @@ class Atoms(SurfaceMaker):
 
         if self.atoms is not None:
             return ase.Atoms(**self.atoms._asdict())
+        path: Any = self.file
         try:
-            found: Any = read(self.file, index=self.index, format=self.format)
+            found: Any = read(path, index=self.index, format=self.format)
         except Exception as error:  # each format has its own
             raise StoreError(
                 f"{self.file}: ASE cannot read it ({type(error).__name__}: {error}); check format and index"
@@ -265,9 +266,8 @@ def _radii(atoms: ase.Atoms, kind: str) -> np.ndarray:
 
     table = covalent_radii if kind == "covalent" else vdw_radii
     radii = ANGSTROM * table[atoms.numbers]
-    if unknown := sorted(
-        {atoms.symbols[number] for number in np.flatnonzero(np.isnan(radii))}
-    ):
+    symbols = np.array(atoms.get_chemical_symbols())
+    if unknown := np.unique(symbols[np.isnan(radii)]).tolist():
         raise InputError(
             f"surface 'atoms': ASE has no {kind} radius of {', '.join(unknown)}; set radii to the other table"
         )
