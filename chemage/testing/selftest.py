@@ -126,7 +126,7 @@ def _with_file(component: Any, folder: Path) -> tuple[Any, dict[str, Any]]:
     if endings[0] == ".npy":
         np.save(path, surface.heights)
     elif endings[0] == ".txt":
-        np.savetxt(path, surface.heights)
+        np.savetxt(path, surface.heights, header=f"pixel_size = {surface.pixel_size}")
     else:
         import h5py
 

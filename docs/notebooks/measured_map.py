@@ -28,7 +28,7 @@ image = np.fft.ifft2(np.fft.fft2(random.standard_normal((2 * n, 2 * n))) * q ** 
 image *= 0.05 / np.hypot(*np.gradient(image, pixel)).std()  # a part of a larger surface
 image += 0.01 * np.linspace(0, 1, n)[:, None] + 0.005 * np.linspace(0, 1, n)
 image[40:45, 10:14] = np.nan
-np.savetxt("scan.txt", image, fmt="%.6f")
+np.savetxt("scan.txt", image.T, fmt="%.6f")
 
 # %% [markdown]
 # ## Read and level

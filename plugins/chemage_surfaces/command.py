@@ -35,6 +35,13 @@ def roughness(
         Text,
         _how("NAME", "channel of the file; default: the first one with heights"),
     ] = None,
+    transpose: Annotated[
+        bool,
+        typer.Option(
+            "--transpose",
+            help="exchange lines and columns of a table; by default each line is a scan line, along x",
+        ),
+    ] = False,
     height_unit: Annotated[
         Text,
         _how("UNIT", "unit of the heights, such as nm; default: as the file states"),
@@ -128,7 +135,13 @@ def roughness(
     section, it says why.
     """
     detrend = detrend or ("mean" if periodic else "plane")
+    pixel_size, resample, resolution, tip_radius, spacing, cutoff = (
+        f"{length} nm" if length and length[-1].isdigit() else length
+        for length in (pixel_size, resample, resolution, tip_radius, spacing, cutoff)
+    )
     given = locals()
+    if transpose:
+        given["reader"] = {"kind": reader or "text", "transpose": True}
     from chemage_surfaces.findings import STRUCTURES, Scan, examine
     from chemage_surfaces.images import Measured
     from chemage_surfaces.measures import Measures
@@ -213,6 +226,9 @@ def _fitted(
 
 def _print_steps(image: Image) -> None:
     """Print the steps that changed heights, and what was found."""
+    lines = image.steps[0].get("lines")
+    if lines is not None:
+        typer.echo(f"lines of the table  {lines}; --transpose reads them the other way")
     for step in image.steps:
         if step["step"] in ("lines", "scars", "spikes", "missing"):
             typer.echo(

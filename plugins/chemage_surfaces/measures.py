@@ -99,6 +99,8 @@ class Measures:
     missing: int
     #: about the mean, nm
     rms_height: float
+    #: root mean square of the gradient, from differences over a pixel, where all three heights are there
+    rms_slope: float
     x: Profile
     y: Profile
 
@@ -119,11 +121,17 @@ class Measures:
         scale = float(np.abs(heights[there] - middle).max()) or 1.0
         scaled = (heights - middle) / scale
         nx, ny = heights.shape
+        along_x = np.diff(scaled, axis=0)[:, :-1] / sides[0]
+        squared = along_x**2 + (np.diff(scaled, axis=1)[:-1] / sides[1]) ** 2
+        squared = squared[np.isfinite(squared)]
         return cls(
             shape=(nx, ny),
             sides=sides,
             missing=int(heights.size - there.sum()),
             rms_height=scale * math.sqrt(float(np.mean(np.square(scaled[there])))),
+            rms_slope=scale * math.sqrt(float(squared.mean()))
+            if squared.size
+            else math.nan,
             x=Profile.along(scaled, sides[0], scale),
             y=Profile.along(scaled.T, sides[1], scale),
         )
@@ -168,6 +176,7 @@ class Measures:
             f"pixels              {self.shape[0]} x {self.shape[1]} of {self.sides[0]:.4g} x {self.sides[1]:.4g} nm"
             + (f", {self.missing} heights are missing" if self.missing else ""),
             f"rms height          {self.rms_height:.4g} nm",
+            f"rms slope           {_number(self.rms_slope)}, of the gradient over a pixel",
         ]
         for name, unit in (("slope", ""), ("curvature", " 1/nm")):
             each = (getattr(axis, name) for axis in (self.x, self.y))

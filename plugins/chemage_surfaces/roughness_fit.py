@@ -161,7 +161,6 @@ class RoughnessFit:
             roll = f"{self.roll_off:.4g} nm ({low:.4g} to {high:.4g})"
         rows = {
             "rms height": f"{self.rms_height:.4g} nm, of the image",
-            "rms slope": f"{self.rms_slope:.4g}, of the image: of its gradient, with all waves",
             "Hurst exponent": f"{self.hurst:.3f} ± {self.hurst_error:.3f}",
             "roll-off": roll,
             "shortest wavelength": f"{self.resolution:.4g} nm"

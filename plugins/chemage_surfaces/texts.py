@@ -9,6 +9,7 @@ from typing import Any
 
 from pydantic import ValidationInfo, field_validator
 
+from chemage import InputError
 from chemage.plugin import HeightMap, StoreError, open_file, tables
 from chemage_surfaces.readers import Unitless, as_map, stated_length
 
@@ -43,13 +44,13 @@ _DECIMAL_COMMA = re.compile(
 
 
 class Text(Unitless):
-    """A table of heights with one row of pixels per line: line i, column j is pixel (i, j).
+    """A table of heights with one scan line per line, as instruments write them: line j, column i is pixel (i, j).
 
     Columns are separated by commas, semicolons, tabs or blanks. Lines that begin with ``#`` or ``%`` are comments; the
-    comment ``# pixel_size = 0.45 nm`` gives the pixel size, ``# value units: m`` the unit of the heights.
-
-    A header that states the sides of the image (text export of Gwyddion, in English or German: ``# Width: 2 µm``), or
-    the numbers of its pixels (``h=650 w=650``), is one of an instrument: there line j, column i is pixel (i, j).
+    comment ``# pixel_size = 0.45 nm`` gives the pixel size, ``# value units: m`` the unit of the heights. A header may
+    state the sides of the image (text export of Gwyddion, in English or German: ``# Width: 2 µm``), or the numbers of
+    its pixels (``h=650 w=650``). A table with ``pixel_size`` and neither of these is one of arrays: there line i, column
+    j is pixel (i, j).
     """
 
     kind = "text"
@@ -64,6 +65,8 @@ class Text(Unitless):
     """separator of columns; None: comma, semicolon or tab, whichever the first row contains, else blanks"""
     comments: str = "#%"
     """characters that begin a comment"""
+    transpose: bool = False
+    """whether lines and columns of the table are exchanged before it is read"""
 
     @field_validator("delimiter", "comments")
     @classmethod
@@ -140,7 +143,14 @@ class Text(Unitless):
                     f"{source} states a conversion factor of {factor:g} for its heights; it is above 0"
                 )
             heights, unit = heights * factor, found["factor_unit"]
-        if "width" in found or "height" in found or None not in counts:
+        sized = "width" in found or "height" in found or None not in counts
+        if not found and heights.shape[1] == 3 < len(heights):
+            raise InputError(
+                f"{source} has three columns and no header, as a list of points x, y, height has; give reader = "
+                '"xyz" if it is one, or transpose the table'
+            )
+        # in arrays lines are along y, and a header of arrays has only the size of a pixel
+        if (sized or "pixel_size" not in found) != self.transpose:
             heights = heights.T
         if "width" in found and "height" in found and self.pixel_size is None:
             sides = (
@@ -152,6 +162,8 @@ class Text(Unitless):
                 for side, count in zip(sides, heights.shape, strict=True)
             )
         notes = {"channel": found["channel"]} if "channel" in found else {}
+        if not found:
+            notes["lines"] = "along y" if self.transpose else "along x"
         return as_map(
             heights,
             source,

@@ -465,42 +465,14 @@ class _Patch(NamedTuple):
         middle, apex = begin + shape // 2, begin + 0.5 * (shape - 1)
         low, beyond = 0 * shape, -math.inf
 
-        def body_at(low: Floats, counts: Pair, side: float, near: float = 0) -> Floats:
-            """Heights of the body at ``counts`` places from ``low`` on, ``side`` apart and up to ``near`` closer to the
-            apex; in pixels."""
-            x, y = (
-                np.maximum(np.abs(start + side * np.arange(count)) - near, 0) * size
-                for start, count in zip(low, counts, strict=True)
-            )
-            return body.around(x, y)
-
         if isinstance(surface, Parts):
-            image, side = surface.coarse, surface.side / size
-            corner, unsure = 0.5 * (side - 1) - apex, UNSEEN * surface.unseen
-            lower = image + body_at(corner, image.shape, side) - unsure
-            upper = image + body_at(corner, image.shape, side, side / 2)
-            upper += unsure
-            can = np.argwhere(upper >= lower.max() - depth)
-            low, high = can.min(axis=0) * side, (can.max(axis=0) + 1) * side
-            centre = (low + high) / 2
-            if (high - low).max() > LARGEST_PART:
-                centre = (
-                    np.array(np.unravel_index(lower.argmax(), lower.shape)) + 0.5
-                ) * side
-            reach = np.clip((high - low) / 2, 2 * shape, LARGEST_PART // 2)
-            low = np.maximum(centre - reach, 0).astype(int)
-            high = np.minimum(np.ceil(centre + reach), surface.shape).astype(int)
-            x, y = np.ceil(low / side).astype(int)
-            end_x, end_y = np.floor(high / side).astype(int)
-            upper[x:end_x, y:end_y] = -math.inf
-            beyond = float(upper.max())
-            heights = surface.heights(_pair(low), _pair(high - low), _pair(middle))
+            low, heights, beyond = _searched(body, surface, middle, apex, depth)
         elif surface.periodic:
             low = middle - np.array(surface.shape) // 2
             heights = _cut(surface, _pair(low), surface.shape)
         else:
             heights = surface.heights
-        shapes = body_at(low - apex, heights.shape, 1.0)
+        shapes = _body_at(body, low - apex, heights.shape, size)
         both = heights + shapes
         start = begin - low
         # of the points that can touch, with a pixel around them
@@ -525,6 +497,51 @@ class _Patch(NamedTuple):
             body=shapes[part],
             beyond=max(beyond, float(both.max())),
         )
+
+
+def _searched(
+    body: _Body, surface: Parts, middle: np.ndarray, apex: np.ndarray, depth: float
+) -> tuple[np.ndarray, Floats, float]:
+    """First pixel and heights of the part that may hold the points up to ``depth`` below the highest one, by the long
+    waves of the surface; and the highest point that may lie elsewhere, nm."""
+    size, side = surface.pixel_size, surface.side / surface.pixel_size
+    corner, unsure = 0.5 * (side - 1) - apex, UNSEEN * surface.unseen
+    shape = surface.coarse.shape
+    lower = surface.coarse + _body_at(body, corner, shape, size, side) - unsure
+    upper = (
+        surface.coarse + _body_at(body, corner, shape, size, side, side / 2) + unsure
+    )
+    can = np.argwhere(upper >= lower.max() - depth)
+    low, high = can.min(axis=0) * side, (can.max(axis=0) + 1) * side
+    centre = (low + high) / 2
+    if (high - low).max() > LARGEST_PART:
+        centre = (np.array(np.unravel_index(lower.argmax(), shape)) + 0.5) * side
+    least = 2 * np.array(body.pixels)
+    reach = np.clip((high - low) / 2, least, np.maximum(least, LARGEST_PART // 2))
+    low = np.maximum(centre - reach, 0).astype(int)
+    high = np.minimum(np.ceil(centre + reach), surface.shape).astype(int)
+    x, y = np.ceil(low / side).astype(int)
+    end_x, end_y = np.floor(high / side).astype(int)
+    upper[x:end_x, y:end_y] = -math.inf
+    heights = surface.heights(_pair(low), _pair(high - low), _pair(middle))
+    return low, heights, float(upper.max())
+
+
+def _body_at(
+    body: _Body,
+    low: Floats,
+    counts: Pair,
+    size: float,
+    side: float = 1.0,
+    near: float = 0.0,
+) -> Floats:
+    """Heights of the body at ``counts`` places from ``low`` on, ``side`` apart and up to ``near`` closer to the apex: in
+    pixels of ``size``, from the apex."""
+    x, y = (
+        np.maximum(np.abs(start + side * np.arange(count)) - near, 0) * size
+        for start, count in zip(low, counts, strict=True)
+    )
+    return body.around(x, y)
 
 
 def _pair(values: np.ndarray) -> Pair:

@@ -312,7 +312,7 @@ def test_a_measured_tip_at_the_edge_is_refused_and_an_image_pressed_flat_has_a_n
 def test_a_measured_tip_is_the_shape_of_its_file(tmp_path, apex):
     rng = np.random.default_rng(1)
     shape = ca.surface("cone", radius=5, half_angle="70 deg", **SMALL).make().heights + rng.normal(0, 0.02, (32, 32))
-    np.savetxt(tmp_path / "tip.txt", (shape if apex == "up" else -shape) / 1e3)
+    np.savetxt(tmp_path / "tip.txt", (shape.T if apex == "up" else -shape.T) / 1e3)
     body = {"kind": "measured", "path": str(tmp_path / "tip.txt"), "height_unit": "um", "pixel_size": 0.25}
     made = tip(body=body, apex=apex, counterface=ROUGH, counterface_seed=7, place=[14.5, 10]).make(2)
     x, y = made.provenance["tip"]["counterface"]["first_pixel"]

@@ -151,11 +151,11 @@ def test_what_is_known_beforehand_is_what_comes():
         ("a.npy", lambda path: np.save(path, HEIGHTS)),
         ("fortran.npy", lambda path: np.save(path, np.asfortranarray(HEIGHTS))),
         ("big-endian.npy", lambda path: np.save(path, HEIGHTS.astype(">f8"))),
-        ("blanks.txt", lambda path: np.savetxt(path, HEIGHTS)),
-        ("tabs.dat", lambda path: np.savetxt(path, HEIGHTS, delimiter="\t", header="heights in nm\nx y")),
-        ("commas.csv", lambda path: np.savetxt(path, HEIGHTS, delimiter=",")),
-        ("UPPER.CSV", lambda path: np.savetxt(path, HEIGHTS, delimiter=", ")),
-        ("semicolons.asc", lambda path: np.savetxt(path, HEIGHTS, delimiter=";", header="x", comments="% ")),
+        ("blanks.txt", lambda path: np.savetxt(path, HEIGHTS.T)),
+        ("tabs.dat", lambda path: np.savetxt(path, HEIGHTS.T, delimiter="\t", header="heights in nm\nx y")),
+        ("commas.csv", lambda path: np.savetxt(path, HEIGHTS.T, delimiter=",")),
+        ("UPPER.CSV", lambda path: np.savetxt(path, HEIGHTS.T, delimiter=", ")),
+        ("semicolons.asc", lambda path: np.savetxt(path, HEIGHTS.T, delimiter=";", header="x", comments="% ")),
     ],
 )
 def test_every_format_gives_the_same_surface(folder, name, save):
@@ -310,7 +310,7 @@ def test_a_pixel_size_nobody_states_is_asked_for(folder):
 
 def test_the_named_reader_is_used_whatever_the_ending(folder):
     np.savetxt("map.npy.txt.unknown", HEIGHTS, delimiter="|")
-    reader = {"kind": "text", "delimiter": "|"}
+    reader = {"kind": "text", "delimiter": "|", "transpose": True}
     maker = from_file("map.npy.txt.unknown", pixel_size=1, reader=reader)
     np.testing.assert_array_equal(maker.make().heights, HEIGHTS)
     assert ca.plugin.fromdict("surface", maker.todict()) == maker
@@ -393,3 +393,26 @@ def test_a_sketch_is_the_same_surface_on_two_pixels_per_shortest_wave():
     waves = [np.fft.fft2(one.heights)[:20, :20] / one.heights.size for one in (fine, made)]
     assert waves[1] == pytest.approx(waves[0], rel=1e-9, abs=1e-12)
     assert ca.surface("self-affine", pixels=64, pixel_size=0.5, rms_slope=0.1, hurst=0.8, zeta=31).sketch() is None
+
+
+def test_a_bare_table_has_one_scan_line_per_line(folder):
+    """As instruments write them; arrays with the size of their pixels are read as they are."""
+    np.savetxt("bare.txt", HEIGHTS)
+    np.savetxt("array.txt", HEIGHTS, header="pixel_size = 0.45 nm")
+    for path, is_array in (("bare.txt", False), ("array.txt", True)):
+        for transpose in (False, True):
+            reader = {"kind": "text", "transpose": transpose}
+            made = ca.surface("measured", path=path, height_unit="nm", pixel_size=0.45, reader=reader).make()
+            np.testing.assert_array_equal(made.heights, HEIGHTS if is_array != transpose else HEIGHTS.T)
+            lines = {"lines": "along y" if transpose else "along x"}
+            assert {k: v for k, v in made.provenance["steps"][0].items() if k == "lines"} == ({} if is_array else lines)
+
+
+def test_a_list_of_points_in_a_text_is_no_image(folder):
+    x, y = np.divmod(np.arange(30.0), 5)
+    np.savetxt("points.txt", np.column_stack([x, y, np.sin(x) + y]))
+    options = {"path": "points.txt", "height_unit": "nm", "pixel_size": 1.0}
+    with pytest.raises(InputError, match=r"three columns and no header, .*reader = \"xyz\""):
+        ca.surface("measured", **options).make()
+    made = ca.surface("measured", reader="xyz", **options).make()
+    np.testing.assert_allclose(made.heights, (np.sin(x) + y).reshape(6, 5))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -203,6 +204,7 @@ def test_the_command_measures_what_makes_no_surface(command):
     assert done.status == 0, done.err
     assert "300 heights are missing" in done.out
     assert "profile slope" in done.out
+    assert done.out.count("rms slope ") == 1
     assert "no fit: gaps.npy: 300 of 1200 heights are missing, the first at pixel (0, 0); give missing" in done.out
 
 
@@ -330,3 +332,38 @@ def test_the_command_finds_trace_and_retrace_in_one_file(command):
 def test_names_of_the_two_directions(one, other, same):
     assert opposite(one, other) is same
     assert opposite(other, one) is same
+
+
+def test_the_rms_slope_is_the_rms_gradient_of_surfacetopography():
+    library = pytest.importorskip("SurfaceTopography")
+    heights = ca.surface("self-affine", pixels=64, pixel_size=0.5, rms_slope=0.1, hurst=0.8, zeta=32).make(1).heights
+    part = heights[:50, :40]
+    topography = library.Topography(part, (25.0, 20.0), unit="nm", periodic=False)
+    assert Measures.of(part, (0.5, 0.5)).rms_slope == pytest.approx(topography.rms_gradient(), rel=1e-12)
+
+
+def test_the_rms_slope_is_that_of_the_gradient_over_a_pixel():
+    """Of h = a x + b y + c x y on oblong pixels, also around a missing height."""
+    x, y = np.arange(6)[:, None] * 2.0, np.arange(5) * 0.5
+    heights = 0.3 * x + 0.4 * y + 0.01 * x * y
+    gradient = np.hypot(0.3 + 0.01 * y[:-1] + 0 * x[:-1], 0.4 + 0.01 * x[:-1] + 0 * y[:-1])
+    assert Measures.of(heights, (2.0, 0.5)).rms_slope == pytest.approx(np.sqrt(np.mean(gradient**2)), rel=1e-12)
+    heights[2, 2] = np.nan
+    gone = np.zeros((5, 4), dtype=bool)
+    gone[[2, 1, 2], [2, 2, 1]] = True
+    found = Measures.of(heights, (2.0, 0.5)).rms_slope
+    assert found == pytest.approx(np.sqrt(np.mean(gradient[~gone] ** 2)), rel=1e-12)
+
+
+def test_a_length_without_a_unit_is_in_nm_and_the_lines_of_a_table_are_noted(command):
+    heights = ca.surface("self-affine", pixels=64, pixel_size=2, rms_slope=0.1, hurst=0.8, zeta=16).make(1).heights
+    np.savetxt("scan.txt", heights)
+    options = ("roughness", "scan.txt", "--height-unit", "nm", "--pixel-size")
+    bare, given, turned = (command(*options, *rest) for rest in (("2",), ("2 nm",), ("2 nm", "--transpose")))
+    assert bare.status == 0, bare.err
+    assert bare.out == given.out
+    assert "lines of the table  along x; --transpose" in bare.out
+    assert "lines of the table  along y; --transpose" in turned.out
+    assert "64 x 64 of 2 x 2 nm" in bare.out
+    slopes = [re.search(r"profile slope +(\S+) and (\S+) along", done.out).groups() for done in (bare, turned)]
+    assert slopes[0] == slopes[1][::-1] != slopes[1]
