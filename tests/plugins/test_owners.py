@@ -19,7 +19,7 @@ OTHERS = (Stage, Design, Task)
 
 
 def classes() -> dict[str, type]:
-    """Everything that plugins subclass: the abstract classes of the roles, and :data:`OTHERS`, by name."""
+    """Everything that plugins subclass: the abstract classes of the roles, and ``OTHERS``, by name."""
     roles = registry.Registry().roles
     return {cls.__name__: cls for cls in (*map(registry.current().role, roles), *OTHERS)}
 
