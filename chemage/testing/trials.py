@@ -150,8 +150,6 @@ class Trial:
     """what went before: nothing, a hold, or a pull"""
     partner: Literal["kept", "new"] = "kept"
     """what a site meets whose bond broke in a pull"""
-    threads: int = 1
-    """calls at the same time, or threads of one call"""
     seed: int = 3
 
     def __repr__(self) -> str:
@@ -314,7 +312,6 @@ TRIALS = (
         hydroxylation=0.7,
         start="after pull",
         partner="new",
-        threads=3,
         seed=4,
     ),
     Trial(
