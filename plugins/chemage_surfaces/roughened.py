@@ -119,7 +119,7 @@ class Roughened(SurfaceMaker):
     def expected(self) -> dict[str, float]:
         """Grid, shortest wavelength and rms slope, from the measured surface and the fit."""
         measured = self.surface.make()
-        plan = _plan(self, measured)
+        plan = self._plan(measured)
         nx, ny = plan.shape
         return {
             "nx": nx,
@@ -143,12 +143,12 @@ class Roughened(SurfaceMaker):
             The new pixels are no finer than the image or do not fit into its period, or the spectrum of the image
             allows no fit.
         """
-        return self._whole(_plan(self, self.surface.make(seed)), seed)
+        return self._whole(self._plan(self.surface.make(seed)), seed)
 
     def whole_or_parts(self, seed: Seed = 0) -> Surface | Parts:
         """The surface, or its parts where it has more than 2²⁴ pixels and is not periodic."""
         measured = self.surface.make(seed)
-        plan = _plan(self, measured)
+        plan = self._plan(measured)
         if math.prod(plan.shape) <= MOST_WHOLE or measured.periodic:
             return self._whole(plan, seed)
         return Parts(
@@ -219,6 +219,9 @@ class Roughened(SurfaceMaker):
             "measured": plan.measured.provenance,
             "roughened": plan.record(),
         }
+
+    def _plan(self, measured: Surface) -> _Plan:
+        return _planned(self, measured)  # pyright: ignore[reportArgumentType]: hashable they are
 
     def plan(self, measured: Surface) -> _Plan:
         """What is added to the measured surface, and what is taken from it; errors as of :meth:`make`."""
@@ -339,7 +342,7 @@ class Roughened(SurfaceMaker):
 
 
 @lru_cache(maxsize=2)
-def _plan(maker: Roughened, measured: Surface) -> _Plan:
+def _planned(maker: Roughened, measured: Surface) -> _Plan:
     """The last ones are kept: for the estimate of a scene, and for every place of a tip."""
     return maker.plan(measured)
 
