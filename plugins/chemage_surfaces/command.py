@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -142,22 +143,9 @@ def roughness(
     given = locals()
     if transpose:
         given["reader"] = {"kind": reader or "text", "transpose": True}
-    from chemage_surfaces.findings import STRUCTURES, Scan, examine
-    from chemage_surfaces.images import Measured
     from chemage_surfaces.measures import Measures
 
-    # options of the surface have its names
-    options = {
-        name: given[name]
-        for name in Measured.model_fields
-        if given.get(name) is not None
-    }
-    makers = [Measured(path=str(path), **options).of_channel(channel) for path in paths]
-    images = [maker.image() for maker in makers]
-    for image in images:
-        if not image.faults:
-            scan = Scan(image.heights, image.sides, image.periodic)
-            image.findings += examine(scan, STRUCTURES)
+    makers, images = _examined(paths, given, channel)
     measures = [Measures.of(image.heights, image.sides) for image in images]
     for maker, image, found in zip(makers, images, measures, strict=True):
         if len(paths) > 1:
@@ -200,6 +188,27 @@ def roughness(
         typer.echo(f"no section [surface]: {fit.fault}")
     else:
         typer.echo(fit.section(spacing, cutoff))
+
+
+def _examined(
+    paths: list[Path], given: Mapping[str, Any], channel: str | None
+) -> tuple[list[Measured], list[Image]]:
+    """The images, with what was found in them; options of the surface have the names of those of the command."""
+    from chemage_surfaces.findings import STRUCTURES, Scan, examine
+    from chemage_surfaces.images import Measured
+
+    options = {
+        name: given[name]
+        for name in Measured.model_fields
+        if given.get(name) is not None
+    }
+    makers = [Measured(path=str(path), **options).of_channel(channel) for path in paths]
+    images = [maker.image() for maker in makers]
+    for image in images:
+        if not image.faults:
+            scan = Scan(image.heights, image.sides, image.periodic)
+            image.findings += examine(scan, STRUCTURES)
+    return makers, images
 
 
 def _fitted(

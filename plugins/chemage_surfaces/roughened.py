@@ -121,7 +121,7 @@ class Roughened(SurfaceMaker):
     def expected(self) -> dict[str, float]:
         """Grid, shortest wavelength and rms slope, from the measured surface and the fit."""
         measured = self.surface.make()
-        plan = _plan(self, measured)
+        plan = self._plan(measured)
         nx, ny = plan.shape
         return {
             "nx": nx,
@@ -171,7 +171,7 @@ class Roughened(SurfaceMaker):
         for one in examined(measured):
             if one.consequence == "no fit":
                 warnings.warn(f"surface: {one.text}", UserWarning, stacklevel=3)
-        return _plan(self, measured)
+        return self._plan(measured)
 
     def _whole(self, plan: _Plan, seed: Seed) -> Surface:
         memory.require(
@@ -229,6 +229,9 @@ class Roughened(SurfaceMaker):
             "measured": plan.measured.provenance,
             "roughened": plan.record(),
         }
+
+    def _plan(self, measured: Surface) -> _Plan:
+        return _planned(self, measured)  # pyright: ignore[reportArgumentType]: hashable they are
 
     def plan(self, measured: Surface) -> _Plan:
         """What is added to the measured surface, and what is taken from it; errors as of :meth:`make`."""
@@ -349,7 +352,7 @@ class Roughened(SurfaceMaker):
 
 
 @lru_cache(maxsize=2)
-def _plan(maker: Roughened, measured: Surface) -> _Plan:
+def _planned(maker: Roughened, measured: Surface) -> _Plan:
     """The last ones are kept: for the estimate of a scene, and for every place of a tip."""
     return maker.plan(measured)
 

@@ -474,6 +474,11 @@ class _Patch(NamedTuple):
             heights = surface.heights
         shapes = _body_at(body, low - apex, heights.shape, size)
         both = heights + shapes
+        if depth and beyond > both.max() - depth:
+            raise InputError(
+                f"depth = {depth:g} nm: by the long waves of the image, points may be as high as those that were found "
+                f"within {LARGEST_PART * size:.3g} nm; give another place, or an image on smaller pixels"
+            )
         start = begin - low
         # of the points that can touch, with a pixel around them
         can = np.argwhere(both >= both.max() - depth)

@@ -33,7 +33,7 @@ def refuse(command, small, *words, verbs=("check", "run")):
     [
         # kinds
         ("surface.kind='self-afine'", "surface.kind", "did you mean 'self-affine'?"),
-        ("surface.kind='nothing'", "surface.kind", "installed: cone, from-file, measured, roughened"),
+        ("surface.kind='nothing'", "surface.kind", "installed: atoms, cone, from-file, measured, roughened"),
         ("engine.kind='rejectionfree'", "engine.kind", "did you mean 'rejection-free'?"),
         ("engine.kind=3", "engine.kind", "is required; installed: "),
         ("surface.kind=['sphere']", "surface.kind", "is required"),

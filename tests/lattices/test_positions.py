@@ -173,8 +173,7 @@ class Far(ca.plugin.Interaction):
     reach: ca.plugin.Length = 1.0
     """nm"""
 
-    def neighbours(self, pixels, periodic, sites, *, pixel_size=1.0, positions=None):
-        assert positions is None
+    def neighbours(self, pixels, periodic, sites, *, pixel_size=1.0):
         step = max(1, int(self.reach / pixel_size))
         x, y = np.divmod(sites, pixels[1])
         found = np.full((sites.size, 2), -1, np.int32)

@@ -380,3 +380,17 @@ def test_the_scatter_is_named_by_what_the_seed_draws(own, between):
     assert rows["mean over"].startswith(f"3 random {between}: 64 x 64 pixels")
     assert f"error of β: scatter between {between}" in rows
     assert f"include the scatter between {between}" in shown.errors
+
+
+def test_a_scan_that_may_touch_further_away_than_is_searched_is_refused(image, monkeypatch):
+    monkeypatch.setattr("chemage_surfaces.roughened.MOST_WHOLE", 0)
+    monkeypatch.setattr("chemage_surfaces.tips.LARGEST_PART", 64)
+    maker = tip(body=BLUNT, counterface=image, depth="1 nm")
+    messages = []
+    for seed in range(6):
+        try:
+            assert maker.make(seed).provenance["tip"]["below"] >= 1.0
+        except ca.InputError as error:
+            messages.append(str(error))
+    assert messages
+    assert all("points may be as high as those that were found within 32 nm; give another" in text for text in messages)
