@@ -344,7 +344,9 @@ class Measured(ImageMaker):
             self._align(image)
         if self.scars == "interpolate":
             where = find_scars(image.heights)
-            image.remove(Finding("scars", f"{where.sum()} pixels", where=where))
+            if where.any():
+                text = f"{where.sum()} pixels lie off the lines on both sides"
+                image.remove(Finding("scars", text, where=where))
             image.did("scars", pixels=int(where.sum()))
         else:
             image.note(self._find(image, scars))
