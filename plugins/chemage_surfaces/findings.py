@@ -655,4 +655,10 @@ def examined(surface: Surface) -> list[Finding]:
     side = surface.pixel_size
     scan = Scan(surface.heights.astype(np.float64), (side, side), surface.periodic)
     known = surface.provenance.get("kind") == "measured"
-    return examine(scan, STRUCTURES if known else (*ARTEFACTS, *STRUCTURES))
+    found = examine(scan, STRUCTURES if known else (*ARTEFACTS, *STRUCTURES))
+    kinds = {one.kind for one in found}
+    spoilt = surface.provenance.get("unfit", ())
+    return [
+        *(Finding(kind, text, "no fit") for kind, text in spoilt if kind not in kinds),
+        *found,
+    ]

@@ -206,7 +206,7 @@ class Measured(ImageMaker):
             "file_blake2b": file_hash(self.path, stamp),
             "steps": image.steps,
         }
-        return image.surface(**provenance(self), **made)
+        return image.surface(**provenance(self), **made, **image.unfit())
 
     def image(self) -> Image:
         """The image after all steps that it allows: also where heights are missing, spikes are left or pixels are not
@@ -335,7 +335,10 @@ class Measured(ImageMaker):
     def _mend(self, image: Image) -> None:
         """Remove artefacts where this was asked for or they are few; note the others, or refuse the image."""
         for detector in (sentinels, dead_lines):
-            if (found := self._find(image, detector)) is not None:
+            found = self._find(image, detector)
+            if found is None or found.where is None:
+                image.note(found)
+            else:
                 image.remove(found)
         missing = self._find(image, gaps)
         if self.lines == "none":
@@ -469,6 +472,11 @@ class Image:
             for one in self.findings
             if one.consequence == "refused"
         ]
+
+    def unfit(self) -> dict[str, Any]:
+        """What a fit must know, for the provenance of the surface: kinds and texts of artefacts that spoil it."""
+        spoilt = [[x.kind, x.text] for x in self.findings if x.consequence == "no fit"]
+        return {"unfit": spoilt} if spoilt else {}
 
     def note(self, found: Finding | None) -> None:
         """Add a finding, if there is one."""
