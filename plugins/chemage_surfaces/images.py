@@ -340,6 +340,8 @@ class Measured(ImageMaker):
                 image.note(found)
             else:
                 image.remove(found)
+        # before alignment makes equal heights differ
+        image.note(self._find(image, saturation))
         missing = self._find(image, gaps)
         if self.lines == "none":
             image.note(self._find(image, offsets))
@@ -367,8 +369,7 @@ class Measured(ImageMaker):
             image.heights = filled(image.heights, image.periodic)
         except ValueError as error:
             raise InputError(f"{image.source}: {error}") from None
-        for detector in (saturation, blocks):
-            image.note(self._find(image, detector))
+        image.note(self._find(image, blocks))
 
     def _find(self, image: Image, detector: Detector) -> Finding | None:
         return detector(

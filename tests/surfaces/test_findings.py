@@ -282,6 +282,8 @@ def test_an_artefact_of_the_image_spoils_the_fit_of_its_surface_too():
     with pytest.warns(UserWarning, match="are at the end of the range"):
         surface = spoiled(saturation, 1, detrend="plane").make()
     assert "scan again with a larger range" in fit_roughness(surface).fault
+    aligned = spoiled(saturation, 1, lines="linear", spikes="keep").image()
+    assert "saturation" in {one.kind for one in aligned.findings}
     assert "unfit" not in spoiled(saturation, 0, spikes="keep").image().unfit()
 
 
