@@ -222,7 +222,7 @@ def _fitted(
     from chemage_surfaces.images import Measured
     from chemage_surfaces.roughness_fit import fit_roughness
 
-    surfaces = [image.surface(kind=Measured.kind) for image in images]
+    surfaces = [image.surface(kind=Measured.kind, **image.unfit()) for image in images]
     try:
         return fit_roughness(
             surfaces, resolution=resolution, tip_radius=tip_radius, retraces=retraces

@@ -206,7 +206,7 @@ class Measured(ImageMaker):
             "file_blake2b": file_hash(self.path, stamp),
             "steps": image.steps,
         }
-        return image.surface(**provenance(self), **made)
+        return image.surface(**provenance(self), **made, **image.unfit())
 
     def image(self) -> Image:
         """The image after all steps that it allows: also where heights are missing, spikes are left or pixels are not
@@ -335,8 +335,13 @@ class Measured(ImageMaker):
     def _mend(self, image: Image) -> None:
         """Remove artefacts where this was asked for or they are few; note the others, or refuse the image."""
         for detector in (sentinels, dead_lines):
-            if (found := self._find(image, detector)) is not None:
+            found = self._find(image, detector)
+            if found is None or found.where is None:
+                image.note(found)
+            else:
                 image.remove(found)
+        # before alignment makes equal heights differ
+        image.note(self._find(image, saturation))
         missing = self._find(image, gaps)
         if self.lines == "none":
             image.note(self._find(image, offsets))
@@ -344,7 +349,9 @@ class Measured(ImageMaker):
             self._align(image)
         if self.scars == "interpolate":
             where = find_scars(image.heights)
-            image.remove(Finding("scars", f"{where.sum()} pixels", where=where))
+            if where.any():
+                text = f"{where.sum()} pixels lie off the lines on both sides"
+                image.remove(Finding("scars", text, where=where))
             image.did("scars", pixels=int(where.sum()))
         else:
             image.note(self._find(image, scars))
@@ -362,8 +369,7 @@ class Measured(ImageMaker):
             image.heights = filled(image.heights, image.periodic)
         except ValueError as error:
             raise InputError(f"{image.source}: {error}") from None
-        for detector in (saturation, blocks):
-            image.note(self._find(image, detector))
+        image.note(self._find(image, blocks))
 
     def _find(self, image: Image, detector: Detector) -> Finding | None:
         return detector(
@@ -467,6 +473,11 @@ class Image:
             for one in self.findings
             if one.consequence == "refused"
         ]
+
+    def unfit(self) -> dict[str, Any]:
+        """What a fit must know, for the provenance of the surface: kinds and texts of artefacts that spoil it."""
+        spoilt = [[x.kind, x.text] for x in self.findings if x.consequence == "no fit"]
+        return {"unfit": spoilt} if spoilt else {}
 
     def note(self, found: Finding | None) -> None:
         """Add a finding, if there is one."""

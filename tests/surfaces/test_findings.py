@@ -278,6 +278,21 @@ def test_structures_make_no_random_surface(spoil):
         fit.maker()
 
 
+def test_an_artefact_of_the_image_spoils_the_fit_of_its_surface_too():
+    with pytest.warns(UserWarning, match="are at the end of the range"):
+        surface = spoiled(saturation, 1, detrend="plane").make()
+    assert "scan again with a larger range" in fit_roughness(surface).fault
+    aligned = spoiled(saturation, 1, lines="linear", spikes="keep").image()
+    assert "saturation" in {one.kind for one in aligned.findings}
+    assert "unfit" not in spoiled(saturation, 0, spikes="keep").image().unfit()
+
+
+def test_an_enlarged_image_is_noted_and_not_mended():
+    here = found(np.repeat(clean(3, 64), 2, axis=1))
+    assert here["repeated lines"].consequence == "noted"
+    assert "dead lines" not in here
+
+
 def test_the_wave_of_a_grating_is_that_of_the_grating():
     x, _ = np.indices((128, 128))
     one = found(clean(3) + 2 * np.sin(2 * np.pi * x / 16))["periodic structure"]
