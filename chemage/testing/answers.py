@@ -7,13 +7,13 @@ import atexit
 import inspect
 import pickle
 import sys
-import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from functools import cache, partial
 from itertools import islice
+from threading import Condition
 from typing import Any
 from unittest.mock import patch
 
@@ -81,33 +81,61 @@ def independent_calls(checks: Checks[Any], **inputs: Any) -> None:
     )
     require(as_bytes(held) == kept, "a later call changed what an earlier one returned")
     if not isinstance(component, Engine) or component.concurrency() == 1:
+        turns, count = _Turns(ask, 3), range(3)
         with ThreadPoolExecutor(3) as pool:
-            concurrent = list(pool.map(_taking_turns(ask), asked * 3))
-        require(concurrent == first * 3, "concurrent calls gave other results")
+            orders = [asked[k:] + asked[:k] for k in count]
+            concurrent = list(pool.map(turns.answers, count, orders))
+        require(
+            concurrent == [first[k:] + first[:k] for k in count],
+            "concurrent calls gave other results",
+        )
     require(_given(asked) == before, "what was given has changed")
 
 
-def _taking_turns(ask: Callable[[Any], bytes]) -> Callable[[Any], bytes]:
-    """``ask`` in a thread that lets others go on after each of its first lines of code that is not chemage's own."""
+class _Turns:
+    """Threads that ask the same at the same time, in lines of code that is not chemage's own: none goes on before the
+    others have come as far, so that what they share is overwritten whatever else the machine does."""
 
-    def answered(question: Any) -> bytes:
-        turns = iter(range(TURNS))
+    def __init__(self, ask: Callable[[Any], bytes], threads: int) -> None:
+        self.ask = ask
+        self.places = [0] * threads
+        self.moved = Condition()
+
+    def come(self, thread: int, place: int, patience: float) -> bool:
+        """Say where a thread is, and wait for the others; False where they are not there in time, s."""
+        with self.moved:
+            self.places[thread] = place
+            self.moved.notify_all()
+            return self.moved.wait_for(lambda: min(self.places) >= place, patience)
+
+    def answers(self, thread: int, questions: Sequence[Any]) -> list[bytes]:
+        """The answers of one thread, which begins each question with the others."""
+        return [self._answer(thread, *each) for each in enumerate(questions)]
+
+    def _answer(self, thread: int, number: int, question: Any) -> bytes:
+        first, end = number * TURNS, (number + 1) * TURNS
+        self.come(thread, first, 10.0)
+        # where the others are in long computations again and again, it goes on alone
+        lines, late = (place for place in range(first + 1, end)), list[int]()
 
         def trace(frame: Any, event: str, _: Any) -> Any:
             if frame.f_globals.get("__name__", "").partition(".")[0] in OURS:
                 return None
-            if event == "line" and next(turns, None) is not None:
-                time.sleep(1e-4)
+            if event == "line":
+                place = next(lines, None)
+                if place is not None and not self.come(thread, place, 0.05):
+                    late.append(place)
+                    if len(late) > 3:
+                        lines.close()
             return trace
 
         before = sys.gettrace()
         sys.settrace(trace)
         try:
-            return ask(question)
+            return self.ask(question)
         finally:
             sys.settrace(before)
-
-    return answered
+            self.come(thread, end, 0.0)
 
 
 def _given(asked: list[Callable[[Any], Any]]) -> bytes:
