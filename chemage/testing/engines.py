@@ -631,6 +631,30 @@ class EngineChecks(Checks[Engine], of=Engine):
             1 - math.exp(-1),
         )
 
+    def sites_of_one_pixel_are_independent(self) -> None:
+        """Two sites in one pixel, which do not interact, form their bonds independently (not of an approximate
+        engine)."""
+        if not self.component.exact:  # it may choose the bonded sites without chance
+            return
+        pixels = 2000
+        sites = np.repeat(np.arange(pixels), 2)
+        x = np.stack(
+            [sites + np.tile([0.25, 0.75], pixels), np.full(sites.size, 0.5)], axis=1
+        )
+        forming = np.full(sites.size, barrier(math.log(2)))
+        lattice = ReactionLattice(
+            pixels=(pixels, 1), sites=sites, positions=x, forming=forming
+        )
+        state = self._run(lattice, [1.0], 4).state.reshape(pixels, 2)
+        both, (one, other) = int(state.all(axis=1).sum()), state.sum(axis=0)
+        expected = one * other / pixels
+        # within five standard deviations; with the same random numbers for both sites it would be 45 of them
+        require(
+            abs(both - expected) < 5 * math.sqrt(pixels / 16),
+            f"{pixels} pixels with two sites each, half of which are bonded: both are in {both} pixels, expected about "
+            f"{expected:.0f}; take random numbers by lattice.random_index, not by the pixel",
+        )
+
     @known
     def situations_keep_the_rates(self) -> None:
         """Sites follow their master equation in every situation: wherever they lie, beside 70,000 others, at any
@@ -726,30 +750,6 @@ class EngineChecks(Checks[Engine], of=Engine):
         finally:
             numba.set_num_threads(threads)
         require(same, "one thread and several gave different results")
-
-    def sites_of_one_pixel_are_independent(self) -> None:
-        """Two sites in one pixel, which do not interact, form their bonds independently (not of an approximate
-        engine)."""
-        if not self.component.exact:  # it may choose the bonded sites without chance
-            return
-        pixels = 2000
-        sites = np.repeat(np.arange(pixels), 2)
-        x = np.stack(
-            [sites + np.tile([0.25, 0.75], pixels), np.full(sites.size, 0.5)], axis=1
-        )
-        forming = np.full(sites.size, barrier(math.log(2)))
-        lattice = ReactionLattice(
-            pixels=(pixels, 1), sites=sites, positions=x, forming=forming
-        )
-        state = self._run(lattice, [1.0], 4).state.reshape(pixels, 2)
-        both, (one, other) = int(state.all(axis=1).sum()), state.sum(axis=0)
-        expected = one * other / pixels
-        # within five standard deviations; with the same random numbers for both sites it would be 45 of them
-        require(
-            abs(both - expected) < 5 * math.sqrt(pixels / 16),
-            f"{pixels} pixels with two sites each, half of which are bonded: both are in {both} pixels, expected about "
-            f"{expected:.0f}; take random numbers by lattice.random_index, not by the pixel",
-        )
 
     def trade_keeps_the_rates(self) -> None:
         """Every value of ``trade`` gives the right mean number of bonds, to within the declared error."""

@@ -217,8 +217,8 @@ def test_the_command_fits_several_images_together_and_draws_them(command):
     done = command("roughness", "one.npy", "two.npy", *words)
     assert done.status == 0, done.err
     assert done.out.count("profile curvature  ") == 2
-    # one number alone has the name of the rms slope: that of the gradient
-    assert sum(line.startswith("rms slope ") for line in done.out.splitlines()) == 1
+    # one number of each image has the name of the rms slope: that of the gradient
+    assert sum(line.startswith("rms slope ") for line in done.out.splitlines()) == 2
     assert "lines               lines differences, rms_nm" in done.out
     assert done.out.count("Hurst exponent") == 1
     assert Path("drawn/roughness.png").stat().st_size > 10_000
