@@ -31,19 +31,19 @@ from chemage.testing.checks import CHECKS, LIMIT, Checks, Questions, is_number, 
 TURNS, OURS = 100, ("chemage", "numpy", "pydantic", "numba")
 
 
-def _raw(component: Component, ask: Callable[[Any], Any]) -> Any:
-    """What the component gives, or the name of the error that it raises."""
-    try:
-        return ask(component)
-    except Exception as error:
-        return type(error).__name__
+def _answered(component: Component, ask: Callable[[Any], Any]) -> list[Any]:
+    """What the component gives, or the name of the error that it raises, and what it records."""
+    with recording() as block:
+        try:
+            given = ask(component)
+        except Exception as error:
+            given = type(error).__name__
+    return [given, {name: one.declared.values for name, one in block.items()}]
 
 
 def answer(component: Component, ask: Callable[[Any], Any]) -> bytes:
     """What the component gives and records, or the error that it raises, as bytes."""
-    with recording() as block:
-        given = _raw(component, ask)
-    return as_bytes([given, {name: one.declared.values for name, one in block.items()}])
+    return as_bytes(_answered(component, ask))
 
 
 def as_bytes(value: Any) -> bytes:
@@ -73,13 +73,17 @@ def independent_calls(checks: Checks[Any], **inputs: Any) -> None:
     component = checks.component
     asked = [ask for _, ask in islice(questions_of(component, inputs), 6)]
     ask = partial(answer, component)
-    before, first = _given(asked), list(map(ask, asked))
-    held = [_raw(component, one) for one in asked]
-    kept = as_bytes(held)
+    before, held, first = _given(asked), [], []
+    for one in asked:
+        held.append(_answered(component, one))
+        first.append(as_bytes(held[-1]))
     require(
         list(map(ask, asked[::-1])) == first[::-1], "a second call gave another result"
     )
-    require(as_bytes(held) == kept, "a later call changed what an earlier one returned")
+    require(
+        list(map(as_bytes, held)) == first,
+        "a later call changed what an earlier one returned",
+    )
     if not isinstance(component, Engine) or component.concurrency() == 1:
         turns, count = _Turns(ask, 3), range(3)
         with ThreadPoolExecutor(3) as pool:

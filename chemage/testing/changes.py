@@ -6,6 +6,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -131,30 +132,15 @@ def shifted(replica: Bonded, step: tuple[int, int]) -> Bonded:
 def _replicas() -> Iterator[tuple[str, Bonded]]:
     fine, plain = Trial(pixels=(9, 7), spacing=0.5), Trial()
     changes: dict[str, tuple[Trial, Callable[[Bonded], Bonded]]] = {
-        "at another temperature": (
-            plain,
-            lambda replica: rescaled_replica(replica, temperature=1.05),
-        ),
+        "at another temperature": (plain, partial(rescaled_replica, temperature=1.05)),
         "with other bonds": (
             plain,
             lambda replica: held(replica, replica.hold_times, [0, 8, 13, 13, 11]),
         ),
-        "under another pressure": (
-            fine,
-            lambda replica: rescaled_replica(replica, pressure=1.3),
-        ),
-        "in pixels of another size": (
-            plain,
-            lambda replica: rescaled_replica(replica, pixel=1.4),
-        ),
-        "with higher barriers": (
-            plain,
-            lambda replica: rescaled_replica(replica, energy=1.1),
-        ),
-        "at other times": (
-            plain,
-            lambda replica: rescaled_replica(replica, time=1.7),
-        ),
+        "under another pressure": (fine, partial(rescaled_replica, pressure=1.3)),
+        "in pixels of another size": (plain, partial(rescaled_replica, pixel=1.4)),
+        "with higher barriers": (plain, partial(rescaled_replica, energy=1.1)),
+        "at other times": (plain, partial(rescaled_replica, time=1.7)),
         "elsewhere on the surface": (
             plain,
             lambda replica: shifted(with_states(replica), (3, 2)),
