@@ -164,11 +164,13 @@ def trusted(
     resolution: float | None = None,
     tip_radius: float | None = None,
     retrace: Surface | None = None,
+    waves: Floats | None = None,
 ) -> Trusted:
-    """What to trust of the spectrum of ``surface``: wavelengths above ``resolution`` (nm) if it is given; else above
-    two pixels (three of an image that does not repeat), those that a tip has changed too much to correct, those at
-    which noise has 25 % of the density, and the end of the spectrum. Noise is white, unless ``retrace`` shows it."""
-    data, limit = Binned.of(surface), TO_PIXELS
+    """What to trust of the spectrum of ``surface``, without its periodic ``waves``: wavelengths above ``resolution`` (nm)
+    if it is given; else above two pixels (three of an image that does not repeat), those that a tip has changed too much
+    to correct, those at which noise has 25 % of the density, and the end of the spectrum. Noise is white, unless
+    ``retrace`` shows it."""
+    data, limit = Binned.of(surface, waves), TO_PIXELS
     if resolution is not None:
         return Trusted(data.part(0, 2 * math.pi / resolution), "as given")
     folded = np.zeros(len(data.q))
