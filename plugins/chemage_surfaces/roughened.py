@@ -15,6 +15,7 @@ from scipy import fft as sfft
 
 from chemage import InputError, Surface
 from chemage.plugin import (
+    CONTINUATIONS,
     Choice,
     Length,
     Scatter,
@@ -143,13 +144,21 @@ class Roughened(SurfaceMaker):
     def scatter(self, contact: Mapping[str, float]) -> Scatter:
         """Not known: the seed changes the waves that were not measured, and not the others."""
         source = "the seed changes only wavelengths that were not measured"
-        return Scatter(None, source, "continuations")
+        return Scatter(None, source, CONTINUATIONS)
 
     def members(self, count: int) -> Sequence[Self]:
         """Other continuations that the image allows."""
         if self.member:
             return []
         return [self.replace(member=number) for number in range(1, count + 1)]
+
+    @property
+    def unknown(self) -> str:
+        """That the tip is not among what is drawn where it is not known."""
+        text = "the spectrum below what the image shows"
+        if self.tip_radius is None and self.resolution is None:
+            text += ", without what a tip took from it (tip_radius is not given)"
+        return text
 
     def make(self, seed: Seed = 0) -> Surface:
         """The surface of ``seed``, which is also that of the surface inside.
