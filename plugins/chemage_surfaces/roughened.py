@@ -28,17 +28,18 @@ from chemage.plugin import (
     threads,
 )
 from chemage_surfaces._maps import LARGEST_PART, Floats, Pair, Parts, provenance, stream
-from chemage_surfaces.continuation import DRAWS, HOLD, Continuation
+from chemage_surfaces.continuation import HOLD, Continuation, Drawn
 from chemage_surfaces.findings import PERIODIC, TERRACES, Finding, examined
 from chemage_surfaces.generated import JACOBS, half_spectrum, heights_at, heights_of
 from chemage_surfaces.spectra import DIRECTIONS, FEWEST, Binned, Modes, wavenumbers
-from chemage_surfaces.trusted import TO_PIXELS, trusted
+from chemage_surfaces.trusted import TO_PIXELS, fitted_noise, trusted
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-#: the fit starts at this many times ``resolution``, unless ``fit_from`` is given
-FIT_RANGE = 4.0
+#: the fit starts at this many times the shortest wavelength of the image, or at the roll-off, unless ``fit_from`` is
+#: given
+FIT_RANGE = 16.0
 #: of a pixel, over a whole side
 FITS = 1e-3
 #: distinguishes the random numbers of this class from those of another maker with the same seed
@@ -47,8 +48,6 @@ _STREAM = 0x726F7567
 MOST_WHOLE = 2**24
 #: period of the longer random waves of a part, in lengths of the longest
 PERIODS = 16.5
-#: standard deviations of a normal variate that hold with the probability of the intervals
-HALF = 1.645
 #: bins of the spectra that are recorded
 _BINS = 60
 
@@ -93,7 +92,7 @@ class Roughened(SurfaceMaker):
     tip_radius: Length | None = None
     """radius of the tip with which the image was taken, nm; None: as valleys that are sharper than peaks show it"""
     fit_from: Length | None = None
-    """longest wavelength of the fit, nm; None: four times ``resolution``, or the roll-off"""
+    """longest wavelength of the fit, nm; None: 16 times the shortest of the image, or the roll-off"""
     member: Annotated[int, Field(ge=0)] = 0
     """number of a continuation among those that the image allows; 0: the most probable one"""
 
@@ -184,7 +183,7 @@ class Roughened(SurfaceMaker):
             heights=partial(self._part, plan, seed),
             coarse=plan.image(seed, *plan.places(measured.shape, measured.pixel_size)),
             side=measured.pixel_size,
-            unseen=math.sqrt(plan.law.moment(1.0, plan.unknowns)),
+            unseen=math.sqrt(plan.law.moment(1.0, plan.drawn)),
         )
 
     def _examined(self, seed: Seed) -> _Plan:
@@ -252,7 +251,7 @@ class Roughened(SurfaceMaker):
     def _plan(self, measured: Surface) -> _Plan:
         most_probable: Any = self.replace(member=0) if self.member else self
         plan = _planned(most_probable, measured)
-        return plan._replace(unknowns=plan.law.unknowns(self.member))
+        return plan._replace(drawn=plan.law.draw(self.member))
 
     def plan(self, measured: Surface) -> _Plan:
         """What is added to the measured surface, and what is taken from it; errors as of :meth:`make`."""
@@ -282,54 +281,54 @@ class Roughened(SurfaceMaker):
             )
         modes = Modes.of(measured, waves)
         spectrum = modes.binned()
-        part = trusted(measured, self.resolution, self.tip_radius, waves=waves)
-        if not len(part.data.q):
+        part = trusted(
+            measured, self.resolution, self.tip_radius, waves=waves, with_noise=True
+        )
+        data = part.data
+        if not len(data.q):
             raise InputError(
                 f"tip_radius: a tip of {part.radius:.4g} nm has changed all waves of the image; give a larger image, "
                 "or resolution to use it as it is"
             )
-        resolution = self.resolution or (
-            2 * side
-            if part.limit == TO_PIXELS
-            else 2 * math.pi / float(part.data.q[-1])
+        end = (
+            (math.pi / side if part.limit == TO_PIXELS else float(data.q[-1]))
+            if self.resolution is None
+            else 2 * math.pi / self.resolution
         )
-        if resolution <= self.shortest * (1 + 1e-9):
-            raise InputError(
-                f"cutoff = {self.shortest:g} nm: the image has waves down to {resolution:g} nm, so that nothing is "
-                "left to add; give a shorter cutoff"
-            )
-        join = 2 * math.pi / resolution
-        longest = self.fit_from
-        if longest is None:
-            longest = FIT_RANGE * resolution
-            data = part.data.part(2 * math.pi / longest, join * (1 + 1e-9))
-            roll = data.rolled()[0] if len(data.q) >= 2 * FEWEST else None
-            longest = longest if roll is None else 2 * math.pi / roll
-        cut = spectrum.part(0, join).cut
+        cut = spectrum.part(0, end).cut
         if cut is not None and self.resolution is not None:
             raise InputError(
-                f"resolution = {resolution:g} nm: the spectrum of the image ends at a wavelength of "
+                f"resolution = {self.resolution:g} nm: the spectrum of the image ends at a wavelength of "
                 f"{2 * math.pi / cut:.4g} nm; give this resolution"
             )
-        lowest = 2 * math.pi / longest
-        data = part.data.part(lowest, join * (1 + 1e-9))
-        if not len(data.q) or not (data.density > 0).all():
+        if end >= 2 * math.pi / self.shortest * (1 - 1e-9):
             raise InputError(
-                f"fit_from = {longest:g} nm, resolution = {resolution:g} nm: the image has no waves between them; give "
-                "a longer fit_from, at most the side of the image"
+                f"cutoff = {self.shortest:g} nm: the image has waves down to {2 * math.pi / end:g} nm, so that nothing "
+                "is left to add; give a shorter cutoff"
             )
-        law = Continuation.of(
-            part, lowest, join, 2 * math.pi / self.shortest, self.hurst
-        )
+        if self.fit_from is not None:
+            lowest = 2 * math.pi / self.fit_from
+        else:
+            lowest = float(data.q[-1]) / FIT_RANGE
+            if len(data.q) >= 3 * FEWEST and (data.density > 0).all():
+                lowest = max(lowest, fitted_noise(data)[1])
+        fitted = data.part(lowest, math.inf)
+        if not len(fitted.q) or not (fitted.density > 0).all():
+            raise InputError(
+                f"fit_from = {2 * math.pi / lowest:g} nm, resolution = {2 * math.pi / end:g} nm: the image has no waves "
+                "between them; give a longer fit_from, at most the side of the image"
+            )
+        floor = float(spectrum.density.min()) if self.resolution is None else 0.0
+        shortest = 2 * math.pi / self.shortest
+        law = Continuation.of(part, lowest, shortest, self.hurst, floor, end)
         return _Plan(
             measured=measured,
             shape=self._fine_shape(measured),
-            join=join,
+            join=law.join,
             law=law,
-            unknowns=law.best,
+            drawn=law.best,
             spectrum=spectrum,
-            data=part.data.part(0, join),
-            directions=modes.directions(lowest, join),
+            directions=modes.directions(lowest, law.join),
             stairs=stairs,
             waves=waves,
             findings=findings,
@@ -427,12 +426,10 @@ class _Plan(NamedTuple):
     #: wavenumber from which on the image is not used, 1/nm
     join: float
     law: Continuation
-    #: of the law: those of a draw
-    unknowns: Floats
+    #: how the spectrum is taken to be
+    drawn: Drawn
     #: of the image
     spectrum: Binned
-    #: the part that is trusted, tip and noise corrected
-    data: Binned
     #: the density by direction over its mean
     directions: Floats
     #: heights of its terraces, nm
@@ -453,7 +450,7 @@ class _Plan(NamedTuple):
         unit = 2.0 * math.pi / (max(nx, ny) * pixel_size)
 
         def density(qx: Floats, qy: Floats) -> Floats:
-            found = self.law.density(unit * np.hypot(qx, qy), self.unknowns)
+            found = self.law.density(unit * np.hypot(qx, qy), self.drawn)
             return found * self.by_direction(qx, qy)
 
         # amplitudes are those of a Gaussian surface, not scaled to meet a roughness; noise has a mean square of 2
@@ -474,32 +471,33 @@ class _Plan(NamedTuple):
         angle = np.arctan2(*np.broadcast_arrays(qy, qx))
         return np.interp(angle, places, self.directions, period=math.pi)
 
-    def gain(self, q: Floats, unknowns: Floats | None = None) -> Floats:
+    def gain(self, q: Floats, drawn: Drawn | None = None) -> Floats:
         """By what the waves of the image at ``q`` (1/nm) are multiplied, so that they have the corrected density; 0 from
         ``join`` on."""
-        unknowns = self.unknowns if unknowns is None else unknowns
-        factor = np.exp(0.5 * self.law.correction(q, unknowns))
+        factor = np.exp(0.5 * self.law.correction(q, drawn or self.drawn))
         return np.where(q < self.join * (1 - 1e-9), factor, 0.0)
 
     def rms_slope(self) -> float:
         """rms slope of the surface."""
         return math.hypot(
-            self.kept_slope(), math.sqrt(self.law.moment(3.0, self.unknowns))
+            self.kept_slope(), math.sqrt(self.law.moment(3.0, self.drawn))
         )
 
-    def slopes(self) -> tuple[float, float]:
-        """Ends of the interval of the rms slope, from draws."""
-        kept, q = self.spectrum.part(0, self.join), self.spectrum.q
-        q, slope = kept.q, self.kept_slope()
-        share = kept.density * q**4 * np.gradient(np.log(q)) if len(q) > 1 else q
-        drawn = []
-        own = float(share @ self.gain(q, self.law.best) ** 2)
-        for number in range(1, DRAWS + 1):
-            unknowns = self.law.unknowns(number)
-            ratio = float(share @ self.gain(q, unknowns) ** 2) / own if own else 1.0
-            drawn.append(slope**2 * ratio + self.law.moment(3.0, unknowns))
-        low, high = np.quantile(np.sqrt(drawn), (0.5 - HOLD / 2, 0.5 + HOLD / 2))
-        return float(low), float(high)
+    def slopes(self) -> Floats:
+        """Rms slopes of the draws, without what terraces add."""
+        kept, slope = self.spectrum.part(0, self.join), self.kept_slope()
+        share = (
+            kept.density * kept.q**3 * np.gradient(kept.q)
+            if len(kept.q) > 1
+            else kept.q
+        )
+        own = float(share @ self.gain(kept.q, self.law.best) ** 2)
+        squares = [
+            slope**2 * float(share @ self.gain(kept.q, one) ** 2) / own
+            + self.law.moment(3.0, one)
+            for one in self.law.draws
+        ]
+        return np.sqrt(squares)
 
     def wave_spectrum(self) -> NDArray[np.complex128]:
         """The half spectrum of a periodic image, of the waves that stay."""
@@ -514,15 +512,16 @@ class _Plan(NamedTuple):
         return half * factor
 
     def keep(self, factor: Floats, steps: Floats) -> None:
-        """Make the factors of periodic waves 1, in a grid of waves that are ``steps`` apart, 1/nm."""
+        """Make the factors of periodic waves at least 1, in a grid of waves that are ``steps`` apart, 1/nm."""
         reach = 1 if self.measured.periodic else 3
         for wave in () if self.waves is None else np.rint(self.waves / steps):
             i, j = wave.astype(int).tolist()
             # cosines have no direction
             rows = np.arange(abs(i) - reach, abs(i) + reach + 1)
             columns = slice(max(abs(j) - reach, 0), abs(j) + reach + 1)
-            for side in (rows, -rows) if self.measured.periodic else (rows,):
-                factor[side % len(factor), columns] = 1.0
+            for each in (rows, -rows) if self.measured.periodic else (rows,):
+                place = each % len(factor), columns
+                factor[place] = np.maximum(factor[place], 1.0)
 
     def with_image(self, half: NDArray[np.complex128]) -> NDArray[np.complex128]:
         """The half spectrum of the continuation and the waves of a periodic image that stay."""
@@ -605,7 +604,8 @@ class _Plan(NamedTuple):
         lines = next((step["lines"] for step in steps if step["step"] == "lines"), None)
         rows = {None: 0, "linear": 2, "quadratic": 3}.get(lines, 1)
         q = self.cosine_waves()[:rows]
-        density = self.data.at(np.maximum(q, 1e-300))
+        data = self.law.part.data
+        density = data.at(np.maximum(q, data.q[0]))
         area = self.measured.nominal_area
         # a cosine along both axes has four wave vectors, one along an axis two that others share
         variance = density / area * np.where(np.arange(rows)[:, None] == 0, 1.0, 4.0)
@@ -642,31 +642,32 @@ class _Plan(NamedTuple):
 
     def record(self) -> dict[str, Any]:
         """Plain JSON values: what was fitted, and the spectrum of the image."""
-        law, spectrum = self.law, self.spectrum
+        law, spectrum, q = self.law, self.spectrum, self.law.added
         positive = spectrum.density > 0
-        added = slice(law.bins, len(law.q))
-        error = np.linalg.norm(law.root[added], axis=1)
-        hurst, hurst_error = law.hurst
-        logs, width = self.unknowns[added], HALF * error
+        logs = np.log([law.density(q, one) for one in law.draws])
+        ends = (0.5 - HOLD / 2, 0.5 + HOLD / 2)
+        low, high = np.exp(np.quantile(logs, ends, axis=0))
+        density = law.density(q, law.best)
         return {
-            "hurst": hurst,
-            "hurst_error": hurst_error,
-            "density": math.exp(law.best[law.bins]),
-            "density_relative_error": float(error[0]),
+            "hurst": law.hurst(law.best),
+            "hurst_error": float(np.std([law.hurst(one) for one in law.draws])),
+            "density": float(density[0]),
+            "density_relative_error": float(logs[:, 0].std()),
             "join": self.join,
             "fit_from_q": float(law.q[0]),
-            "misfit": law.misfit,
+            "misfit": law.levels[0].misfit,
+            "noise": math.sqrt(law.best.noise) / self.measured.pixel_size,
             "rms_slope": self.rms_slope(),
-            "rms_slope_interval": list(self.slopes()),
+            "rms_slope_interval": np.quantile(self.slopes(), ends).tolist(),
             "measured_pixel_size": self.measured.pixel_size,
             "spectrum": {
                 "q": spectrum.q[positive].tolist(),
                 "density": spectrum.density[positive].tolist(),
             },
             "continuation": {
-                "q": law.q[added].tolist(),
-                "density": np.exp(logs).tolist(),
-                "low": np.exp(law.best[added] - width).tolist(),
-                "high": np.exp(law.best[added] + width).tolist(),
+                "q": q.tolist(),
+                "density": law.density(q, self.drawn).tolist(),
+                "low": low.tolist(),
+                "high": high.tolist(),
             },
         }
