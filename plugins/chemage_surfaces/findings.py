@@ -422,7 +422,7 @@ def offsets(scan: Scan) -> Finding | None:
         remedy = (
             'give lines = "differences"'
             if along_x
-            else "scan lines should run along x: transpose the image"
+            else "scan lines should run along x: give --transpose, or turn the image"
         )
         text = (
             f"lines along {x} are offset: the rms slope along {y} is {slopes[along_x] / slopes[not along_x]:.3g} times "
@@ -507,7 +507,7 @@ def periodic_structure(scan: Scan) -> Finding | None:
         f"{len(peaks)} periodic waves, the strongest of {2 * math.pi / float(np.hypot(*strongest)):.4g} nm at "
         f"{math.degrees(math.atan2(strongest[1], strongest[0])):.0f}° from x, of {rms:.3g} nm rms, with {height:.2g} of "
         f"the mean square height and {slope:.2g} of the mean square slope; a random surface does not repeat: take the "
-        'image itself, as the surface "measured"'
+        'image itself, as the surface "measured" or "roughened"'
     )
     refuse = share > MOST_PERIODIC
     return Finding(PERIODIC, text, "no fit" if refuse else "noted", waves=waves)
@@ -636,7 +636,7 @@ def terraces(scan: Scan) -> Finding | None:
     text = (
         f"{on:.2g} of the heights are on {len(levels)} levels, {spacing:.3g} nm apart, and the steps between them have "
         f"{share:.2g} of the mean square slope; a random surface has none: take the image itself, as the surface "
-        '"measured"'
+        '"measured" or "roughened"'
     )
     refuse = share > MOST_STEPS
     return Finding(
