@@ -112,7 +112,8 @@ def _random_barriers(seed: int):
 @pytest.mark.parametrize(
     "case",
     [BROAD, *map(_random_barriers, range(8))]
-    + [pytest.param(_random_barriers(seed), marks=pytest.mark.long) for seed in range(8, 100)],
+    + [pytest.param(_random_barriers(seed), marks=pytest.mark.long) for seed in range(8, 32)]
+    + [pytest.param(_random_barriers(seed), marks=pytest.mark.campaign) for seed in range(32, 100)],
 )
 def test_the_quadrature_is_exact_within_its_stated_error(case):
     """A broad distribution of breaking barriers leaves the bonds to those of its upper end."""

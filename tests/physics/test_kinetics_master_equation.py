@@ -333,11 +333,13 @@ SHAPES = ((1, 2), (1, 2), (2, 2), (1, 2), (1, 3), (1, 2), (1, 2), (2, 3), (1, 2)
     [
         ("rejection-free", [0, 1, 3, 59], 10**6),
         *(
-            pytest.param(kind, [0, 1, 3, 59], 10**6, marks=pytest.mark.long)
+            pytest.param(kind, [0, 1, 3, 59], 10**6, marks=pytest.mark.campaign if kind == "auto" else pytest.mark.long)
             for kind in PLAIN
             if kind != "rejection-free"
         ),
-        *(pytest.param(kind, range(59, 79), 10**6, marks=pytest.mark.long) for kind in PLAIN if kind != "auto"),
+        *(pytest.param(kind, range(59, 66), 10**6, marks=pytest.mark.long) for kind in PLAIN if kind != "auto"),
+        # the same on more lattices
+        *(pytest.param(kind, range(66, 79), 10**6, marks=pytest.mark.campaign) for kind in PLAIN if kind != "auto"),
         # on nine sites, as on a large lattice: predicting, with a list of fast sites
         *(pytest.param(kind, (319, 369), 9, marks=pytest.mark.long) for kind in PLAIN if kind != "auto"),
     ],

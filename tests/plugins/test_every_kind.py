@@ -214,14 +214,14 @@ def own_kinds() -> set[tuple[str, str]]:
 
 def cases(slow: bool) -> list[Any]:
     """Every kind with its options; ``slow``: those with checks that take longest."""
+
+    def marks(role: str, kind: str, number: int) -> list[pytest.MarkDecorator]:
+        if slow and kind == "auto":
+            return [pytest.mark.campaign]
+        return [pytest.mark.long] if (role, kind, number) in SECOND else []
+
     return [
-        pytest.param(
-            role,
-            kind,
-            options,
-            id=f"{role}-{kind}-{number}",
-            marks=[pytest.mark.long] if (role, kind, number) in SECOND else [],
-        )
+        pytest.param(role, kind, options, id=f"{role}-{kind}-{number}", marks=marks(role, kind, number))
         for (role, kind), alternatives in CASES.items()
         for number, options in enumerate(alternatives)
         if not slow or (role == "engine" and SLOW[kind])
