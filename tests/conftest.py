@@ -68,7 +68,25 @@ def pytest_configure(config):
         settings.load_profile("chemage-long")
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report(collector):
+    """Every second worker collects from the end: each rewrites the assertions of a half of the files, and both read them
+    all."""
+    report = yield
+    if isinstance(collector, pytest.Directory) and worker_number() % 2:
+        report.result.reverse()
+    return report
+
+
+def worker_number():
+    return int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
+
+
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config, items):
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        # workers must agree on the order in which they number the tests
+        items.sort(key=lambda item: item.path)
     if (seed := config.getoption("random_order")) is not None:
         draw = random.Random(seed).random
         files = {item.path: draw() for item in items}

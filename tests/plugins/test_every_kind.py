@@ -168,15 +168,19 @@ EXPECTED_FAILURES: dict[tuple[str, str, str], str] = {
 #: (role, kind, number) of options of which others are checked at once, or their parts are
 SECOND = {
     ("surface", "roughened", 0),
+    ("contact", "adhesive-bem", 0),
     ("contact", "adhesive-bem", 1),
     # the kinetics of these is compared with the master equation elsewhere too
     ("engine", "bkl", 0),
     ("engine", "next-reaction", 0),
     ("contact", "fft-bem", 1),
+    ("rupture", "pulled", 0),
     ("rupture", "pulled", 1),
+    ("rupture", "dudko-hummer-szabo", 1),
+    ("rupture", "dudko-hummer-szabo", 2),
 }
 
-#: checks that take longest, of engines other than the default; `auto` runs one of the others
+#: checks of engines that take longest; `auto` runs one of the others
 LONGEST = {
     "going_on_keeps_the_rates",
     "barrierless_is_the_attempt_frequency",
@@ -193,7 +197,7 @@ OTHERS = {
     "options_keep_the_rates",
 }
 SLOW = {
-    "rejection-free": set(),
+    "rejection-free": LONGEST,
     "bkl": LONGEST,
     "next-reaction": LONGEST | {"options_keep_the_rates", "history_adds_up"},
     "independent": LONGEST,
