@@ -89,7 +89,9 @@ class EngineChecks(Checks[Engine], of=Engine):
             fields["neighbours"] = np.argsort(order)[np.stack([after, before], axis=1)][
                 order
             ]
-            fields["coupling"] = np.stack([pair, pair[before]], axis=1)[order]
+            # as interactions give them, so that few kernels are compiled
+            energies = np.stack([pair, pair[before]], axis=1)[order]
+            fields["coupling"] = energies.astype(np.float32)
         return ReactionLattice(pixels=(n, 1), **fields)
 
     def questions(self) -> Questions:

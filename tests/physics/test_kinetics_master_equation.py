@@ -53,7 +53,8 @@ def patch(name: str, temperature: float) -> dict[str, np.ndarray]:
     for i, (x, y) in enumerate(cells):
         for j, (u, v) in enumerate(cells):
             if i < j and max(abs(x - u), abs(y - v)) == 1:
-                pairs[i, j] = pairs[j, i] = unit * rng.uniform(-1.0, 2.5)
+                # in single precision, as interactions give them
+                pairs[i, j] = pairs[j, i] = np.float32(unit * rng.uniform(-1.0, 2.5))
     return {
         "forming": middle + unit * rng.uniform(-1.5, 1.5, n),
         "breaking": middle + unit * rng.uniform(-1.0, 1.0, n),
@@ -66,7 +67,7 @@ def copies_of(one: dict[str, np.ndarray], copies: int) -> ReactionLattice:
     n = one["forming"].size
     slots = int(np.count_nonzero(one["pairs"], axis=1).max())
     neighbours = np.full((n, slots), -1)
-    coupling = np.zeros((n, slots))
+    coupling = np.zeros((n, slots), np.float32)
     for i in range(n):
         near = np.flatnonzero(one["pairs"][i])
         neighbours[i, : near.size] = near
