@@ -132,7 +132,6 @@ def states(history, n: int) -> np.ndarray:
 def case(kind: str, name: str, temperature: float) -> Any:
     """At every temperature the same states are explored, and `auto` runs one of the others: a few cases are quick."""
     quick = kind != "auto" and (name, temperature) == ("2x4 with a hole", 300.0)
-    quick |= (kind, name, temperature) in (("rejection-free", "3x3", 150.0), ("next-reaction", "3x3", 900.0))
     return pytest.param(kind, name, temperature, marks=() if quick else pytest.mark.long)
 
 

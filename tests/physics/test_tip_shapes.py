@@ -167,6 +167,7 @@ def test_the_average_of_a_scan_is_the_mean_over_places_computed_one_by_one():
     assert area.half_width == pytest.approx(2.5705818 * np.std(areas, ddof=1) / np.sqrt(6), rel=1e-6)
 
 
+@pytest.mark.long
 def test_random_places_sample_all_places_alike():
     body = BALL | {"radius": 10, "pixels": 24}
     small = ROUGH | {"pixels": 32, "zeta": 4}

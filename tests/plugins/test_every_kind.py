@@ -174,6 +174,10 @@ SECOND = {
     ("engine", "bkl", 0),
     ("engine", "next-reaction", 0),
     ("contact", "fft-bem", 1),
+    # as jkr and dmt, and closure
+    ("contact", "maugis", 0),
+    ("ageing", "sample", 0),
+    ("observable", "barrier-spectrum", 1),
     ("rupture", "pulled", 0),
     ("rupture", "pulled", 1),
     ("rupture", "dudko-hummer-szabo", 1),
