@@ -293,6 +293,8 @@ def command(monkeypatch, capsys):
     monkeypatch.setattr(command_line.os, "_exit", leave)
     # a busy machine says nothing of loading
     monkeypatch.setattr("chemage.foundation.progress.LOADING", 1e5)
+    # the first kernel that a command compiles starts no processes that compile all others
+    monkeypatch.setattr("chemage.foundation.compiling.begin", lambda *_: {})
 
     def call(*words):
         capsys.readouterr()

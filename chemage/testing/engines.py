@@ -248,6 +248,10 @@ class EngineChecks(Checks[Engine], of=Engine):
         final state's."""
         times = np.geomspace(1e-3, 1e3, 13)
         lattice = self._disordered()
+        if lattice.coupling is not None:
+            # here in double precision
+            coupling = lattice.coupling.astype(np.float64)
+            lattice = lattice.model_copy(update={"coupling": coupling})
         history = self._run(lattice, times, 1)
         require(
             isinstance(history, BondHistory),

@@ -112,8 +112,7 @@ def _random_barriers(seed: int):
 @pytest.mark.parametrize(
     "case",
     [BROAD, *map(_random_barriers, range(8))]
-    + [pytest.param(_random_barriers(seed), marks=pytest.mark.long) for seed in range(8, 32)]
-    + [pytest.param(_random_barriers(seed), marks=pytest.mark.campaign) for seed in range(32, 100)],
+    + [pytest.param(_random_barriers(seed), marks=pytest.mark.long) for seed in range(8, 100)],
 )
 def test_the_quadrature_is_exact_within_its_stated_error(case):
     """A broad distribution of breaking barriers leaves the bonds to those of its upper end."""
@@ -254,7 +253,7 @@ def test_the_stated_error_holds_on_very_rough_contacts_and_on_twelve_sites_under
     else:
         contact = patch.contact.solve(patch.surface.replace(hurst=0.3, zeta=250).make(1), 0.5 * patch.load)
     times = 10.0 ** np.arange(-4, 6)
-    method = ca.ageing_method("closure", accuracy=0.02)
+    method = ca.ageing_method("closure", accuracy=0.04)
     found = aged(contact, own, method=method, hold_times=times)
     replicas = 300
     full = aged(contact, own, method=None, replicas=replicas, seed=3, hold_times=times)
