@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import gc
 import importlib
 import importlib.util
@@ -17,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+import typer
 from hypothesis import HealthCheck, settings
 
 import chemage
@@ -281,6 +283,9 @@ class Outcome(NamedTuple):
     err: str
 
 
+parameters_of = functools.cache(typer.main.get_params_from_function)
+
+
 @pytest.fixture
 def command(monkeypatch, capsys):
     """``command("run", "scene.toml", ...)``: the command line, in this process."""
@@ -293,6 +298,8 @@ def command(monkeypatch, capsys):
     monkeypatch.setattr(command_line.os, "_exit", leave)
     # a busy machine says nothing of loading
     monkeypatch.setattr("chemage.foundation.progress.LOADING", 1e5)
+    # each test adds the commands of plugins again, and the parameters of the others are the same
+    monkeypatch.setattr("typer.main.get_params_from_function", parameters_of)
     # the first kernel that a command compiles starts no processes that compile all others
     monkeypatch.setattr("chemage.foundation.compiling.begin", lambda *_: {})
 
