@@ -345,6 +345,7 @@ def test_a_damaged_table_is_computed_again_and_that_is_said(own_tables, monkeypa
     assert path.stat().st_size > 1000
 
 
+@pytest.mark.long
 def test_a_folder_that_cannot_be_written_is_a_note(tmp_path):
     (tmp_path / "file").write_text("here")
     method = ca.ageing_method("closure", folder=str(tmp_path / "file" / "below"))

@@ -201,7 +201,7 @@ OTHERS = {
     "options_keep_the_rates",
 }
 SLOW = {
-    "rejection-free": LONGEST,
+    "rejection-free": LONGEST | {"options_keep_the_rates"},
     "bkl": LONGEST,
     "next-reaction": LONGEST | {"options_keep_the_rates", "history_adds_up"},
     "independent": LONGEST,
