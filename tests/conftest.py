@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import gc
 import importlib
 import importlib.util
@@ -17,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+import typer
 from hypothesis import HealthCheck, settings
 
 import chemage
@@ -68,7 +70,25 @@ def pytest_configure(config):
         settings.load_profile("chemage-long")
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report(collector):
+    """Every second worker collects from the end: each rewrites the assertions of a half of the files, and both read them
+    all."""
+    report = yield
+    if isinstance(collector, pytest.Directory) and worker_number() % 2:
+        report.result.reverse()
+    return report
+
+
+def worker_number():
+    return int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
+
+
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config, items):
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        # workers must agree on the order in which they number the tests
+        items.sort(key=lambda item: item.path)
     if (seed := config.getoption("random_order")) is not None:
         draw = random.Random(seed).random
         files = {item.path: draw() for item in items}
@@ -263,6 +283,9 @@ class Outcome(NamedTuple):
     err: str
 
 
+parameters_of = functools.cache(typer.main.get_params_from_function)
+
+
 @pytest.fixture
 def command(monkeypatch, capsys):
     """``command("run", "scene.toml", ...)``: the command line, in this process."""
@@ -275,6 +298,10 @@ def command(monkeypatch, capsys):
     monkeypatch.setattr(command_line.os, "_exit", leave)
     # a busy machine says nothing of loading
     monkeypatch.setattr("chemage.foundation.progress.LOADING", 1e5)
+    # each test adds the commands of plugins again, and the parameters of the others are the same
+    monkeypatch.setattr("typer.main.get_params_from_function", parameters_of)
+    # the first kernel that a command compiles starts no processes that compile all others
+    monkeypatch.setattr("chemage.foundation.compiling.begin", lambda *_: {})
 
     def call(*words):
         capsys.readouterr()

@@ -70,9 +70,12 @@ class EngineChecks(Checks[Engine], of=Engine):
             lattice, times, temperature=TEMPERATURE, seed=seed, start=start
         )
 
-    def _disordered(self, *rings: int, interacting: bool = True) -> ReactionLattice:
+    def _disordered(
+        self, *rings: int, interacting: bool = True, precision: Any = np.float32
+    ) -> ReactionLattice:
         """Rings of sites with rates over five decades, by default one of 40; with an interaction of nearest neighbours
-        where the engine treats it. An engine can distribute several rings over threads: their sites are mixed."""
+        where the engine treats it, by default in single precision, so that few kernels are compiled. An engine can
+        distribute several rings over threads: their sites are mixed."""
         rng = np.random.default_rng(7)
         rings = rings or (40,)
         n = sum(rings)
@@ -89,7 +92,8 @@ class EngineChecks(Checks[Engine], of=Engine):
             fields["neighbours"] = np.argsort(order)[np.stack([after, before], axis=1)][
                 order
             ]
-            fields["coupling"] = np.stack([pair, pair[before]], axis=1)[order]
+            pairs = np.stack([pair, pair[before]], axis=1)[order].astype(precision)
+            fields["coupling"] = pairs
         return ReactionLattice(pixels=(n, 1), **fields)
 
     def questions(self) -> Questions:
@@ -245,7 +249,7 @@ class EngineChecks(Checks[Engine], of=Engine):
         """Hold times, temperature and kind are those of the run; bonds are formed less broken; the last count is the
         final state's."""
         times = np.geomspace(1e-3, 1e3, 13)
-        lattice = self._disordered()
+        lattice = self._disordered(precision=np.float64)
         history = self._run(lattice, times, 1)
         require(
             isinstance(history, BondHistory),

@@ -66,7 +66,7 @@ class Row(Interaction):
     def coupling(
         self, sites: np.ndarray, neighbours: np.ndarray, seed: Any
     ) -> np.ndarray:
-        return np.where(neighbours >= 0, self.energy, 0.0)
+        return np.where(neighbours >= 0, self.energy, 0.0).astype(np.float32)
 
 
 def contact_of(

@@ -449,9 +449,13 @@ def run_pieces(
             first = follow(first, last, tally)
         return tally
 
-    with ThreadPoolExecutor(
-        max(min(threads or processors.available(), len(pieces)), 1)
-    ) as pool:
+    workers = min(threads or processors.available(), len(pieces))
+    if workers < 2:
+        # on a small lattice, starting a thread takes longer than the run
+        for piece in pieces:
+            job.tally += followed(piece)
+        return
+    with ThreadPoolExecutor(workers) as pool:
         try:
             for tally in pool.map(followed, pieces):
                 job.tally += tally

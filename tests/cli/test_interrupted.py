@@ -348,6 +348,7 @@ def test_a_standard_output_that_is_full_or_closed(small):
     assert (done.returncode, done.stderr) == (0, "")
 
 
+@pytest.mark.long
 @pytest.mark.skipif(shutil.which("prlimit") is None, reason="prlimit is not installed")
 def test_a_log_that_cannot_be_written_is_one_line(small):
     program = [sys.executable, "-m", "chemage", "cite", "silica-tip", "--log", "mine.log"]

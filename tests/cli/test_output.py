@@ -68,7 +68,13 @@ def test_help_lists_commands_under_headings(command):
 # -- quiet and verbose -----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("words", [["run", "small.toml", "-q"], ["-q", "run", "small.toml"]], ids=["after", "before"])
+@pytest.mark.parametrize(
+    "words",
+    [
+        pytest.param(["run", "small.toml", "-q"], id="after"),
+        pytest.param(["-q", "run", "small.toml"], id="before", marks=pytest.mark.long),
+    ],
+)
 def test_quiet_prints_only_the_names_of_files(command, small, words):
     done = command(*words)
     assert done.status == 0

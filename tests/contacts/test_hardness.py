@@ -398,7 +398,9 @@ def test_below_the_yield_pressure_it_is_hertz():
     assert soft.approach == pytest.approx(approach(elastic), rel=1e-6)
 
 
-@pytest.mark.parametrize("width", [0.9, 0.5, 0.1, 1e-3, 1e-6])
+@pytest.mark.parametrize(
+    "width", [0.9, *(pytest.param(width, marks=pytest.mark.long) for width in (0.5, 0.1, 1e-3)), 1e-6]
+)
 def test_the_ring_of_a_sphere_closes_the_gap_and_bears_the_load(width):
     """The pressure, turned into displacements by other integrals: u = (2/πE*) ∫ q(x)/√(r² - x²) dx over 0 … r with
     q(x) = 2 ∫ s p(s)/√(s² - x²) ds over x … a (method of dimensionality reduction, Popov & Heß)."""
@@ -445,7 +447,7 @@ def test_the_area_of_a_sphere_grows_from_hertz_to_load_over_hardness(wanted):
     assert special.ellipe(0) == pytest.approx(math.pi / 2)
 
 
-@pytest.mark.parametrize(("load", "hardness"), [(400.0, 4.0), (50.0, 1.0)])
+@pytest.mark.parametrize(("load", "hardness"), [pytest.param(400.0, 4.0, marks=pytest.mark.long), (50.0, 1.0)])
 def test_a_sphere_that_yields_agrees_with_fft_bem(load, hardness):
     """Both converge to the same contact as pixels shrink."""
     errors = []

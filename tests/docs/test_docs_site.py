@@ -7,6 +7,7 @@ import ast
 import inspect
 import re
 import runpy
+from functools import cache
 from pathlib import Path
 
 import chemage as ca
@@ -76,17 +77,20 @@ def test_every_role_is_among_the_checks():
     assert words("reference.md", "checks") == ["component", *ca.plugin.registry.current().roles]
 
 
+@cache
+def filled_reference():
+    return SITE["on_page_markdown"](text("reference.md"))
+
+
 def test_the_reference_can_be_filled():
-    filled = SITE["on_page_markdown"](text("reference.md"))
+    filled = filled_reference()
     assert len(filled) > 2 * len(text("reference.md"))
     assert "## Further" not in filled  # nothing is installed that the page does not place
     assert not re.search(r"^```(names|components|commands|checks)$", filled, re.MULTILINE)
 
 
 def test_every_option_in_the_catalogue_has_a_meaning():
-    rows = re.findall(
-        r"^\| `(\w+)` \| (.*?) \| (.*?) \| (.*) \|$", SITE["on_page_markdown"](text("reference.md")), re.M
-    )
+    rows = re.findall(r"^\| `(\w+)` \| (.*?) \| (.*?) \| (.*) \|$", filled_reference(), re.M)
     assert len(rows) > 40
     assert not [name for name, _, _, meaning in rows if not meaning.strip()]
 

@@ -68,7 +68,8 @@ def grid(rows, columns, sites=None, seed=0, low=-0.05, high=0.1, forming=0.8, br
         forming=forming + spread * rng.uniform(-1, 1, n),
         breaking=breaking + spread * rng.uniform(-1, 1, n),
         neighbours=near,
-        coupling=np.where(near >= 0, pairs[np.arange(n)[:, None], near], 0.0),
+        # in single precision, as interactions give them
+        coupling=np.where(near >= 0, pairs[np.arange(n)[:, None], near], 0.0).astype(np.float32),
         **more,
     )
 
@@ -210,7 +211,7 @@ def test_couplings_of_five_electronvolt_either_way(kind):
         forming=np.full(4 * copies, 0.8),
         breaking=np.full(4 * copies, 2.0),
         neighbours=near,
-        coupling=np.tile([[-5.0], [-5.0], [5.0], [5.0]], (copies, 1)),
+        coupling=np.tile(np.float32([[-5.0], [-5.0], [5.0], [5.0]]), (copies, 1)),
     )
     rate = NU * math.exp(-0.8 / (KB * 300))
     t = 0.7 / rate
@@ -406,10 +407,8 @@ def test_results_do_not_depend_on_the_number_of_threads(kind):
         right = np.append(left[1:] + 1, 0)
         right = np.where(np.append(cut[1:], True), -1, right)
         pair = rng.uniform(-0.05, 0.2, n)
-        chain = {
-            "neighbours": np.stack([left, right], axis=1),
-            "coupling": np.stack([np.where(cut, 0, pair), np.append(np.where(cut[1:], 0, pair[1:]), 0)], axis=1),
-        }
+        energies = np.stack([np.where(cut, 0, pair), np.append(np.where(cut[1:], 0, pair[1:]), 0)], axis=1)
+        chain = {"neighbours": np.stack([left, right], axis=1), "coupling": energies.astype(np.float32)}
     lattice = ReactionLattice(pixels=(n, 1), sites=np.arange(n), forming=forming, breaking=breaking, **chain)
     times = np.geomspace(1e-3, 1e3, 7)
     histories = [
@@ -432,11 +431,13 @@ def test_runs_side_by_side_do_not_disturb_each_other(kind):
         assert list(pool.map(run, range(12))) == one_by_one
 
 
-@pytest.mark.parametrize("kind", COUPLED)
+@pytest.mark.parametrize(
+    "kind", [pytest.param(kind, marks=[] if kind == "rejection-free" else pytest.mark.long) for kind in COUPLED]
+)
 def test_couplings_in_single_precision_are_used_as_they_are(kind):
-    double = grid(5, 7)
-    single = type(double)(**{**double.todict(), "coupling": double.coupling.astype(np.float32)})
-    rounded = type(double)(**{**double.todict(), "coupling": single.coupling.astype(np.float64)})
+    """The kernels of either precision give the same events."""
+    single = grid(5, 7)
+    rounded = type(single)(**{**single.todict(), "coupling": single.coupling.astype(np.float64)})
     one = chemage.engine(kind).run(single, [1.0, 10.0], temperature=300, seed=2)
     two = chemage.engine(kind).run(rounded, [1.0, 10.0], temperature=300, seed=2)
     assert one.formed.tolist() == two.formed.tolist()

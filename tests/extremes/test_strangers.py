@@ -338,7 +338,8 @@ PROGRAM = [sys.executable, "-m", "chemage"]
 
 
 @pytest.mark.parametrize(
-    "words", ["show small.h5", pytest.param("check small.toml", marks=pytest.mark.long), "--version"]
+    "words",
+    [*(pytest.param(one, marks=pytest.mark.long) for one in ("show small.h5", "check small.toml")), "--version"],
 )
 def test_outputs_that_are_closed_before_the_start_leave_no_traceback(command, small, words):
     assert command("run", small, "--no-figures").status == 0

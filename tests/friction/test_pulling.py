@@ -231,7 +231,9 @@ def test_events_are_foreseen_with_couplings_and_with_new_partners():
     """What is refused is known before: bonds that help each other to form do so a million times as often."""
     ring = np.arange(40)
     graph = np.stack([(ring + 1) % 40, (ring - 1) % 40], axis=1).astype(np.int32)
-    helped = lattice_of(40, 0.65, 0.5).model_copy(update={"neighbours": graph, "coupling": np.full((40, 2), -0.15)})
+    helped = lattice_of(40, 0.65, 0.5).model_copy(
+        update={"neighbours": graph, "coupling": np.full((40, 2), -0.15, np.float32)}
+    )
     partners = ca.plugin.Partners(np.linspace(0.3, 0.5, 100), np.zeros(40))
     for lattice, drive, span in (
         (helped, drive_of(1.0), 1e-3),

@@ -111,7 +111,7 @@ def test_coupled_sites_of_a_pixel_are_the_master_equation(name):
     """A bond lowers the barrier of the other site of its pixel: the mean of 4000 pairs against three states."""
     n, gain = 4000, -0.03
     near = np.arange(2 * n).reshape(n, 2)[:, ::-1].reshape(-1, 1)
-    made = pairs(n, neighbours=near, coupling=np.full((2 * n, 1), gain))
+    made = pairs(n, neighbours=near, coupling=np.full((2 * n, 1), gain, np.float32))
     slow, fast = (1e13 * np.exp(-(0.8 + more) / (ca.plugin.KB * 300)) for more in (0.0, gain))
     # p0' = -2 slow p0, p1' = 2 slow p0 - fast p1
     t = 0.4 / slow

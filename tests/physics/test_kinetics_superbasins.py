@@ -207,7 +207,7 @@ def test_the_acceleration_follows_the_master_equation_beside_a_list_of_fast_site
 
 
 @pytest.mark.parametrize(("forms", "breaks", "slow", "pair"), [(-0.3, 0.288, 0.524, 0.272), (0.0, 0.35, 0.55, 0.25)])
-@pytest.mark.parametrize("kind", ["rejection-free", "bkl", "next-reaction"])
+@pytest.mark.parametrize("kind", ["rejection-free", pytest.param("bkl", marks=pytest.mark.long), "next-reaction"])
 def test_a_neighbour_reacts_out_of_the_common_state_too(kind, forms, breaks, slow, pair):
     """A site that is nearly always bonded, and a neighbour that is thousands of times faster while it is not: unbonded
     at two mean lifetimes with the probability exp(-2). `bkl` gave .337 and .777, because it attempted the neighbour at

@@ -38,7 +38,7 @@ def test_what_passed_as_a_logarithm_is_none(curve, limit):
     assert compared.criterion("logarithm") > 10
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.long) for seed in range(1, 5))])
 def test_a_logarithm_beats_its_rivals(seed):
     compared = growth(TIMES, noisy(1.0 + 0.5 * DECADES, 20_000, seed=seed), WINDOW)
     change, error = compared.change
@@ -114,7 +114,9 @@ def test_a_logarithm_of_one_surface_is_not_tested():
     assert found.word == "not tested"
 
 
-@pytest.mark.parametrize(("power", "holds"), [(1.0, True), (2 / 3, False), (0.9, False)])
+@pytest.mark.parametrize(
+    ("power", "holds"), [(1.0, True), pytest.param(2 / 3, False, marks=pytest.mark.long), (0.9, False)]
+)
 def test_only_a_line_satisfies_the_claims_of_one(power, holds):
     found = {"loads": loads(1 + DECADES, power)}
     assert claim(found, "fig2", "linear in A").holds is holds

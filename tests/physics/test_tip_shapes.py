@@ -167,6 +167,7 @@ def test_the_average_of_a_scan_is_the_mean_over_places_computed_one_by_one():
     assert area.half_width == pytest.approx(2.5705818 * np.std(areas, ddof=1) / np.sqrt(6), rel=1e-6)
 
 
+@pytest.mark.long
 def test_random_places_sample_all_places_alike():
     body = BALL | {"radius": 10, "pixels": 24}
     small = ROUGH | {"pixels": 32, "zeta": 4}
@@ -344,6 +345,7 @@ def test_parts_of_a_large_surface_are_like_the_whole(image, monkeypatch):
     np.testing.assert_allclose(small, large[30:62, 20:52], rtol=0, atol=1e-12)
 
 
+@pytest.mark.long
 def test_a_tip_on_a_scan_of_20_um_takes_little_memory_and_its_patch_is_enough(tmp_path):
     rough = ca.surface("self-affine", pixels=256, pixel_size=78.125, rms_slope=0.03, hurst=0.8, zeta=64, eta=2).make(1)
     np.save(tmp_path / "scan.npy", rough.heights)

@@ -168,15 +168,23 @@ EXPECTED_FAILURES: dict[tuple[str, str, str], str] = {
 #: (role, kind, number) of options of which others are checked at once, or their parts are
 SECOND = {
     ("surface", "roughened", 0),
+    ("contact", "adhesive-bem", 0),
     ("contact", "adhesive-bem", 1),
     # the kinetics of these is compared with the master equation elsewhere too
     ("engine", "bkl", 0),
     ("engine", "next-reaction", 0),
     ("contact", "fft-bem", 1),
+    # as jkr and dmt, and closure
+    ("contact", "maugis", 0),
+    ("ageing", "sample", 0),
+    ("observable", "barrier-spectrum", 1),
+    ("rupture", "pulled", 0),
     ("rupture", "pulled", 1),
+    ("rupture", "dudko-hummer-szabo", 1),
+    ("rupture", "dudko-hummer-szabo", 2),
 }
 
-#: checks that take longest, of engines other than the default; `auto` runs one of the others
+#: checks of engines that take longest; `auto` runs one of the others
 LONGEST = {
     "going_on_keeps_the_rates",
     "barrierless_is_the_attempt_frequency",
@@ -193,7 +201,7 @@ OTHERS = {
     "options_keep_the_rates",
 }
 SLOW = {
-    "rejection-free": set(),
+    "rejection-free": LONGEST | {"options_keep_the_rates"},
     "bkl": LONGEST,
     "next-reaction": LONGEST | {"options_keep_the_rates", "history_adds_up"},
     "independent": LONGEST,
@@ -214,14 +222,14 @@ def own_kinds() -> set[tuple[str, str]]:
 
 def cases(slow: bool) -> list[Any]:
     """Every kind with its options; ``slow``: those with checks that take longest."""
+
+    def marks(role: str, kind: str, number: int) -> list[pytest.MarkDecorator]:
+        if slow and kind == "auto":
+            return [pytest.mark.campaign]
+        return [pytest.mark.long] if (role, kind, number) in SECOND else []
+
     return [
-        pytest.param(
-            role,
-            kind,
-            options,
-            id=f"{role}-{kind}-{number}",
-            marks=[pytest.mark.long] if (role, kind, number) in SECOND else [],
-        )
+        pytest.param(role, kind, options, id=f"{role}-{kind}-{number}", marks=marks(role, kind, number))
         for (role, kind), alternatives in CASES.items()
         for number, options in enumerate(alternatives)
         if not slow or (role == "engine" and SLOW[kind])

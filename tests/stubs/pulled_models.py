@@ -110,7 +110,7 @@ def patches(count: int, seed: int, forming: float = 0.42, breaking: float = 1.1)
     for i, j in product(range(9), range(9)):
         if i < j and max(abs(i // 3 - j // 3), abs(i % 3 - j % 3)) == 1:
             pairs[i, j] = pairs[j, i] = 0.1 * (rng.random() - 0.4)
-    neighbours, coupling = np.full((9, 8), -1, np.int32), np.zeros((9, 8))
+    neighbours, coupling = np.full((9, 8), -1, np.int32), np.zeros((9, 8), np.float32)
     for i in range(9):
         for slot, j in enumerate(j for j in range(9) if (i, j) in pairs):
             neighbours[i, slot], coupling[i, slot] = j, pairs[i, j]
@@ -136,7 +136,7 @@ def random_pull(seed: int) -> tuple[ca.ReactionLattice, Drive, np.ndarray, dict[
         reach = int(rng.integers(1, 3))
         steps = np.concatenate([np.arange(1, reach + 1), -np.arange(1, reach + 1)])
         graph = ((np.arange(n)[:, None] + steps) % n).astype(np.int32)
-        coupled = {"neighbours": graph, "coupling": np.full(graph.shape, rng.uniform(-0.3, 0.3))}
+        coupled = {"neighbours": graph, "coupling": np.full(graph.shape, rng.uniform(-0.3, 0.3), np.float32)}
         lattice = ca.ReactionLattice(pixels=(n, 1), sites=np.arange(n), forming=forming, breaking=breaking, **coupled)
     speed, way = 10 ** rng.uniform(-3, 9), 10 ** rng.uniform(-3, 1.5)
     drive = Drive(

@@ -15,11 +15,13 @@ from chemage.plugin import Component
 def caught(request: pytest.FixtureRequest) -> Callable[..., tuple[str, str]]:
     """``caught(component, check)``: the check that fails and its message, where only ``check`` is run.
 
-    With ``--long`` all checks run in their order, so that the first that fails is the one that is compared.
+    With ``--long`` and without ``-m``, by hand, all checks run in their order, so that the first that fails is the one
+    that is compared.
     """
+    everything = request.config.getoption("long") and not request.config.getoption("markexpr")
 
     def run(component: Component, check: str, **inputs: Any) -> tuple[str, str]:
-        names = () if request.config.getoption("long") else (check,)
+        names = () if everything else (check,)
         return caught_by(component, *names, **inputs)
 
     return run

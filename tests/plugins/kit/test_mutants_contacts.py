@@ -1,4 +1,4 @@
-"""Contact solvers that are wrong in one way, each found by the check named for it; with ``--long``, found first."""
+"""Contact solvers that are wrong in one way, each found by the check named for it; with ``--long`` alone, first."""
 
 from __future__ import annotations
 

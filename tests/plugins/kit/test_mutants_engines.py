@@ -1,4 +1,4 @@
-"""Engines that are wrong in one way, each found by the check named for it; with ``--long``, found first by it."""
+"""Engines that are wrong in one way, each found by the check named for it; with ``--long`` alone, first by it."""
 
 from __future__ import annotations
 

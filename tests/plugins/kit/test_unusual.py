@@ -256,8 +256,10 @@ UNUSUAL: dict[str, Any] = {
 }
 
 
-#: engines take longest
+#: engines take longest, and solvers; quick tests check others
 LONG = (
+    "a sphere that yields",
+    "a layer",
     "two hundred neighbours",
     "an approximate engine",
     "an engine that draws in another way",
