@@ -271,6 +271,7 @@ class Roughened(SurfaceMaker):
         for one in findings:
             stairs = one.levels if one.kind == TERRACES else stairs
             waves = one.waves if one.kind == PERIODIC else waves
+        image = Binned.of(measured)
         if stairs is not None:
             heights = measured.heights - stairs
             measured = Surface(
@@ -327,6 +328,7 @@ class Roughened(SurfaceMaker):
             join=law.join,
             law=law,
             drawn=law.best,
+            image_spectrum=image,
             spectrum=spectrum,
             directions=modes.directions(lowest, law.join),
             stairs=stairs,
@@ -428,7 +430,8 @@ class _Plan(NamedTuple):
     law: Continuation
     #: how the spectrum is taken to be
     drawn: Drawn
-    #: of the image
+    #: of the image, and without its terraces and periodic parts
+    image_spectrum: Binned
     spectrum: Binned
     #: the density by direction over its mean
     directions: Floats
@@ -642,7 +645,7 @@ class _Plan(NamedTuple):
 
     def record(self) -> dict[str, Any]:
         """Plain JSON values: what was fitted, and the spectrum of the image."""
-        law, spectrum, q = self.law, self.spectrum, self.law.added
+        law, spectrum, q = self.law, self.image_spectrum, self.law.added
         positive = spectrum.density > 0
         logs = np.log([law.density(q, one) for one in law.draws])
         ends = (0.5 - HOLD / 2, 0.5 + HOLD / 2)
