@@ -32,7 +32,7 @@ from concurrent.futures import (
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import Any
 
 from chemage.foundation import threads as thread_budget
@@ -395,20 +395,12 @@ class Runner:
 
     def remaining(self) -> float | None:
         """Estimated wall time of what is left, s; None before the first piece has ended."""
-        waiting = [
-            *self._ready,
-            *(
-                piece
-                for pieces in (*self._contacts, *self._behind.values())
-                for piece in pieces
-            ),
-        ]
-        weights = [piece.weight for piece in waiting]
-        weights += [
-            piece.weight / 2 for piece in (*self._running.values(), *self._suspects)
-        ]
         if not self._ended:
             return None
+        waiting = chain(self._ready, *self._contacts, *self._behind.values())
+        begun = chain(self._running.values(), self._suspects)
+        weights = [piece.weight for piece in waiting]
+        weights += [piece.weight / 2 for piece in begun]
         each = self._seconds / self._ended / max(1, self.width)
         total = sum(weights)
         if math.isfinite(self._weight + total) and self._weight > 0:
@@ -445,32 +437,25 @@ class Runner:
         total = sum(ageing_seconds(tasks) + 1e-3 for tasks in ageings)
         count = len(ageings)
         if math.isfinite(contact + total):
-            count = max(
-                1, min(count, 4 * self.width, math.ceil(total / max(contact, 1e-9)))
-            )
+            worth = math.ceil(total / max(contact, 1e-9))
+            count = max(1, min(count, 4 * self.width, worth))
         edges = [k * len(ageings) // count for k in range(count + 1)]
-        return [
-            [task for ageing in ageings[begin:end] for task in ageing]
-            for begin, end in pairwise(edges)
-        ]
+        return [list(chain(*ageings[begin:end])) for begin, end in pairwise(edges)]
 
     def _submit(self) -> None:
-        width = self.width
-        if (
-            self._suspects
-            and not self._running
-            and not self._ready
-            and not self._contacts
-        ):
+        width, running = self.width, self._running.values()
+        if self._suspects and not (running or self._ready or self._contacts):
             piece = self._suspects.popleft()
             piece.alone = True
             self._start(piece)
-        while len(self._running) < width and self._fits():
-            if any(piece.alone for piece in self._running.values()):
-                break
+        while (
+            len(running) < width
+            and self._fits()
+            and not any(piece.alone for piece in running)
+        ):
             # pieces whose contact is there come first, while a worker still has it in memory; but half of the workers
             # solve contacts, so that the last contact does not begin after everything else has ended
-            solving = sum(piece.solves for piece in self._running.values())
+            solving = sum(piece.solves for piece in running)
             if self._contacts and (not self._ready or solving < width // 2):
                 piece, *behind = self._contacts.popleft()
                 self._behind[piece.tasks[0].contact] = behind
@@ -509,19 +494,26 @@ class Runner:
             lost = self._death(error)
             piece.deaths += piece.alone
             if piece.deaths <= (RETRIES if piece.alone else 0):
-                self._suspects.append(
-                    piece
-                )  # perhaps it only ran beside the piece that killed the worker
+                # perhaps it only ran beside the piece that killed the worker
+                self._suspects.append(piece)
                 return
-            outcomes = self._lost(piece, lost)
+            there = not piece.solves or self._is_there(piece.tasks[0])
+            outcome = Outcome(error=lost, stage="ageing" if there else "contact")
+            self._fail(piece.tasks, outcome, told)
         else:
             self._seconds += seconds
             self._weight += piece.weight
             self._ended += 1
-        for task in piece.tasks:
-            told(task, outcomes[task.key])
+            for task in piece.tasks:
+                told(task, outcomes[task.key])
+            outcome = outcomes[piece.tasks[0].key]
         if piece.solves:
-            self._after_contact(piece, outcomes[piece.tasks[0].key], told)
+            # let those begin that waited for the contact; if it cannot be solved, they fail as well
+            behind = self._behind.pop(piece.tasks[0].contact)
+            if outcome.error is None or outcome.stage != "contact":
+                self._ready.extend(behind)
+            for other in behind if outcome.stage == "contact" else ():
+                self._fail(other.tasks, outcome, told)
 
     def _death(self, error: Exception) -> WorkerLost:
         """The death of a worker, as the executor reports it; any other error is raised."""
@@ -529,51 +521,30 @@ class Runner:
             return error
         if type(error).__name__ == "KilledWorker":  # of Dask
             return WorkerLost(str(error))
-        if isinstance(error, BrokenProcessPool) and isinstance(
-            self._pool.executor, Processes
-        ):
+        own = isinstance(self._pool.executor, Processes)
+        if isinstance(error, BrokenProcessPool) and own:
             codes = re.findall(r"[A-Z]+\(-?[1-9]\d*\)", str(error))
             if codes or self._ended:
                 status = ", ".join(codes) or "exit status 0"
                 return WorkerLost(
                     f"the worker process died at this task: {status} (SIGKILL: most often, memory ran out)"
                 )
-            raise ExecutorError(
-                f"a worker process could not start; its own message is above; {RESUME}"
-            ) from error
-        if isinstance(error, CancelledError):
-            raise ExecutorError(
-                f"the executor dropped a task: its scheduler is gone, or it was shut down; {RESUME}"
-            )
-        if isinstance(error, BrokenExecutor):
-            raise ExecutorError(
-                f"the executor gave up ({type(error).__name__}: {error}); {RESUME}"
-            ) from error
-        if isinstance(error, ExecutorError):
-            raise ExecutorError(f"{error}; {RESUME}") from error
-        raise error
+            reason = "a worker process could not start; its own message is above"
+        elif isinstance(error, CancelledError):
+            reason = "the executor dropped a task: its scheduler is gone, or it was shut down"
+        elif isinstance(error, BrokenExecutor):
+            reason = f"the executor gave up ({type(error).__name__}: {error})"
+        elif isinstance(error, ExecutorError):
+            reason = str(error)
+        else:
+            raise error
+        raise ExecutorError(f"{reason}; {RESUME}") from error
 
-    def _after_contact(self, piece: Piece, outcome: Outcome, told: Told) -> None:
-        """Let those begin that waited for a contact; if it cannot be solved, they fail as well."""
-        behind = self._behind.pop(piece.tasks[0].contact)
-        if outcome.error is None or outcome.stage != "contact":
-            self._ready.extend(behind)
-            return
-        for task in (task for other in behind for task in other.tasks):
-            self._record(task, outcome)
+    def _fail(self, tasks: Sequence[Task], outcome: Outcome, told: Told) -> None:
+        """Tell, and write, that tasks failed, which no worker could."""
+        assert outcome.error is not None
+        for task in tasks:
+            if self._whole is not None:
+                content = failure(task, outcome.stage, outcome.error)
+                self._whole.write_point(task.key, content)
             told(task, outcome)
-
-    def _lost(self, piece: Piece, error: WorkerLost) -> dict[str, Outcome]:
-        """What is known of tasks whose worker died each time."""
-        there = not piece.solves or self._is_there(piece.tasks[0])
-        outcome = Outcome(error=error, stage="ageing" if there else "contact")
-        for task in piece.tasks:
-            self._record(task, outcome)
-        return dict.fromkeys((task.key for task in piece.tasks), outcome)
-
-    def _record(self, task: Task, outcome: Outcome) -> None:
-        """Write that a task failed, which no worker could."""
-        if self._whole is not None and outcome.error is not None:
-            self._whole.write_point(
-                task.key, failure(task, outcome.stage, outcome.error)
-            )

@@ -44,24 +44,19 @@ _FORM = "write the third of 16 shares as 3/16, points by their numbers as 3,7,12
 _SHARE = re.compile(r"(\d{1,9})/(\d{1,9})")
 _AUTO = re.compile(r"auto(?:/(\d{1,9}))?")
 _NUMBERS = re.compile(r"\d{1,12}(-\d{1,12})?(,\d{1,12}(-\d{1,12})?)*")
-#: the number of a task in a job array, by scheduler; first, last and step where the scheduler gives them
-_ARRAYS = {
-    "SLURM": (
+#: the number of a task in a job array; first, last and step where the scheduler gives them
+_ARRAYS = (
+    (
         "SLURM_ARRAY_TASK_ID",
         "SLURM_ARRAY_TASK_MIN",
         "SLURM_ARRAY_TASK_MAX",
         "SLURM_ARRAY_TASK_STEP",
     ),
-    "PBS": ("PBS_ARRAY_INDEX",),
-    "Torque": ("PBS_ARRAYID",),
-    "Grid Engine": (
-        "SGE_TASK_ID",
-        "SGE_TASK_FIRST",
-        "SGE_TASK_LAST",
-        "SGE_TASK_STEPSIZE",
-    ),
-    "LSF": ("LSB_JOBINDEX",),
-}
+    ("PBS_ARRAY_INDEX",),
+    ("PBS_ARRAYID",),
+    ("SGE_TASK_ID", "SGE_TASK_FIRST", "SGE_TASK_LAST", "SGE_TASK_STEPSIZE"),
+    ("LSB_JOBINDEX",),
+)
 
 
 @dataclass(frozen=True)
@@ -87,29 +82,23 @@ class Selection:
         """
         compact = text.replace(" ", "")
         if auto := _AUTO.fullmatch(compact):
-            compact = _share_of_array(
-                text, auto[1], os.environ if environment is None else environment
-            )
+            variables = os.environ if environment is None else environment
+            return cls(share=_share_of_array(text, auto[1], variables))
         if match := _SHARE.fullmatch(compact):
             number, count = int(match[1]), int(match[2])
             if not 1 <= number <= count <= MANY_SHARES:
-                raise InputError.of(
-                    "points",
-                    text,
-                    f"there is no share {number} of {count}; shares count from 1",
-                    _FORM,
+                raise _wrong(
+                    text, f"there is no share {number} of {count}; shares count from 1"
                 )
             return cls(share=(number, count))
         if not _NUMBERS.fullmatch(compact):
-            raise InputError.of("points", text, "not understood", _FORM)
+            raise _wrong(text, "not understood")
         ranges = []
         for part in compact.split(","):
             first, _, last = part.partition("-")
             ranges.append((int(first), int(last or first)))
             if ranges[-1][0] > ranges[-1][1]:
-                raise InputError.of(
-                    "points", text, f"{part} ends before it begins", _FORM
-                )
+                raise _wrong(text, f"{part} ends before it begins")
         return cls(ranges=tuple(ranges))
 
     def __str__(self) -> str:
@@ -127,68 +116,67 @@ class Selection:
         return f"points {self}"
 
 
+def _wrong(text: str, problem: str, remedy: str = _FORM) -> InputError:
+    return InputError.of("points", text, problem, remedy)
+
+
 def _share_of_array(
     text: str, count: str | None, environment: Mapping[str, str]
-) -> str:
+) -> tuple[int, int]:
+    """The share of this task of a job array, of ``count`` or of as many as the array has tasks."""
     numbers = {
         name: int(value)
         for name, value in environment.items()
         if re.fullmatch(r"\d{1,9}", value)
     }
-    arrays = {
-        scheduler: variables
-        for scheduler, variables in _ARRAYS.items()
-        if variables[0] in numbers
-    }
+    arrays = [variables for variables in _ARRAYS if variables[0] in numbers]
     if not arrays:
-        every = ", ".join(variables[0] for variables in _ARRAYS.values())
-        raise InputError.of(
-            "points",
-            text,
-            f"this is no task of a job array: none of {every} is set",
-            _FORM,
-        )
+        every = ", ".join(variables[0] for variables in _ARRAYS)
+        raise _wrong(text, f"this is no task of a job array: none of {every} is set")
     if len(arrays) > 1:
-        names = " and ".join(variables[0] for variables in arrays.values())
-        raise InputError.of("points", text, f"{names} are both set; {_FORM}")
-    ((scheduler, (name, *bounds)),) = arrays.items()
+        names = " and ".join(variables[0] for variables in arrays)
+        raise _wrong(text, f"{names} are both set")
+    name, *bounds = arrays[0]
     at, option = numbers[name], f"--points ${name}/16"
     if count is not None:
-        if not 1 <= at <= int(count):
-            remedy = f"number the tasks from 1 to {count}"
-            raise InputError.of(
-                "points", text, f"{name} is {at}, which is no share of {count}", remedy
+        share = at, int(count)
+        if not 1 <= at <= share[1]:
+            raise _wrong(
+                text,
+                f"{name} is {at}, which is no share of {count}",
+                f"number the tasks from 1 to {count}",
             )
-        return f"{at}/{count}"
-    first, last, step = (numbers.get(bound) for bound in (*bounds, "", "", "")[:3])
-    if first is None or last is None:
-        problem = f"{scheduler} does not say how many tasks the array has"
-        raise InputError.of(
-            "points", text, problem, f"give the number: auto/16, or {option}"
+        return share
+    if not numbers.keys() >= {*bounds[:2]} or not bounds:
+        raise _wrong(
+            text,
+            f"{name} does not say how many tasks the array has",
+            f"give the number: auto/16, or {option}",
         )
-    step = step or 1
+    first, last, step = (numbers.get(bound, 1) for bound in bounds)
     tasks = (last - first) // step + 1
     if (
         numbers.get("SLURM_ARRAY_TASK_COUNT", tasks) != tasks
         or (at - first) % step
         or not first <= at <= last
     ):
-        problem = "the numbers of the array's tasks are no range, so that shares are not clear"
-        raise InputError.of("points", text, problem, f"give {option}")
-    return f"{(at - first) // step + 1}/{tasks}"
+        raise _wrong(
+            text,
+            "the numbers of the array's tasks are no range, so that shares are not clear",
+            f"give {option}",
+        )
+    return (at - first) // step + 1, tasks
 
 
 def in_ranges(numbers: Iterable[int]) -> str:
     """Whole numbers as text, such as ``3,7,12-20``."""
-    ranges: list[list[int]] = []
+    ranges: list[tuple[int, int]] = []
     for number in sorted(set(numbers)):
+        first = number
         if ranges and ranges[-1][1] == number - 1:
-            ranges[-1][1] = number
-        else:
-            ranges.append([number, number])
-    return ",".join(
-        str(first) if first == last else f"{first}-{last}" for first, last in ranges
-    )
+            first, _ = ranges.pop()
+        ranges.append((first, number))
+    return str(Selection(ranges=tuple(ranges)))
 
 
 #: the stage that is reported
@@ -246,15 +234,13 @@ class Part:
         """
         share = Selection.read(points).share
         if share is None:
-            raise InputError.of(
-                "points",
+            raise _wrong(
                 points,
                 "only a sweep has points",
                 "give a share, such as 3/16 or auto",
             )
         if place is None:
-            raise InputError.of(
-                "points",
+            raise _wrong(
                 points,
                 "shares meet in a folder",
                 "name the one that all of them see",
@@ -275,13 +261,15 @@ class Part:
         """
         left, since = list(tasks), time.monotonic()
         while left:
-            there = [task for task in left if self.folder.state(task.key) == "done"]
-            for task in there:
-                told(task, Outcome())
-            left = [task for task in left if task not in there]
-            now = time.monotonic()
-            since = now if there else since
-            if left and now - since > self.patience:
+            missing = []
+            for task in left:
+                if self.folder.state(task.key) == "done":
+                    told(task, Outcome())
+                    since = time.monotonic()
+                else:
+                    missing.append(task)
+            left = missing
+            if left and time.monotonic() - since > self.patience:
                 raise StoreError(
                     f"{self.folder.path}: {len(left)} samples of other shares are missing, and none has come for "
                     f"{self.patience:.0f} s; start the other shares, or wait longer with --patience; {RESUME}"

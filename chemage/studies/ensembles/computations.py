@@ -492,12 +492,12 @@ def area(sample: SurfaceSample) -> np.ndarray:
 
 def within(
     parts: tuple[SampleSeries, ...], quantities: Quantities
-) -> tuple[np.ndarray, int] | None:
-    """The variance between replicas on one surface, (quantities,), and its degrees of freedom; None without any."""
+) -> np.ndarray | None:
+    """The variance between replicas on one surface, (quantities,); None without any."""
     total, freedom = np.zeros(quantities.count), 0
     for sample in parts[0].samples:
         rows = quantities.replica_rows(sample)
         if len(rows) > 1:
             total += rows.var(axis=0, ddof=1) * (len(rows) - 1)
             freedom += len(rows) - 1
-    return (total / freedom, freedom) if freedom else None
+    return total / freedom if freedom else None

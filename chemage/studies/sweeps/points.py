@@ -29,7 +29,14 @@ from chemage.studies.ensembles.running import Sampler
 from chemage.studies.folder import Folder, SweepWarning
 from chemage.studies.study import Design
 from chemage.studies.sweeps.grid import Survey
-from chemage.studies.tasks import Outcome, Place, Task, by_contact, failure
+from chemage.studies.tasks import (
+    Outcome,
+    Place,
+    Task,
+    by_contact,
+    failure,
+    point_file,
+)
 from chemage.surfaces.surface import Surface
 
 _CONTACT_HOOKS = ("chemage_make_surface", "chemage_solve_contact")
@@ -309,23 +316,21 @@ class Means(Points):
         self, key: str, error: BaseException | None = None, stage: str = "mean"
     ) -> None:
         """Write the file of a point."""
-        points = self._same[key]
+        points, mean = self._same[key], self._means.pop(key, None)
         task = self._survey.tasks[points[0]]
-        mean = self._means.pop(key, None)
         if error is not None:
             self._folder.write_point(key, failure(task, stage, error))
             self.failed.update(dict.fromkeys(points, str(error)))
             return
         assert mean is not None
         ensemble = mean.ensemble()
-        content = {
-            "status": "done",
-            "point": task.number,
-            "changes": dict(task.changes),
-            "plugins": dict(ensemble.plugins),
-            "summary": jsonable(ensemble.summary()),
-            "aging": None,
-            "ensemble": to_json(ensemble),
-        }
+        content = point_file(
+            task,
+            "done",
+            plugins=dict(ensemble.plugins),
+            summary=jsonable(ensemble.summary()),
+            aging=None,
+            ensemble=to_json(ensemble),
+        )
         self._folder.write_point(key, content)
         self.done += len(points)

@@ -101,10 +101,10 @@ def test_the_share_of_a_job_array(text, environment, share):
         (
             "auto",
             {"PBS_ARRAY_INDEX": "3"},
-            r"PBS does not say how many.*auto/16, or --points \$PBS_ARRAY_INDEX/16",
+            r"PBS_ARRAY_INDEX does not say how many.*auto/16, or --points \$PBS_ARRAY_INDEX/16",
         ),
         ("auto", {"SLURM_ARRAY_TASK_ID": "4", "SLURM_ARRAY_TASK_COUNT": "3", **SLURM}, "are no range"),
-        ("auto", {"SLURM_ARRAY_TASK_ID": "4"}, "SLURM does not say how many"),
+        ("auto", {"SLURM_ARRAY_TASK_ID": "4"}, "SLURM_ARRAY_TASK_ID does not say how many"),
         ("auto/16", {"PBS_ARRAY_INDEX": "0"}, "PBS_ARRAY_INDEX is 0, which is no share of 16; number the tasks from 1"),
         ("auto/16", {"PBS_ARRAY_INDEX": "3", "SLURM_ARRAY_TASK_ID": "4"}, "are both set"),
         ("auto/x", {"PBS_ARRAY_INDEX": "3"}, "not understood"),
