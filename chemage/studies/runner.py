@@ -31,7 +31,7 @@ from concurrent.futures import (
 )
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import chain, pairwise
 from typing import Any
 
@@ -64,19 +64,38 @@ class Pool:
     """An executor that a study uses, and its properties."""
 
     executor: Executor
-    name: str
     #: threads per task
     threads: int
-    #: returns the present number of concurrent tasks
-    width: Callable[[], int]
-    #: stops the running tasks immediately
-    abort: Callable[[], None] = field(default=lambda: None)
+    #: number of concurrent tasks, where it does not change
+    workers: int
     #: whether tasks run in other processes
     remote: bool = True
-    #: whether tasks run on this machine, and share its memory
-    here: bool = True
-    #: whether no task will end any more
-    lost: Callable[[], bool] = field(default=lambda: False)
+    #: of Dask: its client
+    client: Any = None
+
+    @property
+    def here(self) -> bool:
+        """Whether tasks run on this machine, and share its memory."""
+        return self.client is None
+
+    @property
+    def lost(self) -> bool:
+        """Whether no task will end any more: what waits in a client that has given up its scheduler may not be told."""
+        return self.client is not None and self.client.status in ("closing", "closed")
+
+    def width(self) -> int:
+        """The present number of concurrent tasks."""
+        if self.client is None:
+            return self.workers
+        # the scheduler is busy; or gone: its tasks fail
+        with suppress(OSError, RuntimeError, AttributeError):
+            return max(1, sum(self.client.nthreads().values()))
+        return 1
+
+    def abort(self) -> None:
+        """Stop the running tasks immediately, where that is possible."""
+        if isinstance(self.executor, Processes):
+            self.executor.shutdown(cancel_futures=True)
 
 
 class Serial(Executor):
@@ -144,10 +163,6 @@ class Processes(Executor):
         """End the processes after the tasks in the queue; with ``cancel_futures`` at once."""
         self._inner.shutdown(wait=wait, kill_workers=cancel_futures)
 
-    def abort(self) -> None:
-        """Kill the processes and cancel the tasks in the queue."""
-        self.shutdown(cancel_futures=True)
-
 
 def _begin(parent: int, path: Sequence[str]) -> None:
     """Prepare a worker process: the import path of its parent, with which it ends; Ctrl-C is for the parent."""
@@ -203,19 +218,10 @@ def open_pool(
             checked_count(name, count)
     limit = None if patience is None else seconds(patience)
     if isinstance(executor, Executor):
-        width = (
-            workers
-            or getattr(executor, "_max_workers", None)
-            or thread_budget.processors()
-        )
-        here = isinstance(executor, ThreadPoolExecutor)
-        yield Pool(
-            executor,
-            type(executor).__name__,
-            threads or 1,
-            lambda: width,
-            remote=not here,
-        )
+        own = getattr(executor, "_max_workers", None)
+        width = workers or own or thread_budget.processors()
+        remote = not isinstance(executor, ThreadPoolExecutor)
+        yield Pool(executor, threads or 1, width, remote)
         return
     name, _, detail = executor.partition(":")
     if name not in NAMES or (detail and name != "dask"):
@@ -229,44 +235,20 @@ def open_pool(
             raise InputError.of(
                 "workers", workers, "serial runs one task at a time", remedy
             )
-        yield Pool(
-            Serial(),
-            name,
-            threads or thread_budget.available(),
-            lambda: 1,
-            remote=False,
-        )
-    elif name == "threads":
+        yield Pool(Serial(), threads or thread_budget.available(), 1, remote=False)
+        return
+    if not detail:
         workers, threads = shares(workers, threads)
-        with Threads(workers, thread_name_prefix="chemage-task") as executor:
-            yield Pool(executor, name, threads, lambda: workers, remote=False)
+    width, threads = workers or 1, threads or 1
+    if name == "threads":
+        with Threads(width, thread_name_prefix="chemage-task") as pool:
+            yield Pool(pool, threads, width, remote=False)
     elif name == "processes":
-        workers, threads = shares(workers, threads)
-        with Processes(workers, threads) as processes:
-            yield Pool(processes, name, threads, lambda: workers, processes.abort)
+        with Processes(width, threads) as pool:
+            yield Pool(pool, threads, width)
     else:
-        if not detail:
-            workers, threads = shares(workers, threads)
-        with open_client(detail, workers, threads or 1, limit) as client:
-            pool = client.get_executor(pure=False)
-
-            def concurrent() -> int:
-                with suppress(
-                    OSError, RuntimeError, AttributeError
-                ):  # the scheduler is busy; or gone: its tasks fail
-                    return max(1, sum(client.nthreads().values()))
-                return 1
-
-            # what waits in a client that has given up its scheduler may not be told
-            given_up = ("closing", "closed")
-            yield Pool(
-                pool,
-                name,
-                threads or 1,
-                concurrent,
-                here=False,
-                lost=lambda: client.status in given_up,
-            )
+        with open_client(detail, workers, threads, limit) as client:
+            yield Pool(client.get_executor(pure=False), threads, width, client=client)
 
 
 def shares(workers: int | None, threads: int | None) -> tuple[int, int]:
@@ -378,7 +360,7 @@ class Runner:
                 )
                 for future in finished:
                     self._settle(self._running.pop(future), future, told)
-                if not finished and self._pool.lost():
+                if not finished and self._pool.lost:
                     raise ExecutorError(_GONE)
                 now = time.perf_counter()
                 if self._watch is not None and now > reported + PERIOD:
@@ -480,7 +462,7 @@ class Runner:
                 compute, self._place, tasks, self._pool.threads, self._known, remote
             )
         except Exception as error:
-            if self._pool.lost():
+            if self._pool.lost:
                 raise ExecutorError(_GONE) from error
             raise
         self._running[future] = piece
