@@ -1,11 +1,11 @@
 # Made by `chemage plugins stubs`; do not edit.
 from chemage.plugins.hooks import API_VERSION as API_VERSION
-from chemage.studies.arrhenius import ActivationEnergy as ActivationEnergy
+from chemage.results.arrhenius import ActivationEnergy as ActivationEnergy
 from chemage.ageing.methods import AgedBonds as AgedBonds
 from chemage.foundation.result import Ageing as Ageing
 from chemage.ageing.methods import AgeingMethod as AgeingMethod
 from chemage.ageing.methods import AgeingRequest as AgeingRequest
-from chemage.studies.arrhenius import Arrhenius as Arrhenius
+from chemage.results.arrhenius import Arrhenius as Arrhenius
 from chemage.lattices.role import Barriers as Barriers
 from chemage.kinetics.history import BondHistory as BondHistory
 from chemage.friction.role import Bonded as Bonded

@@ -21,7 +21,6 @@ from chemage.foundation.result import result_of
 from chemage.studies.runner import PROGRAM
 from chemage.studies.study import Selection, in_ranges
 from chemage.studies.sweeps.grid import cpu_seconds, listed
-from chemage.studies.sweeps.points import expected_seconds
 from chemage.studies.sweeps.result import (
     SweepResult,
     collect_sweep,
@@ -32,6 +31,7 @@ from chemage.studies.sweeps.result import (
 from chemage.studies.sweeps.running import (
     Report,
     SweepProgress,
+    expected_seconds,
     read_grid,
     room_for,
     show_progress,

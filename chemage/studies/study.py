@@ -25,9 +25,8 @@ from chemage.foundation.ownership import Owned
 from chemage.foundation.progress import Report, progress_bars
 from chemage.foundation.threads import restored
 from chemage.scene.scene import Scene
-from chemage.studies.clusters import seconds
 from chemage.studies.folder import RESUME, Folder
-from chemage.studies.runner import Pool, Runner, Told, open_pool
+from chemage.studies.runner import Pool, Runner, Told, open_pool, seconds
 from chemage.studies.tasks import (
     Known,
     Outcome,

@@ -290,7 +290,7 @@ def test_shares_and_a_whole_sweep_exclude_each_other(scene, tmp_path):
 def test_plugins_that_changed_are_no_work_for_shares(tiny, scene, tmp_path, monkeypatch):
     out = tmp_path / "out"
     chemage.sweep(scene, out, points="1/2")
-    monkeypatch.setattr("chemage.studies.sweeps.points.changed", lambda *_, **__: {"tiny": ("1", "2")})
+    monkeypatch.setattr("chemage.studies.sweeps.running.changed", lambda *_, **__: {"tiny": ("1", "2")})
     with pytest.raises(StoreError, match="one process must do so: rerun the command without --points"):
         chemage.sweep(scene, out, points="2/2")
 

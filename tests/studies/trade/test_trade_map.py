@@ -28,8 +28,8 @@ from chemage.plugin import (
 )
 from chemage.studies.trade import Deviation
 from chemage_trade.choices import applied, changes, choices, go_together, pasted
+from chemage_trade.mapping import Timed
 from chemage_trade.result import pareto, words
-from chemage_trade.timing import Timed
 
 ROUNDS = 3
 
