@@ -20,7 +20,7 @@ from chemage.foundation.progress import LOGGER, progress_bars, reported
 from chemage.foundation.result import result_of
 from chemage.studies.runner import PROGRAM
 from chemage.studies.study import Selection, in_ranges
-from chemage.studies.sweeps.grid import cpu_seconds, listed
+from chemage.studies.sweeps.grid import agreed_points, cpu_seconds, listed, shares_cost
 from chemage.studies.sweeps.result import (
     SweepResult,
     collect_sweep,
@@ -38,7 +38,6 @@ from chemage.studies.sweeps.running import (
     survey_of,
     sweep,
 )
-from chemage.studies.sweeps.shares import agreed_points, shares_cost
 from chemage.studies.sweeps.views import swept_rows
 
 if TYPE_CHECKING:

@@ -582,7 +582,7 @@ def _collected(
             )
         agings.append(aging)
         windows.append(shown.ageing().window)
-    return agings, [], (windows and windows[0]) or FIT_WINDOW
+    return agings, [], next(iter(windows), None) or FIT_WINDOW
 
 
 def _points(

@@ -201,80 +201,22 @@ class Design(Owned, ABC):
         """Receive what came of a task that was asked for; in any order."""
 
 
-@dataclass(frozen=True)
-class Part:
-    """What one of several processes computes of a design that asks again when all of them have answered."""
+def share_of(points: str, place: Place | None) -> tuple[int, int]:
+    """The share of a design that this process computes, as users write it: ``3/16``, or ``auto``.
 
-    #: the first is 1
-    share: int
-    count: int
-    #: which all processes see
-    folder: Folder
-    #: s without anything new before this process gives up
-    patience: float = PATIENCE
-
-    @classmethod
-    def of(
-        cls, share: tuple[int, int], folder: Folder, patience: float | str | None
-    ) -> Part:
-        """A share of several; ``patience`` as users give it."""
-        return cls(*share, folder, PATIENCE if patience is None else seconds(patience))
-
-    @classmethod
-    def read(
-        cls, points: str, place: Place | None, patience: float | str | None
-    ) -> Part:
-        """As users write it: ``3/16``, or ``auto``.
-
-        Raises
-        ------
-        InputError
-            It is no share, or there is no folder in which shares meet.
-        """
-        share = Selection.read(points).share
-        if share is None:
-            raise _wrong(
-                points,
-                "only a sweep has points",
-                "give a share, such as 3/16 or auto",
-            )
-        if place is None:
-            raise _wrong(
-                points,
-                "shares meet in a folder",
-                "name the one that all of them see",
-            )
-        return cls.of(share, place.folder, patience)
-
-    def is_mine(self, task: Task) -> bool:
-        """Whether this process computes a task: of the same number all do the same, which have a contact in common."""
-        return task.number % self.count == self.share - 1
-
-    def wait(self, tasks: Sequence[Task], told: Told) -> None:
-        """Wait until other processes have computed ``tasks``.
-
-        Raises
-        ------
-        StoreError
-            Nothing new has come for too long.
-        """
-        left, since = list(tasks), time.monotonic()
-        while left:
-            missing = []
-            for task in left:
-                if self.folder.state(task.key) == "done":
-                    told(task, Outcome())
-                    since = time.monotonic()
-                else:
-                    missing.append(task)
-            left = missing
-            if left and time.monotonic() - since > self.patience:
-                raise StoreError(
-                    f"{self.folder.path}: {len(left)} samples of other shares are missing, and none has come for "
-                    f"{self.patience:.0f} s; start the other shares, or wait longer with --patience; {RESUME}"
-                )
-            if left:
-                time.sleep(LOOK)
+    Raises
+    ------
+    InputError
+        It is no share, or there is no folder in which shares meet.
+    """
+    share = Selection.read(points).share
+    if share is None:
+        remedy = "give a share, such as 3/16 or auto"
+        raise _wrong(points, "only a sweep has points", remedy)
+    if place is None:
+        remedy = "name the one that all of them see"
+        raise _wrong(points, "shares meet in a folder", remedy)
+    return share
 
 
 class Study:
@@ -305,6 +247,8 @@ class Study:
     ) -> None:
         self._executor = executor or ("processes" if (workers or 1) > 1 else "serial")
         self._where = self._executor, workers, threads, patience
+        #: s without anything new of other shares before this process gives up
+        self._patience = PATIENCE if patience is None else seconds(patience)
         self._classes = {*classes}
         for_workers(self._executor, self._classes)
         self._stack, self._pool = ExitStack(), None
@@ -312,9 +256,8 @@ class Study:
         self.told = self.asked = 0
 
     def __enter__(self) -> Self:
-        self._stack.enter_context(
-            restored()
-        )  # tasks that run in this process set their own number of threads
+        # tasks that run in this process set their own number of threads
+        self._stack.enter_context(restored())
         return self
 
     def __exit__(self, *error: Any) -> None:
@@ -336,7 +279,7 @@ class Study:
         self,
         design: Design,
         place: Place | None,
-        part: Part | None = None,
+        share: tuple[int, int] | None = None,
         watch: Callable[[Runner], None] | None = None,
     ) -> None:
         """Compute what ``design`` asks for until it asks for nothing more; what is in the folder is not computed again.
@@ -345,8 +288,9 @@ class Study:
         ----------
         place
             The folder in which workers keep results; None: they are handed to the design.
-        part
-            What this process computes beside others, which compute the rest; default: all.
+        share
+            What this process computes beside others, which compute the rest into the same folder; default: all. Tasks of
+            one number, which have a contact in common, belong to one share.
         watch
             Called several times a second while tasks run.
         """
@@ -356,19 +300,48 @@ class Study:
             self.told += 1
             design.tell(task, outcome if place is None else place.read(task, outcome))
 
+        number, count = share or (1, 1)
         while tasks := design.ask():
             self.asked += len(tasks)
-            left = []
+            mine, others = [], []
             for task in tasks:
                 found = None if place is None else place.find(task)
-                if found is None:
-                    left.append(task)
-                else:
+                if found is not None:
                     told(task, found)
-            if mine := [task for task in left if part is None or part.is_mine(task)]:
+                elif task.number % count == number - 1:
+                    mine.append(task)
+                else:
+                    others.append(task)
+            if mine:
                 Runner(self.open(), place, self._known(mine), watch).run(mine, told)
-            if part is not None:
-                part.wait([task for task in left if not part.is_mine(task)], told)
+            if place is not None:
+                self._wait(others, place.folder, told)
+
+    def _wait(self, tasks: Sequence[Task], folder: Folder, told: Told) -> None:
+        """Wait until other processes have computed ``tasks``.
+
+        Raises
+        ------
+        StoreError
+            Nothing new has come for too long.
+        """
+        since = time.monotonic()
+        while tasks:
+            missing = []
+            for task in tasks:
+                if folder.state(task.key) == "done":
+                    told(task, Outcome())
+                    since = time.monotonic()
+                else:
+                    missing.append(task)
+            tasks = missing
+            if tasks and time.monotonic() - since > self._patience:
+                raise StoreError(
+                    f"{folder.path}: {len(tasks)} samples of other shares are missing, and none has come for "
+                    f"{self._patience:.0f} s; start the other shares, or wait longer with --patience; {RESUME}"
+                )
+            if tasks:
+                time.sleep(LOOK)
 
     def _known(self, tasks: Sequence[Task]) -> Known:
         """What workers must know for ``tasks``."""
@@ -413,7 +386,7 @@ def carry_out(
         The workers cannot be started, or have ended.
     """
     place = Place.at(folder, processor=design.timed)
-    part = None if points is None else Part.read(points, place, patience)
+    share = None if points is None else share_of(points, place)
     with ExitStack() as stack:
         report = (
             stack.enter_context(progress_bars({RUNS: RUNS}))
@@ -427,12 +400,12 @@ def carry_out(
                 report(RUNS, study.told, study.asked)
 
         try:
-            study.carry_out(design, place, part, watch)
+            study.carry_out(design, place, share, watch)
         except KeyboardInterrupt:
             if place is None:
                 raise
             text = f"{study.told} runs are kept in {place.path}; rerun the same command to resume"
             raise KeyboardInterrupt(text) from None
         finally:
-            if part is None and place is not None:
+            if share is None and place is not None:
                 place.tidy()

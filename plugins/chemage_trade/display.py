@@ -17,8 +17,7 @@ from chemage.plugin import (
     figures,
     text,
 )
-from chemage_trade.choices import AGEING, ENGINE, SOLVER
-from chemage_trade.result import Tradeoff, words
+from chemage_trade.result import AGEING, ENGINE, SOLVER, Tradeoff, words
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -44,22 +44,20 @@ from chemage.plugin import (
     theory,
     versions,
 )
-from chemage_trade.choices import (
+from chemage_trade.result import (
+    BETA,
+    DISTRIBUTION,
+    DROP,
     ENGINE,
+    SHOWN_MEASURES,
     Combination,
+    Tradeoff,
     TradeSetting,
     applied,
     changes,
     choices,
     go_together,
     most_accurate,
-)
-from chemage_trade.result import (
-    BETA,
-    DISTRIBUTION,
-    DROP,
-    SHOWN_MEASURES,
-    Tradeoff,
     pareto,
 )
 

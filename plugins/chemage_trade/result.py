@@ -1,15 +1,305 @@
-"""The map of speed against accuracy as users have it: its fronts, and the cheapest settings for an accuracy."""
+"""The map of speed against accuracy as users have it: its fronts, and the cheapest settings for an accuracy.
+
+The settings between speed and accuracy that a scene has, and the changes to the scene file that each of them is.
+
+These are the values of options in ``trade`` of its components, at any depth; coarser grids; other solvers, engines and
+methods of ageing.
+"""
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Sequence
+import re
+import shlex
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import groupby
+from itertools import groupby, permutations
 from typing import Any
 
-from chemage.plugin import TradeMap, TradePoint, statistics, text
-from chemage_trade.choices import pasted
+from chemage import ChemageError, Scene, load_scene
+from chemage.plugin import TradeMap, TradePoint, plan, registry, statistics, text
+
+#: names of what is chosen, besides the options of components
+SOLVER, ENGINE, AGEING = "contact", "engine", "ageing"
+#: the section whose components only measure
+OBSERVABLES = "observe"
+#: at most so many values of one option are tried, the first, the last and the scene's own among them
+MOST_VALUES = 8
+#: factors by which pixels are made larger
+COARSER = (4, 2)
+#: what an ageing method may cost before it gives its first answer, CPU seconds
+PREPARATION = 10.0
+_WORD = re.compile(r"[A-Za-z_-][A-Za-z0-9_-]*")
+_KEY = re.compile(r'"([A-Za-z0-9_-]+)" = ')
+
+
+@dataclass(frozen=True)
+class TradeSetting:
+    """One value of one thing that can be chosen, other than that of the scene."""
+
+    #: what is chosen, such as ``contact.tolerance``; a combination has one setting of each
+    name: str
+    label: str
+    #: dotted path -> value that has to be set in the scene
+    changes: Mapping[str, Any]
+    #: whether only the contact depends on it, or only the ageing
+    stage: str
+    #: declared not to change what is computed but for noise, as an exact engine
+    exact: bool = False
+
+    @property
+    def words(self) -> str:
+        """The setting in words."""
+        return f"{self.name} {self.label}"
+
+
+#: a combination of settings
+Combination = tuple[TradeSetting, ...]
+
+
+def applied(scene: Scene, combination: Combination) -> Scene:
+    """``scene`` with every setting.
+
+    Raises
+    ------
+    ChemageError
+        They do not go together.
+    """
+    return load_scene(
+        scene,
+        {path: value for one in combination for path, value in one.changes.items()},
+    )
+
+
+def go_together(combination: Combination) -> bool:
+    """Whether settings can be combined: no two of one option, and none of a component that another one replaces."""
+    paths = [path for one in combination for path in one.changes]
+    if any(
+        f"{inner}.".startswith(f"{outer}.") for inner, outer in permutations(paths, 2)
+    ):
+        return False
+    method = any(one.name == AGEING and not one.exact for one in combination)
+    return not (
+        method and any(one.name.partition(".")[0] == ENGINE for one in combination)
+    )
+
+
+def choices(scene: Scene, notes: list[str]) -> list[TradeSetting]:
+    """Every setting that ``scene`` has besides its own values; what is not tried is noted in words."""
+    found = [
+        *_options(scene, notes),
+        *_grids(scene),
+        *_kinds(scene, SOLVER, _with_solver, notes),
+    ]
+    if scene.ages:
+        found += _kinds(scene, ENGINE, _with_engine, notes)
+        if scene.ageing is not None:
+            found.append(
+                TradeSetting(AGEING, "every site", {AGEING: None}, "ageing", exact=True)
+            )
+        found += _kinds(scene, AGEING, _with_method, notes)
+    return found
+
+
+def _options(scene: Scene, notes: list[str]) -> Iterator[TradeSetting]:
+    """The values in ``trade`` of every component, but those of the scene."""
+    for path, part in scene.nested().items():
+        section = path.partition(".")[0]
+        stage = "contact" if section in ("surface", "contact") else "ageing"
+        for option, values in part.trade.items():
+            name = f"{path}.{option}"
+            if section == OBSERVABLES:
+                notes.append(f"{name}: not tried, because it changes what is measured")
+                continue
+            if stage == "ageing" and not scene.ages:
+                notes.append(
+                    f"{name}: not tried, because the scene stops at the contact"
+                )
+                continue
+            own = getattr(part, option, None)
+            tried = _some(tuple(values), own)
+            if len(tried) < len(values):
+                notes.append(f"{name}: {len(tried)} of {len(values)} values are tried")
+            yield from (
+                TradeSetting(name, str(value), {name: value}, stage)
+                for value in tried
+                if value != own
+            )
+
+
+def _some(values: tuple[Any, ...], own: Any) -> tuple[Any, ...]:
+    if len(values) <= MOST_VALUES:
+        return values
+    chosen = {
+        round(k * (len(values) - 1) / (MOST_VALUES - 1)) for k in range(MOST_VALUES)
+    }
+    if own in values and values.index(own) not in chosen:
+        nearest = min(
+            chosen - {0, len(values) - 1}, key=lambda k: abs(k - values.index(own))
+        )
+        chosen = chosen - {nearest} | {values.index(own)}
+    return tuple(values[k] for k in sorted(chosen))
+
+
+def _grids(scene: Scene) -> Iterator[TradeSetting]:
+    """Coarser grids of the contact, with the sites in place."""
+    for factor in COARSER:
+        if (coarse := scene.coarser(factor)) is not None:
+            yield TradeSetting(
+                TradePoint.GRID,
+                f"{factor} times coarser",
+                changes(scene, coarse),
+                "contact",
+            )
+
+
+def _kinds(
+    scene: Scene,
+    role: str,
+    made: Callable[[Scene, Any], Scene | None],
+    notes: list[str],
+) -> Iterator[TradeSetting]:
+    """Other components of a role, which ``made`` puts into the scene; methods of ageing at each value of their
+    options."""
+    plugins, own = registry.current(), scene.component(role)
+    for kind in plugins.kinds(role):
+        cls = plugins.component(role, kind)
+        if type(own) is cls:
+            continue
+        trade = cls.trade if role == AGEING else {}
+        shared = {}
+        if role == SOLVER:  # the options that it has in common with that of the scene
+            shared = {
+                name: getattr(own, name)
+                for name in scene.contact.model_fields_set
+                if name in cls.model_fields
+            }
+        for options in [
+            {name: value} for name, values in trade.items() for value in values
+        ] or [{}]:
+            label = ", ".join(
+                [kind, *(f"{name} {value}" for name, value in options.items())]
+            )
+            try:
+                component = plugins.make(role, kind, shared | options)
+                other = made(scene, component)
+                before = 0.0
+                if role == AGEING and other is not None:
+                    before = plan(other).preparation()
+                if before > PREPARATION:
+                    raise ChemageError(
+                        f"it may need {before:.0f} CPU seconds before its first answer"
+                    )
+            except ChemageError as error:
+                notes.append(f"{role} {label}: not tried: {str(error).splitlines()[0]}")
+                continue
+            if before > 0:
+                notes.append(
+                    f"ageing {label}: up to {before:.2g} CPU seconds, needed once, are not in its times"
+                )
+            if other is not None:
+                stage = "contact" if role == SOLVER else "ageing"
+                yield TradeSetting(
+                    role,
+                    label,
+                    changes(scene, other),
+                    stage,
+                    role == ENGINE and component.exact,
+                )
+
+
+def _with_solver(scene: Scene, solver: Any) -> Scene | None:
+    """None if it has no map."""
+    if not solver.gives_map:
+        return None
+    solver.check(scene.surface.expected(), scene.load)
+    return scene.model_copy(update={"contact": solver})
+
+
+def _with_engine(scene: Scene, engine: Any) -> Scene:
+    engine.check(
+        scene.chemistry is not None and scene.chemistry.interaction is not None
+    )
+    return scene.model_copy(update={"engine": engine})
+
+
+def _with_method(scene: Scene, method: Any) -> Scene:
+    return scene.model_copy(
+        update={"ageing": method, OBSERVABLES: scene.observe if method.observes else ()}
+    )
+
+
+def most_accurate(scene: Scene) -> Scene:
+    """The most accurate settings of every section, and the kinetics of every site."""
+    changed: dict[str, Any] = {AGEING: None} if scene.ageing is not None else {}
+    for path, part in scene.nested().items():
+        if path.partition(".")[0] in (OBSERVABLES, *changed):
+            continue
+        own = part.todict()
+        for name, value in part.reference().todict().items():
+            if value != own.get(name):
+                changed[f"{path}.{name}"] = value
+    return load_scene(scene, changed)
+
+
+# -- a setting as changes to the scene file ----------------------------------------------------------------------------
+
+
+def changes(own: Scene, other: Scene) -> dict[str, Any]:
+    """What has to be set in ``own`` for ``other``: dotted path -> plain value; a component of another kind as a
+    whole."""
+    changed: dict[str, Any] = {}
+    before, after = _plain(own), _plain(other)
+    for name in {**before, **after}:
+        old, new = before.get(name), after.get(name)
+        if old == new:
+            continue
+        if (
+            isinstance(old, Mapping)
+            and isinstance(new, Mapping)
+            and old.get("kind") == new.get("kind")
+        ):
+            keys = {**old, **new}
+            changed |= {
+                f"{name}.{key}": new.get(key)
+                for key in keys
+                if old.get(key) != new.get(key)
+            }
+        elif (
+            isinstance(new, Mapping)
+            and (component := other.sections().get(name)) is not None
+        ):
+            besides = {"seed", "load"} & new.keys()
+            options = component.model_fields_set
+            changed[name] = {
+                key: value
+                for key, value in new.items()
+                if key in options | {"kind", *besides}
+            }
+        else:
+            changed[name] = [] if new is None and name == OBSERVABLES else new
+    return changed
+
+
+def _plain(scene: Scene) -> dict[str, Any]:
+    return json.loads(json.dumps(scene.todict()))
+
+
+def pasted(changed: Mapping[str, Any]) -> str:
+    """The same as options of the command line: ``--set contact.tolerance=0.001``."""
+    return " ".join(
+        f"--set {shlex.quote(f'{path}={_toml(value)}')}"
+        for path, value in changed.items()
+    )
+
+
+def _toml(value: Any) -> str:
+    """A value in TOML, which is JSON but for tables; a plain word needs no quotes on the command line."""
+    if value is None or (isinstance(value, str) and _WORD.fullmatch(value)):
+        return str(value)
+    return _KEY.sub(r"\1 = ", json.dumps(value, separators=(", ", " = ")))
+
 
 #: the accuracies for which the cheapest settings are named
 WITHIN = (0.1, 0.03, 0.01, 0.003)

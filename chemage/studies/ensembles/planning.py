@@ -203,7 +203,7 @@ class EnsemblePlan:
     @property
     def seconds(self) -> list[float]:
         """CPU seconds of a sample of each level."""
-        return [sum(part.seconds for part in parts) for parts in self.levels]
+        return [sum(part.seconds_here for part in parts) for parts in self.levels]
 
     @property
     def expected(self) -> int | None:
@@ -283,7 +283,7 @@ class EnsemblePlan:
                 "computations": [
                     {
                         "words": computation.words,
-                        "cpu_seconds": computation.seconds,
+                        "cpu_seconds": computation.seconds_here,
                         "factor": computation.factor,
                     }
                     for computation in self.computations
@@ -450,13 +450,13 @@ class EnsemblePlan:
         rows = [
             (
                 name,
-                f"{computation.words}, about {time_text(computation.seconds)} of CPU time each",
+                f"{computation.words}, about {time_text(computation.seconds_here)} of CPU time each",
             )
             for name, computation in used.items()
         ]
         if self.sketch is not None:
             sketch, count = self.sketch
-            grid, each = sketch.words.partition(",")[0], time_text(sketch.seconds)
+            grid, each = sketch.words.partition(",")[0], time_text(sketch.seconds_here)
             rows.append(
                 (
                     "control",
@@ -503,22 +503,21 @@ def plan(scene: Scene) -> EnsemblePlan:
         single = estimate.plan(scene)
         sampler = Sampler(scene, warn=False)  # the plan has the doubts as notes
         request = sampler.request
-        first, *_ = stated = request.computations()
-        here = tuple(computation.here() for computation in stated)
+        first, *_ = stated = tuple(request.computations())
         routes = sampler.possible_routes()
         levels = tuple(
-            tuple(part.computation.here() for part in level.parts)
+            tuple(part.computation for part in level.parts)
             for level in routes[-1].levels
         )
         control = routes[0].control
-        sketch = None if control is None else control.parts[0].computation.here()
+        sketch = None if control is None else control.parts[0].computation
         costs = estimate.cost(scene)
         expected = Scatters.of(request, costs, single.numbers)
         seen, reason = _expectation(request, routes, costs, expected, first)
         if seen is not None:
             cpu, wall = seen.cpu_seconds * first.scale, seen.wall_seconds * first.scale
             seen = replace(seen, cpu_seconds=cpu, wall_seconds=wall)
-    return EnsemblePlan(single, request, here, levels, sketch, expected, seen, reason)
+    return EnsemblePlan(single, request, stated, levels, sketch, expected, seen, reason)
 
 
 def _expectation(

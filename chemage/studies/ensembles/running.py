@@ -37,7 +37,7 @@ from chemage.studies.ensembles.computations import (
     within,
 )
 from chemage.studies.ensembles.ensemble import Ensemble
-from chemage.studies.ensembles.goals import AccuracyGoal, Request, with_request
+from chemage.studies.ensembles.goals import Request, with_request
 from chemage.studies.ensembles.quantities import MOST, SurfaceSample
 from chemage.studies.study import Design, Selection, carry_out
 from chemage.studies.tasks import Outcome, Task
@@ -387,9 +387,7 @@ class Sampler(Design):
     def _in_words(self, state: stages.SamplingState) -> str:
         """The interval of what is asked; "" where there is none."""
         relative, parts = state.relative(), []
-        for goal in self.request.goals or [
-            AccuracyGoal(self._quantities.names[0], 0, 0.0)
-        ]:
+        for goal in self.request.aims:
             reached = relative[goal.column]
             if math.isfinite(reached):
                 asked = f" of {100 * goal.accuracy:.3g} %" if goal.accuracy else ""

@@ -57,10 +57,9 @@ from chemage.studies.ensembles.planning import plan
 from chemage.studies.ensembles.running import Sampler
 from chemage.studies.folder import Folder, SweepWarning, refuse_links
 from chemage.studies.runner import Runner
-from chemage.studies.study import Design, Part, Selection, Study
-from chemage.studies.sweeps.grid import Grid, Survey
+from chemage.studies.study import Design, Selection, Study
+from chemage.studies.sweeps.grid import PLACE, Grid, Survey, agree, points_of
 from chemage.studies.sweeps.result import SweepResult
-from chemage.studies.sweeps.shares import PLACE, agree, points_of
 from chemage.studies.tasks import (
     Outcome,
     Place,
@@ -753,9 +752,10 @@ def sweep(
         folder = Folder(Path(out).absolute())
         _check_folder(folder, survey, force)
         _check_room(survey, folder.path, confirmed)
-        part = _part(selection, survey, folder, patience)
         design = _begin(stack, study, folder, survey, selection, force)
-        study.carry_out(design, design.place, part, _watched(report, begin, design))
+        # of means, shares compute the samples
+        share = selection.share if survey.means and selection is not None else None
+        study.carry_out(design, design.place, share, _watched(report, begin, design))
         return _finished(folder, whole=selection is None)
 
 
@@ -767,18 +767,6 @@ def _finished(folder: Folder, *, whole: bool) -> SweepResult:
         for name in (".parts", f"{SAMPLES}/.parts", PLACE):
             shutil.rmtree(folder.path / name, ignore_errors=True)
     return result
-
-
-def _part(
-    selection: Selection | None,
-    survey: Survey,
-    folder: Folder,
-    patience: float | str | None,
-) -> Part | None:
-    """What this process computes of the samples of means; None: all that are asked for."""
-    if not survey.means or selection is None or selection.share is None:
-        return None
-    return Part.of(selection.share, Folder(folder.path / SAMPLES), patience)
 
 
 def _begin(

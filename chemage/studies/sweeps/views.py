@@ -190,13 +190,12 @@ class SweepData:
         }
         if lines == HOLD_TIME:
             raise InputError.of("--lines", lines, "can only be --x")
-        asked = [self.axis(x, "--x")] if x else []
-        if lines and (dim := self.axis(lines, "--lines")) in asked:
+        axes = (x, "--x"), (lines, "--lines")
+        asked = [self.axis(name, option) for name, option in axes if name]
+        if len(set(asked)) < len(asked):
             raise InputError.of(
                 "--lines", lines, "is the axis of --x", "choose another one"
             )
-        elif lines:
-            asked.append(dim)
         sizes = {dim: dimension.size for dim, dimension in self.dimensions.items()}
         free = [
             dim
@@ -260,9 +259,11 @@ class SweepData:
             raise InputError.of("--x", HOLD_TIME, problem, "choose another axis")
         order = [self.axis(view.lines, "--lines"), x] if view.lines else [x]
         numbers = self._estimates(name, view.averaged, order, view.fixed)
-        ends = map(np.atleast_2d, numbers)
+        mean, low, high = map(np.atleast_2d, numbers)
         at_last = is_curve and x != HOLD_TIME
-        return ViewedQuantity(name, self.unit(name), result.meaning, *ends, at_last)
+        return ViewedQuantity(
+            name, self.unit(name), result.meaning, mean, low, high, at_last
+        )
 
     def _estimates(
         self,

@@ -21,7 +21,7 @@ from chemage import InputError
 from chemage.plugin import StoreError
 from chemage.studies.folder import Folder
 from chemage.studies.study import Selection, in_ranges
-from chemage.studies.sweeps.shares import agree, partition, points_of, shares_cost
+from chemage.studies.sweeps.grid import agree, partition, points_of, shares_cost
 
 AXES = {"surface.seed": [1, 2], "contact.load": [5.0, 10.0], "hold.seed": [0, 1, 2, 3]}
 
