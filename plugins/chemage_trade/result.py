@@ -12,7 +12,7 @@ import json
 import math
 import re
 import shlex
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby, permutations
 from typing import Any
@@ -66,10 +66,10 @@ def applied(scene: Scene, combination: Combination) -> Scene:
     ChemageError
         They do not go together.
     """
-    return load_scene(
-        scene,
-        {path: value for one in combination for path, value in one.changes.items()},
-    )
+    changed: dict[str, Any] = {}
+    for one in combination:
+        changed |= one.changes
+    return load_scene(scene, changed)
 
 
 def go_together(combination: Combination) -> bool:
@@ -87,18 +87,15 @@ def go_together(combination: Combination) -> bool:
 
 def choices(scene: Scene, notes: list[str]) -> list[TradeSetting]:
     """Every setting that ``scene`` has besides its own values; what is not tried is noted in words."""
-    found = [
-        *_options(scene, notes),
-        *_grids(scene),
-        *_kinds(scene, SOLVER, _with_solver, notes),
-    ]
+    found = [*_options(scene, notes), *_grids(scene), *_kinds(scene, SOLVER, notes)]
     if scene.ages:
-        found += _kinds(scene, ENGINE, _with_engine, notes)
+        found += _kinds(scene, ENGINE, notes)
         if scene.ageing is not None:
+            every = {AGEING: None}
             found.append(
-                TradeSetting(AGEING, "every site", {AGEING: None}, "ageing", exact=True)
+                TradeSetting(AGEING, "every site", every, "ageing", exact=True)
             )
-        found += _kinds(scene, AGEING, _with_method, notes)
+        found += _kinds(scene, AGEING, notes)
     return found
 
 
@@ -129,16 +126,13 @@ def _options(scene: Scene, notes: list[str]) -> Iterator[TradeSetting]:
 
 
 def _some(values: tuple[Any, ...], own: Any) -> tuple[Any, ...]:
-    if len(values) <= MOST_VALUES:
+    last = len(values) - 1
+    if last < MOST_VALUES:
         return values
-    chosen = {
-        round(k * (len(values) - 1) / (MOST_VALUES - 1)) for k in range(MOST_VALUES)
-    }
-    if own in values and values.index(own) not in chosen:
-        nearest = min(
-            chosen - {0, len(values) - 1}, key=lambda k: abs(k - values.index(own))
-        )
-        chosen = chosen - {nearest} | {values.index(own)}
+    chosen = {round(k * last / (MOST_VALUES - 1)) for k in range(MOST_VALUES)}
+    if own in values and (at := values.index(own)) not in chosen:
+        chosen.remove(min(chosen - {0, last}, key=lambda k: abs(k - at)))
+        chosen.add(at)
     return tuple(values[k] for k in sorted(chosen))
 
 
@@ -154,36 +148,31 @@ def _grids(scene: Scene) -> Iterator[TradeSetting]:
             )
 
 
-def _kinds(
-    scene: Scene,
-    role: str,
-    made: Callable[[Scene, Any], Scene | None],
-    notes: list[str],
-) -> Iterator[TradeSetting]:
-    """Other components of a role, which ``made`` puts into the scene; methods of ageing at each value of their
-    options."""
+def _kinds(scene: Scene, role: str, notes: list[str]) -> Iterator[TradeSetting]:
+    """Other components of a role; methods of ageing at each value of their options."""
     plugins, own = registry.current(), scene.component(role)
     for kind in plugins.kinds(role):
         cls = plugins.component(role, kind)
         if type(own) is cls:
             continue
-        trade = cls.trade if role == AGEING else {}
-        shared = {}
+        tried: list[dict[str, Any]] = [{}]
         if role == SOLVER:  # the options that it has in common with that of the scene
-            shared = {
-                name: getattr(own, name)
-                for name in scene.contact.model_fields_set
-                if name in cls.model_fields
-            }
-        for options in [
-            {name: value} for name, values in trade.items() for value in values
-        ] or [{}]:
-            label = ", ".join(
-                [kind, *(f"{name} {value}" for name, value in options.items())]
+            shared = scene.contact.model_fields_set & cls.model_fields.keys()
+            tried = [{name: getattr(own, name) for name in shared}]
+        elif role == AGEING and cls.trade:
+            tried = [
+                {name: value} for name, values in cls.trade.items() for value in values
+            ]
+        for options in tried:
+            words = (
+                []
+                if role == SOLVER
+                else [f"{name} {value}" for name, value in options.items()]
             )
+            label = ", ".join([kind, *words])
             try:
-                component = plugins.make(role, kind, shared | options)
-                other = made(scene, component)
+                component = plugins.make(role, kind, options)
+                other = _with(scene, role, component)
                 before = 0.0
                 if role == AGEING and other is not None:
                     before = plan(other).preparation()
@@ -200,34 +189,23 @@ def _kinds(
                 )
             if other is not None:
                 stage = "contact" if role == SOLVER else "ageing"
-                yield TradeSetting(
-                    role,
-                    label,
-                    changes(scene, other),
-                    stage,
-                    role == ENGINE and component.exact,
-                )
+                exact = role == ENGINE and component.exact
+                yield TradeSetting(role, label, changes(scene, other), stage, exact)
 
 
-def _with_solver(scene: Scene, solver: Any) -> Scene | None:
-    """None if it has no map."""
-    if not solver.gives_map:
-        return None
-    solver.check(scene.surface.expected(), scene.load)
-    return scene.model_copy(update={"contact": solver})
-
-
-def _with_engine(scene: Scene, engine: Any) -> Scene:
-    engine.check(
-        scene.chemistry is not None and scene.chemistry.interaction is not None
-    )
-    return scene.model_copy(update={"engine": engine})
-
-
-def _with_method(scene: Scene, method: Any) -> Scene:
-    return scene.model_copy(
-        update={"ageing": method, OBSERVABLES: scene.observe if method.observes else ()}
-    )
+def _with(scene: Scene, role: str, component: Any) -> Scene | None:
+    """The scene with another component; None for a contact that has no map."""
+    update = {role: component}
+    if role == SOLVER:
+        if not component.gives_map:
+            return None
+        component.check(scene.surface.expected(), scene.load)
+    elif role == ENGINE:
+        chemistry = scene.chemistry
+        component.check(chemistry is not None and chemistry.interaction is not None)
+    else:
+        update[OBSERVABLES] = scene.observe if component.observes else ()
+    return scene.model_copy(update=update)
 
 
 def most_accurate(scene: Scene) -> Scene:
@@ -236,10 +214,12 @@ def most_accurate(scene: Scene) -> Scene:
     for path, part in scene.nested().items():
         if path.partition(".")[0] in (OBSERVABLES, *changed):
             continue
-        own = part.todict()
-        for name, value in part.reference().todict().items():
-            if value != own.get(name):
-                changed[f"{path}.{name}"] = value
+        own, best = part.todict(), part.reference().todict()
+        changed |= {
+            f"{path}.{name}": value
+            for name, value in best.items()
+            if value != own.get(name)
+        }
     return load_scene(scene, changed)
 
 
@@ -255,30 +235,19 @@ def changes(own: Scene, other: Scene) -> dict[str, Any]:
         old, new = before.get(name), after.get(name)
         if old == new:
             continue
-        if (
-            isinstance(old, Mapping)
-            and isinstance(new, Mapping)
-            and old.get("kind") == new.get("kind")
-        ):
-            keys = {**old, **new}
-            changed |= {
-                f"{name}.{key}": new.get(key)
-                for key in keys
-                if old.get(key) != new.get(key)
-            }
-        elif (
-            isinstance(new, Mapping)
-            and (component := other.sections().get(name)) is not None
-        ):
-            besides = {"seed", "load"} & new.keys()
-            options = component.model_fields_set
-            changed[name] = {
-                key: value
-                for key, value in new.items()
-                if key in options | {"kind", *besides}
-            }
-        else:
+        old = old if isinstance(old, Mapping) else {}
+        component = other.sections().get(name)
+        if not isinstance(new, Mapping):
             changed[name] = [] if new is None and name == OBSERVABLES else new
+        elif old and old.get("kind") == new.get("kind"):
+            for key in {**old, **new}:
+                if old.get(key) != new.get(key):
+                    changed[f"{name}.{key}"] = new.get(key)
+        elif component is None:
+            changed[name] = new
+        else:
+            kept = {*component.model_fields_set, "kind", "seed", "load"}
+            changed[name] = {key: new[key] for key in new if key in kept}
     return changed
 
 
@@ -317,6 +286,15 @@ WORDS = {
     "patches": "number of patches",
     "perimeter_to_area": "perimeter over area",
 }
+_KEYS = (
+    "observable",
+    "within",
+    "error",
+    "settings_error",
+    "replicas_error",
+    "replicas",
+    "best",
+)
 #: replicas that are thought of
 MOST_REPLICAS = 100_000
 
@@ -357,47 +335,32 @@ class Cheapest:
 
     def text(self, wider: Sequence[float] = ()) -> str:
         """What was found, in words; ``wider`` are accuracies for which it is the cheapest as well."""
+        accuracies = [f"{100 * accuracy:.2g}" for accuracy in (*wider, self.within)]
         within = " and ".join(
-            filter(
-                None,
-                [
-                    ", ".join(f"{100 * accuracy:.2g}" for accuracy in wider),
-                    f"{100 * self.within:.2g}",
-                ],
-            )
+            filter(None, (", ".join(accuracies[:-1]), accuracies[-1]))
         )
         if self.point is None:
-            best = (
-                f"; the best is known to {text.percent(self.best)}"
-                if math.isfinite(self.best)
-                else ""
-            )
+            best = ""
             if self.best < self.within:
                 best = f" with at most {MOST_REPLICAS:,} replicas"
+            elif math.isfinite(self.best):
+                best = f"; the best is known to {text.percent(self.best)}"
             return f"within {within} %: none found{best}"
-        parts = f"settings {text.percent(self.settings_error)}, replicas {text.percent(self.replicas_error)}"
-        error = f"error {text.percent(self.error)}" + (
-            f" ({parts})" if self.replicas_error else ""
-        )
+        error = f"error {text.percent(self.error)}"
+        if self.replicas_error:
+            error += f" (settings {text.percent(self.settings_error)}, replicas {text.percent(self.replicas_error)})"
         how = self.options or "as the scene is"
         return f"within {within} %: {self.seconds:.2g} CPU s, {error}: {how}"
 
     def todict(self) -> dict[str, Any]:
         """One JSON-able object."""
-        return text.jsonable(
-            {
-                "observable": self.observable,
-                "within": self.within,
-                "found": self.point is not None,
-                "options": self.options,
-                "cpu_seconds": self.seconds,
-                "error": self.error,
-                "settings_error": self.settings_error,
-                "replicas_error": self.replicas_error,
-                "replicas": self.replicas,
-                "best": self.best,
-            }
-        )
+        fields = {name: getattr(self, name) for name in _KEYS}
+        of = {
+            "found": self.point is not None,
+            "options": self.options,
+            "cpu_seconds": self.seconds,
+        }
+        return text.jsonable(fields | of)
 
 
 @dataclass
@@ -406,16 +369,13 @@ class Tradeoff(TradeMap):
 
     def of(self, observable: str) -> list[TradePoint]:
         """The points that can be compared at an observable: for one of the contact, those that differ there."""
-        points = [
+        ageing = TradePoint.of_ageing(observable)
+        return [
             point
             for point in self.points
             if not math.isnan(point.deviation(observable).bound)
+            and (ageing or point.contact_only)
         ]
-        return (
-            points
-            if TradePoint.of_ageing(observable)
-            else [point for point in points if point.contact_only]
-        )
 
     def front(self, observable: str) -> list[TradePoint]:
         """The Pareto front, from fast to accurate: no other point is both faster and more accurate."""
@@ -442,53 +402,39 @@ class Tradeoff(TradeMap):
     def cheapest(self, observable: str, within: float) -> Cheapest:
         """The settings that give an observable of one surface within an accuracy at the least cost, with as many
         replicas as that needs."""
-        least: Cheapest | None = None
-        best = math.inf
+        bounds, found = [math.inf], []
         for point in self.of(observable):
-            bound = point.deviation(observable).bound
-            best = min(best, bound)
-            if bound >= within:
-                continue
-            candidate = self._with_replicas(point, observable, within, bound)
-            if candidate is not None and (
-                least is None or candidate.seconds < least.seconds
-            ):
-                least = candidate
-        return least or Cheapest(observable, within, None, best=best)
+            bounds.append(point.deviation(observable).bound)
+            if bounds[-1] < within:
+                found += self._with_replicas(point, observable, within, bounds[-1])
+        none = Cheapest(observable, within, None, best=min(bounds))
+        return min(found, key=lambda one: one.seconds, default=none)
 
     def _with_replicas(
         self, point: TradePoint, observable: str, within: float, bound: float
-    ) -> Cheapest | None:
+    ) -> list[Cheapest]:
+        """The point with as many replicas as the accuracy needs; nothing where these are too many."""
+        found = Cheapest(observable, within, point, error=bound, settings_error=bound)
         contact, replica = self.seconds_of(point)
         if not TradePoint.of_ageing(observable):
-            return Cheapest(observable, within, point, None, contact, bound, bound)
+            return [replace(found, seconds=contact)]
         if not point.replicates:
-            return Cheapest(
-                observable, within, point, None, contact + replica, bound, bound
+            return [replace(found, seconds=contact + replica)]
+        scatter = statistics.NORMAL_LIMIT * point.scatter.get(observable, math.nan)
+        needed = scatter**2 / (within**2 - bound**2)
+        if not needed <= MOST_REPLICAS:
+            return []
+        count = max(2, math.ceil(needed))
+        noise = scatter / math.sqrt(count)
+        return [
+            replace(
+                found,
+                replicas=count,
+                seconds=contact + replica * count,
+                error=math.hypot(bound, noise),
+                replicas_error=noise,
             )
-        scatter = point.scatter.get(observable, math.nan)
-        if not math.isfinite(scatter):
-            return None
-        count = max(
-            2,
-            math.ceil(
-                (statistics.NORMAL_LIMIT * scatter) ** 2 / (within**2 - bound**2)
-            ),
-        )
-        if count > MOST_REPLICAS:
-            return None
-        noise = statistics.NORMAL_LIMIT * scatter / math.sqrt(count)
-        seconds = contact + replica * count
-        return Cheapest(
-            observable,
-            within,
-            point,
-            count,
-            seconds,
-            math.hypot(bound, noise),
-            bound,
-            noise,
-        )
+        ]
 
     def sentences(self) -> dict[str, list[str]]:
         """Observable -> the cheapest settings within each of the accuracies, in words."""
@@ -505,11 +451,9 @@ class Tradeoff(TradeMap):
 
     def summary(self) -> dict[str, Any]:
         """One JSON-able object: the map, and the cheapest settings within each of the accuracies."""
-        cheapest = [
-            self.cheapest(name, within).todict()
-            for name in self.observables
-            for within in WITHIN
-        ]
+        cheapest = []
+        for name in self.observables:
+            cheapest += [self.cheapest(name, within).todict() for within in WITHIN]
         return {
             "scene": self.name,
             "notes": self.notes,
