@@ -90,6 +90,7 @@ from chemage.foundation.units import Unit as Unit
 from chemage.foundation.errors import UnitError as UnitError
 from chemage.foundation.errors import UnknownKindError as UnknownKindError
 from chemage.foundation.units import Volume as Volume
+from chemage.studies.tasks import Worker as Worker
 from chemage.foundation.errors import WorkerLost as WorkerLost
 from chemage.scene.run import aging_of as aging_of
 from chemage.foundation import algebra as algebra

@@ -80,7 +80,7 @@ NAMES = {
     "surfaces.role": "Scatter SurfaceMaker make_surface surface",
     "surfaces.surface": "Roughness Surface",
     "studies.study": "Design carry_out",
-    "studies.tasks": "Outcome Task",
+    "studies.tasks": "Outcome Task Worker",
     "studies.trade": "TradeMap TradePoint",
     "studies.sweeps.result": "Collected Point SweepResult collect_sweep load_sweep",
     "studies.sweeps.running": "sweep",

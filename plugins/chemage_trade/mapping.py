@@ -33,6 +33,7 @@ from chemage.plugin import (
     Outcome,
     Task,
     TradePoint,
+    Worker,
     aging_of,
     carry_out,
     checked_count,
@@ -99,7 +100,7 @@ class Timed(Task):
             contact=_contact_key(scene),
         )
 
-    def outcome(self, worker: Any) -> Outcome:
+    def outcome(self, worker: Worker) -> Outcome:
         """Compute and time the scene; what it needs is compiled before."""
         scene, distance = self.scene, 0.0
         with scene.in_use():
@@ -120,7 +121,7 @@ class Timed(Task):
         return Outcome(run, text.jsonable({DISTRIBUTION: distance}))
 
 
-def _solution(worker: Any, scene: Scene) -> tuple[ContactSolution, float]:
+def _solution(worker: Worker, scene: Scene) -> tuple[ContactSolution, float]:
     """The contact of a scene, and the CPU seconds of making its surface and solving it."""
 
     def solve() -> ContactSolution:

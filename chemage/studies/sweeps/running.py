@@ -21,7 +21,6 @@ from __future__ import annotations
 import json
 import math
 import shutil
-import sys
 import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -43,7 +42,7 @@ from chemage.foundation.errors import (
 from chemage.foundation.files import make_folder
 from chemage.foundation.memory import readable
 from chemage.foundation.names import __version__
-from chemage.foundation.progress import progress_bars, silenced
+from chemage.foundation.progress import progress_bars
 from chemage.foundation.text import jsonable
 from chemage.foundation.units import in_words
 from chemage.plugins.context import Plugins
@@ -405,43 +404,22 @@ Report = Callable[[SweepProgress], None]
 
 
 @contextmanager
-def show_progress(seconds: float = 5.0) -> Iterator[Report]:
-    """Show the progress of a sweep on stderr: bars on a terminal, elsewhere a line every few ``seconds``."""
-    if silenced():
-        yield lambda state: None
-        return
-    if not sys.stderr.isatty():
-        last, printed = time.perf_counter(), ""
-
-        def line(state: SweepProgress) -> None:
-            nonlocal last, printed
-            now, text = time.perf_counter(), str(state)
-            ended = (
-                state.stage == "computing"
-                and state.done + state.failed == state.points
-                and printed
-            )
-            if (now > last + seconds or ended) and text != printed:
-                last, printed = now, text
-                print(text, file=sys.stderr, flush=True)
-
-        yield line
-        return
-    with progress_bars({"validating": "points", "contacts": "", "points": ""}) as bar:
+def show_progress() -> Iterator[Report]:
+    """Show the progress of a sweep on stderr, as :func:`chemage.foundation.progress.progress_bars` does."""
+    units = dict.fromkeys(("validating", "points"), "points") | {"contacts": "contacts"}
+    with progress_bars(units) as bar:
 
         def draw(state: SweepProgress) -> None:
+            left = _left(state.remaining)
             if state.stage == "validating":
-                bar("validating", state.done, state.points, _left(state.remaining))
+                bar("validating", state.done, state.points, left)
                 return
-            failed = f"{state.failed} failed, " if state.failed else ""
             if state.samples is None:
                 bar("contacts", state.contacts_done, state.contacts)
-            left = (
-                _left(state.remaining)
-                if state.samples is None
-                else f"{state.samples} samples so far"
-            )
-            bar("points", state.done + state.failed, state.points, f"{failed}{left}")
+            else:
+                left = f"{state.samples} samples so far"
+            failed = f"{state.failed} failed, " if state.failed else ""
+            bar("points", state.done + state.failed, state.points, failed + left)
 
         yield draw
 
@@ -824,20 +802,16 @@ def _watched(
         return None
 
     def watch(runner: Runner) -> None:
-        elapsed, solved = time.perf_counter() - begin, points.contacts - runner.unsolved
-        done = (
-            len(points.points),
-            points.done,
-            len(points.failed),
-            points.contacts,
-            solved,
-        )
         report(
             SweepProgress(
                 "computing",
-                *done,
+                len(points.points),
+                points.done,
+                len(points.failed),
+                points.contacts,
+                points.contacts - runner.unsolved,
                 runner.width,
-                elapsed,
+                time.perf_counter() - begin,
                 runner.remaining(),
                 points.samples,
             )
