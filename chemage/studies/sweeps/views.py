@@ -314,7 +314,7 @@ class SweepData:
             )
         return records
 
-    def rows(self) -> tuple[list[str], list[tuple[str, ...]]]:
+    def rows(self) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
         """Headings and lines of a table with β, Δμ and the contact area; one line for the mean over seeds."""
         every = list(self.dimensions)
         dims = [dim for dim in every if not self.is_seed(dim)] or every
@@ -343,7 +343,7 @@ class SweepData:
         headings = [headed(name, self.unit(name)) for name in along]
         headings += ["seeds"] * uneven
         headings += [DECLARED[name].symbol or DECLARED[name].label for name in columns]
-        return headings, lines
+        return tuple(headings), lines
 
     def notes(self) -> list[str]:
         """What to know of :meth:`rows`, in words."""

@@ -143,7 +143,7 @@ def test_abort_ends_what_runs(work):
     processes = Processes(2)
     pids = [future.result() for future in [processes.submit(work.whoami, 0)]]
     running = [processes.submit(work.slowly, x, 600) for x in range(4)]
-    processes.abort()
+    processes.shutdown(cancel_futures=True)
     assert gone(pids)
     wait(running, timeout=300)
     # had it waited for them, they would have answers
