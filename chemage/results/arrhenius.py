@@ -16,7 +16,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -198,13 +198,12 @@ def _check(curves: Sequence[Aging]) -> None:
 
 
 def _quantity(quantity: Level | None, curves: Sequence[Aging]) -> Level:
+    load = curves[0].load
     if quantity is None:
-        return "friction_coefficient_drop" if curves[0].load > 0 else "friction_drop"
-    if quantity not in get_args(Level):
-        raise InputError.of(
-            "quantity", quantity, f"choose {', '.join(get_args(Level))}"
-        )
-    if quantity == "friction_coefficient_drop" and curves[0].load == 0:
+        return "friction_coefficient_drop" if load > 0 else "friction_drop"
+    if quantity not in SYMBOLS:
+        raise InputError.of("quantity", quantity, f"choose {', '.join(SYMBOLS)}")
+    if quantity == "friction_coefficient_drop" and load == 0:
         raise InputError(
             "load = 0: the friction coefficient is undefined; choose quantity = 'friction_drop'"
         )

@@ -371,7 +371,7 @@ class Scatters:
         return np.sqrt(self.surfaces**2 + self.replicas**2 / replicas)
 
 
-def is_about_zero(scatter: np.ndarray | float) -> np.ndarray | bool:
+def is_about_zero(scatter: np.ndarray) -> np.ndarray:
     """Whether a mean of this relative scatter is that of too few bonds for one in each of the first samples."""
     return scatter**2 > stages.FIRST
 

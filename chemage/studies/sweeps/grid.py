@@ -236,32 +236,8 @@ def _lines(
                 continue
             if isinstance(value, Mapping):
                 visit(value, (*parents, name))
-            elif not isinstance(value, list):
-                problems.append(
-                    (
-                        f"{where}.{path}",
-                        f"{value!r} is one value; give a list, such as [{value!r}]",
-                    )
-                )
-            elif not value:
-                problems.append(
-                    (
-                        f"{where}.{path}",
-                        "is an empty list; an axis needs at least one value",
-                    )
-                )
-            elif (wrong := _wrong_path(path)) is not None:
-                problems.append((f"{where}.{path}", wrong))
-            elif (
-                path == "contact.load"
-                and len({nominal_pressure(load) is None for load in value}) > 1
-            ):
-                problems.append(
-                    (
-                        f"{where}.{path}",
-                        "give all loads as forces, or all as nominal pressures",
-                    )
-                )
+            elif problem := _wrong(path, value):
+                problems.append((f"{where}.{path}", problem))
             else:
                 lines.append((path, value))
 
@@ -269,14 +245,24 @@ def _lines(
     return lines
 
 
-def _wrong_path(path: str) -> str | None:
+def _wrong(path: str, values: Any) -> str:
+    """What is wrong with a line of an axis; "" for nothing."""
+    if not isinstance(values, list):
+        return f"{values!r} is one value; give a list, such as [{values!r}]"
+    if not values:
+        return "is an empty list; an axis needs at least one value"
     root, _, rest = path.partition(".")
     names = [name for name in section_names() if name != "sweep"]
     if root not in names:
         return f"no such section{nearest(root, names)}; the sections are {', '.join(names)}"
     if rest and ("" in rest.split(".") or root in ("name", "title", "material")):
         return "no such field"
-    return None
+    if (
+        path == "contact.load"
+        and len({nominal_pressure(load) is None for load in values}) > 1
+    ):
+        return "give all loads as forces, or all as nominal pressures"
+    return ""
 
 
 # -- validation of all points -----------------------------------------------------------------------------------------
