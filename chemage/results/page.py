@@ -135,9 +135,8 @@ def html(comparison: Comparison) -> str:
     title = only.title or only.name
     if several:
         title = f"Comparison of {len(comparison.results)} results"
-    here = resources.files("chemage.results")
     style, page = (
-        here.joinpath(name).read_text(encoding="utf-8")
+        resources.files("chemage.results").joinpath(name).read_text(encoding="utf-8")
         for name in ("report.css", "page.html.j2")
     )
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)

@@ -16,7 +16,7 @@ import pytest
 from seen import show_progress
 
 import chemage
-from chemage.plugin import text
+from chemage.plugin import progress, text
 
 SCENE = """
 name = "study"
@@ -237,7 +237,7 @@ def test_ctrl_c_keeps_what_is_finished(scene, tiny, executor, command):
 
 
 def test_without_a_terminal_a_line_tells_how_far_it_is(scene, monkeypatch, capsys):
-    monkeypatch.setattr("chemage.foundation.progress.SILENCE", 0.1)
+    monkeypatch.setattr(progress, "SILENCE", 0.1)
     slow(scene, 0.3)
     with show_progress() as tell:
         chemage.sweep(scene, "out", progress=tell)
