@@ -1,11 +1,11 @@
 # Made by `chemage plugins stubs`; do not edit.
 from chemage.plugins.hooks import API_VERSION as API_VERSION
-from chemage.studies.arrhenius import ActivationEnergy as ActivationEnergy
+from chemage.results.arrhenius import ActivationEnergy as ActivationEnergy
 from chemage.ageing.methods import AgedBonds as AgedBonds
 from chemage.foundation.result import Ageing as Ageing
 from chemage.ageing.methods import AgeingMethod as AgeingMethod
 from chemage.ageing.methods import AgeingRequest as AgeingRequest
-from chemage.studies.arrhenius import Arrhenius as Arrhenius
+from chemage.results.arrhenius import Arrhenius as Arrhenius
 from chemage.lattices.role import Barriers as Barriers
 from chemage.kinetics.history import BondHistory as BondHistory
 from chemage.friction.role import Bonded as Bonded
@@ -91,6 +91,7 @@ from chemage.foundation.units import Unit as Unit
 from chemage.foundation.errors import UnitError as UnitError
 from chemage.foundation.errors import UnknownKindError as UnknownKindError
 from chemage.foundation.units import Volume as Volume
+from chemage.studies.tasks import Worker as Worker
 from chemage.foundation.errors import WorkerLost as WorkerLost
 from chemage.scene.run import aging_of as aging_of
 from chemage.foundation import algebra as algebra

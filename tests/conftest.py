@@ -159,7 +159,7 @@ def few_choices():
     """Maps of speed and accuracy without methods of ageing that make a table first, which takes seconds, and without
     contact solvers of libraries that may be installed."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("chemage_trade.choices.PREPARATION", 0.0)
+        patch.setattr("chemage_trade.result.PREPARATION", 0.0)
         for library in ("tamaas", "ContactMechanics"):
             patch.setitem(sys.modules, library, None)
         yield

@@ -20,8 +20,7 @@ from chemage.foundation.progress import LOGGER, progress_bars, reported
 from chemage.foundation.result import result_of
 from chemage.studies.runner import PROGRAM
 from chemage.studies.study import Selection, in_ranges
-from chemage.studies.sweeps.grid import cpu_seconds, listed
-from chemage.studies.sweeps.points import expected_seconds
+from chemage.studies.sweeps.grid import agreed_points, cpu_seconds, listed, shares_cost
 from chemage.studies.sweeps.result import (
     SweepResult,
     collect_sweep,
@@ -32,13 +31,13 @@ from chemage.studies.sweeps.result import (
 from chemage.studies.sweeps.running import (
     Report,
     SweepProgress,
+    expected_seconds,
     read_grid,
     room_for,
     show_progress,
     survey_of,
     sweep,
 )
-from chemage.studies.sweeps.shares import agreed_points, shares_cost
 from chemage.studies.sweeps.views import swept_rows
 
 if TYPE_CHECKING:

@@ -28,7 +28,7 @@ USERS = frozenset(_USERS.split())
 NAMES = {
     "ageing.age": "age",
     "ageing.aging": "Aging",
-    "studies.arrhenius": "ActivationEnergy Arrhenius",
+    "results.arrhenius": "ActivationEnergy Arrhenius arrhenius",
     "ageing.fitting": "FIT_WINDOW Fit fit_aging",
     "foundation.checks": "hold_times Seed check_times checked_count checked_seed checked_states force "
     "temperature_value",
@@ -73,7 +73,6 @@ NAMES = {
     "plugins.hooks": "API_VERSION Doubt Stage StageInputs hookimpl lazy_attributes",
     "plugins.options": "Choice PluginOptions plugin_options prefer_plugins",
     "plugins.registry": "fromdict register unregister",
-    "results.arrhenius": "arrhenius",
     "results.comparison": "compare_files",
     "results.page": "write_report",
     "results.files": "open_maps read write",
@@ -81,7 +80,7 @@ NAMES = {
     "surfaces.role": "CONTINUATIONS Scatter SurfaceMaker make_surface surface",
     "surfaces.surface": "Roughness Surface",
     "studies.study": "Design carry_out",
-    "studies.tasks": "Outcome Task",
+    "studies.tasks": "Outcome Task Worker",
     "studies.trade": "TradeMap TradePoint",
     "studies.sweeps.result": "Collected Point SweepResult collect_sweep load_sweep",
     "studies.sweeps.running": "sweep",

@@ -49,11 +49,6 @@ def silence(silent: bool) -> None:
     _silent = silent
 
 
-def silenced() -> bool:
-    """Whether no progress is to be shown."""
-    return _silent
-
-
 @contextmanager
 def watching(report: Report) -> Iterator[None]:
     """Let components report their own steps to ``report`` during a block, in this thread."""

@@ -459,9 +459,10 @@ class Comparison:
         """Fit a model to measurements, or say why it cannot be fitted."""
         # the line over the window of the results if it contains enough measurements, else over all of them
         reason = ""
-        for window in (
-            [self.results[0].ageing.window, None] if model == "line" else [None]
-        ):
+        windows: list[tuple[float, float] | None] = [None]
+        if model == "line":
+            windows.insert(0, self.results[0].ageing.window)
+        for window in windows:
             try:
                 return fit_aging(data, model=model, window=window)
             except InputError as error:
@@ -532,10 +533,10 @@ def _entries(files: Sequence[str | Path]) -> list[Entry]:
             f"{len(places)} results are too many to compare; give at most {MOST}, "
             "or single points of a sweep, such as FOLDER/0"
         )
-    for place, count in Counter(os.path.realpath(place) for place in places).items():
-        if count > 1:
-            twice = next(path for path in places if os.path.realpath(path) == place)
-            raise InputError(f"{twice} is given twice; give each file once")
+    real = [os.path.realpath(place) for place in places]
+    for place, path in zip(places, real, strict=True):
+        if real.count(path) > 1:
+            raise InputError(f"{place} is given twice; give each file once")
     names = [
         f"{path.parent.resolve().name}/{path.name}" if is_point(path) else path.stem
         for path in places
@@ -544,9 +545,8 @@ def _entries(files: Sequence[str | Path]) -> list[Entry]:
     for name, place in zip(names, places, strict=True):
         own = name if names.count(name) == 1 else str(place)
         # one file at a time: the maps of a large run take 100 MB
-        entries.append(
-            Entry.of(load(place, maps=False), own, str(place), partial(load, place))
-        )
+        result = load(place, maps=False)
+        entries.append(Entry.of(result, own, str(place), partial(load, place)))
     return entries
 
 
@@ -595,22 +595,18 @@ def in_a_row(several: Sequence[Quantity | None]) -> tuple[str, list[str]]:
 def _differences(flats: Sequence[Mapping[str, Any]]) -> dict[str, tuple[Any, ...]]:
     """Find the fields that differ between flat mappings of dotted path -> value."""
     paths = dict.fromkeys(path for flat in flats for path in flat)
-    every = {path: tuple(flat.get(path) for flat in flats) for path in paths}
+    different = {}
+    for path in paths:
+        first, *others = values = tuple(flat.get(path) for flat in flats)
+        if not all(_same(first, other) for other in others):
+            different[path] = values
+    return different
 
-    def same(a: Any, b: Any) -> bool:
-        if (
-            isinstance(a, float | int)
-            and isinstance(b, float | int)
-            and not isinstance(a, bool)
-        ):
-            return math.isclose(a, b, rel_tol=1e-9)
-        return a == b
 
-    return {
-        path: values
-        for path, values in every.items()
-        if not all(same(values[0], value) for value in values[1:])
-    }
+def _same(a: Any, b: Any) -> bool:
+    if isinstance(a, float | int) and isinstance(b, float | int):
+        return math.isclose(a, b, rel_tol=1e-9)
+    return a == b
 
 
 def _flat(data: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

@@ -231,27 +231,20 @@ def figures(thing: Any, panels: Sequence[str] = (), **choice: Any) -> dict[str, 
     result = result_of(thing)
     pictures = result.pictures(**choice)
     if panels:
-        return {
-            name: drawn_picture(picture)
-            for name, picture in single_panels(pictures, panels).items()
-        }
-    drawn = {name: drawn_picture(picture) for name, picture in pictures.items()}
-    return drawn | {
-        name: figure
-        for name, (figure, _) in brought_figures([Entry.of(result)], (5.4, 4.0)).items()
-    }
+        return _drawn(single_panels(pictures, panels))
+    brought = brought_figures([Entry.of(result)], (5.4, 4.0))
+    return _drawn(pictures) | {name: figure for name, (figure, _) in brought.items()}
 
 
 def comparison_figures(comparison: Comparison) -> dict[str, Figure]:
     """Draw every figure of several results for which there are data, those of plugins last: name -> figure."""
-    drawn = {
-        name: drawn_picture(picture)
-        for name, picture in curve_pictures(comparison).items()
-    }
-    return drawn | {
-        name: figure
-        for name, (figure, _) in brought_figures(comparison.results).items()
-    }
+    brought = brought_figures(comparison.results)
+    drawn = _drawn(curve_pictures(comparison))
+    return drawn | {name: figure for name, (figure, _) in brought.items()}
+
+
+def _drawn(pictures: Mapping[str, Picture]) -> dict[str, Figure]:
+    return {name: drawn_picture(picture) for name, picture in pictures.items()}
 
 
 # -- curves of several results ----------------------------------------------------------------------------------------
@@ -361,29 +354,21 @@ def _fit_words(
     """β of the lines of measurements and of a few results, for the legend, and what all have in common for its
     title."""
     fits = {data.name: fit for data, fit in measured if fit is not None}
-    drawn = (
-        comparison.results
-        if quantity == "friction_coefficient_drop"
-        and len(comparison.results) <= _FITTED
-        else []
-    )
-    for entry in drawn:
-        ageing = entry.ageing
-        fit = (
-            ageing.fit("line", ageing.window, quantity)
-            if ageing.fit is not None
-            else ""
-        )
-        if isinstance(fit, Fit) and fit.drawable:
-            fits[entry.name] = fit
-    spans = {span_text(fit.span) for fit in fits.values()}
-    words = {}
+    few = len(comparison.results) <= _FITTED
+    if few and quantity == "friction_coefficient_drop":
+        for entry in comparison.results:
+            ageing = entry.ageing
+            if ageing.fit is not None:
+                fit = ageing.fit("line", ageing.window, quantity)
+                if isinstance(fit, Fit) and fit.drawable:
+                    fits[entry.name] = fit
+    if not fits:
+        return {}, ""
+    spans, words = {span_text(fit.span) for fit in fits.values()}, {}
     for name, fit in fits.items():
         doubt = f", {fit.points} hold times" if fit.doubt else ""
         span = f", {span_text(fit.span)}" if len(spans) > 1 else ""
         words[name] = f", {fit.symbol_text()}{doubt}{span}"
-    if not fits:
-        return words, ""
     over = f", {spans.pop()}" if len(spans) == 1 else ""
     return words, f"β per decade: fitted lines{over}"
 
@@ -445,16 +430,14 @@ def _measurements(
         return []
     loads = {entry.ageing.load for entry in comparison.results}
     load = loads.pop() if len(loads) == 1 else None
-    found = [original.as_quantity(quantity, load) for original in comparison.measured]  # pyright: ignore[reportArgumentType]
-    fits = [
-        (data, comparison.measured_fit(data, "line"))
-        for data in found
-        if data is not None
-    ]
-    return [
-        (data, fit if isinstance(fit, Fit) and fit.drawable else None)
-        for data, fit in fits
-    ]
+    found = []
+    for original in comparison.measured:
+        data = original.as_quantity(quantity, load)  # pyright: ignore[reportArgumentType]
+        if data is not None:
+            fit = comparison.measured_fit(data, "line")
+            drawable = isinstance(fit, Fit) and fit.drawable
+            found.append((data, fit if drawable else None))
+    return found
 
 
 def _draw_measurements(
@@ -463,40 +446,28 @@ def _draw_measurements(
     words: Mapping[str, str],
 ) -> None:
     """Draw measurements, and the line fitted to each, which is in the legend with them where there are ``words``."""
+    style: dict[str, Any] = {"mfc": "none", "ms": 5, "capsize": 2}
     for number, (data, fit) in enumerate(measured):
-        positive = data.hold_times > 0
-        label = (
-            f"{data.name} (measured)"
-            if data.error is None
-            else f"{data.name} (measured, 95 %)"
-        )
+        positive, bars, label = data.hold_times > 0, None, f"{data.name} (measured)"
+        if data.error is not None:
+            bars = NORMAL_LIMIT * data.error[positive]
+            label = f"{data.name} (measured, 95 %)"
         axes.errorbar(
             data.hold_times[positive],
             data.values[positive],
-            yerr=None if data.error is None else NORMAL_LIMIT * data.error[positive],
+            yerr=bars,
             fmt="sDo^v"[number % 5],
-            mfc="none",
             color=BLACK,
-            ms=5,
             lw=1,
-            capsize=2,
             label=plain(label + words.get(data.name, "")),
+            **style,
         )
         if fit is not None:
-            line = np.geomspace(*fit.span, 100)
-            label = (
-                _UNNAMED
-                if data.name in words
-                else plain(f"{data.name}: {fit.short_text()}")
-            )
-            axes.plot(
-                line,
-                fit(line),
-                color=BLACK,
-                lw=1,
-                ls=("--", ":", "-.")[number % 3],
-                label=label,
-            )
+            line, label = np.geomspace(*fit.span, 100), _UNNAMED
+            if data.name not in words:
+                label = plain(f"{data.name}: {fit.short_text()}")
+            dashes = ("--", ":", "-.")[number % 3]
+            axes.plot(line, fit(line), color=BLACK, lw=1, ls=dashes, label=label)
 
 
 # -- of plugins -------------------------------------------------------------------------------------------------------

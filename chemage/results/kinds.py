@@ -8,12 +8,11 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any
 
-# what shows an activation energy and an ageing curve is in rooms above them
+# what shows an ageing curve is in a room above it
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
 from chemage.foundation.result import Result, result_of
 from chemage.plugins import registry
-from chemage.results import arrhenius as _arrhenius  # noqa: F401
 from chemage.results.files import read
 from chemage.scene import display as _scene  # noqa: F401
 from chemage.scene.provenance import components_of

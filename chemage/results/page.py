@@ -106,63 +106,42 @@ def write_report(
                 f"{target} is an input of this report; choose another --out"
             )
     preflight(target, force=force)
-    page = html(files, measured=measured, offset=offset, sheet=sheet)
-    write_file(target, page, force=force)
+    comparison = compare_files(files, measured=measured, offset=offset, sheet=sheet)
+    write_file(target, html(comparison), force=force)
     return target
 
 
-def html(
-    files: Sequence[str | Path],
-    *,
-    measured: Sequence[str | Path] = (),
-    offset: QuantityLike | None = None,
-    sheet: str | None = None,
-) -> str:
-    """Make the page as text; arguments and errors as for :func:`write_report`."""
-    comparison = compare_files(files, measured=measured, offset=offset, sheet=sheet)
+def html(comparison: Comparison) -> str:
+    """Make the page of several results as text."""
     several = len(comparison.results) > 1
     sections, cite, please = [], {}, ""
     if several or comparison.measured:
-        sections.append(
-            _comparison(comparison, "Comparison" if several else "Measurements")
-        )
+        heading = "Comparison" if several else "Measurements"
+        sections.append(_comparison(comparison, heading))
     for number, entry in enumerate(comparison.results, 1):
-        result = (
-            entry.whole()
-        )  # one file at a time: the maps of a large run take 100 MB
-        title = (
-            entry.title
-            if not entry.title or entry.title.startswith(entry.name)
-            else f"{entry.name}: {entry.title}"
-        )
-        name = (title or entry.name) if several else "Result"
-        sections.append(
-            PageSection(f"r{number}", name, list(_parts(entry, result, f"r{number}")))
-        )
+        # one file at a time: the maps of a large run take 100 MB
+        result, key, name = entry.whole(), f"r{number}", "Result"
+        if several:
+            name = entry.title or entry.name
+            if not name.startswith(entry.name):
+                name = f"{entry.name}: {name}"
+        sections.append(PageSection(key, name, list(_parts(entry, result, key))))
         cite |= dict.fromkeys(result.cite()[0])
         please = please or result.please_cite
     if cite:
-        sections.append(
-            PageSection("cite", "References", [PagePart(items=list(cite))], [please])
-        )
-    style = (
-        resources.files("chemage.results")
-        .joinpath("report.css")
-        .read_text(encoding="utf-8")
-    )
+        parts = [PagePart(items=list(cite))]
+        sections.append(PageSection("cite", "References", parts, [please]))
     only = comparison.results[0]
-    page = (
-        resources.files("chemage.results")
-        .joinpath("page.html.j2")
-        .read_text(encoding="utf-8")
+    title = only.title or only.name
+    if several:
+        title = f"Comparison of {len(comparison.results)} results"
+    style, page = (
+        resources.files("chemage.results").joinpath(name).read_text(encoding="utf-8")
+        for name in ("report.css", "page.html.j2")
     )
-    template = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined
-    ).from_string(page)
-    return template.render(
-        title=f"Comparison of {len(comparison.results)} results"
-        if several
-        else (only.title or only.name),
+    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
+    return environment.from_string(page).render(
+        title=title,
         policy=_POLICY,
         style=Markup(style),
         sources=[entry.source for entry in comparison.results],

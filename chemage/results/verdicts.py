@@ -138,8 +138,7 @@ class Verdict:
 
     def todict(self) -> dict[str, Any]:
         """Plain JSON values; what is not known is null."""
-        fields = {name: getattr(self, name) for name in self.__dataclass_fields__}
-        return jsonable({**fields, "residuals": self.residuals})
+        return jsonable({**vars(self), "residuals": self.residuals})
 
 
 COLUMNS = ("measured", "result", "offset", "slope", "χ²", "verdict")

@@ -18,10 +18,10 @@ import os
 import re
 import shutil
 import socket
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Self, TypeVar
 
 from pydantic import BaseModel, Field, ValidationError, model_validator
 
@@ -57,6 +57,8 @@ from chemage.foundation.records import Record
 FORMAT = 2
 #: the remedy in every message of a sweep that ended early
 RESUME = "completed points are kept; rerun the same command to resume"
+_NAMES = "sweep.json", ".lock", ".parts", ".shares", "contacts", "points"
+T = TypeVar("T")
 #: how the file of a point begins; older ones do not say which point it is
 _POINT = re.compile(rb'\{"status": "(done|failed)"(?:, "key": "([^"]*)")?,')
 
@@ -99,22 +101,19 @@ class _Manifest(BaseModel):
     def _fits(self) -> Self:
         axes = self.grid.axes
         lengths = [len(axis.values) for axis in axes]
+        points = math.prod(lengths)
         if any(
             len(values) != len(axis.paths) for axis in axes for values in axis.values
         ):
             raise ValueError(
                 "an axis of the grid has values for other fields than it names"
             )
-        if (
-            math.prod(lengths) != len(self.keys)
-            or [len(values) for values in self.resolved] != lengths
-        ):
+        if points != len(self.keys) or list(map(len, self.resolved)) != lengths:
             raise ValueError(
-                f"the grid has {math.prod(lengths)} points, but there are {len(self.keys)} keys"
+                f"the grid has {points} points, but there are {len(self.keys)} keys"
             )
-        if len(self.contact_of) != len(self.keys) or max(
-            self.contact_of, default=0
-        ) >= max(len(self.contacts), 1):
+        known = range(len(self.contacts))
+        if len(self.contact_of) != points or not {*self.contact_of} <= {*known}:
             raise ValueError("contact_of does not name a contact for each point")
         if "chemage" not in self.versions:
             raise ValueError("the version of chemage is missing")
@@ -163,13 +162,12 @@ class Folder:
             raise StoreError(
                 f"{self.path} is not the folder of a sweep: it has no sweep.json"
             ) from None
-        except ValidationError as error:
+        except (ValidationError, InputError) as error:
+            problems = (
+                error.problems if isinstance(error, InputError) else explain(error)
+            )
             raise StoreError(
-                f"{self.manifest} does not describe a sweep: {in_lines(explain(error)[:1])}"
-            ) from None
-        except InputError as error:
-            raise StoreError(
-                f"{self.manifest} does not describe a sweep: {in_lines(error.problems[:1])}"
+                f"{self.manifest} does not describe a sweep: {in_lines(problems[:1])}"
             ) from None
         return data
 
@@ -183,17 +181,12 @@ class Folder:
     def state(self, key: str) -> str:
         """Find whether a point is ``done``, ``failed``, ``missing`` or ``damaged``."""
         path = self.point(key)
-        try:
+        with contextlib.suppress(StoreError):
             text = read_bytes(path, LARGEST_DESCRIPTION, links=False)
             # only the beginning is needed of a file that is as it was written
-            if (
-                check_json(text, path)
-                and (begin := _POINT.match(text))
-                and begin[2] in (None, key.encode())
-            ):
+            begin = _POINT.match(text)
+            if begin and check_json(text, path) and begin[2] in (None, key.encode()):
                 return begin[1].decode()
-        except StoreError:
-            pass
         return self.read_point(key)["status"]
 
     def read_point(self, key: str) -> dict[str, Any]:
@@ -205,11 +198,10 @@ class Folder:
         except StoreError:
             return {"status": "damaged"}
         # the file of another point, or of something else, is no less wrong than a damaged one
-        right = content.pop("key", key) == key and content.get("status") in (
-            "done",
-            "failed",
-        )
-        return content if right else {"status": "damaged"}
+        right = content.pop("key", key) == key
+        if right and content.get("status") in ("done", "failed"):
+            return content
+        return {"status": "damaged"}
 
     def write_point(self, key: str, content: Mapping[str, Any]) -> None:
         """Write the file of a point."""
@@ -262,18 +254,17 @@ class Folder:
         """Find whether a contact is ``done``, ``missing`` or ``damaged``; its numbers are not read."""
         try:
             self._in_contact(key, {})
-            return "done"
         except AbsentError:
             return "missing"
         except StoreError:
             return "damaged"
+        return "done"
 
     def intact_contact(self, key: str) -> ContactSolution | None:
         """Read a contact; None if it is missing or damaged."""
-        try:
+        with contextlib.suppress(StoreError):
             return self.read_contact(key)
-        except StoreError:
-            return None
+        return None
 
     def place(
         self, target: Path, content: bytes | memoryview, *, over: bool = True
@@ -281,28 +272,21 @@ class Folder:
         """Put a file in its place, with ``over`` in that of another one; else False where there is one."""
         part = temporary(target, self.path / ".parts")
         try:
-            try:
-                create(part, content)
-            except FileNotFoundError:
-                part.parent.mkdir(parents=True, exist_ok=True)
-                create(part, content)
+            in_folder(part, lambda: create(part, content))
             if self.durable:
                 on_disk(part)
-            try:
-                placed = put(part, target, over=over)
-            except FileNotFoundError:
-                target.parent.mkdir(parents=True, exist_ok=True)
-                placed = put(part, target, over=over)
+            placed = in_folder(target, lambda: put(part, target, over=over))
             if self.durable:
                 on_disk(target.parent)
             return placed
         except OSError as error:
-            raise CannotWrite(
-                f"cannot write {target}: {error.strerror or error}; {RESUME}"
-            ) from None
+            raise self._cannot(target, error) from None
         finally:
             with contextlib.suppress(OSError):
                 part.unlink(missing_ok=True)
+
+    def _cannot(self, what: Path | str, error: OSError) -> CannotWrite:
+        return CannotWrite(f"cannot write {what}: {error.strerror or error}; {RESUME}")
 
     def clear_parts(self) -> None:
         """Remove the temporary files of processes that were killed."""
@@ -314,9 +298,7 @@ class Folder:
         try:
             (self.path / ".parts").mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise CannotWrite(
-                f"cannot write in {self.path}: {error.strerror or error}; {RESUME}"
-            ) from None
+            raise self._cannot(f"in {self.path}", error) from None
 
     def is_locked(self) -> bool:
         """Whether another process of this machine computes into the folder at present."""
@@ -337,11 +319,10 @@ class Folder:
         except ImportError:  # no such locks on this system
             yield
             return
+        kind = fcntl.LOCK_SH if shared else fcntl.LOCK_EX
         with log_file(self.path / ".lock") as stream:
             try:
-                fcntl.flock(
-                    stream, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB
-                )
+                fcntl.flock(stream, kind | fcntl.LOCK_NB)
             except BlockingIOError:
                 stream.seek(0)
                 # only a process that computes the whole has its name there
@@ -363,6 +344,15 @@ class Folder:
                 stream.truncate(0)
 
 
+def in_folder(path: Path, write: Callable[[], T]) -> T:
+    """What ``write`` gives, which puts a file at ``path``; its folder is made if there is none."""
+    try:
+        return write()
+    except FileNotFoundError:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return write()
+
+
 def process_name() -> str:
     """The host and the number of this process, in one word."""
     return f"{socket.gethostname()}.{os.getpid()}"
@@ -377,18 +367,7 @@ def refuse_links(folder: Path, *more: str) -> None:
     StoreError
         Naming the link.
     """
-    paths = [
-        folder / name
-        for name in (
-            "sweep.json",
-            ".lock",
-            ".parts",
-            ".shares",
-            "contacts",
-            "points",
-            *more,
-        )
-    ]
+    paths = [folder / name for name in (*_NAMES, *more)]
     with contextlib.suppress(OSError), os.scandir(folder / "points") as entries:
         paths += [Path(entry.path) for entry in entries]
     for path in paths:

@@ -6,11 +6,17 @@ All have the interface of ``concurrent.futures.Executor``, and results are the s
 this machine are those of `loky <https://loky.readthedocs.io>`_: when one dies, loky gives up all tasks that were
 running; new processes are started for the next task, and the runner of a study finds out which of the tasks it was.
 Scripts need no ``if __name__ == "__main__"``.
+
+Connects to a Dask cluster: a running one, or a new one on this machine.
+
+A Dask scheduler queues tasks and waits for the jobs of its workers. Clusters of many machines are started by
+`dask-jobqueue <https://jobqueue.dask.org>`_ or by hand, see docs/clusters.md.
 """
 
 from __future__ import annotations
 
 import contextvars
+import logging
 import math
 import os
 import re
@@ -30,16 +36,23 @@ from concurrent.futures import (
     wait,
 )
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
-from itertools import pairwise
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
+from itertools import chain, pairwise
+from pathlib import Path
 from typing import Any
 
 from chemage.foundation import threads as thread_budget
 from chemage.foundation.checks import checked_count
-from chemage.foundation.errors import ExecutorError, InputError, WorkerLost, nearest
+from chemage.foundation.errors import (
+    ExecutorError,
+    InputError,
+    StoreError,
+    WorkerLost,
+    nearest,
+)
 from chemage.foundation.memory import capacity
-from chemage.studies.clusters import open_client, seconds
+from chemage.foundation.units import convert
 from chemage.studies.folder import RESUME
 from chemage.studies.tasks import (
     RETRIES,
@@ -54,6 +67,144 @@ from chemage.studies.tasks import (
     failure,
 )
 
+#: time to wait for a Dask scheduler, s
+ANSWER_TIME = 4.0
+#: loggers that show a traceback when a worker or the scheduler is lost
+_LOGGERS = ("distributed.client", "distributed.utils", "tornado.application", "asyncio")
+#: of a new cluster on this machine
+_LOCAL: dict[str, Any] = {
+    "threads_per_worker": 1,
+    "processes": True,
+    # the scheduler, its pages and its workers can be reached from this machine alone
+    "host": "127.0.0.1",
+    "dashboard_address": "127.0.0.1:0",
+    "silence_logs": logging.CRITICAL,
+    # Ctrl-C on the terminal is handled by this process; the workers end with the cluster
+    "preload": ["import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"],
+}
+
+
+@contextmanager
+def open_client(
+    detail: str, workers: int | None, threads: int, patience: float | None = None
+) -> Iterator[Any]:
+    """Connect a ``distributed.Client`` for the duration of a block.
+
+    Parameters
+    ----------
+    detail
+        The address of a scheduler, or its scheduler file; "" for a new cluster on this machine.
+    workers, threads
+        Of a new cluster: number of workers, and threads per worker.
+    patience
+        Longest time to wait for the first worker, s; None: tasks wait in the queue of the scheduler.
+
+    Raises
+    ------
+    InputError
+        ``detail`` is neither an address nor a scheduler file.
+    ExecutorError
+        Dask is not installed, the cluster does not start, or no scheduler or worker answers.
+    """
+    try:
+        import dask.config as dask_config
+        import distributed
+    except ImportError as error:
+        raise ExecutorError(
+            f"executor dask needs Dask, which is not installed ({error}): pip install 'chemage[dask]'"
+        ) from None
+    options = _address(detail) if detail else {}
+    # Dask sets "pre-spawn" variables, which libraries read at import, in this process as well; numba would then refuse
+    # to compile here, so that its variables are set in the workers only
+    early = thread_budget.environment(threads)
+    late = {name: early.pop(name) for name in ("CHEMAGE_THREADS", "NUMBA_NUM_THREADS")}
+    settings = {
+        # the runner of a study tries again what a worker died of, beside nothing else
+        "distributed.scheduler.allowed-failures": 0,
+        "distributed.nanny.pre-spawn-environ": early,
+        "distributed.nanny.environ": late,
+    }
+    with dask_config.set(settings), _quiet(), ExitStack() as stack:
+        try:
+            if not detail:
+                cluster = distributed.LocalCluster(n_workers=workers, **_LOCAL)
+                options = {"address": stack.enter_context(cluster)}
+            client = distributed.Client(
+                **options, timeout=ANSWER_TIME, set_as_default=False
+            )
+        except (OSError, TimeoutError, ValueError, RuntimeError) as error:
+            raise _unavailable(detail, error) from None
+        try:
+            if patience is not None:
+                try:
+                    client.wait_for_workers(1, timeout=patience)
+                except TimeoutError:
+                    raise ExecutorError(
+                        f"the Dask cluster has had no worker for {patience:g} s: look at its queue and its logs, or "
+                        "wait longer with --patience"
+                    ) from None
+            yield client
+        finally:
+            with suppress(Exception):
+                client.close(timeout=5)
+
+
+def _address(detail: str) -> dict[str, Any]:
+    if detail.endswith(".json"):
+        if not Path(detail).is_file():
+            raise StoreError(f"the Dask scheduler file {detail} does not exist")
+        return {"scheduler_file": detail}
+    if not re.search(r"[^/:]:\d+/?$", detail):
+        raise InputError.of(
+            "executor",
+            f"dask:{detail}",
+            "is no address with host and port, and no scheduler file",
+            "start the cluster, for example with dask-jobqueue, and write dask:tcp://host:8786 or dask:scheduler.json",
+        )
+    return {"address": detail}
+
+
+def _unavailable(detail: str, error: Exception) -> ExecutorError:
+    reason = str(error).partition("\n")[0] or type(error).__name__
+    if detail:
+        return ExecutorError(
+            f"no Dask scheduler answers at {detail} within {ANSWER_TIME:g} s ({reason}); check the address, and that "
+            "`dask scheduler` runs there"
+        )
+    return ExecutorError(
+        f"the Dask cluster did not start: {reason}; in a script, start it below `if __name__ == '__main__':`"
+    )
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Suppress the tracebacks that Dask logs when a worker or the scheduler is lost; chemage raises its own errors."""
+    levels = {logger: logger.level for logger in map(logging.getLogger, _LOGGERS)}
+    for logger in levels:
+        logger.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for logger, level in levels.items():
+            logger.setLevel(level)
+
+
+def seconds(value: object) -> float:
+    """Read a time to wait: s, or text with its unit.
+
+    Raises
+    ------
+    InputError
+        It is no positive time.
+    """
+    with suppress(ValueError):
+        value = float(value) if isinstance(value, str) else value
+    time_limit = convert(value, "s")
+    if not time_limit > 0:
+        raise InputError.of("patience", value, "must be positive")
+    return time_limit
+
+
 NAMES = ("serial", "threads", "processes", "dask")
 #: seconds between two looks whether the parent process is there
 WATCH = 1.0
@@ -64,19 +215,38 @@ class Pool:
     """An executor that a study uses, and its properties."""
 
     executor: Executor
-    name: str
     #: threads per task
     threads: int
-    #: returns the present number of concurrent tasks
-    width: Callable[[], int]
-    #: stops the running tasks immediately
-    abort: Callable[[], None] = field(default=lambda: None)
+    #: number of concurrent tasks, where it does not change
+    workers: int
     #: whether tasks run in other processes
     remote: bool = True
-    #: whether tasks run on this machine, and share its memory
-    here: bool = True
-    #: whether no task will end any more
-    lost: Callable[[], bool] = field(default=lambda: False)
+    #: of Dask: its client
+    client: Any = None
+
+    @property
+    def here(self) -> bool:
+        """Whether tasks run on this machine, and share its memory."""
+        return self.client is None
+
+    @property
+    def lost(self) -> bool:
+        """Whether no task will end any more: what waits in a client that has given up its scheduler may not be told."""
+        return self.client is not None and self.client.status in ("closing", "closed")
+
+    def width(self) -> int:
+        """The present number of concurrent tasks."""
+        if self.client is None:
+            return self.workers
+        # the scheduler is busy; or gone: its tasks fail
+        with suppress(OSError, RuntimeError, AttributeError):
+            return max(1, sum(self.client.nthreads().values()))
+        return 1
+
+    def abort(self) -> None:
+        """Stop the running tasks immediately, where that is possible."""
+        if isinstance(self.executor, Processes):
+            self.executor.shutdown(cancel_futures=True)
 
 
 class Serial(Executor):
@@ -144,10 +314,6 @@ class Processes(Executor):
         """End the processes after the tasks in the queue; with ``cancel_futures`` at once."""
         self._inner.shutdown(wait=wait, kill_workers=cancel_futures)
 
-    def abort(self) -> None:
-        """Kill the processes and cancel the tasks in the queue."""
-        self.shutdown(cancel_futures=True)
-
 
 def _begin(parent: int, path: Sequence[str]) -> None:
     """Prepare a worker process: the import path of its parent, with which it ends; Ctrl-C is for the parent."""
@@ -203,19 +369,10 @@ def open_pool(
             checked_count(name, count)
     limit = None if patience is None else seconds(patience)
     if isinstance(executor, Executor):
-        width = (
-            workers
-            or getattr(executor, "_max_workers", None)
-            or thread_budget.processors()
-        )
-        here = isinstance(executor, ThreadPoolExecutor)
-        yield Pool(
-            executor,
-            type(executor).__name__,
-            threads or 1,
-            lambda: width,
-            remote=not here,
-        )
+        own = getattr(executor, "_max_workers", None)
+        width = workers or own or thread_budget.processors()
+        remote = not isinstance(executor, ThreadPoolExecutor)
+        yield Pool(executor, threads or 1, width, remote)
         return
     name, _, detail = executor.partition(":")
     if name not in NAMES or (detail and name != "dask"):
@@ -229,44 +386,20 @@ def open_pool(
             raise InputError.of(
                 "workers", workers, "serial runs one task at a time", remedy
             )
-        yield Pool(
-            Serial(),
-            name,
-            threads or thread_budget.available(),
-            lambda: 1,
-            remote=False,
-        )
-    elif name == "threads":
+        yield Pool(Serial(), threads or thread_budget.available(), 1, remote=False)
+        return
+    if not detail:
         workers, threads = shares(workers, threads)
-        with Threads(workers, thread_name_prefix="chemage-task") as executor:
-            yield Pool(executor, name, threads, lambda: workers, remote=False)
+    width, threads = workers or 1, threads or 1
+    if name == "threads":
+        with Threads(width, thread_name_prefix="chemage-task") as pool:
+            yield Pool(pool, threads, width, remote=False)
     elif name == "processes":
-        workers, threads = shares(workers, threads)
-        with Processes(workers, threads) as processes:
-            yield Pool(processes, name, threads, lambda: workers, processes.abort)
+        with Processes(width, threads) as pool:
+            yield Pool(pool, threads, width)
     else:
-        if not detail:
-            workers, threads = shares(workers, threads)
-        with open_client(detail, workers, threads or 1, limit) as client:
-            pool = client.get_executor(pure=False)
-
-            def concurrent() -> int:
-                with suppress(
-                    OSError, RuntimeError, AttributeError
-                ):  # the scheduler is busy; or gone: its tasks fail
-                    return max(1, sum(client.nthreads().values()))
-                return 1
-
-            # what waits in a client that has given up its scheduler may not be told
-            given_up = ("closing", "closed")
-            yield Pool(
-                pool,
-                name,
-                threads or 1,
-                concurrent,
-                here=False,
-                lost=lambda: client.status in given_up,
-            )
+        with open_client(detail, workers, threads, limit) as client:
+            yield Pool(client.get_executor(pure=False), threads, width, client=client)
 
 
 def shares(workers: int | None, threads: int | None) -> tuple[int, int]:
@@ -378,7 +511,7 @@ class Runner:
                 )
                 for future in finished:
                     self._settle(self._running.pop(future), future, told)
-                if not finished and self._pool.lost():
+                if not finished and self._pool.lost:
                     raise ExecutorError(_GONE)
                 now = time.perf_counter()
                 if self._watch is not None and now > reported + PERIOD:
@@ -395,20 +528,12 @@ class Runner:
 
     def remaining(self) -> float | None:
         """Estimated wall time of what is left, s; None before the first piece has ended."""
-        waiting = [
-            *self._ready,
-            *(
-                piece
-                for pieces in (*self._contacts, *self._behind.values())
-                for piece in pieces
-            ),
-        ]
-        weights = [piece.weight for piece in waiting]
-        weights += [
-            piece.weight / 2 for piece in (*self._running.values(), *self._suspects)
-        ]
         if not self._ended:
             return None
+        waiting = chain(self._ready, *self._contacts, *self._behind.values())
+        begun = chain(self._running.values(), self._suspects)
+        weights = [piece.weight for piece in waiting]
+        weights += [piece.weight / 2 for piece in begun]
         each = self._seconds / self._ended / max(1, self.width)
         total = sum(weights)
         if math.isfinite(self._weight + total) and self._weight > 0:
@@ -445,32 +570,25 @@ class Runner:
         total = sum(ageing_seconds(tasks) + 1e-3 for tasks in ageings)
         count = len(ageings)
         if math.isfinite(contact + total):
-            count = max(
-                1, min(count, 4 * self.width, math.ceil(total / max(contact, 1e-9)))
-            )
+            worth = math.ceil(total / max(contact, 1e-9))
+            count = max(1, min(count, 4 * self.width, worth))
         edges = [k * len(ageings) // count for k in range(count + 1)]
-        return [
-            [task for ageing in ageings[begin:end] for task in ageing]
-            for begin, end in pairwise(edges)
-        ]
+        return [list(chain(*ageings[begin:end])) for begin, end in pairwise(edges)]
 
     def _submit(self) -> None:
-        width = self.width
-        if (
-            self._suspects
-            and not self._running
-            and not self._ready
-            and not self._contacts
-        ):
+        width, running = self.width, self._running.values()
+        if self._suspects and not (running or self._ready or self._contacts):
             piece = self._suspects.popleft()
             piece.alone = True
             self._start(piece)
-        while len(self._running) < width and self._fits():
-            if any(piece.alone for piece in self._running.values()):
-                break
+        while (
+            len(running) < width
+            and self._fits()
+            and not any(piece.alone for piece in running)
+        ):
             # pieces whose contact is there come first, while a worker still has it in memory; but half of the workers
             # solve contacts, so that the last contact does not begin after everything else has ended
-            solving = sum(piece.solves for piece in self._running.values())
+            solving = sum(piece.solves for piece in running)
             if self._contacts and (not self._ready or solving < width // 2):
                 piece, *behind = self._contacts.popleft()
                 self._behind[piece.tasks[0].contact] = behind
@@ -495,7 +613,7 @@ class Runner:
                 compute, self._place, tasks, self._pool.threads, self._known, remote
             )
         except Exception as error:
-            if self._pool.lost():
+            if self._pool.lost:
                 raise ExecutorError(_GONE) from error
             raise
         self._running[future] = piece
@@ -509,19 +627,26 @@ class Runner:
             lost = self._death(error)
             piece.deaths += piece.alone
             if piece.deaths <= (RETRIES if piece.alone else 0):
-                self._suspects.append(
-                    piece
-                )  # perhaps it only ran beside the piece that killed the worker
+                # perhaps it only ran beside the piece that killed the worker
+                self._suspects.append(piece)
                 return
-            outcomes = self._lost(piece, lost)
+            there = not piece.solves or self._is_there(piece.tasks[0])
+            outcome = Outcome(error=lost, stage="ageing" if there else "contact")
+            self._fail(piece.tasks, outcome, told)
         else:
             self._seconds += seconds
             self._weight += piece.weight
             self._ended += 1
-        for task in piece.tasks:
-            told(task, outcomes[task.key])
+            for task in piece.tasks:
+                told(task, outcomes[task.key])
+            outcome = outcomes[piece.tasks[0].key]
         if piece.solves:
-            self._after_contact(piece, outcomes[piece.tasks[0].key], told)
+            # let those begin that waited for the contact; if it cannot be solved, they fail as well
+            behind = self._behind.pop(piece.tasks[0].contact)
+            if outcome.error is None or outcome.stage != "contact":
+                self._ready.extend(behind)
+            for other in behind if outcome.stage == "contact" else ():
+                self._fail(other.tasks, outcome, told)
 
     def _death(self, error: Exception) -> WorkerLost:
         """The death of a worker, as the executor reports it; any other error is raised."""
@@ -529,51 +654,30 @@ class Runner:
             return error
         if type(error).__name__ == "KilledWorker":  # of Dask
             return WorkerLost(str(error))
-        if isinstance(error, BrokenProcessPool) and isinstance(
-            self._pool.executor, Processes
-        ):
+        own = isinstance(self._pool.executor, Processes)
+        if isinstance(error, BrokenProcessPool) and own:
             codes = re.findall(r"[A-Z]+\(-?[1-9]\d*\)", str(error))
             if codes or self._ended:
                 status = ", ".join(codes) or "exit status 0"
                 return WorkerLost(
                     f"the worker process died at this task: {status} (SIGKILL: most often, memory ran out)"
                 )
-            raise ExecutorError(
-                f"a worker process could not start; its own message is above; {RESUME}"
-            ) from error
-        if isinstance(error, CancelledError):
-            raise ExecutorError(
-                f"the executor dropped a task: its scheduler is gone, or it was shut down; {RESUME}"
-            )
-        if isinstance(error, BrokenExecutor):
-            raise ExecutorError(
-                f"the executor gave up ({type(error).__name__}: {error}); {RESUME}"
-            ) from error
-        if isinstance(error, ExecutorError):
-            raise ExecutorError(f"{error}; {RESUME}") from error
-        raise error
+            reason = "a worker process could not start; its own message is above"
+        elif isinstance(error, CancelledError):
+            reason = "the executor dropped a task: its scheduler is gone, or it was shut down"
+        elif isinstance(error, BrokenExecutor):
+            reason = f"the executor gave up ({type(error).__name__}: {error})"
+        elif isinstance(error, ExecutorError):
+            reason = str(error)
+        else:
+            raise error
+        raise ExecutorError(f"{reason}; {RESUME}") from error
 
-    def _after_contact(self, piece: Piece, outcome: Outcome, told: Told) -> None:
-        """Let those begin that waited for a contact; if it cannot be solved, they fail as well."""
-        behind = self._behind.pop(piece.tasks[0].contact)
-        if outcome.error is None or outcome.stage != "contact":
-            self._ready.extend(behind)
-            return
-        for task in (task for other in behind for task in other.tasks):
-            self._record(task, outcome)
+    def _fail(self, tasks: Sequence[Task], outcome: Outcome, told: Told) -> None:
+        """Tell, and write, that tasks failed, which no worker could."""
+        assert outcome.error is not None
+        for task in tasks:
+            if self._whole is not None:
+                content = failure(task, outcome.stage, outcome.error)
+                self._whole.write_point(task.key, content)
             told(task, outcome)
-
-    def _lost(self, piece: Piece, error: WorkerLost) -> dict[str, Outcome]:
-        """What is known of tasks whose worker died each time."""
-        there = not piece.solves or self._is_there(piece.tasks[0])
-        outcome = Outcome(error=error, stage="ageing" if there else "contact")
-        for task in piece.tasks:
-            self._record(task, outcome)
-        return dict.fromkeys((task.key for task in piece.tasks), outcome)
-
-    def _record(self, task: Task, outcome: Outcome) -> None:
-        """Write that a task failed, which no worker could."""
-        if self._whole is not None and outcome.error is not None:
-            self._whole.write_point(
-                task.key, failure(task, outcome.stage, outcome.error)
-            )

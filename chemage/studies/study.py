@@ -25,9 +25,8 @@ from chemage.foundation.ownership import Owned
 from chemage.foundation.progress import Report, progress_bars
 from chemage.foundation.threads import restored
 from chemage.scene.scene import Scene
-from chemage.studies.clusters import seconds
 from chemage.studies.folder import RESUME, Folder
-from chemage.studies.runner import Pool, Runner, Told, open_pool
+from chemage.studies.runner import Pool, Runner, Told, open_pool, seconds
 from chemage.studies.tasks import (
     Known,
     Outcome,
@@ -44,24 +43,19 @@ _FORM = "write the third of 16 shares as 3/16, points by their numbers as 3,7,12
 _SHARE = re.compile(r"(\d{1,9})/(\d{1,9})")
 _AUTO = re.compile(r"auto(?:/(\d{1,9}))?")
 _NUMBERS = re.compile(r"\d{1,12}(-\d{1,12})?(,\d{1,12}(-\d{1,12})?)*")
-#: the number of a task in a job array, by scheduler; first, last and step where the scheduler gives them
-_ARRAYS = {
-    "SLURM": (
+#: the number of a task in a job array; first, last and step where the scheduler gives them
+_ARRAYS = (
+    (
         "SLURM_ARRAY_TASK_ID",
         "SLURM_ARRAY_TASK_MIN",
         "SLURM_ARRAY_TASK_MAX",
         "SLURM_ARRAY_TASK_STEP",
     ),
-    "PBS": ("PBS_ARRAY_INDEX",),
-    "Torque": ("PBS_ARRAYID",),
-    "Grid Engine": (
-        "SGE_TASK_ID",
-        "SGE_TASK_FIRST",
-        "SGE_TASK_LAST",
-        "SGE_TASK_STEPSIZE",
-    ),
-    "LSF": ("LSB_JOBINDEX",),
-}
+    ("PBS_ARRAY_INDEX",),
+    ("PBS_ARRAYID",),
+    ("SGE_TASK_ID", "SGE_TASK_FIRST", "SGE_TASK_LAST", "SGE_TASK_STEPSIZE"),
+    ("LSB_JOBINDEX",),
+)
 
 
 @dataclass(frozen=True)
@@ -87,29 +81,23 @@ class Selection:
         """
         compact = text.replace(" ", "")
         if auto := _AUTO.fullmatch(compact):
-            compact = _share_of_array(
-                text, auto[1], os.environ if environment is None else environment
-            )
+            variables = os.environ if environment is None else environment
+            return cls(share=_share_of_array(text, auto[1], variables))
         if match := _SHARE.fullmatch(compact):
             number, count = int(match[1]), int(match[2])
             if not 1 <= number <= count <= MANY_SHARES:
-                raise InputError.of(
-                    "points",
-                    text,
-                    f"there is no share {number} of {count}; shares count from 1",
-                    _FORM,
+                raise _wrong(
+                    text, f"there is no share {number} of {count}; shares count from 1"
                 )
             return cls(share=(number, count))
         if not _NUMBERS.fullmatch(compact):
-            raise InputError.of("points", text, "not understood", _FORM)
+            raise _wrong(text, "not understood")
         ranges = []
         for part in compact.split(","):
             first, _, last = part.partition("-")
             ranges.append((int(first), int(last or first)))
             if ranges[-1][0] > ranges[-1][1]:
-                raise InputError.of(
-                    "points", text, f"{part} ends before it begins", _FORM
-                )
+                raise _wrong(text, f"{part} ends before it begins")
         return cls(ranges=tuple(ranges))
 
     def __str__(self) -> str:
@@ -127,68 +115,67 @@ class Selection:
         return f"points {self}"
 
 
+def _wrong(text: str, problem: str, remedy: str = _FORM) -> InputError:
+    return InputError.of("points", text, problem, remedy)
+
+
 def _share_of_array(
     text: str, count: str | None, environment: Mapping[str, str]
-) -> str:
+) -> tuple[int, int]:
+    """The share of this task of a job array, of ``count`` or of as many as the array has tasks."""
     numbers = {
         name: int(value)
         for name, value in environment.items()
         if re.fullmatch(r"\d{1,9}", value)
     }
-    arrays = {
-        scheduler: variables
-        for scheduler, variables in _ARRAYS.items()
-        if variables[0] in numbers
-    }
+    arrays = [variables for variables in _ARRAYS if variables[0] in numbers]
     if not arrays:
-        every = ", ".join(variables[0] for variables in _ARRAYS.values())
-        raise InputError.of(
-            "points",
-            text,
-            f"this is no task of a job array: none of {every} is set",
-            _FORM,
-        )
+        every = ", ".join(variables[0] for variables in _ARRAYS)
+        raise _wrong(text, f"this is no task of a job array: none of {every} is set")
     if len(arrays) > 1:
-        names = " and ".join(variables[0] for variables in arrays.values())
-        raise InputError.of("points", text, f"{names} are both set; {_FORM}")
-    ((scheduler, (name, *bounds)),) = arrays.items()
+        names = " and ".join(variables[0] for variables in arrays)
+        raise _wrong(text, f"{names} are both set")
+    name, *bounds = arrays[0]
     at, option = numbers[name], f"--points ${name}/16"
     if count is not None:
-        if not 1 <= at <= int(count):
-            remedy = f"number the tasks from 1 to {count}"
-            raise InputError.of(
-                "points", text, f"{name} is {at}, which is no share of {count}", remedy
+        share = at, int(count)
+        if not 1 <= at <= share[1]:
+            raise _wrong(
+                text,
+                f"{name} is {at}, which is no share of {count}",
+                f"number the tasks from 1 to {count}",
             )
-        return f"{at}/{count}"
-    first, last, step = (numbers.get(bound) for bound in (*bounds, "", "", "")[:3])
-    if first is None or last is None:
-        problem = f"{scheduler} does not say how many tasks the array has"
-        raise InputError.of(
-            "points", text, problem, f"give the number: auto/16, or {option}"
+        return share
+    if not numbers.keys() >= {*bounds[:2]} or not bounds:
+        raise _wrong(
+            text,
+            f"{name} does not say how many tasks the array has",
+            f"give the number: auto/16, or {option}",
         )
-    step = step or 1
+    first, last, step = (numbers.get(bound, 1) for bound in bounds)
     tasks = (last - first) // step + 1
     if (
         numbers.get("SLURM_ARRAY_TASK_COUNT", tasks) != tasks
         or (at - first) % step
         or not first <= at <= last
     ):
-        problem = "the numbers of the array's tasks are no range, so that shares are not clear"
-        raise InputError.of("points", text, problem, f"give {option}")
-    return f"{(at - first) // step + 1}/{tasks}"
+        raise _wrong(
+            text,
+            "the numbers of the array's tasks are no range, so that shares are not clear",
+            f"give {option}",
+        )
+    return (at - first) // step + 1, tasks
 
 
 def in_ranges(numbers: Iterable[int]) -> str:
     """Whole numbers as text, such as ``3,7,12-20``."""
-    ranges: list[list[int]] = []
+    ranges: list[tuple[int, int]] = []
     for number in sorted(set(numbers)):
+        first = number
         if ranges and ranges[-1][1] == number - 1:
-            ranges[-1][1] = number
-        else:
-            ranges.append([number, number])
-    return ",".join(
-        str(first) if first == last else f"{first}-{last}" for first, last in ranges
-    )
+            first, _ = ranges.pop()
+        ranges.append((first, number))
+    return str(Selection(ranges=tuple(ranges)))
 
 
 #: the stage that is reported
@@ -214,80 +201,22 @@ class Design(Owned, ABC):
         """Receive what came of a task that was asked for; in any order."""
 
 
-@dataclass(frozen=True)
-class Part:
-    """What one of several processes computes of a design that asks again when all of them have answered."""
+def share_of(points: str, place: Place | None) -> tuple[int, int]:
+    """The share of a design that this process computes, as users write it: ``3/16``, or ``auto``.
 
-    #: the first is 1
-    share: int
-    count: int
-    #: which all processes see
-    folder: Folder
-    #: s without anything new before this process gives up
-    patience: float = PATIENCE
-
-    @classmethod
-    def of(
-        cls, share: tuple[int, int], folder: Folder, patience: float | str | None
-    ) -> Part:
-        """A share of several; ``patience`` as users give it."""
-        return cls(*share, folder, PATIENCE if patience is None else seconds(patience))
-
-    @classmethod
-    def read(
-        cls, points: str, place: Place | None, patience: float | str | None
-    ) -> Part:
-        """As users write it: ``3/16``, or ``auto``.
-
-        Raises
-        ------
-        InputError
-            It is no share, or there is no folder in which shares meet.
-        """
-        share = Selection.read(points).share
-        if share is None:
-            raise InputError.of(
-                "points",
-                points,
-                "only a sweep has points",
-                "give a share, such as 3/16 or auto",
-            )
-        if place is None:
-            raise InputError.of(
-                "points",
-                points,
-                "shares meet in a folder",
-                "name the one that all of them see",
-            )
-        return cls.of(share, place.folder, patience)
-
-    def is_mine(self, task: Task) -> bool:
-        """Whether this process computes a task: of the same number all do the same, which have a contact in common."""
-        return task.number % self.count == self.share - 1
-
-    def wait(self, tasks: Sequence[Task], told: Told) -> None:
-        """Wait until other processes have computed ``tasks``.
-
-        Raises
-        ------
-        StoreError
-            Nothing new has come for too long.
-        """
-        left, since = list(tasks), time.monotonic()
-        while left:
-            there = [task for task in left if self.folder.state(task.key) == "done"]
-            for task in there:
-                told(task, Outcome())
-            left = [task for task in left if task not in there]
-            now = time.monotonic()
-            since = now if there else since
-            if left and now - since > self.patience:
-                raise StoreError(
-                    f"{self.folder.path}: {len(left)} samples of other shares are missing, and none has come for "
-                    f"{self.patience:.0f} s; start the other shares, or wait longer with --patience; {RESUME}"
-                )
-            if left:
-                time.sleep(LOOK)
+    Raises
+    ------
+    InputError
+        It is no share, or there is no folder in which shares meet.
+    """
+    share = Selection.read(points).share
+    if share is None:
+        remedy = "give a share, such as 3/16 or auto"
+        raise _wrong(points, "only a sweep has points", remedy)
+    if place is None:
+        remedy = "name the one that all of them see"
+        raise _wrong(points, "shares meet in a folder", remedy)
+    return share
 
 
 class Study:
@@ -318,6 +247,8 @@ class Study:
     ) -> None:
         self._executor = executor or ("processes" if (workers or 1) > 1 else "serial")
         self._where = self._executor, workers, threads, patience
+        #: s without anything new of other shares before this process gives up
+        self._patience = PATIENCE if patience is None else seconds(patience)
         self._classes = {*classes}
         for_workers(self._executor, self._classes)
         self._stack, self._pool = ExitStack(), None
@@ -325,9 +256,8 @@ class Study:
         self.told = self.asked = 0
 
     def __enter__(self) -> Self:
-        self._stack.enter_context(
-            restored()
-        )  # tasks that run in this process set their own number of threads
+        # tasks that run in this process set their own number of threads
+        self._stack.enter_context(restored())
         return self
 
     def __exit__(self, *error: Any) -> None:
@@ -349,7 +279,7 @@ class Study:
         self,
         design: Design,
         place: Place | None,
-        part: Part | None = None,
+        share: tuple[int, int] | None = None,
         watch: Callable[[Runner], None] | None = None,
     ) -> None:
         """Compute what ``design`` asks for until it asks for nothing more; what is in the folder is not computed again.
@@ -358,8 +288,9 @@ class Study:
         ----------
         place
             The folder in which workers keep results; None: they are handed to the design.
-        part
-            What this process computes beside others, which compute the rest; default: all.
+        share
+            What this process computes beside others, which compute the rest into the same folder; default: all. Tasks of
+            one number, which have a contact in common, belong to one share.
         watch
             Called several times a second while tasks run.
         """
@@ -369,19 +300,48 @@ class Study:
             self.told += 1
             design.tell(task, outcome if place is None else place.read(task, outcome))
 
+        number, count = share or (1, 1)
         while tasks := design.ask():
             self.asked += len(tasks)
-            left = []
+            mine, others = [], []
             for task in tasks:
                 found = None if place is None else place.find(task)
-                if found is None:
-                    left.append(task)
-                else:
+                if found is not None:
                     told(task, found)
-            if mine := [task for task in left if part is None or part.is_mine(task)]:
+                elif task.number % count == number - 1:
+                    mine.append(task)
+                else:
+                    others.append(task)
+            if mine:
                 Runner(self.open(), place, self._known(mine), watch).run(mine, told)
-            if part is not None:
-                part.wait([task for task in left if not part.is_mine(task)], told)
+            if place is not None:
+                self._wait(others, place.folder, told)
+
+    def _wait(self, tasks: Sequence[Task], folder: Folder, told: Told) -> None:
+        """Wait until other processes have computed ``tasks``.
+
+        Raises
+        ------
+        StoreError
+            Nothing new has come for too long.
+        """
+        since = time.monotonic()
+        while tasks:
+            missing = []
+            for task in tasks:
+                if folder.state(task.key) == "done":
+                    told(task, Outcome())
+                    since = time.monotonic()
+                else:
+                    missing.append(task)
+            tasks = missing
+            if tasks and time.monotonic() - since > self._patience:
+                raise StoreError(
+                    f"{folder.path}: {len(tasks)} samples of other shares are missing, and none has come for "
+                    f"{self._patience:.0f} s; start the other shares, or wait longer with --patience; {RESUME}"
+                )
+            if tasks:
+                time.sleep(LOOK)
 
     def _known(self, tasks: Sequence[Task]) -> Known:
         """What workers must know for ``tasks``."""
@@ -426,7 +386,7 @@ def carry_out(
         The workers cannot be started, or have ended.
     """
     place = Place.at(folder, processor=design.timed)
-    part = None if points is None else Part.read(points, place, patience)
+    share = None if points is None else share_of(points, place)
     with ExitStack() as stack:
         report = (
             stack.enter_context(progress_bars({RUNS: RUNS}))
@@ -440,12 +400,12 @@ def carry_out(
                 report(RUNS, study.told, study.asked)
 
         try:
-            study.carry_out(design, place, part, watch)
+            study.carry_out(design, place, share, watch)
         except KeyboardInterrupt:
             if place is None:
                 raise
             text = f"{study.told} runs are kept in {place.path}; rerun the same command to resume"
             raise KeyboardInterrupt(text) from None
         finally:
-            if part is None and place is not None:
+            if share is None and place is not None:
                 place.tidy()

@@ -7,7 +7,6 @@ Components and plugins that were registered by hand, not installed: how the work
 
 from __future__ import annotations
 
-import importlib
 import math
 import pickle
 import shutil
@@ -18,10 +17,12 @@ import traceback
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any, Generic, Self, TypeVar
 
 from chemage.ageing.aging import Aging, elastic_limits
@@ -51,13 +52,8 @@ Known = tuple[tuple[str, str], ...]
 
 def registered_classes(components: Iterable[Any]) -> set[type]:
     """The classes of ``components`` and of their parts that are registered by hand."""
-    plugins = registry.current()
-    classes = {type(part) for part in components_in(list(components))}
-    return {
-        cls
-        for cls in classes
-        if (record := plugins.provider(cls)) is not None and record.component is cls
-    }
+    by_hand = {record.component for record in registry.current().records}
+    return {type(part) for part in components_in(list(components))} & by_hand
 
 
 def for_workers(executor: str | Executor, classes: Iterable[type]) -> Known:
@@ -68,55 +64,40 @@ def for_workers(executor: str | Executor, classes: Iterable[type]) -> Known:
     InputError
         The executor uses other processes, and they cannot import one of them.
     """
-    context = getattr(
-        executor, "_mp_context", None
-    )  # forked workers are copies of this process
+    # forked workers are copies of this process
+    context = getattr(executor, "_mp_context", None)
     forked = context is not None and context.get_start_method() == "fork"
     if executor == "serial" or isinstance(executor, ThreadPoolExecutor) or forked:
         return ()
-    modules = []
+    plugins, known = registry.current(), []
     for cls in sorted(classes, key=lambda one: one.__qualname__):
-        if "." in cls.__qualname__ or not _importable(
-            cls.__module__, cls.__qualname__, cls
-        ):
-            role, kind = getattr(cls, "role", ""), getattr(cls, "kind", "")
-            raise InputError(
-                _refusal(
-                    f"the class {cls.__qualname__} ({role} {kind!r})", cls.__module__
-                )
-            )
-        modules.append((cls.__qualname__, f"{cls.__module__}:{cls.__qualname__}"))
-    plugins = registry.current()
+        role, kind = getattr(cls, "role", ""), getattr(cls, "kind", "")
+        name, module = cls.__qualname__, cls.__module__
+        _check(f"the class {name} ({role} {kind!r})", module, name, cls)
+        known.append((name, f"{module}:{name}"))
     answering = plugins.implementing(*stage_hooks())
     for record in plugins.records:
-        if record.distribution or record.name not in answering:
-            continue
-        if not _importable(record.module, "", plugins.implementation(record.name)):
-            raise InputError(_refusal(f"the plugin {record.name!r}", record.module))
-        modules.append((record.name, record.module))
-    return tuple(modules)
+        name, module = record.name, record.module
+        if name in answering and not record.distribution:
+            _check(f"the plugin {name!r}", module, "", plugins.implementation(name))
+            known.append((name, module))
+    return tuple(known)
 
 
-def _refusal(what: str, module: str) -> str:
-    return (
-        f"{what} was registered by hand from {module}, which worker processes cannot import; nothing was computed. Put "
-        "it into a module, a .py file on the import path, and register it from there; or compute in this process "
-        '(executor="serial")'
-    )
-
-
-def _importable(module: str, name: str, expected: Any) -> bool:
-    if module == "__main__" or module not in sys.modules:
-        return False
-    try:
-        spec = find_spec(module)
-    except (ImportError, ValueError):
-        return False
-    loaded = sys.modules[module]
-    return (
-        spec is not None
-        and (getattr(loaded, name, None) if name else loaded) is expected
-    )
+def _check(what: str, module: str, name: str, expected: Any) -> None:
+    """Refuse what no other process can import from ``module``: the module itself, or ``name`` of it."""
+    importable = False
+    if module != "__main__" and module in sys.modules:
+        with suppress(ImportError, ValueError):
+            importable = find_spec(module) is not None
+    loaded = sys.modules.get(module)
+    found = getattr(loaded, name, None) if name else loaded
+    if not importable or found is not expected:
+        raise InputError(
+            f"{what} was registered by hand from {module}, which worker processes cannot import; nothing was computed. "
+            "Put it into a module, a .py file on the import path, and register it from there; or compute in this "
+            'process (executor="serial")'
+        )
 
 
 def learn(known: Known) -> None:
@@ -129,26 +110,18 @@ def learn(known: Known) -> None:
     """
     plugins = registry.current()
     for name, target in known:
-        module, _, attribute = target.partition(":")
         try:
-            loaded: Any = importlib.import_module(module)
-            component = getattr(loaded, attribute) if attribute else loaded
+            component: Any = resolve_name(target)
         except (ImportError, AttributeError) as error:
             raise ExecutorError(
                 f"a worker cannot import {target} ({error}); the module must be on the import path of every worker"
             ) from None
-        classes = [
-            record.component
-            for record in plugins.records
-            if record.component is not None
-        ]
-        others = [record.name for record in plugins.records if record.component is None]
-        if name in others or any(cls is component for cls in classes):
-            continue
-        if attribute:
+        records = plugins.records
+        if ":" not in target:
+            if all(record.component or record.name != name for record in records):
+                plugins.register(component, name)
+        elif all(record.component is not component for record in records):
             plugins.register_class(component)
-        else:
-            plugins.register(component, name)
 
 
 T = TypeVar("T")
@@ -346,8 +319,7 @@ class Outcome:
     @property
     def measures(self) -> dict[str, Any]:
         """Those of the contact, but for :data:`GIVEN` ones; what is not known is None or nan."""
-        run = self.run
-        numbers = self.summary if run is None else run.contact.summary()
+        numbers = self.summary if self.run is None else self.run.contact.summary()
         names = [name for name in (*MEASURES, *FLOW_MEASURES) if name not in GIVEN]
         return {name: numbers[name] for name in names if name in numbers}
 
@@ -418,20 +390,21 @@ def _opened(path: str, digest: str, durable: bool) -> Folder:
     folder = Folder(Path(path), durable)
     if not digest:
         return folder
+    worker = f"worker {process_name()}"
     try:
         manifest = folder.read_manifest()
     except StoreError as error:
         raise ExecutorError(
-            f"worker {process_name()} cannot read the sweep: {error}; every worker must see {path}; workers on other "
-            "machines need a shared file system"
+            f"{worker} cannot read the sweep: {error}; every worker must see {path}; workers on other machines need a "
+            "shared file system"
         ) from None
     if manifest["digest"] != digest:
         raise ExecutorError(
-            f"worker {process_name()} finds another sweep in {path}; start the sweep again"
+            f"{worker} finds another sweep in {path}; start the sweep again"
         )
     if (version := manifest["versions"]["chemage"]) != __version__:
         raise ExecutorError(
-            f"worker {process_name()} has chemage {__version__}, but the sweep is run by {version}"
+            f"{worker} has chemage {__version__}, but the sweep is run by {version}"
         )
     return folder
 
@@ -501,19 +474,16 @@ class Worker:
 
     def run(self, task: Task) -> Run:
         """The run of a task's scene, which has its ageing in common with the task before if that was the same."""
-        if self._run is not None and self._ageing == task.ageing:
+        same = self._ageing == task.ageing
+        if same and self._run is not None:
             return _fitted_again(self._run, task.scene)
-        if self._error is not None and self._ageing == task.ageing:
+        if same and self._error is not None:
             raise self._error
         self._ageing, self._run, self._error = task.ageing, None, None
         try:
-            self.stage = "contact"
-            theory = not task.scene.contact.gives_map
-            contact = (
-                None
-                if theory
-                else self.kept("contact", task.contact, lambda: self.contact(task))
-            )
+            self.stage, contact = "contact", None
+            if task.scene.contact.gives_map:
+                contact = self.kept("contact", task.contact, lambda: self.contact(task))
             self.stage = "ageing"
             self._run = run(
                 task.scene,
@@ -538,7 +508,6 @@ class Worker:
         return folder.keep_contact(task.contact, self._solution(task))
 
     def _solution(self, task: Task) -> ContactSolution:
-        # the name contains the study: in another one other plugins may change the surface of the same options
         scene = task.scene
         with scene.in_use():
             surface = self.kept("surface", task.surface, lambda: surface_of(scene))
@@ -569,19 +538,19 @@ def _fitted_again(before: Run, scene: Scene) -> Run:
 # -- what a folder has of a task --------------------------------------------------------------------------------------
 
 
+def point_file(task: Task, status: str, **content: Any) -> dict[str, Any]:
+    """The content of the file of a task."""
+    about = {"status": status, "point": task.number, "changes": dict(task.changes)}
+    return about | content
+
+
 def content_of(run: Run, task: Task) -> dict[str, Any]:
     """The content of the file of a task that is done."""
-    content = {
-        "status": "done",
-        "point": task.number,
-        "changes": dict(task.changes),
-        "plugins": run.plugins,
-        "summary": run.summary(),
-        "aging": to_json(run.aging) if run.aging is not None else None,
-    }
-    if run.aging is None and run.contact.approximate:  # the ageing has it otherwise
-        content["approximate"] = list(run.contact.approximate)
-    return content
+    aging = None if run.aging is None else to_json(run.aging)
+    more = {"plugins": run.plugins, "summary": run.summary(), "aging": aging}
+    if aging is None and run.contact.approximate:  # the ageing has it otherwise
+        more["approximate"] = list(run.contact.approximate)
+    return point_file(task, "done", **more)
 
 
 def failure(task: Task, stage: str, error: BaseException) -> dict[str, Any]:
@@ -593,9 +562,4 @@ def failure(task: Task, stage: str, error: BaseException) -> dict[str, Any]:
     }
     if not isinstance(error, ChemageError):
         report["traceback"] = "".join(traceback.format_exception(error)[-6:])
-    return {
-        "status": "failed",
-        "point": task.number,
-        "changes": dict(task.changes),
-        "error": report,
-    }
+    return point_file(task, "failed", error=report)

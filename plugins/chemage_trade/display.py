@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import partial
+from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
 from chemage.plugin import (
@@ -17,8 +18,7 @@ from chemage.plugin import (
     figures,
     text,
 )
-from chemage_trade.choices import AGEING, ENGINE, SOLVER
-from chemage_trade.result import Tradeoff, words
+from chemage_trade.result import AGEING, ENGINE, SOLVER, Tradeoff, words
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -91,39 +91,24 @@ class TradeDisplay(Result):
         tables.append(self._table("Contact", contact))
         for name, lines in self.trade.sentences().items():
             title = f"The cheapest settings for the {words(name)} of one surface:"
-            tables.append(
-                Table(
-                    title,
-                    (),
-                    [(line,) for line in lines],
-                    "Cheapest settings",
-                    in_detail=False,
-                )
-            )
+            rows = [(line,) for line in lines]
+            tables.append(Table(title, (), rows, "Cheapest settings", in_detail=False))
         return tables
 
     def _table(self, title: str, names: Sequence[str]) -> Table:
         first, short, rows = names[0], _short_knobs(self.trade), []
         for point in sorted(self.trade.of(first), key=lambda one: one.seconds(first)):
-            if len(point.choices) > 1 and not set(names) & set(point.front):
+            if len(point.choices) > 1 and not {*names} & {*point.front}:
                 continue  # a combination that is beaten by another
-            settings = "\n".join(
-                f"{short[knob]} {label}".strip()
-                for knob, label in point.choices.items()
-            )
+            settings = [
+                f"{short[knob]} {label}" for knob, label in point.choices.items()
+            ]
+            lines = "\n".join(text.strip() for text in settings)
             seconds = _plus_minus(point.seconds(first), point.spread(first))
-            rows.append(
-                (
-                    settings or "as in the scene",
-                    seconds,
-                    *(_deviation(point, name) for name in names),
-                )
-            )
-        columns = (
-            "settings",
-            "CPU (s)",
-            *(_SHORT.get(name, words(name)) for name in names),
-        )
+            deviations = [_deviation(point, name) for name in names]
+            rows.append((lines or "as in the scene", seconds, *deviations))
+        headings = [_SHORT.get(name, words(name)) for name in names]
+        columns = ("settings", "CPU (s)", *headings)
         return Table(title, columns, rows, title, in_detail=False, dense=True)
 
     def pictures(self) -> dict[str, Picture]:
@@ -133,37 +118,32 @@ class TradeDisplay(Result):
         combinations; the step line is the Pareto front.
         """
         style, names = _Style(self.trade), _shown(self.trade)
-        columns = min(max(len(names), 1), _COLUMNS)
-        height = 2.9 * max(-(-len(names) // columns), 1)
+        if not names:
+            return {}
+        columns = min(len(names), _COLUMNS)
         panels = []
         for name in names:
             caption = f"Error of the {words(name)} against CPU time; filled: combinations; line: Pareto front."
-            panels.append(
-                Panel(
-                    partial(_draw, trade=self.trade, name=name, style=style),
-                    caption,
-                    name=name,
-                )
-            )
+            draw = partial(_draw, trade=self.trade, name=name, style=style)
+            panels.append(Panel(draw, caption, name=name))
 
         def finish(figure: Figure, plots: list[Axes]) -> None:
             figures.shared_legend(figure, style.handles())
 
-        size = (3.1 * max(columns, 2), height)
-        return (
-            {"trade": Picture(panels, size, columns, finish=finish, dpi=110)}
-            if panels
-            else {}
-        )
+        size = 3.1 * max(columns, 2), 2.9 * math.ceil(len(names) / columns)
+        return {"trade": Picture(panels, size, columns, finish=finish, dpi=110)}
 
 
 def _short_knobs(trade: Tradeoff) -> dict[str, str]:
     """What is chosen -> the last part of its name where this is the only one with it, else the whole name."""
-    knobs = {knob for point in trade.points for knob in point.choices}
-    last = [knob.rpartition(".")[2] for knob in knobs]
+    knobs = {
+        knob: knob.rpartition(".")[2]
+        for point in trade.points
+        for knob in point.choices
+    }
+    last = [*knobs.values()]
     short = {
-        knob: part if last.count(part) == 1 else knob
-        for knob, part in zip(knobs, last, strict=True)
+        knob: part if last.count(part) == 1 else knob for knob, part in knobs.items()
     }
     return {**short, TradePoint.GRID: "grid", AGEING: ""}
 
@@ -207,63 +187,45 @@ class _Style:
     def __init__(self, trade: Tradeoff) -> None:
         contacts = sorted({_contact(point) for point in trade.points})
         ageings = sorted({_ageing(point) for point in trade.points})
-        self.colors = {
-            name: figures.PALETTE[k % len(figures.PALETTE)]
-            for k, name in enumerate(contacts)
-        }
-        self.markers = {
-            name: _MARKERS[k % len(_MARKERS)] for k, name in enumerate(ageings)
-        }
+        self.colors = dict(zip(contacts, cycle(figures.PALETTE), strict=False))
+        self.markers = dict(zip(ageings, cycle(_MARKERS), strict=False))
 
     def of(self, point: TradePoint) -> dict[str, Any]:
         """How a point is drawn."""
-        color = self.colors[_contact(point)]
-        filled = len(point.choices) > 1
-        return {
-            "marker": "*" if point.own else self.markers[_ageing(point)],
-            "color": figures.BLACK if point.own else color,
-            "markerfacecolor": figures.BLACK
-            if point.own
-            else color
-            if filled
-            else "white",
-            "markersize": 11 if point.own else 5,
-            "linestyle": "none",
+        style = {"linestyle": "none", "markersize": 5}
+        if point.own:
+            return style | {"marker": "*", "color": figures.BLACK, "markersize": 11}
+        style |= {
+            "marker": self.markers[_ageing(point)],
+            "color": self.colors[_contact(point)],
         }
+        return style if len(point.choices) > 1 else style | {"markerfacecolor": "white"}
 
     def handles(self) -> list[Any]:
         """What the legend shows."""
         from matplotlib.lines import Line2D
 
-        def symbol(label: str, **style: Any) -> Any:
-            return Line2D(
-                [], [], label=label, **{"linestyle": "none", "markersize": 6, **style}
-            )
-
-        symbols = [
-            symbol("as in the scene", marker="*", color=figures.BLACK, markersize=10)
+        grey = {"marker": "o", "color": figures.GREY}
+        symbols: list[tuple[str, dict[str, Any]]] = [
+            (
+                "as in the scene",
+                {"marker": "*", "color": figures.BLACK, "markersize": 10},
+            ),
+            ("single setting", {**grey, "markerfacecolor": "white"}),
+            ("combination", grey),
+            ("Pareto front", {"color": figures.GREY, "linestyle": "-", "lw": 1}),
         ]
-        symbols.append(
-            symbol(
-                "single setting",
-                marker="o",
-                color=figures.GREY,
-                markerfacecolor="white",
+        for name, color in self.colors.items():
+            symbols.append(
+                (name or "grid of the scene", {"marker": "o", "color": color})
             )
-        )
-        symbols.append(symbol("combination", marker="o", color=figures.GREY))
-        symbols.append(Line2D([], [], color=figures.GREY, lw=1, label="Pareto front"))
-        symbols += [
-            symbol(name or "grid of the scene", marker="o", color=color)
-            for name, color in self.colors.items()
+        for name, marker in self.markers.items() if len(self.markers) > 1 else ():
+            symbols.append((name or "ageing of the scene", {**grey, "marker": marker}))
+        usual = {"linestyle": "none", "markersize": 6}
+        return [
+            Line2D([], [], label=label, **{**usual, **style})
+            for label, style in symbols
         ]
-        if len(self.markers) > 1:
-            markers = self.markers.items()
-            symbols += [
-                symbol(name or "ageing of the scene", marker=marker, color=figures.GREY)
-                for name, marker in markers
-            ]
-        return symbols
 
 
 def _contact(point: TradePoint) -> str:
@@ -282,47 +244,34 @@ def _ageing(point: TradePoint) -> str:
 
 def _draw(axes: Axes, _: Any, trade: Tradeoff, name: str, style: _Style) -> None:
     points = trade.of(name)
-    errors = [100 * point.deviation(name).bound for point in points]
-    nothing = max(
-        _NOTHING * min((error for error in errors if error > 0), default=1.0), _SMALLEST
-    )
-    for point, error in zip(points, errors, strict=True):
-        axes.plot(
-            point.seconds(name),
-            max(error, nothing),
-            zorder=4 if point.own else 3,
-            **style.of(point),
-        )
-    front = [
-        (point.seconds(name), max(100 * point.deviation(name).bound, nothing))
-        for point in trade.front(name)
-    ]
-    if front:
+    errors = {id(point): 100 * point.deviation(name).bound for point in points}
+    least = min((error for error in errors.values() if error > 0), default=1.0)
+    nothing = max(_NOTHING * least, _SMALLEST)
+
+    def place(point: TradePoint) -> tuple[float, float]:
+        return point.seconds(name), max(errors[id(point)], nothing)
+
+    for point in points:
+        axes.plot(*place(point), zorder=4 if point.own else 3, **style.of(point))
+    if front := [place(point) for point in trade.front(name)]:
         seconds, bounds = zip(*front, strict=True)
-        axes.step(
-            [*seconds, 1e9],
-            [*bounds, bounds[-1]],
-            where="post",
-            color=figures.GREY,
-            lw=1,
-            zorder=2,
-        )
+        ends = [*seconds, 1e9], [*bounds, bounds[-1]]
+        axes.step(*ends, where="post", color=figures.GREY, lw=1, zorder=2)
     axes.set(xscale="log", yscale="log", title=words(name))
-    _scale(axes.xaxis, [point.seconds(name) for point in points])
-    _scale(axes.yaxis, [max(error, nothing) for error in errors])
-    if any(error < nothing for error in errors):
-        axes.annotate(
-            "0",
-            (0, nothing),
-            xycoords=("axes fraction", "data"),
-            xytext=(3, 0),
-            textcoords="offset points",
-            va="center",
-        )
+    for axis, values in zip(
+        (axes.xaxis, axes.yaxis), zip(*map(place, points), strict=True), strict=False
+    ):
+        _scale(axis, values)
+    if any(error < nothing for error in errors.values()):
+        at: dict[str, Any] = {
+            "xycoords": ("axes fraction", "data"),
+            "textcoords": "offset points",
+        }
+        axes.annotate("0", (0, nothing), xytext=(3, 0), va="center", **at)
     axes.set(xlabel="CPU time (s)", ylabel="error, at most (%)")
 
 
-def _scale(axis: Any, values: list[float]) -> None:
+def _scale(axis: Any, values: Sequence[float]) -> None:
     """Set the limits around positive ``values``, at least a decade apart so that small differences look small."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
@@ -332,9 +281,7 @@ def _scale(axis: Any, values: list[float]) -> None:
     low, high = min(known), max(known)
     middle = math.sqrt(low * high)
     reach = max(1.5 * (high / low) ** 0.54, math.sqrt(10.0))
-    (axis.axes.set_xlim if axis.axis_name == "x" else axis.axes.set_ylim)(
-        middle / reach, middle * reach
-    )
+    axis.axes.set(**{f"{axis.axis_name}lim": (middle / reach, middle * reach)})
     axis.set_major_locator(
         LogLocator(subs=(1.0, 2.0, 5.0) if reach < 16.0 else (1.0,), numticks=8)
     )

@@ -29,7 +29,6 @@ from chemage import ensemble
 from chemage.ageing.models import Interval
 from chemage.foundation.outputs import MeasuredOutput
 from chemage.plugin import KB, Output, statistics
-from chemage.studies.arrhenius import activation_energies
 from chemage.studies.ensembles.quantities import Spread, half_width, regressed
 from chemage_ageing import _table
 from chemage_ageing._table import bonded_share
@@ -220,7 +219,7 @@ def arrhenius(rng: np.random.Generator, trials: int) -> Iterable[Held]:
                     shift = together[:count] + alone * rng.standard_normal(count)
                     share = 0.02 * (np.log(times) + math.log(1e13) - energy / (KB * kelvin)) + 0.1 + shift[:, None]
                     curves.append(_of_share(kelvin, times, share))
-                found = activation_energies(curves, level, quantity="bonds_per_site", window=("1e9 s", "1e10 s"))
+                found = ca.arrhenius(curves, level, quantity="bonds_per_site", window=("1e9 s", "1e10 s"))
                 one, what = found.energies[0], f"{words}{', common disorder' if shared else ''}"
                 yield Held(f"activation energy, {what}", within(one.energy_interval, energy))
                 yield Held(f"prefactor, {what}", within(one.prefactor_interval, math.exp(log_prefactor)))
@@ -234,7 +233,7 @@ def arrhenius(rng: np.random.Generator, trials: int) -> Iterable[Held]:
                 )
                 for kelvin in kelvins[:count]
             ]
-            found = activation_energies(curves, level, quantity="bonds_per_site", window=("1e9 s", "1e10 s"))
+            found = ca.arrhenius(curves, level, quantity="bonds_per_site", window=("1e9 s", "1e10 s"))
             bar = f"activation energy, one replica, {count} temperatures"
             yield Held(bar, within(found.energies[0].energy_interval, energy))
 

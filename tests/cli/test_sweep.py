@@ -16,7 +16,7 @@ import pytest
 from seen import show_progress
 
 import chemage
-from chemage.plugin import text
+from chemage.plugin import progress, text
 
 SCENE = """
 name = "study"
@@ -237,13 +237,13 @@ def test_ctrl_c_keeps_what_is_finished(scene, tiny, executor, command):
 
 
 def test_without_a_terminal_a_line_tells_how_far_it_is(scene, monkeypatch, capsys):
-    slow(scene, 0.15)
-    with show_progress(seconds=0.1) as tell:
+    monkeypatch.setattr(progress, "SILENCE", 0.1)
+    slow(scene, 0.3)
+    with show_progress() as tell:
         chemage.sweep(scene, "out", progress=tell)
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) >= 2
-    assert all(line.startswith("sweep: ") and line.endswith("left") for line in lines)
-    assert lines[-1] == "sweep: 6 of 6 points, 2 of 2 contacts, 0 s left"
+    assert any(re.fullmatch(r"points: points \d/6, .* s left, \d+ s", line) for line in lines)
 
 
 def on_a_terminal(words, answer=""):

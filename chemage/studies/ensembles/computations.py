@@ -21,7 +21,7 @@ from chemage.scene import plan as estimate
 from chemage.scene.files import load_scene
 from chemage.scene.run import run
 from chemage.scene.scene import Scene
-from chemage.studies.ensembles.quantities import Quantities, SurfaceSample
+from chemage.studies.ensembles.quantities import AccuracyGoal, Quantities, SurfaceSample
 from chemage.studies.runner import PROGRAM
 from chemage.studies.tasks import Outcome, Task
 from chemage.studies.trade import TradeMap, TradePoint
@@ -35,8 +35,6 @@ PAYS = 0.6
 MAP_PAYS = 0.9
 #: a budget is divided among so many processors at least, s of CPU time per s
 _ONE = 1.0
-#: how the error of the barriers is known
-HOW = "measured here on one surface: {}"
 #: a control is used where it costs at most this part of the cheapest computation
 CONTROL_PAYS = 0.5
 #: replicas of a sample whose contact takes all the time
@@ -99,13 +97,10 @@ class Computation:
         """CPU seconds on this machine over those that are stated."""
         return 1.0 if self.timed else estimate.slowness()
 
-    def here(self) -> Computation:
-        """The same with the seconds of this machine."""
-        contact = self.contact_seconds * self.scale
-        replica = self.replica_seconds * self.scale
-        return replace(
-            self, contact_seconds=contact, replica_seconds=replica, timed=True
-        )
+    @property
+    def seconds_here(self) -> float:
+        """CPU seconds on one surface, on this machine."""
+        return self.seconds * self.scale
 
     def with_replicas(self, replicas: int) -> Computation:
         """The same with another number of replicas."""
@@ -122,15 +117,9 @@ class Computation:
 
     def compute(self, surface_seed: int, hold_seed: int) -> SurfaceSample:
         """Compute one sample in this thread."""
+        scene = self.seeded(surface_seed, hold_seed)
         return SurfaceSample.of(
-            Outcome(
-                run(
-                    self.seeded(surface_seed, hold_seed),
-                    threads=1,
-                    warn=False,
-                    members=False,
-                )
-            )
+            Outcome(run(scene, threads=1, warn=False, members=False))
         )
 
 
@@ -170,18 +159,14 @@ def estimated(scene: Scene, factor: int) -> Computation:
     costs = estimate.cost(scene, here=False)
     contact, replica = costs.contact_cpu_seconds, costs.kinetics_cpu_seconds
     if costs.kinetics_range is not None:
-        replica = math.sqrt(costs.kinetics_range[0] * costs.kinetics_range[1])
-    pixels = max(costs.pixels, 1.0)
+        replica = math.sqrt(math.prod(costs.kinetics_range))
     # what no component says is taken as so much per pixel; only the allocation depends on it
-    parts = costs.contact_bytes, costs.replica_bytes if scene.ages else 0.0
-    size = None if parts[0] is None or parts[1] is None else max(parts[0], parts[1])
-    return Computation(
-        scene,
-        factor,
-        1e-6 * pixels if contact is None else contact,
-        replica or 1e-3,
-        size,
-    )
+    if contact is None:
+        contact = 1e-6 * max(costs.pixels, 1.0)
+    sizes = [costs.contact_bytes, costs.replica_bytes if scene.ages else 0.0]
+    known = [size for size in sizes if size is not None]
+    size = max(known) if len(known) == len(sizes) else None
+    return Computation(scene, factor, contact, replica or 1e-3, size)
 
 
 def fitting(computation: Computation, workers: int) -> int:
@@ -194,19 +179,13 @@ def fitting(computation: Computation, workers: int) -> int:
 def replicas_of_difference(fine: Computation, coarse: Computation) -> int:
     """Replicas of a sample of the difference between two computations: so many that kinetics take about as long as it
     is worth."""
-    if not fine.scene.ages or (
-        fine.scene.ageing is not None and not fine.scene.ageing.replicates
-    ):
+    ageing = fine.scene.ageing
+    if not fine.scene.ages or (ageing is not None and not ageing.replicates):
         return 1
     contacts = fine.contact_seconds + coarse.contact_seconds
-    kinetics = fine.replica_seconds + coarse.replica_seconds
-    return max(
-        1,
-        min(
-            MOST_REPLICAS,
-            round(math.sqrt(REPLICA_SHARE * contacts / max(kinetics, 1e-9))),
-        ),
-    )
+    kinetics = max(fine.replica_seconds + coarse.replica_seconds, 1e-9)
+    worth = round(math.sqrt(REPLICA_SHARE * contacts / kinetics))
+    return max(1, min(MOST_REPLICAS, worth))
 
 
 # -- settings from a map of speed against accuracy ---------------------------------------------------------------------
@@ -216,7 +195,7 @@ def mapped_computations(
     map: TradeMap,
     scene: Scene,
     quantities: Quantities,
-    goals: Sequence[tuple[int, float]],
+    goals: Sequence[AccuracyGoal],
     budget: float,
 ) -> list[Computation]:
     """The settings of the map with which ``scene`` is expected to reach its goals at the least cost, and those of the
@@ -225,52 +204,43 @@ def mapped_computations(
     Parameters
     ----------
     goals
-        (column, relative half width) of each; 0: as accurate as the time allows.
+        With accuracy 0: as accurate as the time allows.
     budget
         CPU seconds; inf: as long as it takes.
     """
     base, own = scene.bare(), map.own
     if own is None:
         return []
-    whole = _mapped(base, own, map, quantities, errors=False)
+    whole = _mapped(base, own, map)
     names = _names(quantities)
 
     def price(point: TradePoint) -> float:
         """CPU seconds until every goal is reached; with a budget alone, the relative half width that it allows."""
         return max(
-            _price(point, own, map, names[column], accuracy, budget)
-            for column, accuracy in goals
+            _price(point, own, map, names[goal.column], goal.accuracy, budget)
+            for goal in goals
         )
 
-    least, chosen = MAP_PAYS * price(own), None
-    for point in map.points:
-        if not point.own and (found := price(point)) < least:
-            least, chosen = found, point
-    if chosen is None:
+    def weighed(point: TradePoint) -> float:
+        return MAP_PAYS * price(point) if point.own else price(point)
+
+    chosen = min((own, *map.points), key=weighed)
+    if chosen.own:
         return [whole]
-    changed = load_scene(base, chosen.changes)
-    return [_mapped(changed, chosen, map, quantities), whole]
+    changed = _mapped(load_scene(base, chosen.changes), chosen, map)
+    return [replace(changed, errors=_errors(chosen, names)), whole]
 
 
-def _mapped(
-    scene: Scene,
-    point: TradePoint,
-    map: TradeMap,
-    quantities: Quantities,
-    errors: bool = True,
-) -> Computation:
+def _mapped(scene: Scene, point: TradePoint, map: TradeMap) -> Computation:
     contact, replica = map.seconds_of(point)
     pixel = scene.surface.expected().get("pixel_size", 0.0)
-    own = map.scene.get("surface", {}).get("pixel_size", pixel)
-    factor = (
-        round(pixel / own) if isinstance(own, int | float) and own > 0 and pixel else 1
-    )
+    own = map.scene.get("surface", {}).get("pixel_size")
+    known = isinstance(own, int | float) and own > 0 and pixel
     return replace(
-        estimated(scene, factor),
+        estimated(scene, round(pixel / own) if known else 1),
         contact_seconds=contact,
         replica_seconds=replica,
         settings="" if point.own else point.words,
-        errors=_errors(point, quantities) if errors else None,
         grid_only=point.grid_only,
         timed=True,
     )
@@ -282,9 +252,8 @@ def _names(quantities: Quantities) -> list[str]:
     return [*(["beta"] if quantities.has_beta else []), *curve, *quantities.measures]
 
 
-def _errors(point: TradePoint, quantities: Quantities) -> np.ndarray:
+def _errors(point: TradePoint, names: Sequence[str]) -> np.ndarray:
     """(quantities,) relative standard errors of the settings; nan where they were not measured."""
-    names = _names(quantities)
     if point.exact:
         return np.zeros(len(names))
     return np.array([point.deviation(name).size for name in names])
@@ -303,25 +272,21 @@ def _price(
     seconds, whole = sum(map.seconds_of(point)), sum(map.seconds_of(own))
     surfaces = map.surface_scatter.get(name, 0.0) if map.random else 0.0
     variance = surfaces**2 + point.scatter.get(name, 0.0) ** 2
-    same = point.own or point.exact
-    size = 0.0 if same else point.deviation(name).size
+    size = change = 0.0
+    if not (point.own or point.exact):
+        deviation = point.deviation(name)
+        # on random surfaces of the mean over the replicas of a round, as a correction has several replicas
+        count = map.rounds if map.random else deviation.freedom + 1
+        size, change = deviation.size, deviation.stderr**2 * count
     if math.isnan(size) or math.isnan(variance):
         return math.inf
-    deviation = point.deviation(name)
-    # on random surfaces of the mean over the replicas of a round, as a correction has several replicas
-    change = (
-        0.0
-        if same
-        else deviation.stderr**2 * (map.rounds if map.random else deviation.freedom + 1)
-    )
     corrected = (
         math.sqrt(variance * seconds) + math.sqrt(change * (seconds + whole))
     ) ** 2
     if accuracy == 0:
         time = budget if math.isfinite(budget) else _ONE
-        return NORMAL_LIMIT * min(
-            math.sqrt(variance * seconds / time + size**2), math.sqrt(corrected / time)
-        )
+        alone = math.sqrt(variance * seconds / time + size**2)
+        return NORMAL_LIMIT * min(alone, math.sqrt(corrected / time))
     left = (accuracy / NORMAL_LIMIT) ** 2 - size**2
     plain = seconds * variance / left if left > 0 else math.inf
     return min(plain, corrected * (NORMAL_LIMIT / accuracy) ** 2)
@@ -333,12 +298,12 @@ def own_error(map: TradeMap, quantities: Quantities) -> str:
     if map.own is None or not names:
         return ""
     deviation = map.own.deviation(names[0])
-    if math.isnan(deviation.half_width):
+    value, half = 100 * deviation.value, 100 * deviation.half_width
+    if math.isnan(half):
         return ""
-    text = f"{100 * deviation.value:.2g} ± {100 * deviation.half_width:.2g} %"
     return (
         f"with the settings of the scene {names[0].replace('_', ' ')} differs from that of the most accurate ones by "
-        f"{text}, as measured for the map"
+        f"{value:.2g} ± {half:.2g} %, as measured for the map"
     )
 
 
@@ -358,15 +323,10 @@ def barriers_error(
     The error is relative and the same for all surfaces, so that one of them, with ``seeds`` of surface and hold, is
     enough; more surfaces do not make it smaller.
     """
-    errors, scene = np.zeros(quantities.count), computation.scene
-    if (
-        scene.chemistry is None
-        or scene.hold is None
-        or not scene.ages
-        or not scene.chemistry.forming.members(1)
-    ):
+    errors, scene = np.zeros(quantities.count), computation.seeded(*seeds)
+    chemistry = scene.chemistry
+    if chemistry is None or not scene.ages or not chemistry.forming.members(1):
         return errors, ""
-    scene = computation.seeded(*seeds)
 
     def report(stage: str, done: int, total: int, note: str = "") -> None:
         if stage == BARRIERS and total:
@@ -375,12 +335,13 @@ def barriers_error(
     aging = run(scene, threads=threads, warn=False, progress=report).aging
     assert aging is not None
     assert aging.member_ratios is not None
+    drop, ratios = aging.mean_friction_drop, aging.member_ratios
     errors[quantities.curve] = aging.errors[BARRIERS]
     if quantities.has_beta:
-        own = float(quantities.slope(aging.mean_friction_drop[None])[0])
-        slopes = quantities.slope(aging.member_ratios * aging.mean_friction_drop)
+        own = float(quantities.slope(drop[None])[0])
+        slopes = quantities.slope(ratios * drop)
         errors[0] = slopes.std(ddof=1) / abs(own) if own else np.nan
-    return errors, HOW.format(aging.error_sources[BARRIERS])
+    return errors, f"measured here on one surface: {aging.error_sources[BARRIERS]}"
 
 
 # -- the error of a measured surface ----------------------------------------------------------------------------------
@@ -534,12 +495,12 @@ def area(sample: SurfaceSample) -> np.ndarray:
 
 def within(
     parts: tuple[SampleSeries, ...], quantities: Quantities
-) -> tuple[np.ndarray, int] | None:
-    """The variance between replicas on one surface, (quantities,), and its degrees of freedom; None without any."""
+) -> np.ndarray | None:
+    """The variance between replicas on one surface, (quantities,); None without any."""
     total, freedom = np.zeros(quantities.count), 0
     for sample in parts[0].samples:
         rows = quantities.replica_rows(sample)
         if len(rows) > 1:
             total += rows.var(axis=0, ddof=1) * (len(rows) - 1)
             freedom += len(rows) - 1
-    return (total / freedom, freedom) if freedom else None
+    return total / freedom if freedom else None

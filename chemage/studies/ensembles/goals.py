@@ -40,6 +40,7 @@ from chemage.studies.ensembles.computations import (
 )
 from chemage.studies.ensembles.quantities import (
     MOST,
+    AccuracyGoal,
     Quantities,
     limit,
     recorded_measures,
@@ -58,23 +59,10 @@ def time_text(seconds: float) -> str:
 
 
 @dataclass(frozen=True)
-class AccuracyGoal:
-    """One quantity, and the relative half width of its 95 % interval that is asked for."""
-
-    #: as it was written, such as ``friction_coefficient_drop@1e3 s``
-    name: str
-    #: number of its column among the :class:`Quantities`
-    column: int
-    accuracy: float
-
-
-@dataclass(frozen=True)
 class Request:
     """What a scene asks of its ensemble, as far as it can be validated before anything is computed."""
 
     scene: Scene
-    #: whether another seed gives another surface; else the mean is over replicas on the one surface
-    random: bool
     quantities: Quantities
     goals: list[AccuracyGoal]
     #: None: as many as the goals or the budget decide
@@ -97,23 +85,20 @@ class Request:
             The request contradicts itself or the scene.
         """
         options = scene.ensemble or EnsembleOptions()
-        surfaces = (
-            None
-            if options.surfaces is None
-            else checked_count("surfaces", options.surfaces, least=2)
-        )
-        if surfaces is not None and (scene.accuracy or options.budget is not None):
-            raise InputError(
-                "surfaces, accuracy: give the number of surfaces, or the accuracy (or budget) that decides it"
-            )
-        if surfaces is None and not scene.accuracy and options.budget is None:
+        surfaces, timed = options.surfaces, options.budget is not None
+        if surfaces is None and not scene.accuracy and not timed:
             raise InputError("surfaces: give how many, or an accuracy, or a budget")
+        if surfaces is not None:
+            checked_count("surfaces", surfaces, least=2)
+            if scene.accuracy or timed:
+                raise InputError(
+                    "surfaces, accuracy: give the number of surfaces, or the accuracy (or budget) that decides it"
+                )
         if not scene.contact.gives_map:
             raise InputError(
                 f"contact {scene.contact.kind!r} is a theory of the mean; it has no surfaces to average over"
             )
-        random = scene.is_random
-        if surfaces is not None and not random:
+        if surfaces is not None and not scene.is_random:
             problem = "but this surface is the same at every seed"
             raise InputError.of(
                 "surfaces", surfaces, problem, "use replicas, or an accuracy"
@@ -138,7 +123,6 @@ class Request:
             measurements.check(scene, options.map or "the map")
         request = cls(
             scene,
-            random,
             quantities,
             wishes,
             surfaces,
@@ -146,9 +130,19 @@ class Request:
             options.most,
             measurements,
         )
-        if wishes and options.budget is None:
+        if wishes and not timed:
             request._refuse_unreachable()
         return request
+
+    @property
+    def random(self) -> bool:
+        """Whether another seed gives another surface; else the mean is over replicas on the one surface."""
+        return self.scene.is_random
+
+    @property
+    def aims(self) -> list[AccuracyGoal]:
+        """The goals, or that the first quantity is to be as accurate as the time allows."""
+        return self.goals or [AccuracyGoal(self.quantities.names[0], 0, 0.0)]
 
     def approximation(self) -> np.ndarray:
         """(quantities,) relative standard errors that approximate components of the scene declare; nan: not known."""
@@ -159,15 +153,14 @@ class Request:
 
     def _declared(self) -> Iterator[tuple[str, np.ndarray]]:
         """The same of each of them."""
+        ageing = self.scene.ageing
         for component in self.scene.components():
-            ageing = self.scene.ageing
-            replicates = ageing is not None and ageing.replicates
-            if component.exact or (component is ageing and replicates):
+            own = component is ageing and ageing is not None and ageing.replicates
+            if component.exact or own:
                 continue
             declared = component.declared_error
-            errors = self.quantities.columns(
-                {} if declared is None else {"friction_drop": declared}
-            )
+            known = {} if declared is None else {"friction_drop": declared}
+            errors = self.quantities.columns(known)
             if component not in (self.scene.surface, self.scene.contact):
                 # the contact is solved before
                 errors[self.quantities.curve.stop :] = 0.0
@@ -176,41 +169,42 @@ class Request:
     def _refuse_unreachable(self) -> None:
         """Raise an InputError where what is asked has no answer, as far as that is known before."""
         total = NORMAL_LIMIT * self.approximation()
-        curve = self.quantities.curve
+        quantities, curve = self.quantities, self.quantities.curve
         scatter = _replicas(self.scene, cost(self.scene), self)
+        bare = scatter**2 > NO_BOND * self.most
         for goal in self.goals:
-            asked = f"accuracy.{goal.name} = {100 * goal.accuracy:g} %"
+            asked, column = (
+                f"accuracy.{goal.name} = {100 * goal.accuracy:g} %",
+                goal.column,
+            )
             on = (
-                self.quantities.fitted
-                if goal.column < curve.start
-                else goal.column - curve.start
+                bare[column : column + 1]
+                if column >= curve.start
+                else bare[curve][quantities.fitted]
             )
-            bare = (
-                scatter[curve][on] ** 2 > NO_BOND * self.most
-                if goal.column < curve.stop
-                else np.False_
-            )
-            if bare.all():
+            if on.size and on.all():
                 raise InputError(
                     f"{asked}: no bond is expected to form in time on {self.most:,} {self.counted}, so that its mean is 0 "
                     "within its interval; ask at a later hold time or a higher temperature"
                 )
-            if total[goal.column] < goal.accuracy:
+            if total[column] < goal.accuracy:
                 continue
-            parts = [
-                (part, errors[goal.column])
+            parts = {
+                part: errors[column]
                 for part, errors in self._declared()
-                if errors[goal.column] != 0
-            ]
-            if unknown := [part for part, error in parts if math.isnan(error)]:
+                if errors[column] != 0
+            }
+            if unknown := [part for part, error in parts.items() if math.isnan(error)]:
                 number = ", or give a number of surfaces" if self.random else ""
                 raise InputError(
                     f"{asked}: an approximate part of the scene does not say how large its error of this quantity is; "
                     f"replace {unknown[0]} by an exact one{number}"
                 )
-            listed = ", ".join(f"{part} {percent(error)}" for part, error in parts)
+            listed = ", ".join(
+                f"{part} {percent(error)}" for part, error in parts.items()
+            )
             raise InputError(
-                f"{asked}: errors that no number of {self.counted} makes smaller are larger, ± {percent(total[goal.column])} "
+                f"{asked}: errors that no number of {self.counted} makes smaller are larger, ± {percent(total[column])} "
                 f"(standard errors: {listed}); ask for a wider interval, or use exact parts"
             )
 
@@ -222,9 +216,7 @@ class Request:
     @property
     def asked(self) -> dict[int, str]:
         """Column -> name of what is to be accurate: of the goals, or of the first quantity."""
-        return {goal.column: goal.name for goal in self.goals} or {
-            0: self.quantities.names[0]
-        }
+        return {goal.column: goal.name for goal in self.aims}
 
     @property
     def wishes(self) -> str:
@@ -236,13 +228,13 @@ class Request:
     def refusal(self, needed: int | None, seconds: float, so_far: str = "") -> str:
         """That more samples are needed than are allowed, with their CPU time, or that no number is enough (None)."""
         if needed is None:
-            text = f"errors that no number of {self.counted} makes smaller are larger{so_far}; ask for a wider interval"
-            return f"{self.wishes}: {text}"
-        about = (
-            f"about {round(needed, 2 - len(str(needed))):,}"
-            if needed < MOST
-            else f"more than {MOST:,}"
-        )
+            return (
+                f"{self.wishes}: errors that no number of {self.counted} makes smaller are larger{so_far}; ask for a wider "
+                "interval"
+            )
+        about = f"more than {MOST:,}"
+        if needed < MOST:
+            about = f"about {round(needed, 2 - len(str(needed))):,}"
         return (
             f"{self.wishes}: would need {about} {self.counted} ({time_text(seconds)} of CPU time), and {self.most:,} "
             f"are allowed{so_far}; ask for a wider interval, or allow more with [ensemble] most"
@@ -251,11 +243,11 @@ class Request:
     def computations(self) -> list[Computation]:
         """The computations that may be used, the cheapest first."""
         if self.map is not None:
-            goals = [(goal.column, goal.accuracy) for goal in self.goals] or [(0, 0.0)]
             budget = math.inf if self.budget is None else self.budget * available()
-            if chosen := mapped_computations(
-                self.map, self.scene, self.quantities, goals, budget
-            ):
+            chosen = mapped_computations(
+                self.map, self.scene, self.quantities, self.aims, budget
+            )
+            if chosen:
                 return chosen
         ways = computations(self.scene)
         if not self.random or self.surfaces is not None:
@@ -269,39 +261,30 @@ class Request:
     def _beginning(self, ways: list[Computation]) -> int:
         """The grid to begin with, which is expected to lead to the goals at the lowest cost: the coarsest one where
         many surfaces are needed, a finer one where its error leaves too little of the interval to few surfaces."""
-        costs, sure = cost(self.scene), limit(math.inf)
-        means = (
-            {}
-            if costs.area_fraction is None
-            else {"area_fraction": costs.area_fraction}
-        )
-        scatter = self.scene.surface.scatter(means)
-        spread = (
-            SCATTER if scatter is None or not scatter.relative else scatter.relative
-        )
-        accuracy = min(goal.accuracy for goal in self.goals)
+        surface, area = self.scene.surface, cost(self.scene).area_fraction
+        means = {} if area is None else {"area_fraction": area}
+        scatter = surface.scatter(means)
+        spread = (scatter and scatter.relative) or SCATTER
+        left = (min(goal.accuracy for goal in self.goals) / limit(math.inf)) ** 2
+        fitted = self.quantities.has_beta
         names = {
-            "beta" if goal.column == 0 and self.quantities.has_beta else "friction_drop"
+            "beta" if fitted and goal.column == 0 else "friction_drop"
             for goal in self.goals
         }
 
         def seconds(way: Computation) -> float:
-            errors = (
-                self.scene.surface.coarser_errors(way.factor, means)
-                if way.factor > 1
-                else dict.fromkeys(names, 0)
-            )
-            error = max(errors.get(name, math.inf) for name in names)
-            left = (accuracy / sure) ** 2
+            error = 0.0
+            if way.factor > 1:
+                errors = surface.coarser_errors(way.factor, means)
+                error = max(errors.get(name, math.inf) for name in names)
             alone = math.inf
             if error**2 < left:
                 alone = max(stages.FIRST, spread**2 / (left - error**2)) * way.seconds
             own = ways[-1].with_replicas(replicas_of_difference(ways[-1], way))
             both = own.seconds + way.with_replicas(own.replicas).seconds
             corrections = max(stages.FIRST_DIFFERENCES, DIFFERENCE**2 / left) * both
-            return min(
-                alone, max(stages.FIRST, spread**2 / left) * way.seconds + corrections
-            )
+            many = max(stages.FIRST, spread**2 / left) * way.seconds
+            return min(alone, many + corrections)
 
         return min(range(len(ways)), key=lambda number: seconds(ways[number]))
 
@@ -309,10 +292,8 @@ class Request:
         """(quantities,) the relative half widths that are asked for; inf where none is, 0 for the first quantity if it
         is to be as accurate as the time allows."""
         accuracy = np.full(self.quantities.count, np.inf)
-        for goal in self.goals:
+        for goal in self.aims:
             accuracy[goal.column] = min(accuracy[goal.column], goal.accuracy)
-        if not self.goals:
-            accuracy[0] = 0.0
         return accuracy
 
 
@@ -336,26 +317,23 @@ def with_request(
     options: dict[str, Any] = (scene.ensemble or EnsembleOptions()).model_dump()
     goals = dict(scene.accuracy)
     if surfaces is not None:
-        none: dict[str, Any] = {"budget": None, "map": None}
-        options, goals = (
-            options
-            | none
-            | {"surfaces": checked_count("surfaces", surfaces, 2, SURFACES_LIMIT)},
-            {},
-        )
+        checked_count("surfaces", surfaces, 2, SURFACES_LIMIT)
+        options |= {"budget": None, "map": None}
+        goals = {}
+    if surfaces is not None or accuracy or budget is not None:
+        options["surfaces"] = surfaces
     if accuracy:
-        options["surfaces"], goals = surfaces, accuracies(accuracy)
+        goals = accuracies(accuracy)
     if budget is not None:
-        options |= {"surfaces": surfaces, "budget": budget_seconds(budget)}
+        options["budget"] = budget_seconds(budget)
     if map is not None:
         options["map"] = str(map)
     if most is not None:
         options["most"] = checked_count("most", most, LEAST, SURFACES_LIMIT)
     wish = EnsembleOptions(**options)
-    nothing = scene.ensemble is None and wish == EnsembleOptions()
-    return scene.model_copy(
-        update={"ensemble": None if nothing else wish, "accuracy": goals}
-    )
+    if scene.ensemble is None and wish == EnsembleOptions():
+        wish = None
+    return scene.model_copy(update={"ensemble": wish, "accuracy": goals})
 
 
 @dataclass(frozen=True)
@@ -376,11 +354,10 @@ class Scatters:
         """The scatter of what ``request`` averages, of which ``costs`` are the estimates and ``contact`` the expected
         measures of the contact."""
         quantities, scene = request.quantities, request.scene
-        curves = quantities.curve.stop
-        surfaces, source = np.full(quantities.count, np.nan), ""
-        if not request.random:
-            surfaces[:] = 0.0
-        elif (scatter := scene.surface.scatter(contact)) is not None:
+        curves, source = quantities.curve.stop, ""
+        surfaces = np.full(quantities.count, np.nan if request.random else 0.0)
+        scatter = scene.surface.scatter(contact) if request.random else None
+        if scatter is not None:
             source = scatter.source
             if scatter.relative is not None:
                 # the friction drop scatters as much as β does
@@ -394,7 +371,7 @@ class Scatters:
         return np.sqrt(self.surfaces**2 + self.replicas**2 / replicas)
 
 
-def is_about_zero(scatter: np.ndarray | float) -> np.ndarray | bool:
+def is_about_zero(scatter: np.ndarray) -> np.ndarray:
     """Whether a mean of this relative scatter is that of too few bonds for one in each of the first samples."""
     return scatter**2 > stages.FIRST
 
@@ -405,7 +382,11 @@ def _replicas(scene: Scene, costs: Plan, request: Request) -> np.ndarray:
     Of N sites that are bonded with the probability p(t), the bonds at t ≤ u have the covariance N p(t) (1 − p(u)).
     """
     quantities, chemistry, hold = request.quantities, scene.chemistry, scene.hold
-    first, times = quantities.curve.start, quantities.hold_times.size
+    first, times, fitted = (
+        quantities.curve.start,
+        quantities.hold_times,
+        quantities.fitted,
+    )
     scatter = np.full(quantities.curve.stop, np.nan)
     if (
         chemistry is None
@@ -418,32 +399,26 @@ def _replicas(scene: Scene, costs: Plan, request: Request) -> np.ndarray:
         return np.zeros(scatter.size)
     spread = smooth_pressures if "radius" in costs.surface else rough_pressures
     pressures = spread(costs.mean_pressure)
-    needed = {goal.column - first for goal in request.goals} | set(
-        np.flatnonzero(quantities.fitted) if first else ()
-    )
-    bonded = np.full(times, np.nan)
-    for number in needed:
-        if 0 <= number < times:
-            time = float(quantities.hold_times[number])
-            bonded[number] = expected_kinetics(
-                chemistry, pressures, time, hold.temperature
-            ).bonded
+    needed = {goal.column - first for goal in request.goals}
+    if first:
+        needed |= {*np.flatnonzero(fitted)}
+    bonded = np.full(times.size, np.nan)
+    for number in needed & {*range(times.size)}:
+        expected = expected_kinetics(
+            chemistry, pressures, float(times[number]), hold.temperature
+        )
+        bonded[number] = expected.bonded
     with np.errstate(divide="ignore", invalid="ignore"):
         scatter[first:] = np.sqrt((1 - bonded) / (costs.sites * bonded))
     if first:
-        share = bonded[quantities.fitted]
-        x = np.log10(quantities.hold_times[quantities.fitted])
+        share, x = bonded[fitted], np.log10(times[fitted])
         x = x - x.mean()
         earlier, later = np.minimum.outer(share, share), np.maximum.outer(share, share)
         variance = float(x @ (earlier * (1 - later)) @ x) / costs.sites
         slope = float(x @ share)
         # the quadrature of shares that are all 0 or all 1 rounds
-        rises = slope > 1e-12 * float(np.abs(x).sum())
-        scatter[0] = (
-            math.sqrt(max(variance, 0.0)) / slope
-            if rises
-            else math.inf
-            if slope == slope
-            else math.nan
-        )
+        if slope > 1e-12 * float(np.abs(x).sum()):
+            scatter[0] = math.sqrt(max(variance, 0.0)) / slope
+        elif not math.isnan(slope):
+            scatter[0] = math.inf
     return scatter

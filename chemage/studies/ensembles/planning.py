@@ -203,7 +203,7 @@ class EnsemblePlan:
     @property
     def seconds(self) -> list[float]:
         """CPU seconds of a sample of each level."""
-        return [sum(part.seconds for part in parts) for parts in self.levels]
+        return [sum(part.seconds_here for part in parts) for parts in self.levels]
 
     @property
     def expected(self) -> int | None:
@@ -255,18 +255,14 @@ class EnsemblePlan:
     def _unreached(self, seen: Expectation) -> str:
         names = self.request.wishes
         if seen.reason == "time":
-            reached = ", ".join(
-                f"{name} ± {percent(half)}" for name, half in seen.intervals.items()
-            )
-            return f"{names}: the time will be over before; {reached} is expected then"
+            return f"{names}: the time will be over before; {_intervals(seen)} is expected then"
         if seen.reason == "zero":
             return (
                 f"{names}: its mean is expected to be 0 within its interval, {self.reason}; ask at other hold times, "
                 "or another temperature"
             )
-        return self.request.refusal(
-            max(seen.samples) if seen.reason == "most" else None, seen.cpu_seconds
-        )
+        needed = max(seen.samples) if seen.reason == "most" else None
+        return self.request.refusal(needed, seen.cpu_seconds)
 
     def todict(self) -> dict[str, Any]:
         """One JSON-able object."""
@@ -283,7 +279,7 @@ class EnsemblePlan:
                 "computations": [
                     {
                         "words": computation.words,
-                        "cpu_seconds": computation.seconds,
+                        "cpu_seconds": computation.seconds_here,
                         "factor": computation.factor,
                     }
                     for computation in self.computations
@@ -309,16 +305,15 @@ class EnsemblePlan:
         for parts, count, seconds in zip(
             self.levels, counts, self.seconds, strict=False
         ):
-            words = " minus ".join(part.words for part in parts)
-            levels.append(
-                {
-                    "words": words,
+            if count:
+                level = {
+                    "words": " minus ".join(part.words for part in parts),
                     "samples": count,
-                    "replicas": parts[0].replicas,
-                    "cpu_seconds": seconds,
                 }
-            )
-        return [level for level in levels if level["samples"]]
+                levels.append(
+                    level | {"replicas": parts[0].replicas, "cpu_seconds": seconds}
+                )
+        return levels
 
     @property
     def sketch(self) -> tuple[Computation, int] | None:
@@ -329,15 +324,12 @@ class EnsemblePlan:
     def not_computed(self) -> list[str]:
         """What an ensemble leaves out of a run of its scene, and why, in words."""
         asked, first, sentences = self.request, self.computations[0], []
-        scene, own = asked.scene, self.computations[-1]
+        scene = asked.scene
         if first.factor > 1:
-            share = 100 * first.seconds / own.seconds
-            corrected = len(self._levels()) > 1
-            why = (
-                "corrected on some surfaces"
-                if corrected
-                else "within the error that is stated for it"
-            )
+            share = 100 * first.seconds / self.computations[-1].seconds
+            why = "within the error that is stated for it"
+            if len(self._levels()) > 1:
+                why = "corrected on some surfaces"
             sentences.append(
                 f"the contact grid of the scene on every surface: a coarser one costs {share:.2g} %, {why}"
             )
@@ -351,14 +343,10 @@ class EnsemblePlan:
         left = [
             name for name in declared_outputs(scene) if f"{RECORDED}{name}" not in known
         ]
-        if left := [
-            *left,
-            *(
-                observable.kind
-                for observable in scene.observe
-                if not observable.outputs
-            ),
-        ]:
+        left += [
+            observable.kind for observable in scene.observe if not observable.outputs
+        ]
+        if left:
             sentences.append(
                 f"arrays that are recorded ({', '.join(left)}): an ensemble averages declared numbers"
             )
@@ -369,126 +357,77 @@ class EnsemblePlan:
 
     def rows(self) -> list[tuple[str, str]]:
         """(name, text) lines for a table."""
-        asked, seen = self.request, self.foreseen
+        asked, seen, hold = self.request, self.foreseen, self.request.scene.hold
         # what one surface costs is in the rows of the computations
         left_out = ("expected cost", "result file", "expected memory")
         rows = [row for row in self.one.rows() if row[0] not in left_out]
-        if (
-            asked.surfaces is None and asked.scene.hold is not None
-        ):  # replicas are chosen, too
-            rows = [
-                (name, text.replace(f", {asked.scene.hold.replicas} replicas", ""))
-                for name, text in rows
-            ]
-        over = (
-            "random surfaces"
-            if asked.random
-            else "replicas on the one surface, which is the same at every seed"
-        )
-        rows.append(("mean", f"over {over}"))
-        if asked.surfaces is not None:
-            rows.append(("asked for", f"{asked.surfaces} {asked.counted}"))
+        if asked.surfaces is None and hold is not None:  # replicas are chosen, too
+            chosen = f", {hold.replicas} replicas"
+            rows = [(name, text.replace(chosen, "")) for name, text in rows]
+        over = "replicas on the one surface, which is the same at every seed"
+        rows.append(("mean", f"over {'random surfaces' if asked.random else over}"))
         wanted = [f"{goal.name} ± {100 * goal.accuracy:.3g} %" for goal in asked.goals]
+        if asked.surfaces is not None:
+            wanted = [f"{asked.surfaces} {asked.counted}"]
         if asked.budget is not None:
-            wanted.append(
-                f"{asked.budget:g} s of wall time"
-                + (", whichever comes first" if asked.goals else "")
-            )
-        if wanted:
-            rows.append(("asked for", ", ".join(wanted)))
+            first = ", whichever comes first" if wanted else ""
+            wanted.append(f"{asked.budget:g} s of wall time{first}")
+        rows.append(("asked for", ", ".join(wanted)))
         rows += self._computation_rows()
+        number = f"number of {asked.counted}"
         if seen is None:
             rows.append(
-                (
-                    f"number of {asked.counted}",
-                    f"decided after the first {stages.FIRST}: {self.reason}",
-                )
+                (number, f"decided after the first {stages.FIRST}: {self.reason}")
             )
         else:
-            spread = (
-                f" ({seen.range[0]} to {seen.range[1]})"
-                if seen.range[0] < seen.range[1]
-                else ""
-            )
-            rows.append(
-                (
-                    f"number of {asked.counted}",
-                    f"{seen.samples[0]}{spread}, {self.reason}",
-                )
-            )
+            low, high = seen.range
+            spread = f" ({low} to {high})" if low < high else ""
+            rows.append((number, f"{seen.samples[0]}{spread}, {self.reason}"))
             if seen.intervals:
-                texts = [
-                    f"{name} ± {percent(half)}" for name, half in seen.intervals.items()
-                ]
-                rows.append(("expected interval", ", ".join(texts)))
+                rows.append(("expected interval", _intervals(seen)))
             low, high = seen.cpu_range
             spread = (
                 f" ({time_text(low)} to {time_text(high)})" if high > 1.3 * low else ""
             )
             cpu, wall = time_text(seen.cpu_seconds), time_text(seen.wall_seconds)
-            rows.append(
-                (
-                    "expected cost",
-                    f"about {cpu} of CPU time{spread}, {wall} on this machine",
-                )
-            )
+            text = f"about {cpu} of CPU time{spread}, {wall} on this machine"
+            rows.append(("expected cost", text))
         if self.memory is not None:
             at_once = self._at_once(self.computations[0])
-            rows.append(
-                (
-                    "expected memory",
-                    f"about {self.memory / 1e9:.2g} GB, {at_once} at the same time",
-                )
-            )
+            text = f"about {self.memory / 1e9:.2g} GB, {at_once} at the same time"
+            rows.append(("expected memory", text))
         return rows + [("not computed", text) for text in self.not_computed()]
 
     def _computation_rows(self) -> list[tuple[str, str]]:
         first, *others = self.computations
-        used = {"cheapest computation" if others else "computation": first}
-        if others:
-            used["computation that may correct it"] = others[-1]
-        rows = [
-            (
-                name,
-                f"{computation.words}, about {time_text(computation.seconds)} of CPU time each",
-            )
-            for name, computation in used.items()
+        rows = [("cheapest computation" if others else "computation", first)]
+        rows += [("computation that may correct it", one) for one in others[-1:]]
+        texts = [
+            (name, f"{one.words}, about {time_text(one.seconds_here)} of CPU time each")
+            for name, one in rows
         ]
         if self.sketch is not None:
             sketch, count = self.sketch
-            grid, each = sketch.words.partition(",")[0], time_text(sketch.seconds)
-            rows.append(
-                (
-                    "control",
-                    f"the area of the contact of {count} surfaces on {grid}, {each} of CPU time each",
-                )
-            )
-        levels = self._levels()
+            grid, each = sketch.words.partition(",")[0], time_text(sketch.seconds_here)
+            text = f"the area of the contact of {count} surfaces on {grid}, {each} of CPU time each"
+            texts.append(("control", text))
+        if len(self.seconds) == 1:
+            return texts
+        levels, count = self._levels(), stages.FIRST_DIFFERENCES
         if len(levels) > 1:
-            _, second = levels
-            spent = time_text(second["samples"] * second["cpu_seconds"])
-            rows.append(
-                (
-                    "corrections",
-                    f"{second['samples']} of {second['words']}, {spent} CPU",
-                )
-            )
-        elif self.foreseen is not None and len(self.seconds) > 1:
-            rows.append(
-                (
-                    "corrections",
-                    "none expected: the stated error of the coarse grid is small enough",
-                )
-            )
-        elif len(self.seconds) > 1:
-            first = stages.FIRST_DIFFERENCES * self.seconds[1]
-            rows.append(
-                (
-                    "corrections",
-                    f"where they pay: {stages.FIRST_DIFFERENCES} first, {time_text(first)} CPU",
-                )
-            )
-        return rows
+            spent = time_text(levels[1]["samples"] * levels[1]["cpu_seconds"])
+            text = f"{levels[1]['samples']} of {levels[1]['words']}, {spent} CPU"
+        elif self.foreseen is not None:
+            text = "none expected: the stated error of the coarse grid is small enough"
+        else:
+            text = f"where they pay: {count} first, {time_text(count * self.seconds[1])} CPU"
+        return [*texts, ("corrections", text)]
+
+
+def _intervals(seen: Expectation) -> str:
+    return ", ".join(
+        f"{name} ± {percent(half)}" for name, half in seen.intervals.items()
+    )
 
 
 def plan(scene: Scene) -> EnsemblePlan:
@@ -503,22 +442,21 @@ def plan(scene: Scene) -> EnsemblePlan:
         single = estimate.plan(scene)
         sampler = Sampler(scene, warn=False)  # the plan has the doubts as notes
         request = sampler.request
-        first, *_ = stated = request.computations()
-        here = tuple(computation.here() for computation in stated)
+        first, *_ = stated = tuple(request.computations())
         routes = sampler.possible_routes()
         levels = tuple(
-            tuple(part.computation.here() for part in level.parts)
+            tuple(part.computation for part in level.parts)
             for level in routes[-1].levels
         )
         control = routes[0].control
-        sketch = None if control is None else control.parts[0].computation.here()
+        sketch = None if control is None else control.parts[0].computation
         costs = estimate.cost(scene)
         expected = Scatters.of(request, costs, single.numbers)
         seen, reason = _expectation(request, routes, costs, expected, first)
         if seen is not None:
             cpu, wall = seen.cpu_seconds * first.scale, seen.wall_seconds * first.scale
             seen = replace(seen, cpu_seconds=cpu, wall_seconds=wall)
-    return EnsemblePlan(single, request, here, levels, sketch, expected, seen, reason)
+    return EnsemblePlan(single, request, stated, levels, sketch, expected, seen, reason)
 
 
 def _expectation(
@@ -530,66 +468,49 @@ def _expectation(
 ) -> tuple[Expectation | None, str]:
     """What the rule is expected to do, and how that is known; ``first`` is the cheapest computation, in whose seconds
     all times are."""
-    workers = available()
+    quantities, workers, budget = request.quantities, available(), math.inf
     scatter = expected.sample(first.replicas)[sorted(request.asked)]
+    zero = is_about_zero(scatter)
     if (count := request.surfaces) is not None:
         half = limit(count - 1) * float(scatter[0]) / math.sqrt(count)
-        known = math.isfinite(half) and not is_about_zero(scatter[0])
-        intervals = {request.quantities.names[0]: half} if known else {}
-        return Expectation.counted(
-            count, first.seconds, workers, intervals=intervals
-        ), "as asked for"
-    workers, budget = fitting(first, workers), math.inf
-    timed = stages.FIRST
+        known = math.isfinite(half) and not zero[0]
+        intervals = {quantities.names[0]: half} if known else {}
+        seen = Expectation.counted(count, first.seconds, workers, intervals=intervals)
+        return seen, "as asked for"
+    workers, timed = fitting(first, workers), stages.FIRST
     if request.budget is not None:
         budget = request.budget / first.scale
         timed = max(timed, int(workers * budget / first.seconds))
     why = _why(request, expected, first.replicas)
-    if np.any(is_about_zero(scatter)):
+    if np.any(zero):
         return Expectation.counted(timed, first.seconds, workers, reason="zero"), why
     if np.isfinite(scatter).all():
-        measures = [
-            costs.area_fraction if name == "area_fraction" else None
-            for name in request.quantities.measures
-        ]
-        ones = [1.0] * (
-            request.quantities.count - len(measures)
-        )  # of which only the relative scatter counts
-        mean = np.array([*ones, *measures], dtype=np.float64)
+        # of all but the area only the relative scatter counts
+        mean = np.ones(quantities.count)
+        mean[quantities.curve.stop :] = np.nan
+        if costs.area_fraction is not None and "area_fraction" in quantities.measures:
+            mean[quantities.column("area_fraction")] = costs.area_fraction
         return _expected_of(request, routes, expected, mean, workers, budget), why
     if request.budget is not None and not request.goals:
-        return Expectation.counted(
-            timed, first.seconds, workers
-        ), "as many as the time allows"
-    over = "surfaces" if request.random else "replicas"
-    return None, f"the scatter between {over} is not known before" + (
-        f": {expected.source}" if expected.source else ""
-    )
+        seen = Expectation.counted(timed, first.seconds, workers)
+        return seen, "as many as the time allows"
+    source = f": {expected.source}" if expected.source else ""
+    return None, f"the scatter between {request.counted} is not known before{source}"
 
 
 def _why(request: Request, expected: Scatters, replicas: int) -> str:
     """How the expected number is known, in words."""
     scatter = expected.sample(replicas)
     column, name = max(request.asked.items(), key=lambda item: scatter[item[0]])
-    if is_about_zero(scatter[column]):
-        until = name.partition("@")[2] or f"{request.quantities.hold_times[-1]:g} s"
-        when = (
-            "between {:g} and {:g} s".format(*request.quantities.window)
-            if name == "beta"
-            else f"until {until}"
-        )
-        text = (
-            f"since hardly a bond is expected to form {when}, so that {name} is about 0"
-        )
-        return (
-            f"as many as the time allows, {text}"
-            if request.budget is not None and not request.goals
-            else text
-        )
-    relative = float(scatter[column])
-    by = (
-        f": {expected.source}"
-        if expected.source
-        else ", as of sites that react independently"
-    )
-    return f"from a scatter of {name} of {percent(relative)}{by}"
+    if not is_about_zero(scatter[column]):
+        by = ", as of sites that react independently"
+        if expected.source:
+            by = f": {expected.source}"
+        return f"from a scatter of {name} of {percent(float(scatter[column]))}{by}"
+    quantities = request.quantities
+    when = f"until {name.partition('@')[2] or f'{quantities.hold_times[-1]:g} s'}"
+    if name == "beta":
+        when = "between {:g} and {:g} s".format(*quantities.window)
+    text = f"since hardly a bond is expected to form {when}, so that {name} is about 0"
+    timed = request.budget is not None and not request.goals
+    return f"as many as the time allows, {text}" if timed else text

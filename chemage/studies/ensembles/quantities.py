@@ -273,6 +273,17 @@ class Quantities:
         return number
 
 
+@dataclass(frozen=True)
+class AccuracyGoal:
+    """One quantity, and the relative half width of its 95 % interval that is asked for."""
+
+    #: as it was written, such as ``friction_coefficient_drop@1e3 s``
+    name: str
+    #: number of its column among the :class:`Quantities`
+    column: int
+    accuracy: float
+
+
 #: more samples of a level than this are not asked for
 MOST = 10_000_000
 

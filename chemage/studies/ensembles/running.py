@@ -39,7 +39,7 @@ from chemage.studies.ensembles.computations import (
     within,
 )
 from chemage.studies.ensembles.ensemble import Ensemble
-from chemage.studies.ensembles.goals import AccuracyGoal, Request, with_request
+from chemage.studies.ensembles.goals import Request, with_request
 from chemage.studies.ensembles.quantities import MOST, SurfaceSample
 from chemage.studies.study import Design, Selection, carry_out
 from chemage.studies.tasks import Outcome, Task
@@ -141,23 +141,21 @@ class Sampler(Design):
         self,
         scene: Scene,
         *,
-        samples: str | Path | None = None,
-        executor: str | Executor = "threads",
-        workers: int | None = None,
-        threads: int | None = None,
-        patience: float | str | None = None,
-        points: str | None = None,
         measured: TradeMap | None = None,
         warn: bool = True,
+        samples: str | Path | None = None,
+        points: str | None = None,
+        executor: str | Executor = "threads",
+        **where: Any,
     ) -> None:
+        """``samples``, ``points``, ``executor`` and ``where`` as for :func:`ensemble`."""
         with scene.in_use():
             self.request = Request.of(scene, measured)
             costs = cost(scene)
             costs.check()
             for doubt in costs.doubts() if warn else ():
-                if (
-                    doubt.kind != "long"
-                ):  # how long an ensemble takes is another question
+                # how long an ensemble takes is another question
+                if doubt.kind != "long":
                     warnings.warn(doubt.text, PlanWarning, stacklevel=4)
         #: how many samples were taken from the folder
         self.taken = 0
@@ -165,27 +163,20 @@ class Sampler(Design):
             text = "samples of chemage 0.2 (*.samples) are not used; they are computed again, and may be removed"
             warnings.warn(f"{samples}: {text}", UserWarning, stacklevel=4)
         self.scene, self._quantities = scene, self.request.quantities
-        self._executor, self._workers, self._threads, self._patience = (
-            executor,
-            workers,
-            threads,
-            patience,
-        )
         self._folder, self._points = samples, points
+        self._where = {"executor": executor, **where}
         if points is not None and self.request.budget is not None:
             raise InputError.of(
                 "points", points, "a wall time cannot be shared", "ask for an accuracy"
             )
         self._progress: Report = _silent
-        self._routes: list[stages.Route] = []
         self._rule: Iterator[stages.Need] | None = None
         self._state: stages.SamplingState | None = None
         #: key of a task that was asked for -> the samples that it belongs to
         self._waiting: dict[str, tuple[SampleSeries, Task]] = {}
-        #: (quantities,) relative standard errors of the barriers, and how they are known; measured when sampling begins
-        self._barriers, self._barriers_how = np.zeros(self.request.quantities.count), ""
-        #: the same of what is not known of a measured surface
-        self._measured, self._measured_how = self._barriers, ""
+        #: (quantities,) relative standard errors of what members of barriers and of the surface show, and how they are
+        #: known; measured when sampling begins
+        self._members: dict[str, tuple[np.ndarray, str]] = {}
         #: the route and the levels that are sampled since the last stage, and the counts that are aimed at
         self._route: stages.Route | None = None
         self._levels: Sequence[stages.Level] = ()
@@ -202,13 +193,7 @@ class Sampler(Design):
         """
         self._progress = progress or _silent
         try:
-            carry_out(
-                self,
-                self._folder,
-                **self._where(),
-                patience=self._patience,
-                points=self._points,
-            )
+            carry_out(self, self._folder, points=self._points, **self._place())
         except KeyboardInterrupt:
             raise KeyboardInterrupt(self._so_far()) from None
         return self.ensemble()
@@ -219,16 +204,12 @@ class Sampler(Design):
         share = None if self._points is None else Selection.read(self._points).share
         return share is None or share[0] == 1
 
-    def _where(self) -> dict[str, Any]:
-        """Executor, workers and threads of each; threads of this process are a surface each, if memory allows two."""
-        where = {
-            "executor": self._executor,
-            "workers": self._workers,
-            "threads": self._threads,
-        }
-        if self._executor != "threads" or self._workers is not None:
+    def _place(self) -> dict[str, Any]:
+        """Where to compute; threads of this process are a surface each, if memory allows two."""
+        where = self._where
+        if where["executor"] != "threads" or where.get("workers") is not None:
             return where
-        threads = self._threads or available()
+        threads = where.get("threads") or available()
         if fitting(self.request.computations()[0], threads) > 1:
             return where | {"workers": threads, "threads": 1}
         return where | {"executor": "serial", "threads": threads}
@@ -246,15 +227,16 @@ class Sampler(Design):
         with self.scene.in_use():
             if self._rule is None:
                 self._measure_members()
-                self._routes = self.possible_routes()
-                self._rule = self._steps()
+                routes = self.possible_routes()
+                self._route, self._levels = routes[0], routes[0].levels
+                self._rule = self._steps(routes)
             try:
                 for level, count in self._rule:
-                    self._waiting = {}
-                    for part in level.parts:
-                        self._waiting |= {
-                            task.key: (part, task) for task in part.missing(count)
-                        }
+                    self._waiting = {
+                        task.key: (part, task)
+                        for part in level.parts
+                        for task in part.missing(count)
+                    }
                     if self._waiting:
                         return [task for _, task in self._waiting.values()]
             except stages.Unreachable as error:
@@ -270,84 +252,71 @@ class Sampler(Design):
     def ensemble(self) -> Ensemble:
         """The result, when nothing more is asked."""
         assert self._state is not None
-        counted = self.request.surfaces is not None
         with self.scene.in_use():
-            stopped = (
-                "the number of surfaces that was asked for"
-                if counted
-                else self._ending(self._state)
-            )
-            return self._made(self._state, stopped)
+            return self._made(self._state)
 
-    def _steps(self) -> Iterator[stages.Need]:
+    def _steps(self, routes: Sequence[stages.Route]) -> Iterator[stages.Need]:
         """The rule, which stops where samples have to be taken."""
         asked = self.request
-        clock = stages.Clock(asked.budget if asked.budget is not None else math.inf)
+        clock = stages.Clock(math.inf if asked.budget is None else asked.budget)
         if asked.surfaces is not None:
-            counted = stages.Sampled(self._routes[0].levels[0])
+            counted = stages.Sampled(routes[0].levels[0])
             yield from clock.upto(counted, asked.surfaces)
             nothing = np.zeros(self._quantities.count, dtype=bool)
-            self._state = stages.SamplingState(self._routes[0], [counted], nothing)
+            self._state = stages.SamplingState(routes[0], [counted], nothing)
             return
-        rule = stages.steps(
-            self._routes,
-            asked.accuracy(),
-            most=asked.most,
-            clock=clock,
-            watch=self._watch,
+        self._state = yield from stages.steps(
+            routes, asked.accuracy(), most=asked.most, clock=clock, watch=self._watch
         )
-        self._state = yield from rule
 
     def _ending(self, state: stages.SamplingState) -> str:
         """Why sampling ended, in words."""
-        if state.reached(self.request.accuracy()):
+        asked = self.request
+        if asked.surfaces is not None:
+            return "the number of surfaces that was asked for"
+        if state.reached(asked.accuracy()):
             return "the accuracy was reached"
-        if self.request.budget is None:
+        if asked.budget is None:
             half = state.half_width()
-            equal = ", ".join(
-                goal.name
-                for goal in self.request.goals
-                if math.isnan(half[goal.column])
-            )
-            return f"{equal}: all samples are equal, so that nothing is known of their scatter"
-        if max(state.counts) >= self.request.most:
-            return f"the {self.request.counted} are as many as are allowed"
+            equal = [goal.name for goal in asked.goals if math.isnan(half[goal.column])]
+            return f"{', '.join(equal)}: all samples are equal, so that nothing is known of their scatter"
+        if max(state.counts) >= asked.most:
+            return f"the {asked.counted} are as many as are allowed"
         return "the time was over"
 
     def possible_routes(self) -> list[stages.Route]:
         """Ways to the answer, the one without corrections first."""
-        ways = self.request.computations()
-        base = np.hypot(self.request.approximation(), self._barriers)
-        base = np.hypot(base, self._measured)
+        ways, row = self.request.computations(), self._quantities.row
+        base = self.request.approximation()
+        for errors, _ in self._members.values():
+            base = np.hypot(base, errors)
         coarse, fine = ways[0], ways[-1]
-        row = self._quantities.row
         single = SurfaceLevel(SAMPLING, row, self._samples(coarse, 0, SAMPLING))
-        sketch = (
-            sketched(coarse)
-            if self.request.random and self.request.surfaces is None
-            else None
-        )
-        control = (
-            None
-            if sketch is None
-            else SurfaceLevel(SKETCHING, area, self._samples(sketch, 0, SKETCHING))
-        )
+        control = None
+        if self.request.random and self.request.surfaces is None:
+            sketch = sketched(coarse)
+            if sketch is not None:
+                series = self._samples(sketch, 0, SKETCHING)
+                control = SurfaceLevel(SKETCHING, area, series)
+
+        def always(mean: np.ndarray) -> np.ndarray:
+            return base
+
+        def before(mean: np.ndarray) -> np.ndarray:
+            return np.hypot(base, self._coarsening(coarse, mean))
+
         if len(ways) == 1 or (coarse.errors is not None and not coarse.errors.any()):
-            return [stages.Route("own grid", (single,), lambda mean: base, control)]
+            return [stages.Route("own grid", (single,), always, control)]
         replicas = replicas_of_difference(fine, coarse)
         pair = [
             self._samples(way.with_replicas(replicas), 1, CORRECTING * (way is fine))
             for way in (fine, coarse)
         ]
-        difference = SurfaceLevel(CORRECTING, row, *pair)
-        corrected = stages.Route(
-            "corrected", (single, difference), lambda mean: base, control
-        )
-
-        def before(mean: np.ndarray) -> np.ndarray:
-            return np.sqrt(base**2 + self._coarsening(coarse, mean) ** 2)
-
-        return [stages.Route("not corrected", (single,), before, control), corrected]
+        levels = single, SurfaceLevel(CORRECTING, row, *pair)
+        return [
+            stages.Route("not corrected", (single,), before, control),
+            stages.Route("corrected", levels, always, control),
+        ]
 
     def _samples(
         self, computation: Computation, level: int, stage: str = ""
@@ -365,46 +334,39 @@ class Sampler(Design):
         """Age members of the distribution of barriers on the first surface, and compute those of the surface, where
         there are some."""
         cheapest = self.request.computations()[0]
-        self._barriers, self._barriers_how = barriers_error(
-            cheapest,
-            self._samples(cheapest, 0).seeds(0),
-            self._quantities,
-            self._threads,
-            lambda done, total: self._progress(BARRIERS, done, total),
-        )
-        self._measured, self._measured_how = measurement_error(
-            self._samples(cheapest, 0),
-            self._quantities,
-            self._threads,
-            lambda done, total: self._progress(MEASUREMENT, done, total),
-        )
+        samples = self._samples(cheapest, 0)
+        for name, measured in (
+            (BARRIERS, barriers_error),
+            (MEASUREMENT, measurement_error),
+        ):
+            errors, how = measured(
+                samples,
+                self._quantities,
+                self._where.get("threads"),
+                partial(self._progress, name),
+            )
+            if how:
+                self._members[name] = errors, how
 
     def _coarsening(self, computation: Computation, mean: np.ndarray) -> np.ndarray:
         """(quantities,) relative standard errors of a coarse grid, as far as the maker of the surface knows them; or of
         other settings, as the map has them."""
         if computation.errors is not None:
             return computation.errors
-        measures = dict(
-            zip(
-                self._quantities.measures,
-                mean[self._quantities.curve.stop :].tolist(),
-                strict=True,
-            )
+        quantities = self._quantities
+        measures = mean[quantities.curve.stop :].tolist()
+        errors = self.scene.surface.coarser_errors(
+            computation.factor, dict(zip(quantities.measures, measures, strict=True))
         )
-        return self._quantities.columns(
-            self.scene.surface.coarser_errors(computation.factor, measures)
-        )
+        return quantities.columns(errors)
 
     # -- progress and messages ----------------------------------------------------------------------------------------
 
     def _watch(self, state: stages.SamplingState, aimed: list[int]) -> None:
-        self._route, self._levels = (
-            state.route,
-            [sampled.level for sampled in state.sampled],
-        )
-        self._aimed = {
-            level.name: count for level, count in zip(self._levels, aimed, strict=True)
-        }
+        self._route = state.route
+        self._levels = [sampled.level for sampled in state.sampled]
+        names = [level.name for level in self._levels]
+        self._aimed = dict(zip(names, aimed, strict=True))
 
     def _taken(self, stage: str, done: int) -> None:
         """Report one more sample."""
@@ -421,165 +383,149 @@ class Sampler(Design):
 
     def _interval(self) -> str:
         """The interval of what is asked from the samples so far, in words; "" where there are too few."""
-        route = self._route or self._routes[0]
         looks = 0 if self.request.surfaces is not None else stages.LOOKS
         sampled = [
             stages.Sampled(level, level.sample(0, MOST), looks=looks)
-            for level in self._levels or route.levels
+            for level in self._levels
         ]
-        if min(part.count for part in sampled) < 2:
+        if self._route is None or min(part.count for part in sampled) < 2:
             return ""
-        if len(sampled) > len(route.levels):  # a sample may be there before its control
-            pairs = min(sampled[0].count, sampled[-1].count)
-            sampled[0].values = sampled[0].values[:pairs]
-        state = stages.SamplingState(
-            route, sampled, np.zeros(self._quantities.count, dtype=bool)
-        )
-        return self._in_words(state.mean, state.half_width())
+        nothing = np.zeros(self._quantities.count, dtype=bool)
+        state = stages.SamplingState(self._route, sampled, nothing)
+        if state.controlled:  # a sample may be there before its control
+            sampled[0].values = sampled[0].values[: sampled[-1].count]
+        return self._in_words(state)
 
-    def _in_words(self, mean: np.ndarray, half: np.ndarray) -> str:
-        shown = self.request.goals or [AccuracyGoal(self._quantities.names[0], 0, 0.0)]
-        parts = []
-        for goal in shown:
-            reached = (
-                half[goal.column] / abs(mean[goal.column])
-                if mean[goal.column]
-                else math.nan
-            )
+    def _in_words(self, state: stages.SamplingState) -> str:
+        """The interval of what is asked; "" where there is none."""
+        relative, parts = state.relative(), []
+        for goal in self.request.aims:
+            reached = relative[goal.column]
             if math.isfinite(reached):
-                goal_text = f" of {100 * goal.accuracy:.3g} %" if goal.accuracy else ""
-                parts.append(f"{goal.name} ± {percent(reached)}{goal_text}")
+                asked = f" of {100 * goal.accuracy:.3g} %" if goal.accuracy else ""
+                parts.append(f"{goal.name} ± {percent(reached)}{asked}")
         return ", ".join(parts)
 
     def _so_far(self) -> str:
         """What an interrupted ensemble leaves, in words."""
-        route = self._route or self._routes[0]
-        counts = " and ".join(str(len(level.sample(0, MOST))) for level in route.levels)
+        levels = self._route.levels if self._route else ()
+        counts = [str(len(level.sample(0, MOST))) for level in levels]
         kept = ""
         if self._folder is not None:
             kept = (
                 f", kept in {self._folder}; the same command takes them up and goes on"
             )
-        return f"so far {self._interval() or 'too few for an interval,'} from {counts} samples{kept}"
+        return f"so far {self._interval() or 'too few for an interval,'} from {' and '.join(counts) or 0} samples{kept}"
 
     def _explained(self, error: stages.Unreachable) -> str:
         state, asked = error.state, self.request
-        words = self._in_words(state.mean, state.half_width())
-        so_far = f"{words or 'no interval'} from {state.sampled[0].count} samples"
+        count = state.sampled[0].count
+        so_far = f"{self._in_words(state) or 'no interval'} from {count} samples"
         if error.reason == "zero":
-            text = f"its mean is 0 within its interval ({so_far}), so that no relative accuracy can be reached"
-            return f"{asked.wishes}: {text}"
+            return (
+                f"{asked.wishes}: its mean is 0 within its interval ({so_far}), so that no relative accuracy can be "
+                "reached"
+            )
         if error.reason == "unknown":
-            undefined = [
-                goal.name for goal in asked.goals if math.isnan(state.mean[goal.column])
-            ]
-            if undefined:
-                return f"accuracy.{undefined[0]}: some contacts of this scene do not have this quantity; leave it out"
+            for goal in asked.goals:
+                if math.isnan(state.mean[goal.column]):
+                    return f"accuracy.{goal.name}: some contacts of this scene do not have this quantity; leave it out"
             return (
                 f"{asked.wishes}: an approximate part of the scene does not say how large its error of this quantity "
                 "is; leave the part out, or ask for the friction drop"
             )
+        needed = error.needed or [0]
+        costs = [sampled.level.cost for sampled in state.sampled]
+        seconds = float(np.dot(needed[: len(costs)], costs[: len(needed)]))
         scale = state.sampled[0].level.parts[0].computation.scale
-        seconds = scale * sum(
-            count * sampled.level.cost
-            for count, sampled in zip(error.needed or (), state.sampled, strict=False)
-        )
-        return asked.refusal(
-            max(error.needed) if error.needed else None, seconds, f" ({so_far})"
-        )
+        return asked.refusal(max(needed) or None, scale * seconds, f" ({so_far})")
 
     # -- the result ---------------------------------------------------------------------------------------------------
 
-    def _made(self, state: stages.SamplingState, stopped: str) -> Ensemble:
-        interval = self._in_words(state.mean, state.half_width())
-        levels, rows, inside = [], {}, None
+    def _made(self, state: stages.SamplingState) -> Ensemble:
+        interval, quantities = self._in_words(state), self._quantities
+        levels, rows, inside = [], {}, {}
         for number, sampled in enumerate(state.sampled):
             name, parts = sampled.level.name, sampled.level.parts
             self._progress(name, sampled.count, sampled.count, interval)
-            levels.append(self._described(sampled, parts))
+            levels.append(self._described(sampled))
             rows[str(number)] = np.array(sampled.values)
             if name == SKETCHING:
                 levels[-1]["control"] = True
-            else:
-                inside = within(parts, self._quantities) or inside
-        errors, how = {}, {}
-        approximation = self.request.approximation()
-        if not np.all(approximation == 0):
-            errors["approximation"], how["approximation"] = (
-                approximation,
-                "declared by the approximate parts",
-            )
-        if self._barriers_how:
-            errors[BARRIERS], how[BARRIERS] = self._barriers, self._barriers_how
-        if self._measured_how:
-            errors[MEASUREMENT] = self._measured
-            how[MEASUREMENT] = self._measured_how
-        if state.route.name == "not corrected":
-            part = state.sampled[0].level.parts[0].computation
-            name = "discretisation" if part.grid_only else "settings"
-            errors[name] = self._coarsening(part, state.mean)
-            how[name] = (
-                f"measured before on other surfaces, pixels {part.factor} times larger"
-            )
-            if part.errors is not None:
-                how[name] = f"measured for the map: {part.settings}"
+            elif (variance := within(parts, quantities)) is not None:
+                inside = {"variance": variance}
+        known = self._known(state)
         return Ensemble(
-            hold_times=self._quantities.hold_times,
-            load=self._quantities.load,
-            window=self._quantities.window,
-            measures=self._quantities.measures,
+            hold_times=quantities.hold_times,
+            load=quantities.load,
+            window=quantities.window,
+            measures=quantities.measures,
             levels=tuple(levels),
             rows=rows,
-            within={} if inside is None else {"variance": inside[0]},
-            known=errors,
-            known_how=how,
+            within=inside,
+            known={name: errors for name, (errors, _) in known.items()},
+            known_how={name: how for name, (_, how) in known.items()},
             goals={goal.name: goal.accuracy for goal in self.request.goals},
-            stopped=stopped,
+            stopped=self._ending(state),
             notes=self._notes(),
             provenance=self._provenance(state),
         )
 
+    def _known(self, state: stages.SamplingState) -> dict[str, tuple[np.ndarray, str]]:
+        """The errors that no sampling makes smaller: relative standard errors, and how they are known."""
+        known = {}
+        approximation = self.request.approximation()
+        if not np.all(approximation == 0):
+            known["approximation"] = approximation, "declared by the approximate parts"
+        known |= self._members
+        if state.route.name == "not corrected":
+            part = state.sampled[0].level.parts[0].computation
+            name = "discretisation" if part.grid_only else "settings"
+            how = (
+                f"measured before on other surfaces, pixels {part.factor} times larger"
+            )
+            if part.errors is not None:
+                how = f"measured for the map: {part.settings}"
+            known[name] = self._coarsening(part, state.mean), how
+        return known
+
     def _notes(self) -> tuple[str, ...]:
-        notes = (OWN_ERRORS,) if self.request.random else (ONE_SURFACE, OWN_ERRORS)
-        if doubt := self._quantities.doubt:
-            notes = (*notes, doubt)
-        if self.request.map is None or not (
-            text := own_error(self.request.map, self._quantities)
-        ):
-            return notes
-        return (*notes, text)
+        map, quantities = self.request.map, self._quantities
+        notes = [
+            "" if self.request.random else ONE_SURFACE,
+            OWN_ERRORS,
+            quantities.doubt,
+            "" if map is None else own_error(map, quantities),
+        ]
+        return tuple(filter(None, notes))
 
     def _provenance(self, state: stages.SamplingState) -> dict[str, Any]:
-        samples = [
-            sample
-            for level in state.sampled
-            for part in level.level.parts
-            for sample in part.samples
-        ]
-        plugins = {
-            name: source
-            for sample in samples
-            for name, source in sample.plugins.items()
-        }
-        approximate = merged_approximations(*(sample.approximate for sample in samples))
-        return {
+        plugins, approximate = {}, []
+        for sampled in state.sampled:
+            for part in sampled.level.parts:
+                for sample in part.samples:
+                    plugins |= sample.plugins
+                    approximate.append(sample.approximate)
+        provenance = {
             "scene": self.scene.todict(),
             "versions": {**versions(self.scene), **plugins},
             "cite": list(self.scene.cite()),
-            **({"plugins": plugins} if plugins else {}),
-            **({"approximate": approximate} if approximate else {}),
         }
+        more = {
+            "plugins": plugins,
+            "approximate": merged_approximations(*approximate),
+        }
+        return provenance | {name: value for name, value in more.items() if value}
 
-    def _described(
-        self, sampled: stages.Sampled, parts: tuple[SampleSeries, ...]
-    ) -> dict[str, Any]:
+    def _described(self, sampled: stages.Sampled) -> dict[str, Any]:
         """A level as it is in the record."""
+        parts = sampled.level.parts
         return {
             "words": " minus ".join(part.computation.words for part in parts),
             "replicas": parts[0].computation.replicas,
             "samples": sampled.count,
             "cpu_seconds": sampled.level.cost,
-            "variance_of": sampled.frozen or sampled.count,
+            "variance_of": sampled.chosen,
             "freedom": sampled.freedom,
             "random": self.request.random,
             "seeds": [list(parts[0].seeds(k)) for k in range(min(sampled.count, 10))],

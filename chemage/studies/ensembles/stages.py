@@ -80,7 +80,7 @@ class Sampled:
     level: Level
     #: (samples, quantities)
     values: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
-    #: samples in the variance
+    #: samples in the variance, once it is fixed
     frozen: int = 0
     #: degrees of freedom that are given up
     looks: int = 0
@@ -91,9 +91,14 @@ class Sampled:
         return len(self.values)
 
     @property
+    def chosen(self) -> int:
+        """Samples in the variance."""
+        return self.frozen or self.count
+
+    @property
     def freedom(self) -> int:
         """Degrees of freedom of the variance."""
-        return max(1, (self.frozen or self.count) - 1 - self.looks)
+        return max(1, self.chosen - 1 - self.looks)
 
 
 @dataclass
@@ -132,10 +137,7 @@ class SamplingState:
         """Of each of the terms: the variance that the interval is made of."""
         return [
             Spread.of(
-                term,
-                sampled.frozen or sampled.count,
-                sampled.freedom,
-                self.controlled and not number,
+                term, sampled.chosen, sampled.freedom, self.controlled and not number
             )
             for number, (term, sampled) in enumerate(
                 zip(self.terms, self.sampled, strict=True)

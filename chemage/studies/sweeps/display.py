@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from functools import cached_property, partial
 from pathlib import Path
@@ -212,44 +213,36 @@ def _picture(
     data: SweepData, view: View, names: Sequence[str], heat: bool
 ) -> tuple[str, Picture]:
     quantities = [data.quantity(name, view) for name in names]
-    number = quantities[0].mean.shape[0]
-    as_map = heat or number > MOST_LINES
-    if as_map and view.lines is None:
+    lines = view.lines
+    as_map = heat or quantities[0].mean.shape[0] > MOST_LINES
+    if as_map and lines is None:
         raise InputError(
             "--heat: a heat map needs two axes; this sweep has one, or choose --lines"
         )
-    if (
-        as_map
-        and view.lines
-        and not (data.is_number(view.lines) and data.is_number(view.x))
-    ):
+    if lines and not (data.is_number(lines) and data.is_number(view.x)):
         if heat:
             raise InputError(
-                f"--heat: {view.x} and {view.lines} must have numbers as values"
+                f"--heat: {view.x} and {lines} must have numbers as values"
             )
         as_map = False
-    legend = 0.0 if as_map or view.lines is None else 1.6
+    legend = 0.0 if as_map or lines is None else 1.6
     function = _draw_heat if as_map else _draw_lines
-    drawn = [
-        Panel(
-            partial(function, data=data, view=view, quantity=quantity),
-            name=quantity.name,
-        )
-        for quantity in quantities
-    ]
+    drawn = []
+    for quantity in quantities:
+        draw = partial(function, data=data, view=view, quantity=quantity)
+        drawn.append(Panel(draw, name=quantity.name))
 
     def finish(figure: Figure, plots: list[Axes]) -> None:
         if legend:
             handles, _ = plots[0].get_legend_handles_labels()
-            shared_legend(
-                figure, handles, plain(_label(data, view.lines or "")), beside=True
-            )
-        figure.suptitle(
-            _title(data, view, quantities, bands=not as_map), parse_math=False
-        )
+            title = plain(_label(data, lines or ""))
+            shared_legend(figure, handles, title, beside=True)
+        title = _title(data, view, quantities, bands=not as_map)
+        figure.suptitle(title, parse_math=False)
 
-    to = "-and-" if as_map else "-by-"
-    name = f"{'-'.join(names)}-against-{view.x}{to + view.lines if view.lines else ''}"
+    name = f"{'-'.join(names)}-against-{view.x}"
+    if lines:
+        name += f"{'-and-' if as_map else '-by-'}{lines}"
     beside = legend if current().width is None else 0.0
     return name, Picture(drawn, (4.9 * len(drawn) + beside, 4.1), finish=finish)
 
@@ -261,19 +254,14 @@ def _title(
     parts = [data.text(dim, place) for dim, place in view.fixed.items()]
     with_errors = bands and any(np.isfinite(quantity.low).any() for quantity in found)
     if view.averaged:
-        count = int(np.prod([data.dimensions[dim].size for dim in view.averaged]))
-        parts.append(
-            f"mean over {count} seeds"
-            + (", band: its 95 % interval" if with_errors else "")
-        )
+        count = math.prod(data.dimensions[dim].size for dim in view.averaged)
+        band = ", band: its 95 % interval" if with_errors else ""
+        parts.append(f"mean over {count} seeds{band}")
     elif with_errors:
         parts.append("band: 95 % interval over replicas")
-    if (
-        any(
-            quantity.name.partition("_")[0] in ("beta", "b", "cutoff")
-            for quantity in found
-        )
-        and data.doubt
+    fitted = ("beta", "b", "cutoff")
+    if data.doubt and any(
+        quantity.name.partition("_")[0] in fitted for quantity in found
     ):
         parts.append(data.doubt)
     status = data.table.status
@@ -286,79 +274,61 @@ def _title(
 
 def _label(data: SweepData, name: str, quantity: ViewedQuantity | None = None) -> str:
     """The label of an axis of the sweep, or of a quantity."""
-    label = (
-        DECLARED[name].title
-        if name in DECLARED
-        else plain(quantity.meaning if quantity else name.replace("_", " "))
-    )
+    label = plain(quantity.meaning if quantity else name.replace("_", " "))
+    if name in DECLARED:
+        label = DECLARED[name].title
     times = data.table.hold_times
     if quantity is not None and quantity.at_last:
-        last = (
-            times[np.isfinite(times)].max() if times.ndim == 1 and times.size else None
-        )
-        label += " at the last hold time" if last is None else f" at {last:g} s"
+        at = "the last hold time"
+        if times.ndim == 1 and times.size:
+            at = f"{times[np.isfinite(times)].max():g} s"
+        label += f" at {at}"
     return headed(label, data.unit(name))
 
 
 def is_logarithmic(values: np.ndarray) -> bool:
     """Whether positive values span more than 1.5 decades."""
     finite = values[np.isfinite(values)]
-    return bool(
-        finite.size > 1
-        and finite.min() > 0
-        and np.log10(finite.max()) - np.log10(finite.min()) > LOG_DECADES
-    )
+    if finite.size < 2 or finite.min() <= 0:
+        return False
+    return bool(np.ptp(np.log10(finite)) > LOG_DECADES)
+
+
+def _scale(values: np.ndarray) -> str:
+    return "log" if is_logarithmic(values) else "linear"
 
 
 def _draw_lines(
     axes: Axes, medium: Medium, data: SweepData, view: View, quantity: ViewedQuantity
 ) -> None:
-    places = data.values(view.x)
-    is_number = data.is_number(view.x)
-    x = (
-        np.asarray(places, dtype=np.float64)
-        if is_number
-        else np.arange(len(places), dtype=np.float64)
-    )
+    places, is_number = data.values(view.x), data.is_number(view.x)
+    x = np.asarray(places if is_number else range(len(places)), dtype=np.float64)
     order = np.argsort(x, kind="stable")
     if view.x == HOLD_TIME:
         order = order[x[order] > 0]
-    colours = _colours(data, view, quantity.mean.shape[0])
-    for number, colour in enumerate(colours):
+    marker = None if order.size > 20 else "o"
+    for number, colour in enumerate(_colours(data, view, quantity.mean.shape[0])):
         mean, low, high = (
             values[number][order]
             for values in (quantity.mean, quantity.low, quantity.high)
         )
         label = plain(data.value_text(view.lines, number)) if view.lines else None
-        marker = None if order.size > 20 else "o"
-        axes.plot(
-            x[order],
-            mean,
-            color=colour,
-            marker=marker,
-            ms=3.5,
-            lw=1.3,
-            label=label,
-            zorder=3,
-        )
+        style: dict[str, Any] = {"marker": marker, "ms": 3.5, "lw": 1.3, "zorder": 3}
+        axes.plot(x[order], mean, color=colour, label=label, **style)
         band = np.isfinite(low) & np.isfinite(high)
         axes.fill_between(
             x[order], low, high, where=band, color=colour, alpha=0.22, lw=0
         )
     if not is_number:
-        axes.set_xticks(
-            x, [plain(str(value)) for value in places], rotation=30, ha="right"
-        )
+        texts = [plain(str(value)) for value in places]
+        axes.set_xticks(x, texts, rotation=30, ha="right")
     elif x.size <= 10 and places.dtype.kind == "i" and not is_logarithmic(x):
         _tick_values(axes.xaxis, x, "linear")
     else:
-        axes.set_xscale("log" if is_logarithmic(x[order]) else "linear")
+        axes.set_xscale(_scale(x[order]))
     # a logarithmic axis would cut a band that reaches zero
-    reaches_zero = (quantity.low[np.isfinite(quantity.low)] <= 0).any()
-    if (
-        is_logarithmic(np.concatenate([quantity.mean, quantity.low, quantity.high]))
-        and not reaches_zero
-    ):
+    values = np.concatenate([quantity.mean, quantity.low, quantity.high])
+    if is_logarithmic(values) and np.nanmin(quantity.low, initial=np.inf) > 0:
         axes.set_yscale("log")
     elif np.nanmin(quantity.mean, initial=0.0) >= 0:
         from_zero(axes)
@@ -386,37 +356,26 @@ def _draw_heat(
     from matplotlib.colors import LogNorm
 
     assert view.lines is not None
-    x = np.asarray(data.values(view.x), dtype=np.float64)
-    y = np.asarray(data.values(view.lines), dtype=np.float64)
-    columns, rows = np.argsort(x, kind="stable"), np.argsort(y, kind="stable")
-    if view.x == HOLD_TIME:
-        columns = columns[x[columns] > 0]
-    scales = [
-        "log" if is_logarithmic(values) else "linear"
-        for values in (x[columns], y[rows])
-    ]
+    sides = []
+    for name, axis in ((view.x, axes.xaxis), (view.lines, axes.yaxis)):
+        values = np.asarray(data.values(name), dtype=np.float64)
+        order = np.argsort(values, kind="stable")
+        if name == HOLD_TIME:
+            order = order[values[order] > 0]
+        sides.append((axis, order, values[order], _scale(values[order])))
+    (_, columns, *x), (_, rows, *y) = sides
     values = np.ma.masked_invalid(quantity.mean[np.ix_(rows, columns)])
-    style: dict[str, Any] = {"norm": LogNorm()} if is_logarithmic(quantity.mean) else {}
+    norm = LogNorm() if is_logarithmic(quantity.mean) else None
     axes.set_facecolor(_GREY)
     image = axes.pcolormesh(
-        _edges(x[columns], scales[0]),
-        _edges(y[rows], scales[1]),
-        values,
-        cmap="viridis",
-        rasterized=True,
-        **style,
+        _edges(*x), _edges(*y), values, cmap="viridis", norm=norm, rasterized=True
     )
-    axes.set(
-        xscale=scales[0],
-        yscale=scales[1],
-        xlabel=_label(data, view.x),
-        ylabel=_label(data, view.lines),
-    )
-    _tick_values(axes.xaxis, x[columns], scales[0])
-    _tick_values(axes.yaxis, y[rows], scales[1])
-    axes.figure.colorbar(image, ax=axes).set_label(
-        _label(data, quantity.name, quantity)
-    )
+    labels = _label(data, view.x), _label(data, view.lines)
+    axes.set(xscale=x[1], yscale=y[1], xlabel=labels[0], ylabel=labels[1])
+    for axis, _, ticks, scale in sides:
+        _tick_values(axis, ticks, scale)
+    bar = axes.figure.colorbar(image, ax=axes)
+    bar.set_label(_label(data, quantity.name, quantity))
     if values.mask.any():
         axes.set_title("grey: not done, or not defined")
 

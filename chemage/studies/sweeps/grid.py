@@ -3,13 +3,17 @@
 Every entry of ``[sweep]`` is one axis of a grid; the entries of a ``[[sweep.zip]]`` vary together and form one axis.
 The last axis varies fastest. A value replaces the value of the scene at that path: a number, a string with its unit, a
 whole section given as an inline table, or ``false`` for a section to be left out.
+
+Shares of a sweep: which points one of several processes computes, such as the third of sixteen shares.
 """
 
 from __future__ import annotations
 
+import heapq
 import itertools
 import json
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
@@ -21,8 +25,10 @@ from pydantic import TypeAdapter
 from chemage.contacts.options import nominal_pressure
 from chemage.contacts.theory import no_map
 from chemage.foundation.components import Component
+from chemage.foundation.container import read_json, sealed_json
 from chemage.foundation.errors import (
     ChemageError,
+    DamagedError,
     InputError,
     PluginError,
     SceneError,
@@ -36,8 +42,9 @@ from chemage.scene.materials import filled_sections
 from chemage.scene.plan import cost
 from chemage.scene.provenance import versions
 from chemage.scene.scene import Scene
-from chemage.studies.folder import FORMAT
-from chemage.studies.tasks import Task, ageing_seconds, registered_classes
+from chemage.studies.folder import FORMAT, Folder
+from chemage.studies.study import Selection, in_ranges
+from chemage.studies.tasks import Task, ageing_seconds, by_contact, registered_classes
 
 
 @dataclass(frozen=True)
@@ -229,32 +236,8 @@ def _lines(
                 continue
             if isinstance(value, Mapping):
                 visit(value, (*parents, name))
-            elif not isinstance(value, list):
-                problems.append(
-                    (
-                        f"{where}.{path}",
-                        f"{value!r} is one value; give a list, such as [{value!r}]",
-                    )
-                )
-            elif not value:
-                problems.append(
-                    (
-                        f"{where}.{path}",
-                        "is an empty list; an axis needs at least one value",
-                    )
-                )
-            elif (wrong := _wrong_path(path)) is not None:
-                problems.append((f"{where}.{path}", wrong))
-            elif (
-                path == "contact.load"
-                and len({nominal_pressure(load) is None for load in value}) > 1
-            ):
-                problems.append(
-                    (
-                        f"{where}.{path}",
-                        "give all loads as forces, or all as nominal pressures",
-                    )
-                )
+            elif problem := _wrong(path, value):
+                problems.append((f"{where}.{path}", problem))
             else:
                 lines.append((path, value))
 
@@ -262,14 +245,24 @@ def _lines(
     return lines
 
 
-def _wrong_path(path: str) -> str | None:
+def _wrong(path: str, values: Any) -> str:
+    """What is wrong with a line of an axis; "" for nothing."""
+    if not isinstance(values, list):
+        return f"{values!r} is one value; give a list, such as [{values!r}]"
+    if not values:
+        return "is an empty list; an axis needs at least one value"
     root, _, rest = path.partition(".")
     names = [name for name in section_names() if name != "sweep"]
     if root not in names:
         return f"no such section{nearest(root, names)}; the sections are {', '.join(names)}"
     if rest and ("" in rest.split(".") or root in ("name", "title", "material")):
         return "no such field"
-    return None
+    if (
+        path == "contact.load"
+        and len({nominal_pressure(load) is None for load in values}) > 1
+    ):
+        return "give all loads as forces, or all as nominal pressures"
+    return ""
 
 
 # -- validation of all points -----------------------------------------------------------------------------------------
@@ -313,10 +306,8 @@ class Survey:
             point.
         """
         result = cls(grid, hooks=implementing(*stage_hooks()))
-        result.resolved = [
-            [[None] * len(axis.paths) for _ in axis.values] for axis in grid.axes
-        ]
-        wrong: dict[tuple[str, str], list[int]] = {}
+        #: problem -> the first point that has it, and their number
+        wrong: dict[tuple[str, str], tuple[int, int]] = {}
         for point in range(grid.size):
             try:
                 scene = grid.scene(point)
@@ -324,8 +315,8 @@ class Survey:
                 raise
             except ChemageError as error:
                 for problem in getattr(error, "problems", None) or [("", str(error))]:
-                    first = wrong.setdefault(problem, [point, 0])
-                    first[1] += 1
+                    first, count = wrong.get(problem, (point, 0))
+                    wrong[problem] = first, count + 1
                 continue
             finally:
                 if progress is not None:
@@ -333,52 +324,95 @@ class Survey:
             if wrong:
                 continue
             try:
-                _add(result, point, scene)
+                result.add(point, scene)
             except InputError as error:
                 error.add_note(f"at point {point} of {grid.source}")
                 raise
-            places = grid.positions(point)
-            for axis, place in enumerate(places):
-                if not any(
-                    places[:axis] + places[axis + 1 :]
-                ):  # the first point with this place
-                    result.resolve(axis, place, scene)
         if wrong:
-            raise SceneError(
-                grid.source,
-                [_located(grid, problem, *where) for problem, where in wrong.items()],
-            )
-        result.digest = text_hash(
-            "".join(
-                [json.dumps([[axis.paths for axis in grid.axes], []]), *result.keys]
-            )
-        )
+            located = [
+                _located(grid, problem, *where) for problem, where in wrong.items()
+            ]
+            raise SceneError(grid.source, located)
+        result.resolve()
+        paths = [axis.paths for axis in grid.axes]
+        result.digest = text_hash("".join([json.dumps([paths, []]), *result.keys]))
         return result
 
-    def resolve(self, axis: int, place: int, scene: Scene) -> None:
-        """Record the validated values of one position: "20 uN" is 20000.0 nN."""
-        data = scene.todict()
-        for number, path in enumerate(self.grid.axes[axis].paths):
-            written = self.grid.axes[axis].values[place][number]
-            if (
-                path == "contact.load"
-                and (pressure := nominal_pressure(written)) is not None
-            ):
-                # the force differs where the size of the surface is swept as well
-                self.resolved[axis][place][number], self.units[path] = pressure, "GPa"
-                continue
-            value: Any = data
-            for name in path.split("."):
-                value = value.get(name) if isinstance(value, Mapping) else None
-            if (
-                isinstance(written, Mapping)
-                or value is None
-                or isinstance(value, Mapping | list)
-            ):
-                value = written
-            self.resolved[axis][place][number] = value
-            if path not in self.units:
-                self.units[path] = scene.unit(path)
+    def resolve(self) -> None:
+        """Record the validated value of every position of every axis: "20 uN" is 20000.0 nN."""
+        for number, axis in enumerate(self.grid.axes):
+            self.resolved.append([])
+            for place in range(len(axis)):
+                places = [0] * len(self.grid.axes)
+                places[number] = place
+                point = int(np.ravel_multi_index(places, self.grid.shape))
+                scene = self.grid.scene(point)
+                written = zip(axis.paths, axis.values[place], strict=True)
+                values = [self._resolved(path, value, scene) for path, value in written]
+                self.resolved[-1].append(values)
+
+    def add(self, point: int, scene: Scene) -> None:
+        """Add a point.
+
+        Raises
+        ------
+        InputError
+            It has no map, needs more memory than there is, or is a mean over surfaces where others are not.
+        """
+        if not scene.contact.gives_map:
+            remedy = "a sweep has no contact to store; run each scene by itself"
+            raise InputError(no_map(scene.contact, remedy))
+        costs = cost(scene)
+        if point and scene.is_ensemble != self.means:
+            raise InputError(
+                "accuracy, ensemble: some points are means over surfaces and others are not; make two sweeps"
+            )
+        self.means = scene.is_ensemble
+        self.classes |= registered_classes(scene.components())
+        costs.check()
+        varied = {path for axis in self.grid.axes for path in axis.paths}
+        doubts = [*costs.doubts()]
+        for stage in registry.current().stages():
+            doubts += stage.doubts_of_sweep(costs.parts, varied)
+        for doubt in doubts:
+            text, first, count = self.doubts.get(doubt.kind, (doubt.text, point, 0))
+            self.doubts[doubt.kind] = text, first, count + 1
+        task = Task.of(scene, costs=costs, number=point)
+        # only what makes the scene is kept, since there may be very many
+        task = replace(
+            task,
+            key=mean_key(scene) if self.means else task.key,
+            source=partial(self.grid.scene, point),
+            changes=self.grid.changes(point),
+        )
+        self.tasks.append(task)
+        if task.contact not in self.contacts:
+            self.contacts[task.contact] = task
+            self.bytes += 3000 + costs.contact_file
+        self.bytes += 5000
+        needed = [self.memory, costs.contact_bytes]
+        if scene.hold is not None:
+            self.bytes += scene.hold.hold_times.size * (90 + 11 * scene.hold.replicas)
+            needed.append(costs.replica_bytes)
+        self.memory = float(np.max(np.array(needed, dtype=np.float64)))  # None is nan
+
+    def _resolved(self, path: str, written: Any, scene: Scene) -> Any:
+        if (
+            path == "contact.load"
+            and (pressure := nominal_pressure(written)) is not None
+        ):
+            # the force differs where the size of the surface is swept as well
+            self.units[path] = "GPa"
+            return pressure
+        value: Any = scene.todict()
+        for name in path.split("."):
+            value = value.get(name) if isinstance(value, Mapping) else None
+        if path not in self.units:
+            self.units[path] = scene.unit(path)
+        plain = not isinstance(written, Mapping) and not isinstance(
+            value, Mapping | list
+        )
+        return value if plain and value is not None else written
 
     def manifest(self) -> dict[str, Any]:
         """What the file of a sweep in its folder says."""
@@ -483,50 +517,192 @@ def shown(value: Any) -> str:
     return value if isinstance(value, str) else json.dumps(value)
 
 
-def _add(result: Survey, point: int, scene: Scene) -> None:
-    if not scene.contact.gives_map:
-        raise InputError(
-            no_map(
-                scene.contact,
-                "a sweep has no contact to store; run each scene by itself",
-            )
-        )
-    costs = cost(scene)
-    if point and scene.is_ensemble != result.means:
-        raise InputError(
-            "accuracy, ensemble: some points are means over surfaces and others are not; make two sweeps"
-        )
-    result.means = scene.is_ensemble
-    result.classes |= registered_classes(scene.components())
-    costs.check()
-    varied = {path for axis in result.grid.axes for path in axis.paths}
-    parts = costs.parts
-    of_sweep = [
-        doubt
-        for stage in registry.current().stages()
-        for doubt in stage.doubts_of_sweep(parts, varied)
+#: the folder of divisions within that of a sweep
+PLACE = ".shares"
+_FILE = re.compile(r"of-(\d{1,7})\.json")
+
+
+def points_of(
+    selection: Selection | None, folder: Folder, survey: Survey
+) -> Sequence[int]:
+    """The numbers of the points of a sweep that a process computes, ascending; of means all, of which each share
+    computes a part of the samples.
+
+    Raises
+    ------
+    InputError
+        The sweep has no such point.
+    """
+    count = len(survey.tasks)
+    share = None if selection is None else selection.share
+    if selection is None or (survey.means and share is not None):
+        return range(count)
+    if (
+        share is None
+        or read_partition(folder, share[1], survey.digest, count) is not None
+    ):
+        return agreed_points(selection, folder, survey.digest, count)
+    return [
+        point for point, of in enumerate(partition(survey, share[1])) if of == share[0]
     ]
-    for doubt in [*costs.doubts(), *of_sweep]:
-        text, first, count = result.doubts.get(doubt.kind, (doubt.text, point, 0))
-        result.doubts[doubt.kind] = text, first, count + 1
-    task = Task.of(scene, costs=costs, number=point)
-    # only what makes the scene is kept, since there may be very many
-    key = mean_key(scene) if result.means else task.key
-    changes = result.grid.changes(point)
-    task = replace(
-        task, key=key, source=partial(result.grid.scene, point), changes=changes
+
+
+def agreed_points(
+    selection: Selection, folder: Folder, digest: str, count: int
+) -> list[int]:
+    """The same of the sweep of ``count`` points that is in ``folder``.
+
+    Raises
+    ------
+    InputError
+        The sweep has no such point.
+    """
+    if selection.share is not None:
+        of = read_partition(folder, selection.share[1], digest, count) or ()
+        return [point for point, share in enumerate(of) if share == selection.share[0]]
+    last = max(last for _, last in selection.ranges)
+    if last >= count:
+        raise InputError(
+            f"there is no point {last}: the sweep has points 0 to {count - 1}"
+        )
+    return sorted(
+        {point for first, last in selection.ranges for point in range(first, last + 1)}
     )
-    result.tasks.append(task)
-    needed = [costs.contact_bytes]
-    if task.contact not in result.contacts:
-        result.contacts[task.contact] = task
-        result.bytes += 3000 + costs.contact_file
-    result.bytes += 5000
-    if scene.hold is not None:
-        result.bytes += scene.hold.hold_times.size * (90 + 11 * scene.hold.replicas)
-        needed.append(costs.replica_bytes)
-    result.memory = float(np.max([result.memory, *map(_or_nan, needed)]))
 
 
-def _or_nan(estimate: float | None) -> float:
-    return math.nan if estimate is None else estimate
+# -- division of all points --------------------------------------------------------------------------------------------
+
+
+def partition(survey: Survey, count: int) -> list[int]:
+    """Divide the points of a sweep into shares of about equal CPU time.
+
+    Points with the same kinetics stay together, and points with one contact do unless shares become more equal if they
+    are divided. The longest pieces are dealt first, each to the share that has least. Where a component gives no
+    estimate, each contact and each point counts the same.
+
+    Parameters
+    ----------
+    survey
+        The points.
+    count
+        Number of shares. With more shares than groups of points some shares are empty.
+
+    Returns
+    -------
+    list of int
+        For each point the number of its share, 1 to ``count``.
+    """
+    best: tuple[float, list[int]] = (math.inf, [])
+    for finer in (1, 2, 4):
+        loads = [(0.0, share) for share in range(1, count + 1)]
+        of = [0] * len(survey.tasks)
+        pieces = _pieces(survey, count * finer)
+        for seconds, points in sorted(pieces, key=lambda piece: -piece[0]):
+            load, share = loads[0]
+            for point in points:
+                of[point] = share
+            heapq.heapreplace(loads, (load + seconds, share))
+        longest, _ = max(loads)
+        if longest < 0.95 * best[0]:
+            best = longest, of
+    return best[1]
+
+
+def _pieces(survey: Survey, count: int) -> list[tuple[float, list[int]]]:
+    """The cost and the points of groups of points with one contact, none longer than a ``count``-th of all where it can
+    be divided."""
+    is_known = cpu_seconds(survey.tasks) is not None
+
+    def seconds(estimate: float) -> float:
+        return estimate + 1e-3 if is_known else 1.0
+
+    groups = []
+    for ageings in by_contact(survey.tasks):
+        kinetics = [seconds(tasks[0].ageing_seconds) for tasks in ageings]
+        groups.append((ageings, seconds(ageings[0][0].contact_seconds), kinetics))
+    total = sum(contact + sum(kinetics) for _, contact, kinetics in groups)
+    pieces = []
+    for ageings, contact, kinetics in groups:
+        whole = contact + sum(kinetics)
+        parts = min(len(ageings), max(1, math.ceil(whole * count / total - 1e-9)))
+        for part in range(parts):
+            chosen = slice(
+                part * len(ageings) // parts, (part + 1) * len(ageings) // parts
+            )
+            points = [task.number for tasks in ageings[chosen] for task in tasks]
+            # each process solves the contact, rather than wait for another one
+            pieces.append((contact + sum(kinetics[chosen]), points))
+    return pieces
+
+
+@dataclass(frozen=True)
+class ShareCost:
+    """The estimated cost of one share."""
+
+    points: int
+    #: contacts that the points need, which other shares may need as well
+    contacts: int
+    #: CPU time, s, if it solves all these contacts; None if a component gives no estimate
+    cpu_seconds: float | None
+
+
+def shares_cost(survey: Survey, count: int) -> list[ShareCost]:
+    """The estimated cost of each of ``count`` shares."""
+    shares: list[list[Task]] = [[] for _ in range(count)]
+    for task, share in zip(survey.tasks, partition(survey, count), strict=True):
+        shares[share - 1].append(task)
+    return [
+        ShareCost(len(tasks), len({task.contact for task in tasks}), cpu_seconds(tasks))
+        for tasks in shares
+    ]
+
+
+# -- the division that processes agreed on ----------------------------------------------------------------------------
+
+
+def read_partition(
+    folder: Folder, count: int, digest: str, points: int
+) -> list[int] | None:
+    """The division of the ``points`` points of a sweep into ``count`` shares, if it is in the folder."""
+    try:
+        content = read_json(folder.path / PLACE / f"of-{count}.json")
+    except (OSError, DamagedError):
+        return None
+    of, shares = content.get("shares"), range(1, count + 1)
+    if content.get("digest") != digest or not isinstance(of, list):
+        return None
+    right = all(type(share) is int and share in shares for share in of)
+    return of if right and len(of) == points else None
+
+
+def agree(folder: Folder, survey: Survey, count: int) -> None:
+    """Write a division of the points into ``count`` shares, unless another process has.
+
+    Estimates of cost may differ between machines; all processes use the division of the first one.
+    """
+    path = folder.path / PLACE / f"of-{count}.json"
+    for over in (False, True):
+        if read_partition(folder, count, survey.digest, len(survey.tasks)) is not None:
+            return
+        path.parent.mkdir(parents=True, exist_ok=True)
+        content = {"digest": survey.digest, "shares": partition(survey, count)}
+        # what is there the second time is damaged, or of a sweep that was replaced
+        folder.place(path, sealed_json(content), over=over)
+
+
+def remedies(
+    folder: Folder, points: Sequence[int], digest: str, count: int
+) -> list[str]:
+    """Selections of which each computes a part of ``points``, and the last all of them.
+
+    These are shares, if processes have divided this sweep of ``count`` points once; and numbers of points.
+    """
+    texts = [in_ranges(points)] if points else []
+    files = (folder.path / PLACE).glob("of-*")
+    names = [_FILE.fullmatch(path.name) for path in files]
+    divisions = [int(match[1]) for match in names if match is not None]
+    if len(divisions) != 1:
+        return texts
+    of = read_partition(folder, divisions[0], digest, count)
+    shares = {of[point] for point in points} if of is not None else ()
+    return [f"{share}/{divisions[0]}" for share in sorted(shares)] + texts

@@ -23,8 +23,7 @@ from chemage.scene.run import Run
 from chemage.scene.scene import Scene
 from chemage.studies.ensembles.ensemble import Ensemble
 from chemage.studies.folder import FORMAT, Folder, SweepWarning
-from chemage.studies.sweeps.grid import Axis, Grid, listed
-from chemage.studies.sweeps.shares import PLACE, remedies
+from chemage.studies.sweeps.grid import PLACE, Axis, Grid, listed, remedies
 from chemage.studies.sweeps.table import SweepTable, error_text
 
 if TYPE_CHECKING:

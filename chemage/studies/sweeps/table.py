@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import csv
 import io
-import json
-import math
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -15,12 +12,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from chemage.ageing.aging import ELASTIC_MEASURES
-from chemage.ageing.fitting import DROPS, FIT, LN10
+from chemage.ageing.fitting import DROPS, FIT
 from chemage.contacts.solution import FLOW_MEASURES, MEASURES
 from chemage.foundation.container import seal
 from chemage.foundation.errors import optional_module
 from chemage.foundation.files import write_file
 from chemage.foundation.quantities import HOLD_TIME, Declared, Quantity, headed
+from chemage.foundation.text import csv_text
 from chemage.studies.sweeps.grid import Axis, shown
 
 if TYPE_CHECKING:
@@ -115,20 +113,13 @@ def short_names(
     (``taken``).
     """
     last = {path: last_part(path) for path in paths}
-    if (
-        units is not None
-        and units.get("contact.load") == "GPa"
-        and "contact.load" in last
-    ):
+    if "contact.load" in last and (units or {}).get("contact.load") == "GPa":
         last["contact.load"] = "nominal_pressure"
+    short = list(last.values())
     names = {}
     for path, name in last.items():
-        clear = (
-            list(last.values()).count(name) == 1
-            and name not in taken
-            and name not in RESERVED
-        )
-        names[path] = name if clear else path.replace(".", "_").replace("/", "_")
+        used = short.count(name) > 1 or name in taken or name in RESERVED
+        names[path] = path.replace(".", "_").replace("/", "_") if used else name
     return names
 
 
@@ -157,18 +148,14 @@ def dimensions(
     names = short_names([path for axis in axes for path in axis.paths], taken, units)
     dims = []
     for axis in axes:
-        distinct = [
-            path
-            for path in axis.paths
-            if len({str(value) for value in values[path]}) == len(axis)
-        ]
-        fields = [path for path in distinct if not is_seed(path)]
-        leading = [*fields, *distinct, *axis.paths][0]
-        dims.append(
-            Dimension(
-                names[leading], {path: names[path] for path in axis.paths}, len(axis)
-            )
-        )
+
+        def repeats(path: str, size: int = len(axis)) -> tuple[bool, bool]:
+            distinct = len({str(value) for value in values[path]}) == size
+            return not distinct, is_seed(path)
+
+        leading = names[min(axis.paths, key=repeats)]
+        coordinates = {path: names[path] for path in axis.paths}
+        dims.append(Dimension(leading, coordinates, len(axis)))
     return tuple(dims)
 
 
@@ -312,11 +299,8 @@ class SweepTable:
             return values
         if not values.size:
             return np.full(self.points, np.nan)
-        known = np.isfinite(
-            self.results.get(
-                name.removesuffix("_half_width"), self.results[name]
-            ).values
-        )
+        curve = self.results.get(name.removesuffix("_half_width"), self.results[name])
+        known = np.isfinite(curve.values)
         last = values.shape[1] - 1 - np.argmax(known[:, ::-1], axis=1)
         return np.where(known.any(axis=1), values[np.arange(self.points), last], np.nan)
 
@@ -329,58 +313,42 @@ class SweepTable:
 
     def write_csv(self, path: Path) -> None:
         """Write CSV with one line per point: swept fields, scalars, last values of the curves, with units."""
-        numbers = self.numbers("last ")
-        units = [column.unit for column in self.results.values()]
-        headings = [
-            f"{path} ({unit})" if (unit := self.units.get(path)) else path
-            for path in self.swept
+        columns: dict[str, Any] = {"point": range(self.points), "status": self.status}
+        for name, values in self.swept.items():
+            unit = self.units.get(name)
+            columns[f"{name} ({unit})" if unit else name] = values
+        numbers = zip(self.numbers("last ").items(), self.results.values(), strict=True)
+        for (name, values), column in numbers:
+            columns[headed(name, column.unit)] = values
+        columns |= {name: self.marks[name] for name in sorted(self.marks)}
+        columns["error"] = [text.replace("\n", " ") for text in self.error]
+        cells = [np.asarray(values).tolist() for values in columns.values()]
+        rows = [
+            ["" if cell != cell else cell for cell in row]  # nan
+            for row in zip(*cells, strict=True)
         ]
-        headings += [
-            headed(name, unit) for name, unit in zip(numbers, units, strict=True)
-        ]
-        marks = sorted(self.marks)
-        columns = [
-            range(self.points),
-            self.status,
-            *self.swept.values(),
-            *numbers.values(),
-        ]
-        columns += [
-            *(self.marks[name] for name in marks),
-            [text.replace("\n", " ") for text in self.error],
-        ]
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(["point", "status", *headings, *marks, "error"])
-        for row in zip(*columns, strict=True):
-            writer.writerow(map(_cell, row))
-        write_file(path, text.getvalue(), force=True)
+        write_file(path, csv_text(columns, rows), force=True)
 
     def write_hdf5(self, path: Path, attributes: Mapping[str, Any]) -> None:
         """Write NetCDF4 with the dimensions of :meth:`to_xarray`, readable with ``xarray.open_dataset``."""
         import h5netcdf
         import h5py
 
-        text = h5py.string_dtype()
         # made in memory and written at once: HDF5 crashes the process when the disk fills up under it
         image = io.BytesIO()
         with h5netcdf.File(image, "w") as file:
-            for name, value in attributes.items():
-                file.attrs[name] = value
+            file.attrs.update(attributes)
             grid = {dimension.name: dimension.size for dimension in self.dimensions}
-            file.dimensions = {
-                **grid,
+            sizes = {
                 "hold_time": self.hold_times.shape[-1],
                 "replica": self.bonds.shape[1],
             }
+            file.dimensions = grid | sizes
             for name, (dims, values, notes) in self.variables().items():
-                kind = text if values.dtype == object else values.dtype
-                empty = 0 in values.shape
-                variable = file.create_variable(
-                    name, dims, kind, data=None if empty else values
-                )
-                for key, note in notes.items():
-                    variable.attrs[key] = note
+                kind = h5py.string_dtype() if values.dtype == object else values.dtype
+                data = values if values.size else None
+                variable = file.create_variable(name, dims, kind, data=data)
+                variable.attrs.update(notes)
         write_file(path, seal(image), force=True)
 
     @property
@@ -397,53 +365,39 @@ class SweepTable:
     def variables(self) -> dict[str, Variable]:
         """The variables of the dataset by name."""
         dims = tuple(dimension.name for dimension in self.dimensions)
+        variables: dict[str, Variable] = {}
 
-        def of_points(values: Any, *more: str, **notes: str) -> Variable:
+        def add(name: str, values: Any, *more: str, **notes: str) -> None:
             array = (
                 values
                 if isinstance(values, np.ndarray)
                 else np.array(values, dtype=object)
             )
-            return (*dims, *more), array.reshape(*self.shape, *array.shape[1:]), notes
+            shape = *self.shape, *array.shape[1:]
+            variables[name] = (*dims, *more), array.reshape(shape), notes
 
-        variables: dict[str, Variable] = {}
         for axis, dimension in enumerate(self.dimensions):
             for path, name in dimension.coordinates.items():
-                notes = {
-                    "units": self.units.get(path) or "1",
-                    "long_name": "swept",
-                    "path": path,
-                }
-                variables[name] = (
-                    (dimension.name,),
-                    self.along(axis, self.swept[path]),
-                    notes,
-                )
-        variables["point"] = of_points(
-            np.arange(self.points), long_name="number of the point"
-        )
-        variables["status"] = of_points(
-            self.status, long_name="done, failed, missing or damaged"
-        )
-        variables["error"] = of_points(self.error, long_name="why it failed")
+                units = self.units.get(path) or "1"
+                notes = {"units": units, "long_name": "swept", "path": path}
+                values = self.along(axis, self.swept[path])
+                variables[name] = (dimension.name,), values, notes
+        add("point", np.arange(self.points), long_name="number of the point")
+        add("status", self.status, long_name="done, failed, missing or damaged")
+        add("error", self.error, long_name="why it failed")
         for name, texts in self.marks.items():
-            variables[name] = of_points(texts, long_name=MARKS[name])
+            add(name, texts, long_name=MARKS[name])
         times = {"units": "s", "long_name": "time since the contact was made"}
         if self.hold_times.ndim == 1:
-            variables["hold_time"] = (("hold_time",), self.hold_times, times)
+            variables["hold_time"] = ("hold_time",), self.hold_times, times
         else:
-            variables["hold_times"] = of_points(self.hold_times, "hold_time", **times)
+            add("hold_times", self.hold_times, "hold_time", **times)
         for name, (unit, meaning, values) in self.results.items():
-            if name in variables or name == HOLD_TIME.name:  # swept, see GIVEN
-                continue
-            variables[name] = of_points(
-                values,
-                *("hold_time",)[: values.ndim - 1],
-                units=unit,
-                long_name=meaning,
-            )
+            if name not in variables and name != HOLD_TIME.name:  # swept, see GIVEN
+                along = ("hold_time",)[: values.ndim - 1]
+                add(name, values, *along, units=unit, long_name=meaning)
         notes = {"units": "1", "long_name": "bonds; -1 where there are none"}
-        variables["bonds"] = of_points(self.bonds, "replica", "hold_time", **notes)
+        add("bonds", self.bonds, "replica", "hold_time", **notes)
         return variables
 
     def to_pandas(self) -> pandas.DataFrame:
@@ -460,15 +414,10 @@ class SweepTable:
             for name, column in self.results.items()
             if column.values.ndim == 1
         }
-        columns = {
-            "status": self.status,
-            **self.swept,
-            **numbers,
-            **self.marks,
-            "error": self.error,
-        }
+        columns = {"status": self.status, **self.swept, **numbers}
+        index = pandas.RangeIndex(self.points, name="point")
         return pandas.DataFrame(
-            columns, index=pandas.RangeIndex(self.points, name="point")
+            columns | self.marks | {"error": self.error}, index=index
         )
 
     def to_xarray(self) -> xarray.Dataset:
@@ -492,33 +441,16 @@ class SweepTable:
 
 def _numbers(summary: Mapping[str, Any]) -> Iterator[tuple[str, str, str, Any]]:
     """Every number and curve in the summary of a point: name, unit, meaning, value."""
-    if "b" not in summary:  # it was written before there was b beside beta
-        betas = {
-            name: summary.get(f"beta{name[1:]}")
-            for name in ("b", "b_stderr", "b_half_width")
-        }
-        summary = {
-            **summary,
-            **{
-                name: value / LN10 for name, value in betas.items() if value is not None
-            },
-        }
     for name, (unit, meaning) in SCALARS.items():
         yield name, unit, meaning, summary.get(name)
     yield HOLD_TIME.name, HOLD_TIME.unit, HOLD_TIME.label, summary["hold_times"]
-    # points written before there was such a number
-    missing = [math.nan] * len(summary["hold_times"])
     for name, (unit, meaning) in CURVES.items():
-        yield name, unit, meaning, summary.get(name, missing)
+        yield name, unit, meaning, summary.get(name, ())
     for name, output in summary.get("observables", {}).items():
+        about, unit = output["description"] or name, output["unit"] or "1"
         for suffix, (part, words) in PARTS.items() if "mean" in output else ():
-            meaning = f"{output['description'] or name}{words and ': '}{words}"
-            yield (
-                f"observable.{name}{suffix}",
-                output["unit"] or "1",
-                meaning,
-                output[part],
-            )
+            meaning = f"{about}: {words}" if words else about
+            yield f"observable.{name}{suffix}", unit, meaning, output[part]
 
 
 def _widened(values: np.ndarray, shape: Sequence[int], fill: float) -> np.ndarray:
@@ -527,11 +459,9 @@ def _widened(values: np.ndarray, shape: Sequence[int], fill: float) -> np.ndarra
         (0, max(0, wanted - there))
         for wanted, there in zip(shape, values.shape[1:], strict=True)
     ]
-    return (
-        np.pad(values, [(0, 0), *more], constant_values=fill)
-        if np.any(more)
-        else values
-    )
+    if not np.any(more):
+        return values
+    return np.pad(values, [(0, 0), *more], constant_values=fill)
 
 
 def _put(values: np.ndarray, row: int, numbers: np.ndarray, fill: float) -> np.ndarray:
@@ -557,11 +487,3 @@ def _column(values: Sequence[Any]) -> np.ndarray:
     if kinds <= {int, float}:
         return np.array(values, dtype=np.float64)
     return np.array([shown(value) for value in values], dtype=object)
-
-
-def _cell(value: Any) -> Any:
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, float):
-        return "" if math.isnan(value) else repr(value)
-    return value if isinstance(value, str | int) else json.dumps(value)

@@ -78,30 +78,28 @@ class SweepData:
         self.variables = self.table.variables()
         #: coordinates that were written in one unit: name -> values along their dimension, unit
         self._written: dict[str, tuple[np.ndarray, str]] = {}
-        for axis, dimension in enumerate(self.dimensions.values()):
-            for path, name in dimension.coordinates.items():
-                if path in result.written:
-                    numbers, unit = result.written[path]
-                    self._written[name] = self.table.along(axis, numbers), unit
+        for axis, dimension in enumerate(self.table.dimensions):
+            for path in dimension.coordinates.keys() & result.written.keys():
+                numbers, unit = result.written[path]
+                along = self.table.along(axis, numbers)
+                self._written[dimension.coordinates[path]] = along, unit
         #: that of the fit, s; None where it is swept
         self._window: tuple[float, float] | None = None
-        if not any(path.partition(".")[0] == "fit" for path in self.table.swept):
-            fit = result.grid.base.get("fit", {})
-            start = fit.get("start", FIT_WINDOW[0])
-            stop = fit.get("stop", FIT_WINDOW[1])
-            self._window = convert(start, "s"), convert(stop, "s")
+        if not any(path.startswith("fit") for path in self.table.swept):
+            fit = dict(zip(("start", "stop"), FIT_WINDOW, strict=True))
+            fit |= result.grid.base.get("fit", {})
+            self._window = convert(fit["start"], "s"), convert(fit["stop"], "s")
 
     @property
     def doubt(self) -> str:
         """That β of the points rests on too few hold times; "" where it does not, or the points differ in it."""
-        times = self.table.hold_times
-        if (
-            times.ndim > 1
-            or not np.isfinite(self.variables["beta"][1]).any()
-            or self._window is None
-        ):
+        times, window = self.table.hold_times, self._window
+        if times.ndim > 1 or window is None or not self._is_known("beta"):
             return ""
-        return Quantities(times, 1.0, self._window, ()).doubt
+        return Quantities(times, 1.0, window, ()).doubt
+
+    def _is_known(self, name: str) -> bool:
+        return bool(np.isfinite(self.variables[name][1]).any())
 
     def axis(self, name: str, option: str) -> str:
         """The dimension called ``name``: its own name, that of a field along it, or the path of a field.
@@ -111,47 +109,34 @@ class SweepData:
         InputError
             There is none; the message lists the names.
         """
+        if name == HOLD_TIME:
+            return name
+        short = []
         for dim, dimension in self.dimensions.items():
-            if (
-                name == dim
-                or name in dimension.coordinates
-                or name in dimension.coordinates.values()
-            ):
+            paths = dimension.coordinates
+            if name in (dim, *paths, *paths.values()):
                 return dim
-        same = [
-            dim
-            for dim, dimension in self.dimensions.items()
-            if name in map(last_part, dimension.coordinates)
-        ]
-        if len(same) == 1:
-            return same[0]
+            if name in map(last_part, paths):
+                short.append(dim)
+        if len(short) == 1:
+            return short[0]
         names = [*self.dimensions, HOLD_TIME]
-        raise InputError.of(
-            option,
-            name,
-            f"is no axis of this sweep{nearest(name, names)}",
-            f"the axes are {', '.join(names)}",
-        )
+        problem = f"is no axis of this sweep{nearest(name, names)}"
+        raise InputError.of(option, name, problem, f"the axes are {', '.join(names)}")
 
     def label(self, name: str, option: str) -> str:
         """The name of the coordinate that ``name`` stands for."""
-        coordinates = self.dimensions[self.axis(name, option)].coordinates
-        if name in coordinates.values():
-            return name
-        return next(
-            (
-                short
-                for path, short in coordinates.items()
-                if name in (path, last_part(path))
-            ),
-            name,
-        )
+        dim = self.axis(name, option)
+        coordinates = {} if dim == HOLD_TIME else self.dimensions[dim].coordinates
+        if name not in coordinates.values():
+            for path, short in coordinates.items():
+                if name in (path, last_part(path)):
+                    return short
+        return name
 
     def values(self, name: str) -> np.ndarray:
         """The values of a coordinate along its dimension, in :meth:`unit`; hold times in s."""
-        return (
-            self._written[name][0] if name in self._written else self.variables[name][1]
-        )
+        return self._written.get(name, self.variables[name][1:])[0]
 
     def unit(self, name: str) -> str:
         """The unit of a variable, that in which its values were written if it is one; "" for a pure number."""
@@ -184,8 +169,7 @@ class SweepData:
 
     def usual(self) -> list[str]:
         """What is drawn unless asked otherwise."""
-        names = [name for name in _USUAL if np.isfinite(self.variables[name][1]).any()]
-        return names or list(_WITHOUT_AGEING)
+        return [*filter(self._is_known, _USUAL)] or list(_WITHOUT_AGEING)
 
     def view(
         self, x: str | None, lines: str | None, where: Mapping[str, str] | None = None
@@ -204,65 +188,52 @@ class SweepData:
             self.axis(name, "--where"): self._place(name, value)
             for name, value in (where or {}).items()
         }
-        axes = {"--x": x, "--lines": lines}
-        asked = [
-            self.axis(name, option)
-            for option, name in axes.items()
-            if name and name != HOLD_TIME
-        ]
+        if lines == HOLD_TIME:
+            raise InputError.of("--lines", lines, "can only be --x")
+        axes = (x, "--x"), (lines, "--lines")
+        asked = [self.axis(name, option) for name, option in axes if name]
         if len(set(asked)) < len(asked):
             raise InputError.of(
                 "--lines", lines, "is the axis of --x", "choose another one"
             )
-        if lines == HOLD_TIME:
-            raise InputError.of("--lines", lines, "can only be --x")
+        sizes = {dim: dimension.size for dim, dimension in self.dimensions.items()}
         free = [
             dim
-            for dim, dimension in self.dimensions.items()
-            if dimension.size > 1 and dim not in {*asked, *fixed}
+            for dim, size in sizes.items()
+            if size > 1 and dim not in (*asked, *fixed)
         ]
         seeds = [dim for dim in free if self.is_seed(dim)]
         free = [dim for dim in free if dim not in seeds]
-        free.sort(key=lambda dim: (not self.is_number(dim), -self.dimensions[dim].size))
+        free.sort(key=lambda dim: (not self.is_number(dim), -sizes[dim]))
         if x is None:
             x = free.pop(0) if free else HOLD_TIME
         if lines is None and free:
             lines = free.pop(0)
-        used = {
-            self.axis(name, "--x") for name in (x, lines) if name and name != HOLD_TIME
-        }
-        rest = {
-            dim: dimension.size // 2
-            for dim, dimension in self.dimensions.items()
-            if dim not in {*used, *seeds}
-        }
-        label = HOLD_TIME if x == HOLD_TIME else self.label(x, "--x")
-        return View(
-            label,
-            self.label(lines, "--lines") if lines else None,
-            tuple(seeds),
-            {**rest, **fixed},
-        )
+        used = {self.axis(name, "--x") for name in (x, lines) if name}
+        middle = {dim: size // 2 for dim, size in sizes.items() if dim not in used}
+        rest = {dim: place for dim, place in middle.items() if dim not in seeds}
+        named = self.label(lines, "--lines") if lines else None
+        return View(self.label(x, "--x"), named, tuple(seeds), rest | fixed)
 
     def _place(self, name: str, value: str) -> int:
         label = self.label(name, "--where")
+        shown, inside = self.values(label), self.variables[label][1]
         unit = self.variables[label][2].get("units", "1")
-        texts = [
-            self.value_text(label, place) for place in range(len(self.values(label)))
-        ]
+        texts = [self.value_text(label, place) for place in range(len(shown))]
         if value in texts:
             return texts.index(value)
         # as it was written, in the unit inside, or with a unit
-        for values, number in (
-            (self.values(label), _number(value)),
-            (self.variables[label][1], _number(value)),
-            (self.variables[label][1], _number(value, unit)),
+        number = _number(value)
+        for values, wanted in (
+            (shown, number),
+            (inside, number),
+            (inside, _number(value, unit)),
         ):
             for place, one in enumerate(values):
-                if not isinstance(one, str) and math.isclose(number, one, rel_tol=1e-6):
+                if not isinstance(one, str) and math.isclose(wanted, one, rel_tol=1e-6):
                     return place
-        problem = f"is not swept; the values are {', '.join(texts)} {self.unit(label)}".rstrip()
-        raise InputError.of(f"--where {name}", value, problem)
+        problem = f"is not swept; the values are {', '.join(texts)} {self.unit(label)}"
+        raise InputError.of(f"--where {name}", value, problem.rstrip())
 
     def quantity(self, name: str, view: View) -> ViewedQuantity:
         """The numbers of ``name`` in ``view``.
@@ -273,38 +244,25 @@ class SweepData:
             There is no such result, or it has no hold times and x is the hold time.
         """
         if name not in self.names:
-            names = ", ".join(self.names)
+            problem = f"is no result of this sweep{nearest(name, self.names)}"
             raise InputError.of(
-                "--y",
-                name,
-                f"is no result of this sweep{nearest(name, self.names)}",
-                f"the results are {names}",
+                "--y", name, problem, f"the results are {', '.join(self.names)}"
             )
-        along = view.x == HOLD_TIME
+        x = self.axis(view.x, "--x")
         result = self.table.results[name]
         is_curve = result.values.ndim > 1
-        if along and not is_curve:
-            raise InputError.of(
-                "--y",
-                name,
-                "is one number per point",
-                f"with --x {HOLD_TIME} choose {', '.join(CURVES)}",
-            )
-        if along and self.table.hold_times.ndim > 1:
-            raise InputError.of(
-                "--x",
-                HOLD_TIME,
-                "points have different hold times",
-                "choose another axis",
-            )
-        x = HOLD_TIME if along else self.axis(view.x, "--x")
+        if x == HOLD_TIME and not is_curve:
+            remedy = f"with --x {HOLD_TIME} choose {', '.join(CURVES)}"
+            raise InputError.of("--y", name, "is one number per point", remedy)
+        if x == HOLD_TIME and self.table.hold_times.ndim > 1:
+            problem = "points have different hold times"
+            raise InputError.of("--x", HOLD_TIME, problem, "choose another axis")
         order = [self.axis(view.lines, "--lines"), x] if view.lines else [x]
-        mean, low, high = map(
-            np.atleast_2d, self._estimates(name, view.averaged, order, view.fixed)
-        )
-        unit = self.unit(name)
+        numbers = self._estimates(name, view.averaged, order, view.fixed)
+        mean, low, high = map(np.atleast_2d, numbers)
+        at_last = is_curve and x != HOLD_TIME
         return ViewedQuantity(
-            name, unit, result.meaning, mean, low, high, is_curve and not along
+            name, self.unit(name), result.meaning, mean, low, high, at_last
         )
 
     def _estimates(
@@ -316,53 +274,41 @@ class SweepData:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The means of a result over axes, or its numbers, and the ends of their 95 % intervals, nan where there are
         none; with the axes in ``order``. Curves are at the last hold time unless this is one of the axes."""
-        results = self.table.results
-        axes = [*self.dimensions, *([HOLD_TIME] if HOLD_TIME in order else [])]
+        results, along = self.table.results, HOLD_TIME in order
+        axes = [*self.dimensions, *filter(HOLD_TIME.__eq__, order)]
         left = [axis for axis in axes if axis not in fixed]
 
         def arranged(variable: str) -> np.ndarray:
-            values = (
-                results[variable].values
-                if HOLD_TIME in order
-                else self.table.at_last(variable)
-            )
+            values = results[variable].values if along else self.table.at_last(variable)
             values = values.reshape(*self.table.shape, *values.shape[1:])
             values = values[tuple(fixed.get(axis, slice(None)) for axis in axes)]
             return values.transpose([left.index(axis) for axis in (*averaged, *order)])
 
-        values = arranged(name)
+        mean = arranged(name)
         if averaged:
-            over, finite = tuple(range(len(averaged))), np.isfinite(values)
-            count = finite.sum(axis=over)
-            mean = np.where(finite, values, 0.0).sum(axis=over) / np.where(
-                count > 0, count, np.nan
-            )
             # points that share the seed of a surface are not independent
-            half = crossed_half_width(values, len(averaged))
+            half = crossed_half_width(mean, len(averaged))
+            over, finite = tuple(range(len(averaged))), np.isfinite(mean)
+            count = finite.sum(axis=over)
+            total = np.where(finite, mean, 0.0).sum(axis=over)
+            mean = total / np.where(count > 0, count, np.nan)
         elif f"{name}_low" in results:
-            return values, arranged(f"{name}_low"), arranged(f"{name}_high")
+            return mean, arranged(f"{name}_low"), arranged(f"{name}_high")
+        elif f"{name}_half_width" in results:
+            half = arranged(f"{name}_half_width")
         else:
-            has_interval = f"{name}_half_width" in results
-            mean = values
-            half = (
-                arranged(f"{name}_half_width")
-                if has_interval
-                else np.full(values.shape, np.nan)
-            )
+            half = np.full(mean.shape, np.nan)
         return mean, mean - half, mean + half
 
     def records(self) -> list[dict[str, Any]]:
         """One mapping per point: number, status, error, swept values by path, and the results."""
         table, records = self.table, []
         numbers = table.numbers("last_")
-        for row in range(table.points):
+        for row, (status, error) in enumerate(
+            zip(table.status, table.error, strict=True)
+        ):
             swept = {path: values[row] for path, values in table.swept.items()}
-            record = {
-                "point": row,
-                "status": table.status[row],
-                "error": table.error[row],
-                "swept": swept,
-            }
+            record = {"point": row, "status": status, "error": error, "swept": swept}
             records.append(
                 record | {name: values[row] for name, values in numbers.items()}
             )
@@ -370,46 +316,38 @@ class SweepData:
 
     def rows(self) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
         """Headings and lines of a table with β, Δμ and the contact area; one line for the mean over seeds."""
-        dims = [dim for dim in self.dimensions if not self.is_seed(dim)] or list(
-            self.dimensions
-        )
-        seeds = [dim for dim in self.dimensions if dim not in dims]
-        places = enumerate(self.dimensions[dim] for dim in dims)
-        along = [
-            (name, place)
-            for place, dimension in places
-            for name in dimension.coordinates.values()
-        ]
-        columns = [
-            name for name in _FIRST if np.isfinite(self.variables[name][1]).any()
-        ]
+        every = list(self.dimensions)
+        dims = [dim for dim in every if not self.is_seed(dim)] or every
+        seeds = [dim for dim in every if dim not in dims]
+        along = {
+            name: number
+            for number, dim in enumerate(dims)
+            for name in self.dimensions[dim].coordinates.values()
+        }
+        columns = [*filter(self._is_known, _FIRST)]
         results = [self._estimates(name, seeds, dims, {}) for name in columns]
-        done = (self.variables["status"][1] == "done").sum(
-            axis=tuple(map(list(self.dimensions).index, seeds))
-        )
+        over = tuple(map(every.index, seeds))
+        done = (self.variables["status"][1] == "done").sum(axis=over)
         uneven = bool(seeds) and np.unique(done[done > 0]).size > 1
         lines = []
-        for place in np.ndindex(done.shape):
-            if done[place] == 0:
-                continue
-            texts = [self.value_text(name, place[number]) for name, number in along]
+        for place in zip(*np.nonzero(done), strict=True):
+            texts = [
+                self.value_text(name, place[number]) for name, number in along.items()
+            ]
             if uneven:
                 texts.append(str(done[place]))
             for mean, low, high in results:
                 value, half = float(mean[place]), 0.5 * float(high[place] - low[place])
                 texts.append(plus_minus(value, half) if math.isfinite(value) else NONE)
             lines.append(tuple(texts))
-        headings = [headed(name, self.unit(name)) for name, _ in along] + [
-            "seeds"
-        ] * uneven
-        return (
-            *headings,
-            *(DECLARED[name].symbol or DECLARED[name].label for name in columns),
-        ), lines
+        headings = [headed(name, self.unit(name)) for name in along]
+        headings += ["seeds"] * uneven
+        headings += [DECLARED[name].symbol or DECLARED[name].label for name in columns]
+        return tuple(headings), lines
 
     def notes(self) -> list[str]:
         """What to know of :meth:`rows`, in words."""
-        sentences = []
+        sentences, times = [], self.table.hold_times
         seeds = [
             dimension.size
             for dim, dimension in self.dimensions.items()
@@ -419,15 +357,15 @@ class SweepData:
             sentences.append(
                 f"means over {math.prod(seeds)} seeds with 95 % intervals (Student's t)"
             )
-        elif np.isfinite(self.variables["beta"][1]).any():
+        elif self._is_known("beta"):
             over = "of means over surfaces" if self.table.means else "over replicas"
             sentences.append(f"95 % intervals {over}")
-        times = self.table.hold_times
-        if times.ndim == 1 and times.size and np.isfinite(times).any():
+        if times.ndim == 1 and np.isfinite(times).any():
             sentences.append(
                 f"Δμ at the last hold time, {np.nanmax(times):g} s; β per decade of hold time"
             )
-        sentences += [self.doubt] * bool(self.doubt)
+        if self.doubt:
+            sentences.append(self.doubt)
         if approximate := self.table.marks.get("approximate"):
             sentences.append(
                 "approximate: " + "; ".join(dict.fromkeys(filter(None, approximate)))

@@ -19,8 +19,7 @@ from distributed.scheduler import KilledWorker
 import chemage
 from chemage import InputError
 from chemage.plugin import ExecutorError, StoreError, threads
-from chemage.studies.clusters import seconds
-from chemage.studies.runner import Processes, Serial, open_pool
+from chemage.studies.runner import Processes, Serial, open_pool, seconds
 
 # -- executors: whatever they run on, the same answers; a worker that dies costs its own task a second try ------------
 
@@ -144,7 +143,7 @@ def test_abort_ends_what_runs(work):
     processes = Processes(2)
     pids = [future.result() for future in [processes.submit(work.whoami, 0)]]
     running = [processes.submit(work.slowly, x, 600) for x in range(4)]
-    processes.abort()
+    processes.shutdown(cancel_futures=True)
     assert gone(pids)
     wait(running, timeout=300)
     # had it waited for them, they would have answers
@@ -272,7 +271,7 @@ def test_the_limit_on_threads_holds_until_it_is_taken_away(monkeypatch):
 @pytest.mark.parametrize(("seconds", "said"), [pytest.param(None, "4", marks=pytest.mark.long), (0.5, r"0\.5")])
 def test_an_address_that_does_not_answer_is_told_in_seconds(monkeypatch, seconds, said):
     if seconds is not None:
-        monkeypatch.setattr("chemage.studies.clusters.ANSWER_TIME", seconds)
+        monkeypatch.setattr("chemage.studies.runner.ANSWER_TIME", seconds)
     with (
         pytest.raises(ExecutorError, match=rf"no Dask scheduler answers at tcp://127\.0\.0\.1:9 within {said} s"),
         open_pool("dask:tcp://127.0.0.1:9"),

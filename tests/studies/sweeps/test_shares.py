@@ -21,7 +21,7 @@ from chemage import InputError
 from chemage.plugin import StoreError
 from chemage.studies.folder import Folder
 from chemage.studies.study import Selection, in_ranges
-from chemage.studies.sweeps.shares import agree, partition, points_of, shares_cost
+from chemage.studies.sweeps.grid import agree, partition, points_of, shares_cost
 
 AXES = {"surface.seed": [1, 2], "contact.load": [5.0, 10.0], "hold.seed": [0, 1, 2, 3]}
 
@@ -101,10 +101,10 @@ def test_the_share_of_a_job_array(text, environment, share):
         (
             "auto",
             {"PBS_ARRAY_INDEX": "3"},
-            r"PBS does not say how many.*auto/16, or --points \$PBS_ARRAY_INDEX/16",
+            r"PBS_ARRAY_INDEX does not say how many.*auto/16, or --points \$PBS_ARRAY_INDEX/16",
         ),
         ("auto", {"SLURM_ARRAY_TASK_ID": "4", "SLURM_ARRAY_TASK_COUNT": "3", **SLURM}, "are no range"),
-        ("auto", {"SLURM_ARRAY_TASK_ID": "4"}, "SLURM does not say how many"),
+        ("auto", {"SLURM_ARRAY_TASK_ID": "4"}, "SLURM_ARRAY_TASK_ID does not say how many"),
         ("auto/16", {"PBS_ARRAY_INDEX": "0"}, "PBS_ARRAY_INDEX is 0, which is no share of 16; number the tasks from 1"),
         ("auto/16", {"PBS_ARRAY_INDEX": "3", "SLURM_ARRAY_TASK_ID": "4"}, "are both set"),
         ("auto/x", {"PBS_ARRAY_INDEX": "3"}, "not understood"),
@@ -290,7 +290,7 @@ def test_shares_and_a_whole_sweep_exclude_each_other(scene, tmp_path):
 def test_plugins_that_changed_are_no_work_for_shares(tiny, scene, tmp_path, monkeypatch):
     out = tmp_path / "out"
     chemage.sweep(scene, out, points="1/2")
-    monkeypatch.setattr("chemage.studies.sweeps.points.changed", lambda *_, **__: {"tiny": ("1", "2")})
+    monkeypatch.setattr("chemage.studies.sweeps.running.changed", lambda *_, **__: {"tiny": ("1", "2")})
     with pytest.raises(StoreError, match="one process must do so: rerun the command without --points"):
         chemage.sweep(scene, out, points="2/2")
 

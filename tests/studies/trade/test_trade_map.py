@@ -27,9 +27,8 @@ from chemage.plugin import (
     override,
 )
 from chemage.studies.trade import Deviation
-from chemage_trade.choices import applied, changes, choices, go_together, pasted
-from chemage_trade.result import pareto, words
-from chemage_trade.timing import Timed
+from chemage_trade.mapping import Timed
+from chemage_trade.result import applied, changes, choices, go_together, pareto, pasted, words
 
 ROUNDS = 3
 

@@ -10,8 +10,8 @@ import pytest
 
 import chemage as ca
 from chemage.plugin import Choice, Length
-from chemage_trade.choices import choices
 from chemage_trade.mapping import planned
+from chemage_trade.result import choices
 
 pytestmark = pytest.mark.usefixtures("few_choices")
 
