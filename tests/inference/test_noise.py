@@ -126,7 +126,7 @@ def test_instruments_have_calibrations_of_their_own():
     chain = Chain(made, np.ones(3), np.random.default_rng(1))
     chain.warm(200)
     chain.run(6000)
-    drawn = np.array([state.calibration for state in chain.states])
+    drawn = np.array([place.state.calibration for place in chain.places])
     assert (drawn[:, 0] - drawn[:, 1]).mean() == pytest.approx(np.log(1.1 / 0.9), abs=0.006)
     assert (drawn[:, 0] - drawn[:, 1]).std() == pytest.approx(np.hypot(0.02 / 1.1, 0.02 / 0.9) / 6**0.5, rel=0.15)
     # the prior of the density tells next to nothing of their mean

@@ -281,7 +281,7 @@ def test_combinations_that_tell_nothing_are_left_out_of_the_lines_only():
     made = problem(values=(2.0, 2.0, 1.0), errors=(0.2, 0.2, 0.1))
     made.matrices[0, 1] = made.matrices[0, 0]
     chain = Chain(made, np.ones(12), np.random.default_rng(0))
-    matrix, target = chain._rows(0, 0.0, False, chain.state)
+    matrix, target = chain._rows(chain.place, False)
     assert matrix.shape == (12, 2)
     x, other = np.linspace(0.1, 2.0, 12), np.linspace(2.0, 0.5, 12)
 
