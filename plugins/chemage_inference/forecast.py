@@ -52,6 +52,13 @@ PLAN = ("hold_time", "load", "temperature", "error")
 TARGET = ("energy", "load", "temperature", "hold_time")
 
 
+#: what the summary of a forecast has as it is
+_SUMMED = (
+    *("load", "temperature", "hold_times", "friction_drop", "median"),
+    *("friction_coefficient_drop", "unseen", "notes"),
+)
+
+
 class Forecast(Record):
     """A predicted curve of ageing with its bands: ΔF for every sample of the inferred density."""
 
@@ -115,19 +122,8 @@ class Forecast(Record):
 
     def summary(self) -> dict[str, Any]:
         """One JSON-able object with the values and their bands."""
-        return text.jsonable(
-            {
-                "load": self.load,
-                "temperature": self.temperature,
-                "hold_times": self.hold_times,
-                "friction_drop": self.friction_drop,
-                "median": self.median,
-                "friction_coefficient_drop": self.friction_coefficient_drop,
-                **bands(self.samples),
-                "unseen": self.unseen,
-                "notes": self.notes,
-            }
-        )
+        values = {name: getattr(self, name) for name in _SUMMED}
+        return text.jsonable({**values, **bands(self.samples)})
 
     def __repr__(self) -> str:
         low, high = self.band(WIDE)

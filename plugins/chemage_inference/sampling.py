@@ -79,7 +79,7 @@ class Chain:
         self, problem: Problem, start: np.ndarray, rng: np.random.Generator
     ) -> None:
         self.problem, self.rng = problem, rng
-        self.noise = problem.likelihood
+        self.noise = problem.noise
         self.x = np.ascontiguousarray(
             start * min(1.0, 0.999 / max(self._mass(start), 1e-12))
         )
@@ -494,7 +494,7 @@ def sample(
         done += more
         densities = np.stack([np.array(chain.densities) for chain in chains])
         found = [convergence(densities[:, :, watched] if watched.any() else densities)]
-        if not problem.likelihood.fixed:
+        if not problem.noise.fixed:
             errors = np.array(
                 [[_errors(at) for at in chain.places] for chain in chains]
             )

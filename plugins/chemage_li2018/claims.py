@@ -11,7 +11,7 @@ import numpy as np
 from chemage.plugin import FIT_WINDOW
 from chemage_li2018 import shapes
 from chemage_li2018.comparisons import COMMON, Claim
-from chemage_li2018.published import SLOPES, TABLE_1
+from chemage_li2018.published import DATA, SLOPES, TABLE_1
 from chemage_li2018.sweeps import (
     KELVIN,
     LOAD,
@@ -458,15 +458,8 @@ def _has_trends(member: PointSet) -> bool:
 
 
 def _untested(_: Studies) -> Iterable[Claim]:
-    size = "not computed: a system of twice the size has 5000 × 5000 pixels per surface"
-    yield Claim("larger systems give the same", size, None)
-    assumed = "an assumption of the model: E_break does not depend on neighbours"
-    yield Claim("the interaction has little effect on rupture", assumed, None)
-    yield Claim(
-        "h' = 0.26 extrapolates to about 1",
-        "about measured surfaces; h' is a given number here",
-        None,
-    )
+    for statement, reason in DATA["untested"].items():
+        yield Claim(statement, reason, None)
 
 
 #: target -> what judges its claims

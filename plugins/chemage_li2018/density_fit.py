@@ -27,7 +27,7 @@ from scipy.stats import qmc
 import chemage
 from chemage_li2018 import shapes
 from chemage_li2018.density_rates import TIMES
-from chemage_li2018.published import BETA, SLOPES
+from chemage_li2018.published import BETA
 
 #: eV
 LOWER, UPPER = 0.8, 1.4
@@ -236,7 +236,7 @@ def slope(curves: np.ndarray, window: tuple[float, float]) -> np.ndarray:
     return curves[..., inside] @ x / (x @ x)
 
 
-PUBLISHED = np.array([BETA[volume][slope] for volume in (6.4, 0.0) for slope in SLOPES])
+PUBLISHED = np.array(BETA)
 #: the order of the slopes reverses between 1 and 10 s; the regime starts at about 1 s with ΔV and 10 s without
 PAPER = Reported(np.log(PUBLISHED), np.log([1.0, 10.0]), np.log([10**0.5]))
 #: two standard deviations are 1 to 10 s

@@ -98,10 +98,9 @@ def _bars(axes: Axes, values: Mapping[Any, np.ndarray], **style: Any) -> None:
     axes.errorbar(list(values), means, spreads, **{"fmt": "o-", **style})
 
 
-def _published(axes: Axes, numbers: Mapping[float, str], label: str) -> None:
+def _published(axes: Axes, numbers: Mapping[float, float], label: str) -> None:
     """Draw published numbers by their places."""
-    values = [float(text) for text in numbers.values()]
-    axes.plot(list(numbers), values, "s", ms=8, color=GREY, label=label)
+    axes.plot(*zip(*numbers.items(), strict=True), "s", ms=8, color=GREY, label=label)
 
 
 def _band(axes: Axes, x: np.ndarray, values: np.ndarray, **style: Any) -> None:
@@ -285,7 +284,7 @@ def fig6(axes: Sequence[Axes], studies: Studies) -> None:
     readings = variants(studies)
     for place, beta in enumerate(readings.values()):
         right.errorbar(beta.value, -place, xerr=np.nan_to_num(beta.scatter), fmt="o")
-    right.axvline(float(published.FIG_6_BETA), color=GREY, ls="--")
+    right.axvline(published.FIG_6_BETA, color=GREY, ls="--")
     names = [name.replace(" (", "\n(").replace(", ", ",\n", 1) for name in readings]
     right.set_yticks([-place for place in range(len(names))], names, fontsize=7)
     right.set(xlabel="β", xlim=(0, None))
@@ -313,7 +312,8 @@ def areas(axes: Sequence[Axes], studies: Studies) -> None:
     (plot,) = axes
     area = studies["loads"].by_load().each(lambda group: group.of("area_fraction"))
     _bars(plot, area)
-    _published(plot, published.AREA_FRACTION, "paper")
+    paper = published.by_load("kappa", "area_fraction")
+    _published(plot, {at / 1000: area for at, area in paper.items()}, "paper")
     end = 500 * area[20.0].mean() / 20.0
     label = "proportional to load, from 20 µN"
     plot.plot([0, 500], [0, end], "--", color=GREY, label=label)
@@ -384,10 +384,10 @@ def kappa(axes: Sequence[Axes], studies: Studies) -> None:
         left.plot(fine, area(fine), color=colour, label=name)
         middle.axhline(np.sqrt(limit), color=colour)
     left.set(xlabel="p̄ / (E* h'$_{rms}$)", ylabel="A/A$_0$")
-    at, paper = _reduced_pressure(loads[20.0]), float(published.KAPPA)
-    middle.plot(at, paper, "D", color=GREY, label="paper, 20 µN")
+    at = _reduced_pressure(loads[20.0])
+    middle.plot(at, published.KAPPA, "D", color=GREY, label="paper, 20 µN")
     middle.set(xlabel="p̄ / (E* h'$_{rms}$)", ylabel="κ", ylim=(1.4, 3.0))
-    span = published.PublishedNumber.of(published.KAPPA_ROWS)
+    span = published.PublishedNumber.of(published.ROWS["kappa"][0][1])
     ends = span.low, span.high
     right.axhspan(*ends, color=GREY, alpha=0.3, label=f"paper, {span.text}")
     groups = studies["table"].by_row()
@@ -430,7 +430,7 @@ def tips(axes: Sequence[Axes], studies: Studies) -> None:
         load, drop, error = group.swept(LOAD), group.at(1e3), group.half_width_at(1e3)
         left.errorbar(load, drop, error, fmt="o-", label=f"R = {radius:g} nm")
         right.errorbar(load, group.of("beta"), group.of("beta_half_width"), fmt="o-")
-    _published(right, published.TIP_BETA, "paper (AFM)")
+    _published(right, published.by_load("tips", "beta"), "paper (AFM)")
     left.set(xlabel="load (nN)", ylabel="ΔF at 1e3 s (nN)")
     left.set(xlim=(0, None), ylim=(0, None), title="bars: 95 % intervals over replicas")
     right.set(xlabel="load (nN)", ylabel="β", xscale="log", yscale="log")

@@ -283,6 +283,12 @@ class PointSet(list[StudyPoint]):
             groups.setdefault(key, PointSet()).append(point)
         return groups
 
+    def at_options(self, options: dict[str, float]) -> PointSet:
+        """The points with these options: dotted path -> value."""
+        return PointSet(
+            point for point in self if options.items() <= point.changes.items()
+        )
+
     def by_load(self) -> Groups:
         """Group the points by the load in µN."""
         return Groups((load / 1000, group) for load, group in self.by(LOAD).items())

@@ -120,8 +120,8 @@ def test_instruments_have_calibrations_of_their_own():
     values = np.where(likelihood.instrument == 0, 1.1, 0.9)
     likelihood = replace(likelihood, stated=np.full(size, 0.02), floors=np.zeros(size))
     made = Problem(
-        Prior(np.array([0.8, 0.85, 0.9])), np.full(3, 0.1), values, np.full(size, 0.02), np.full((1, size, 3), 1 / 3),
-        np.zeros((1, size)), noise=likelihood,
+        Prior(np.array([0.8, 0.85, 0.9])), np.full(3, 0.1), values, likelihood, np.full((1, size, 3), 1 / 3),
+        np.zeros((1, size)),
     )  # fmt: skip
     chain = Chain(made, np.ones(3), np.random.default_rng(1))
     chain.warm(200)
