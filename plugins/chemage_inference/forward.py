@@ -369,12 +369,8 @@ def _alone(
     kernel: Kernel, shift: np.ndarray, weight: np.ndarray | float, total: float = 1.0
 ) -> np.ndarray:
     """(l, n): derivative of the bonded share by the density; sites of ``shift`` (s,) weigh ``weight`` of ``total``."""
-    left, part = kernel.places(shift)
-    weights = np.bincount(left, weight * (1 - part), kernel.shifts)
-    weights += np.bincount(left + 1, weight * part, kernel.shifts)
-    return kernel.matrix(
-        np.broadcast_to(weights / total, (kernel.times.size, kernel.shifts))
-    )
+    weights = kernel.spread(shift[None], weight) / total
+    return kernel.matrix(np.repeat(weights, kernel.times.size, axis=0))
 
 
 def _environments(

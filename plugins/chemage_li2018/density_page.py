@@ -33,19 +33,20 @@ _WINDOWS = [f"{first:g} to {last:g} s" for first, last in WINDOWS]
 def _families(study: DensityStudy) -> list[list[str]]:
     """Rows of the table of families."""
     prior, of_draws = study.prior, study.weight.sum(axis=(1, 2))
-    chi = prior.chi_squared(fit.PAPER, study.surface, fit.METHODS[0])
+    chi = prior.chi_squared(fit.METHODS[0])
     times = prior.reported.misfit_of_times(fit.PAPER)
     rows = []
     for number, family in enumerate(prior.families):
         draws = np.flatnonzero(prior.family == number)
         at = int(draws[np.argmax(of_draws[draws])])
         window = int(np.argmax(study.weight[at].sum(axis=1)))
+        error = np.diag(prior.covariance[at] - prior.surface)
         rows.append(
             [
                 family.name,
                 family.named(prior.parameters[at]),
                 f"{of_draws[draws].sum():.3f}",
-                f"{100 * np.sqrt(np.diag(prior.errors[number])).max():.1f}",
+                f"{100 * np.sqrt(error).max():.1f}",
                 f"{chi[at, window]:.1f} ({_WINDOWS[window]})",
                 f"{times[at, window]:.1f}",
                 *prior.reported.times(at, window),
@@ -57,7 +58,7 @@ def _families(study: DensityStudy) -> list[list[str]]:
 
 def frontier(study: DensityStudy) -> tuple[np.ndarray, np.ndarray]:
     """Misfit of the times, increasing, and the least χ² of the rates (error of the method 1 %) up to it."""
-    chi = study.prior.chi_squared(fit.PAPER, study.surface, fit.METHODS[0]).ravel()
+    chi = study.prior.chi_squared(fit.METHODS[0]).ravel()
     times = study.prior.reported.misfit_of_times(fit.PAPER).ravel()
     order = np.argsort(times)
     return times[order], np.minimum.accumulate(chi[order])
@@ -98,10 +99,9 @@ def page(study: DensityStudy) -> str:
     alone, of_draws = study.tips.misfit, study.weight.sum(axis=(1, 2))
     low, high = np.exp(fit.interval(study.prior.reported.beta[:, OURS, :6], of_draws))
     # ln of the likelihood: of the rates alone, and where 95 % of the weight ends
-    likelihood = study.prior.log_likelihood(fit.PAPER, study.surface).max(axis=(1, 2))
-    rates_alone = study.rates_alone.reported.log_likelihood(
-        fit.PAPER, study.surface
-    ).max()
+    likelihood = study.prior.log_likelihood(fit.PAPER).max(axis=(1, 2))
+    surface = study.prior.surface
+    rates_alone = study.rates_alone.reported.log_likelihood(fit.PAPER, surface).max()
     order = np.argsort(-likelihood)
     end = likelihood[order[np.searchsorted(np.cumsum(of_draws[order]), 0.95)]]
     times, chi = frontier(study)
@@ -130,7 +130,7 @@ def page(study: DensityStudy) -> str:
         frontier=[
             (level, chi[at]) for level, at in zip(_LEVELS, last, strict=True) if at >= 0
         ],
-        surface=np.sqrt(np.diag(study.surface))[:3],
+        surface=np.sqrt(np.diag(surface))[:3],
         interpolation=float(np.sqrt(np.mean((study.interpolated - np.log(beta)) ** 2))),
         conflict=float(alone[2].sum() - alone[0, 0] - alone[1, 1]),
     )
