@@ -53,6 +53,7 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
 
+BLUE, ORANGE, GREEN, _, GREY, *_ = figures.PALETTE
 #: forecasts that are drawn into one panel
 MOST = 4
 
@@ -64,7 +65,7 @@ def fill_bands(
     for level, alpha in ((WIDE, 0.2), (0.68, 0.35)):
         name = label.format(100 * level) or None
         axes.fill_between(
-            x, *band(samples, level), color=colour, alpha=alpha, label=name
+            x, *band(samples, level), color=colour, alpha=alpha, lw=0, label=name
         )
 
 
@@ -73,9 +74,9 @@ def draw_density(axes: Axes, medium: object, one: Inference) -> None:
     e = one.energies
     low, high = one.visible_range
     if np.isfinite(low):
-        axes.axvspan(low, high, color="C2", alpha=0.1, label="visible energies")
-    fill_bands(axes, e, one.samples, "C0", "{:.0f} % band")
-    axes.plot(e, one.density, color="C0", label="mean")
+        axes.axvspan(low, high, color=GREEN, alpha=0.1, label="visible energies")
+    fill_bands(axes, e, one.samples, BLUE, "{:.0f} % band")
+    axes.plot(e, one.density, color=BLUE, label="mean")
     for fill_style, what, places in (
         ("full", "peak", [peak.energy for peak in peaks(one)]),
         ("none", "maximum, not resolved", unresolved(one)),
@@ -83,15 +84,15 @@ def draw_density(axes: Axes, medium: object, one: Inference) -> None:
         if places:
             heights = np.interp(places, e, one.density)
             axes.plot(
-                places, heights, "v", color="C0", fillstyle=fill_style, label=what
+                places, heights, "v", color=BLUE, fillstyle=fill_style, label=what
             )
     _, top = one.prior_band(WIDE)
-    axes.plot(e, top, "--", color="C4", label="prior, upper end of the 90 % band")
+    axes.plot(e, top, "--", color=GREY, label="prior, upper end of the 90 % band")
     families = _families(one).items()
     for dashes, (name, fit) in zip(("-", "--", ":", "-."), families, strict=False):
         density = fit["density"]
         label = figures.plain(name)
-        axes.plot(e[: len(density)], density, dashes, color="C1", label=label)
+        axes.plot(e[: len(density)], density, dashes, color=ORANGE, label=label)
     seen = one.visible if one.visible.any() else np.ones(e.size, dtype=bool)
     top = 1.6 * float(max(one.band(WIDE)[1][seen].max(), one.density.max()))
     beyond = 0.4 if np.isfinite(low) else np.inf
@@ -129,7 +130,13 @@ def draw_data(axes: Axes, medium: object, one: Inference) -> None:
         axes.plot(times, np.median(fitted, axis=0), color=colour)
         label = figures.plain(f"{about['name']}: {_conditions(about)}")
         axes.errorbar(
-            times, one.values[here], bars[here], fmt="o", color=colour, label=label
+            times,
+            one.values[here],
+            bars[here],
+            fmt="o",
+            ms=3,
+            color=colour,
+            label=label,
         )
     _ring(axes, one, one.values)
     _against_time(axes)
@@ -147,15 +154,15 @@ def _ring(axes: Axes, one: Inference, values: np.ndarray) -> None:
     if (off := one.is_suspect).any():
         times = one.hold_times[off]
         axes.plot(
-            times, values[off], "o", ms=9, mfc="none", color="C1", label="suspect"
+            times, values[off], "o", ms=9, mfc="none", color=ORANGE, label="suspect"
         )
 
 
 def draw_residuals(axes: Axes, medium: object, one: Inference) -> None:
     """Draw measured minus fitted in standard errors."""
-    axes.axhspan(-2, 2, color="C4", alpha=0.15)
+    axes.axhspan(-2, 2, color=GREY, alpha=0.15)
     for _, colour, here in _curves(one):
-        axes.plot(one.hold_times[here], one.residuals[here], "o", color=colour)
+        axes.plot(one.hold_times[here], one.residuals[here], "o", ms=3, color=colour)
     _ring(axes, one, one.residuals)
     most = 1.15 * max(3.0, float(np.abs(one.residuals).max(initial=0)))
     axes.set_ylim(-most, most)
@@ -168,15 +175,15 @@ def draw_predictive(axes: Axes, medium: object, one: Inference) -> None:
     for number, (_, _, here) in enumerate(_curves(one)):
         times = one.hold_times[here]
         for samples, colour, what in (
-            (one.prior_fitted, "C4", "prior, 90 % band"),
-            (one.fitted, "C0", "posterior with the errors of the data, 90 % band"),
+            (one.prior_fitted, GREY, "prior, 90 % band"),
+            (one.fitted, BLUE, "posterior with the errors of the data, 90 % band"),
         ):
             noise = rng.standard_normal((len(samples), here.size))
             ends = band(samples[:, here] + one.errors[here] * noise, WIDE)
             label = None if number else what
-            axes.fill_between(times, *ends, color=colour, alpha=0.3, label=label)
+            axes.fill_between(times, *ends, color=colour, alpha=0.3, lw=0, label=label)
         label = None if number else "measured"
-        axes.plot(times, one.values[here], "o", color=figures.BLACK, label=label)
+        axes.plot(times, one.values[here], "o", ms=3, color=figures.BLACK, label=label)
     _against_time(axes)
     figures.legend(axes)
 
@@ -206,7 +213,7 @@ def draw_forecasts(
     for about, colour, here in _curves(one):
         label = figures.plain(f"measured: {_conditions(about)}")
         times, values = one.hold_times[here], one.values[here]
-        axes.plot(times, values, "o", mfc="none", color=colour, label=label)
+        axes.plot(times, values, "o", ms=3, mfc="none", color=colour, label=label)
     for label in shown:
         forecast = forecasts[label]
         about = {"load": forecast.load, "temperature": forecast.temperature}
@@ -238,7 +245,7 @@ def draw_scalar(axes: Axes, medium: object, one: Inference, name: str) -> None:
     bins = list(np.linspace(low, high, 41))
     axes.hist(values, bins=bins, alpha=0.6, density=True)
     ends = low, high, *one.interval(name, WIDE)
-    for end, colour in zip(ends, ("C4", "C4", "C1", "C1"), strict=True):
+    for end, colour in zip(ends, (GREY, GREY, ORANGE, ORANGE), strict=True):
         axes.axvline(end, color=colour)
     label = Quantity(name, unit_of(name), name.replace("_", " ")).axis
     axes.set(xlabel=label, ylabel="density of the samples", yticks=[])
@@ -457,8 +464,8 @@ class InferenceDisplay(OfRecord[Inference]):
 def _forecasts_text(forecasts: Mapping[str, Forecast]) -> str:
     texts = []
     for label, one in forecasts.items():
-        _, value, _, ends = forecast_row(label, one)
-        texts.append(f"{label}: {ends if value == NONE else value}")
+        name, value, _, ends = forecast_row(label, one)
+        texts.append(f"{name}: {ends if value == NONE else value}")
     return "; ".join(texts)
 
 

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-GREY = plots.GREY
+BLUE, ORANGE, GREEN, PURPLE, GREY, *_ = plots.PALETTE
 _COLOURS = dict(zip(published.SLOPES, plots.PALETTE, strict=False))
 _HOLD_TIME: dict[str, Any] = {"xscale": "log", "xlabel": "hold time (s)"}
 #: how all figures look
@@ -156,7 +156,7 @@ def fig1(axes: Sequence[Axes], studies: Studies) -> None:
     x, y, size = (contact.pixel_size * pixels for pixels in (*corner, width))
     shown, ends = np.ma.masked_equal(part, 0.0), (x, x + size, y, y + size)
     plots.draw_map(square, shown, ends, "pressure (GPa)", cmap="viridis")
-    whole.indicate_inset((x, y, size, size), edgecolor="C1", alpha=1)
+    whole.indicate_inset((x, y, size, size), edgecolor=ORANGE, alpha=1)
     heights.set_title(f"surface, seed {point.changes[SEED]}")
     whole.set_title(f"contact at 20 µN, A/A$_0$ = {contact.area_fraction:.4f}")
     square.set_title("pressure in the square")
@@ -208,7 +208,7 @@ def _intrinsic(axes: Axes, points: PointSet) -> None:
     )
     axes.plot(energy, forming, "--", color=GREY, label="intrinsic, forming")
     axes.fill_between(
-        energy, breaking / 5, alpha=0.4, color="C3", label="breaking (density / 5)"
+        energy, breaking / 5, alpha=0.4, color=PURPLE, label="breaking (density / 5)"
     )
     axes.set(xlabel="barrier (eV)", xlim=(0.5, 1.45), ylim=(0, 6))
 
@@ -372,13 +372,13 @@ def kappa(axes: Sequence[Axes], studies: Studies) -> None:
         ("corrected_area", "corrected for pixels", "s-"),
     ):
         share = groups.each(lambda g, name=name: g.of(name) / g.of("nominal_area"))
-        _bars(left, share, fmt=marker, color="C0", label=label)
+        _bars(left, share, fmt=marker, color=BLUE, label=label)
         relative = {x: one / x for x, one in share.items()}
-        _bars(middle, relative, fmt=marker, color="C0")
+        _bars(middle, relative, fmt=marker, color=BLUE)
     fine = np.linspace(0, max(groups) * 1.05, 200)
     theories = (
-        ("Persson", theory.persson_area_fraction, 8 / np.pi, "C1"),
-        ("Bush, Gibson & Thomas", theory.bgt_area_fraction, 2 * np.pi, "C2"),
+        ("Persson", theory.persson_area_fraction, 8 / np.pi, ORANGE),
+        ("Bush, Gibson & Thomas", theory.bgt_area_fraction, 2 * np.pi, GREEN),
     )
     for name, area, limit, colour in theories:
         left.plot(fine, area(fine), color=colour, label=name)

@@ -313,6 +313,7 @@ def test_bands_over_the_members_are_relative_to_the_default():
     def point(member: int, beta: float, slope: float, volume: float) -> StudyPoint:
         one = straight(beta, 1.0)
         changes = {"forming.member": member, SLOPE: slope, "chemistry.activation_volume": volume}
+        changes["chemistry.hydroxylation"] = 0.5 if slope == 0.4 else 1.0
         return StudyPoint(changes, one.summary, one.hold_times, one.friction_drop, one.friction_drop_half_width)
 
     def row(member: int, beta: float) -> list[StudyPoint]:
