@@ -110,8 +110,11 @@ class DensityCurves:
         curves = []
         for done, seed in enumerate(seeds):
             self.report(stage, done, len(seeds))
-            make = partial(self._of_surface, densities, seed, conditions)
-            kept = self._kept(f"curves-{key}-{seed}.h5", "curves", make)
+            kept = self._kept(
+                f"curves-{key}-{seed}.h5",
+                "curves",
+                lambda seed=seed: self._of_surface(densities, seed, conditions),
+            )
             curves.append(kept.values["drop"])
         self.report(stage, len(seeds), len(seeds))
         return np.stack(curves, axis=1)
