@@ -29,6 +29,7 @@ from chemage_inference.noise import (
     ErrorModel,
     Noise,
     State,
+    fixed,
 )
 from chemage_inference.problem import REACH, Prior, Problem, Unknowns, redrawn_outside
 from chemage_inference.result import UnexplainedError, scene_of
@@ -128,9 +129,7 @@ def calibrate(
             "is not drawn here",
             "give that of the force alone",
         )
-    error_model = ErrorModel.of(
-        tuple(errors) if not isinstance(errors, str) else errors, force
-    )
+    error_model = ErrorModel.of(errors, force)
     seed, count = checked_seed(seed), checked_count("count", count, 10)
     report = progress or (lambda stage, done, total, note="": None)
     with scene.in_use():
@@ -155,13 +154,12 @@ def calibrate(
 def _truths(model: Model, count: int, seed: int) -> np.ndarray:
     """(count, n) densities of the prior on the wide energies: a chain without measurements."""
     grid, size = model.grid, model.values.size
-    nothing = np.full(size, 1e12)
     matrix = model.without_neighbours(0)[None]
     problem = Problem(
         Prior(grid.nodes),
         grid.areas,
         np.zeros(size),
-        nothing,
+        fixed(np.full(size, 1e12)),
         matrix,
         np.zeros((1, size)),
     )
@@ -223,7 +221,7 @@ def _ranks(
     rng = np.random.default_rng([model.seed, 163, number])
     wide = model.on(model.grid.wider(*REACH))
     fitted, _ = wide.linear(truth, 0)
-    values, state = _errors(model.noise(np.zeros(fitted.size)), fitted, rng)
+    values, state = _errors(model.noise, fitted, rng)
     curves = tuple(
         curve.model_copy(
             update={
@@ -240,7 +238,7 @@ def _ranks(
         seed=model.seed + 1000 + number,
         conditions=dict(model.conditions),
     )
-    measured.floor_as(model)
+    measured.floors = model.floors
     silent = lambda stage, done, total, note="": None  # noqa: E731
     try:
         density, changes = estimated(measured, threads, silent)

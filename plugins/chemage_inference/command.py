@@ -70,15 +70,10 @@ def read_wishes(
             "--target is what planned measurements are to narrow; give them with --next"
         )
     if target is None:
-        return Wishes(
-            forecasts, candidates, None, "the density at all visible energies"
-        )
-    return Wishes(
-        forecasts,
-        candidates,
-        checked_target("--target", _pairs("--target", target)),
-        target.strip(),
-    )
+        everything = "the density at all visible energies"
+        return Wishes(forecasts, candidates, None, everything)
+    wanted = checked_target("--target", _pairs("--target", target))
+    return Wishes(forecasts, candidates, wanted, target.strip())
 
 
 def read_unknowns(texts: Sequence[str]) -> dict[str, tuple[str, str]] | list[str]:
@@ -397,36 +392,21 @@ def infer(
         "threads": threads,
     }
     there = load_scene(scene, options.changed_fields(changes))
-    output.protect_inputs(
-        path,
-        scene,
-        there,
-        *measured,
-        *(text for text in planned or () if "=" not in text),
-    )
-    share = (
-        None
-        if relative_error is None
-        else convert(relative_error, "", "--relative-error")
-    )
-    curves = _curves(
-        measured,
-        {
-            "load": load,
-            "temperature": temperature,
-            "relative_error": share,
-            "offset": offset,
-            "sheet": sheet,
-        },
-    )
+    plans = (text for text in planned or () if "=" not in text)
+    output.protect_inputs(path, scene, there, *measured, *plans)
+    lacking: dict[str, Any] = {
+        "load": load,
+        "temperature": temperature,
+        "offset": offset,
+        "sheet": sheet,
+    }
+    if relative_error is not None:
+        share = convert(relative_error, "", "--relative-error")
+        lacking["relative_error"] = share
+    curves = _curves(measured, lacking)
     if calibrate is not None:
-        _calibrated(
-            curves,
-            there,
-            calibrate,
-            {name: how[name] for name in _OF_CALIBRATION},
-            as_json,
-        )
+        del how["unknown"], how["families"], how["samples"]
+        _calibrated(curves, there, calibrate, how, as_json)
         return
     output.preflight_result(path, force=force, figures=figures)
     try:
@@ -435,22 +415,13 @@ def infer(
         )
     except UnexplainedError as error:
         _show_best_fit(error, curves)
-        if figures and len(error.residuals) == sum(
-            curve.hold_times.size for curve in curves
-        ):
-            output.say(
-                f"residuals of the best fit: {_drawn_residuals(error, curves, path)}",
-                file=sys.stderr,
-            )
+        if figures:
+            drawn = _drawn_residuals(error, curves, path)
+            output.say(f"residuals of the best fit: {drawn}", file=sys.stderr)
         raise
     hint = f'use it   forming = {{ kind = "inferred", path = "{path}" }}'
-    output.answer(
-        InferenceDisplay(result), as_json, [hint], file=path, figures=pictures
-    )
-
-
-#: arguments that a calibration has as well
-_OF_CALIBRATION = ("errors", "calibration", "seed", "threads")
+    shown = InferenceDisplay(result)
+    output.answer(shown, as_json, [hint], file=path, figures=pictures)
 
 
 def _calibrated(
@@ -469,26 +440,20 @@ def _calibrated(
     if as_json:
         output.say_json(found.todict())
         return
-    columns = (
-        "quantity",
-        "uniform, p",
-        *(f"inside {100 * level:.0f} %" for level in LEVELS),
-    )
-    output.show_rows(
-        f"{count} simulated truths, {found.refused} of them refused",
-        columns,
-        found.rows(),
-    )
+    inside = (f"inside {100 * level:.0f} %" for level in LEVELS)
+    columns = "quantity", "uniform, p", *inside
+    title = f"{count} simulated truths, {found.refused} of them refused"
+    output.show_rows(title, columns, found.rows())
 
 
 def _curves(files: Sequence[Path], how: Mapping[str, Any]) -> tuple[MeasuredCurve, ...]:
     from chemage_inference.curves import check_curves, read_curves
 
     curves = tuple(curve for file in files for curve in read_curves(file, **how))
-    for note in dict.fromkeys(
-        f"note: {curve.name}: {note}" for curve in curves for note in curve.notes
-    ):
-        output.remark(note)
+    for note in {
+        f"{curve.name}: {note}": 0 for curve in curves for note in curve.notes
+    }:
+        output.remark(f"note: {note}")
     check_curves(curves)
     return curves
 
@@ -542,27 +507,20 @@ def _with_wishes(
 
 def _show_best_fit(error: UnexplainedError, curves: Sequence[MeasuredCurve]) -> None:
     """Print measured values beside the best fit on stderr, for data that no density explains."""
-    if output.quiet():
-        return
-    points = [
-        (c.name, t, v)
-        for c in curves
-        for t, v in zip(c.hold_times, c.friction_drop, strict=True)
-    ]
-    if len(points) != len(error.fitted):
-        return
-    output.say("the best fit:", file=sys.stderr)
-    output.say(
+    lines = [
+        "the best fit:",
         f"{'curve':16} {'hold time (s)':>13} {'measured (nN)':>13} {'fit (nN)':>10} {'residual':>9}",
-        file=sys.stderr,
+    ]
+    points = (
+        (curve.name[:16], *point)
+        for curve in curves
+        for point in zip(curve.hold_times, curve.friction_drop, strict=True)
     )
-    for (name, time, value), fit, off in zip(
-        points, error.fitted, error.residuals, strict=True
-    ):
-        output.say(
-            f"{name[:16]:16} {time:13.5g} {value:13.5g} {fit:10.5g} {off:+9.1f}",
-            file=sys.stderr,
-        )
+    for point in zip(points, error.fitted, error.residuals, strict=True):
+        (name, time, value), fit, off = point
+        lines.append(f"{name:16} {time:13.5g} {value:13.5g} {fit:10.5g} {off:+9.1f}")
+    if not output.quiet():
+        output.say("\n".join(lines), file=sys.stderr)
 
 
 def _drawn_residuals(
@@ -574,26 +532,13 @@ def _drawn_residuals(
     from chemage.plugin import figures
 
     figure, (axes,) = figures.panels(6.4, 3.4)
-    ends = [
-        0,
-        *(int(end) for end in np.cumsum([curve.hold_times.size for curve in curves])),
-    ]
-    axes.axhspan(-2, 2, color=figures.GREY, alpha=0.15, lw=0)
-    for number, curve in enumerate(curves):
-        here = error.residuals[ends[number] : ends[number + 1]]
-        axes.plot(
-            curve.hold_times,
-            here,
-            "o-",
-            lw=0.6,
-            ms=3.2,
-            color=figures.PALETTE[number % len(figures.PALETTE)],
-            label=figures.plain(curve.name),
-        )
-    axes.set(
-        xscale="log", xlabel="hold time (s)", ylabel="residual (stated standard errors)"
-    )
+    axes.axhspan(-2, 2, color=figures.GREY, alpha=0.15)
+    ends = np.cumsum([curve.hold_times.size for curve in curves])
+    parts = np.split(error.residuals, ends[:-1])
+    for curve, here in zip(curves, parts, strict=True):
+        axes.plot(curve.hold_times, here, "o-", label=figures.plain(curve.name))
+    axes.set(xscale="log", xlabel="hold time (s)")
+    axes.set(ylabel="residual (stated standard errors)")
     figures.legend(axes)
-    return figures.save_figures(
-        {"residuals": figure}, output.figures_of(path), force=True
-    )[0]
+    folder = output.figures_of(path)
+    return figures.save_figures({"residuals": figure}, folder, force=True)[0]

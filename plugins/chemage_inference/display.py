@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -53,9 +53,9 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
 
+BLUE, ORANGE, GREEN, _, GREY, *_ = figures.PALETTE
 #: forecasts that are drawn into one panel
 MOST = 4
-_LINES = ("-", "--", ":", "-.")
 
 
 def fill_bands(
@@ -74,17 +74,9 @@ def draw_density(axes: Axes, medium: object, one: Inference) -> None:
     e = one.energies
     low, high = one.visible_range
     if np.isfinite(low):
-        axes.axvspan(
-            low,
-            high,
-            color=figures.GREEN,
-            alpha=0.10,
-            lw=0,
-            label="visible energies",
-            zorder=0,
-        )
-    fill_bands(axes, e, one.samples, figures.BLUE, "{:.0f} % band")
-    axes.plot(e, one.density, color=figures.BLUE, lw=1.6, label="mean")
+        axes.axvspan(low, high, color=GREEN, alpha=0.1, label="visible energies")
+    fill_bands(axes, e, one.samples, BLUE, "{:.0f} % band")
+    axes.plot(e, one.density, color=BLUE, label="mean")
     for fill_style, what, places in (
         ("full", "peak", [peak.energy for peak in peaks(one)]),
         ("none", "maximum, not resolved", unresolved(one)),
@@ -92,33 +84,15 @@ def draw_density(axes: Axes, medium: object, one: Inference) -> None:
         if places:
             heights = np.interp(places, e, one.density)
             axes.plot(
-                places,
-                heights,
-                "v",
-                color=figures.BLUE,
-                fillstyle=fill_style,
-                ms=7,
-                label=what,
+                places, heights, "v", color=BLUE, fillstyle=fill_style, label=what
             )
-    prior = one.prior_band(WIDE)
-    axes.plot(
-        e,
-        prior[1],
-        color=figures.GREY,
-        lw=0.9,
-        ls="--",
-        label="prior, upper end of the 90 % band",
-    )
-    for number, (name, fit) in enumerate(one.possible_families().items()):
-        if density := fit.get("density", ()):
-            axes.plot(
-                e[: len(density)],
-                density,
-                color=figures.ORANGE,
-                lw=1.0,
-                ls=_LINES[number % len(_LINES)],
-                label=figures.plain(name),
-            )
+    _, top = one.prior_band(WIDE)
+    axes.plot(e, top, "--", color=GREY, label="prior, upper end of the 90 % band")
+    families = _families(one).items()
+    for dashes, (name, fit) in zip(("-", "--", ":", "-."), families, strict=False):
+        density = fit["density"]
+        label = figures.plain(name)
+        axes.plot(e[: len(density)], density, dashes, color=ORANGE, label=label)
     seen = one.visible if one.visible.any() else np.ones(e.size, dtype=bool)
     top = 1.6 * float(max(one.band(WIDE)[1][seen].max(), one.density.max()))
     beyond = 0.4 if np.isfinite(low) else np.inf
@@ -129,123 +103,102 @@ def draw_density(axes: Axes, medium: object, one: Inference) -> None:
     figures.legend(axes, ncols=2)
 
 
+def _families(one: Inference) -> dict[str, Mapping[str, Any]]:
+    """The families that are drawn."""
+    possible = one.possible_families()
+    return {name: fit for name, fit in possible.items() if fit.get("density", ())}
+
+
+def _curves(one: Inference) -> Iterator[tuple[Mapping[str, Any], str, np.ndarray]]:
+    """Of each curve what it is, its colour, and the numbers of its points in the order of the hold times."""
+    for number, about in enumerate(one.curves):
+        here = np.flatnonzero(one.curve == number)
+        order = np.argsort(one.hold_times[here], kind="stable")
+        yield about, _colour(one, (about["load"], about["temperature"])), here[order]
+
+
+def _against_time(axes: Axes, ylabel: str = "friction drop ΔF (nN)") -> None:
+    axes.set(xscale="log", xlabel="hold time (s)", ylabel=ylabel)
+
+
 def draw_data(axes: Axes, medium: object, one: Inference) -> None:
     """Draw the measured friction drop and the bands of the fitted curves."""
-    for number, about in enumerate(one.curves):
-        colour, here = _colour(one, about), one.curve == number
-        order = np.argsort(one.hold_times[here], kind="stable")
-        times, fitted = one.hold_times[here][order], one.fitted[:, here][:, order]
+    bars = statistics.NORMAL_LIMIT * one.errors
+    for about, colour, here in _curves(one):
+        times, fitted = one.hold_times[here], one.fitted[:, here]
         fill_bands(axes, times, fitted, colour)
-        axes.plot(times, np.median(fitted, axis=0), color=colour, lw=1.0)
-        label = figures.plain(
-            f"{about['name']}: {about['load']:g} nN, {about['temperature']:g} K"
-        )
-        bars = statistics.NORMAL_LIMIT * one.errors[here]
+        axes.plot(times, np.median(fitted, axis=0), color=colour)
+        label = figures.plain(f"{about['name']}: {_conditions(about)}")
         axes.errorbar(
-            one.hold_times[here],
+            times,
             one.values[here],
-            bars,
+            bars[here],
             fmt="o",
-            ms=3.2,
-            lw=0.9,
+            ms=3,
             color=colour,
             label=label,
         )
     _ring(axes, one, one.values)
-    axes.set(xscale="log", xlabel="hold time (s)", ylabel="friction drop ΔF (nN)")
-    axes.set_ylim(
-        bottom=min(
-            0.0, float((one.values - statistics.NORMAL_LIMIT * one.errors).min())
-        )
-    )
-    figures.legend(
-        axes, title="points: measured, bars 95 %; bands: 68 and 90 %", alignment="left"
-    )
+    _against_time(axes)
+    axes.set_ylim(bottom=min(0.0, float((one.values - bars).min())))
+    note = "points: measured, bars 95 %; bands: 68 and 90 %"
+    figures.legend(axes, title=note, alignment="left")
+
+
+def _conditions(about: Mapping[str, Any]) -> str:
+    return f"{about['load']:g} nN, {about['temperature']:g} K"
 
 
 def _ring(axes: Axes, one: Inference, values: np.ndarray) -> None:
     """Mark the suspect points."""
     if (off := one.is_suspect).any():
+        times = one.hold_times[off]
         axes.plot(
-            one.hold_times[off],
-            values[off],
-            "o",
-            ms=9,
-            mfc="none",
-            color=figures.ORANGE,
-            label="suspect",
+            times, values[off], "o", ms=9, mfc="none", color=ORANGE, label="suspect"
         )
 
 
 def draw_residuals(axes: Axes, medium: object, one: Inference) -> None:
     """Draw measured minus fitted in standard errors."""
-    residuals = one.residuals
-    axes.axhspan(-2, 2, color=figures.GREY, alpha=0.15, lw=0)
-    axes.axhline(0, color=figures.GREY, lw=0.8)
-    for number in range(len(one.curves)):
-        here = one.curve == number
-        axes.plot(
-            one.hold_times[here],
-            residuals[here],
-            "o",
-            ms=3.2,
-            color=_colour(one, one.curves[number]),
-        )
-    _ring(axes, one, residuals)
-    most = 1.15 * max(3.0, float(np.abs(residuals).max(initial=0)))
+    axes.axhspan(-2, 2, color=GREY, alpha=0.15)
+    for _, colour, here in _curves(one):
+        axes.plot(one.hold_times[here], one.residuals[here], "o", ms=3, color=colour)
+    _ring(axes, one, one.residuals)
+    most = 1.15 * max(3.0, float(np.abs(one.residuals).max(initial=0)))
     axes.set_ylim(-most, most)
-    axes.set(xscale="log", xlabel="hold time (s)", ylabel="residual (standard errors)")
+    _against_time(axes, "residual (standard errors)")
 
 
 def draw_predictive(axes: Axes, medium: object, one: Inference) -> None:
     """Draw what prior and posterior predict of the measurements, the scatter of a measurement included."""
     rng = np.random.default_rng(0)
-    for number in range(len(one.curves)):
-        here = np.flatnonzero(one.curve == number)
-        here = here[np.argsort(one.hold_times[here], kind="stable")]
+    for number, (_, _, here) in enumerate(_curves(one)):
         times = one.hold_times[here]
-        for samples, colour, alpha, what in (
-            (one.prior_fitted, figures.GREY, 0.25, "prior, 90 % band"),
-            (
-                one.fitted,
-                figures.BLUE,
-                0.35,
-                "posterior with the errors of the data, 90 % band",
-            ),
+        for samples, colour, what in (
+            (one.prior_fitted, GREY, "prior, 90 % band"),
+            (one.fitted, BLUE, "posterior with the errors of the data, 90 % band"),
         ):
-            values = samples[:, here] + one.errors[here] * rng.standard_normal(
-                (len(samples), here.size)
-            )
-            label = what if number == 0 else None
-            axes.fill_between(
-                times, *band(values, WIDE), color=colour, alpha=alpha, lw=0, label=label
-            )
-        axes.plot(
-            times,
-            one.values[here],
-            "o",
-            ms=3,
-            color=figures.BLACK,
-            label="measured" if number == 0 else None,
-        )
-    axes.set(xscale="log", xlabel="hold time (s)", ylabel="friction drop ΔF (nN)")
+            noise = rng.standard_normal((len(samples), here.size))
+            ends = band(samples[:, here] + one.errors[here] * noise, WIDE)
+            label = None if number else what
+            axes.fill_between(times, *ends, color=colour, alpha=0.3, lw=0, label=label)
+        label = None if number else "measured"
+        axes.plot(times, one.values[here], "o", ms=3, color=figures.BLACK, label=label)
+    _against_time(axes)
     figures.legend(axes)
 
 
 def _colour(
     one: Inference,
-    curve: Mapping[str, Any],
+    wanted: tuple[float, float],
     forecasts: Mapping[str, Forecast] | None = None,
 ) -> str:
     """The colour of a load and a temperature: measured ones first, then those that are forecast."""
     conditions = [(about["load"], about["temperature"]) for about in one.curves]
-    conditions += [
-        (forecast.load, forecast.temperature) for forecast in (forecasts or {}).values()
-    ]
-    return figures.PALETTE[
-        list(dict.fromkeys(conditions)).index((curve["load"], curve["temperature"]))
-        % len(figures.PALETTE)
-    ]
+    others = (forecasts or {}).values()
+    conditions += [(forecast.load, forecast.temperature) for forecast in others]
+    place = list(dict.fromkeys(conditions)).index(wanted)
+    return figures.PALETTE[place % len(figures.PALETTE)]
 
 
 def draw_forecasts(
@@ -257,44 +210,30 @@ def draw_forecasts(
 ) -> None:
     """Draw the forecasts ``shown`` with their bands, and the measurements, with one colour for each load and
     temperature."""
-    for number, about in enumerate(one.curves):
-        here = one.curve == number
-        style = {"ms": 3.0, "mfc": "none", "color": _colour(one, about)}
-        label = figures.plain(
-            f"measured: {about['load']:g} nN, {about['temperature']:g} K"
-        )
-        axes.plot(one.hold_times[here], one.values[here], "o", label=label, **style)
+    for about, colour, here in _curves(one):
+        label = figures.plain(f"measured: {_conditions(about)}")
+        times, values = one.hold_times[here], one.values[here]
+        axes.plot(times, values, "o", ms=3, mfc="none", color=colour, label=label)
     for label in shown:
         forecast = forecasts[label]
-        colour = _colour(
-            one, {"load": forecast.load, "temperature": forecast.temperature}, forecasts
-        )
-        times = forecast.hold_times
-        conditions = f" ({forecast.load:g} nN, {forecast.temperature:g} K)"
-        name = figures.plain(
-            label + conditions * ("=" not in label) + unseen_text(forecast)
-        )
-        low, high = forecast.band(WIDE)
-        single = times.size == 1
+        about = {"load": forecast.load, "temperature": forecast.temperature}
+        colour = _colour(one, (forecast.load, forecast.temperature), forecasts)
+        times, (low, high) = forecast.hold_times, forecast.band(WIDE)
+        where = f" ({_conditions(about)})" * ("=" not in label)
+        name = figures.plain(label + where + unseen_text(forecast))
+        # a single hold time is a mark
+        marker = "o" if times.size == 1 else ""
         if forecast.bounds_only:
-            style = (
-                {"marker": "_", "ms": 9, "lw": 0} if single else {"ls": "--", "lw": 1.0}
-            )
-            axes.plot(times, low, color=colour, label=name, **style)
-            axes.plot(times, high, color=colour, **style)
+            # a name for the first of the two
+            ends, marker = np.transpose([low, high]), marker and "_"
+            labels = [name, None]
+            axes.plot(times, ends, "--", color=colour, marker=marker, label=labels)
             continue
         fill_bands(axes, times, forecast.samples, colour)
-        axes.plot(
-            times,
-            forecast.median,
-            color=colour,
-            lw=1.3,
-            label=name,
-            **({"marker": "o", "ms": 4} if single else {}),
-        )
-        if single:
-            axes.vlines(times, low, high, color=colour, lw=1.2)
-    axes.set(xscale="log", xlabel="hold time (s)", ylabel="friction drop ΔF (nN)")
+        axes.plot(times, forecast.median, color=colour, marker=marker, label=name)
+        if marker:
+            axes.vlines(times, low, high, color=colour)
+    _against_time(axes)
     figures.from_zero(axes)
     figures.legend(axes, title="bands: 68 and 90 %", alignment="left")
 
@@ -303,27 +242,19 @@ def draw_scalar(axes: Axes, medium: object, one: Inference, name: str) -> None:
     """Draw the samples of an unknown, with the bounds of its prior."""
     values = one.scalars[name]
     low, high = one.scalar_bounds.get(name, (float(values.min()), float(values.max())))
-    axes.hist(
-        values,
-        bins=list(np.linspace(low, high, 41)),
-        color=figures.BLUE,
-        alpha=0.6,
-        density=True,
-    )
-    for end in (low, high):
-        axes.axvline(end, color=figures.GREY, lw=0.9, ls="--")
-    for end in one.interval(name, WIDE):
-        axes.axvline(end, color=figures.ORANGE, lw=1.0)
-    axes.set(
-        xlabel=Quantity(name, unit_of(name), name.replace("_", " ")).axis,
-        ylabel="density of the samples",
-    )
+    bins = list(np.linspace(low, high, 41))
+    axes.hist(values, bins=bins, alpha=0.6, density=True)
+    ends = low, high, *one.interval(name, WIDE)
+    for end, colour in zip(ends, (GREY, GREY, ORANGE, ORANGE), strict=True):
+        axes.axvline(end, color=colour)
+    label = Quantity(name, unit_of(name), name.replace("_", " ")).axis
+    axes.set(xlabel=label, ylabel="density of the samples", yticks=[])
     axes.set_title("orange: 90 %; grey: bounds of the prior")
-    axes.set_yticks([])
 
 
 #: inches of one figure, and of one panel on a page
 _FILE, _PAGE = (6.4, 4.4), (4.9, 3.6)
+_HISTOGRAM = "Histogram of the samples of {}."
 _CAPTIONS = {
     "density": "Density of forming barriers: mean, 68 and 90 % bands of the posterior, and upper end of the 90 % band "
     "of the prior (grey).{families} Outside the shaded energies the data tell sums only.",
@@ -366,20 +297,13 @@ class InferenceDisplay(OfRecord[Inference]):
         return self.result.summary()
 
     def summary(self) -> Rows:
-        one = self.inference
-        low, high = one.visible_range
+        low, high = self.inference.visible_range
         seen = f"{low:.2f} to {high:.2f} eV" if math.isfinite(low) else "none"
         rows = [(seen, "energies that the data see")]
-        if there := peaks(one):
+        if there := peaks(self.inference):
             places = " and ".join(f"{peak.energy:.2f}" for peak in there)
-            rows.append(
-                (
-                    f"{places} eV",
-                    "peak of the density"
-                    if len(there) == 1
-                    else "peaks of the density",
-                )
-            )
+            what = "peak" if len(there) == 1 else "peaks"
+            rows.append((f"{places} eV", f"{what} of the density"))
         return [*rows, *super().summary()]
 
     def ageing(self) -> Ageing:
@@ -399,7 +323,7 @@ class InferenceDisplay(OfRecord[Inference]):
             for label, one in self.result.forecasts.items()
             for note in one.notes
         )
-        return list(dict.fromkeys([*self.inference.notes, *of_forecasts]))
+        return [*self.inference.notes, *dict.fromkeys(of_forecasts)]
 
     def completed(self, path: Path) -> InferenceDisplay:
         return InferenceDisplay(InferenceResult.read(path))
@@ -411,9 +335,8 @@ class InferenceDisplay(OfRecord[Inference]):
 
     def cite(self) -> tuple[list[str], str]:
         provenance = self.inference.provenance
-        return list(provenance.get("cite", [])), provenance.get("versions", {}).get(
-            "chemage", __version__
-        )
+        version = provenance.get("versions", {}).get("chemage", __version__)
+        return list(provenance.get("cite", [])), version
 
     def made_by(self) -> Mapping[str, Any]:
         return {"scene": self.inference.provenance.get("scene", {})}
@@ -428,67 +351,42 @@ class InferenceDisplay(OfRecord[Inference]):
     def tables(self) -> list[Table]:
         result, one, tables = self.result, self.inference, []
         if families := family_rows(one):
-            columns = ("density", "log score", "χ²", "parameters")
-            verdict = family_verdict(one)
             title = "Left-out hold times: log predictive score less that of the best"
+            columns = "density", "log score", "χ²", "parameters"
+            verdict = family_verdict(one)
             remarks = [f"{verdict[0].upper()}{verdict[1:]}."] if verdict else []
-            tables.append(
-                Table(title, columns, families, "Families", remarks, in_detail=False)
-            )
+            tables.append(Table(title, columns, families, "Families", remarks))
         if result.forecasts:
-            columns = ("forecast", "ΔF, median", "68 % (nN)", "90 % (nN)")
-            rows = [
-                forecast_row(label, forecast)
-                for label, forecast in result.forecasts.items()
-            ]
-            tables.append(
-                Table(
-                    "Forecasts of the friction drop",
-                    columns,
-                    rows,
-                    "Forecasts",
-                    in_detail=False,
-                )
-            )
+            columns = "forecast", "ΔF, median", "68 % (nN)", "90 % (nN)"
+            rows = [forecast_row(*labelled) for labelled in result.forecasts.items()]
+            title = "Forecasts of the friction drop"
+            tables.append(Table(title, columns, rows, "Forecasts"))
         if result.experiments:
-            columns = ("measurement", "variance falls by", "standard deviation then")
+            columns = "measurement", "variance falls by", "standard deviation then"
             rows = [experiment_row(experiment) for experiment in result.experiments]
             title = f"Next measurements, by how much they narrow {result.target}"
-            most = MOST_EXPERIMENTS
-            tables.append(
-                Table(
-                    title,
-                    columns,
-                    rows,
-                    "Next measurements",
-                    in_detail=False,
-                    most=most,
-                )
-            )
-        return [*tables, self._measurements()]
+            table = Table(title, columns, rows, "Next measurements")
+            tables.append(replace(table, most=MOST_EXPERIMENTS))
+        printed = [replace(table, in_detail=False) for table in tables]
+        return [*printed, self._measurements()]
 
     def _measurements(self) -> Table:
         one = self.inference
-        low, high = (np.quantile(one.fitted, end, axis=0) for end in (0.05, 0.95))
+        low, high = np.quantile(one.fitted, (0.05, 0.95), axis=0)
         rows = []
-        for at in range(one.hold_times.size):
-            about = one.curves[int(one.curve[at])]
+        for at, number in enumerate(one.curve.tolist()):
+            about = one.curves[number]
             rows.append(
                 (
                     f"{one.hold_times[at]:.5g}",
-                    f"{about['name']}: {about['load']:g} nN, {about['temperature']:g} K",
+                    f"{about['name']}: {_conditions(about)}",
                     f"{one.values[at]:.4g} ± {one.errors[at]:.2g}",
                     f"{low[at]:.4g} to {high[at]:.4g}",
                     f"{one.residuals[at]:+.1f}",
                 )
             )
-        columns = (
-            "hold time (s)",
-            "curve",
-            "ΔF (nN), standard error",
-            "fitted, 90 % (nN)",
-            "residual",
-        )
+        measured = "hold time (s)", "curve", "ΔF (nN), standard error"
+        columns = *measured, "fitted, 90 % (nN)", "residual"
         return Table("", columns, rows, "Measurements")
 
     def columns(self) -> dict[str, Any]:
@@ -518,77 +416,57 @@ class InferenceDisplay(OfRecord[Inference]):
 
     def pictures(self) -> dict[str, Picture]:
         one, forecasts = self.inference, self.result.forecasts
+        families = " Orange: families of densities." if _families(one) else ""
 
-        def panel(
-            key: str, alt: str, draw: Any, height: float = _PAGE[1], **more: Any
-        ) -> Panel:
-            size = (_PAGE[0], height)
+        def panel(key: str, draw: Any, alt: str, height: float, **more: Any) -> Panel:
             caption = _CAPTIONS[key].format(families=families)
-            return Panel(
-                partial(draw, one=one, **more),
-                caption,
-                alt,
-                size,
-                name=more.get("name", key),
-            )
+            size, name = (_PAGE[0], height), more.get("name", key)
+            return Panel(partial(draw, one=one, **more), caption, alt, size, name=name)
 
-        drawn_families = [
-            fit for fit in one.possible_families().values() if fit.get("density", ())
-        ]
-        families = " Orange: families of densities." if drawn_families else ""
         low, high = one.visible_range
         seen = f"Density of barriers; visible from {low:.2f} to {high:.2f} eV: {density_text(one)}."
         up_to = f"Measured friction drop, up to {one.values[np.argmax(one.hold_times)]:.3g} nN."
         worst = f"Residuals in standard errors; the largest is {np.abs(one.residuals).max():.1f}."
         predicted = "Bands of what prior and posterior predict of the measurements."
+        density = panel("density", draw_density, seen, 4.2)
+        predictive = panel("predictive", draw_predictive, predicted, _PAGE[1])
         data = (
-            panel("data", up_to, draw_data),
-            panel("residuals", worst, draw_residuals, 2.6),
+            panel("data", draw_data, up_to, _PAGE[1]),
+            panel("residuals", draw_residuals, worst, 2.6),
         )
         pictures = {
-            "density": Picture((panel("density", seen, draw_density, 4.2),), _FILE),
+            "density": Picture((density,), _FILE),
             "data": Picture(data, (6.4, 5.6), columns=1),
-            "predictive": Picture(
-                (panel("predictive", predicted, draw_predictive),), _FILE
-            ),
+            "predictive": Picture((predictive,), _FILE),
         }
         if forecasts:
-            rows = (
-                forecast_row(label, forecast) for label, forecast in forecasts.items()
-            )
-            texts = "; ".join(
-                f"{label}: {end if value == NONE else value}"
-                for label, value, _, end in rows
-            )
             every, drawn = list(forecasts), []
             for first in range(0, len(every), MOST):
-                shown = every[first : first + MOST]
-                panel_ = panel(
-                    "forecasts",
-                    f"Forecasts: {texts}.",
-                    draw_forecasts,
-                    forecasts=forecasts,
-                    shown=shown,
-                )
-                drawn.append(replace(panel_, name="-".join(shown)))
+                more: Any = {
+                    "forecasts": forecasts,
+                    "shown": every[first : first + MOST],
+                }
+                alt = f"Forecasts: {_forecasts_text(forecasts)}."
+                one_of = panel("forecasts", draw_forecasts, alt, _PAGE[1], **more)
+                drawn.append(replace(one_of, name="-".join(more["shown"])))
             columns = min(len(drawn), 2)
-            rows_ = -(-len(drawn) // columns)
-            pictures["forecasts"] = Picture(
-                drawn, (_FILE[0] * columns, _FILE[1] * rows_), columns
-            )
+            size = _FILE[0] * columns, _FILE[1] * -(-len(drawn) // columns)
+            pictures["forecasts"] = Picture(drawn, size, columns)
         if one.scalars:
             drawn = [
-                panel(
-                    "unknowns",
-                    f"Histogram of the samples of {name}.",
-                    draw_scalar,
-                    2.8,
-                    name=name,
-                )
+                panel("unknowns", draw_scalar, _HISTOGRAM.format(name), 2.8, name=name)
                 for name in one.scalars
             ]
             pictures["unknowns"] = Picture(drawn, (4.2 * len(drawn), 3.4))
         return pictures
+
+
+def _forecasts_text(forecasts: Mapping[str, Forecast]) -> str:
+    texts = []
+    for label, one in forecasts.items():
+        name, value, _, ends = forecast_row(label, one)
+        texts.append(f"{name}: {ends if value == NONE else value}")
+    return "; ".join(texts)
 
 
 @displays(Inference)

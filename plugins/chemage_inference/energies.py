@@ -172,6 +172,16 @@ class Kernel:
         left = place.astype(np.int64)
         return left, place - left
 
+    def spread(self, shift: np.ndarray, weight: float | np.ndarray = 1.0) -> np.ndarray:
+        """(r, shifts): the weights of the tabulated shifts, for rows of shifts (r, s) that weigh ``weight``."""
+        left, part = self.places(shift)
+        rows = self.shifts * np.arange(len(shift))[:, None]
+        size = len(shift) * self.shifts
+        below, above = weight * (1 - part), weight * part
+        weights = np.bincount((rows + left).ravel(), below.ravel(), size)
+        weights += np.bincount((rows + left + 1).ravel(), above.ravel(), size)
+        return weights.reshape(len(shift), self.shifts)
+
     def of_density(self, density: np.ndarray) -> np.ndarray:
         """(l, shifts): share of the sites of ``density`` (n,) that are bonded if all barriers are shifted."""
         return np.einsum(
@@ -326,7 +336,7 @@ class MeanField:
     def _with_derivative(self, shares: np.ndarray, table: np.ndarray) -> Solved:
         env, kernel = self.environments, self.kernel
         at, factors, tau, shifts = self._shifted(shares)
-        left, part = kernel.places(shifts)
+        left, _ = kernel.places(shifts)
         slope = (
             table[self._rows, left + 1] - table[self._rows, left]
         ) / kernel.grid.fine_step
@@ -335,21 +345,12 @@ class MeanField:
         derivative, weights = [], []
         for number in range(env.groups):
             here = np.flatnonzero(env.group == number)
-            weight = self._histogram(left[:, here], part[:, here])
+            weight = kernel.spread(shifts[:, here]) / here.size
             direct = kernel.matrix(weight)
             back = self._back(shares[number], at[here], factors[here], by_tau[:, here])
             derivative.append(algebra.solve(np.eye(self.times.size) - back, direct))
             weights.append(weight)
         return Solved(shares, np.stack(derivative), np.stack(weights))
-
-    def _histogram(self, left: np.ndarray, part: np.ndarray) -> np.ndarray:
-        """(l, shifts): the weights of the tabulated shifts at each time."""
-        count, shifts = left.shape[1], self.kernel.shifts
-        row = self._rows * shifts
-        size = len(left) * shifts
-        weights = np.bincount((row + left).ravel(), (1 - part).ravel(), size)
-        weights += np.bincount((row + left + 1).ravel(), part.ravel(), size)
-        return weights.reshape(len(left), shifts) / count
 
     def _back(
         self, share: np.ndarray, at: np.ndarray, factors: np.ndarray, by_tau: np.ndarray

@@ -154,8 +154,7 @@ def estimated(
         fits = np.array([smooth_fit(data, 1e-11, factor)[1] for data, factor in alone])
         model.middle = int(np.argmin(fits - 2 * model.unknowns.log_priors))
     data, factor = _alone(model, model.middle)
-    _guess_errors(model, data)
-    data = replace(data, errors=model.errors(model.values))
+    data = _with_guessed_errors(model, data)
     if not model.interacting:
         _check_model(model, data)
         return first_estimate(data, factor), []
@@ -168,8 +167,7 @@ def estimated(
             report("interaction", number * STEPS + step, total)
             fitted, data = _about(model, density)
             if number and not step:
-                _guess_errors(model, data)
-                data = replace(data, errors=model.errors(model.values))
+                data = _with_guessed_errors(model, data)
             fit = first_estimate(data, _common_factor(data, fitted))
             # full steps in the end, half ones while the neighbours' part still changes much
             change = _distance(model, fit, density, seen)
@@ -185,11 +183,11 @@ def estimated(
     return density, changes
 
 
-def _guess_errors(model: Model, data: Linear) -> None:
-    """Errors with which about the smooth density of least χ² explains the data; points that are off last."""
-    noise = model.noise(model.values)
+def _with_guessed_errors(model: Model, data: Linear) -> Linear:
+    """The data with errors with which about the smooth density of least χ² explains them; points that are off last."""
+    noise = model.noise
     if noise.fixed:
-        return
+        return replace(data, errors=model.errors)
     model.state = noise.start
     factors = np.unique(np.exp(np.linspace(*(data.factor or (0.0, 0.0)), 5)))
     for _ in range(GUESSES):
@@ -200,10 +198,11 @@ def _guess_errors(model: Model, data: Linear) -> None:
             data.offset + algebra.product(data.matrix, fits[best][0])
         )
         model.state = noise.guessed(residual, PARAMETERS)
+    return replace(data, errors=model.errors)
 
 
 def _check_model(model: Model, data: Linear) -> None:
-    noise = model.noise(model.values)
+    noise = model.noise
     check_explained(
         data, model.labels(), noise.largest(model.state), noise.errors(noise.start)
     )
@@ -234,7 +233,7 @@ def _linear(model: Model, matrix: np.ndarray, offset: np.ndarray) -> Linear:
         matrix,
         offset,
         model.values,
-        model.errors(model.values),
+        model.errors,
         model.unknowns.factor,
     )
 
@@ -262,19 +261,8 @@ def linear_problem(model: Model, prior: Prior, density: np.ndarray) -> Problem:
         np.stack(matrices), np.stack(offsets)
     )
     start = model.middle if unknowns is model.unknowns else FINE * model.middle
-    errors, noise = model.errors(model.values), model.noise(model.values)
-    return Problem(
-        prior,
-        model.grid.areas,
-        model.values,
-        errors,
-        fine,
-        shifts,
-        unknowns,
-        start,
-        noise,
-        model.state,
-    )
+    known = prior, model.grid.areas, model.values, model.noise
+    return Problem(*known, fine, shifts, unknowns, start, model.state)
 
 
 def sampled(

@@ -52,6 +52,13 @@ PLAN = ("hold_time", "load", "temperature", "error")
 TARGET = ("energy", "load", "temperature", "hold_time")
 
 
+#: what the summary of a forecast has as it is
+_SUMMED = (
+    *("load", "temperature", "hold_times", "friction_drop", "median"),
+    *("friction_coefficient_drop", "unseen", "notes"),
+)
+
+
 class Forecast(Record):
     """A predicted curve of ageing with its bands: ΔF for every sample of the inferred density."""
 
@@ -115,19 +122,8 @@ class Forecast(Record):
 
     def summary(self) -> dict[str, Any]:
         """One JSON-able object with the values and their bands."""
-        return text.jsonable(
-            {
-                "load": self.load,
-                "temperature": self.temperature,
-                "hold_times": self.hold_times,
-                "friction_drop": self.friction_drop,
-                "median": self.median,
-                "friction_coefficient_drop": self.friction_coefficient_drop,
-                **bands(self.samples),
-                "unseen": self.unseen,
-                "notes": self.notes,
-            }
-        )
+        values = {name: getattr(self, name) for name in _SUMMED}
+        return text.jsonable({**values, **bands(self.samples)})
 
     def __repr__(self) -> str:
         low, high = self.band(WIDE)
@@ -236,13 +232,8 @@ class Forecaster:
         scalars: Mapping[str, np.ndarray],
         seed: int,
     ) -> None:
-        self.scene, self.samples, self.visible, self.scalars, self.seed = (
-            scene,
-            samples,
-            visible,
-            scalars,
-            seed,
-        )
+        self.scene, self.samples, self.visible = scene, samples, visible
+        self.scalars, self.seed = scalars, seed
         self.chemistry = check_scene(scene)
         step = float(energies[-1] - energies[0]) / (energies.size - 1)
         self.grid = EnergyGrid(float(energies[0]), step, energies.size)
@@ -265,22 +256,21 @@ class Forecaster:
         noise = np.random.default_rng([self.seed, 53]).standard_normal(
             len(self.samples)
         )
-        names = [name for name in self.scalars if name != "bond_force"]
-        keys = (
-            np.stack([self.scalars[name] for name in names], axis=1)
-            if names
-            else np.zeros((len(self.samples), 0))
-        )
+        chemistry, scalars = self.chemistry, dict(self.scalars)
+        own = np.full(len(self.samples), chemistry.bond_force)
+        factor = scalars.pop("bond_force", own) / own
+        keys = np.stack([*scalars.values(), np.zeros(own.size)], axis=1)
         for values in np.unique(keys, axis=0):
             here = np.flatnonzero((keys == values).all(axis=1))
-            chemistry = self.chemistry
-            if names:
-                chemistry = chemistry.replace(
-                    **dict(zip(names, values.tolist(), strict=True))
-                )
+            changed = dict(zip(scalars, values.tolist(), strict=False))
             contact = self.contacts.at(load)
             condition = make_condition(
-                chemistry, contact, temperature, times, self.grid, self.seed
+                chemistry.replace(**changed),
+                contact,
+                temperature,
+                times,
+                self.grid,
+                self.seed,
             )
             mean = self.samples[here].mean(axis=0)
             value, matrix = condition.linear(mean)
@@ -292,11 +282,7 @@ class Forecaster:
                 1
                 + noise[here, None] * condition.correction_error / condition.correction
             )
-        if "bond_force" in self.scalars:
-            predicted *= (self.scalars["bond_force"] / self.chemistry.bond_force)[
-                :, None
-            ]
-        return np.maximum(predicted, 0.0), matrix
+        return np.maximum(predicted * factor[:, None], 0.0), matrix
 
     def conditions(
         self,
@@ -484,9 +470,8 @@ class Forecaster:
                 "is outside the energies of the density",
                 remedy,
             )
-        return algebra.product(
-            self.samples, mean[[int(np.argmin(np.abs(nodes - energy)))]].T
-        )
+        at = int(np.argmin(np.abs(nodes - energy)))
+        return algebra.product(self.samples, mean[[at]].T)
 
 
 def _when(times: np.ndarray, over: np.ndarray) -> str:

@@ -103,9 +103,8 @@ class Condition:
     def linear(self, density: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """ΔF at the hold times (m,), nN, and its derivative by the density (m, n)."""
         if self.mean_field is None:
-            return self.scale * algebra.product(
-                self.alone, density
-            ), self.scale * self.alone
+            value = self.scale * algebra.product(self.alone, density)
+            return value, self.without_neighbours
         start = self._last.shares if self._last is not None else None
         self._last = solved = self.mean_field.solve(density, start)
         share = self.mean_field.environments.shares
@@ -115,6 +114,7 @@ class Condition:
             "g,gln->ln", share, solved.derivative
         )[self.places]
 
+    @property
     def without_neighbours(self) -> np.ndarray:
         """(m, n): the derivative that a contact without interaction would have, for a first guess."""
         return self.scale * self.alone
@@ -369,12 +369,8 @@ def _alone(
     kernel: Kernel, shift: np.ndarray, weight: np.ndarray | float, total: float = 1.0
 ) -> np.ndarray:
     """(l, n): derivative of the bonded share by the density; sites of ``shift`` (s,) weigh ``weight`` of ``total``."""
-    left, part = kernel.places(shift)
-    weights = np.bincount(left, weight * (1 - part), kernel.shifts)
-    weights += np.bincount(left + 1, weight * part, kernel.shifts)
-    return kernel.matrix(
-        np.broadcast_to(weights / total, (kernel.times.size, kernel.shifts))
-    )
+    weights = kernel.spread(shift[None], weight) / total
+    return kernel.matrix(np.repeat(weights, kernel.times.size, axis=0))
 
 
 def _environments(
@@ -451,11 +447,13 @@ class Model:
         )
         self.hold_times = np.concatenate([curve.hold_times for curve in curves])
         self.values = np.concatenate([curve.friction_drop for curve in curves])
-        self._floor = np.array(
+        #: (m,) what the forward model is thought to be wrong by
+        self.floors = np.array(
             [MODEL_ERROR * np.abs(curve.friction_drop).max() for curve in curves]
         )[self.curve]
         self.stated = np.concatenate([curve.friction_drop_errors for curve in curves])
-        self.state = self.noise(self.stated * 0).start
+        #: errors as they are thought to be now
+        self.state = self._noise(self.floors).start
         self.which = np.array(
             [self.keys.index((curve.load, curve.temperature)) for curve in curves]
         )[self.curve]
@@ -520,7 +518,7 @@ class Model:
     def without_neighbours(self, point: int) -> np.ndarray:
         """(m, n): the derivative without interaction."""
         return self._gathered(
-            [condition.without_neighbours() for condition in self._at(point)]
+            [condition.without_neighbours for condition in self._at(point)]
         )
 
     def calibrate(self, density: np.ndarray, threads: int | None) -> None:
@@ -531,14 +529,15 @@ class Model:
                 if other == number:
                     condition.corrected_as(middle)
 
-    def noise(self, value: np.ndarray) -> Noise:
-        """The likelihood of residuals, with the errors of the forward model at ``value`` (m,)."""
-        floors = self._floor
-        if value.any():
-            relative = self._gathered(
-                [condition.relative_error for condition in self._at(self.middle)]
-            )
-            floors = np.hypot(floors, relative * value)
+    @property
+    def noise(self) -> Noise:
+        """The likelihood of residuals, with the errors of the forward model."""
+        relative = self._gathered(
+            [condition.relative_error for condition in self._at(self.middle)]
+        )
+        return self._noise(np.hypot(self.floors, relative * self.values))
+
+    def _noise(self, floors: np.ndarray) -> Noise:
         numbers = np.array(
             [self.instruments.index(curve.instrument) for curve in self.curves]
         )
@@ -551,13 +550,10 @@ class Model:
         """Names of the instruments with which the curves were measured."""
         return list(dict.fromkeys(curve.instrument for curve in self.curves))
 
-    def errors(self, value: np.ndarray) -> np.ndarray:
-        """(m,) standard errors as they are thought to be now, with those of the forward model at ``value``."""
-        return self.noise(value).errors(self.state)
-
-    def floor_as(self, other: Model) -> None:
-        """Take over what the forward model is thought to be wrong by."""
-        self._floor = other._floor
+    @property
+    def errors(self) -> np.ndarray:
+        """(m,) standard errors as they are thought to be now."""
+        return self.noise.errors(self.state)
 
     def labels(self) -> list[str]:
         """What each point is, in words."""
@@ -571,7 +567,7 @@ class Model:
         """(n,) whether some condition has hold times before and after sites of this barrier bond."""
         seen = np.zeros(self.grid.count, dtype=bool)
         for condition in self._at(self.middle):
-            share = condition.without_neighbours()[[0, -1]] / (
+            share = condition.without_neighbours[[0, -1]] / (
                 condition.scale * self.grid.areas
             )
             seen |= (share[1] - share[0]) >= 0.5 * max(float(share[1].max()), 1e-12)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -120,9 +120,7 @@ def infer(
     chemistry = check_scene(scene)
     curves = _curves_of(measured)
     force_error, load_error = calibrations(calibration)
-    error_model = ErrorModel.of(
-        tuple(errors) if not isinstance(errors, str) else errors, force_error
-    )
+    error_model = ErrorModel.of(errors, force_error)
     unknowns = unknowns_of(unknown, chemistry, load_error)
     _check_chemistry(curves, scene, unknowns)
     seed, samples = checked_seed(seed), checked_count("samples", samples, 50)
@@ -260,7 +258,7 @@ def with_hidden(
         np.pad(inner_ends(each), more) for each in (samples.densities, before)
     )
     problem = linear_problem(wide, prior, densities.mean(axis=0))
-    noise, state = problem.likelihood, samples.typical
+    noise, state = problem.noise, samples.typical
     factor = noise.factor(state)
     data = Data(
         np.stack(
@@ -299,7 +297,7 @@ def _inference(
     visible = _visible(model, samples.densities, prior, resolution)
     smooth = model.grid
     model, problem, samples, prior = with_hidden(model, samples, problem.prior, prior)
-    noise, state = problem.likelihood, samples.typical
+    noise, state = problem.noise, samples.typical
     fitted = samples.calibrations[:, noise.instrument] * samples.fitted(problem)
     errors = noise.errors(state)
     chi2 = float(np.sum(((problem.values - fitted.mean(axis=0)) / errors) ** 2))
@@ -354,9 +352,8 @@ def _inference(
             "cite": _cite(model.scene),
         },
     )
-    inference = inference.model_copy(
-        update={"notes": tuple(_notes(model, problem, samples.points, inference))}
-    )
+    notes = dict.fromkeys(_notes(model, problem, samples.points, inference))
+    inference = inference.model_copy(update={"notes": tuple(notes)})
     contacts = [model.contacts.at(load) for load, _ in model.keys]
     plugins = {
         name: source for contact in contacts for name, source in contact.plugins.items()
@@ -400,89 +397,70 @@ def _cite(scene: Scene) -> list[str]:
 
 def _notes(
     model: Model, problem: Problem, points: np.ndarray, inference: Inference
-) -> list[str]:
+) -> Iterator[str]:
     """What the user should know; ``points`` (S,) of the grid of scalars are those of the samples."""
     visible, diagnostics = inference.visible, inference.diagnostics
-    few = _hardly_any(model)
-    notes = [
-        *dict.fromkeys(
-            f"{curve.name}: {note}" for curve in model.curves for note in curve.notes
-        ),
-        *few,
-    ]
+    for curve in model.curves:
+        yield from (f"{curve.name}: {note}" for note in curve.notes)
+    few = list(_hardly_any(model))
+    yield from few
     if not visible.any():
-        notes.append(
-            "the data tell nothing: at no energy is the band narrower than that of the prior"
-        )
+        yield "the data tell nothing: at no energy is the band narrower than that of the prior"
     else:
         low, high = inference.visible_range
-        notes.append(
+        yield (
             f"energies from {low:.3f} to {high:.3f} eV are visible; outside, the density is that of the prior, but for "
             "how many sites lie there and for what the first and last hold times still tell of them"
         )
-        notes += [] if few else _above(problem, points, inference)
+        yield from () if few else _above(problem, points, inference)
         hidden = model.grid.nodes[model.seen() & ~visible]
         if hidden.size:
-            notes.append(
+            yield (
                 f"between {hidden[0]:.3f} and {hidden[-1]:.3f} eV the data hardly tell: at some energies the band is "
                 "as wide as that of the prior"
             )
     for name, (bottom, top) in inference.scalar_bounds.items():
         low, high = inference.interval(name)
         if high - low > 0.8 * (top - bottom):
-            notes.append(
-                f"{name}: its interval is as wide as its bounds, so that the data do not tell it"
-            )
-        notes += _coarse(name, inference.scalars[name], problem.unknowns)
-    if diagnostics["r_hat"] > APART or diagnostics["effective_samples"] < FEW:
-        notes.append(
-            f"sampling has not converged ({diagnostics['effective_samples']:.0f} effective samples, R-hat "
-            f"{diagnostics['r_hat']:.2f}); repeat with another seed and compare before relying on the bands"
+            yield f"{name}: its interval is as wide as its bounds, so that the data do not tell it"
+        yield from _coarse(name, inference.scalars[name], problem.unknowns)
+    effective, r_hat = diagnostics["effective_samples"], diagnostics["r_hat"]
+    if r_hat > APART or effective < FEW:
+        yield (
+            f"sampling has not converged ({effective:.0f} effective samples, R-hat {r_hat:.2f}); "
+            "repeat with another seed and compare before relying on the bands"
         )
-    if (
-        model.interacting
-        and diagnostics["changes"]
-        and diagnostics["changes"][-1] > 0.05
-    ):
-        notes.append(
-            f"the interaction was not iterated to the end: the last round changed the density by "
-            f"{diagnostics['changes'][-1]:.2f} in all"
+    changes = diagnostics["changes"]
+    if changes and changes[-1] > 0.05:
+        yield (
+            f"the interaction was not iterated to the end: the last round changed the density by {changes[-1]:.2f} "
+            "in all"
         )
     chi2, count = inference.chi2, problem.values.size
     if chi2 > 1.5 * count + 10:
-        notes.append(
-            f"χ² = {chi2:.0f} for {count} points: the errors are too small, or the scene is off"
-        )
+        yield f"χ² = {chi2:.0f} for {count} points: the errors are too small, or the scene is off"
     for number, curve in enumerate(inference.curves):
         scale = inference.error_terms.get(f"scale {number}")
         if scale is not None and np.quantile(scale, 0.05) > NOTEWORTHY:
-            notes.append(
-                f"{curve['name']}: the scatter is {np.median(scale):.1f} times the stated errors; all bands contain it"
-            )
-    suspects = inference.suspects()
-    if suspects:
-        notes.append(
-            f"suspect points, which hardly count: {', '.join(suspects)}; measure them again"
-        )
-    return notes
+            yield f"{curve['name']}: the scatter is {np.median(scale):.1f} times the stated errors; all bands contain it"
+    if suspects := inference.suspects():
+        yield f"suspect points, which hardly count: {', '.join(suspects)}; measure them again"
 
 
-def _coarse(name: str, values: np.ndarray, unknowns: Unknowns) -> list[str]:
+def _coarse(name: str, values: np.ndarray, unknowns: Unknowns) -> Iterator[str]:
     """A note if the samples (S,) of an unknown lie on so few values of its grid that its interval is not resolved."""
     different = np.unique(values)
-    if name not in unknowns.values or different.size >= FEWEST_VALUES:
-        return []
-    grid = np.unique(unknowns.values[name])
-    first, last = np.searchsorted(grid, different[[0, -1]])
-    low, high = grid[max(first - 1, 0)], grid[min(last + 1, grid.size - 1)]
-    text = (
-        f"{name}: its interval is narrower than the {grid.size} values between its bounds resolve; infer it again with "
-        f"the bounds {low:.4g} to {high:.4g} {UNITS[name][0]}"
-    )
-    return [text]
+    if name in unknowns.values and different.size < FEWEST_VALUES:
+        grid = np.unique(unknowns.values[name])
+        first, last = np.searchsorted(grid, different[[0, -1]])
+        low, high = grid[max(first - 1, 0)], grid[min(last + 1, grid.size - 1)]
+        yield (
+            f"{name}: its interval is narrower than the {grid.size} values between its bounds resolve; infer it again "
+            f"with the bounds {low:.4g} to {high:.4g} {UNITS[name][0]}"
+        )
 
 
-def _above(problem: Problem, points: np.ndarray, inference: Inference) -> list[str]:
+def _above(problem: Problem, points: np.ndarray, inference: Inference) -> Iterator[str]:
     """A note if the friction at the last hold time comes mainly from barriers above the visible energies."""
     high, energies = inference.visible_range[1], inference.energies
     last = int(np.argmax(inference.hold_times))
@@ -490,28 +468,25 @@ def _above(problem: Problem, points: np.ndarray, inference: Inference) -> list[s
     above = parts * (energies > high)
     whole = above.sum(axis=1)
     share = float((whole / np.maximum(parts.sum(axis=1), 1e-300)).mean())
-    if share < MAINLY or not whole.all():
-        return []
-    bottom, top = band(algebra.product(above, energies) / whole, 0.95)
-    text = (
-        f"barriers lie above the visible energies: {100 * share:.0f} % of the friction at "
-        f"{inference.hold_times[last]:.3g} s comes from sites above {high:.3f} eV, on average at {bottom:.2f} to "
-        f"{top:.2f} eV (95 %); the data tell how fast these react together, and neither how many there are nor how "
-        "high their barriers are"
-    )
-    return [text]
+    if share >= MAINLY and whole.all():
+        bottom, top = band(algebra.product(above, energies) / whole, 0.95)
+        yield (
+            f"barriers lie above the visible energies: {100 * share:.0f} % of the friction at "
+            f"{inference.hold_times[last]:.3g} s comes from sites above {high:.3f} eV, on average at {bottom:.2f} to "
+            f"{top:.2f} eV (95 %); the data tell how fast these react together, and neither how many there are nor how "
+            "high their barriers are"
+        )
 
 
-def _hardly_any(model: Model) -> list[str]:
+def _hardly_any(model: Model) -> Iterator[str]:
     """A note if less than one bond has formed in every contact."""
-    if model.values.max() >= model.chemistry.bond_force * model.chemistry.front_factor:
-        return []
-    last = int(np.argmax(model.hold_times))
-    number = int(model.which[last])
-    condition, load = model.condition(model.middle, number), model.keys[number][0]
-    text = (
-        f"less than one bond of {condition.sites:.0f} sites has formed by {model.hold_times[last]:.3g} s: the data "
-        "hardly say more than that barriers lie above; bands of forecasts where these react are those of the prior, "
-        f"and only bounds are sure, from none to all sites (0 to {condition.scale:.4g} nN under {load:g} nN)"
-    )
-    return [text]
+    if model.values.max() < model.chemistry.bond_force * model.chemistry.front_factor:
+        last = int(np.argmax(model.hold_times))
+        number = int(model.which[last])
+        condition = model.condition(model.middle, number)
+        load, _ = model.keys[number]
+        yield (
+            f"less than one bond of {condition.sites:.0f} sites has formed by {model.hold_times[last]:.3g} s: the data "
+            "hardly say more than that barriers lie above; bands of forecasts where these react are those of the "
+            f"prior, and only bounds are sure, from none to all sites (0 to {condition.scale:.4g} nN under {load:g} nN)"
+        )

@@ -9,6 +9,7 @@ calibration, one for each instrument, are sampled with the density.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -43,9 +44,7 @@ class ErrorModel:
     calibration: float = 0.0
 
     @classmethod
-    def of(
-        cls, kinds: str | tuple[str, ...] | list[str], calibration: float = 0.0
-    ) -> ErrorModel:
+    def of(cls, kinds: str | Sequence[str], calibration: float = 0.0) -> ErrorModel:
         """The model of the names of its parts, such as ``("scaled", "robust")``; none: errors as stated."""
         names = [kinds] if isinstance(kinds, str) else list(kinds)
         names = [name for name in names if name != "as-stated" or len(names) > 1]

@@ -108,67 +108,49 @@ def statistics(one: Any) -> dict[str, dict[str, np.ndarray]]:
     return table
 
 
+#: group of the tree -> its variables: name -> array of the inference
+_GROUPS = {
+    "posterior": {"density": "samples"},
+    "posterior_predictive": {"friction_drop": "fitted"},
+    "prior": {"density": "prior"},
+    "prior_predictive": {"friction_drop": "prior_fitted"},
+    "observed_data": {"friction_drop": "values", "error": "errors"},
+}
+
+
 def datatree(one: Any) -> Any:
     """The groups ``posterior``, ``posterior_predictive``, ``prior``, ``prior_predictive`` and ``observed_data`` as an
     xarray.DataTree, as ArviZ 1 reads it; dimensions ``chain``, ``draw``, ``energy`` (eV) and ``point``."""
     xarray = errors.optional_module("xarray", "xarray")
     chains = int(one.diagnostics.get("chains", 1))
-
-    def data(
-        fields: dict[str, tuple[np.ndarray, tuple[str, ...], str]],
-        count: int | None = chains,
-    ) -> Any:
-        arrays = {}
-        for name, (values, dims, unit) in fields.items():
-            shaped = (
-                values
-                if count is None
-                else values.reshape(count, -1, *values.shape[1:])
-            )
-            arrays[name] = (
-                (*(() if count is None else ("chain", "draw")), *dims),
-                shaped,
-                {"units": unit},
-            )
-        coordinates: dict[str, Any] = {
-            "energy": ("energy", one.energies, {"units": "eV"})
-        }
-        coordinates |= {
+    coordinates = {
+        "energy": {"energy": ("energy", one.energies, {"units": "eV"})},
+        "point": {
             "hold_time": ("point", one.hold_times, {"units": "s"}),
             "curve": ("point", one.curve),
-        }
-        used = {dim for dims, *_ in arrays.values() for dim in dims}
-        dataset = xarray.Dataset(
-            arrays,
-            {key: value for key, value in coordinates.items() if value[0] in used},
-        )
-        if count is not None:
-            dataset = dataset.assign_coords(
-                chain=range(count), draw=range(dataset.sizes["draw"])
-            )
-        return dataset.assign_attrs(inference_library="chemage")
-
-    scalars = {
-        name: (values.reshape(-1), (), "")
-        for name, values in sampled(one).items()
-        if name != "density"
+        },
     }
-    energies, points = ("energy",), ("point",)
-    groups = {
-        "posterior": data({"density": (one.samples, energies, "1/eV"), **scalars}),
-        "posterior_predictive": data({"friction_drop": (one.fitted, points, "nN")}),
-        "prior": data({"density": (one.prior, energies, "1/eV")}, 1),
-        "prior_predictive": data(
-            {"friction_drop": (one.prior_fitted, points, "nN")}, 1
-        ),
-        "observed_data": data(
-            {
-                "friction_drop": (one.values, points, "nN"),
-                "error": (one.errors, points, "nN"),
-            },
-            None,
-        ),
-    }
-    return xarray.DataTree.from_dict(
-        {f"/{name}": dataset for name, dataset in groups.items()}
-    )
+    groups = {}
+    for group, names in _GROUPS.items():
+        variables, dim = {}, "energy" if "density" in names else "point"
+        for name, field in names.items():
+            _, unit, _ = one.arrays[field]
+            variables[name] = getattr(one, field), (dim,), unit
+        if group == "posterior":
+            numbers = {**sampled(one)}
+            del numbers["density"]
+            scalars = {key: (v.reshape(-1), (), "") for key, v in numbers.items()}
+            variables |= scalars
+        count = chains if group.startswith("posterior") else 1
+        arrays = {}
+        for name, (values, dims, unit) in variables.items():
+            if group != "observed_data":
+                values = values.reshape(count, -1, *values.shape[1:])
+                dims = "chain", "draw", *dims
+            arrays[name] = dims, values, {"units": unit}
+        dataset = xarray.Dataset(arrays, coordinates[dim])
+        if group != "observed_data":
+            draws = range(dataset.sizes["draw"])
+            dataset = dataset.assign_coords(chain=range(count), draw=draws)
+        groups[f"/{group}"] = dataset.assign_attrs(inference_library="chemage")
+    return xarray.DataTree.from_dict(groups)

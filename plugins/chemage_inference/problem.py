@@ -307,33 +307,31 @@ class Problem:
     prior: Prior
     #: (n,) eV
     areas: np.ndarray
-    #: (m,) measured, and their standard errors
+    #: (m,) measured
     values: np.ndarray
-    errors: np.ndarray
+    #: the likelihood of residuals, and what is inferred of the errors
+    noise: Noise
     #: (g, m, n) and (g, m)
     matrices: np.ndarray
     offsets: np.ndarray
     unknowns: Unknowns = field(default_factory=Unknowns)
     #: point of the grid from which sampling begins
     start: int = 0
-    #: what is inferred of the errors; None: they are known
-    noise: Noise | None = None
-    #: where the errors of a chain begin
+    #: where the errors of a chain begin; None: as they are stated
     state: State | None = None
 
-    @property
-    def likelihood(self) -> Noise:
-        """The likelihood of residuals."""
-        return self.noise or fixed(self.errors)
+    @cached_property
+    def errors(self) -> np.ndarray:
+        """(m,) standard errors where a chain begins."""
+        return self.noise.errors(self.state or self.noise.start)
 
     def settled(self, state: State) -> Problem:
         """The problem with the errors and the calibration of ``state``, and known: correlations are left out."""
-        factor, errors = self.likelihood.factor(state), self.likelihood.errors(state)
-        scaled = {
-            "matrices": factor[:, None] * self.matrices,
-            "offsets": factor * self.offsets,
-        }
-        return replace(self, errors=errors, noise=None, state=None, **scaled)
+        factor, noise = self.noise.factor(state), fixed(self.noise.errors(state))
+        matrices, offsets = factor[:, None] * self.matrices, factor * self.offsets
+        return replace(
+            self, noise=noise, state=None, matrices=matrices, offsets=offsets
+        )
 
     def without(self, left_out: np.ndarray) -> Problem:
         """The problem without the points that ``left_out`` (m,) marks."""
@@ -341,11 +339,9 @@ class Problem:
         return replace(
             self,
             values=self.values[kept],
-            errors=self.errors[kept],
             matrices=self.matrices[:, kept],
             offsets=self.offsets[:, kept],
-            noise=self.noise and self.noise.without(left_out),
-            state=None,
+            noise=self.noise.without(left_out),
         )
 
 

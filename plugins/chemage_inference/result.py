@@ -397,37 +397,20 @@ class Inference(Record):
 
     def summary(self) -> dict[str, Any]:
         """One JSON-able object with the density, its bands, the scalars, scores and diagnostics."""
+        families = {
+            name: {key: value for key, value in fit.items() if key != "density"}
+            for name, fit in self.families.items()
+        }
         return text.jsonable(
             {
-                "energies": self.energies,
-                "density": self.density,
+                **{name: getattr(self, name) for name in _SUMMED},
                 **bands(self.samples),
-                "visible": self.visible,
-                "visible_range": self.visible_range,
-                "resolution": self.resolution,
-                "scalars": {
-                    name: in_numbers(values) for name, values in self.scalars.items()
-                },
-                "errors": {
-                    name: in_numbers(values)
-                    for name, values in self.error_terms.items()
-                },
+                "scalars": _in_numbers(self.scalars),
+                "errors": _in_numbers(self.error_terms),
                 "suspects": self.suspects(),
-                "scores": self.scores,
-                "families": {
-                    name: {key: value for key, value in fit.items() if key != "density"}
-                    for name, fit in self.families.items()
-                },
-                "chi2": self.chi2,
+                "families": families,
                 "points": self.hold_times.size,
-                "effective_parameters": self.effective_parameters,
-                "residuals": self.residuals,
-                "curves": self.curves,
-                "diagnostics": self.diagnostics,
-                "seed": self.seed,
-                "notes": self.notes,
                 "versions": self.provenance.get("versions", {}),
-                "plugins": self.plugins,
             }
         )
 
@@ -436,6 +419,18 @@ class Inference(Record):
         return f"<Inference of {self.hold_times.size} points, visible from {low:.3g} to {high:.3g} eV, χ² {self.chi2:.3g}>"
 
     __str__ = __repr__
+
+
+#: what a summary has as it is
+_SUMMED = (
+    *("energies", "density", "visible", "visible_range", "resolution", "scores"),
+    *("chi2", "effective_parameters", "residuals", "curves", "diagnostics", "seed"),
+    *("notes", "plugins"),
+)
+
+
+def _in_numbers(sampled: Mapping[str, np.ndarray]) -> dict[str, dict[str, Any]]:
+    return {name: in_numbers(values) for name, values in sampled.items()}
 
 
 def quantities(one: Inference) -> list[Quantity]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -46,17 +47,25 @@ ORDERS = 5
 NEGLIGIBLE = 2e-3
 
 
+class Place(NamedTuple):
+    """Where a chain is, but for its density."""
+
+    #: of the grid of scalars
+    point: int
+    #: logarithm of the common factor
+    log_factor: float
+    #: the errors of the measurements
+    state: State
+
+
 @dataclass(eq=False)
 class _Pattern:
     """A set of positive nodes; the posterior for it is nearly normal under every choice of the prior."""
 
     #: (n,) 1 where positive
     positive: np.ndarray
-    #: point of the grid of scalars and logarithm of the factor at which it is tabulated
-    point: int
-    log_factor: float
-    #: errors of the measurements for which it is tabulated
-    state: State
+    #: where it is tabulated
+    place: Place
     #: choice, and whether the density is complete -> (n, n) lower factor of the inverse covariance
     factors: dict[tuple[int, bool], np.ndarray] = field(default_factory=dict)
     #: these, and the points of a factor -> (n,) answer to it, see :meth:`Chain._answer`
@@ -70,31 +79,23 @@ class Chain:
         self, problem: Problem, start: np.ndarray, rng: np.random.Generator
     ) -> None:
         self.problem, self.rng = problem, rng
-        mass = float(algebra.product(np.maximum(start, 0.0), problem.areas))
-        self.x = np.ascontiguousarray(start * min(1.0, 0.999 / max(mass, 1e-12)))
-        self.point, self.log_factor = problem.start, 0.0
-        self.noise = problem.likelihood
-        self.state = problem.state or self.noise.start
+        self.noise = problem.noise
+        self.x = np.ascontiguousarray(
+            start * min(1.0, 0.999 / max(self._mass(start), 1e-12))
+        )
+        self.place = Place(problem.start, 0.0, problem.state or self.noise.start)
         # whether no barrier lies above the last energy, so that the integral of the density is 1
         self.complete = False
-        #: (sweeps, n) densities, points of the grid of scalars and factors, from the end of the warm-up on
+        #: from the end of the warm-up on: (sweeps, n) densities, and places
         self.densities: list[np.ndarray] = []
-        self.points: list[int] = []
-        self.factors: list[float] = []
-        self.states: list[State] = []
-        self._archive: np.ndarray = np.zeros((0, start.size))
+        self.places: list[Place] = []
+        self._archive = np.zeros((0, start.size))
         self._patterns: list[_Pattern] = []
-        self._last: (
-            tuple[tuple[int, float, bool], State, tuple[np.ndarray, np.ndarray]] | None
-        ) = None
+        self._last: Any = None, None
         self._sweep = 0
         self._reduced: dict[int, tuple[np.ndarray, np.ndarray]] = {}
-        logs = kernels.log_priors(
-            self.x,
-            LEVEL,
-            np.arange(len(problem.prior.combinations)),
-            *problem.prior.precisions,
-        )
+        every = np.arange(len(problem.prior.combinations))
+        logs = self._log_priors(self.x, every)
         self.choice = int(np.argmax(logs + rng.gumbel(size=logs.size)))
 
     def warm(self, sweeps: int) -> None:
@@ -103,7 +104,8 @@ class Chain:
         archive = []
         for sweep in range(sweeps):
             if sweep % every == every - 1:
-                self._patterns = [*self._patterns, self._pattern()][-PATTERNS:]
+                pattern = _Pattern((self.x > 0).astype(float), self.place)
+                self._patterns = [*self._patterns, pattern][-PATTERNS:]
             if sweep == sweeps // 2:
                 self._archive = np.array(archive)
             self.step()
@@ -116,9 +118,7 @@ class Chain:
         for _ in range(sweeps):
             self.step()
             self.densities.append(np.maximum(self.x, 0.0))
-            self.points.append(self.point)
-            self.factors.append(float(np.exp(self.log_factor)))
-            self.states.append(self.state)
+            self.places.append(self.place)
 
     def step(self) -> None:
         """One sweep over all unknowns."""
@@ -143,55 +143,55 @@ class Chain:
             self._reduced[point] = axes, algebra.product(matrix, axes)
         return self._reduced[point]
 
-    def _rows(
-        self, point: int, log_factor: float, complete: bool, state: State
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def _rows(self, place: Place, complete: bool) -> tuple[np.ndarray, np.ndarray]:
         """Matrix (n, r) and target (r,) of the misfit; a complete density has one row more, for its integral."""
-        key = point, log_factor, complete
-        if self._last is None or self._last[0] != key or self._last[1] is not state:
-            self._last = key, state, self._made_rows(point, log_factor, complete, state)
-        return self._last[2]
+        key = place, complete
+        if self._last[0] != key:
+            self._last = key, self._made_rows(place, complete)
+        return self._last[1]
 
-    def _made_rows(
-        self, point: int, log_factor: float, complete: bool, state: State
-    ) -> tuple[np.ndarray, np.ndarray]:
-        axes, parts = self._rotated(point)
-        factor = np.exp(log_factor) * self.noise.factor(state)
-        parts = self.noise.white(state, factor[:, None] * parts)
-        goal = self.noise.white(
-            state, self.problem.values - factor * self.problem.offsets[point]
-        )
+    def _made_rows(self, place: Place, complete: bool) -> tuple[np.ndarray, np.ndarray]:
+        axes, _ = self._rotated(place.point)
+        parts, factor = self._slopes(place)
+        offsets = self.problem.offsets[place.point]
+        goal = self.noise.white(place.state, self.problem.values - factor * offsets)
         lower = algebra.cholesky(
             algebra.product(parts.T, parts) + 1e-6 * np.eye(parts.shape[1])
         )
         matrix = algebra.product(axes, lower)
         target = algebra.forward(lower, algebra.product(parts.T, goal[:, None]))[:, 0]
-        if not complete:
-            return np.ascontiguousarray(matrix), target
-        row = self.problem.areas[:, None] / COMPLETE
-        return np.ascontiguousarray(np.concatenate([matrix, row], axis=1)), np.append(
-            target, 1 / COMPLETE
-        )
+        if complete:
+            row = self.problem.areas[:, None] / COMPLETE
+            matrix = np.concatenate([matrix, row], axis=1)
+            target = np.append(target, 1 / COMPLETE)
+        return np.ascontiguousarray(matrix), target
 
-    def _fitted(self, x: np.ndarray, point: int, log_factor: float) -> np.ndarray:
+    def _slopes(self, place: Place) -> tuple[np.ndarray, np.ndarray]:
+        """(m, r) change of the measurements by the axes, in standard errors, and (m,) their factor."""
+        _, parts = self._rotated(place.point)
+        factor = np.exp(place.log_factor) * self.noise.factor(place.state)
+        return self.noise.white(place.state, factor[:, None] * parts), factor
+
+    def _mass(self, x: np.ndarray) -> float:
+        return float(algebra.product(np.maximum(x, 0.0), self.problem.areas))
+
+    def _fitted(self, x: np.ndarray, place: Place) -> np.ndarray:
         """(m,) values of the model, before the calibration."""
-        return np.exp(log_factor) * (
-            self.problem.offsets[point]
-            + algebra.product(self.problem.matrices[point], np.maximum(x, 0.0))
+        matrix = self.problem.matrices[place.point]
+        return np.exp(place.log_factor) * (
+            self.problem.offsets[place.point]
+            + algebra.product(matrix, np.maximum(x, 0.0))
         )
 
-    def _misfit(
-        self, x: np.ndarray, point: int, log_factor: float, state: State
-    ) -> float:
+    def _misfit(self, x: np.ndarray, place: Place) -> float:
         """Half of χ² of all measurements; infinite where the integral of the density exceeds 1."""
-        mass = float(algebra.product(np.maximum(x, 0.0), self.problem.areas))
+        mass = self._mass(x)
         if mass > self._limit:
             return np.inf
-        fitted = self.noise.factor(state) * self._fitted(x, point, log_factor)
-        residual = self.noise.white(state, self.problem.values - fitted)
-        return 0.5 * float(algebra.product(residual, residual)) + (
-            0.5 * ((mass - 1) / COMPLETE) ** 2 if self.complete else 0.0
-        )
+        fitted = self.noise.factor(place.state) * self._fitted(x, place)
+        residual = self.noise.white(place.state, self.problem.values - fitted)
+        misfit = 0.5 * float(algebra.product(residual, residual))
+        return misfit + 0.5 * ((mass - 1) / COMPLETE) ** 2 * self.complete
 
     @property
     def _limit(self) -> float:
@@ -199,18 +199,11 @@ class Chain:
 
     # -- the density --------------------------------------------------------------------------------------------------
 
-    def _pattern(self) -> _Pattern:
-        return _Pattern(
-            (self.x > 0).astype(float), self.point, self.log_factor, self.state
-        )
-
     def _factor(self, pattern: _Pattern) -> np.ndarray:
         """(n, n) lower factor L of the inverse covariance of a pattern, under the present choice of the prior."""
         key = self.choice, self.complete
         if key not in pattern.factors:
-            matrix, _ = self._rows(
-                pattern.point, pattern.log_factor, self.complete, pattern.state
-            )
+            matrix, _ = self._rows(pattern.place, self.complete)
             seen = matrix * pattern.positive[:, None]
             pattern.factors[key] = algebra.cholesky(
                 self.problem.prior.precisions[0][self.choice]
@@ -263,9 +256,7 @@ class Chain:
     def _drawn_density(self) -> None:
         """Draw the process anew along as many lines as it has nodes."""
         problem = self.problem
-        matrix, target = self._rows(
-            self.point, self.log_factor, self.complete, self.state
-        )
+        matrix, target = self._rows(self.place, self.complete)
         directions = self._directions(self.x.size)
         inverse = problem.prior.precisions[0][self.choice]
         kernels.sweep(
@@ -282,7 +273,7 @@ class Chain:
 
     def _drawn_complete(self) -> None:
         """Draw whether the density is complete: a normal density of its integral about 1, or any integral below 1."""
-        mass = float(algebra.product(np.maximum(self.x, 0.0), self.problem.areas))
+        mass = self._mass(self.x)
         away = (mass - 1) / COMPLETE
         odds = -0.5 * away**2 - np.log(COMPLETE * np.sqrt(2 * np.pi)) + np.log(2.0)
         self.complete = mass > 1.0 or self.rng.logistic() < odds
@@ -300,7 +291,7 @@ class Chain:
                 LEVEL,
                 candidates,
                 *self.problem.prior.precisions,
-                *self._rows(self.point, self.log_factor, self.complete, self.state),
+                *self._rows(self.place, self.complete),
                 self.problem.areas,
                 self._limit,
                 self.rng.gumbel(size=candidates.size + 1),
@@ -311,26 +302,25 @@ class Chain:
 
     def _drawn_errors(self) -> None:
         """Draw the errors at fixed density, and the calibration with a density that makes up for it."""
-        fitted = self._fitted(self.x, self.point, self.log_factor)
-        self.state = self.noise.drawn(self.state, self.problem.values, fitted, self.rng)
+        fitted = self._fitted(self.x, self.place)
+        state = self.noise.drawn(
+            self.place.state, self.problem.values, fitted, self.rng
+        )
+        self.place = self.place._replace(state=state)
         if not self.noise.model.calibration:
             return
-        count = self.state.calibration.size
+        each = np.eye(state.calibration.size, dtype=bool)
         # each instrument alone, and all together
-        for here in CALIBRATIONS * (
-            *np.eye(count, dtype=bool),
-            *np.ones((int(count > 1), count), dtype=bool),
-        ):
+        chosen = [*each, each.any(axis=0)] if len(each) > 1 else each
+        for here in CALIBRATIONS * list(chosen):
             step = self._step(self.noise.model.calibration)
-            other = replace(
-                self.state, calibration=self.state.calibration + step * here
-            )
-            gain = self.noise.log_calibrations(
-                other.calibration
-            ) - self.noise.log_calibrations(self.state.calibration)
+            before = self.place.state.calibration
+            after = before + step * here
+            gain = self.noise.log_calibrations(after)
+            gain = gain - self.noise.log_calibrations(before)
+            state = replace(self.place.state, calibration=after)
             x = self.x + step * self._answer(here[self.noise.instrument])
-            if self._moved(x, self.point, self.log_factor, other, float(gain.sum())):
-                self.state = other
+            self._move(x, self.place._replace(state=state), float(gain.sum()))
 
     def _step(self, width: float) -> float:
         """A step of the logarithm of a factor, small or as large as its ``width``."""
@@ -349,102 +339,90 @@ class Chain:
         pattern = self._patterns[self.rng.integers(len(self._patterns))]
         key = self.choice, self.complete, here.tobytes()
         if key not in pattern.answers:
-            axes, parts = self._rotated(pattern.point)
-            factor = np.exp(pattern.log_factor) * self.noise.factor(pattern.state)
-            slope = self.noise.white(pattern.state, factor[:, None] * parts)
-            pull = algebra.product(
-                axes,
-                algebra.product(
-                    slope.T,
-                    self.noise.white(
-                        pattern.state, np.where(here, self.problem.values, 0.0)
-                    ),
-                ),
-            )
+            axes, _ = self._rotated(pattern.place.point)
+            slope, _ = self._slopes(pattern.place)
+            values = np.where(here, self.problem.values, 0.0)
+            white = self.noise.white(pattern.place.state, values)
+            pull = algebra.product(axes, algebra.product(slope.T, white))
             factor = self._factor(pattern)
             half = algebra.forward(factor, (pattern.positive * pull)[:, None])
             pattern.answers[key] = -kernels.solved(factor, half.T)[0]
         return pattern.answers[key]
 
-    def _moved(
-        self, x: np.ndarray, point: int, log_factor: float, state: State, gain: float
-    ) -> bool:
-        """Move the density to ``x`` (n,) as the rest changes; ``gain`` of the prior of the rest."""
-        gain += self._misfit(self.x, self.point, self.log_factor, self.state)
-        gain += self._log_prior(x) - self._log_prior(self.x)
-        taken = bool(
-            np.log(self.rng.random()) < gain - self._misfit(x, point, log_factor, state)
+    def _move(self, x: np.ndarray, place: Place, gain: float) -> None:
+        """Move to the density ``x`` (n,) and ``place``, or stay; ``gain`` is that of the prior of the place."""
+        gain += self._misfit(self.x, self.place)
+        after, before = (
+            float(self._log_priors(one, np.array([self.choice]))[0])
+            for one in (x, self.x)
         )
-        if taken:
-            self.x = x
-        return taken
+        gain += after - before
+        if np.log(self.rng.random()) < gain - self._misfit(x, place):
+            self.x, self.place = x, place
 
     # -- unknown scalars ----------------------------------------------------------------------------------------------
 
     def _moved_scalars(self) -> None:
         """Move along the grid of scalars, with the density shifted by whole nodes, and the common factor with it."""
-        unknowns, rng = self.problem.unknowns, self.rng
+        unknowns, rng, point = self.problem.unknowns, self.rng, self.place.point
+        everywhere = np.ones(self.problem.values.size, dtype=bool)
         if unknowns.axes:
             steps = int(rng.choice([-1, 1]) * rng.choice(STEPS))
-            other = unknowns.moved(
-                self.point, int(rng.integers(len(unknowns.axes))), steps
-            )
+            axis = int(rng.integers(len(unknowns.axes)))
+            other = unknowns.moved(point, axis, steps)
             if other is not None:
-                if (
-                    rng.random() < 0.5
-                ):  # sites react at other energies, or more of them everywhere
+                # sites react at other energies, or more of them everywhere
+                if rng.random() < 0.5:
                     x = np.roll(self.x, int(rng.integers(-SHIFT, SHIFT + 1)))
                 else:
-                    x = self.x + (
-                        self._levels[other] - self._levels[self.point]
-                    ) * self._answer(self._everywhere)
-                gain = float(
-                    unknowns.log_priors[other] - unknowns.log_priors[self.point]
-                )
-                if self._moved(x, other, self.log_factor, self.state, gain):
-                    self.point = other
+                    rise = self._levels[other] - self._levels[point]
+                    x = self.x + rise * self._answer(everywhere)
+                gain = unknowns.log_priors[other] - unknowns.log_priors[point]
+                self._move(x, self.place._replace(point=other), float(gain))
         if unknowns.factor is not None:
+            low, high = unknowns.factor
             step = self._step(0.5)
-            factor = self.log_factor + step
-            if unknowns.factor[0] <= factor <= unknowns.factor[1]:
+            factor = self.place.log_factor + step
+            if low <= factor <= high:
                 # the density falls as the factor rises, or stays
-                x = self.x + step * self._answer(self._everywhere) * (
-                    rng.random() < 0.7
-                )
-                if self._moved(x, self.point, factor, self.state, 0.0):
-                    self.log_factor = factor
-
-    @cached_property
-    def _everywhere(self) -> np.ndarray:
-        """(m,) all points."""
-        return np.ones(self.problem.values.size, dtype=bool)
+                fall = step * self._answer(everywhere) * (rng.random() < 0.7)
+                self._move(self.x + fall, self.place._replace(log_factor=factor), 0.0)
 
     @cached_property
     def _levels(self) -> np.ndarray:
         """(g,) logarithms of the sum of all values under a uniform density, at each point of the grid."""
         return np.log(np.maximum(self.problem.matrices.sum(axis=(1, 2)), 1e-300))
 
-    def _log_prior(self, x: np.ndarray) -> float:
-        choice = np.array([self.choice])
-        return float(
-            kernels.log_priors(x, LEVEL, choice, *self.problem.prior.precisions)[0]
-        )
+    def _log_priors(self, x: np.ndarray, choices: np.ndarray) -> np.ndarray:
+        return kernels.log_priors(x, LEVEL, choices, *self.problem.prior.precisions)
 
 
 @dataclass(frozen=True, eq=False)
 class Samples:
     """What sampling gives."""
 
-    #: (S, n) densities, (S,) points of the grid of scalars, (S,) factors
+    #: (S, n) densities, and where they were
     densities: np.ndarray
-    points: np.ndarray
-    factors: np.ndarray
-    #: (S,) errors
-    states: list[State]
+    places: list[Place]
     #: least effective number of samples and largest R-hat over the nodes watched, and sweeps of each chain
     effective: float
     r_hat: float
     sweeps: int
+
+    @cached_property
+    def points(self) -> np.ndarray:
+        """(S,) of the grid of scalars."""
+        return np.array([place.point for place in self.places])
+
+    @cached_property
+    def factors(self) -> np.ndarray:
+        """(S,) common factors."""
+        return np.array([float(np.exp(place.log_factor)) for place in self.places])
+
+    @property
+    def states(self) -> list[State]:
+        """(S,) errors."""
+        return [place.state for place in self.places]
 
     @property
     def scales(self) -> np.ndarray:
@@ -466,26 +444,19 @@ class Samples:
         """The typical errors: points weigh by the mean of their precision."""
         precision = np.mean([state.inflation**-2.0 for state in self.states], axis=0)
         time = float(np.mean([state.log_time for state in self.states]))
-        calibration = np.log(self.calibrations).mean(axis=0)
-        return State(
-            np.exp(np.log(self.scales).mean(axis=0)), precision**-0.5, calibration, time
+        scales, calibration = (
+            np.log(factors).mean(axis=0) for factors in (self.scales, self.calibrations)
         )
+        return State(np.exp(scales), precision**-0.5, calibration, time)
 
     def fitted(self, problem: Problem) -> np.ndarray:
         """(S, m) values of each sample, before the calibration."""
-        values = (
-            problem.offsets[self.points]
-            + np.einsum(
-                "smn,sn->sm",
-                problem.matrices[self.points],
-                self.densities,
-                optimize=False,
-            )
-            if len(problem.matrices) > 1
-            else problem.offsets[0]
-            + algebra.product(self.densities, problem.matrices[0].T)
-        )
-        return self.factors[:, None] * values
+        if len(problem.matrices) == 1:
+            values = algebra.product(self.densities, problem.matrices[0].T)
+        else:
+            matrices = problem.matrices[self.points]
+            values = np.einsum("smn,sn->sm", matrices, self.densities, optimize=False)
+        return self.factors[:, None] * (problem.offsets[self.points] + values)
 
 
 def sample(
@@ -517,45 +488,33 @@ def sample(
     while True:
         if progress:
             progress(warm + done, total)
-        more = min(more, sweeps - done) if done else more
         processors.in_order(
             lambda number, more=more: chains[number].run(more), CHAINS, workers, None
         )
         done += more
-        kept = np.linspace(0, done - 1, each).round().astype(int)
-        every = np.stack([np.array(chain.densities) for chain in chains])
-        effective, ratio = convergence(every[:, :, watched] if watched.any() else every)
-        if not problem.likelihood.fixed:
+        densities = np.stack([np.array(chain.densities) for chain in chains])
+        found = [convergence(densities[:, :, watched] if watched.any() else densities)]
+        if not problem.noise.fixed:
             errors = np.array(
-                [
-                    [
-                        [*np.log(state.scales), *state.calibration]
-                        for state in chain.states
-                    ]
-                    for chain in chains
-                ]
+                [[_errors(at) for at in chain.places] for chain in chains]
             )
-            for column in range(errors.shape[2]):
-                own = convergence(errors[:, :, column : column + 1])
-                effective, ratio = min(effective, own[0]), max(ratio, own[1])
+            columns = np.split(errors, errors.shape[2], axis=2)
+            found += [convergence(column) for column in columns]
+        effective, ratio = min(ess for ess, _ in found), max(off for _, off in found)
         if (effective >= ENOUGH and ratio <= AGREED) or done >= sweeps:
             break
-        more = done // 2
-    effective = min(effective, float(CHAINS * each))
+        more = min(done // 2, sweeps - done)
     if progress:
         progress(total, total)
-    points = np.concatenate([np.array(chain.points)[kept] for chain in chains])
-    factors = np.concatenate([np.array(chain.factors)[kept] for chain in chains])
-    states = [chain.states[number] for chain in chains for number in kept]
-    return Samples(
-        every[:, kept].reshape(CHAINS * each, -1),
-        points,
-        factors,
-        states,
-        effective,
-        ratio,
-        done,
-    )
+    kept = np.linspace(0, done - 1, each).round().astype(int)
+    places = [chain.places[number] for chain in chains for number in kept]
+    size = CHAINS * each
+    densities = densities[:, kept].reshape(size, -1)
+    return Samples(densities, places, min(effective, float(size)), ratio, done)
+
+
+def _errors(place: Place) -> list[float]:
+    return [*np.log(place.state.scales), *place.state.calibration]
 
 
 def convergence(chains: np.ndarray) -> tuple[float, float]:

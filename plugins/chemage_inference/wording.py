@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -23,9 +23,6 @@ from chemage_inference.shape import (
     trend,
     unresolved,
 )
-
-if TYPE_CHECKING:
-    pass
 
 #: (name, text)
 Rows = list[tuple[str, str]]

@@ -3,22 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
-from chemage_li2018 import published
-from chemage_li2018.published import PublishedNumber
+from chemage_li2018.published import NUMBERS, ROWS, TABLE_1, PublishedNumber
 from chemage_li2018.shapes import ScalingLaw
-from chemage_li2018.sweeps import (
-    LOAD,
-    RADIUS,
-    SLOPE,
-    Mean,
-    PointSet,
-    Studies,
-    front,
-    mean,
-)
+from chemage_li2018.sweeps import Mean, Studies, mean
 
 CALIBRATED = "calibrated"
 PREDICTED = "predicted"
@@ -112,60 +102,16 @@ def lines(studies: Studies, targets: Sequence[str]) -> list[Line]:
     """Compare the published numbers of ``targets`` with those of the computed ``studies``."""
     found = []
     for target in targets:
-        for quantity, paper, points, name in _numbers(studies, target):
-            ours = mean(points.of(name))
-            found.append(
-                Line(
-                    target,
-                    quantity,
-                    PublishedNumber.of(paper),
-                    ours,
-                    calibrated=target == "fig3",
-                )
-            )
+        for number in NUMBERS.get(target, ()):
+            paper = PublishedNumber.of(number["paper"])
+            points = studies[number["study"]].at_options(number["at"])
+            ours = mean(points.of(number["value"]))
+            calibrated = target == "fig3"
+            found.append(Line(target, number["quantity"], paper, ours, calibrated))
+        for row in TABLE_1 if target in ROWS else ():
+            group = studies["table"].by_row()[row]
+            for quantity, text, value in ROWS[target]:
+                paper = PublishedNumber.of(text.format_map(row._asdict()))
+                name = quantity.format(name=row.name)
+                found.append(Line(target, name, paper, mean(group.of(value))))
     return found
-
-
-def _numbers(studies: Studies, target: str) -> Iterable[tuple[str, str, PointSet, str]]:
-    """What is published, as it is printed; and the points that have it, in the summary by a name."""
-    if target == "kappa":
-        by_load = studies["loads"].by_load()
-        for load, paper in published.AREA_FRACTION.items():
-            yield f"A/A0 at {load:g} µN", paper, by_load[load], "area_fraction"
-        yield "κ at 20 µN, h' = 0.1", published.KAPPA, by_load[20.0], "kappa"
-        for row, points in studies["table"].by_row().items():
-            yield f"κ, Table 1 {row.name}", published.KAPPA_ROWS, points, "kappa"
-    elif target == "table1":
-        for row, points in studies["table"].by_row().items():
-            yield f"N_p, {row.name}", row.patches, points, "patches"
-            yield (
-                f"C/A (1/nm), {row.name}",
-                row.perimeter_to_area,
-                points,
-                "perimeter_to_area",
-            )
-    elif target == "fig3":
-        for volume, points in studies["slopes"].by_volume().items():
-            for slope, group in points.by(SLOPE).items():
-                yield (
-                    f"β, h' = {slope:g}, ΔV = {volume:g} Å³",
-                    f"{published.BETA[volume][slope]:.2f}",
-                    group,
-                    "beta",
-                )
-    elif target == "fig6":
-        yield (
-            "β, h' = 0.4, half hydroxylated, front",
-            published.FIG_6_BETA,
-            front(studies, 0.5),
-            "beta",
-        )
-    elif target == "tips":
-        for (radius, load), group in studies["tips"].by(RADIUS, LOAD).items():
-            if load in published.TIP_BETA:
-                yield (
-                    f"β of a tip at {load:g} nN, radius {radius:g} nm",
-                    published.TIP_BETA[load],
-                    group,
-                    "beta",
-                )

@@ -97,8 +97,6 @@ class DensityStudy:
     """What the study found."""
 
     size: Size
-    #: covariance of ln β between surfaces, (6, 6)
-    surface: np.ndarray
     prior: DensityPrior
     #: (N, windows, methods)
     weight: np.ndarray
@@ -114,17 +112,16 @@ class DensityStudy:
 
 def compute(rates: DensityCurves, size: Size) -> DensityStudy:
     """Weigh the draws of every family, and age the members on every surface."""
-    search = size.surfaces[: size.search]
     references = rates.curves("error model", [TRIANGLE, RATES_ALONE], size.surfaces)
     every = np.stack([Reported.of(curves).beta for curves in references])
     surface = np.mean([np.cov(beta[:, OURS].T) for beta in every], axis=0)
     # what the surfaces of the search lack to the mean over all of them, which hardly depends on the density
     shift = (every.mean(axis=1) - every[:, : size.search].mean(axis=1)).mean(axis=0)
     emulators = [_emulated(rates, size, family) for family in FAMILIES]
-    prior = DensityPrior.of(emulators, shift)
     # our own mean has the error of its surfaces as well
     surface = surface * (1 + 1 / len(size.surfaces))
-    weight = prior.posterior(PAPER, surface)
+    prior = DensityPrior.of(emulators, surface, shift)
+    weight = prior.posterior(PAPER)
     chosen = _members(prior, weight)
     barriers = [prior.barriers(at) for at in chosen]
     aged = rates.curves("members", barriers, size.surfaces)
@@ -136,14 +133,13 @@ def compute(rates: DensityCurves, size: Size) -> DensityStudy:
     emulators = _emulated(rates, size, FREE_END), Emulator(FREE_END, parameters, tip)
     return DensityStudy(
         size,
-        surface,
         prior,
         weight,
         _density("triangle", TRIANGLE, references[0], surface),
         _density("rates alone", RATES_ALONE, references[1], surface),
         [_density(*row, surface) for row in zip(names, barriers, aged, strict=True)],
         prior.reported.beta[chosen, OURS, :6],
-        _held(rates, size, search, prior, surface, shift),
+        _held(rates, size, prior, shift),
         _tips(rates, *emulators, surface, shift),
     )
 
@@ -185,33 +181,32 @@ def _density(
 def _held(
     rates: DensityCurves,
     size: Size,
-    search: tuple[int, ...],
     prior: DensityPrior,
-    surface: np.ndarray,
     shift: np.ndarray,
 ) -> np.ndarray:
     """Calibrate to rates of known densities, and compare β under conditions without a rate with the computed one."""
     rng = np.random.default_rng(27)
     within = np.exp(prior.log_weight)
     truths = rng.choice(len(within), size.cases, p=within / within.sum())
-    curves = rates.curves(
-        "synthetic", [prior.barriers(at) for at in truths], search, (*FITTED, *UNUSED)
-    ).mean(axis=1)
-    computed = Reported.of(curves)
+    barriers = [prior.barriers(at) for at in truths]
+    search = size.surfaces[: size.search]
+    curves = rates.curves("synthetic", barriers, search, (*FITTED, *UNUSED))
+    computed = Reported.of(curves.mean(axis=1))
     held = []
     for case in range(size.cases):
         window = rng.integers(len(fit.WINDOWS))
         method = fit.METHODS[rng.integers(len(fit.METHODS))]
         beta = computed.beta[case, window, :6] + shift[window]
         beta = np.exp(
-            rng.multivariate_normal(beta, surface) + method * rng.standard_normal(6)
+            rng.multivariate_normal(beta, prior.surface)
+            + method * rng.standard_normal(6)
         )
         published = Reported(
             np.log(np.maximum(beta.round(2), fit.ROUNDING)),
             computed.onsets[case, window] + fit.ONSET_ERROR * rng.standard_normal(2),
             computed.crossing[case] + fit.CROSSING_ERROR * rng.standard_normal(1),
         )
-        members = _members(prior, prior.posterior(published, surface))
+        members = _members(prior, prior.posterior(published))
         ours = prior.reported.beta[members, OURS, 6:]
         true = computed.beta[case, OURS, 6:]
         held.append((ours.min(axis=0) <= true) & (true <= ours.max(axis=0)))
@@ -231,8 +226,8 @@ def _tips(
     shift: np.ndarray,
 ) -> Tips:
     """Fit a density whose lower end is free to the rough contacts, to a tip, and to both."""
-    prior = DensityPrior.of([rough], shift)
-    with_method = prior.chi_squared(PAPER, surface, 0.04)
+    prior = DensityPrior.of([rough], surface, shift)
+    with_method = prior.chi_squared(0.04)
     of_rough = (with_method + prior.reported.misfit_of_times(PAPER)).min(axis=1)
     _, of_tip = _growth(tip(np.array(prior.parameters))[:, 0])
     best = [int(np.argmin(misfit)) for misfit in (of_rough, of_tip, of_rough + of_tip)]

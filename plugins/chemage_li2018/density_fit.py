@@ -21,13 +21,14 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import RBFInterpolator
 from scipy.stats import qmc
 
 import chemage
 from chemage_li2018 import shapes
 from chemage_li2018.density_rates import TIMES
-from chemage_li2018.published import BETA, SLOPES
+from chemage_li2018.published import BETA
 
 #: eV
 LOWER, UPPER = 0.8, 1.4
@@ -221,11 +222,8 @@ class Reported(NamedTuple):
         crossing = np.log(shapes.last_positive(TIMES, curves[:, 2] - curves[:, 0]))
         half = 0.5 * beta[:, :, [1, 4]]
         steep = np.gradient(curves[:, None, [1, 4]], _X, axis=-1)
-        onsets = np.log(
-            shapes.first_reaching(
-                TIMES, np.broadcast_to(steep, (*half.shape, TIMES.size)), half
-            )
-        )
+        steep = np.broadcast_to(steep, (*half.shape, TIMES.size))
+        onsets = np.log(shapes.first_reaching(TIMES, steep, half))
         return cls(np.log(np.maximum(beta, 1e-12)), onsets, crossing[:, None])
 
 
@@ -236,7 +234,7 @@ def slope(curves: np.ndarray, window: tuple[float, float]) -> np.ndarray:
     return curves[..., inside] @ x / (x @ x)
 
 
-PUBLISHED = np.array([BETA[volume][slope] for volume in (6.4, 0.0) for slope in SLOPES])
+PUBLISHED = np.array(BETA)
 #: the order of the slopes reverses between 1 and 10 s; the regime starts at about 1 s with ΔV and 10 s without
 PAPER = Reported(np.log(PUBLISHED), np.log([1.0, 10.0]), np.log([10**0.5]))
 #: two standard deviations are 1 to 10 s
@@ -260,37 +258,30 @@ class Emulator:
 
     def __call__(self, parameters: np.ndarray) -> np.ndarray:
         """Δμ at parameters (p, k), (p, conditions, m)."""
-        return self._of(self.parameters, self.curves, parameters)
-
-    def _of(
-        self, known: np.ndarray, curves: np.ndarray, parameters: np.ndarray
-    ) -> np.ndarray:
         low, high = np.array(self.family.bounds).T
-        values = curves.reshape(len(curves), -1)
+        known, wanted = (
+            (each - low) / (high - low) for each in (self.parameters, parameters)
+        )
+        values = self.curves.reshape(len(known), -1)
+        degree = 2 if len(low) > 1 else 1
         surface = RBFInterpolator(
-            (known - low) / (high - low),
-            values,
-            kernel="cubic",
-            degree=2 if len(low) > 1 else 1,
-            smoothing=1e-4,
+            known, values, kernel="cubic", degree=degree, smoothing=1e-4
         )
-        return surface((parameters - low) / (high - low)).reshape(
-            len(parameters), *curves.shape[1:]
-        )
+        return surface(wanted).reshape(len(wanted), *self.curves.shape[1:])
 
     @property
     def error(self) -> np.ndarray:
         """Covariance (6, 6) of ln β of :data:`FITTED`, each computed density against those of all others."""
         rest = []
         for at in range(len(self.parameters)):
-            others = np.arange(len(self.parameters)) != at
-            curves = self._of(
-                self.parameters[others], self.curves[others], self.parameters[[at]]
+            one = [at]
+            parameters, curves = (
+                np.delete(every, at, axis=0) for every in (self.parameters, self.curves)
             )
-            both = Reported.of(np.concatenate([curves, self.curves[[at]]])).beta[
-                :, :, :6
-            ]
-            rest.append(both[0] - both[1])
+            others = Emulator(self.family, parameters, curves)
+            both = np.concatenate([others(self.parameters[one]), self.curves[one]])
+            beta = Reported.of(both).beta[:, :, :6]
+            rest.append(beta[0] - beta[1])
         every = np.concatenate(rest)
         return every.T @ every / len(every)
 
@@ -306,69 +297,69 @@ class DensityPrior:
     reported: Reported
     #: ln of the prior weight by the published range, (N,)
     log_weight: np.ndarray
-    #: error of the interpolation, (families, 6, 6)
-    errors: np.ndarray
+    #: covariance of ln β between surfaces, (6, 6), and with the error of the interpolation, (N, 6, 6)
+    surface: np.ndarray
+    covariance: np.ndarray
 
     @classmethod
     def of(
-        cls, emulators: Sequence[Emulator], shift: np.ndarray, count: int = 1 << 12
+        cls,
+        emulators: Sequence[Emulator],
+        surface: np.ndarray,
+        shift: np.ndarray,
+        count: int = 1 << 12,
     ) -> DensityPrior:
-        """Draw from families; ``shift`` (windows, 6) is what ln β lacks to the mean over all surfaces."""
-        families = [emulator.family for emulator in emulators]
-        parameters = [family.design(count, seed=11) for family in families]
-        parts = [
-            Reported.of(emulator(values))
-            for emulator, values in zip(emulators, parameters, strict=True)
-        ]
-        reported = Reported(
-            *(np.concatenate(columns) for columns in zip(*parts, strict=True))
-        )
-        reported.beta[:, :, :6] += shift
-        every = [
-            family.nodes(*row)
-            for family, rows in zip(families, parameters, strict=True)
-            for row in rows
-        ]
+        """Draw from families.
+
+        ``shift`` (windows, 6) is what ln β lacks to the mean over all surfaces, and ``surface`` (6, 6) its covariance
+        between these.
+        """
+        parameters, reported, weights, covariance = [], [], [], []
+        for emulator in emulators:
+            family = emulator.family
+            rows = family.design(count, seed=11)
+            parameters += list(rows)
+            reported.append(Reported.of(emulator(rows)))
+            weights += [range_weight(family.nodes(*row)) for row in rows]
+            covariance.append(surface + emulator.error)
+        together = Reported(*map(np.concatenate, zip(*reported, strict=True)))
+        together.beta[:, :, :6] += shift
         return cls(
-            families,
-            np.repeat(np.arange(len(families)), count),
-            [row for rows in parameters for row in rows],
-            reported,
-            np.array([range_weight(nodes) for nodes in every]),
-            np.array([emulator.error for emulator in emulators]),
+            [emulator.family for emulator in emulators],
+            np.repeat(np.arange(len(emulators)), count),
+            parameters,
+            together,
+            np.array(weights),
+            surface,
+            np.repeat(covariance, count, axis=0),
         )
 
     def barriers(self, at: int) -> chemage.plugin.Barriers:
         """Make the barriers of a draw."""
         return self.families[self.family[at]].barriers(self.parameters[at])
 
-    def chi_squared(
-        self, paper: Reported, surface: np.ndarray, method: float
-    ) -> np.ndarray:
-        """χ² of six rates over each window, (N, windows)."""
-        errors = covariance(surface, np.exp(paper.beta), method) + self.errors
-        return self.reported.chi_squared(paper, errors[self.family])
+    def chi_squared(self, method: float) -> np.ndarray:
+        """χ² of six rates of the paper over each window, (N, windows)."""
+        errors = covariance(self.covariance, PUBLISHED, method)
+        return self.reported.chi_squared(PAPER, errors)
 
-    def log_likelihood(self, paper: Reported, surface: np.ndarray) -> np.ndarray:
+    def log_likelihood(self, paper: Reported) -> np.ndarray:
         """ln of the likelihood of every draw, (N, windows, methods); see :meth:`Reported.log_likelihood`."""
-        return self.reported.log_likelihood(paper, (surface + self.errors)[self.family])
+        return self.reported.log_likelihood(paper, self.covariance)
 
-    def posterior(self, paper: Reported, surface: np.ndarray) -> np.ndarray:
+    def posterior(self, paper: Reported) -> np.ndarray:
         """Weights that sum to 1, (N, windows, methods)."""
-        log = self.log_likelihood(paper, surface) + self.log_weight[:, None, None]
+        log = self.log_likelihood(paper) + self.log_weight[:, None, None]
         weight = np.exp(log - log.max())
         return weight / weight.sum()
 
 
 def range_weight(nodes: Nodes) -> float:
     """ln of the prior weight of a density: whether both ends of the published range have some barriers."""
-    energies, weights = (np.array(column, dtype=float) for column in nodes)
-    grid = np.unique(np.concatenate([energies, [LOWER + END, UPPER - END]]))
-    values = np.interp(grid, energies, weights)
-    below = np.concatenate(
-        [[0.0], np.cumsum(0.5 * np.diff(grid) * (values[1:] + values[:-1]))]
-    )
-    low, high = np.interp([LOWER + END, UPPER - END], grid, below) / below[-1]
+    ends = [LOWER + END, UPPER - END]
+    grid = np.unique([*nodes[0], *ends])
+    below = cumulative_trapezoid(np.interp(grid, *nodes), grid, initial=0)
+    low, high = np.interp(ends, grid, below) / below[-1]
     shares = np.maximum([low, 1 - high], 1e-6)
     return float(-0.5 * np.sum((2 * np.minimum(0.0, np.log2(shares / SHARE))) ** 2))
 
@@ -406,10 +397,8 @@ def spanning(
     least, most = np.full(scaled.shape[1], np.inf), np.full(scaled.shape[1], -np.inf)
     chosen = [int(np.searchsorted(candidates, first))]
     while len(chosen) < count:
-        least, most = (
-            np.minimum(least, scaled[chosen[-1]]),
-            np.maximum(most, scaled[chosen[-1]]),
-        )
+        least = np.minimum(least, scaled[chosen[-1]])
+        most = np.maximum(most, scaled[chosen[-1]])
         miss = (
             np.minimum(least, scaled) ** 2 + (np.maximum(most, scaled) - 1) ** 2
         ).sum(axis=1)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from chemage.plugin import StoreError, figures, preflight, progress, write_file
 from chemage_li2018 import density_fit as fit
@@ -31,19 +33,20 @@ _WINDOWS = [f"{first:g} to {last:g} s" for first, last in WINDOWS]
 def _families(study: DensityStudy) -> list[list[str]]:
     """Rows of the table of families."""
     prior, of_draws = study.prior, study.weight.sum(axis=(1, 2))
-    chi = prior.chi_squared(fit.PAPER, study.surface, fit.METHODS[0])
+    chi = prior.chi_squared(fit.METHODS[0])
     times = prior.reported.misfit_of_times(fit.PAPER)
     rows = []
     for number, family in enumerate(prior.families):
         draws = np.flatnonzero(prior.family == number)
         at = int(draws[np.argmax(of_draws[draws])])
         window = int(np.argmax(study.weight[at].sum(axis=1)))
+        error = np.diag(prior.covariance[at] - prior.surface)
         rows.append(
             [
                 family.name,
                 family.named(prior.parameters[at]),
                 f"{of_draws[draws].sum():.3f}",
-                f"{100 * np.sqrt(np.diag(prior.errors[number])).max():.1f}",
+                f"{100 * np.sqrt(error).max():.1f}",
                 f"{chi[at, window]:.1f} ({_WINDOWS[window]})",
                 f"{times[at, window]:.1f}",
                 *prior.reported.times(at, window),
@@ -55,7 +58,7 @@ def _families(study: DensityStudy) -> list[list[str]]:
 
 def frontier(study: DensityStudy) -> tuple[np.ndarray, np.ndarray]:
     """Misfit of the times, increasing, and the least χ² of the rates (error of the method 1 %) up to it."""
-    chi = study.prior.chi_squared(fit.PAPER, study.surface, fit.METHODS[0]).ravel()
+    chi = study.prior.chi_squared(fit.METHODS[0]).ravel()
     times = study.prior.reported.misfit_of_times(fit.PAPER).ravel()
     order = np.argsort(times)
     return times[order], np.minimum.accumulate(chi[order])
@@ -72,27 +75,22 @@ def write_study(out: Path, *, quick: bool = False, force: bool = False) -> list[
         A file exists and ``force`` is false, or ``out`` cannot be written.
     """
     draw = {"density-densities": densities_figure, "density-trade": trade_figure}
-    texts = ["barrier_density.md", "md_silica_barriers.csv"]
+    text, table = out / "barrier_density.md", out / "md_silica_barriers.csv"
+    pictures = out / "figures"
     try:
-        (out / "figures").mkdir(parents=True, exist_ok=True)
+        pictures.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise StoreError(f"cannot make the folder {out}: {error.strerror}") from error
-    for name in (*texts, *(f"figures/{name}.png" for name in draw)):
-        preflight(out / name, force=force)
+    for path in (text, table, *(pictures / f"{name}.png" for name in draw)):
+        preflight(path, force=force)
     size = QUICK if quick else Size()
     with progress.progress_bars() as report:
         study = compute(DensityCurves(out / "rates", report, size.pixels), size)
-    write_file(out / texts[0], page(study), force=force)
-    write_file(
-        out / texts[1],
-        densities_csv([density.barriers for density in study.members]),
-        force=force,
-    )
+    write_file(text, page(study), force=force)
+    barriers = [density.barriers for density in study.members]
+    write_file(table, densities_csv(barriers), force=force)
     drawn = {name: make(study) for name, make in draw.items()}
-    return [
-        *(out / name for name in texts),
-        *figures.save_figures(drawn, out / "figures", force=force),
-    ]
+    return [text, table, *figures.save_figures(drawn, pictures, force=force)]
 
 
 def page(study: DensityStudy) -> str:
@@ -101,10 +99,9 @@ def page(study: DensityStudy) -> str:
     alone, of_draws = study.tips.misfit, study.weight.sum(axis=(1, 2))
     low, high = np.exp(fit.interval(study.prior.reported.beta[:, OURS, :6], of_draws))
     # ln of the likelihood: of the rates alone, and where 95 % of the weight ends
-    likelihood = study.prior.log_likelihood(fit.PAPER, study.surface).max(axis=(1, 2))
-    rates_alone = study.rates_alone.reported.log_likelihood(
-        fit.PAPER, study.surface
-    ).max()
+    likelihood = study.prior.log_likelihood(fit.PAPER).max(axis=(1, 2))
+    surface = study.prior.surface
+    rates_alone = study.rates_alone.reported.log_likelihood(fit.PAPER, surface).max()
     order = np.argsort(-likelihood)
     end = likelihood[order[np.searchsorted(np.cumsum(of_draws[order]), 0.95)]]
     times, chi = frontier(study)
@@ -133,98 +130,59 @@ def page(study: DensityStudy) -> str:
         frontier=[
             (level, chi[at]) for level, at in zip(_LEVELS, last, strict=True) if at >= 0
         ],
-        surface=np.sqrt(np.diag(study.surface))[:3],
+        surface=np.sqrt(np.diag(surface))[:3],
         interpolation=float(np.sqrt(np.mean((study.interpolated - np.log(beta)) ** 2))),
         conflict=float(alone[2].sum() - alone[0, 0] - alone[1, 1]),
     )
 
 
-def _drawn(study: DensityStudy) -> list[tuple[Density, dict[str, Any]]]:
-    grey = {"color": figures.GREY, "lw": 0.7, "alpha": 0.7}
-    every: list[tuple[Density, dict[str, Any]]] = [
-        (density, grey) for density in study.members[1:]
-    ]
-    every.append(
-        (
-            study.triangle,
-            {
-                "color": figures.BLUE,
-                "lw": 1.3,
-                "ls": "--",
-                "label": "triangle, peak 1.1 eV",
-            },
-        )
-    )
-    every.append(
-        (
-            study.rates_alone,
-            {"color": figures.BLACK, "lw": 1.3, "ls": ":", "label": "rates alone"},
-        )
-    )
-    every.append(
-        (
-            study.members[0],
-            {"color": figures.ORANGE, "lw": 2.0, "label": "least misfit (member 0)"},
-        )
-    )
-    return every
+def _drawn(study: DensityStudy) -> Iterator[tuple[Density, dict[str, Any]]]:
+    """The densities that are drawn, with their looks: the members, two earlier ones, and that of least misfit."""
+    for density in study.members[1:]:
+        yield density, {"color": figures.GREY, "lw": 0.7}
+    yield study.triangle, {"color": figures.BLUE, "label": "triangle, peak 1.1 eV"}
+    yield study.rates_alone, {"color": figures.BLACK, "label": "rates alone"}
+    best = {"color": figures.ORANGE, "label": "least misfit (member 0)"}
+    yield study.members[0], best
 
 
 def densities_figure(study: DensityStudy) -> Figure:
     """Draw the members, the density of least misfit, and earlier ones; and the share of barriers below an energy."""
-    figure, (left, right) = figures.panels(9.6, 3.8, 2, dpi=110)
+    figure, axes = figures.panels(9.6, 3.8, 2, dpi=110)
+    left, right = axes
     energies = np.linspace(0.78, 1.42, 1281)
     for density, style in _drawn(study):
         values = density.barriers.density(energies)
-        share = np.concatenate(
-            [[0], np.cumsum(0.5 * np.diff(energies) * (values[1:] + values[:-1]))]
-        )
         left.plot(energies, values, **style)
+        share = cumulative_trapezoid(values, energies, initial=0)
         right.plot(energies, share, **style)
-    for axes in (left, right):
-        axes.axvspan(0.83, 1.01, color=figures.GREY, alpha=0.12, lw=0)
-        axes.set(xlabel="intrinsic barrier (eV)", xlim=(0.78, 1.42))
+    for panel in axes:
+        panel.axvspan(0.83, 1.01, color=figures.GREY, alpha=0.12)
+        panel.set(xlabel="intrinsic barrier (eV)", xlim=(0.78, 1.42))
     left.set(ylabel="density (1/eV)", ylim=(0, 6))
     right.set(ylabel="share of barriers below", ylim=(0, 1.02))
-    right.legend(frameon=False, fontsize=8, loc="lower right")
+    figures.legend(right, fontsize=8, loc="lower right")
     return figure
 
 
 def trade_figure(study: DensityStudy) -> Figure:
     """Draw the least χ² of the rates against the misfit of the times; and the deviations of the six rates."""
     figure, (left, right) = figures.panels(9.6, 3.8, 2, dpi=110)
-    times, chi = frontier(study)
-    left.plot(times, chi, color=figures.GREY, label="least of all densities")
+    left.plot(*frontier(study), color=figures.GREY, label="least of all densities")
     where = np.arange(6)
     for density, style in _drawn(study):
-        mark = {key: value for key, value in style.items() if key not in ("lw", "ls")}
-        left.plot([density.times], [density.rates.min()], "o", ms=4, **mark)
-        right.plot(where, 100 * (density.beta / PUBLISHED - 1), "o", ms=4, **mark)
-    left.set(
-        xlabel="misfit of the times (χ²)",
-        ylabel="χ² of the six rates",
-        xscale="log",
-        yscale="log",
-        xlim=(0.3, 60),
-    )
-    left.legend(frameon=False, fontsize=7)
-    right.errorbar(
-        where,
-        0 * where,
-        yerr=100 * fit.ROUNDING / PUBLISHED,
-        color=figures.BLACK,
-        ls="none",
-        capsize=4,
-    )
-    right.set_xticks(
-        where,
-        [
-            f"h' = {slope:g}\n{volume}"
-            for volume in ("6.4 Å³", "ΔV = 0")
-            for slope in SLOPES
-        ],
-    )
-    right.tick_params(axis="x", labelsize=7)
+        left.plot([density.times], [density.rates.min()], "o", **style)
+        right.plot(where, 100 * (density.beta / PUBLISHED - 1), "o", **style)
+    left.set(xlabel="misfit of the times (χ²)", ylabel="χ² of the six rates")
+    left.set(xscale="log", yscale="log", xlim=(0.3, 60))
+    figures.legend(left, fontsize=7)
+    rounding = 100 * fit.ROUNDING / PUBLISHED
+    right.errorbar(where, 0 * where, rounding, color=figures.BLACK, ls="none")
+    names = [
+        f"h' = {slope:g}\n{volume}"
+        for volume, slope in product(("6.4 Å³", "ΔV = 0"), SLOPES)
+    ]
+    right.set_xticks(where, names, fontsize=7)
     right.set(ylabel="β (10 to 10⁴ s) − published (%)")
     return figure
 
@@ -251,11 +209,8 @@ def densities_csv(members: Sequence[chemage.plugin.Barriers]) -> str:
     lines = [HEADER.format(last=len(members) - 1) + "member,energy,density"]
     for number, barriers in enumerate(members):
         given: Any = barriers
-        energies = np.array(given.energies, dtype=float)
-        weights = np.array(given.weights, dtype=float)
+        energies, weights = np.array([given.energies, given.weights], dtype=float)
         density = weights / (0.5 * np.diff(energies) @ (weights[1:] + weights[:-1]))
-        lines += [
-            f"{number},{energy:.6g},{value:.6g}"
-            for energy, value in zip(energies, density, strict=True)
-        ]
+        rows = zip(energies, density, strict=True)
+        lines += [f"{number},{energy:.6g},{value:.6g}" for energy, value in rows]
     return "\n".join(lines) + "\n"

@@ -8,7 +8,7 @@ and differences between densities have small errors.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -97,30 +97,25 @@ class DensityCurves:
         self,
         stage: str,
         densities: Sequence[chemage.plugin.Barriers],
-        seeds: Iterable[int],
+        seeds: Sequence[int],
         conditions: Sequence[AgeingCondition] = FITTED,
     ) -> np.ndarray:
         """Δμ of every density on every surface under every condition: (densities, seeds, conditions, m).
 
         ``stage`` is the name of the progress bar.
         """
-        seeds = list(seeds)
-        named = repr(
-            ([density.digest() for density in densities], conditions, self.pixels)
-        )
-        key = hashlib.blake2b(named.encode(), digest_size=8).hexdigest()
+        digests = [density.digest() for density in densities]
+        named = repr((digests, conditions, self.pixels)).encode()
+        key = hashlib.blake2b(named, digest_size=8).hexdigest()
         curves = []
         for done, seed in enumerate(seeds):
             self.report(stage, done, len(seeds))
-            path = self.folder / f"curves-{key}-{seed}.h5"
-            drop = _kept(
-                path,
+            kept = self._kept(
+                f"curves-{key}-{seed}.h5",
                 "curves",
-                lambda seed=seed: container.Arrays(
-                    values={"drop": self._of_surface(densities, seed, conditions)}
-                ),
+                lambda seed=seed: self._of_surface(densities, seed, conditions),
             )
-            curves.append(drop.values["drop"])
+            curves.append(kept.values["drop"])
         self.report(stage, len(seeds), len(seeds))
         return np.stack(curves, axis=1)
 
@@ -129,70 +124,62 @@ class DensityCurves:
         densities: Sequence[chemage.plugin.Barriers],
         seed: int,
         conditions: Sequence[AgeingCondition],
-    ) -> np.ndarray:
+    ) -> container.Arrays:
         values = np.zeros((len(densities), len(conditions), TIMES.size))
-        for slope in dict.fromkeys(condition.slope for condition in conditions):
+        slopes = np.array([condition.slope for condition in conditions])
+        for slope in dict.fromkeys(slopes.tolist()):
             scene = self._scene(seed, slope)
-            draws = self._draws(scene, seed, slope)
-            chosen = [
-                at
-                for at, condition in enumerate(conditions)
-                if condition.slope == slope
-            ]
-
-            asked = [conditions[at] for at in chosen]
-            aged = partial(_aged, scene, densities, draws, asked)
-
+            chosen = np.flatnonzero(slopes == slope)
+            asked = [conditions[at] for at in chosen.tolist()]
+            aged = partial(_aged, scene, densities, self._draws(scene, slope), asked)
             values[:, chosen] = threads.in_order(
                 aged, len(densities), threads.available(), None
             )
-        return values
+        return container.Arrays(values={"drop": values})
 
     def _scene(self, seed: int, slope: float) -> Scene:
         data, _ = scene_data("silica-rough" if slope else "silica-afm-tip")
-        changes: dict[str, Any] = (
-            {"surface.seed": seed, "surface.rms_slope": slope} if slope else {}
-        )
-        if slope and self.pixels != 2500:
-            changes |= coarse(self.pixels)
+        changes: dict[str, Any] = {}
+        if slope:
+            changes = {"surface.seed": seed, "surface.rms_slope": slope}
+            changes |= coarse(self.pixels) if self.pixels != 2500 else {}
         return chemage.parse_scene(override(data, changes))
 
-    def _draws(self, scene: Scene, seed: int, slope: float) -> list[_Draw]:
+    def _draws(self, scene: Scene, slope: float) -> list[_Draw]:
         assert scene.chemistry is not None
-        contact = self._contact(scene, seed, slope)
+        contact = self._contact(scene, slope)
         draws = []
         for number in range(1 if slope else TIP_DRAWS):
             disorder = np.random.SeedSequence([number, 0])
             lattice = scene.chemistry.on(contact, disorder)
             uniform = random.uniforms(disorder, random.FORMING, lattice.sites)
             pressure = lattice.pressures(contact).astype(np.float64)
-            draws.append(
-                _Draw(lattice, uniform, pressure, random.CommonSeed([number, 1]))
-            )
+            noise = random.CommonSeed([number, 1])
+            draws.append(_Draw(lattice, uniform, pressure, noise))
         return draws
 
-    def _contact(self, scene: Scene, seed: int, slope: float) -> ContactSolution:
+    def _contact(self, scene: Scene, slope: float) -> ContactSolution:
         """The contact; of rough ones the folder keeps the pressures."""
-        if not slope:
+        seed = scene.surface_seed
+
+        def solve() -> ContactSolution:
             return scene.contact.solve(scene.surface.make(seed), scene.load)
-        path = self.folder / f"contact-{slope:g}-{seed}-{self.pixels}.npz"
-        return _kept(
-            path,
-            "contact",
-            lambda: scene.contact.solve(scene.surface.make(seed), scene.load),
-            compact=True,
-        )
 
+        name = f"contact-{slope:g}-{seed}-{self.pixels}.npz"
+        return self._kept(name, "contact", solve, compact=True) if slope else solve()
 
-def _kept(path: Path, name: str, make: Callable[[], Any], **how: Any) -> Any:
-    """What a file holds, or what is made now and kept in it where the file is missing or damaged."""
-    kinds = {"curves": container.Arrays, "contact": ContactSolution}
-    try:
-        return container.read(path, {name: kinds[name]})[0][name]
-    except StoreError:
-        made = make()
-        container.write(path, {name: made}, force=True, **how)
-        return made
+    def _kept(
+        self, file: str, name: str, make: Callable[[], Any], *, compact: bool = False
+    ) -> Any:
+        """What a file holds, or what is made now and kept in it where the file is missing or damaged."""
+        path = self.folder / file
+        kinds = {"curves": container.Arrays, "contact": ContactSolution}
+        try:
+            return container.read(path, {name: kinds[name]})[0][name]
+        except StoreError:
+            made = make()
+            container.write(path, {name: made}, force=True, compact=compact)
+            return made
 
 
 def _aged(

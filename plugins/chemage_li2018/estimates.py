@@ -11,7 +11,7 @@ from chemage.plugin import FIT_WINDOW
 from chemage_li2018 import published
 from chemage_li2018.claims import STRAIGHT, crossings, onsets
 from chemage_li2018.comparisons import DISAGREES, PREDICTED, Estimate, Line, lines
-from chemage_li2018.published import SLOPES, PublishedNumber
+from chemage_li2018.published import NUMBERS, SLOPES, PublishedNumber
 from chemage_li2018.shapes import Exponent
 from chemage_li2018.sweeps import (
     FRONT,
@@ -130,21 +130,14 @@ class Band(NamedTuple):
 
 def bands(studies: Studies) -> list[Band]:
     """The bands of the β of Fig. 3 and Fig. 6 over the members."""
-    groups = studies["members"].by(VOLUME, SLOPE)
-    conditions = [
-        *((volume, slope) for volume in (WITH_PRESSURE, 0.0) for slope in SLOPES),
-        (WITH_PRESSURE, 0.4),
-    ]
     found = []
-    for line, condition in zip(
-        lines(studies, ["fig3", "fig6"]), conditions, strict=True
-    ):
-        of_members = groups[condition].by(MEMBER)
-        relative = [
-            float(group.beta().mean() / of_members[0].beta().mean() - 1)
-            for group in of_members.values()
-        ]
-        found.append(Band(line, min(relative), max(relative), len(relative)))
+    for target in ("fig3", "fig6"):
+        compared = zip(NUMBERS[target], lines(studies, [target]), strict=True)
+        for number, line in compared:
+            members = studies["members"].at_options(number["at"]).by(MEMBER)
+            beta = [one.value for one in members.means(PointSet.beta).values()]
+            low, high = min(beta) / beta[0] - 1, max(beta) / beta[0] - 1
+            found.append(Band(line, low, high, len(beta)))
     return found
 
 

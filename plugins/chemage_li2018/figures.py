@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from cycler import cycler
 from scipy import ndimage
 
 from chemage.plugin import figures as plots
 from chemage.plugin import theory
 from chemage_li2018 import published
-from chemage_li2018.claims import barrier_moments, morphology
+from chemage_li2018.claims import barrier_moments, centres, morphology
 from chemage_li2018.estimates import variants
+from chemage_li2018.published import TABLE_1
 from chemage_li2018.sweeps import (
     KELVIN,
     LOAD,
@@ -20,6 +23,7 @@ from chemage_li2018.sweeps import (
     SEED,
     SLOPE,
     STRENGTH,
+    Groups,
     PointSet,
     Studies,
     front,
@@ -30,17 +34,24 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-#: size of the text of legends
-SMALL = 7
+BLUE, ORANGE, GREEN, PURPLE, GREY, *_ = plots.PALETTE
 _COLOURS = dict(zip(published.SLOPES, plots.PALETTE, strict=False))
-_TIMES = dict(zip((1.0, 1e3, 1e5), plots.PALETTE, strict=False))
-_BETWEEN_SURFACES = "bars and bands: standard deviation between surfaces"
+_HOLD_TIME: dict[str, Any] = {"xscale": "log", "xlabel": "hold time (s)"}
+#: how all figures look
+_LOOK: dict[Any, Any] = {
+    "axes.prop_cycle": cycler(color=plots.PALETTE),
+    "lines.linewidth": 1,
+    "lines.markersize": 4,
+    "markers.fillstyle": "none",
+    "errorbar.capsize": 2,
+    "axes.titlesize": 9,
+    "legend.fontsize": 7,
+    "legend.frameon": False,
+}
 
-#: name -> what draws the figure into panels, and their columns, rows, width and height (inches)
-_DRAW: dict[
-    str, tuple[Callable[[Sequence[Axes], Studies], None], tuple[int, int, float, float]]
-] = {}
 _Draw = Callable[["Sequence[Axes]", Studies], None]
+#: name -> what draws the figure into panels, and width and height (inches), columns and rows of these
+_DRAW: dict[str, tuple[_Draw, tuple[float, float, int, int]]] = {}
 
 
 def _figure(
@@ -49,68 +60,55 @@ def _figure(
     """Register the figure of the name of a function."""
 
     def registered(draw: _Draw) -> _Draw:
-        _DRAW[draw.__name__] = draw, (columns, rows, width * columns, height * rows)
+        _DRAW[draw.__name__] = draw, (width * columns, height * rows, columns, rows)
         return draw
 
     return registered
 
 
 def drawn(name: str, studies: Studies) -> Figure:
-    """Draw a figure, in which empty panels are left out and labels make legends."""
-    draw, (columns, rows, width, height) = _DRAW[name]
-    figure, axes = plots.panels(width, height, columns, rows, dpi=110)
-    draw(axes, studies)
-    for panel in axes:
-        if panel.get_legend_handles_labels()[0] and panel.get_legend() is None:
-            panel.legend(frameon=False, fontsize=SMALL, title_fontsize=SMALL)
+    """Draw a figure, in which labels make legends."""
+    import matplotlib as mpl
+
+    draw, size = _DRAW[name]
+    with mpl.rc_context(_LOOK):
+        figure, axes = plots.panels(*size, dpi=110)
+        draw(axes, studies)
+        for panel in axes:
+            plots.legend(panel)
     return figure
 
 
-def _spread(values: np.ndarray) -> np.ndarray:
-    """Standard deviation between surfaces, (n, ...) -> (...); 0 for a single one."""
-    return values.std(axis=0, ddof=1) if len(values) > 1 else np.zeros(values.shape[1:])
+def _lettered(axes: Sequence[Axes], letters: str) -> None:
+    for axis, name in zip(axes, letters, strict=True):
+        axis.set_title(f"({name})", loc="left")
 
 
-def _bars(
-    axes: Axes, x: Iterable[float], values: Iterable[np.ndarray], **style: Any
-) -> None:
-    """Draw means over surfaces, of values (n,) each, with the standard deviation between them."""
-    axes.figure.supxlabel(_BETWEEN_SURFACES, fontsize=SMALL)
-    every = list(values)
-    style = {
-        "ms": 3,
-        "lw": 1,
-        "fmt": "o-",
-        "capsize": 2,
-        "elinewidth": 0.8,
-        "color": plots.PALETTE[0],
-        **style,
-    }
-    axes.errorbar(
-        list(x),
-        [one.mean() for one in every],
-        yerr=[_spread(one) for one in every],
-        **style,
-    )
+def _spread(axes: Axes, values: np.ndarray) -> np.ndarray:
+    """Standard deviation between surfaces, (n, ...) -> (...), of which the figure says what it is; 0 for one alone."""
+    note = "bars and bands: standard deviation between surfaces"
+    axes.figure.supxlabel(note, fontsize=7)
+    return values.std(axis=0, ddof=min(1, len(values) - 1))
 
 
-def _band(
-    axes: Axes, x: np.ndarray, values: np.ndarray, *, steps: bool = False, **style: Any
-) -> None:
-    """Draw the mean of curves (n, m) and their standard deviation as a band; ``steps``: of a density between edges."""
-    middle, half = values.mean(axis=0), _spread(values)
-    if steps:
-        axes.stairs(middle, x, **style)
-        x = 0.5 * (x[1:] + x[:-1])
-    else:
-        axes.plot(x, middle, **style)
-    if half.any():
-        step: Any = {"step": "mid"} if steps else {}
-        low = np.maximum(middle - half, 0) if steps else middle - half
-        axes.fill_between(
-            x, low, middle + half, color=style["color"], alpha=0.2, lw=0, **step
-        )
-        axes.figure.supxlabel(_BETWEEN_SURFACES, fontsize=SMALL)
+def _bars(axes: Axes, values: Mapping[Any, np.ndarray], **style: Any) -> None:
+    """Draw means over surfaces, of values (n,) by their places, with the standard deviation between them."""
+    each = values.values()
+    means, spreads = [one.mean() for one in each], [_spread(axes, one) for one in each]
+    axes.errorbar(list(values), means, spreads, **{"fmt": "o-", **style})
+
+
+def _published(axes: Axes, numbers: Mapping[float, float], label: str) -> None:
+    """Draw published numbers by their places."""
+    axes.plot(*zip(*numbers.items(), strict=True), "s", ms=8, color=GREY, label=label)
+
+
+def _band(axes: Axes, x: np.ndarray, values: np.ndarray, **style: Any) -> None:
+    """Draw the mean of curves (n, m) and their standard deviation as a band."""
+    middle, half = values.mean(axis=0), _spread(axes, values)
+    (line,) = axes.plot(x, middle, **style)
+    colour = line.get_color()
+    axes.fill_between(x, middle - half, middle + half, color=colour, alpha=0.2, lw=0)
 
 
 #: observable -> its edges, what it is a density of, and the unit of that
@@ -122,146 +120,96 @@ _DENSITIES = {
 
 def _density(axes: Axes, points: PointSet, name: str, **style: Any) -> None:
     edges, label, unit = _DENSITIES[name]
-    _band(
-        axes, points[0].observables[edges], points.observed(name), steps=True, **style
-    )
-    axes.set(
-        xlabel=f"{label} ({unit})",
-        ylabel=f"density per site (1/{unit})",
-        ylim=(0, None),
-    )
+    x = centres(points[0].observables[edges])
+    _band(axes, x, points.observed(name), **style)
+    axes.set(xlabel=f"{label} ({unit})", ylabel=f"density per site (1/{unit})")
+    axes.set_ylim(0)
 
 
-def _at_times(
-    axes: Axes,
-    x: Iterable[float],
-    groups: Iterable[PointSet],
-    xlabel: str,
-    *,
-    coefficient: bool = False,
-) -> None:
+def _at_times(axes: Axes, groups: Groups, xlabel: str, *, coefficient: bool) -> None:
     """Draw ΔF or Δμ of groups of surfaces at three hold times."""
-    every = list(groups)
-    for time, colour in _TIMES.items():
-        values = [
-            one.coefficient_at(time) if coefficient else one.at(time) / 1000
-            for one in every
-        ]
-        _bars(axes, x, values, color=colour, label=f"{time:g} s")
-    axes.set(xlabel=xlabel, ylabel="Δμ" if coefficient else "ΔF (µN)", ylim=(0, None))
+    for time in (1.0, 1e3, 1e5):
+        found = groups.each(lambda group, time=time: group.coefficient_at(time))
+        if not coefficient:
+            found = groups.each(lambda group, time=time: group.at(time) / 1000)
+        _bars(axes, found, label=f"{time:g} s")
+    axes.set(xlabel=xlabel, ylabel="Δμ" if coefficient else "ΔF (µN)")
+    axes.set_ylim(0)
 
 
 @_figure(3, width=4.8)
 def fig1(axes: Sequence[Axes], studies: Studies) -> None:
     """Draw the heights of the first surface, the contact on it, and a part of the contact."""
+    heights, whole, square = axes
     point = studies["reference"][0]
     contact, scene = point.computed.contact(), point.computed.scene()
-    scene.surface.make(scene.surface_seed).plot(axes[0])
-    _contact(axes[1], contact)
+    scene.surface.make(scene.surface_seed).plot(heights)
+    _contact(whole, contact)
     # the square of an eighth of the width with the most contact
     width = max(8, contact.shape[0] // 8)
-    share = ndimage.uniform_filter(
-        contact.contact.astype(np.float32), width, mode="constant"
-    )
+    touching = contact.contact.astype(np.float32)
+    share = ndimage.uniform_filter(touching, width, mode="constant")
     middle = np.array(np.unravel_index(int(np.argmax(share)), share.shape))
     corner = np.clip(middle - width // 2, 0, np.array(contact.shape) - width)
-    part = contact.pressure[
-        corner[0] : corner[0] + width, corner[1] : corner[1] + width
-    ]
+    first, second = corner
+    part = contact.pressure[first : first + width, second : second + width]
     x, y, size = (contact.pixel_size * pixels for pixels in (*corner, width))
-    plots.draw_map(
-        axes[2],
-        np.ma.masked_equal(part, 0.0),
-        (x, x + size, y, y + size),
-        "pressure (GPa)",
-        cmap="viridis",
-    )
-    axes[1].indicate_inset((x, y, size, size), edgecolor=plots.PALETTE[1], alpha=1)
-    axes[2].set_title("pressure in the square", fontsize=9)
-    axes[0].set_title(f"surface, seed {point.changes[SEED]}", fontsize=9)
-    axes[1].set_title(
-        f"contact at 20 µN, A/A$_0$ = {contact.area_fraction:.4f}", fontsize=9
-    )
+    shown, ends = np.ma.masked_equal(part, 0.0), (x, x + size, y, y + size)
+    plots.draw_map(square, shown, ends, "pressure (GPa)", cmap="viridis")
+    whole.indicate_inset((x, y, size, size), edgecolor=ORANGE, alpha=1)
+    heights.set_title(f"surface, seed {point.changes[SEED]}")
+    whole.set_title(f"contact at 20 µN, A/A$_0$ = {contact.area_fraction:.4f}")
+    square.set_title("pressure in the square")
 
 
 def _contact(axes: Axes, contact: Any) -> None:
     """Draw a contact in black."""
     side = contact.shape[0] * contact.pixel_size
     shown = plots.pooled(contact.contact, np.max, 500)
-    axes.imshow(
-        shown.T,
-        origin="lower",
-        extent=(0, side, 0, side),
-        cmap="binary",
-        interpolation="nearest",
-    )
+    look: Any = {"origin": "lower", "cmap": "binary", "interpolation": "nearest"}
+    axes.imshow(shown.T, extent=(0, side, 0, side), **look)
     axes.set(xticks=(0, 500, 1000), yticks=(0, 500, 1000))
 
 
 @_figure(4, 2, 3.9, 3.4)
 def fig2(axes: Sequence[Axes], studies: Studies) -> None:
     """Draw barriers and pressures at three loads, and ΔF and Δμ against time, load and contact area."""
+    start, drop, coefficient, pressures, *against = axes
     groups = studies["loads"].by_load()
-    for load, colour in zip((20.0, 100.0, 500.0), plots.PALETTE, strict=False):
-        _density(
-            axes[0],
-            groups[load],
-            "barriers_start",
-            color=colour,
-            label=f"E$_{{form}}$(0), {load:g} µN",
-        )
-        _density(axes[3], groups[load], "pressures", color=colour, label=f"{load:g} µN")
-    _intrinsic(axes[0], groups[20.0])
-    axes[3].set(xlim=(0, 8))
-    for (load, group), colour in zip(groups.items(), plots.PALETTE, strict=False):
-        _band(
-            axes[1],
-            group.times,
-            np.maximum(group.drop, 1e-9) / 1000,
-            label=f"{load:g} µN",
-            color=colour,
-            lw=1,
-        )
-        _band(axes[2], group.times, group.coefficient, color=colour, lw=1)
-    axes[1].set(
-        xscale="log",
-        yscale="log",
-        xlabel="hold time (s)",
-        ylabel="ΔF (µN)",
-        ylim=(1e-2, None),
-    )
-    axes[2].set(xscale="log", xlabel="hold time (s)", ylabel="Δμ", ylim=(0, None))
-    area = [group.of("area_fraction").mean() for group in groups.values()]
-    for place, (x, label) in enumerate(
-        ((list(groups), "load (µN)"), (area, "A/A$_0$"))
+    for load in (20.0, 100.0, 500.0):
+        label = f"E$_{{form}}$(0), {load:g} µN"
+        _density(start, groups[load], "barriers_start", label=label)
+        _density(pressures, groups[load], "pressures", label=f"{load:g} µN")
+    _intrinsic(start, groups[20.0])
+    pressures.set(xlim=(0, 8))
+    for load, group in groups.items():
+        values = np.maximum(group.drop, 1e-9) / 1000
+        _band(drop, group.times, values, label=f"{load:g} µN")
+        _band(coefficient, group.times, group.coefficient)
+    drop.set(**_HOLD_TIME, yscale="log", ylabel="ΔF (µN)", ylim=(1e-2, None))
+    coefficient.set(**_HOLD_TIME, ylabel="Δμ", ylim=(0, None))
+    of_area = Groups((g.of("area_fraction").mean(), g) for g in groups.values())
+    places = ((groups, "load (µN)"), (of_area, "A/A$_0$"))
+    for axis, (place, of_load) in zip(
+        against, product(places, (False, True)), strict=True
     ):
-        _at_times(axes[4 + 2 * place], x, groups.values(), label)
-        _at_times(axes[5 + 2 * place], x, groups.values(), label, coefficient=True)
-    for axis, name in zip(axes, "abbcdddd", strict=True):
-        axis.set_title(f"({name})", loc="left", fontsize=10)
+        _at_times(axis, *place, coefficient=of_load)
+    _lettered(axes, "abbcdddd")
 
 
 def _intrinsic(axes: Axes, points: PointSet) -> None:
     """Draw the densities of the intrinsic barriers to forming and to breaking."""
     chemistry = points[0].computed.scene().chemistry
     assert chemistry is not None
+    assert chemistry.breaking is not None
     energy = np.linspace(0.5, 1.5, 1001)
-    forming = chemistry.forming.density(energy)
-    if forming is not None:
-        axes.plot(
-            energy,
-            forming,
-            color=plots.GREY,
-            lw=1.2,
-            ls="--",
-            label="intrinsic, forming",
-        )
-    breaking = (
-        chemistry.breaking.density(energy) if chemistry.breaking is not None else None
+    forming, breaking = (
+        each.density(energy) for each in (chemistry.forming, chemistry.breaking)
     )
-    if breaking is not None:
-        style: dict[str, Any] = {"color": plots.PALETTE[3], "alpha": 0.4, "lw": 0}
-        axes.fill_between(energy, breaking / 5, label="breaking (density / 5)", **style)
+    axes.plot(energy, forming, "--", color=GREY, label="intrinsic, forming")
+    axes.fill_between(
+        energy, breaking / 5, alpha=0.4, color=PURPLE, label="breaking (density / 5)"
+    )
     axes.set(xlabel="barrier (eV)", xlim=(0.5, 1.45), ylim=(0, 6))
 
 
@@ -272,82 +220,42 @@ def fig3(axes: Sequence[Axes], studies: Studies) -> None:
     for line, (volume, points) in enumerate(volumes.items()):
         over_time, *over_area = axes[3 * line : 3 * line + 3]
         title = "ΔV = 6.4 Å$^3$" if volume else "ΔV = 0"
-        for row, of_row in points.by_row().items():
-            for slope, group in of_row.by(SLOPE).items():
-                style: dict[str, Any] = {
-                    "color": _COLOURS[slope],
-                    "marker": row.marker,
-                    "mfc": "none",
-                    "lw": 0.7,
-                }
-                _band(
-                    over_time,
-                    group.times,
-                    group.coefficient,
-                    ms=3.5,
-                    markevery=4,
-                    **style,
-                )
-                area = group.of("area_fraction")
-                for axis, time in zip(over_area, (1.0, 1e3), strict=True):
-                    _bars(
-                        axis,
-                        [area.mean()],
-                        [group.coefficient_at(time)],
-                        xerr=_spread(area),
-                        fmt="",
-                        ms=5,
-                        **style,
-                    )
-        over_time.set(
-            xscale="log",
-            xlabel="hold time (s)",
-            ylabel="Δμ",
-            title=title,
-            ylim=(0, None),
-        )
-        for axis, time in zip(over_area, (1.0, 1e3), strict=True):
-            axis.set(
-                xlabel="A/A$_0$",
-                ylabel="Δμ",
-                title=f"{title}, {time:g} s",
-                xlim=(0, None),
-                ylim=(0, None),
-            )
+        at_times = list(zip(over_area, (1.0, 1e3), strict=True))
+        rows = points.by_row()
+        for row, slope in product(rows, _COLOURS):
+            group = rows[row].by(SLOPE)[slope]
+            style: Any = {"color": _COLOURS[slope], "marker": row.marker}
+            _band(over_time, group.times, group.coefficient, markevery=4, **style)
+            area = group.of("area_fraction")
+            for axis, time in at_times:
+                value = {area.mean(): group.coefficient_at(time)}
+                _bars(axis, value, xerr=_spread(axis, area), fmt="", **style)
+        over_time.set(**_HOLD_TIME, ylabel="Δμ", title=title, ylim=(0, None))
+        for axis, time in at_times:
+            axis.set(xlabel="A/A$_0$", ylabel="Δμ", title=f"{title}, {time:g} s")
+            axis.set(xlim=(0, None), ylim=(0, None))
             axis.locator_params(axis="x", nbins=5)
     # the hold times at which the order of the slopes reverses, larger
     inset = axes[0].inset_axes((0.09, 0.36, 0.38, 0.34))
     for slope, group in volumes[6.4].circle().by(SLOPE).items():
         inside = (group.times >= 0.3) & (group.times <= 30)
-        _band(
-            inset,
-            group.times[inside],
-            group.coefficient[:, inside],
-            color=_COLOURS[slope],
-            lw=1,
-        )
+        _band(inset, group.times[inside], group.coefficient[:, inside])
         axes[0].plot([], [], color=_COLOURS[slope], label=f"h' = {slope:g}")
-    inset.set(xscale="log", ylim=(0, None))
-    inset.set_title("circle", fontsize=SMALL)
-    inset.tick_params(labelsize=6)
-    for row in published.TABLE_1:
-        axes[2].plot(
-            [], [], row.marker, color=plots.GREY, ms=5, mfc="none", label=row.name
-        )
+    inset.set(xscale="log", ylim=(0, None), title="circle")
+    for row in TABLE_1:
+        axes[2].plot([], [], row.marker, color=GREY, label=row.name)
 
 
 @_figure(2)
 def fig4(axes: Sequence[Axes], studies: Studies) -> None:
     """Draw the distributions of local pressure and of E_form(t = 0) at three slopes."""
+    pressures, start = axes
     for slope, group in studies["slopes"].by_volume()[6.4].by(SLOPE).items():
-        _density(
-            axes[0], group, "pressures", color=_COLOURS[slope], label=f"h' = {slope:g}"
-        )
-        _density(axes[1], group, "barriers_start", color=_COLOURS[slope])
-    axes[0].set(xlim=(0, 10))
-    axes[1].set(xlim=(0.3, 1.5))
-    for axis, name in zip(axes, "ab", strict=True):
-        axis.set_title(f"({name})", loc="left", fontsize=10)
+        _density(pressures, group, "pressures", label=f"h' = {slope:g}")
+        _density(start, group, "barriers_start")
+    pressures.set(xlim=(0, 10))
+    start.set(xlim=(0.3, 1.5))
+    _lettered(axes, "ab")
 
 
 @_figure(3, 1, 4.0, 3.6)
@@ -355,30 +263,14 @@ def fig5(axes: Sequence[Axes], studies: Studies) -> None:
     """Draw Δμ·A0/A at 1e3 s against C/A for the rows of Table 1 at three slopes, without ΔV."""
     groups = studies["rows"].by_volume()[0.0].by(SLOPE)
     for axis, (slope, group) in zip(axes, groups.items(), strict=True):
-        for (row, of_row), colour in zip(
-            group.by_row().items(), plots.PALETTE, strict=False
-        ):
-            axis.plot(
-                *morphology(of_row),
-                row.marker,
-                ms=4,
-                mfc="none",
-                mew=0.8,
-                color=colour,
-                label=row.name,
-            )
+        for row, of_row in group.by_row().items():
+            axis.plot(*morphology(of_row), row.marker, label=row.name)
         x, y = morphology(group)
         ends = np.array([x.min(), x.max()])
-        axis.plot(
-            ends,
-            np.polynomial.Polynomial.fit(x, y, 1)(ends),
-            color=plots.GREY,
-            lw=0.8,
-            zorder=0,
-        )
-        axis.set_title(
-            f"h' = {slope:g}, correlation {np.corrcoef(x, y)[0, 1]:.3f}", fontsize=9
-        )
+        line = np.polynomial.Polynomial.fit(x, y, 1)
+        axis.plot(ends, line(ends), color=GREY, zorder=0)
+        straight = np.corrcoef(x, y)[0, 1]
+        axis.set_title(f"h' = {slope:g}, correlation {straight:.3f}")
         axis.set(xlabel="C/A (1/nm)", ylabel="Δμ A$_0$/A at 1e3 s (axis not from 0)")
 
 
@@ -387,104 +279,69 @@ def fig6(axes: Sequence[Axes], studies: Studies) -> None:
     """Draw Δμ against hold time at half hydroxylation, and β by what it depends on, with κ of that contact."""
     left, right = axes
     half = front(studies, 0.5)
-    _bars(left, half.times, half.coefficient.T, lw=1)
-    left.set(xscale="log", xlabel="hold time (s)", ylabel="Δμ")
+    _band(left, half.times, half.coefficient, marker="o")
+    left.set(**_HOLD_TIME, ylabel="Δμ")
     readings = variants(studies)
-    for place, (reading, colour) in enumerate(
-        zip(readings.values(), plots.PALETTE, strict=False)
-    ):
-        right.errorbar(
-            reading.value,
-            -place,
-            xerr=np.nan_to_num(reading.scatter),
-            fmt="o",
-            color=colour,
-            capsize=3,
-        )
-    right.axvline(float(published.FIG_6_BETA), color=plots.GREY, lw=1, ls="--")
+    for place, beta in enumerate(readings.values()):
+        right.errorbar(beta.value, -place, xerr=np.nan_to_num(beta.scatter), fmt="o")
+    right.axvline(published.FIG_6_BETA, color=GREY, ls="--")
     names = [name.replace(" (", "\n(").replace(", ", ",\n", 1) for name in readings]
-    right.set_yticks([-place for place in range(len(readings))], names, fontsize=7)
+    right.set_yticks([-place for place in range(len(names))], names, fontsize=7)
     right.set(xlabel="β", xlim=(0, None))
-    right.set_title(
-        f"dashed: paper, {published.FIG_6_BETA}; κ = {mean(half.of('kappa'))} at h' = 0.4",
-        fontsize=9,
-    )
+    kappas = f"κ = {mean(half.of('kappa'))} at h' = 0.4"
+    right.set_title(f"dashed: paper, {published.FIG_6_BETA}; {kappas}")
 
 
 @_figure(4, 2, 3.0, 3.2)
 def maps(axes: Sequence[Axes], studies: Studies) -> None:
     """Draw the contact of each row of Table 1 on its first surface."""
-    for axis, (row, group) in zip(
-        axes, studies["table"].by_row().items(), strict=False
-    ):
+    *panels, last = axes
+    rows = studies["table"].by_row().items()
+    for axis, (row, group) in zip(panels, rows, strict=True):
         _contact(axis, group[0].computed.contact())
-        axis.set_title(
-            f"{row.name}: H {row.hurst:g}, ζ {row.zeta:g}, η {row.eta:g}", fontsize=8
-        )
+        axis.set_title(f"{row.name}: H {row.hurst:g}, ζ {row.zeta:g}, η {row.eta:g}")
     seed = studies["table"][0].changes[SEED]
-    axes[-1].axis("off")
-    axes[-1].text(
-        0.0,
-        0.5,
-        f"x and y in nm\nh' = 0.05, 20 µN\nsurface seed {seed}\nblack: contact",
-        fontsize=8,
-    )
+    about = f"x and y in nm\nh' = 0.05, 20 µN\nsurface seed {seed}\nblack: contact"
+    last.axis("off")
+    last.text(0.0, 0.5, about)
 
 
 @_figure(1)
 def areas(axes: Sequence[Axes], studies: Studies) -> None:
     """Draw the contact area against load."""
     (plot,) = axes
-    groups = studies["loads"].by_load()
-    _bars(plot, groups, [group.of("area_fraction") for group in groups.values()])
-    paper = {load: float(value) for load, value in published.AREA_FRACTION.items()}
-    plot.plot(
-        list(paper),
-        list(paper.values()),
-        "s",
-        ms=8,
-        mfc="none",
-        color=plots.PALETTE[1],
-        label="paper",
-    )
-    slope = groups[20.0].of("area_fraction").mean() / 20.0
-    plot.plot(
-        [0, 500],
-        [0, 500 * slope],
-        color=plots.GREY,
-        lw=0.8,
-        ls="--",
-        label="proportional to load, from 20 µN",
-    )
+    area = studies["loads"].by_load().each(lambda group: group.of("area_fraction"))
+    _bars(plot, area)
+    paper = published.by_load("kappa", "area_fraction")
+    _published(plot, {at / 1000: area for at, area in paper.items()}, "paper")
+    end = 500 * area[20.0].mean() / 20.0
+    label = "proportional to load, from 20 µN"
+    plot.plot([0, 500], [0, end], "--", color=GREY, label=label)
     plot.set(xlabel="load (µN)", ylabel="A/A$_0$", xlim=(0, None), ylim=(0, None))
 
 
 @_figure(2)
 def barriers(axes: Sequence[Axes], studies: Studies) -> None:
     """Draw the distribution of E_form(t = 0) at every load, and its mean against load."""
+    left, right = axes
     groups = studies["loads"].by_load()
-    for (load, group), colour in zip(groups.items(), plots.PALETTE, strict=False):
-        _density(
-            axes[0], group, "barriers_start", color=colour, label=f"{load:g} µN", lw=0.9
-        )
-    axes[0].set(xlim=(0.5, 1.45))
-    edges = studies["loads"][0].observables["barrier_edges"]
+    for load, group in groups.items():
+        _density(left, group, "barriers_start", label=f"{load:g} µN")
+    left.set(xlim=(0.5, 1.45))
     _bars(
-        axes[1],
-        groups,
-        [
-            barrier_moments(edges, group.observed("barriers_start"))[0]
-            for group in groups.values()
-        ],
+        right,
+        groups.each(
+            lambda group: barrier_moments(group, group.observed("barriers_start"))[0]
+        ),
     )
-    axes[1].set(xlabel="load (µN)", ylabel="mean E$_{form}$(t = 0) (eV)", xscale="log")
+    right.set(xlabel="load (µN)", ylabel="mean E$_{form}$(t = 0) (eV)", xscale="log")
 
 
 @_figure(1)
 def interaction(axes: Sequence[Axes], studies: Studies) -> None:
     """Draw ΔF against the strength of the interaction."""
     groups = studies["interaction"].by(STRENGTH)
-    _at_times(axes[0], groups, groups.values(), "I$_b$ (eV)")
+    _at_times(axes[0], groups, "I$_b$ (eV)", coefficient=False)
 
 
 @_figure(2)
@@ -495,161 +352,87 @@ def table1(axes: Sequence[Axes], studies: Studies) -> None:
         ("perimeter_to_area", "C/A (1/nm)", "linear", (0, 1.1)),
     )
     for panel, (name, label, scale, ends) in zip(axes, panels, strict=True):
-        for (row, group), colour in zip(
-            studies["table"].by_row().items(), plots.PALETTE, strict=False
-        ):
-            style: dict[str, Any] = {
-                "fmt": row.marker,
-                "color": colour,
-                "ms": 6,
-                "mfc": "none",
-                "label": row.name,
-            }
-            _bars(panel, [float(getattr(row, name))], [group.of(name)], **style)
-        panel.plot(ends, ends, color=plots.GREY, lw=0.8, zorder=0)
-        panel.set(
-            xlabel=f"{label}, paper",
-            ylabel=f"{label}, ours",
-            xscale=scale,
-            yscale=scale,
-            xlim=ends,
-            ylim=ends,
-        )
+        for row, group in studies["table"].by_row().items():
+            paper = float(getattr(row, name))
+            _bars(panel, {paper: group.of(name)}, fmt=row.marker, label=row.name)
+        panel.plot(ends, ends, color=GREY, zorder=0)
+        panel.set(xlabel=f"{label}, paper", ylabel=f"{label}, ours")
+        panel.set(xscale=scale, yscale=scale, xlim=ends, ylim=ends)
 
 
 @_figure(3, width=4.3)
 def kappa(axes: Sequence[Axes], studies: Studies) -> None:
     """Draw contact area and κ against load with two theories, and κ of the rows of Table 1 and of Fig. 6."""
     left, middle, right = axes
-    groups = studies["loads"].by_load()
-    # the nominal pressure over modulus and rms slope
-    reduced = {}
-    for load, group in groups.items():
-        summary = group[0].summary
-        reduced[load] = summary["nominal_pressure"] / (
-            summary["modulus"] * summary["rms_slope"]
-        )
-    x = np.array(list(reduced.values()))
+    loads = studies["loads"].by_load()
+    # by the nominal pressure over modulus and rms slope
+    groups = Groups((_reduced_pressure(group), group) for group in loads.values())
     for name, label, marker in (
-        ("area", "pixels in contact", "o"),
-        ("corrected_area", "corrected for pixels", "s"),
+        ("area", "pixels in contact", "o-"),
+        ("corrected_area", "corrected for pixels", "s-"),
     ):
-        share = [group.of(name) / group.of("nominal_area") for group in groups.values()]
-        style: dict[str, Any] = {
-            "fmt": marker,
-            "ms": 4,
-            "mfc": "none" if name == "corrected_area" else None,
-        }
-        _bars(left, x, share, label=label, **style)
-        _bars(
-            middle,
-            x,
-            [one / place for one, place in zip(share, x, strict=True)],
-            **style,
-        )
-    fine = np.linspace(0, x.max() * 1.05, 200)
+        share = groups.each(lambda g, name=name: g.of(name) / g.of("nominal_area"))
+        _bars(left, share, fmt=marker, color=BLUE, label=label)
+        relative = {x: one / x for x, one in share.items()}
+        _bars(middle, relative, fmt=marker, color=BLUE)
+    fine = np.linspace(0, max(groups) * 1.05, 200)
     theories = (
-        ("Persson", theory.persson_area_fraction, np.sqrt(8 / np.pi)),
-        ("Bush, Gibson & Thomas", theory.bgt_area_fraction, np.sqrt(2 * np.pi)),
+        ("Persson", theory.persson_area_fraction, 8 / np.pi, ORANGE),
+        ("Bush, Gibson & Thomas", theory.bgt_area_fraction, 2 * np.pi, GREEN),
     )
-    for (name, area, limit), colour in zip(theories, plots.PALETTE[1:], strict=False):
+    for name, area, limit, colour in theories:
         left.plot(fine, area(fine), color=colour, label=name)
-        middle.axhline(limit, color=colour, lw=0.8)
+        middle.axhline(np.sqrt(limit), color=colour)
     left.set(xlabel="p̄ / (E* h'$_{rms}$)", ylabel="A/A$_0$")
-    middle.plot(
-        reduced[20.0],
-        float(published.KAPPA),
-        "D",
-        color=plots.GREY,
-        ms=5,
-        label="paper, 20 µN",
-    )
+    at = _reduced_pressure(loads[20.0])
+    middle.plot(at, published.KAPPA, "D", color=GREY, label="paper, 20 µN")
     middle.set(xlabel="p̄ / (E* h'$_{rms}$)", ylabel="κ", ylim=(1.4, 3.0))
-    span = published.PublishedNumber.of(published.KAPPA_ROWS)
-    right.axhspan(
-        span.low,
-        span.high,
-        color=plots.GREY,
-        alpha=0.3,
-        lw=0,
-        label=f"paper, {span.text}",
-    )
-    named = {row.name: group for row, group in studies["table"].by_row().items()}
-    named["Fig. 6"] = front(studies, 0.5)
-    _bars(
-        right,
-        range(len(named)),
-        [group.of("kappa") for group in named.values()],
-        fmt="o",
-        ms=4,
-    )
-    right.set_xticks(
-        range(len(named)), list(named), rotation=40, ha="right", fontsize=7
-    )
+    span = published.PublishedNumber.of(published.ROWS["kappa"][0][1])
+    ends = span.low, span.high
+    right.axhspan(*ends, color=GREY, alpha=0.3, label=f"paper, {span.text}")
+    groups = studies["table"].by_row()
+    every = [*groups.values(), front(studies, 0.5)]
+    _bars(right, dict(enumerate(one.of("kappa") for one in every)), fmt="o")
+    names = [*(row.name for row in groups), "Fig. 6"]
+    right.set_xticks(range(len(names)), names, rotation=40, ha="right", fontsize=7)
     right.set(ylabel="κ at 20 µN", ylim=(1.4, 3.0))
+
+
+def _reduced_pressure(points: PointSet) -> float:
+    summary = points[0].summary
+    return summary["nominal_pressure"] / (summary["modulus"] * summary["rms_slope"])
 
 
 @_figure(2, width=4.4)
 def temperature(axes: Sequence[Axes], studies: Studies) -> None:
     """Draw β and ΔF against temperature, of a piece of the rough contact and of a tip."""
-    for name, colour in zip(("rough", "tip"), plots.PALETTE, strict=False):
+    left, right = axes
+    for name in ("rough", "tip"):
         groups = studies[f"warm {name}"].by(KELVIN)
-        _bars(
-            axes[0],
-            groups,
-            [group.beta() for group in groups.values()],
-            color=colour,
-            label=name,
-        )
-        for time, dashes in ((1e2, "--"), (1e4, "-")):
-            drop = [group.at(time) for group in groups.values()]
-            largest = max(values.mean() for values in drop)
-            style = {
-                "fmt": f"o{dashes}",
-                "color": colour,
-                "label": f"{name}, {time:g} s",
-            }
-            _bars(axes[1], groups, [values / largest for values in drop], **style)
-    for panel, label in zip(
-        axes, ("β over 10 to 1e4 s", "ΔF / its largest mean"), strict=True
-    ):
-        panel.axvline(300, color=plots.GREY, lw=0.8, ls=":")
-        panel.set(xlabel="temperature (K)", ylabel=label, ylim=(0, None))
+        _bars(left, groups.each(PointSet.beta), label=name)
+        for time in (1e2, 1e4):
+            drop = groups.each(lambda group, time=time: group.at(time))
+            largest = max(values.mean() for values in drop.values())
+            relative = {kelvin: values / largest for kelvin, values in drop.items()}
+            _bars(right, relative, label=f"{name}, {time:g} s")
+    left.set(ylabel="β over 10 to 1e4 s")
+    right.set(ylabel="ΔF / its largest mean")
+    for panel in axes:
+        panel.axvline(300, color=GREY, ls=":")
+        panel.set(xlabel="temperature (K)", ylim=(0, None))
 
 
 @_figure(2)
 def tips(axes: Sequence[Axes], studies: Studies) -> None:
     """Draw ΔF and β of tips against load, with the published β of atomic force microscopy."""
     left, right = axes
-    for (radius, group), colour in zip(
-        studies["tips"].by(RADIUS).items(), plots.PALETTE, strict=False
-    ):
-        load = group.swept(LOAD)
-        style = {"fmt": "o-", "ms": 3, "lw": 1, "color": colour, "capsize": 2}
-        left.errorbar(
-            load,
-            group.at(1e3),
-            yerr=group.half_width_at(1e3),
-            label=f"R = {radius:g} nm",
-            **style,
-        )
-        right.errorbar(
-            load, group.of("beta"), yerr=group.of("beta_half_width"), **style
-        )
-    paper = {load: float(text) for load, text in published.TIP_BETA.items()}
-    right.plot(
-        list(paper),
-        list(paper.values()),
-        "s",
-        ms=7,
-        mfc="none",
-        color=plots.GREY,
-        label="paper (AFM)",
-    )
-    left.set(
-        xlabel="load (nN)", ylabel="ΔF at 1e3 s (nN)", xlim=(0, None), ylim=(0, None)
-    )
-    left.set_title("bars: 95 % intervals over replicas", fontsize=9)
+    for radius, group in studies["tips"].by(RADIUS).items():
+        load, drop, error = group.swept(LOAD), group.at(1e3), group.half_width_at(1e3)
+        left.errorbar(load, drop, error, fmt="o-", label=f"R = {radius:g} nm")
+        right.errorbar(load, group.of("beta"), group.of("beta_half_width"), fmt="o-")
+    _published(right, published.by_load("tips", "beta"), "paper (AFM)")
+    left.set(xlabel="load (nN)", ylabel="ΔF at 1e3 s (nN)")
+    left.set(xlim=(0, None), ylim=(0, None), title="bars: 95 % intervals over replicas")
     right.set(xlabel="load (nN)", ylabel="β", xscale="log", yscale="log")
 
 

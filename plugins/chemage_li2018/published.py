@@ -67,22 +67,19 @@ class PaperSurface(NamedTuple):
 TABLE_1 = tuple(PaperSurface(**row) for row in DATA["table_1"])
 SLOPES = (0.05, 0.1, 0.2)
 
-#: β at 20 µN against h'_rms, by activation volume in Å³. The paper's caption of Fig. 3 gives the second set to panel
-#: (b); it belongs to panel (d). Printed with two decimals.
-BETA = {
-    6.4: {0.05: 0.89, 0.1: 0.45, 0.2: 0.20},
-    0.0: {0.05: 0.98, 0.1: 0.49, 0.2: 0.24},
-}
-
-#: A/A0 at a load in µN, reference surface, h'_rms = 0.1
-AREA_FRACTION = {20.0: "0.01", 500.0: "0.22"}
-KAPPA = "2.1"
-#: for all rows of Table 1
-KAPPA_ROWS = "2 to 2.3"
-
-#: half hydroxylated, h'_rms = 0.4, detachment-front factor 0.15
-FIG_6_BETA = "0.0087"
-#: of atomic force microscopy, by load in nN
-TIP_BETA = {23.0: "15", 393.0: "1.5"}
+#: target -> its numbers, see reproduction.toml
+NUMBERS: dict[str, list[dict[str, Any]]] = DATA["numbers"]
+#: target -> numbers of each row of Table 1: quantity, what is printed, value
+ROWS: dict[str, list[tuple[str, str, str]]] = DATA["rows"]
+#: of Fig. 3, with ΔV first, and of Fig. 6
+BETA = [float(number["paper"]) for number in NUMBERS["fig3"]]
+FIG_6_BETA = float(NUMBERS["fig6"][0]["paper"])
+KAPPA = float(NUMBERS["kappa"][-1]["paper"])
 #: of macroscopic experiments
 MACROSCOPIC_BETA = "0.01"
+
+
+def by_load(target: str, value: str) -> dict[float, float]:
+    """Published numbers of a target by their load, nN."""
+    found = (number for number in NUMBERS[target] if number["value"] == value)
+    return {number["at"]["contact.load"]: float(number["paper"]) for number in found}

@@ -96,7 +96,7 @@ def page(
         versions=versions,
         common=COMMON,
         equal=EQUAL,
-        fig_6=float(published.FIG_6_BETA),
+        fig_6=published.FIG_6_BETA,
         disagrees=DISAGREES,
         degenerate=DEGENERATE,
         misses=[line for line in results.lines if line.word == DISAGREES],
@@ -108,9 +108,7 @@ def page(
 
 def reason(target: str) -> str:
     """The probable reason for the differences of a target."""
-    (low, first), (high, last) = (
-        (load, float(text)) for load, text in published.TIP_BETA.items()
-    )
+    (low, first), (high, last) = published.by_load("tips", "beta").items()
     bonds = last * high / (first * low)
     share = bonds**-1.5  # (low + adhesion) / (high + adhesion), area ∝ load^(2/3)
     adhesion = (share * high - low) / (1 - share)

@@ -214,8 +214,13 @@ class Exponent(NamedTuple):
         return cls(float(slopes.mean()), float(half))
 
     def within(self, claim: float, distance: float) -> bool:
-        """Whether all of the interval is at most ``distance`` from the claim: close, even if not equal to it."""
-        return abs(self.value - claim) + self.half_width <= distance
+        """Whether all of the interval is at most ``distance`` from the claim: close, even if not equal to it.
+
+        The exponent of a single curve has no interval.
+        """
+        return bool(
+            abs(self.value - claim) + np.nan_to_num(self.half_width) <= distance
+        )
 
     def __str__(self) -> str:
         return f"{self.value:.3f} ± {self.half_width:.3f}"

@@ -8,11 +8,11 @@ from __future__ import annotations
 import io
 import json
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import chain, product, zip_longest
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -28,7 +28,9 @@ from chemage.plugin import (
     text,
     write_file,
 )
-from chemage_li2018.published import DATA, TABLE_1, PaperSurface
+from chemage_li2018.published import DATA, TABLE_1
+
+Value = TypeVar("Value")
 
 #: nm³: 6.4 Å³, and none
 WITH_PRESSURE = 0.0064
@@ -247,22 +249,22 @@ class PointSet(list[StudyPoint]):
         """An observable, (n, k)."""
         return np.array([point.observables[name] for point in self])
 
-    def _index(self, time: float) -> int:
+    def nearest_to(self, time: float) -> int:
         """Index of the hold time nearest to ``time`` (s)."""
         return int(np.argmin(np.abs(np.log(self.times) - np.log(time))))
 
     def at(self, time: float) -> np.ndarray:
         """ΔF at the hold time nearest to ``time`` (s), nN, (n,)."""
-        return self.drop[:, self._index(time)]
+        return self.drop[:, self.nearest_to(time)]
 
     def coefficient_at(self, time: float) -> np.ndarray:
         """Δμ at the hold time nearest to ``time`` (s), (n,)."""
-        return self.coefficient[:, self._index(time)]
+        return self.coefficient[:, self.nearest_to(time)]
 
     def half_width_at(self, time: float) -> np.ndarray:
         """Half the width of the 95 % interval of ΔF over replicas, nN, (n,)."""
         return np.array(
-            [point.friction_drop_half_width[self._index(time)] for point in self]
+            [point.friction_drop_half_width[self.nearest_to(time)] for point in self]
         )
 
     def beta(self, window: tuple[float, float] = FIT_WINDOW) -> np.ndarray:
@@ -272,34 +274,50 @@ class PointSet(list[StudyPoint]):
             np.log10(self.times[inside]), self.coefficient[:, inside].T, 1
         )[0]
 
-    def by(self, *paths: str) -> dict[Any, PointSet]:
+    def by(self, *paths: str) -> Groups:
         """Group the points by their values at ``paths``, in order of appearance; the key of one path is its value."""
-        groups: dict[Any, PointSet] = {}
+        groups = Groups()
         for point in self:
             key = tuple(point.changes[path] for path in paths)
-            groups.setdefault(key if len(paths) > 1 else key[0], PointSet()).append(
-                point
-            )
+            key = key if len(paths) > 1 else key[0]
+            groups.setdefault(key, PointSet()).append(point)
         return groups
 
-    def by_load(self) -> dict[float, PointSet]:
+    def at_options(self, options: dict[str, float]) -> PointSet:
+        """The points with these options: dotted path -> value."""
+        return PointSet(
+            point for point in self if options.items() <= point.changes.items()
+        )
+
+    def by_load(self) -> Groups:
         """Group the points by the load in µN."""
-        return {load / 1000: group for load, group in self.by(LOAD).items()}
+        return Groups((load / 1000, group) for load, group in self.by(LOAD).items())
 
-    def by_volume(self) -> dict[float, PointSet]:
+    def by_volume(self) -> Groups:
         """Group the points by the activation volume in Å³."""
-        return {
-            6.4 if volume else 0.0: group for volume, group in self.by(VOLUME).items()
-        }
+        groups = self.by(VOLUME)
+        return Groups((6.4 if volume else 0.0, groups[volume]) for volume in groups)
 
-    def by_row(self) -> dict[PaperSurface, PointSet]:
+    def by_row(self) -> Groups:
         """Group the points by the rows of Table 1."""
         groups = self.by(*TABLE_1[0].options)
-        return {row: groups[tuple(row.options.values())] for row in TABLE_1}
+        return Groups((row, groups[tuple(row.options.values())]) for row in TABLE_1)
 
     def circle(self) -> PointSet:
         """The points with the roughness of the reference, the first row of Table 1."""
         return self.by_row()[TABLE_1[0]]
+
+
+class Groups(dict[Any, PointSet]):
+    """Points in groups, by what those of a group have in common."""
+
+    def each(self, value: Callable[[PointSet], Value]) -> dict[Any, Value]:
+        """The value of each group, by the same keys."""
+        return {key: value(group) for key, group in self.items()}
+
+    def means(self, value: Callable[[PointSet], np.ndarray]) -> dict[Any, Mean]:
+        """The mean over the surfaces of each group, by the same keys."""
+        return self.each(lambda group: mean(value(group)))
 
 
 Studies = dict[str, PointSet]

@@ -120,13 +120,13 @@ def test_instruments_have_calibrations_of_their_own():
     values = np.where(likelihood.instrument == 0, 1.1, 0.9)
     likelihood = replace(likelihood, stated=np.full(size, 0.02), floors=np.zeros(size))
     made = Problem(
-        Prior(np.array([0.8, 0.85, 0.9])), np.full(3, 0.1), values, np.full(size, 0.02), np.full((1, size, 3), 1 / 3),
-        np.zeros((1, size)), noise=likelihood,
+        Prior(np.array([0.8, 0.85, 0.9])), np.full(3, 0.1), values, likelihood, np.full((1, size, 3), 1 / 3),
+        np.zeros((1, size)),
     )  # fmt: skip
     chain = Chain(made, np.ones(3), np.random.default_rng(1))
     chain.warm(200)
     chain.run(6000)
-    drawn = np.array([state.calibration for state in chain.states])
+    drawn = np.array([place.state.calibration for place in chain.places])
     assert (drawn[:, 0] - drawn[:, 1]).mean() == pytest.approx(np.log(1.1 / 0.9), abs=0.006)
     assert (drawn[:, 0] - drawn[:, 1]).std() == pytest.approx(np.hypot(0.02 / 1.1, 0.02 / 0.9) / 6**0.5, rel=0.15)
     # the prior of the density tells next to nothing of their mean

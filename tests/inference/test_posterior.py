@@ -27,6 +27,7 @@ from chemage_inference.kernels import (
     scaled_erfc,
     solved,
 )
+from chemage_inference.noise import fixed
 from chemage_inference.problem import LEVEL, Data, Hidden, Prior, Problem, Unknowns, redrawn_outside
 from chemage_inference.result import InferenceResult
 from chemage_inference.sampling import Chain, convergence, sample
@@ -128,7 +129,7 @@ def test_the_derivative_contains_the_part_of_the_neighbours(strength):
     found, expected = matrix @ change, (above - below) / (2 * step)
     assert found == pytest.approx(expected, abs=0.02 * np.abs(expected).max())
     # without that part it would be wrong
-    alone = model.without_neighbours() @ change
+    alone = model.without_neighbours @ change
     assert np.abs(alone - expected).max() > 0.2 * np.abs(expected).max()
 
 
@@ -172,7 +173,7 @@ GRID, FIRST = EnergyGrid(0.6, 0.02, 50), 15
 def problem(values=(2.0, 1.0), errors=(0.2, 0.1), nodes=NODES):
     matrix = np.random.default_rng(3).uniform(0.2, 1.0, (1, len(values), nodes.size)) / nodes.size
     areas = np.full(nodes.size, 0.02)
-    return Problem(Prior(nodes), areas, np.array(values), np.array(errors), matrix, np.zeros((1, len(values))))
+    return Problem(Prior(nodes), areas, np.array(values), fixed(np.array(errors)), matrix, np.zeros((1, len(values))))
 
 
 @pytest.mark.parametrize(
@@ -281,7 +282,7 @@ def test_combinations_that_tell_nothing_are_left_out_of_the_lines_only():
     made = problem(values=(2.0, 2.0, 1.0), errors=(0.2, 0.2, 0.1))
     made.matrices[0, 1] = made.matrices[0, 0]
     chain = Chain(made, np.ones(12), np.random.default_rng(0))
-    matrix, target = chain._rows(0, 0.0, False, chain.state)
+    matrix, target = chain._rows(chain.place, False)
     assert matrix.shape == (12, 2)
     x, other = np.linspace(0.1, 2.0, 12), np.linspace(2.0, 0.5, 12)
 
@@ -330,7 +331,7 @@ def test_a_scalar_on_a_grid_moves_to_the_values_that_fit():
     ratio = np.linspace(0.5, 1.5, 11)
     matrices = np.stack([np.stack([np.ones(3), r * np.ones(3)]) / 3 for r in ratio])
     made = Problem(
-        Prior(nodes), np.full(3, 0.02), np.array([2.0, 2.4]), np.array([0.05, 0.05]), matrices, np.zeros((11, 2)),
+        Prior(nodes), np.full(3, 0.02), np.array([2.0, 2.4]), fixed(np.array([0.05, 0.05])), matrices, np.zeros((11, 2)),
         Unknowns({"ratio": ratio}),
     )  # fmt: skip
     found = sample(made, np.full(3, 2.0), samples=600, seed=2)

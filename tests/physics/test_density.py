@@ -97,10 +97,10 @@ def test_curves_between_computed_densities():
 
 def test_the_members_span_what_is_open_and_hold_the_truth():
     """Rates that a known density makes over a window that the fit does not know."""
-    prior = fit.DensityPrior.of([emulator()], np.zeros((5, 6)), 1 << 11)
+    prior = fit.DensityPrior.of([emulator()], SURFACE, np.zeros((5, 6)), 1 << 11)
     truth, window = Reported.of(known(1.1, 0.8)), 3
     paper = Reported(truth.beta[0, window], truth.onsets[0, window], truth.crossing[0])
-    weight = prior.posterior(paper, SURFACE)
+    weight = prior.posterior(paper)
     assert weight.sum() == pytest.approx(1)
     of_draws = weight.sum(axis=(1, 2))
     low, high = fit.interval(prior.reported.predictions(), of_draws)
