@@ -311,8 +311,7 @@ def own_error(map: TradeMap, quantities: Quantities) -> str:
 
 
 def barriers_error(
-    computation: Computation,
-    seeds: tuple[int, int],
+    samples: SampleSeries,
     quantities: Quantities,
     threads: int | None,
     progress: Callable[[int, int], None],
@@ -320,10 +319,10 @@ def barriers_error(
     """(quantities,) relative standard errors that the forming barriers make, and how they are known; zeros and "" where
     their distribution has no members.
 
-    The error is relative and the same for all surfaces, so that one of them, with ``seeds`` of surface and hold, is
-    enough; more surfaces do not make it smaller.
+    The error is relative and the same for all surfaces, so that that of the first sample is enough; more surfaces do not make it smaller.
     """
-    errors, scene = np.zeros(quantities.count), computation.seeded(*seeds)
+    errors = np.zeros(quantities.count)
+    scene = samples.computation.seeded(*samples.seeds(0))
     chemistry = scene.chemistry
     if chemistry is None or not scene.ages or not chemistry.forming.members(1):
         return errors, ""
