@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self, cast
 from pydantic import SerializationInfo, SerializerFunctionWrapHandler, model_serializer
 
 from chemage.foundation import names, ownership
-from chemage.foundation.checks import Frozen, meanings
+from chemage.foundation.checks import Frozen, is_table, meanings
 from chemage.foundation.errors import ChemageError, InputError, PluginError
 from chemage.foundation.outputs import Output, record_by
 from chemage.foundation.ownership import Owned, name_owner
@@ -134,9 +134,7 @@ class Component(Owned, Frozen):
     @classmethod
     def fromdict(cls, fields: Mapping[str, Any]) -> Self:
         """The inverse of :meth:`todict`; :func:`chemage.plugin.fromdict` finds the class by its kind as well."""
-        if not isinstance(fields, Mapping) or not all(
-            isinstance(name, str) for name in fields
-        ):
+        if not is_table(fields):
             raise InputError.of("fields", fields, "is not a table of options by name")
         options = dict(fields)
         kind = options.pop("kind", cls.kind)

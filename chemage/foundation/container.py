@@ -39,10 +39,10 @@ from chemage.foundation.errors import (
 from chemage.foundation.files import (
     DEEPEST,
     LARGEST_DESCRIPTION,
-    create,
-    fresh_file,
     open_file,
+    preflight,
     read_bytes,
+    write_file,
 )
 from chemage.foundation.memory import capacity, readable
 from chemage.foundation.records import Named, Record
@@ -93,21 +93,10 @@ def write(
     StoreError
         ``path`` exists (unless ``force``), or cannot be written; nothing is left behind.
     """
-    arrays = [
-        array for record in parts.values() for array in codec.encode(record)[1].values()
-    ]
-    size = sum(
-        0.02 * array.nbytes if codec.compresses(array) else array.nbytes
-        for array in arrays
-    )
-    with fresh_file(path, force=force, size=size) as part:
-        # made in memory and written at once: HDF5 crashes the process when the disk fills up under it
-        create(
-            part,
-            archive(parts, about or {})
-            if compact
-            else _hdf5(parts, about or {}, derived or {}),
-        )
+    preflight(path, force=force)
+    # made in memory and written at once: HDF5 crashes the process when the disk fills up under it
+    content = archive(parts, about) if compact else _hdf5(parts, about, derived or {})
+    write_file(path, content, force=force)
 
 
 def read(
@@ -383,7 +372,7 @@ def decoding(path: str | os.PathLike[str], part: str = "") -> Iterator[None]:
 
 def _hdf5(
     parts: Mapping[str, Record],
-    about: Mapping[str, Any],
+    about: Mapping[str, Any] | None,
     derived: Mapping[str, codec.Derived],
 ) -> memoryview:
     """A sealed container in the layout of NetCDF-4."""
@@ -402,7 +391,7 @@ def _hdf5(
             "chemage_format": FORMAT,
             "Conventions": "CF-1.8",
         }
-        for name, value in {**header, **about}.items():
+        for name, value in {**header, **(about or {})}.items():
             file.attrs[name] = value
         ends = []
         for name, record in parts.items():

@@ -395,66 +395,43 @@ def check_data(data: Any, most: float = inf) -> None:
     InputError
         Naming the path of what is too deep, too long or too large.
     """
-    for path, item in _walk(data):
-        if isinstance(item, dict):
-            count = len(item)
-        elif isinstance(item, list):
-            count = sum(isinstance(part, dict) for part in item)
-        else:
-            count = 0
-        if count > most:
-            raise InputError(
-                "", [(shortened(path), f"has {count} entries; give at most {most}")]
-            )
-        if isinstance(item, int) and item.bit_length() > MOST_BITS:
-            raise InputError(
-                "",
-                [
-                    (
-                        path,
-                        f"a whole number of more than {MOST_BITS} bits; give a smaller one",
-                    )
-                ],
-            )
-        if isinstance(item, str) and len(item) > LONGEST_TEXT:
-            raise InputError(
-                "",
-                [
-                    (
-                        path,
-                        f"a text of {len(item)} characters; give at most {LONGEST_TEXT}",
-                    )
-                ],
-            )
-
-
-def _walk(data: Any) -> Iterator[tuple[str, Any]]:
     left: list[tuple[str, Any, int]] = [("", data, 0)]
     while left:
         path, item, depth = left.pop()
-        if depth > DEEPEST:
-            raise InputError(
-                "",
-                [
-                    (
-                        shortened(path),
-                        f"is nested more than {DEEPEST} deep; write it flatter",
-                    )
-                ],
-            )
-        yield path, item
+        if problem := _problem(item, depth, most):
+            raise InputError("", [(shortened(path), problem)])
         if isinstance(item, dict):
-            if not all(isinstance(name, str) for name in item):
-                raise InputError("", [(shortened(path), "has names that are no texts")])
-            left += [
-                (f"{path}.{name}".lstrip("."), part, depth + 1)
-                for name, part in item.items()
-            ]
+            inner = item.items()
         elif isinstance(item, list):
-            # numbers are by far the most frequent, and only large ones matter
-            left += [
-                (f"{path}.{number}", part, depth + 1)
-                for number, part in enumerate(item)
-                if not isinstance(part, float)
-                and not (type(part) is int and abs(part) < 2**63)
-            ]
+            inner = enumerate(item)
+        else:
+            continue
+        left += [
+            (f"{path}.{name}".lstrip("."), part, depth + 1)
+            for name, part in inner
+            if not _is_small(part)
+        ]
+
+
+def _is_small(value: Any) -> bool:
+    # numbers are by far the most frequent, and only large ones matter
+    return isinstance(value, float) or (type(value) is int and abs(value) < 2**63)
+
+
+def _problem(item: Any, depth: int, most: float) -> str:
+    if depth > DEEPEST:
+        return f"is nested more than {DEEPEST} deep; write it flatter"
+    count = 0
+    if isinstance(item, dict):
+        count = len(item)
+    elif isinstance(item, list):
+        count = sum(isinstance(part, dict) for part in item)
+    if count > most:
+        return f"has {count} entries; give at most {most}"
+    if isinstance(item, dict) and not all(isinstance(name, str) for name in item):
+        return "has names that are no texts"
+    if isinstance(item, int) and item.bit_length() > MOST_BITS:
+        return f"a whole number of more than {MOST_BITS} bits; give a smaller one"
+    if isinstance(item, str) and len(item) > LONGEST_TEXT:
+        return f"a text of {len(item)} characters; give at most {LONGEST_TEXT}"
+    return ""

@@ -71,11 +71,7 @@ class Output:
 
     def todict(self) -> dict[str, Any]:
         """Plain JSON values."""
-        return {
-            "dims": list(self.dims),
-            "unit": self.unit,
-            "description": self.description,
-        }
+        return {**vars(self), "dims": list(self.dims)}
 
 
 @dataclass(frozen=True)
@@ -227,20 +223,14 @@ def file_problem(name: Any) -> str:
     """Why an output that is not declared cannot be stored under ``name``; "" where it can."""
     if not isinstance(name, str):
         return f"the name {name!r} is not a string"
-    bad = [
-        letter
+    allowed = all(
+        letter not in "/\\" and unicodedata.category(letter)[0] != "C"
         for letter in name
-        if letter in "/\\" or unicodedata.category(letter)[0] == "C"
-    ]
-    if (
-        bad
-        or not name
-        or name != name.strip()
-        or name in (".", "..")
-        or len(name) > 100
-    ):
-        return f"the name {name!r} cannot be that of a variable in a file"
-    return ""
+    )
+    proper = name == name.strip() and name not in ("", ".", "..") and len(name) <= 100
+    if allowed and proper:
+        return ""
+    return f"the name {name!r} cannot be that of a variable in a file"
 
 
 def declaration_problems(outputs: Any) -> list[str]:
@@ -375,13 +365,8 @@ class MeasuredOutput:
         return Curve(*self._declared()).of_replicas(hold_times, self.values, over)
 
     def _declared(self) -> tuple[str, str, str, str, str]:
-        return (
-            f"{RECORDED}{self.name}",
-            self.unit or ONE,
-            self.words,
-            "",
-            self.description,
-        )
+        name = f"{RECORDED}{self.name}"
+        return name, self.unit or ONE, self.words, "", self.description
 
     def row(self) -> tuple[str, str]:
         """Of an array its name, and size, range of values and meaning."""

@@ -50,11 +50,6 @@ ANSWERS = OwnChemistryMethod
 
 
 class _Chemistry(Stage):
-    def model(self) -> Any:
-        from chemage.lattices.chemistry import Chemistry
-
-        return Chemistry
-
     def key_entries(self, sections: Mapping[str, Any]) -> list[Any]:
         own = sections.get(self.section)
         if (

@@ -117,13 +117,13 @@ def record_participation(
     implementation: Any,
     hook: Any,
     record: PluginRecord | None,
-    source: Callable[[], str],
+    source_in_use: Callable[[PluginRecord], str],
 ) -> None:
     """Wrap an implementation of a hook (pluggy's ``HookImpl``) so that its part in an answer is noted, and that is
     checked.
 
-    ``source`` is asked at that moment, because it contains the options then in use. Chemage's own implementation has no
-    ``record`` and takes no part.
+    ``source_in_use`` is asked at that moment, because it contains the options then in use. Chemage's own implementation
+    has no ``record`` and takes no part.
     """
     function = implementation.function
 
@@ -136,6 +136,7 @@ def record_participation(
     if record is None:
         implementation.function = own
         return
+    source = partial(source_in_use, record)
     plugin = _Implementation(implementation, hook, record, source)
     if implementation.hookwrapper:
         implementation.wrapper, implementation.hookwrapper = True, False

@@ -23,6 +23,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import pluggy
 
+from chemage.foundation.errors import imported
 from chemage.foundation.ownership import Owned
 
 #: A plugin module may set ``CHEMAGE_API = 1``; one made for another version is reported and skipped.
@@ -180,12 +181,24 @@ class Stage(Owned):
     of_material: bool = False
     #: the hooks whose implementations take part in it
     hooks: tuple[str, ...] = ()
+    #: ``"module:Class"`` that :meth:`model` gives
+    options: str = ""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "key", self.key or self.makes)
 
     def _title(self) -> str:
         return f"stage {self.section!r}"
+
+    @property
+    def roles(self) -> dict[str, str]:
+        """Section -> role of what stands in it, ``parts`` first; "" where its options are those of :meth:`model`."""
+        return {**self.parts, self.section: self.role}
+
+    @property
+    def entries(self) -> dict[str, Beside]:
+        """``beside`` by path in a scene."""
+        return {f"{self.section}.{name}": entry for name, entry in self.beside.items()}
 
     @property
     def changes(self) -> bool:
@@ -209,7 +222,7 @@ class Stage(Owned):
 
     def model(self) -> Any:
         """The class of its options, where it has no role; None for a table that :meth:`make` reads."""
-        return None
+        return imported(self.options) if self.options else None
 
     def make(self, options: Mapping[str, Any]) -> Any:
         """What the options of its section mean, where there is neither role nor model; raises InputError."""
@@ -235,22 +248,16 @@ class Stage(Owned):
             return {}
         if self.many:
             return {self.section: [*map(options_of, value)]}
-        data = {name: options_of(parts[name]) for name in self.parts if name in parts}
         if hasattr(value, "identity"):
             options = options_of(value)
+        elif hasattr(value, "model_dump"):
+            options = value.model_dump(mode="json", exclude_none=True)
         else:
-            options = (
-                value.model_dump(mode="json", exclude_none=True)
-                if hasattr(value, "model_dump")
-                else dict(value)
-            )
+            options = dict(value)
+        data = {name: options_of(parts[name]) for name in self.parts if name in parts}
+        own = {name: options[name] for name in options if name not in self.parts}
         beside = {name: parts[f"{self.section}.{name}"] for name in self.beside}
-        return data | {
-            self.section: {
-                name: options[name] for name in options if name not in self.parts
-            }
-            | beside
-        }
+        return {**data, self.section: own | beside}
 
     def fault(self, answer: Any, arguments: Mapping[str, Any]) -> str:
         """What contradicts itself in the ``answer`` to its hook, or the ``arguments`` of the call, in words; "" if
@@ -264,7 +271,7 @@ class Stage(Owned):
     def key_entries(self, sections: Mapping[str, Any]) -> list[Any]:
         """What its sections, as plain data, add to its key."""
         if self.always_in_key:
-            return [sections.get(name) for name in (*self.parts, self.section)]
+            return [sections.get(name) for name in self.roles]
         return (
             [{self.section: sections[self.section]}] if self.section in sections else []
         )

@@ -18,19 +18,7 @@ def chemage_materials() -> Mapping[str, str]:  # pyright: ignore[reportReturnTyp
     """Ship materials: ``{name: "package:file.toml"}``; their values fill what a scene does not say."""
 
 
-class _Hold(Stage):
-    def model(self) -> Any:
-        from chemage.scene.scene import Hold
-
-        return Hold
-
-
 class _Fit(Stage):
-    def model(self) -> Any:
-        from chemage.scene.scene import FitWindow
-
-        return FitWindow
-
     def doubts(self, parts: Parts, stated: Stated) -> Iterator[Doubt]:
         from chemage.ageing.fitting import few_hold_times, why_not_fitted
         from chemage.foundation.checks import within
@@ -44,13 +32,6 @@ class _Fit(Stage):
             yield Doubt("fit", f"beta will not be fitted: {reason}")
         elif doubt := few_hold_times(used.size, (used.min(), used.max())):
             yield Doubt("fit", doubt)
-
-
-class _Ensemble(Stage):
-    def model(self) -> Any:
-        from chemage.scene.scene import EnsembleOptions
-
-        return EnsembleOptions
 
 
 class _Accuracy(Stage):
@@ -70,15 +51,22 @@ class _Accuracy(Stage):
 
 
 STAGES = (
-    _Hold(
+    Stage(
         "hold",
+        options="chemage.scene.scene:Hold",
         required_with=("forming", "is required where bonds form"),
         needs="forming",
         inputs=("engine",),
         key="aging",
         always_in_key=True,
     ),
-    _Fit("fit", only_with="hold", key="result", always_in_key=True),
-    _Ensemble("ensemble"),
+    _Fit(
+        "fit",
+        options="chemage.scene.scene:FitWindow",
+        only_with="hold",
+        key="result",
+        always_in_key=True,
+    ),
+    Stage("ensemble", options="chemage.scene.scene:EnsembleOptions"),
     _Accuracy("accuracy"),
 )

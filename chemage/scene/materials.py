@@ -38,9 +38,9 @@ def filled_sections() -> dict[str, str]:
     """Sections of a scene that a material fills -> role of its component; "" for the options of the chemistry."""
     return {
         name: role
-        for stage in registry.current().stages()
+        for stage in registry.stages()
         if stage.of_material
-        for name, role in {**stage.parts, stage.section: stage.role}.items()
+        for name, role in stage.roles.items()
     }
 
 

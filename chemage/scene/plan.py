@@ -158,7 +158,7 @@ class Plan:
 
     def _of_others(self, keys: Sequence[str]) -> float:
         """CPU seconds of the stages in these keys, but for those that contact and ageing state themselves."""
-        stages = [stage for stage in registry.current().stages() if stage.key in keys]
+        stages = [stage for stage in registry.stages() if stage.key in keys]
         own = {"surface", "contact", "engine", "ageing"}
         return sum(
             self._seconds(stage.section) or 0.0
@@ -265,9 +265,7 @@ class Plan:
             With the numbers and the remedy.
         """
         scene, grids, hold = self.scene, self.parts["grids"], self.scene.hold
-        asked = [
-            stage for stage in registry.current().stages() if stage.asked(self.parts)
-        ]
+        asked = [stage for stage in registry.stages() if stage.asked(self.parts)]
         made = {stage.makes for stage in asked if not stage.changes}
         for stage in asked:
             if stage.changes and stage.makes not in made:
@@ -316,7 +314,7 @@ class Plan:
             A part of the scene would refuse it during the run.
         """
         doubts = [Doubt("long", text)] if (text := self._long_run()) else []
-        for stage in registry.current().stages():
+        for stage in registry.stages():
             try:
                 doubts += stage.doubts(self.parts, self.stated)
             except InputError as error:
@@ -361,7 +359,7 @@ class Plan:
         """What is modelled and what is not, in words."""
         scene = self.scene
         rows: dict[str, str] = {}
-        for stage in registry.current().stages():
+        for stage in registry.stages():
             if scene.material and not stage.required:
                 values = ", ".join(
                     f"{value.path} = {value.text}" for value in scene.from_material
@@ -484,7 +482,7 @@ def cost(scene: Scene, *, here: bool = True) -> Plan:
     stated: dict[str, Mapping[str, float]] = {}
     with scene.in_use():
         parts = scene.solved_parts
-        for stage in registry.current().stages():
+        for stage in registry.stages():
             if (
                 stage.section not in parts and stage.section != "ageing"
             ):  # where there is no method, all sites age

@@ -104,12 +104,9 @@ def _recorded(
     """(path, role, plain options with kind) of each component."""
     provenance = aging.provenance if aging is not None else {}
     below = contact or provenance.get("contact") or {}
-    for stage in registry.current().stages():
+    for stage in registry.stages():
         stored = stage.recorded(provenance, below)
-        for section, role in {
-            **stage.parts,
-            **({stage.section: stage.role} if stage.role else {}),
-        }.items():
+        for section, role in stage.roles.items():
             options = scene.get(section) or stored.get(section)
             if stage.many:
                 yield from (
@@ -118,15 +115,8 @@ def _recorded(
                 )
             elif isinstance(options, Mapping) and "kind" in options:
                 beside = stage.beside if scene.get(section) else ()
-                yield (
-                    section,
-                    role,
-                    {
-                        name: value
-                        for name, value in options.items()
-                        if name not in beside
-                    },
-                )
+                own = {k: v for k, v in options.items() if k not in beside}
+                yield section, role, own
 
 
 def _installed(role: str, options: Mapping[str, Any]) -> Component | None:

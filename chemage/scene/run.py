@@ -338,7 +338,7 @@ class Run:
 def _kinds(aging: Aging | None) -> dict[str, str | None]:
     """Section -> kind of the component of each stage of the ageing; None where there is none."""
     kinds: dict[str, str | None] = {}
-    for stage in registry.current().stages():
+    for stage in registry.stages():
         if stage.role and stage.key == "aging" and not stage.many:
             part = aging.provenance.get(stage.section) if aging is not None else None
             kinds[stage.section] = (
@@ -501,7 +501,7 @@ def _needed(
 ) -> list[Stage]:
     """The stages that a scene asks for and that are needed, in the order in which they run."""
     needed: list[Stage] = []
-    for stage in reversed(registry.current().stages()):
+    for stage in reversed(registry.stages()):
         if stage.makes in wanted and stage.makes not in made and stage.asked(parts):
             needed.insert(0, stage)
             wanted.update(stage.taken(parts))

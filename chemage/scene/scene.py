@@ -20,13 +20,7 @@ from operator import attrgetter, methodcaller
 from typing import Any, Self
 
 import numpy as np
-from pydantic import (
-    BaseModel,
-    Field,
-    SerializeAsAny,
-    field_validator,
-    model_validator,
-)
+from pydantic import Field, SerializeAsAny, field_validator, model_validator
 
 from chemage.ageing.fitting import FIT_WINDOW
 from chemage.ageing.methods import AgeingMethod
@@ -255,18 +249,16 @@ class Scene(Section):
     def fields_of(cls, parts: Mapping[str, Any]) -> dict[str, Any]:
         """The fields of a scene with these :attr:`parts`."""
         fields: dict[str, Any] = {"others": {}}
-        for stage in registry.current().stages():
+        for stage in registry.stages():
             if stage.section in parts:
                 place = (
                     fields if stage.section in cls.model_fields else fields["others"]
                 )
                 place[stage.section] = parts[stage.section]
-            paths = {
-                beside.field: f"{stage.section}.{name}"
-                for name, beside in stage.beside.items()
-            }
             fields |= {
-                name: parts[path] for name, path in paths.items() if path in parts
+                beside.field: parts[path]
+                for path, beside in stage.entries.items()
+                if path in parts
             }
         return fields
 
@@ -275,7 +267,7 @@ class Scene(Section):
         """What it says to each stage, as :mod:`chemage.plugins.hooks` has it: ``parts["forming"]`` is a component,
         ``parts["contact.load"]`` a number; what it does not model is not there."""
         parts: dict[str, Any] = {}
-        for stage in registry.current().stages():
+        for stage in registry.stages():
             value = (
                 getattr(self, stage.section)
                 if stage.section in Scene.model_fields
@@ -293,8 +285,8 @@ class Scene(Section):
             }
             parts[stage.section] = value
             parts |= {
-                f"{stage.section}.{name}": getattr(self, beside.field)
-                for name, beside in stage.beside.items()
+                path: getattr(self, beside.field)
+                for path, beside in stage.entries.items()
             }
         return parts
 
@@ -325,30 +317,19 @@ class Scene(Section):
 
     def components(self) -> list[Component]:
         """Every component of the scene, those of the chemistry last."""
-        chemical = {
-            name for stage in registry.current().stages() for name in stage.parts
-        }
+        chemical = {name for stage in registry.stages() for name in stage.parts}
         sections = self.sections()
         return [sections[path] for path in sorted(sections, key=chemical.__contains__)]
 
     def unit(self, path: str) -> str:
         """The unit of the option at ``path``, such as ``contact.load``; "" where it is no quantity."""
+        for stage in registry.stages():
+            if path in stage.entries:
+                return stage.entries[path].unit
         section, _, option = path.rpartition(".")
-        beside = {
-            f"{stage.section}.{name}": entry.unit
-            for stage in registry.current().stages()
-            for name, entry in stage.beside.items()
-        }
-        if path in beside:
-            return beside[path]
-        owner = self.plugins.get(section.removeprefix("plugins.")) or self.parts.get(
-            section
-        )
-        info = (
-            type(owner).model_fields.get(option)
-            if isinstance(owner, BaseModel)
-            else None
-        )
+        plugin = self.plugins.get(section.removeprefix("plugins."))
+        owner = plugin or self.parts.get(section)
+        info = getattr(type(owner), "model_fields", {}).get(option)
         return unit_of(info) if info is not None else ""
 
     def todict(self) -> dict[str, Any]:
@@ -453,7 +434,7 @@ class Scene(Section):
         keys = {key for name in compiled or COMPILED for key in COMPILED[name]}
         with self.in_use():
             parts = self.solved_parts
-            for stage in registry.current().stages():
+            for stage in registry.stages():
                 if stage.key in keys and stage.section in parts:
                     stage.warm_up(parts)
 
@@ -511,7 +492,7 @@ class Scene(Section):
         """
         if not (self.plugins or self.prefer):
             return self.keys()
-        stages, parts = registry.current().stages(), self.parts
+        stages, parts = registry.stages(), self.parts
         extra: dict[str, Any] = {}
         for key in ("surface", "contact", "aging"):
             within = [stage for stage in stages if (stage.key or "aging") == key]
@@ -520,11 +501,7 @@ class Scene(Section):
                 hooks |= {*stage_hooks()} - {
                     hook for stage in stages for hook in stage.hooks
                 }
-            components = [
-                parts.get(name)
-                for stage in within
-                for name in (stage.section, *stage.parts)
-            ]
+            components = [parts.get(name) for stage in within for name in stage.roles]
             names = {*implementing(*sorted(hooks)), *providers(*components)}
             extra[key] = {
                 name: changed
@@ -536,7 +513,7 @@ class Scene(Section):
         return self._keys(extra)
 
     def _keys(self, extra: Mapping[str, Any]) -> dict[str, str]:
-        stages, parts = registry.current().stages(), self.solved_parts
+        stages, parts = registry.stages(), self.solved_parts
         sections = _without_none(_sections(parts, methodcaller("identity")))
         content: dict[str, list[Any]] = {key: [] for key in KEYS}
         for stage in sorted(stages, key=attrgetter("always_in_key"), reverse=True):
@@ -565,7 +542,7 @@ def _sections(
 ) -> dict[str, Any]:
     """Every section that is there, lists of tables last; ``options_of`` gives the options of a component."""
     data: dict[str, Any] = {}
-    for stage in sorted(registry.current().stages(), key=attrgetter("many")):
+    for stage in sorted(registry.stages(), key=attrgetter("many")):
         data |= stage.todict(parts, options_of)
     return data
 

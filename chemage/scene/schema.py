@@ -61,7 +61,7 @@ def scene_schema() -> dict[str, Any]:
         "description": "material that fills what the scene does not say",
     }
     for stage in stages:
-        for section, role in {**stage.parts, stage.section: stage.role}.items():
+        for section, role in stage.roles.items():
             part = by_role.get(role, {"type": "object"})
             if not role:
                 part = (
