@@ -11,7 +11,8 @@ import shlex
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any
+
+from chemage.foundation.aliases import Fields
 
 
 def scenes(incomplete: str) -> list[str]:
@@ -79,7 +80,7 @@ def _beginning(incomplete: str, words: Iterable[str], *patterns: str) -> list[st
     return sorted(word for word in {*words, *found} if word.startswith(incomplete))
 
 
-def _scene() -> Mapping[str, Any]:
+def _scene() -> Fields:
     """The data of the scene on this line, as it is written; empty where there is none."""
     from chemage.plugins import registry
 
@@ -101,7 +102,7 @@ def _scene() -> Mapping[str, Any]:
         return {}
 
 
-def _paths(data: Mapping[str, Any], prefix: str = "") -> list[str]:
+def _paths(data: Fields, prefix: str = "") -> list[str]:
     paths = []
     for name, value in data.items():
         if isinstance(value, Mapping):

@@ -44,6 +44,7 @@ from chemage.cli.output import (
     show_all,
 )
 from chemage.foundation import compiling
+from chemage.foundation.aliases import Data
 from chemage.foundation.progress import (
     loaded,
     loading,
@@ -122,7 +123,7 @@ def run(
                 raise user_error(
                     "--checkpoints is for a single run; a sweep resumes from its own folder"
                 )
-            how: dict[str, Any] = {
+            how: Data = {
                 "yes": yes,
                 "as_json": as_json,
                 "threads": threads,
@@ -153,7 +154,7 @@ def _run_scene(
     out: Path | None,
     *,
     checkpoints: Path | None,
-    where: dict[str, Any],
+    where: Data,
     **how: Any,
 ) -> None:
     """Run one surface of a scene, or the ensemble that it asks for."""
@@ -298,7 +299,7 @@ def sweep(
     values = changed_fields(changes, replicas, seed) | requested_fields(
         accuracy, None, surfaces
     )
-    where: dict[str, Any] = {
+    where: Data = {
         "executor": executor,
         "workers": workers,
         "threads": threads,

@@ -15,6 +15,7 @@ from chemage.cli import output
 from chemage.cli.options import chosen_executor, user_error
 from chemage.cli.output import drawn, preflight_result, result_written
 from chemage.foundation import compiling
+from chemage.foundation.aliases import Data
 from chemage.foundation.errors import ChemageError, printable
 from chemage.foundation.progress import LOGGER, progress_bars, reported
 from chemage.foundation.result import result_of
@@ -131,7 +132,7 @@ def confirm(yes: bool) -> Any:
 def run_sweep(
     scene: str,
     out: Path | None,
-    changes: dict[str, Any],
+    changes: Data,
     *,
     yes: bool,
     as_json: bool,
@@ -170,7 +171,7 @@ def run_sweep(
     _print_whole(result, {**result.status(), "folder": str(folder)}, as_json=as_json)
 
 
-def _print_whole(result: SweepResult, state: dict[str, Any], *, as_json: bool) -> None:
+def _print_whole(result: SweepResult, state: Data, *, as_json: bool) -> None:
     folder = Path(state["folder"])
     tables = {"csv": str(folder / "results.csv"), "hdf5": str(folder / "results.h5")}
     if as_json:
@@ -282,7 +283,7 @@ def _kept(folder: Path) -> str:
 
 def check_sweep(
     scene: str,
-    changes: dict[str, Any],
+    changes: Data,
     *,
     yes: bool,
     as_json: bool,
@@ -382,7 +383,7 @@ def _duration(seconds: float) -> str:
     return f"{seconds / 60:.3g} min" if seconds < 7200 else f"{seconds / 3600:.3g} h"
 
 
-def print_failures(state: dict[str, Any]) -> None:
+def print_failures(state: Data) -> None:
     for failed in state["failures"][:_LISTED]:
         what = f"point {failed['point']} ({listed(failed['changes'])})"
         output.say(f"failed: {what}: {failed['error']}", file=sys.stderr)

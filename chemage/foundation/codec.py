@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
+from chemage.foundation.aliases import Data, Fields
 from chemage.foundation.errors import optional_module
 from chemage.foundation.records import Record
 
@@ -39,15 +40,15 @@ class Derived:
     #: name -> (dimensions of the record, values, unit, meaning)
     variables: Mapping[str, tuple[tuple[str, ...], np.ndarray, str, str]]
     #: name -> number or text
-    attributes: Mapping[str, Any]
+    attributes: Fields
 
 
 # -- values and arrays ------------------------------------------------------------------------------------------------
 
 
-def encode(record: Record) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+def encode(record: Record) -> tuple[Data, dict[str, np.ndarray]]:
     """A record as plain JSON values and arrays by name; a field of named arrays becomes ``field/name``."""
-    values: dict[str, Any] = {}
+    values: Data = {}
     arrays: dict[str, np.ndarray] = {}
     for name, value in record.todict().items():
         if record.is_left_out(name, value):
@@ -65,11 +66,9 @@ def encode(record: Record) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     return values, arrays
 
 
-def decode(
-    cls: type[R], values: Mapping[str, Any], arrays: Mapping[str, np.ndarray]
-) -> R:
+def decode(cls: type[R], values: Fields, arrays: Mapping[str, np.ndarray]) -> R:
     """The inverse of :func:`encode`; fields that are not there take their defaults."""
-    fields: dict[str, Any] = dict(values)
+    fields: Data = dict(values)
     for name, array in arrays.items():
         field, slash, key = name.partition("/")
         if slash:
@@ -113,7 +112,7 @@ def inexact(value: Any) -> Any:
 # -- JSON -------------------------------------------------------------------------------------------------------------
 
 
-def to_json(record: Record) -> dict[str, Any]:
+def to_json(record: Record) -> Data:
     """A record as one JSON object, exact to the last bit: declared arrays as lists, others in base 64."""
     values, arrays = encode(record)
     content = json.loads(json.dumps(exact(values), default=plain))
@@ -130,7 +129,7 @@ def to_json(record: Record) -> dict[str, Any]:
     return content
 
 
-def from_json(cls: type[R], content: Mapping[str, Any]) -> R:
+def from_json(cls: type[R], content: Fields) -> R:
     """The inverse of :func:`to_json`."""
     fields = {
         name: _from_base64(value) if _is_packed(value) else inexact(value)
@@ -147,7 +146,7 @@ def _is_packed(value: Any) -> bool:
     )
 
 
-def _from_base64(items: Mapping[str, Any]) -> dict[str, np.ndarray]:
+def _from_base64(items: Fields) -> dict[str, np.ndarray]:
     return {
         name: np.frombuffer(
             base64.b64decode(item["base64"]), dtype=item["dtype"]
@@ -164,7 +163,7 @@ def write_group(group: Any, hdf5: Any, record: Record) -> None:
     values, arrays = encode(record)
     stored = {*values, *(name.partition("/")[0] for name in arrays)}
     fields = json.dumps({name: name in stored for name in type(record).model_fields})
-    named: dict[str, Any] = {
+    named: Data = {
         "chemage_object": type(record).__name__,
         "digest": record.digest(),
         "fields": fields,
@@ -238,7 +237,7 @@ def _write_array(
             group.dimensions[dim] = length
     if values.dtype == np.bool_:
         values, attributes = values.astype(np.int8), {**attributes, "dtype": "bool"}
-    options: dict[str, Any] = {}
+    options: Data = {}
     if values.ndim == 2 and values.nbytes > _LARGE:
         options["chunks"] = tuple(min(_CHUNK, length) for length in values.shape)
     if compresses(values):
@@ -266,7 +265,7 @@ def write_derived(group: Any, derived: Derived) -> None:
     )
 
 
-def _set_attributes(hdf5: Any, values: Mapping[str, Any]) -> None:
+def _set_attributes(hdf5: Any, values: Fields) -> None:
     """Set attributes of an HDF5 object as h5netcdf does, without its checks, which take longer than the writing."""
     for name, value in values.items():
         hdf5.attrs[name] = value if isinstance(value, str) else np.atleast_1d(value)
@@ -282,7 +281,7 @@ def read_group(group: Any, cls: type[R]) -> R:
     """The inverse of :func:`write_group`; fields that are not there take their defaults."""
     import h5py
 
-    values: dict[str, Any] = {}
+    values: Data = {}
     arrays: dict[str, np.ndarray] = {}
     members, attributes = set(group), set(group.attrs)
     for name, info in cls.model_fields.items():
@@ -372,7 +371,7 @@ def dataset(
 
 
 def frame(
-    columns: dict[str, np.ndarray], index: str, attributes: dict[str, Any]
+    columns: dict[str, np.ndarray], index: str, attributes: Data
 ) -> pandas.DataFrame:
     """Columns of equal length; that of the name ``index`` numbers the rows."""
     pandas = optional_module("pandas", EXTRA)

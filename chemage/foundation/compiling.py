@@ -10,13 +10,14 @@ import pickle
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any
 
 from chemage.foundation import machine
+from chemage.foundation.aliases import Fields
 from chemage.foundation.threads import available, environment
 
 _BOOT = (
@@ -38,8 +39,8 @@ PATIENCE = 60.0
 
 
 def begin(
-    scene: str | Mapping[str, Any],
-    changes: Mapping[str, Any] | None,
+    scene: str | Fields,
+    changes: Fields | None,
     threads: int | None,
 ) -> Helpers:
     """Start the processes that compile what a scene needs, given by name with ``changes``, or as data; none with
@@ -52,9 +53,7 @@ def begin(
 
 
 @contextmanager
-def begun_early(
-    scene: str, changes: Mapping[str, Any], threads: int | None
-) -> Iterator[Helpers]:
+def begun_early(scene: str, changes: Fields, threads: int | None) -> Iterator[Helpers]:
     """Begin to compile what a scene needs while this process still imports what it needs, where nothing is compiled
     yet; yields the processes, which end with the block."""
     helpers = begin(scene, changes, threads) if machine.is_cold() else {}

@@ -22,6 +22,7 @@ from math import inf
 from pathlib import Path
 from typing import IO, Any
 
+from chemage.foundation.aliases import AnyPath
 from chemage.foundation.errors import AbsentError, InputError, StoreError, shortened
 from chemage.foundation.memory import capacity, readable
 
@@ -42,9 +43,7 @@ LARGEST_DESCRIPTION = 1 << 30
 # -- writing ----------------------------------------------------------------------------------------------------------
 
 
-def preflight(
-    path: str | os.PathLike[str], *, force: bool = False, size: float = 0
-) -> Path:
+def preflight(path: AnyPath, *, force: bool = False, size: float = 0) -> Path:
     """Check, before anything is computed, that a result of about ``size`` bytes can be written to ``path``.
 
     Raises
@@ -116,7 +115,7 @@ def _remove_stale(target: Path) -> None:
 
 @contextlib.contextmanager
 def fresh_file(
-    path: str | os.PathLike[str], *, force: bool = False, size: float = 0
+    path: AnyPath, *, force: bool = False, size: float = 0
 ) -> Iterator[Path]:
     """A temporary name beside ``path`` that takes its place when the block ends well, and vanishes otherwise.
 
@@ -145,7 +144,7 @@ def fresh_file(
 
 
 def write_file(
-    path: str | os.PathLike[str],
+    path: AnyPath,
     content: str | bytes | memoryview,
     *,
     force: bool = False,
@@ -261,7 +260,7 @@ def put(part: Path, target: Path, *, over: bool) -> bool:
 
 
 def regular_file(
-    path: str | os.PathLike[str], most: float | None = None, *, links: bool = True
+    path: AnyPath, most: float | None = None, *, links: bool = True
 ) -> os.stat_result:
     """Check that ``path`` is an ordinary file, of at most ``most`` bytes (default: what fits into memory).
 
@@ -278,7 +277,7 @@ def regular_file(
 
 
 def open_file(
-    path: str | os.PathLike[str], most: float | None = None, *, links: bool = True
+    path: AnyPath, most: float | None = None, *, links: bool = True
 ) -> io.BufferedReader:
     """Open an ordinary file for reading, in bytes; arguments and errors as for :func:`regular_file`.
 
@@ -299,7 +298,7 @@ def open_file(
     return stream
 
 
-def _handle(path: str | os.PathLike[str], flags: int, *, links: bool) -> int:
+def _handle(path: AnyPath, flags: int, *, links: bool) -> int:
     """A file, without waiting for the other end of a pipe."""
     optional = [
         "O_NONBLOCK",
@@ -346,14 +345,14 @@ def _checked(status: os.stat_result, shown: str, most: float | None) -> os.stat_
     return status
 
 
-def file_stamp(path: str | os.PathLike[str]) -> FileStamp:
+def file_stamp(path: AnyPath) -> FileStamp:
     """What changes when a file is written to; errors as of :func:`regular_file`."""
     status = regular_file(path)
     return status.st_size, status.st_mtime_ns, status.st_ino, status.st_dev
 
 
 def read_bytes(
-    path: str | os.PathLike[str], most: float | None = None, *, links: bool = True
+    path: AnyPath, most: float | None = None, *, links: bool = True
 ) -> bytes:
     """The content of an ordinary file; arguments and errors as for :func:`regular_file`."""
     with (
@@ -363,7 +362,7 @@ def read_bytes(
         return stream.read()
 
 
-def read_text(path: str | os.PathLike[str], most: float | None = None) -> str:
+def read_text(path: AnyPath, most: float | None = None) -> str:
     """Read a text file of at most ``most`` bytes, in UTF-8 with or without a byte order mark.
 
     Raises

@@ -33,6 +33,7 @@ from pydantic import BeforeValidator, GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic.fields import FieldInfo
 from pydantic_core import core_schema
 
+from chemage.foundation.aliases import Data
 from chemage.foundation.errors import InputError, UnitError, shortened, shown
 
 if TYPE_CHECKING:
@@ -403,7 +404,7 @@ class Unit:
     ) -> None:
         self.unit = unit
         self.wide = wide or unit in ("", "eV")  # barriers are limited by the engines
-        bounds: dict[str, Any] = {"gt": gt, "ge": ge, "lt": lt, "le": le}
+        bounds: Data = {"gt": gt, "ge": ge, "lt": lt, "le": le}
         self._bounds = {
             name: bound for name, bound in bounds.items() if bound is not None
         }
@@ -426,7 +427,7 @@ class Unit:
 
     def __get_pydantic_json_schema__(
         self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
-    ) -> dict[str, Any]:
+    ) -> Data:
         return {**handler(schema), "unit": self.unit}
 
     def __repr__(self) -> str:

@@ -15,6 +15,7 @@ from typing import Any
 
 import pluggy
 
+from chemage.foundation.aliases import Fields
 from chemage.foundation.errors import InputError, PluginError
 from chemage.plugins.hooks import BOTTOM, TOP, Stage
 
@@ -337,16 +338,14 @@ def scene_text(target: str) -> str:
     return resources.files(package).joinpath(name).read_text(encoding="utf-8")
 
 
-def trace_before(hook_name: str, methods: Any, kwargs: Mapping[str, Any]) -> None:
+def trace_before(hook_name: str, methods: Any, kwargs: Fields) -> None:
     print(
         f"chemage hook {hook_name}({', '.join(kwargs)}) -> {[m.plugin_name for m in methods]}",
         file=sys.stderr,
     )
 
 
-def trace_after(
-    outcome: Any, hook_name: str, methods: Any, kwargs: Mapping[str, Any]
-) -> None:
+def trace_after(outcome: Any, hook_name: str, methods: Any, kwargs: Fields) -> None:
     print(f"chemage hook {hook_name} done", file=sys.stderr)
 
 

@@ -28,6 +28,7 @@ from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from chemage.foundation import names, ownership
+from chemage.foundation.aliases import Fields
 from chemage.foundation.errors import (
     InputError,
     PluginError,
@@ -619,16 +620,16 @@ class Registry:
             )
         return imported(self.roles[name])
 
-    def make(self, role: str, kind: str, options: Mapping[str, Any]) -> Any:
+    def make(self, role: str, kind: str, options: Fields) -> Any:
         """The component ``kind`` with ``options``."""
         return self.component(role, kind)(**options)
 
-    def fromdict(self, role: str, fields: Mapping[str, Any]) -> Any:
+    def fromdict(self, role: str, fields: Fields) -> Any:
         """A component from its ``todict()``, which no preference reads otherwise."""
         with context.applied(context.options(), ()):
             return self.fromtable(role, fields)
 
-    def fromtable(self, role: str, fields: Mapping[str, Any]) -> Any:
+    def fromtable(self, role: str, fields: Fields) -> Any:
         """A component from a table with its ``kind`` and options, as a user writes it."""
         if not isinstance(fields, Mapping) or not all(
             isinstance(name, str) for name in fields
@@ -817,7 +818,7 @@ def using(registry: Registry) -> Iterator[Registry]:
         _current = before
 
 
-def fromdict(role: str, fields: Mapping[str, Any]) -> Any:
+def fromdict(role: str, fields: Fields) -> Any:
     """A component from its ``todict()``."""
     return current().fromdict(role, fields)
 

@@ -13,6 +13,7 @@ import numpy as np
 from chemage.ageing.aging import Aging
 from chemage.ageing.display import AgingDisplay
 from chemage.contacts.display import OfContact
+from chemage.foundation.aliases import Data, Fields
 from chemage.foundation.figures import BLACK, plain
 from chemage.foundation.names import __version__
 from chemage.foundation.ownership import in_words
@@ -39,7 +40,7 @@ class PublishedRate(NamedTuple):
     source: str
 
 
-def published(scene: Mapping[str, Any]) -> list[PublishedRate]:
+def published(scene: Fields) -> list[PublishedRate]:
     """List what plugins say was published for a result of ``scene`` (plain data, in internal units)."""
     plugins = registry.current()
     values = []
@@ -62,7 +63,7 @@ def published(scene: Mapping[str, Any]) -> list[PublishedRate]:
     return values
 
 
-def draw_published(axes: Axes, scene: Mapping[str, Any], fit: Fit | None) -> None:
+def draw_published(axes: Axes, scene: Fields, fit: Fit | None) -> None:
     """Draw the published slopes over the hold times of a fit, through the middle of the fitted line."""
     if fit is None or not fit.drawable:
         return
@@ -82,7 +83,7 @@ def draw_published(axes: Axes, scene: Mapping[str, Any], fit: Fit | None) -> Non
         )
 
 
-def _value(scene: Mapping[str, Any], path: str) -> Any:
+def _value(scene: Fields, path: str) -> Any:
     place: Any = scene
     for name in path.split("."):
         place = place.get(name) if isinstance(place, Mapping) else None
@@ -137,7 +138,7 @@ class RunDisplay(Result):
         return heading(self.run.scene)
 
     @property
-    def scene(self) -> Mapping[str, Any]:
+    def scene(self) -> Fields:
         return self.run.scene
 
     @property
@@ -195,7 +196,7 @@ class RunDisplay(Result):
             f"{stage} {seconds:.2f} s" for stage, seconds in self.run.timings.items()
         )
 
-    def numbers(self) -> dict[str, Any]:
+    def numbers(self) -> Data:
         return self.run.summary()
 
     def notes(self) -> list[str]:
@@ -224,10 +225,10 @@ class RunDisplay(Result):
     def cite(self) -> tuple[list[str], str]:
         return list(self.run.cite), self.run.versions.get("chemage", __version__)
 
-    def made_by(self) -> Mapping[str, Any]:
+    def made_by(self) -> Fields:
         return {"scene": self.scene, "aging": self.run.aging}
 
-    def maps(self) -> Mapping[str, Any]:
+    def maps(self) -> Fields:
         return {
             name: whole
             for part in self.parts().values()
@@ -263,7 +264,7 @@ class RunDisplay(Result):
         return replace(self.aging.ageing(), chemistry=chemistry)
 
 
-def options_text(options: Mapping[str, Any]) -> str:
+def options_text(options: Fields) -> str:
     """The options of a section in one line, its kind first."""
     return ", ".join(
         str(value) if name == "kind" else f"{name} {value}"
@@ -271,7 +272,7 @@ def options_text(options: Mapping[str, Any]) -> str:
     )
 
 
-def chemistry_of_scene(scene: Mapping[str, Any], temperature: float) -> dict[str, Any]:
+def chemistry_of_scene(scene: Fields, temperature: float) -> Data:
     """The sections of a scene that determine the kinetics of the sites, and the temperature."""
     sections = ("forming", "breaking", "interaction", "chemistry")
     return {

@@ -13,6 +13,7 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Any, get_args
 
+from chemage.foundation.aliases import Data, Fields
 from chemage.foundation.checks import is_table
 from chemage.foundation.components import Component
 from chemage.foundation.errors import (
@@ -49,7 +50,7 @@ def required_sections() -> list[str]:
     return [stage.section for stage in registry.stages() if stage.required]
 
 
-def parse_scene(data: Mapping[str, Any], source: str = "the scene") -> Scene:
+def parse_scene(data: Fields, source: str = "the scene") -> Scene:
     """A validated scene from plain data (a parsed TOML file); ``[sweep]`` must have been taken out before.
 
     Raises
@@ -66,11 +67,11 @@ def parse_scene(data: Mapping[str, Any], source: str = "the scene") -> Scene:
 class _Parser:
     """Reads one scene, and collects what is wrong."""
 
-    def __init__(self, data: Mapping[str, Any], source: str) -> None:
+    def __init__(self, data: Fields, source: str) -> None:
         self.source = source
         self.problems: list[tuple[str, str]] = []
         #: what stages are given, see chemage.plugins.hooks
-        self.parts: dict[str, Any] = {}
+        self.parts: Data = {}
         if not is_table(data):
             problem = f"{shown(data)} is not a table of sections"
             raise SceneError(source, [("", problem)])
@@ -178,7 +179,7 @@ class _Parser:
         if value is not None:
             self.parts[path] = value
 
-    def _tables(self, names: Sequence[str]) -> dict[str, dict[str, Any]]:
+    def _tables(self, names: Sequence[str]) -> dict[str, Data]:
         tables = {}
         for name in names:
             section = self.data[name]
@@ -207,7 +208,7 @@ class _Parser:
         if components:
             self.parts[name] = tuple(components)
 
-    def _value(self, stage: Stage, options: dict[str, Any]) -> Any:
+    def _value(self, stage: Stage, options: Data) -> Any:
         """The component of a section, or what else its options mean; None where a part is missing, which is noted."""
         if stage.role:
             return _component(stage.role, options)
@@ -250,7 +251,7 @@ class _Parser:
                 self.options[name] = options_for(name, table)
 
 
-def _component(role: str, options: dict[str, Any]) -> Component:
+def _component(role: str, options: Data) -> Component:
     plugins = registry.current()
     kind = options.pop("kind", None)
     if not isinstance(kind, str):
@@ -279,7 +280,7 @@ def installed_text(name: str) -> str:
         ) from error
 
 
-def scene_data(where: str | Path) -> tuple[dict[str, Any], str]:
+def scene_data(where: str | Path) -> tuple[Data, str]:
     """The parsed TOML of a scene file, or of an installed scene by name, and a name for messages.
 
     A relative path (an option that is a :data:`chemage.plugin.FilePath`) in a file starts from the folder of that file.
@@ -288,7 +289,7 @@ def scene_data(where: str | Path) -> tuple[dict[str, Any], str]:
     return (data if folder is None else located(data, folder)), source
 
 
-def _parsed(where: str | Path) -> tuple[dict[str, Any], str, Path | None]:
+def _parsed(where: str | Path) -> tuple[Data, str, Path | None]:
     """The data of a scene as they are written, a name for messages, and the folder of the file."""
     path = Path(where)
     plugins = registry.current()
@@ -314,7 +315,7 @@ def _parsed(where: str | Path) -> tuple[dict[str, Any], str, Path | None]:
     return data, source, folder
 
 
-def _qualify(data: dict[str, Any], brought_by: registry.PluginRecord) -> None:
+def _qualify(data: Data, brought_by: registry.PluginRecord) -> None:
     """Let a kind that several plugins have be that of the plugin whose scene it is."""
     plugins = registry.current()
     for stage in plugins.stages():
@@ -332,7 +333,7 @@ def _qualify(data: dict[str, Any], brought_by: registry.PluginRecord) -> None:
                     table["kind"] = f"{brought_by.owner}:{kind}"
 
 
-def parse_toml(text: str, source: str) -> dict[str, Any]:
+def parse_toml(text: str, source: str) -> Data:
     """The data of a scene in TOML, of a size that can be handled.
 
     Raises
@@ -362,7 +363,7 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
     return data
 
 
-def located(data: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+def located(data: Fields, folder: Path) -> Data:
     """A copy of scene data in which every relative path, also one that is swept, starts from ``folder``.
 
     Paths are known by the type of their option, see :data:`chemage.plugin.FilePath`. An option that a kind
@@ -381,11 +382,9 @@ def located(data: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     return copy
 
 
-def _located_axes(
-    axes: Mapping[str, Any], folder: Path, data: Mapping[str, Any], prefix: str
-) -> dict[str, Any]:
+def _located_axes(axes: Fields, folder: Path, data: Fields, prefix: str) -> Data:
     """Axes of a sweep, nested or dotted, of the scene ``data``."""
-    copy: dict[str, Any] = {}
+    copy: Data = {}
     for name, value in axes.items():
         path = f"{prefix}{name}"
         if path == "zip" and isinstance(value, list):
@@ -404,7 +403,7 @@ def _located_axes(
     return copy
 
 
-def _located_at(path: str, value: Any, folder: Path, data: Mapping[str, Any]) -> Any:
+def _located_at(path: str, value: Any, folder: Path, data: Fields) -> Any:
     """One value of an axis, in the place that it has in its section."""
     section, *options = path.split(".")
     if not isinstance(value, str | Mapping | list):
@@ -478,7 +477,7 @@ def _roles(annotation: Any) -> Iterator[str]:
         yield from _roles(part)
 
 
-def override(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+def override(data: Fields, changes: Fields) -> Data:
     """A copy of scene data with dotted paths set: ``{"surface.rms_slope": 0.2}``; ``None`` removes what is there.
 
     The title goes with the values that it is about: it is left out where others than seeds, replicas and requests are
@@ -547,8 +546,8 @@ def is_sweep(where: str | Path) -> bool:
 
 
 def load_scene(
-    where: Scene | str | Path | Mapping[str, Any],
-    changes: Mapping[str, Any] | None = None,
+    where: Scene | str | Path | Fields,
+    changes: Fields | None = None,
 ) -> Scene:
     """A validated scene from a TOML file, the name of an installed scene, scene data or another scene, with dotted-path
     ``changes`` applied."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from chemage.foundation.aliases import Fields
 from chemage.plugins.hooks import Doubt, Parts, Stage, Stated, hookspec
 
 
@@ -35,12 +36,12 @@ class _Fit(Stage):
 
 
 class _Accuracy(Stage):
-    def make(self, options: Mapping[str, Any]) -> Any:
+    def make(self, options: Fields) -> Any:
         from chemage.scene.scene import accuracies
 
         return accuracies(options)
 
-    def schema(self) -> Mapping[str, Any]:
+    def schema(self) -> Fields:
         numbers = {"type": "number", "exclusiveMinimum": 0, "exclusiveMaximum": 1}
         return {
             "type": "object",

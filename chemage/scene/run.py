@@ -29,6 +29,7 @@ from chemage.ageing.hooks import arguments_of
 from chemage.ageing.replicas import keep, resumed
 from chemage.contacts.role import elasticity_notes
 from chemage.contacts.solution import ContactSolution, ContactStatistics
+from chemage.foundation.aliases import Data, Fields
 from chemage.foundation.codec import EXTRA
 from chemage.foundation.errors import (
     ChemageError,
@@ -94,7 +95,7 @@ class Run:
         The works to cite.
     """
 
-    scene: dict[str, Any]
+    scene: Data
     contact: ContactSolution | ContactStatistics
     surface: Surface | None = None
     aging: Aging | None = None
@@ -194,11 +195,11 @@ class Run:
             (None, "") if self.aging is None else fit_or_reason(self.aging, self.window)
         )
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> Data:
         """One JSON-able object with the numbers users compare; what does not exist is None, as is nan."""
         contact, aging, scatter = self.contact, self.aging, self.scatter
         fit, reason = self._fitted
-        numbers: dict[str, Any] = {
+        numbers: Data = {
             "name": self.name,
             "solver": self.scene["contact"]["kind"],
             **_kinds(aging),
@@ -240,7 +241,7 @@ class Run:
         }
         return jsonable(numbers)
 
-    def _curves(self) -> dict[str, Any]:
+    def _curves(self) -> Data:
         """ΔF and Δμ with their errors; nan where one is not known, and empty without ageing."""
         known = (
             {curve.name: curve for curve in self.aging.curves()}
@@ -311,7 +312,7 @@ class Run:
         return {name: json.dumps(getattr(self, name)) for name in _ATTRIBUTES}
 
     @classmethod
-    def from_parts(cls, parts: Mapping[str, Any], attributes: Mapping[str, Any]) -> Run:
+    def from_parts(cls, parts: Fields, attributes: Fields) -> Run:
         """The inverse of :meth:`parts` and :meth:`attributes`."""
         missing = [name for name in _ATTRIBUTES if name not in attributes]
         contact = parts.get("contact") or parts.get("statistics")
@@ -347,7 +348,7 @@ def _kinds(aging: Aging | None) -> dict[str, str | None]:
     return kinds
 
 
-def _solve(contact: ContactSolution | ContactStatistics) -> dict[str, Any]:
+def _solve(contact: ContactSolution | ContactStatistics) -> Data:
     """How the contact was solved; nothing of that where it was not."""
     if isinstance(contact, ContactStatistics):
         return {"converged": True, "residual": 0.0, "iterations": 0}
@@ -385,7 +386,7 @@ def _is_sound(name: str, value: Any) -> bool:
 
 
 def run(
-    scene: Scene | str | Path | Mapping[str, Any],
+    scene: Scene | str | Path | Fields,
     *,
     progress: Progress | bool | None = None,
     threads: int | None = None,
@@ -436,7 +437,7 @@ def _run(
     members: bool,
 ) -> Run:
     timings: dict[str, float] = {}
-    given: dict[str, Any] = {"surface": surface, "contact": contact}
+    given: Data = {"surface": surface, "contact": contact}
     made = compute_stages(
         scene, ("contact", "aging"), progress, timings, threads, checkpoints, **given
     )
@@ -475,7 +476,7 @@ def compute_stages(
     threads: int | None = None,
     checkpoints: Path | None = None,
     **given: Any,
-) -> dict[str, Any]:
+) -> Data:
     """What the stages of a scene make that are needed for ``wanted`` ("surface", "contact", "aging"), by its name; what
     is ``given`` is not made again, nor changed."""
     made = {name: record for name, record in given.items() if record is not None}
@@ -496,9 +497,7 @@ def compute_stages(
     return made
 
 
-def _needed(
-    parts: Mapping[str, Any], wanted: set[str], made: Collection[str]
-) -> list[Stage]:
+def _needed(parts: Fields, wanted: set[str], made: Collection[str]) -> list[Stage]:
     """The stages that a scene asks for and that are needed, in the order in which they run."""
     needed: list[Stage] = []
     for stage in reversed(registry.stages()):

@@ -29,6 +29,7 @@ from chemage.ageing.replicas import Common
 from chemage.contacts.options import force_text
 from chemage.contacts.role import ContactSolver
 from chemage.contacts.theory import ContactTheory
+from chemage.foundation.aliases import Data, Fields
 from chemage.foundation.checks import Frozen, check_times, hold_times
 from chemage.foundation.components import Component
 from chemage.foundation.errors import ChemageError, InputError, shown
@@ -227,7 +228,7 @@ class Scene(Section):
     """over how many surfaces the answer is a mean; None: the one surface of this scene"""
     accuracy: Mapping[str, float] = {}
     """quantity -> relative half width of its 95 % interval; the answer is a mean over as many surfaces as that needs"""
-    others: Mapping[str, Any] = {}
+    others: Fields = {}
     """components or options of stages that have no field here, by section"""
     plugins: Mapping[str, SerializeAsAny[PluginOptions]] = {}
     """options of plugins, by the name of the plugin"""
@@ -246,9 +247,9 @@ class Scene(Section):
     # -- what it consists of ------------------------------------------------------------------------------------------
 
     @classmethod
-    def fields_of(cls, parts: Mapping[str, Any]) -> dict[str, Any]:
+    def fields_of(cls, parts: Fields) -> Data:
         """The fields of a scene with these :attr:`parts`."""
-        fields: dict[str, Any] = {"others": {}}
+        fields: Data = {"others": {}}
         for stage in registry.stages():
             if stage.section in parts:
                 place = (
@@ -263,10 +264,10 @@ class Scene(Section):
         return fields
 
     @property
-    def parts(self) -> dict[str, Any]:
+    def parts(self) -> Data:
         """What it says to each stage, as :mod:`chemage.plugins.hooks` has it: ``parts["forming"]`` is a component,
         ``parts["contact.load"]`` a number; what it does not model is not there."""
-        parts: dict[str, Any] = {}
+        parts: Data = {}
         for stage in registry.stages():
             value = (
                 getattr(self, stage.section)
@@ -332,9 +333,9 @@ class Scene(Section):
         info = getattr(type(owner), "model_fields", {}).get(option)
         return unit_of(info) if info is not None else ""
 
-    def todict(self) -> dict[str, Any]:
+    def todict(self) -> Data:
         """The scene as plain TOML-like data, every option spelled out; :func:`parse_scene` reads it back."""
-        data: dict[str, Any] = {
+        data: Data = {
             "name": self.name,
             **({"title": self.title} if self.title else {}),
         }
@@ -406,7 +407,7 @@ class Scene(Section):
         return self.solved_parts["contact"]
 
     @property
-    def solved_parts(self) -> dict[str, Any]:
+    def solved_parts(self) -> Data:
         """:attr:`parts` with the :attr:`solver` for the contact, and the :attr:`site_grids` as ``grids``."""
         parts, grids = self.parts, self.site_grids
         if grids and site_rule(*grids) == "reconstructed":
@@ -422,7 +423,7 @@ class Scene(Section):
         maker = self.surface.coarser(factor)
         if maker is None or "pixel_size" not in expected:
             return None
-        update: dict[str, Any] = {"surface": maker}
+        update: Data = {"surface": maker}
         if self.chemistry is not None and self.chemistry.site_density == "pixel":
             update["chemistry"] = self.chemistry.replace(
                 site_density=expected["pixel_size"] ** -2
@@ -480,7 +481,7 @@ class Scene(Section):
 
     def bare(self, **hold: Any) -> Self:
         """The scene with one replica, without what the numbers do not need; ``hold``: further values of its hold."""
-        update: dict[str, Any] = {"observe": (), "ensemble": None, "accuracy": {}}
+        update: Data = {"observe": (), "ensemble": None, "accuracy": {}}
         return self.with_hold(**{"replicas": 1, "common": "all", **hold}).model_copy(
             update=update
         )
@@ -493,7 +494,7 @@ class Scene(Section):
         if not (self.plugins or self.prefer):
             return self.keys()
         stages, parts = registry.stages(), self.parts
-        extra: dict[str, Any] = {}
+        extra: Data = {}
         for key in ("surface", "contact", "aging"):
             within = [stage for stage in stages if (stage.key or "aging") == key]
             hooks = {hook for stage in within for hook in stage.hooks}
@@ -512,7 +513,7 @@ class Scene(Section):
             extra["surface"]["prefer"] = self.prefer
         return self._keys(extra)
 
-    def _keys(self, extra: Mapping[str, Any]) -> dict[str, str]:
+    def _keys(self, extra: Fields) -> dict[str, str]:
         stages, parts = registry.stages(), self.solved_parts
         sections = _without_none(_sections(parts, methodcaller("identity")))
         content: dict[str, list[Any]] = {key: [] for key in KEYS}
@@ -537,11 +538,9 @@ class Scene(Section):
         return content_hash(self.todict())
 
 
-def _sections(
-    parts: Mapping[str, Any], options_of: Callable[[Component], dict[str, Any]]
-) -> dict[str, Any]:
+def _sections(parts: Fields, options_of: Callable[[Component], Data]) -> Data:
     """Every section that is there, lists of tables last; ``options_of`` gives the options of a component."""
-    data: dict[str, Any] = {}
+    data: Data = {}
     for stage in sorted(registry.stages(), key=attrgetter("many")):
         data |= stage.todict(parts, options_of)
     return data
@@ -560,7 +559,7 @@ def file_name(name: str) -> str:
     return name
 
 
-def heading(scene: Mapping[str, Any], name: str = "") -> str:
+def heading(scene: Fields, name: str = "") -> str:
     """The title of plain scene data, or else its name, or ``name``, with the values that a title names first."""
     if title := scene.get("title"):
         return str(title)

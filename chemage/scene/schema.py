@@ -7,6 +7,7 @@ from typing import Any
 
 from pydantic.json_schema import models_json_schema
 
+from chemage.foundation.aliases import Data
 from chemage.foundation.checks import meanings
 from chemage.foundation.components import Component
 from chemage.foundation.errors import PluginError
@@ -15,7 +16,7 @@ from chemage.plugins.hooks import Stage
 from chemage.scene.materials import material
 
 
-def scene_schema() -> dict[str, Any]:
+def scene_schema() -> Data:
     """JSON Schema (2020-12) of a scene, for editors that complete and check TOML."""
     plugins = registry.current()
     stages, kinds = plugins.stages(), _kinds(plugins)
@@ -52,7 +53,7 @@ def scene_schema() -> dict[str, Any]:
         if cls.__name__ in definitions and role in by_role:
             definitions[cls.__name__] = {"anyOf": [by_role[role], {"type": "string"}]}
     installed = sorted(plugins.materials())
-    properties: dict[str, Any] = {
+    properties: Data = {
         "name": {"type": "string"},
         "title": {"type": "string"},
     }
@@ -119,7 +120,7 @@ def _kinds(plugins: registry.Registry) -> dict[Any, list[str]]:
     return found
 
 
-def _of_model(stage: Stage, refs: Any, definitions: dict[str, Any]) -> dict[str, Any]:
+def _of_model(stage: Stage, refs: Any, definitions: Data) -> Data:
     """A section whose options are those of a class, but for the sections of their own among them."""
     ref = refs[stage.model(), "validation"]
     if not stage.parts:
@@ -138,7 +139,7 @@ def _of_model(stage: Stage, refs: Any, definitions: dict[str, Any]) -> dict[str,
     }
 
 
-_SWEEP: dict[str, Any] = {
+_SWEEP: Data = {
     "Sweep": {
         "type": "object",
         "minProperties": 1,
@@ -178,9 +179,7 @@ def _of_materials(section: str) -> set[str]:
     return options
 
 
-def _plugins_section(
-    plugins: registry.Registry, definitions: dict[str, Any]
-) -> dict[str, Any]:
+def _plugins_section(plugins: registry.Registry, definitions: Data) -> Data:
     """What a scene sets for plugins; adds the definitions of their options."""
     installed = sorted(record.name for record in plugins.records if not record.error)
     prefer = {
@@ -188,7 +187,7 @@ def _plugins_section(
         "items": {"enum": installed},
         "description": "plugins that come first where several answer a stage, read a file or have a kind",
     }
-    properties: dict[str, Any] = {"prefer": prefer}
+    properties: Data = {"prefer": prefer}
     for name, cls in plugins_with_options(plugins).items():
         part = cls.model_json_schema(mode="validation", ref_template="#/$defs/{model}")
         definitions |= part.pop("$defs", {})
@@ -196,9 +195,9 @@ def _plugins_section(
     return {"type": "object", "additionalProperties": False, "properties": properties}
 
 
-def plugins_with_options(plugins: registry.Registry) -> dict[str, Any]:
+def plugins_with_options(plugins: registry.Registry) -> Data:
     """Name of each plugin with options -> the class of its options; one that cannot be imported is left out."""
-    classes: dict[str, Any] = {}
+    classes: Data = {}
     for record in plugins.records:
         if record.options:
             try:
@@ -229,7 +228,7 @@ def options_of(cls: type[Component]) -> list[dict[str, str]]:
     return rows
 
 
-def _unit(part: dict[str, Any]) -> str:
+def _unit(part: Data) -> str:
     """The unit of a property, also where the quantity may be left out, or is one of a list."""
     inner = [
         *part.get("anyOf", []),
