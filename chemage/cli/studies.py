@@ -60,7 +60,6 @@ def run_ensemble(
     **how: Any,
 ) -> None:
     """Sample the ensemble that a scene asks for, write it to ``path`` and print it."""
-    from chemage.foundation.result import result_of
     from chemage.results.files import write
     from chemage.scene.warm_up import compiled_ahead
     from chemage.studies.ensembles.running import (
@@ -284,10 +283,9 @@ def _kept(folder: Path) -> str:
 def check_sweep(
     scene: str,
     changes: Data,
-    *,
     yes: bool,
     as_json: bool,
-    shares: int | None = None,
+    shares: int | None,
 ) -> None:
     """Validate every point and estimate the cost of the sweep, and of its shares, without computing anything."""
     with show_progress() as report:
