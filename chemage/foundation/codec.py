@@ -91,22 +91,20 @@ def exact(value: Any) -> Any:
         return [exact(item) for item in value]
     if isinstance(value, np.generic):
         value = value.item()
-    return (
-        {_FLOAT: repr(value)}
-        if isinstance(value, float) and not math.isfinite(value)
-        else value
-    )
+    if isinstance(value, float) and not math.isfinite(value):
+        return {_FLOAT: repr(value)}
+    return value
 
 
 def inexact(value: Any) -> Any:
     """The inverse of :func:`exact`."""
-    if isinstance(value, dict):
-        return (
-            float(value[_FLOAT])
-            if value.keys() == {_FLOAT}
-            else {k: inexact(item) for k, item in value.items()}
-        )
-    return [inexact(item) for item in value] if isinstance(value, list) else value
+    if isinstance(value, list):
+        return [inexact(item) for item in value]
+    if not isinstance(value, dict):
+        return value
+    if value.keys() == {_FLOAT}:
+        return float(value[_FLOAT])
+    return {name: inexact(item) for name, item in value.items()}
 
 
 # -- JSON -------------------------------------------------------------------------------------------------------------
@@ -131,28 +129,17 @@ def to_json(record: Record) -> Data:
 
 def from_json(cls: type[R], content: Fields) -> R:
     """The inverse of :func:`to_json`."""
-    fields = {
-        name: _from_base64(value) if _is_packed(value) else inexact(value)
-        for name, value in content.items()
-    }
-    return cls(**fields)
+    return cls(**{name: _unpacked(value) for name, value in content.items()})
 
 
-def _is_packed(value: Any) -> bool:
-    return (
-        isinstance(value, dict)
-        and bool(value)
-        and all(isinstance(item, dict) and "base64" in item for item in value.values())
-    )
-
-
-def _from_base64(items: Fields) -> dict[str, np.ndarray]:
-    return {
-        name: np.frombuffer(
-            base64.b64decode(item["base64"]), dtype=item["dtype"]
-        ).reshape(item["shape"])
-        for name, item in items.items()
-    }
+def _unpacked(value: Any) -> Any:
+    """A field, or an array among named ones."""
+    if isinstance(value, dict) and "base64" in value:
+        data = np.frombuffer(base64.b64decode(value["base64"]), value["dtype"])
+        return data.reshape(value["shape"])
+    if isinstance(value, dict) and value.keys() != {_FLOAT}:
+        return {name: _unpacked(item) for name, item in value.items()}
+    return inexact(value)
 
 
 # -- groups of NetCDF-4 ------------------------------------------------------------------------------------------------
@@ -256,13 +243,8 @@ def write_derived(group: Any, derived: Derived) -> None:
         _set_attributes(
             variable, {"units": unit, "long_name": meaning, "comment": "derived"}
         )
-    _set_attributes(
-        group,
-        {
-            **derived.attributes,
-            "derived": json.dumps([*derived.variables, *derived.attributes]),
-        },
-    )
+    names = json.dumps([*derived.variables, *derived.attributes])
+    _set_attributes(group, {**derived.attributes, "derived": names})
 
 
 def _set_attributes(hdf5: Any, values: Fields) -> None:

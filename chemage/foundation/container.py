@@ -425,13 +425,8 @@ def archive(parts: Mapping[str, Record], about: Fields | None = None) -> memoryv
     text = json.dumps(
         {"parts": texts, "about": codec.exact(about or {})}, default=codec.plain
     )
-    image = io.BytesIO()
-    np.savez(
-        image,
-        allow_pickle=False,
-        record=np.frombuffer(text.encode(), dtype=np.uint8),
-        **entries,
-    )
+    image, record = io.BytesIO(), np.frombuffer(text.encode(), dtype=np.uint8)
+    np.savez(image, allow_pickle=False, record=record, **entries)
     return seal(image)
 
 
@@ -460,16 +455,12 @@ def _read_archive(
         for name, kind in kinds.items():
             if name in entries:
                 cls = _class(kind)
+                entry = entries[name]
                 with decoding(path, name):
-                    arrays = _arrays_in(
-                        array,
-                        list(lengths),
-                        prefix.format(name),
-                        entries[name]["sparse"],
-                    )
-                    records[name] = codec.decode(
-                        cls, codec.inexact(entries[name]["values"]), arrays
-                    )
+                    own = prefix.format(name)
+                    arrays = _arrays_in(array, list(lengths), own, entry["sparse"])
+                    values = codec.inexact(entry["values"])
+                    records[name] = codec.decode(cls, values, arrays)
     return records, codec.inexact(stored.get("about", {}))
 
 
@@ -519,17 +510,17 @@ def read_array(stream: IO[bytes], length: int) -> np.ndarray:
 # -- the seal ---------------------------------------------------------------------------------------------------------
 
 
-def seal(content: io.BytesIO, parts: Sequence[tuple[str, int]] = ()) -> memoryview:
+def seal(
+    content: io.BytesIO, parts: Sequence[tuple[str, int]] = (("content", 0),)
+) -> memoryview:
     """Add a seal to the end of ``content``, and return all of it.
 
     ``parts`` are the names of successive parts and where each ends; the last one reaches to the end of the content.
     """
-    table = []
+    table, begin = [], 0
+    *before, (last, _) = parts
     with content.getbuffer() as inner:
-        begin, names = 0, [name for name, _ in parts] or ["content"]
-        for name, end in zip(
-            names, [*(end for _, end in parts[:-1]), len(inner)], strict=True
-        ):
+        for name, end in [*before, (last, len(inner))]:
             with inner[begin:end] as part:
                 table.append([name, end - begin, hashlib.sha256(part).hexdigest()])
             begin = end

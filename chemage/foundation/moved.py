@@ -41,11 +41,11 @@ class Finder:
             DeprecationWarning,
             stacklevel=2,
         )
-        places = [import_module(f"chemage{place}") for place in (*MOVED[name], "")]
+        places = [import_module(f"chemage{place}") for place in ("", *MOVED[name])]
 
         def found(name: str) -> Any:
             name = {"Spec": "Component"}.get(name, name)
-            place = next((one for one in places if hasattr(one, name)), places[-1])
+            place = next((one for one in places if hasattr(one, name)), places[0])
             return getattr(place, name)
 
         vars(module)["__getattr__"] = found

@@ -197,6 +197,7 @@ class _Chemistry(Stage):
 STAGES = (
     _Chemistry(
         "chemistry",
+        options="chemage.lattices.chemistry:Chemistry",
         parts={
             "forming": "barriers",
             "breaking": "barriers",

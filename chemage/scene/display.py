@@ -91,11 +91,8 @@ def _value(scene: Fields, path: str) -> Any:
 
 
 def _same(values: Any, expected: Any) -> bool:
-    if (
-        isinstance(expected, float | int)
-        and isinstance(values, float | int)
-        and not isinstance(values, bool)
-    ):
+    numbers = all(isinstance(one, float | int) for one in (values, expected))
+    if numbers and not isinstance(values, bool):
         return math.isclose(values, expected, rel_tol=1e-6)
     return values == expected
 
@@ -126,7 +123,8 @@ class RunDisplay(Result):
 
     def __init__(self, run: Run) -> None:
         self.run = run
-        self.aging = AgingOfScene(run.aging, run) if run.aging is not None else None
+        # an empty result where nothing ages
+        self.aging = Result() if run.aging is None else AgingOfScene(run.aging, run)
         self.contact: OfContact[Any] = result_of(run.contact)  # pyright: ignore[reportAttributeAccessIssue]
 
     @property
@@ -160,7 +158,7 @@ class RunDisplay(Result):
             for section in registry.current().owners
             if section in scene
         ]
-        facts += self.aging.facts() if self.aging is not None else []
+        facts += self.aging.facts()
         facts += [(f"plugin {name}", source) for name, source in self.plugins.items()]
         facts += [
             (f"changed by {name}", ", ".join(changes))
@@ -178,18 +176,12 @@ class RunDisplay(Result):
         return [("surface", self.contact.extent()), ("contact", self.contact.solved())]
 
     def quantities(self) -> list[Quantity]:
-        aged = (
-            self.run.aging.quantities(self.run.window)
-            if self.run.aging is not None
-            else []
-        )
+        aging = self.run.aging
+        aged = [] if aging is None else aging.quantities(self.run.window)
         return [*self.contact.quantities(), *aged]
 
     def curves(self) -> list[Curve]:
-        return [
-            *(self.aging.curves() if self.aging is not None else ()),
-            *self.contact.curves(),
-        ]
+        return [*self.aging.curves(), *self.contact.curves()]
 
     def _timings(self) -> str:
         return ", ".join(
@@ -204,9 +196,12 @@ class RunDisplay(Result):
         return [*faults, *self.run.notes]
 
     def parts(self) -> dict[str, Result]:
-        surface = result_of(self.run.surface) if self.run.surface is not None else None
-        parts = {"surface": surface, "contact": self.contact, "aging": self.aging}
-        return {name: part for name, part in parts.items() if part is not None}
+        parts: dict[str, Result] = {"contact": self.contact, "aging": self.aging}
+        if self.run.surface is not None:
+            parts = {"surface": result_of(self.run.surface), **parts}
+        if self.run.aging is None:
+            del parts["aging"]
+        return parts
 
     def pictures(self) -> dict[str, Picture]:
         found = {
@@ -214,11 +209,10 @@ class RunDisplay(Result):
             for part in self.parts().values()
             for name, picture in part.pictures().items()
         }
-        if self.aging is not None and "friction" in found:
-            approximate = (
-                f"\napproximate: {self.approximation}" if self.approximation else ""
-            )
-            title = f"{self.title}, {self.aging.record.temperature:g} K{approximate}"
+        if self.run.aging is not None and "friction" in found:
+            title = f"{self.title}, {self.run.aging.temperature:g} K"
+            if self.approximation:
+                title += f"\napproximate: {self.approximation}"
             found["friction"] = replace(found["friction"], title=title)
         return found
 
@@ -258,9 +252,9 @@ class RunDisplay(Result):
         ]
 
     def ageing(self) -> Ageing:
-        if self.aging is None:
+        if self.run.aging is None:
             return Ageing(load=self.run.contact.load)
-        chemistry = chemistry_of_scene(self.scene, self.aging.record.temperature)
+        chemistry = chemistry_of_scene(self.scene, self.run.aging.temperature)
         return replace(self.aging.ageing(), chemistry=chemistry)
 
 

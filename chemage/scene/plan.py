@@ -175,9 +175,8 @@ class Plan:
     @property
     def kinetics_range(self) -> tuple[float, float] | None:
         """Least and most CPU seconds of all replicas, where no single number can be given."""
-        least, most = (
-            self._seconds("ageing", f"cpu_seconds_{end}") for end in ("least", "most")
-        )
+        least = self._seconds("ageing", "cpu_seconds_least")
+        most = self._seconds("ageing", "cpu_seconds_most")
         return None if least is None or most is None else (least, most)
 
     def preparation(self) -> float:
@@ -210,9 +209,8 @@ class Plan:
         """Why the time is a range, where it is one."""
         if self.kinetics_range is None:
             return ""
-        by = next(
-            part for part in (self.scene.ageing, self.scene.engine) if part is not None
-        )
+        by = self.scene.ageing or self.scene.engine
+        assert by is not None
         return (
             f"the cost of {by.role} {by.kind!r} depends on what happens during the run"
         )
@@ -220,11 +218,10 @@ class Plan:
     @property
     def seconds_range(self) -> tuple[float, float] | None:
         """Least and most CPU seconds, where no single number can be given."""
-        if self.kinetics_range is None or self.contact_cpu_seconds is None:
+        kinetics, contact = self.kinetics_range, self.contact_cpu_seconds
+        if kinetics is None or contact is None:
             return None
-        return self.contact_cpu_seconds + self.kinetics_range[
-            0
-        ], self.contact_cpu_seconds + self.kinetics_range[1]
+        return contact + kinetics[0], contact + kinetics[1]
 
     @property
     def at_once(self) -> int:
@@ -339,13 +336,12 @@ class Plan:
     def _units(self) -> Iterator[Doubt]:
         """Quantities of a size that nothing has."""
         for section, part in self.parts.items():
-            is_chemistry = (
-                isinstance(part, Component) and not part.role
-            )  # its parts are sections of their own
-            for path, component in (
-                [(section, part)] if is_chemistry else nested(part, section)
-            ):
-                yield from _unusual(path, component, bonds=is_chemistry)
+            # the parts of a chemistry are sections of their own
+            if isinstance(part, Component) and not part.role:
+                yield from _unusual(section, part, bonds=True)
+                continue
+            for path, component in nested(part, section):
+                yield from _unusual(path, component, bonds=False)
 
     # -- what is shown ------------------------------------------------------------------------------------------------
 
@@ -381,11 +377,8 @@ class Plan:
                 1.0 if self.area_fraction is None else min(1.0, 2 * self.area_fraction)
             )
             file = (8 + 8 * carrying) * self.pixels + self.gap_bytes
-            numbers |= {
-                "nx": self.surface["nx"],
-                "ny": self.surface["ny"],
-                "file": file,
-            }
+            sides = {name: self.surface[name] for name in ("nx", "ny")}
+            numbers |= {**sides, "file": file}
         if self.pixels or not self.has_map:
             numbers |= {"sites": self.sites, "area_fraction": self.area_fraction}
         contact = self.contact_cpu_seconds
@@ -400,13 +393,8 @@ class Plan:
         if seconds is not None:
             numbers |= {"seconds": seconds, "machine_speed": 1 / self.slowness}
         if self.seconds_range is not None:
-            numbers |= dict(
-                zip(
-                    ("cpu_seconds_least", "cpu_seconds_most"),
-                    self.seconds_range,
-                    strict=True,
-                )
-            )
+            least, most = self.seconds_range
+            numbers |= {"cpu_seconds_least": least, "cpu_seconds_most": most}
         numbers["events"] = self.events
         return {name: value for name, value in numbers.items() if value is not None}
 
@@ -527,32 +515,24 @@ def _unusual(path: str, component: Component, *, bonds: bool) -> Iterator[Doubt]
             continue
         if not usual[0] <= abs(value) <= usual[1]:
             text = f"{usual[2]}; a bare number is in {unit}, give another unit as text, {usual[3]}"
-            yield Doubt(
-                f"unit of {path}.{name}", f"{path}.{name} = {value:g} {unit}: {text}"
-            )
         elif unit == "eV" and value < 0 and component.role == "barriers":
-            yield Doubt(
-                f"unit of {path}.{name}",
-                f"{path}.{name} = {value:g} eV: a barrier is not negative",
-            )
+            text = "a barrier is not negative"
+        else:
+            continue
+        option = f"{path}.{name}"
+        yield Doubt(f"unit of {option}", f"{option} = {value:g} {unit}: {text}")
 
 
 def in_hours(seconds: float) -> str:
     """A long time in minutes, hours or days."""
     if seconds < LONG:
         return f"{seconds / 60:.2g} minutes"
-    return (
-        f"{seconds / 3600:.2g} hours"
-        if seconds < 48 * 3600
-        else f"{seconds / 86400:.3g} days"
-    )
+    if seconds < 48 * 3600:
+        return f"{seconds / 3600:.2g} hours"
+    return f"{seconds / 86400:.3g} days"
 
 
 def _time(seconds: float) -> str:
-    return (
-        in_hours(seconds)
-        if seconds >= 120
-        else f"{seconds:.0f} s"
-        if seconds >= 10
-        else f"{seconds:.2g} s"
-    )
+    if seconds >= 120:
+        return in_hours(seconds)
+    return f"{seconds:.0f} s" if seconds >= 10 else f"{seconds:.2g} s"
