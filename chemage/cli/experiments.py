@@ -45,6 +45,7 @@ from chemage.cli.output import (
 )
 from chemage.foundation import compiling
 from chemage.foundation.aliases import Data
+from chemage.foundation.errors import ChemageError, nearest
 from chemage.foundation.progress import (
     loaded,
     loading,
@@ -52,6 +53,7 @@ from chemage.foundation.progress import (
     reported,
     watching,
 )
+from chemage.plugins import registry
 
 if TYPE_CHECKING:
     from chemage.scene.run import Run
@@ -189,7 +191,6 @@ def _run_one(
 
 def _without_figures(one: Scene, path: Path) -> Run | None:
     """The result of this very scene, of a run that was interrupted while its figures were drawn."""
-    from chemage.foundation.errors import ChemageError
     from chemage.results.files import read
     from chemage.scene.provenance import versions
 
@@ -387,9 +388,7 @@ def init(
 
     The file is a copy of an installed scene, with comments, and NAME as its name.
     """
-    from chemage.foundation.errors import nearest
     from chemage.foundation.files import write_file
-    from chemage.plugins import registry
     from chemage.scene.files import installed_text, named
     from chemage.scene.scene import file_name
 

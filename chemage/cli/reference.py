@@ -14,6 +14,7 @@ import typer
 from chemage.cli import output
 from chemage.cli.options import JsonOpt, user_error
 from chemage.foundation.progress import loaded, loading, progress_bars
+from chemage.plugins import registry
 
 if TYPE_CHECKING:
     from chemage.scene.scene import Scene
@@ -40,7 +41,6 @@ def materials(
     Each value is shown with its source and how it is known: measured, calculated, calibrated or estimated. A scene
     names a material with material = "NAME", which fills what the scene does not say.
     """
-    from chemage.plugins import registry
     from chemage.scene.materials import material
 
     if as_toml and (name is None or as_json):
@@ -105,7 +105,6 @@ def warmup(
     """
     loading("loading chemage")
     from chemage.foundation import compiling, machine
-    from chemage.plugins import registry
 
     begin = time.perf_counter()
     failed: dict[str, str] = {}

@@ -16,7 +16,7 @@ from typing import Any
 import pluggy
 
 from chemage.foundation.aliases import Fields
-from chemage.foundation.errors import InputError, PluginError
+from chemage.foundation.errors import InputError, PluginError, nearest
 from chemage.plugins.hooks import BOTTOM, TOP, Stage
 
 #: the distribution whose kinds are built in
@@ -240,8 +240,6 @@ def is_stage(hook: Any) -> bool:
 
 def check_hook_names(plugin: Any, hooks: list[str]) -> None:
     """Refuse what pluggy would silently ignore: a misspelled or unmarked hook, or no hook at all."""
-    from chemage.foundation.errors import nearest
-
     count = 0
     for name in dir(plugin):
         function = getattr(plugin, name)

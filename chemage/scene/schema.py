@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import resources
 from typing import Any
 
 from pydantic.json_schema import models_json_schema
@@ -23,24 +27,16 @@ def scene_schema() -> Data:
     components: dict[str, list[Any]] = {role: [] for role in plugins.roles}
     for cls in kinds:
         components[cls.role].append(cls)
-    models = [*kinds]
-    others: list[Any] = [
-        model for stage in stages if (model := stage.model()) is not None
-    ]
-    refs, top = models_json_schema(
-        [(model, "validation") for model in [*models, *others]]
-    )
+    models = [*kinds, *filter(None, (stage.model() for stage in stages))]
+    refs, top = models_json_schema([(model, "validation") for model in models])
     definitions = top.get("$defs", {})
 
     def target(model: Any) -> str:
         return refs[model, "validation"]["$ref"].removeprefix("#/$defs/")
 
-    for model in models:
+    for model, names in kinds.items():
         part = definitions[target(model)]
-        part["properties"] = {
-            "kind": {"enum": kinds[model]},
-            **part.get("properties", {}),
-        }
+        part["properties"] = {"kind": {"enum": names}, **part.get("properties", {})}
         part["required"] = ["kind", *part.get("required", [])]
     by_role = {
         role: {"oneOf": [{"$ref": f"#/$defs/{target(cls)}"} for cls in classes]}
@@ -90,7 +86,8 @@ def scene_schema() -> Data:
                 *required,
             ]
     properties["plugins"] = _plugins_section(plugins, definitions)
-    definitions |= _SWEEP
+    shipped = resources.files("chemage.scene").joinpath("sweep.schema.json")
+    definitions |= json.loads(shipped.read_text("utf-8"))
     properties["sweep"] = {"$ref": "#/$defs/Sweep"}
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
@@ -108,16 +105,21 @@ def _kinds(plugins: registry.Registry) -> dict[Any, list[str]]:
     found: dict[Any, list[str]] = {}
     for role in plugins.roles:
         for kind in plugins.kinds(role):
-            try:
+            with _warning():
                 cls = plugins.component(role, kind)
-            except PluginError as error:
-                warnings.warn(
-                    f"not in the schema: {error}", registry.PluginWarning, stacklevel=3
-                )
-                continue
-            qualified = f"{plugins.offer(role, kind).owner}:{cls.kind}"
-            found[cls] = [*dict.fromkeys((kind, qualified))]
+                qualified = f"{plugins.offer(role, kind).owner}:{cls.kind}"
+                found[cls] = [*dict.fromkeys((kind, qualified))]
     return found
+
+
+@contextmanager
+def _warning() -> Iterator[None]:
+    """Warn of what cannot be imported, and go on without it."""
+    try:
+        yield
+    except PluginError as error:
+        text = f"not in the schema: {error}"
+        warnings.warn(text, registry.PluginWarning, stacklevel=5)
 
 
 def _of_model(stage: Stage, refs: Any, definitions: Data) -> Data:
@@ -139,29 +141,6 @@ def _of_model(stage: Stage, refs: Any, definitions: Data) -> Data:
     }
 
 
-_SWEEP: Data = {
-    "Sweep": {
-        "type": "object",
-        "minProperties": 1,
-        "description": "fields to vary: each line, a dotted path and the list of its values, is one axis of a grid",
-        "properties": {
-            "zip": {
-                "type": "array",
-                "items": {"$ref": "#/$defs/SweepLines"},
-                "description": "lines that move together, of equal length, make one axis",
-            }
-        },
-        "additionalProperties": {"$ref": "#/$defs/SweepValues"},
-    },
-    "SweepLines": {
-        "type": "object",
-        "minProperties": 1,
-        "additionalProperties": {"$ref": "#/$defs/SweepValues"},
-    },
-    "SweepValues": {
-        "anyOf": [{"type": "array", "minItems": 1}, {"$ref": "#/$defs/SweepLines"}]
-    },
-}
 #: a section whose kind the material gives
 _OF_MATERIAL = {"type": "object", "not": {"required": ["kind"]}}
 
@@ -170,12 +149,8 @@ def _of_materials(section: str) -> set[str]:
     """The options in a section that some installed material gives, so that a scene need not."""
     options: set[str] = set()
     for name in registry.current().materials():
-        try:
+        with _warning():
             options |= material(name).options(section).keys()
-        except PluginError as error:
-            warnings.warn(
-                f"not in the schema: {error}", registry.PluginWarning, stacklevel=3
-            )
     return options
 
 
@@ -188,25 +163,14 @@ def _plugins_section(plugins: registry.Registry, definitions: Data) -> Data:
         "description": "plugins that come first where several answer a stage, read a file or have a kind",
     }
     properties: Data = {"prefer": prefer}
-    for name, cls in plugins_with_options(plugins).items():
-        part = cls.model_json_schema(mode="validation", ref_template="#/$defs/{model}")
-        definitions |= part.pop("$defs", {})
-        properties[name] = {"description": f"options of the plugin {name}", **part}
+    for name in [record.name for record in plugins.records if record.options]:
+        with _warning():
+            part = plugins.options_class(name).model_json_schema(
+                mode="validation", ref_template="#/$defs/{model}"
+            )
+            definitions |= part.pop("$defs", {})
+            properties[name] = {"description": f"options of the plugin {name}", **part}
     return {"type": "object", "additionalProperties": False, "properties": properties}
-
-
-def plugins_with_options(plugins: registry.Registry) -> Data:
-    """Name of each plugin with options -> the class of its options; one that cannot be imported is left out."""
-    classes: Data = {}
-    for record in plugins.records:
-        if record.options:
-            try:
-                classes[record.name] = plugins.options_class(record.name)
-            except PluginError as error:
-                warnings.warn(
-                    f"not in the schema: {error}", registry.PluginWarning, stacklevel=2
-                )
-    return classes
 
 
 def options_of(cls: type[Component]) -> list[dict[str, str]]:
@@ -230,10 +194,9 @@ def options_of(cls: type[Component]) -> list[dict[str, str]]:
 
 def _unit(part: Data) -> str:
     """The unit of a property, also where the quantity may be left out, or is one of a list."""
-    inner = [
-        *part.get("anyOf", []),
-        *([part["items"]] if isinstance(part.get("items"), dict) else []),
+    inner = [*part.get("anyOf", ()), part.get("items")]
+    units = [
+        part.get("unit"),
+        *(_unit(item) for item in inner if isinstance(item, dict)),
     ]
-    return part.get("unit", "") or next(
-        (unit for item in inner if (unit := _unit(item))), ""
-    )
+    return next(filter(None, units), "")
