@@ -343,7 +343,7 @@ class Record(Frozen, metaclass=_Documented):
 
     def __reduce__(self) -> tuple[Any, ...]:
         # built anew, so that the arrays of the copy are read-only as well (pickle drops that flag)
-        return _rebuilt, (type(self), self.todict())
+        return type(self).fromdict, (self.todict(),)
 
     def model_copy(self, *, update: Fields | None = None, deep: bool = False) -> Self:
         """A copy with some fields changed, validated again (pydantic's own would keep the digest of the original)."""
@@ -423,7 +423,3 @@ def require_finite(name: str, values: np.ndarray, remedy: str) -> None:
         raise ValueError(
             f"{name}: {bad} of {values.size} values are not finite; {remedy}"
         )
-
-
-def _rebuilt(cls: type[Record], fields: Data) -> Record:
-    return cls(**fields)

@@ -28,7 +28,6 @@ from chemage.ageing.observables import Observable
 from chemage.ageing.replicas import Common
 from chemage.contacts.options import force_text
 from chemage.contacts.role import ContactSolver
-from chemage.contacts.theory import ContactTheory
 from chemage.foundation.aliases import Data, Fields
 from chemage.foundation.checks import Frozen, check_times, hold_times
 from chemage.foundation.components import Component
@@ -395,11 +394,6 @@ class Scene(Section):
             )
         except (ChemageError, KeyError):  # reported where the scene is checked
             return None
-
-    @property
-    def theory(self) -> ContactTheory | None:
-        """The contact, where it is a theory that gives no map."""
-        return self.contact if isinstance(self.contact, ContactTheory) else None
 
     @property
     def solver(self) -> ContactSolver:
