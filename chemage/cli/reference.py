@@ -129,7 +129,7 @@ def warmup(
                         raise
                     failed[name] = f"{type(error).__name__}: {error}"
     told: dict[str, Any] = {
-        "kernels": compiled.kernels,
+        "kernels": compiled,
         "seconds": round(time.perf_counter() - begin, 2),
         "folders": [str(machine.kernel_folder())],
         "processor": machine.processor(),
@@ -143,7 +143,7 @@ def warmup(
     if as_json:
         output.say_json(told)
     else:
-        number = len(compiled.kernels)
+        number = len(compiled)
         output.say(
             f"{number} kernel{'' if number == 1 else 's'} compiled in {told['seconds']:.1f} s"
             if number

@@ -358,6 +358,8 @@ class Registry:
     def _in_order(self, implementations: Sequence[Any]) -> list[Any]:
         """Implementations of a hook as pluggy has them, the first one last, with those of preferred plugins first."""
         preferred = context.preference()
+        if not preferred:
+            return list(implementations)
         ranks = {
             name: -preferred.index(record.name)
             for name, record in self._by_full_name().items()
@@ -438,19 +440,15 @@ class Registry:
             The class cannot be imported, or is not as it must be.
         """
         record = next((each for each in self.records if each.name == name), None)
-        if record is None or record.error or not record.options:
-            with_options = [each.name for each in self.records if each.options]
-            hint = f"; plugins with options: {', '.join(with_options) or 'none'}"
-            if record is None:
-                raise InputError(
-                    f"no plugin {name!r}{nearest(name, with_options)} is installed{hint}"
-                )
-            problem = (
-                f"was skipped: {record.error}"
-                if record.error
-                else f"has no options{hint}"
-            )
-            raise InputError(f"plugin {name!r} {problem}")
+        with_options = [each.name for each in self.records if each.options]
+        hint = f"; plugins with options: {', '.join(with_options) or 'none'}"
+        if record is None:
+            near = nearest(name, with_options)
+            raise InputError(f"no plugin {name!r}{near} is installed{hint}")
+        if record.error:
+            raise InputError(f"plugin {name!r} was skipped: {record.error}")
+        if not record.options:
+            raise InputError(f"plugin {name!r} has no options{hint}")
         where = f"the options of plugin {record.name!r} ({record.source})"
         cls = imported(record.options, where)
         # known by its methods, because the module of the base imports this one

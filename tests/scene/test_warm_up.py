@@ -32,7 +32,7 @@ from numba.core import event
 from chemage.foundation import compiling, machine
 with compiling.watched(lambda count: None, lambda count: None) as compiled:
     {code}
-print(json.dumps(compiled.kernels))
+print(json.dumps(compiled))
 """
 
 
