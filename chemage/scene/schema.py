@@ -6,7 +6,6 @@ import json
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib import resources
 from typing import Any
 
 from pydantic.json_schema import models_json_schema
@@ -86,8 +85,7 @@ def scene_schema() -> Data:
                 *required,
             ]
     properties["plugins"] = _plugins_section(plugins, definitions)
-    shipped = resources.files("chemage.scene").joinpath("sweep.schema.json")
-    definitions |= json.loads(shipped.read_text("utf-8"))
+    definitions |= json.loads(registry.scene_text("chemage.scene:sweep.schema.json"))
     properties["sweep"] = {"$ref": "#/$defs/Sweep"}
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
