@@ -18,8 +18,11 @@ import typer
 import typer.core
 
 from chemage.cli import experiments, output, plugins, reference, results
+from chemage.foundation.errors import ChemageError, printable, shortened
 from chemage.foundation.memory import require_address_space
-from chemage.foundation.progress import LOGGER
+from chemage.foundation.ownership import in_words, naming_owner, owner_of
+from chemage.foundation.progress import LOGGER, loaded
+from chemage.plugins import registry
 from chemage.plugins.context import PREFER, preference
 
 #: heading in the help -> its commands
@@ -157,9 +160,6 @@ def _add_plugin_commands() -> None:
     """Add the commands of plugins; a plugin whose commands cannot be added is reported and skipped."""
     import warnings
 
-    from chemage.foundation.ownership import in_words, naming_owner
-    from chemage.plugins import registry
-
     registry.current().check_preference(preference(), PREFER)
     registered = [
         command for command in app.registered_commands if command.callback is not None
@@ -262,9 +262,6 @@ def main() -> None:
 
 def _complain(text: str) -> None:
     """Print on stderr, control characters as escapes."""
-    from chemage.foundation.errors import printable
-    from chemage.foundation.progress import loaded
-
     loaded()
     with contextlib.suppress(OSError, ValueError):
         print(printable(text), file=sys.stderr, flush=True)
@@ -288,9 +285,6 @@ def _plain_warnings() -> None:
 
 
 def _explain(error: Exception) -> int:
-    from chemage.foundation.errors import ChemageError, shortened
-    from chemage.foundation.ownership import owner_of
-
     show_usage = getattr(error, "show", None)  # a usage error found by typer
     text = "\n".join([f"{error}", *getattr(error, "__notes__", ())])
     owner, where = owner_of(error)

@@ -11,19 +11,19 @@ import shlex
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any
+
+from chemage.foundation.aliases import Fields
+from chemage.plugins import registry
 
 
 def scenes(incomplete: str) -> list[str]:
     """Installed scenes, and scene files of this folder; nothing for a path, which the shell completes."""
-    from chemage.plugins import registry
 
     return _beginning(incomplete, registry.current().scenes(), "*.toml")
 
 
 def installed_scenes(incomplete: str) -> list[str]:
     """Installed scenes."""
-    from chemage.plugins import registry
 
     return _beginning(incomplete, registry.current().scenes())
 
@@ -45,7 +45,6 @@ def fields(incomplete: str) -> list[str]:
 
 def kinds(incomplete: str) -> list[str]:
     """Kinds of installed components, and plugins with options."""
-    from chemage.plugins import registry
 
     plugins = registry.current()
     named = [
@@ -59,7 +58,6 @@ def kinds(incomplete: str) -> list[str]:
 
 def roles(incomplete: str) -> list[str]:
     """Roles of components."""
-    from chemage.plugins import registry
 
     return _beginning(incomplete, registry.current().roles)
 
@@ -79,9 +77,8 @@ def _beginning(incomplete: str, words: Iterable[str], *patterns: str) -> list[st
     return sorted(word for word in {*words, *found} if word.startswith(incomplete))
 
 
-def _scene() -> Mapping[str, Any]:
+def _scene() -> Fields:
     """The data of the scene on this line, as it is written; empty where there is none."""
-    from chemage.plugins import registry
 
     plugins = registry.current()
     try:
@@ -101,7 +98,7 @@ def _scene() -> Mapping[str, Any]:
         return {}
 
 
-def _paths(data: Mapping[str, Any], prefix: str = "") -> list[str]:
+def _paths(data: Fields, prefix: str = "") -> list[str]:
     paths = []
     for name, value in data.items():
         if isinstance(value, Mapping):

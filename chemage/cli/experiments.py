@@ -44,6 +44,8 @@ from chemage.cli.output import (
     show_all,
 )
 from chemage.foundation import compiling
+from chemage.foundation.aliases import Data
+from chemage.foundation.errors import ChemageError, nearest
 from chemage.foundation.progress import (
     loaded,
     loading,
@@ -51,6 +53,7 @@ from chemage.foundation.progress import (
     reported,
     watching,
 )
+from chemage.plugins import registry
 
 if TYPE_CHECKING:
     from chemage.scene.run import Run
@@ -111,6 +114,7 @@ def run(
         "patience": patience,
         "points": points,
     }
+    how: Data = {"threads": threads, "as_json": as_json, "force": force}
     with compiling.begun_early(scene, values, threads) as early:
         from chemage.scene.files import is_sweep, load_scene
 
@@ -122,60 +126,28 @@ def run(
                 raise user_error(
                     "--checkpoints is for a single run; a sweep resumes from its own folder"
                 )
-            how: dict[str, Any] = {
-                "yes": yes,
-                "as_json": as_json,
-                "threads": threads,
-                "force": force,
-                **where,
-            }
-            return studies.run_sweep(scene, out, values, **how)
-        how = {
-            "threads": threads,
-            "early": early,
-            "figures": figures,
-            "as_json": as_json,
-            "force": force,
-        }
-        _run_scene(
-            scene,
-            load_scene(scene, values),
-            out,
-            checkpoints=checkpoints,
-            where=where,
-            **how,
-        )
+            return studies.run_sweep(scene, out, values, yes=yes, **how, **where)
+        one = load_scene(scene, values)
+        # also where the locale is ASCII
+        path = out or Path(os.fsdecode(f"{one.name}.h5".encode()))
+        protect_inputs(path, scene, one)
+        if out is not None:
+            check_ending(out, RESULTS, "a result file")
+        how |= {"early": early, "figures": figures}
+        if one.is_ensemble:
+            from chemage.cli import studies
 
-
-def _run_scene(
-    source: str,
-    one: Scene,
-    out: Path | None,
-    *,
-    checkpoints: Path | None,
-    where: dict[str, Any],
-    **how: Any,
-) -> None:
-    """Run one surface of a scene, or the ensemble that it asks for."""
-    path = out or Path(
-        os.fsdecode(f"{one.name}.h5".encode())
-    )  # also where the locale is ASCII
-    protect_inputs(path, source, one)
-    if out is not None:
-        check_ending(out, RESULTS, "a result file")
-    if not one.is_ensemble:
+            if checkpoints is not None:
+                raise user_error(
+                    "--checkpoints is for a single run; an ensemble keeps its samples beside its result"
+                )
+            return studies.run_ensemble(one, path, **how, **where)
         for option, given in where.items():
             if given is not None:
-                text = "is for sweeps and for means over surfaces; --threads is for a single run"
-                raise user_error(f"--{option} {text}")
-        return _run_one(one, path, checkpoints=checkpoints, **how)
-    from chemage.cli import studies
-
-    if checkpoints is not None:
-        raise user_error(
-            "--checkpoints is for a single run; an ensemble keeps its samples beside its result"
-        )
-    return studies.run_ensemble(one, path, **how, **where)
+                raise user_error(
+                    f"--{option} is for sweeps and for means over surfaces; --threads is for a single run"
+                )
+        _run_one(one, path, checkpoints=checkpoints, **how)
 
 
 def _run_one(
@@ -219,7 +191,6 @@ def _run_one(
 
 def _without_figures(one: Scene, path: Path) -> Run | None:
     """The result of this very scene, of a run that was interrupted while its figures were drawn."""
-    from chemage.foundation.errors import ChemageError
     from chemage.results.files import read
     from chemage.scene.provenance import versions
 
@@ -298,12 +269,6 @@ def sweep(
     values = changed_fields(changes, replicas, seed) | requested_fields(
         accuracy, None, surfaces
     )
-    where: dict[str, Any] = {
-        "executor": executor,
-        "workers": workers,
-        "threads": threads,
-        "patience": patience,
-    }
     studies.run_sweep(
         scene,
         out,
@@ -312,7 +277,10 @@ def sweep(
         as_json=as_json,
         force=force,
         points=points,
-        **where,
+        executor=executor,
+        workers=workers,
+        threads=threads,
+        patience=patience,
     )
 
 
@@ -341,25 +309,18 @@ def check(
     from chemage.scene.plan import plan
 
     request = requested_fields(accuracy, budget, surfaces, measured)
+    values = changed_fields(changes) | request
     if is_sweep(scene):
         from chemage.cli import studies
 
-        return studies.check_sweep(
-            scene,
-            changed_fields(changes) | request,
-            yes=yes,
-            as_json=as_json,
-            shares=shares,
-        )
+        return studies.check_sweep(scene, values, yes, as_json, shares)
     if shares is not None:
         raise user_error(f"--shares is for sweeps, and {scene} has no [sweep]")
-    one = load_scene(scene, changed_fields(changes) | request)
+    one = load_scene(scene, values)
+    planned: Any = plan
     if one.is_ensemble:
-        from chemage.studies.ensembles.planning import plan as ensemble_plan
-
-        made: Any = ensemble_plan(one)
-    else:
-        made = plan(one)
+        from chemage.studies.ensembles.planning import plan as planned
+    made = planned(one)
     if as_json:
         output.say_json(made.todict())
         return
@@ -390,11 +351,13 @@ def status(
         output.say_json(state)
         return
     counts = ("points", "done", *NOT_DONE)
-    rows = []
-    for axis in state["axes"]:
-        for row in axis["rows"]:
-            rows.append((listed(row["values"]), *(str(row[count]) for count in counts)))
-    rows.append(("all", *(str(state[count]) for count in counts)))
+    groups = [
+        (listed(row["values"]), row) for axis in state["axes"] for row in axis["rows"]
+    ]
+    rows = [
+        (name, *(str(numbers[count]) for count in counts))
+        for name, numbers in [*groups, ("all", state)]
+    ]
     contacts = [str(state[f"contacts{which}"]) for which in ("", "_done", "_damaged")]
     rows.append(("contacts", *contacts[:2], "", "", contacts[2]))
     output.show_rows(f"{state['name']} in {folder}", ("", *counts), rows)
@@ -425,9 +388,7 @@ def init(
 
     The file is a copy of an installed scene, with comments, and NAME as its name.
     """
-    from chemage.foundation.errors import nearest
     from chemage.foundation.files import write_file
-    from chemage.plugins import registry
     from chemage.scene.files import installed_text, named
     from chemage.scene.scene import file_name
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from chemage.cli import completion
+from chemage.foundation.aliases import Data
 from chemage.foundation.errors import InputError
 
 #: endings of the files that chemage writes
@@ -271,11 +272,11 @@ def named_value(option: str, text: str, form: str) -> tuple[str, str]:
 
 def changed_fields(
     texts: list[str] | None, replicas: int | None = None, seed: int | None = None
-) -> dict[str, Any]:
+) -> Data:
     """Read ``--set PATH=VALUE`` and its short forms: dotted path -> value, as TOML where it is TOML, else as text."""
     import tomllib
 
-    changes: dict[str, Any] = {}
+    changes: Data = {}
     for text in texts or []:
         path, value = named_value(
             "--set", text, "PATH=VALUE, such as surface.rms_slope=0.2"
@@ -293,7 +294,7 @@ def requested_fields(
     budget: str | None,
     surfaces: int | None,
     measured: Path | None = None,
-) -> dict[str, Any]:
+) -> Data:
     """Read ``--accuracy``, ``--budget``, ``--surfaces`` and ``--map``: dotted path -> value. A number of surfaces takes
     the place of an accuracy, a budget and a map in the scene, and each of these that of a number of surfaces."""
     if surfaces is not None and (accuracy or budget is not None):
@@ -311,7 +312,7 @@ def requested_fields(
             "ensemble.map": None,
             "accuracy": None,
         }
-    changes: dict[str, Any] = {}
+    changes: Data = {}
     goals: dict[str, str] = {}
     for text in accuracy or []:
         name, value = named_value("--accuracy", text, "NAME=VALUE, such as beta=2%")

@@ -27,8 +27,9 @@ import typer
 
 from chemage.cli.options import user_error
 from chemage.foundation import progress
-from chemage.foundation.errors import printable
+from chemage.foundation.errors import StoreError, printable
 from chemage.foundation.progress import LOGGER
+from chemage.plugins import registry
 
 if TYPE_CHECKING:
     from chemage.foundation.result import Result, Table
@@ -175,7 +176,6 @@ def _start_log(handler: logging.Handler, form: str, dates: str) -> None:
 
     from chemage.foundation import machine
     from chemage.foundation.names import __version__
-    from chemage.plugins import registry
 
     handler.setFormatter(_Printable(form, dates))
     LOGGER.addHandler(handler)
@@ -467,8 +467,6 @@ def preflight_result(
 @contextmanager
 def result_written(path: Path) -> Iterator[None]:
     """Add to the errors of a block that the result itself has been written to ``path``."""
-    from chemage.foundation.errors import StoreError
-
     try:
         yield
     except StoreError as error:

@@ -9,6 +9,8 @@ import typer
 
 from chemage.cli import completion, output
 from chemage.cli.options import ForceOpt, JsonOpt, user_error
+from chemage.foundation.errors import nearest
+from chemage.plugins import registry
 from chemage.plugins.hooks import OFFERED, OFFERS
 
 if TYPE_CHECKING:
@@ -25,7 +27,6 @@ def plugins_list(as_json: JsonOpt = False) -> None:
 
     Each is listed with its role, the name of its plugin, and the package from which it comes.
     """
-    from chemage.plugins import registry
 
     plugins = registry.current()
     rows = []
@@ -120,8 +121,6 @@ def plugins_show(
     Prints what a component computes, its options with units and defaults, and its references; of a plugin, its hooks
     and the options that a scene sets in [plugins.NAME].
     """
-    from chemage.foundation.errors import nearest
-    from chemage.plugins import registry
     from chemage.scene.schema import options_of
 
     plugins = registry.current()
@@ -279,7 +278,6 @@ def plugins_check() -> None:
     Notes say which plugins answer the same stage or read the same files and which of them comes first, and which are
     slow to import. The exit status is 1 if there are problems.
     """
-    from chemage.plugins import registry
     from chemage.scene.materials import material_problems
     from chemage.surfaces.reading import shared_endings
 

@@ -14,6 +14,7 @@ import typer
 from chemage.cli import output
 from chemage.cli.options import JsonOpt, user_error
 from chemage.foundation.progress import loaded, loading, progress_bars
+from chemage.plugins import registry
 
 if TYPE_CHECKING:
     from chemage.scene.scene import Scene
@@ -40,7 +41,6 @@ def materials(
     Each value is shown with its source and how it is known: measured, calculated, calibrated or estimated. A scene
     names a material with material = "NAME", which fills what the scene does not say.
     """
-    from chemage.plugins import registry
     from chemage.scene.materials import material
 
     if as_toml and (name is None or as_json):
@@ -105,7 +105,6 @@ def warmup(
     """
     loading("loading chemage")
     from chemage.foundation import compiling, machine
-    from chemage.plugins import registry
 
     begin = time.perf_counter()
     failed: dict[str, str] = {}
@@ -130,7 +129,7 @@ def warmup(
                         raise
                     failed[name] = f"{type(error).__name__}: {error}"
     told: dict[str, Any] = {
-        "kernels": compiled.kernels,
+        "kernels": compiled,
         "seconds": round(time.perf_counter() - begin, 2),
         "folders": [str(machine.kernel_folder())],
         "processor": machine.processor(),
@@ -144,7 +143,7 @@ def warmup(
     if as_json:
         output.say_json(told)
     else:
-        number = len(compiled.kernels)
+        number = len(compiled)
         output.say(
             f"{number} kernel{'' if number == 1 else 's'} compiled in {told['seconds']:.1f} s"
             if number

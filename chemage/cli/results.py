@@ -30,6 +30,7 @@ from chemage.cli.options import (
     user_error,
 )
 from chemage.foundation.progress import progress_bars, reported
+from chemage.plugins import registry
 
 if TYPE_CHECKING:
     from chemage.results.comparison import Comparison
@@ -418,7 +419,6 @@ def cite(
 
     These are chemage, the paper of its model, and the publications of the components that were used.
     """
-    from chemage.plugins import registry
     from chemage.results.kinds import components, load
     from chemage.scene.files import parse_scene, scene_data
     from chemage.scene.provenance import bibtex, references, text

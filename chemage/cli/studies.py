@@ -15,6 +15,7 @@ from chemage.cli import output
 from chemage.cli.options import chosen_executor, user_error
 from chemage.cli.output import drawn, preflight_result, result_written
 from chemage.foundation import compiling
+from chemage.foundation.aliases import Data
 from chemage.foundation.errors import ChemageError, printable
 from chemage.foundation.progress import LOGGER, progress_bars, reported
 from chemage.foundation.result import result_of
@@ -58,7 +59,6 @@ def run_ensemble(
     **how: Any,
 ) -> None:
     """Sample the ensemble that a scene asks for, write it to ``path`` and print it."""
-    from chemage.foundation.result import result_of
     from chemage.results.files import write
     from chemage.scene.warm_up import compiled_ahead
     from chemage.studies.ensembles.running import (
@@ -130,7 +130,7 @@ def confirm(yes: bool) -> Any:
 def run_sweep(
     scene: str,
     out: Path | None,
-    changes: dict[str, Any],
+    changes: Data,
     *,
     yes: bool,
     as_json: bool,
@@ -169,7 +169,7 @@ def run_sweep(
     _print_whole(result, {**result.status(), "folder": str(folder)}, as_json=as_json)
 
 
-def _print_whole(result: SweepResult, state: dict[str, Any], *, as_json: bool) -> None:
+def _print_whole(result: SweepResult, state: Data, *, as_json: bool) -> None:
     folder = Path(state["folder"])
     tables = {"csv": str(folder / "results.csv"), "hdf5": str(folder / "results.h5")}
     if as_json:
@@ -281,11 +281,10 @@ def _kept(folder: Path) -> str:
 
 def check_sweep(
     scene: str,
-    changes: dict[str, Any],
-    *,
+    changes: Data,
     yes: bool,
     as_json: bool,
-    shares: int | None = None,
+    shares: int | None,
 ) -> None:
     """Validate every point and estimate the cost of the sweep, and of its shares, without computing anything."""
     with show_progress() as report:
@@ -381,7 +380,7 @@ def _duration(seconds: float) -> str:
     return f"{seconds / 60:.3g} min" if seconds < 7200 else f"{seconds / 3600:.3g} h"
 
 
-def print_failures(state: dict[str, Any]) -> None:
+def print_failures(state: Data) -> None:
     for failed in state["failures"][:_LISTED]:
         what = f"point {failed['point']} ({listed(failed['changes'])})"
         output.say(f"failed: {what}: {failed['error']}", file=sys.stderr)

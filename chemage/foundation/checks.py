@@ -54,6 +54,11 @@ MOST_BINS = 1_000_000
 MOST_TIMES = 10_000_000
 
 
+def is_table(value: Any) -> bool:
+    """Whether ``value`` is a mapping of names."""
+    return isinstance(value, Mapping) and all(isinstance(name, str) for name in value)
+
+
 def expect(name: str, value: object, kind: type, remedy: str) -> None:
     if not isinstance(value, kind):
         article = "an" if kind.__name__[0] in "AEIOU" else "a"
@@ -167,29 +172,20 @@ def check_times(hold_times: Sequence[float] | np.ndarray) -> np.ndarray:
         raise InputError.of(
             "hold_times", times.shape, f"are more than {MOST_TIMES}", "give fewer"
         )
-
-    def refuse(bad: np.ndarray, problem: str, remedy: str) -> None:
-        if bad[at := int(np.argmax(bad))]:
-            raise InputError.of(
-                f"hold_times[{at}]",
-                float(times[at]),
-                problem.format(at and float(times[at - 1])),
-                remedy,
-            )
-
     unreal = ~np.isfinite(times) | (times < 0)
-    refuse(
-        unreal,
-        "must be finite and not negative",
-        "give seconds since the contact was made",
-    )
     too_far = (times > LARGEST) | ((times > 0) & (times < SMALLEST))
-    refuse(
-        too_far,
-        "is out of range",
-        f"give 0, or seconds from {SMALLEST:g} to {LARGEST:g}",
-    )
-    refuse(np.diff(times, prepend=0.0) < 0, "comes after {}", "sort the hold times")
+    earlier = np.append(False, times[1:] < times[:-1])
+    since, span = "seconds since the contact was made", f"{SMALLEST:g} to {LARGEST:g}"
+    for bad, problem, remedy in (
+        (unreal, "must be finite and not negative", f"give {since}"),
+        (too_far, "is out of range", f"give 0, or seconds from {span}"),
+        (earlier, "comes after {}", "sort the hold times"),
+    ):
+        if bad.any():
+            at = int(np.argmax(bad))
+            problem = problem.format(times[at - 1])
+            name = f"hold_times[{at}]"
+            raise InputError.of(name, float(times[at]), problem, remedy)
     return times
 
 
@@ -231,22 +227,15 @@ def _fits(value: Any, hint: Any) -> bool:
         return any(_fits(value, part) for part in inner)
     if origin is Literal:
         return isinstance(value, str) and value in inner
-    if hint in (None, type(None), bool, int, float):
-        if (
-            hint in (int, float)
-            and isinstance(value, int | float | np.number)
-            and value == value
-        ):
-            return bool(
-                not isinstance(value, bool)
-                and (_is_whole(value) or hint is float)
-                and abs(value) < 2.0**63
-            )
-        return (
-            value is None
-            if hint in (None, type(None))
-            else hint is bool and isinstance(value, bool | np.bool_)
-        )
+    if hint in (None, type(None)):
+        return value is None
+    if hint is bool:
+        return isinstance(value, bool | np.bool_)
+    if hint in (int, float):
+        is_number = isinstance(value, int | float | np.number)
+        if not is_number or isinstance(value, bool):
+            return False
+        return bool((hint is float or _is_whole(value)) and abs(value) < 2.0**63)
     cls = origin or hint
     if not isinstance(cls, type) or cls in (Any, object):
         return True
@@ -321,15 +310,11 @@ class Frozen(BaseModel):
         except ValidationError as error:
             known = list(type(self).model_fields)
             options = f"; the options are {', '.join(known) or 'none'}"
-            problems = [
-                (
-                    path,
-                    f"{text}{nearest(path, known)}{options}"
-                    if text == "no such option"
-                    else text,
-                )
-                for path, text in explain(error)
-            ]
+            problems = []
+            for path, text in explain(error):
+                if text == "no such option":
+                    text += f"{nearest(path, known)}{options}"
+                problems.append((path, text))
             raise InputError(
                 f"{self._title()}: {in_lines(problems)}", problems
             ) from None
@@ -479,10 +464,7 @@ def hold_times(
         raise InputError.of(
             "stop", stop, f"must be finite and not before start ({low:g} s)"
         )
-    if checked_count("per_decade", per_decade) > MOST_PER_DECADE:
-        raise InputError.of(
-            "per_decade", per_decade, f"must be at most {MOST_PER_DECADE}"
-        )
+    checked_count("per_decade", per_decade, most=MOST_PER_DECADE)
     decades = math.log10(high / low)
     count = math.floor(decades * per_decade + 1e-9)
     times = low * 10.0 ** (np.arange(count + 1) / per_decade)

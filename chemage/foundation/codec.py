@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
+from chemage.foundation.aliases import Data, Fields
 from chemage.foundation.errors import optional_module
 from chemage.foundation.records import Record
 
@@ -39,15 +40,15 @@ class Derived:
     #: name -> (dimensions of the record, values, unit, meaning)
     variables: Mapping[str, tuple[tuple[str, ...], np.ndarray, str, str]]
     #: name -> number or text
-    attributes: Mapping[str, Any]
+    attributes: Fields
 
 
 # -- values and arrays ------------------------------------------------------------------------------------------------
 
 
-def encode(record: Record) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+def encode(record: Record) -> tuple[Data, dict[str, np.ndarray]]:
     """A record as plain JSON values and arrays by name; a field of named arrays becomes ``field/name``."""
-    values: dict[str, Any] = {}
+    values: Data = {}
     arrays: dict[str, np.ndarray] = {}
     for name, value in record.todict().items():
         if record.is_left_out(name, value):
@@ -65,11 +66,9 @@ def encode(record: Record) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     return values, arrays
 
 
-def decode(
-    cls: type[R], values: Mapping[str, Any], arrays: Mapping[str, np.ndarray]
-) -> R:
+def decode(cls: type[R], values: Fields, arrays: Mapping[str, np.ndarray]) -> R:
     """The inverse of :func:`encode`; fields that are not there take their defaults."""
-    fields: dict[str, Any] = dict(values)
+    fields: Data = dict(values)
     for name, array in arrays.items():
         field, slash, key = name.partition("/")
         if slash:
@@ -92,28 +91,26 @@ def exact(value: Any) -> Any:
         return [exact(item) for item in value]
     if isinstance(value, np.generic):
         value = value.item()
-    return (
-        {_FLOAT: repr(value)}
-        if isinstance(value, float) and not math.isfinite(value)
-        else value
-    )
+    if isinstance(value, float) and not math.isfinite(value):
+        return {_FLOAT: repr(value)}
+    return value
 
 
 def inexact(value: Any) -> Any:
     """The inverse of :func:`exact`."""
-    if isinstance(value, dict):
-        return (
-            float(value[_FLOAT])
-            if value.keys() == {_FLOAT}
-            else {k: inexact(item) for k, item in value.items()}
-        )
-    return [inexact(item) for item in value] if isinstance(value, list) else value
+    if isinstance(value, list):
+        return [inexact(item) for item in value]
+    if not isinstance(value, dict):
+        return value
+    if value.keys() == {_FLOAT}:
+        return float(value[_FLOAT])
+    return {name: inexact(item) for name, item in value.items()}
 
 
 # -- JSON -------------------------------------------------------------------------------------------------------------
 
 
-def to_json(record: Record) -> dict[str, Any]:
+def to_json(record: Record) -> Data:
     """A record as one JSON object, exact to the last bit: declared arrays as lists, others in base 64."""
     values, arrays = encode(record)
     content = json.loads(json.dumps(exact(values), default=plain))
@@ -130,30 +127,19 @@ def to_json(record: Record) -> dict[str, Any]:
     return content
 
 
-def from_json(cls: type[R], content: Mapping[str, Any]) -> R:
+def from_json(cls: type[R], content: Fields) -> R:
     """The inverse of :func:`to_json`."""
-    fields = {
-        name: _from_base64(value) if _is_packed(value) else inexact(value)
-        for name, value in content.items()
-    }
-    return cls(**fields)
+    return cls(**{name: _unpacked(value) for name, value in content.items()})
 
 
-def _is_packed(value: Any) -> bool:
-    return (
-        isinstance(value, dict)
-        and bool(value)
-        and all(isinstance(item, dict) and "base64" in item for item in value.values())
-    )
-
-
-def _from_base64(items: Mapping[str, Any]) -> dict[str, np.ndarray]:
-    return {
-        name: np.frombuffer(
-            base64.b64decode(item["base64"]), dtype=item["dtype"]
-        ).reshape(item["shape"])
-        for name, item in items.items()
-    }
+def _unpacked(value: Any) -> Any:
+    """A field, or an array among named ones."""
+    if isinstance(value, dict) and "base64" in value:
+        data = np.frombuffer(base64.b64decode(value["base64"]), value["dtype"])
+        return data.reshape(value["shape"])
+    if isinstance(value, dict) and value.keys() != {_FLOAT}:
+        return {name: _unpacked(item) for name, item in value.items()}
+    return inexact(value)
 
 
 # -- groups of NetCDF-4 ------------------------------------------------------------------------------------------------
@@ -164,7 +150,7 @@ def write_group(group: Any, hdf5: Any, record: Record) -> None:
     values, arrays = encode(record)
     stored = {*values, *(name.partition("/")[0] for name in arrays)}
     fields = json.dumps({name: name in stored for name in type(record).model_fields})
-    named: dict[str, Any] = {
+    named: Data = {
         "chemage_object": type(record).__name__,
         "digest": record.digest(),
         "fields": fields,
@@ -238,7 +224,7 @@ def _write_array(
             group.dimensions[dim] = length
     if values.dtype == np.bool_:
         values, attributes = values.astype(np.int8), {**attributes, "dtype": "bool"}
-    options: dict[str, Any] = {}
+    options: Data = {}
     if values.ndim == 2 and values.nbytes > _LARGE:
         options["chunks"] = tuple(min(_CHUNK, length) for length in values.shape)
     if compresses(values):
@@ -257,16 +243,11 @@ def write_derived(group: Any, derived: Derived) -> None:
         _set_attributes(
             variable, {"units": unit, "long_name": meaning, "comment": "derived"}
         )
-    _set_attributes(
-        group,
-        {
-            **derived.attributes,
-            "derived": json.dumps([*derived.variables, *derived.attributes]),
-        },
-    )
+    names = json.dumps([*derived.variables, *derived.attributes])
+    _set_attributes(group, {**derived.attributes, "derived": names})
 
 
-def _set_attributes(hdf5: Any, values: Mapping[str, Any]) -> None:
+def _set_attributes(hdf5: Any, values: Fields) -> None:
     """Set attributes of an HDF5 object as h5netcdf does, without its checks, which take longer than the writing."""
     for name, value in values.items():
         hdf5.attrs[name] = value if isinstance(value, str) else np.atleast_1d(value)
@@ -282,7 +263,7 @@ def read_group(group: Any, cls: type[R]) -> R:
     """The inverse of :func:`write_group`; fields that are not there take their defaults."""
     import h5py
 
-    values: dict[str, Any] = {}
+    values: Data = {}
     arrays: dict[str, np.ndarray] = {}
     members, attributes = set(group), set(group.attrs)
     for name, info in cls.model_fields.items():
@@ -372,7 +353,7 @@ def dataset(
 
 
 def frame(
-    columns: dict[str, np.ndarray], index: str, attributes: dict[str, Any]
+    columns: dict[str, np.ndarray], index: str, attributes: Data
 ) -> pandas.DataFrame:
     """Columns of equal length; that of the name ``index`` numbers the rows."""
     pandas = optional_module("pandas", EXTRA)

@@ -10,13 +10,13 @@ import pickle
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any
 
 from chemage.foundation import machine
+from chemage.foundation.aliases import Fields
 from chemage.foundation.threads import available, environment
 
 _BOOT = (
@@ -38,8 +38,8 @@ PATIENCE = 60.0
 
 
 def begin(
-    scene: str | Mapping[str, Any],
-    changes: Mapping[str, Any] | None,
+    scene: str | Fields,
+    changes: Fields | None,
     threads: int | None,
 ) -> Helpers:
     """Start the processes that compile what a scene needs, given by name with ``changes``, or as data; none with
@@ -52,9 +52,7 @@ def begin(
 
 
 @contextmanager
-def begun_early(
-    scene: str, changes: Mapping[str, Any], threads: int | None
-) -> Iterator[Helpers]:
+def begun_early(scene: str, changes: Fields, threads: int | None) -> Iterator[Helpers]:
     """Begin to compile what a scene needs while this process still imports what it needs, where nothing is compiled
     yet; yields the processes, which end with the block."""
     helpers = begin(scene, changes, threads) if machine.is_cold() else {}
@@ -64,27 +62,20 @@ def begun_early(
         end(helpers.values())
 
 
-@dataclass
-class Compiled:
-    """The kernels that were compiled so far; those that come from the cache do not count."""
-
-    #: ``module.function`` of each, in the order in which they were begun
-    kernels: list[str] = field(default_factory=list)
-
-
 @contextmanager
 def watched(
     begin: Callable[[int], None], end: Callable[[int], None]
-) -> Iterator[Compiled]:
+) -> Iterator[list[str]]:
     """Call ``begin`` with the number of kernels compiled before, when one is compiled in this block, and ``end`` with
     that number and one when it is done.
 
-    Kernels that numba keeps count, and not the functions that are compiled into them. Either may be called by any
-    thread.
+    The block is given the kernels that were begun so far, ``module.function`` each. Those that numba keeps count, and
+    neither what comes from the cache nor the functions that are compiled into them. ``begin`` and ``end`` may be called
+    by any thread.
     """
     from numba.core import event
 
-    compiled = Compiled()
+    compiled: list[str] = []
 
     class Listener(event.Listener):
         depth = 0  # numba compiles one kernel at a time, whatever thread asks for it
@@ -92,16 +83,14 @@ def watched(
         def on_start(self, event: Any) -> None:
             self.depth += 1
             if self.depth == 1 and _is_kept(event):
-                begin(len(compiled.kernels))
+                begin(len(compiled))
                 function = event.data["dispatcher"].py_func
-                compiled.kernels.append(
-                    f"{function.__module__}.{function.__qualname__}"
-                )
+                compiled.append(f"{function.__module__}.{function.__qualname__}")
 
         def on_end(self, event: Any) -> None:
             self.depth -= 1
             if self.depth == 0 and _is_kept(event):
-                end(len(compiled.kernels))
+                end(len(compiled))
 
     listener = Listener()
     event.register("numba:compile", listener)

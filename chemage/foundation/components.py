@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self, cast
 from pydantic import SerializationInfo, SerializerFunctionWrapHandler, model_serializer
 
 from chemage.foundation import names, ownership
-from chemage.foundation.checks import Frozen, meanings
+from chemage.foundation.aliases import Data, Fields
+from chemage.foundation.checks import Frozen, is_table, meanings
 from chemage.foundation.errors import ChemageError, InputError, PluginError
 from chemage.foundation.outputs import Output, record_by
 from chemage.foundation.ownership import Owned, name_owner
@@ -81,16 +82,14 @@ class Component(Owned, Frozen):
         """:attr:`kind`, after the name of its plugin where it is not built in: ``"grit:winkler"``."""
         return names.spelling(cls, everywhere=True)
 
-    def model_copy(
-        self, *, update: Mapping[str, Any] | None = None, deep: bool = False
-    ) -> Self:
+    def model_copy(self, *, update: Fields | None = None, deep: bool = False) -> Self:
         """As :meth:`replace`: options are always validated."""
         return self.replace(**(update or {}))
 
     @model_serializer(mode="wrap")
     def _with_kind(
         self, handler: SerializerFunctionWrapHandler, info: SerializationInfo
-    ) -> dict[str, Any]:
+    ) -> Data:
         fields, is_identity = handler(self), info.context is _IDENTITY
         if is_identity:
             fields = {
@@ -115,7 +114,7 @@ class Component(Owned, Frozen):
             (type(self), *(getattr(self, name) for name in type(self).model_fields))
         )
 
-    def todict(self) -> dict[str, Any]:
+    def todict(self) -> Data:
         """``{"kind": ..., option: value}`` of plain JSON values; :meth:`fromdict` reads it back."""
         return self.model_dump(mode="json")
 
@@ -127,16 +126,14 @@ class Component(Owned, Frozen):
         """
         return {}
 
-    def identity(self) -> dict[str, Any]:
+    def identity(self) -> Data:
         """What decides the answer: all options but those that only change the speed, and :meth:`content`."""
         return self.model_dump(mode="json", context=_IDENTITY)
 
     @classmethod
-    def fromdict(cls, fields: Mapping[str, Any]) -> Self:
+    def fromdict(cls, fields: Fields) -> Self:
         """The inverse of :meth:`todict`; :func:`chemage.plugin.fromdict` finds the class by its kind as well."""
-        if not isinstance(fields, Mapping) or not all(
-            isinstance(name, str) for name in fields
-        ):
+        if not is_table(fields):
             raise InputError.of("fields", fields, "is not a table of options by name")
         options = dict(fields)
         kind = options.pop("kind", cls.kind)

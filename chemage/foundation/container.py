@@ -29,6 +29,7 @@ from zipfile import ZipFile
 import numpy as np
 
 from chemage.foundation import codec
+from chemage.foundation.aliases import AnyPath, Data, Fields
 from chemage.foundation.errors import (
     ChemageError,
     DamagedError,
@@ -39,10 +40,10 @@ from chemage.foundation.errors import (
 from chemage.foundation.files import (
     DEEPEST,
     LARGEST_DESCRIPTION,
-    create,
-    fresh_file,
     open_file,
+    preflight,
     read_bytes,
+    write_file,
 )
 from chemage.foundation.memory import capacity, readable
 from chemage.foundation.records import Named, Record
@@ -75,9 +76,9 @@ class Arrays(Record):
 
 
 def write(
-    path: str | os.PathLike[str],
+    path: AnyPath,
     parts: Mapping[str, Record],
-    about: Mapping[str, Any] | None = None,
+    about: Fields | None = None,
     *,
     derived: Mapping[str, codec.Derived] | None = None,
     compact: bool = False,
@@ -93,29 +94,18 @@ def write(
     StoreError
         ``path`` exists (unless ``force``), or cannot be written; nothing is left behind.
     """
-    arrays = [
-        array for record in parts.values() for array in codec.encode(record)[1].values()
-    ]
-    size = sum(
-        0.02 * array.nbytes if codec.compresses(array) else array.nbytes
-        for array in arrays
-    )
-    with fresh_file(path, force=force, size=size) as part:
-        # made in memory and written at once: HDF5 crashes the process when the disk fills up under it
-        create(
-            part,
-            archive(parts, about or {})
-            if compact
-            else _hdf5(parts, about or {}, derived or {}),
-        )
+    preflight(path, force=force)
+    # made in memory and written at once: HDF5 crashes the process when the disk fills up under it
+    content = archive(parts, about) if compact else _hdf5(parts, about, derived or {})
+    write_file(path, content, force=force)
 
 
 def read(
-    path: str | os.PathLike[str],
+    path: AnyPath,
     kinds: Mapping[str, type[Record] | str],
     *,
     links: bool = True,
-) -> tuple[dict[str, Any], dict[str, Any]]:
+) -> tuple[Data, Data]:
     """The records in a container whose names are among ``kinds`` (classes, or ``"module:Class"`` of those that are
     imported where a record is there), and what they are about.
 
@@ -170,7 +160,7 @@ def opened(path: Path) -> Iterator[Any]:
 
 
 @contextmanager
-def hdf5(path: str | os.PathLike[str]) -> Iterator[Any]:
+def hdf5(path: AnyPath) -> Iterator[Any]:
     """An HDF5 file of any program, open for reading (an h5py file); one of chemage's is verified.
 
     Links in it, and datasets for which :func:`check_dataset` was not called, may lead to other files.
@@ -302,7 +292,7 @@ def _datasets(group: Any, path: Path, groups: set[int]) -> Iterator[Any]:
             yield item
 
 
-def check_dataset(dataset: Any, path: str | os.PathLike[str]) -> int:
+def check_dataset(dataset: Any, path: AnyPath) -> int:
     """The size in bytes of a dataset of an HDF5 file, which is within the file and fits into memory.
 
     Raises
@@ -318,7 +308,7 @@ def check_dataset(dataset: Any, path: str | os.PathLike[str]) -> int:
     return size
 
 
-def _size_of(dataset: Any, path: str | os.PathLike[str]) -> int:
+def _size_of(dataset: Any, path: AnyPath) -> int:
     name = f"{path}:{dataset.name}"
     if dataset.external or dataset.is_virtual:
         raise StoreError(
@@ -363,7 +353,7 @@ def _check_size(size: float, name: str) -> None:
 
 
 @contextmanager
-def decoding(path: str | os.PathLike[str], part: str = "") -> Iterator[None]:
+def decoding(path: AnyPath, part: str = "") -> Iterator[None]:
     """What cannot be read of a file, or of a part of it, is damage: libraries raise errors of all kinds."""
     try:
         yield
@@ -383,7 +373,7 @@ def decoding(path: str | os.PathLike[str], part: str = "") -> Iterator[None]:
 
 def _hdf5(
     parts: Mapping[str, Record],
-    about: Mapping[str, Any],
+    about: Fields | None,
     derived: Mapping[str, codec.Derived],
 ) -> memoryview:
     """A sealed container in the layout of NetCDF-4."""
@@ -402,7 +392,7 @@ def _hdf5(
             "chemage_format": FORMAT,
             "Conventions": "CF-1.8",
         }
-        for name, value in {**header, **about}.items():
+        for name, value in {**header, **(about or {})}.items():
             file.attrs[name] = value
         ends = []
         for name, record in parts.items():
@@ -414,12 +404,10 @@ def _hdf5(
     return seal(image, ends)
 
 
-def archive(
-    parts: Mapping[str, Record], about: Mapping[str, Any] | None = None
-) -> memoryview:
+def archive(parts: Mapping[str, Record], about: Fields | None = None) -> memoryview:
     """A sealed container as an npz archive; of an array that is mostly zeros, only what is not zero is kept."""
     entries: dict[str, np.ndarray] = {}
-    texts: dict[str, Any] = {}
+    texts: Data = {}
     for part, record in parts.items():
         values, arrays = codec.encode(record)
         sparse: dict[str, list[int]] = {}
@@ -437,19 +425,14 @@ def archive(
     text = json.dumps(
         {"parts": texts, "about": codec.exact(about or {})}, default=codec.plain
     )
-    image = io.BytesIO()
-    np.savez(
-        image,
-        allow_pickle=False,
-        record=np.frombuffer(text.encode(), dtype=np.uint8),
-        **entries,
-    )
+    image, record = io.BytesIO(), np.frombuffer(text.encode(), dtype=np.uint8)
+    np.savez(image, allow_pickle=False, record=record, **entries)
     return seal(image)
 
 
 def _read_archive(
     stream: IO[bytes], path: Path, kinds: Mapping[str, type[Record] | str]
-) -> tuple[dict[str, Any], dict[str, Any]]:
+) -> tuple[Data, Data]:
     if not _is_checked(stream, path):
         raise DamagedError(f"{path} is damaged: its checksum is missing; {_CUT}")
     with decoding(path), ZipFile(stream) as file:
@@ -463,7 +446,7 @@ def _read_archive(
             with file.open(f"{name}.npy") as member:
                 return read_array(member, lengths[name])
 
-        stored: dict[str, Any] = json.loads(bytes(array("record")))
+        stored: Data = json.loads(bytes(array("record")))
         if "parts" in stored:
             entries, prefix = dict(stored["parts"]), "{}/"
         else:  # chemage 0.2.0 kept one record, without a name
@@ -472,16 +455,12 @@ def _read_archive(
         for name, kind in kinds.items():
             if name in entries:
                 cls = _class(kind)
+                entry = entries[name]
                 with decoding(path, name):
-                    arrays = _arrays_in(
-                        array,
-                        list(lengths),
-                        prefix.format(name),
-                        entries[name]["sparse"],
-                    )
-                    records[name] = codec.decode(
-                        cls, codec.inexact(entries[name]["values"]), arrays
-                    )
+                    own = prefix.format(name)
+                    arrays = _arrays_in(array, list(lengths), own, entry["sparse"])
+                    values = codec.inexact(entry["values"])
+                    records[name] = codec.decode(cls, values, arrays)
     return records, codec.inexact(stored.get("about", {}))
 
 
@@ -531,17 +510,17 @@ def read_array(stream: IO[bytes], length: int) -> np.ndarray:
 # -- the seal ---------------------------------------------------------------------------------------------------------
 
 
-def seal(content: io.BytesIO, parts: Sequence[tuple[str, int]] = ()) -> memoryview:
+def seal(
+    content: io.BytesIO, parts: Sequence[tuple[str, int]] = (("content", 0),)
+) -> memoryview:
     """Add a seal to the end of ``content``, and return all of it.
 
     ``parts`` are the names of successive parts and where each ends; the last one reaches to the end of the content.
     """
-    table = []
+    table, begin = [], 0
+    *before, (last, _) = parts
     with content.getbuffer() as inner:
-        begin, names = 0, [name for name, _ in parts] or ["content"]
-        for name, end in zip(
-            names, [*(end for _, end in parts[:-1]), len(inner)], strict=True
-        ):
+        for name, end in [*before, (last, len(inner))]:
             with inner[begin:end] as part:
                 table.append([name, end - begin, hashlib.sha256(part).hexdigest()])
             begin = end
@@ -598,13 +577,13 @@ def _sha256(text: bytes) -> bytes:
 # -- JSON -------------------------------------------------------------------------------------------------------------
 
 
-def sealed_json(content: Mapping[str, Any], **layout: Any) -> bytes:
+def sealed_json(content: Fields, **layout: Any) -> bytes:
     """A mapping as JSON with its checksum as the last field; ``layout`` are options of :func:`json.dumps`."""
     body = json.dumps(content, **layout).rstrip().removesuffix("}").rstrip().encode()
     return body + b', "sha256": "' + _sha256(body) + b'"}\n'
 
 
-def read_json(path: str | os.PathLike[str], *, links: bool = True) -> dict[str, Any]:
+def read_json(path: AnyPath, *, links: bool = True) -> Data:
     """The mapping that :func:`sealed_json` made into the content of a file, without its checksum.
 
     Without ``links``, a path that is one is refused.
@@ -629,7 +608,7 @@ def read_json(path: str | os.PathLike[str], *, links: bool = True) -> dict[str, 
     return content
 
 
-def check_json(text: bytes, path: str | os.PathLike[str]) -> bool:
+def check_json(text: bytes, path: AnyPath) -> bool:
     """Whether the text of a JSON file carries a checksum, which then fits; it is not parsed.
 
     Raises

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import repeat
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,7 +28,6 @@ COLUMNS = (
     "high",
     "value",
 )
-_NOTHING = np.zeros(0)
 
 
 def drawn_data(figure: Figure) -> str:
@@ -37,30 +37,24 @@ def drawn_data(figure: Figure) -> str:
     for number, axes in enumerate(plots, 1):
         for label, parts in _drawn(axes):
             name = "" if label.startswith("_") else label.strip().replace(r"\$", "$")
-            length = max(part.size for part in parts)
-            columns = [
-                part if part.size == length else [None] * length for part in parts
+            labels = (
+                " ".join(text().split()) for text in (axes.get_xlabel, axes.get_ylabel)
+            )
+            head = (number, *labels, name)
+            cells = [
+                map(repr, map(float, parts[column])) if column in parts else repeat("")
+                for column in COLUMNS[len(head) :]
             ]
-            for row in zip(*columns, strict=True):
-                cells = ("" if cell is None else repr(float(cell)) for cell in row)
-                rows.append(
-                    (
-                        number,
-                        _words(axes.get_xlabel()),
-                        _words(axes.get_ylabel()),
-                        name,
-                        *cells,
-                    )
-                )
+            rows += [(*head, *row) for row in zip(*cells, strict=False)]
     return csv_text(COLUMNS, rows)
 
 
-def _words(label: str) -> str:
-    return " ".join(label.split())
+#: name of a column -> its values
+Drawn = dict[str, np.ndarray]
 
 
-def _drawn(axes: Axes) -> Iterator[tuple[str, tuple[np.ndarray, ...]]]:
-    """(label, (x, y, low, high, value)) of what is drawn with the scales of the axes."""
+def _drawn(axes: Axes) -> Iterator[tuple[str, Drawn]]:
+    """The label and the numbers of what is drawn with the scales of the axes."""
     from matplotlib.container import BarContainer, ErrorbarContainer
     from matplotlib.patches import StepPatch
 
@@ -69,27 +63,23 @@ def _drawn(axes: Axes) -> Iterator[tuple[str, tuple[np.ndarray, ...]]]:
         if isinstance(container, ErrorbarContainer):
             line, caps, bars = container.lines
             taken |= {line, *caps, *bars}
-            x, y = (np.asarray(values, dtype=np.float64) for values in line.get_data())  # pyright: ignore[reportOptionalMemberAccess]
-            ends = (
-                np.array([part[:, 1] for part in bars[0].get_segments()])
-                if bars
-                else np.zeros((0, 2))
-            )
-            low, high = ends.T if len(ends) == x.size else (_NOTHING, _NOTHING)
-            yield str(container.get_label()), (x, y, low, high, _NOTHING)
+            found = _of_line(line)
+            ends = [part[:, 1] for part in bars[0].get_segments()] if bars else []
+            if len(ends) == found["x"].size:
+                found["low"], found["high"] = np.transpose(ends)
+            yield str(container.get_label()), found
         elif isinstance(container, BarContainer):
             yield str(container.get_label()), _bars(container)
     for line in axes.lines:
-        x, y = (np.asarray(values, dtype=np.float64) for values in line.get_data())
-        if line not in taken and x.size and line.get_transform() == axes.transData:
-            yield str(line.get_label()), (x, y, _NOTHING, _NOTHING, _NOTHING)
+        found = _of_line(line)
+        shown = found["x"].size and line.get_transform() == axes.transData
+        if shown and line not in taken:
+            yield str(line.get_label()), found
     for patch in axes.patches:
         if isinstance(patch, StepPatch):
             values, edges, _ = patch.get_data()
-            yield (
-                str(patch.get_label()),
-                (0.5 * (edges[1:] + edges[:-1]), values, _NOTHING, _NOTHING, _NOTHING),
-            )
+            middles = 0.5 * (edges[1:] + edges[:-1])
+            yield str(patch.get_label()), {"x": middles, "y": values}
     for collection in axes.collections:
         if (
             collection not in taken
@@ -99,33 +89,28 @@ def _drawn(axes: Axes) -> Iterator[tuple[str, tuple[np.ndarray, ...]]]:
     for image in axes.images:
         values, (x0, x1, y0, y1) = image.get_array(), image.get_extent()
         if values is not None:
-            edges = (
-                np.linspace(x0, x1, values.shape[1] + 1),
-                np.linspace(y0, y1, values.shape[0] + 1),
-            )
-            yield str(image.get_label()), _map(*edges, values)
+            x = np.linspace(x0, x1, values.shape[1] + 1)
+            y = np.linspace(y0, y1, values.shape[0] + 1)
+            yield str(image.get_label()), _map(x, y, values)
 
 
-def _bars(container: Any) -> tuple[np.ndarray, ...]:
+def _of_line(line: Any) -> Drawn:
+    x, y = (np.asarray(values, dtype=np.float64) for values in line.get_data())
+    return {"x": x, "y": y}
+
+
+def _bars(container: Any) -> Drawn:
     """Middle and length of bars."""
     upright = container.orientation != "horizontal"
     boxes = [bar.get_bbox() for bar in container.patches]
-    middles = np.array(
-        [
-            0.5 * (box.x0 + box.x1) if upright else 0.5 * (box.y0 + box.y1)
-            for box in boxes
-        ]
-    )
-    lengths = np.array([box.height if upright else box.width for box in boxes])
-    return (
-        *((middles, lengths) if upright else (lengths, middles)),
-        _NOTHING,
-        _NOTHING,
-        _NOTHING,
-    )
+    if upright:
+        x = [0.5 * (box.x0 + box.x1) for box in boxes]
+        return {"x": np.array(x), "y": np.array([box.height for box in boxes])}
+    y = [0.5 * (box.y0 + box.y1) for box in boxes]
+    return {"x": np.array([box.width for box in boxes]), "y": np.array(y)}
 
 
-def _of_collection(collection: Any) -> tuple[np.ndarray, ...] | None:
+def _of_collection(collection: Any) -> Drawn | None:
     """The lower and upper edge of bands, the ends of upright lines, and the cells of a map."""
     from matplotlib.collections import LineCollection, PolyCollection, QuadMesh
 
@@ -143,10 +128,8 @@ def _of_collection(collection: Any) -> tuple[np.ndarray, ...] | None:
         ]
         if not upright or len(upright) < len(paths):
             return None  # the outlines of patches
-        x, low, high = np.array(
-            [(part[0, 0], *sorted(part[:, 1])) for part in upright]
-        ).T
-        return x, _NOTHING, low, high, _NOTHING
+        ends = np.transpose([(part[0, 0], *sorted(part[:, 1])) for part in upright])
+        return dict(zip(("x", "low", "high"), ends, strict=True))
     if not isinstance(collection, PolyCollection):
         return None
     found = []
@@ -155,25 +138,22 @@ def _of_collection(collection: Any) -> tuple[np.ndarray, ...] | None:
         forth, back = part[1 : count + 1], part[count + 2 : 2 * count + 2][::-1]
         if not count or not np.array_equal(forth[:, 0], back[:, 0]):
             return None
-        found.append(
-            np.column_stack([forth[:, 0], *np.sort([forth[:, 1], back[:, 1]], axis=0)])
-        )
+        low, high = np.sort([forth[:, 1], back[:, 1]], axis=0)
+        found.append([forth[:, 0], low, high])
     if not found:
         return None
-    x, low, high = np.concatenate(found).T
-    return x, _NOTHING, low, high, _NOTHING
+    band = np.concatenate(found, axis=1)
+    return dict(zip(("x", "low", "high"), band, strict=True))
 
 
-def _map(x: np.ndarray, y: np.ndarray, values: Any) -> tuple[np.ndarray, ...]:
+def _map(x: np.ndarray, y: np.ndarray, values: Any) -> Drawn:
     """The middles of the cells between edges ``x`` and ``y``, row by row, and their ``values``."""
     columns, rows = 0.5 * (x[1:] + x[:-1]), 0.5 * (y[1:] + y[:-1])
     shown = ~np.ma.getmaskarray(values).ravel()
     if shown.sum() > MOST_CELLS:
         shown[:] = False
-    parts = (
-        np.tile(columns, rows.size),
-        np.repeat(rows, columns.size),
-        np.ma.getdata(values).ravel(),
-    )
-    x, y, value = (part[shown] for part in parts)
-    return x, y, _NOTHING, _NOTHING, value
+    return {
+        "x": np.tile(columns, rows.size)[shown],
+        "y": np.repeat(rows, columns.size)[shown],
+        "value": np.ma.getdata(values).ravel()[shown],
+    }

@@ -18,6 +18,7 @@ ChemageError
 from __future__ import annotations
 
 import importlib
+import re
 from collections.abc import Sequence
 from contextlib import suppress
 from pkgutil import resolve_name
@@ -31,8 +32,10 @@ if TYPE_CHECKING:
 #: words as similar as this differ by typing errors
 _TYPING = 0.8
 
-#: direction marks that reorder what follows on the screen
-_REORDERING = {*range(0x202A, 0x202F), *range(0x2066, 0x206A), 0x2028, 0x2029, 0xFEFF}
+#: control characters, halves of surrogate pairs, and marks that reorder what follows on the screen
+_HARMFUL = re.compile(
+    "[\\x00-\\x08\\x0b-\\x1f\\x7f-\\x9f\\u2028-\\u202e\\u2066-\\u2069\\ud800-\\udfff\\ufeff]"
+)
 
 
 def shortened(value: object, most: int = 80) -> str:
@@ -58,26 +61,13 @@ def printable(text: str) -> str:
 
     Line feeds and tabs stay; terminal escapes, carriage returns and marks that reorder text do not.
     """
-    if text.isprintable():
-        return text
-    with suppress(
-        UnicodeError
-    ):  # bytes of the name of a file, in another encoding than that of the terminal
+    # bytes of the name of a file, in another encoding than that of the terminal
+    with suppress(UnicodeError):
         text = text.encode(errors="surrogateescape").decode()
-    return "".join(letter if _harmless(letter) else _escape(letter) for letter in text)
-
-
-def _harmless(letter: str) -> bool:
-    code = ord(letter)
-    if letter in "\n\t":
-        return True
-    return not (
-        code < 32 or 127 <= code < 160 or 0xD800 <= code < 0xE000 or code in _REORDERING
+    return _HARMFUL.sub(
+        lambda letter: letter[0].encode("unicode_escape", "surrogatepass").decode(),
+        text,
     )
-
-
-def _escape(letter: str) -> str:
-    return letter.encode("unicode_escape", "surrogatepass").decode("ascii")
 
 
 class ChemageError(Exception):

@@ -42,10 +42,17 @@ _SCREEN = 0.8
 #: blocks of pixels along a side of a map that is drawn
 MAP_PIXELS = 900
 #: names of chemage's own figures, in the folder of a run, in comparisons and in reports
-CORE = (
-    *("surface", "pressure", "friction", "ensemble"),
-    *("heights", "patch"),
-    *("friction-drop", "friction-coefficient-drop", "bonds-per-area", "pressures"),
+CORE: tuple[str, ...] = (
+    "surface",
+    "pressure",
+    "friction",
+    "ensemble",
+    "heights",
+    "patch",
+    "friction-drop",
+    "friction-coefficient-drop",
+    "bonds-per-area",
+    "pressures",
 )
 
 

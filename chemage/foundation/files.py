@@ -22,6 +22,7 @@ from math import inf
 from pathlib import Path
 from typing import IO, Any
 
+from chemage.foundation.aliases import AnyPath
 from chemage.foundation.errors import AbsentError, InputError, StoreError, shortened
 from chemage.foundation.memory import capacity, readable
 
@@ -42,9 +43,7 @@ LARGEST_DESCRIPTION = 1 << 30
 # -- writing ----------------------------------------------------------------------------------------------------------
 
 
-def preflight(
-    path: str | os.PathLike[str], *, force: bool = False, size: float = 0
-) -> Path:
+def preflight(path: AnyPath, *, force: bool = False, size: float = 0) -> Path:
     """Check, before anything is computed, that a result of about ``size`` bytes can be written to ``path``.
 
     Raises
@@ -116,7 +115,7 @@ def _remove_stale(target: Path) -> None:
 
 @contextlib.contextmanager
 def fresh_file(
-    path: str | os.PathLike[str], *, force: bool = False, size: float = 0
+    path: AnyPath, *, force: bool = False, size: float = 0
 ) -> Iterator[Path]:
     """A temporary name beside ``path`` that takes its place when the block ends well, and vanishes otherwise.
 
@@ -145,7 +144,7 @@ def fresh_file(
 
 
 def write_file(
-    path: str | os.PathLike[str],
+    path: AnyPath,
     content: str | bytes | memoryview,
     *,
     force: bool = False,
@@ -261,7 +260,7 @@ def put(part: Path, target: Path, *, over: bool) -> bool:
 
 
 def regular_file(
-    path: str | os.PathLike[str], most: float | None = None, *, links: bool = True
+    path: AnyPath, most: float | None = None, *, links: bool = True
 ) -> os.stat_result:
     """Check that ``path`` is an ordinary file, of at most ``most`` bytes (default: what fits into memory).
 
@@ -278,7 +277,7 @@ def regular_file(
 
 
 def open_file(
-    path: str | os.PathLike[str], most: float | None = None, *, links: bool = True
+    path: AnyPath, most: float | None = None, *, links: bool = True
 ) -> io.BufferedReader:
     """Open an ordinary file for reading, in bytes; arguments and errors as for :func:`regular_file`.
 
@@ -299,7 +298,7 @@ def open_file(
     return stream
 
 
-def _handle(path: str | os.PathLike[str], flags: int, *, links: bool) -> int:
+def _handle(path: AnyPath, flags: int, *, links: bool) -> int:
     """A file, without waiting for the other end of a pipe."""
     optional = [
         "O_NONBLOCK",
@@ -346,14 +345,14 @@ def _checked(status: os.stat_result, shown: str, most: float | None) -> os.stat_
     return status
 
 
-def file_stamp(path: str | os.PathLike[str]) -> FileStamp:
+def file_stamp(path: AnyPath) -> FileStamp:
     """What changes when a file is written to; errors as of :func:`regular_file`."""
     status = regular_file(path)
     return status.st_size, status.st_mtime_ns, status.st_ino, status.st_dev
 
 
 def read_bytes(
-    path: str | os.PathLike[str], most: float | None = None, *, links: bool = True
+    path: AnyPath, most: float | None = None, *, links: bool = True
 ) -> bytes:
     """The content of an ordinary file; arguments and errors as for :func:`regular_file`."""
     with (
@@ -363,7 +362,7 @@ def read_bytes(
         return stream.read()
 
 
-def read_text(path: str | os.PathLike[str], most: float | None = None) -> str:
+def read_text(path: AnyPath, most: float | None = None) -> str:
     """Read a text file of at most ``most`` bytes, in UTF-8 with or without a byte order mark.
 
     Raises
@@ -395,66 +394,43 @@ def check_data(data: Any, most: float = inf) -> None:
     InputError
         Naming the path of what is too deep, too long or too large.
     """
-    for path, item in _walk(data):
-        if isinstance(item, dict):
-            count = len(item)
-        elif isinstance(item, list):
-            count = sum(isinstance(part, dict) for part in item)
-        else:
-            count = 0
-        if count > most:
-            raise InputError(
-                "", [(shortened(path), f"has {count} entries; give at most {most}")]
-            )
-        if isinstance(item, int) and item.bit_length() > MOST_BITS:
-            raise InputError(
-                "",
-                [
-                    (
-                        path,
-                        f"a whole number of more than {MOST_BITS} bits; give a smaller one",
-                    )
-                ],
-            )
-        if isinstance(item, str) and len(item) > LONGEST_TEXT:
-            raise InputError(
-                "",
-                [
-                    (
-                        path,
-                        f"a text of {len(item)} characters; give at most {LONGEST_TEXT}",
-                    )
-                ],
-            )
-
-
-def _walk(data: Any) -> Iterator[tuple[str, Any]]:
     left: list[tuple[str, Any, int]] = [("", data, 0)]
     while left:
         path, item, depth = left.pop()
-        if depth > DEEPEST:
-            raise InputError(
-                "",
-                [
-                    (
-                        shortened(path),
-                        f"is nested more than {DEEPEST} deep; write it flatter",
-                    )
-                ],
-            )
-        yield path, item
+        if problem := _problem(item, depth, most):
+            raise InputError("", [(shortened(path), problem)])
         if isinstance(item, dict):
-            if not all(isinstance(name, str) for name in item):
-                raise InputError("", [(shortened(path), "has names that are no texts")])
-            left += [
-                (f"{path}.{name}".lstrip("."), part, depth + 1)
-                for name, part in item.items()
-            ]
+            inner = item.items()
         elif isinstance(item, list):
-            # numbers are by far the most frequent, and only large ones matter
-            left += [
-                (f"{path}.{number}", part, depth + 1)
-                for number, part in enumerate(item)
-                if not isinstance(part, float)
-                and not (type(part) is int and abs(part) < 2**63)
-            ]
+            inner = enumerate(item)
+        else:
+            continue
+        left += [
+            (f"{path}.{name}".lstrip("."), part, depth + 1)
+            for name, part in inner
+            if not _is_small(part)
+        ]
+
+
+def _is_small(value: Any) -> bool:
+    # numbers are by far the most frequent, and only large ones matter
+    return isinstance(value, float) or (type(value) is int and abs(value) < 2**63)
+
+
+def _problem(item: Any, depth: int, most: float) -> str:
+    if depth > DEEPEST:
+        return f"is nested more than {DEEPEST} deep; write it flatter"
+    count = 0
+    if isinstance(item, dict):
+        count = len(item)
+    elif isinstance(item, list):
+        count = sum(isinstance(part, dict) for part in item)
+    if count > most:
+        return f"has {count} entries; give at most {most}"
+    if isinstance(item, dict) and not all(isinstance(name, str) for name in item):
+        return "has names that are no texts"
+    if isinstance(item, int) and item.bit_length() > MOST_BITS:
+        return f"a whole number of more than {MOST_BITS} bits; give a smaller one"
+    if isinstance(item, str) and len(item) > LONGEST_TEXT:
+        return f"a text of {len(item)} characters; give at most {LONGEST_TEXT}"
+    return ""

@@ -23,14 +23,14 @@ NARROWEST, WIDEST = 50.0, 1000.0
 SMALLEST_FONT = 7.0
 #: what a larger font makes larger
 _SIZES = (
-    *(
-        "font.size",
-        "axes.titlesize",
-        "axes.labelsize",
-        "xtick.labelsize",
-        "ytick.labelsize",
-    ),
-    *("legend.fontsize", "legend.title_fontsize", "figure.titlesize"),
+    "font.size",
+    "axes.titlesize",
+    "axes.labelsize",
+    "xtick.labelsize",
+    "ytick.labelsize",
+    "legend.fontsize",
+    "legend.title_fontsize",
+    "figure.titlesize",
 )
 #: of a program, not of a figure
 _NO_STYLE = (
@@ -92,17 +92,10 @@ class Look:
         if self.size:
             with mpl.rc_context(settings):
                 factor = self.size / mpl.rcParams["font.size"]
-                sizes = {
-                    name: value
-                    for name, value in mpl.rcParams.items()
-                    if name in _SIZES
-                }
-            scaled = {
-                name: max(SMALLEST_FONT, factor * size)
-                for name, size in sizes.items()
-                if _is_number(size)
-            }
-            settings |= scaled
+                sizes = {name: mpl.rcParams[name] for name in _SIZES}
+            for name, size in sizes.items():
+                if isinstance(size, int | float):
+                    settings[name] = max(SMALLEST_FONT, factor * size)
         return settings
 
 
@@ -136,10 +129,6 @@ def colours() -> list[str]:
 
     cycle = current().settings().get("axes.prop_cycle", mpl.rcParams["axes.prop_cycle"])
     return [to_hex(colour).upper() for colour in cycle.by_key().get("color", [])]
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float)
 
 
 def _width(text: str) -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from importlib import import_module
 from importlib.machinery import ModuleSpec
 from types import ModuleType
@@ -10,12 +9,14 @@ from typing import Any
 
 #: module of 0.1 -> the modules that have its names now
 MOVED = {
-    **{name: (f"foundation.{name}",) for name in ("errors", "random", "threads")},
-    "hookspecs": ("plugins.hooks",),
-    "measures": ("surfaces.roughness", "contacts.patches", "contacts.theory"),
-    "plots": ("foundation.figures",),
-    "registry": ("plugins.registry",),
-    "units": ("foundation.units",),
+    **{
+        name: (f".foundation.{name}",)
+        for name in ("errors", "random", "threads", "units")
+    },
+    "hookspecs": (".plugins.hooks",),
+    "measures": (".surfaces.roughness", ".contacts.patches", ".contacts.theory"),
+    "plots": (".foundation.figures",),
+    "registry": (".plugins.registry",),
     **dict.fromkeys(("objects", "runs", "spec", "store", "sweeps"), ()),
 }
 
@@ -40,15 +41,11 @@ class Finder:
             DeprecationWarning,
             stacklevel=2,
         )
-        places = [import_module(f"chemage.{place}") for place in MOVED[name]]
-        if len(places) == 1:
-            sys.modules[module.__name__] = places[0]
-        else:
-            places.insert(0, sys.modules["chemage"])
-            vars(module)["__getattr__"] = lambda name: _found(places, name)
+        places = [import_module(f"chemage{place}") for place in ("", *MOVED[name])]
 
+        def found(name: str) -> Any:
+            name = {"Spec": "Component"}.get(name, name)
+            place = next((one for one in places if hasattr(one, name)), places[0])
+            return getattr(place, name)
 
-def _found(places: list[ModuleType], name: str) -> Any:
-    name = {"Spec": "Component"}.get(name, name)
-    place = next((place for place in places if hasattr(place, name)), places[0])
-    return getattr(place, name)
+        vars(module)["__getattr__"] = found

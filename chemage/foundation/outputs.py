@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from chemage.foundation.aliases import Data, Fields
 from chemage.foundation.errors import PluginError
 from chemage.foundation.quantities import ONE, Curve, Quantity
 from chemage.foundation.statistics import half_width, standard_error
@@ -69,13 +70,9 @@ class Output:
         """``values`` with this declaration, for :func:`record` and the hook ``chemage_observe``."""
         return RecordedValue(self, values)
 
-    def todict(self) -> dict[str, Any]:
+    def todict(self) -> Data:
         """Plain JSON values."""
-        return {
-            "dims": list(self.dims),
-            "unit": self.unit,
-            "description": self.description,
-        }
+        return {**vars(self), "dims": list(self.dims)}
 
 
 @dataclass(frozen=True)
@@ -123,7 +120,7 @@ def record(**values: RecordedValue) -> None:
     record_by("a hook", values)
 
 
-def record_by(who: str, values: Mapping[str, Any]) -> None:
+def record_by(who: str, values: Fields) -> None:
     """As :func:`record`, by ``who``, which must be a single one for each name."""
     block = _block.get()
     for name, declared in values.items():
@@ -139,7 +136,7 @@ def record_by(who: str, values: Mapping[str, Any]) -> None:
             block[name] = Recorded(who, declared)
 
 
-def kept(record: Any, block: Mapping[str, Recorded]) -> dict[str, Any]:
+def kept(record: Any, block: Mapping[str, Recorded]) -> Data:
     """The fields ``observables`` and ``outputs`` of ``record`` with what was recorded in ``block``.
 
     Raises
@@ -170,7 +167,7 @@ def kept(record: Any, block: Mapping[str, Recorded]) -> dict[str, Any]:
     return {"observables": observables, "outputs": outputs}
 
 
-def joined(before: Mapping[str, np.ndarray], after: Any) -> dict[str, Any]:
+def joined(before: Mapping[str, np.ndarray], after: Any) -> Data:
     """``observables`` and ``outputs`` of a record that went on from one with the ``observables`` before: curves one
     after the other, of all else the later one."""
     observables = dict(after.observables)
@@ -189,7 +186,7 @@ class Observing:
     if TYPE_CHECKING:
         arrays: ClassVar[dict[str, tuple[tuple[str, ...], str, str]]]
         observables: dict[str, np.ndarray]
-        outputs: dict[str, dict[str, Any]]
+        outputs: dict[str, Data]
 
     def declared(self, name: str) -> tuple[tuple[str, ...], str, str] | None:
         """See :meth:`Record.declared`; of ``observables/...`` what was declared of it."""
@@ -227,20 +224,14 @@ def file_problem(name: Any) -> str:
     """Why an output that is not declared cannot be stored under ``name``; "" where it can."""
     if not isinstance(name, str):
         return f"the name {name!r} is not a string"
-    bad = [
-        letter
+    allowed = all(
+        letter not in "/\\" and unicodedata.category(letter)[0] != "C"
         for letter in name
-        if letter in "/\\" or unicodedata.category(letter)[0] == "C"
-    ]
-    if (
-        bad
-        or not name
-        or name != name.strip()
-        or name in (".", "..")
-        or len(name) > 100
-    ):
-        return f"the name {name!r} cannot be that of a variable in a file"
-    return ""
+    )
+    proper = name == name.strip() and name not in ("", ".", "..") and len(name) <= 100
+    if allowed and proper:
+        return ""
+    return f"the name {name!r} cannot be that of a variable in a file"
 
 
 def declaration_problems(outputs: Any) -> list[str]:
@@ -375,13 +366,8 @@ class MeasuredOutput:
         return Curve(*self._declared()).of_replicas(hold_times, self.values, over)
 
     def _declared(self) -> tuple[str, str, str, str, str]:
-        return (
-            f"{RECORDED}{self.name}",
-            self.unit or ONE,
-            self.words,
-            "",
-            self.description,
-        )
+        name = f"{RECORDED}{self.name}"
+        return name, self.unit or ONE, self.words, "", self.description
 
     def row(self) -> tuple[str, str]:
         """Of an array its name, and size, range of values and meaning."""
@@ -391,9 +377,9 @@ class MeasuredOutput:
             text += f" from {float(finite.min()):.4g} to {float(finite.max()):.4g} {self.unit}".rstrip()
         return self.name, "; ".join(filter(None, (text, self.description)))
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> Data:
         """Dimensions, unit and shape, and of numbers and curves the mean over replicas with its errors."""
-        shown: dict[str, Any] = {
+        shown: Data = {
             "dims": list(self.output.dims) if self.output is not None else None,
             "unit": self.unit,
             "description": self.description,
@@ -410,7 +396,7 @@ class MeasuredOutput:
 
 
 def measured(
-    observables: Mapping[str, np.ndarray], outputs: Mapping[str, Mapping[str, Any]]
+    observables: Mapping[str, np.ndarray], outputs: Mapping[str, Fields]
 ) -> dict[str, MeasuredOutput]:
     """What was measured by name: ``observables`` are the values, ``outputs`` the declarations as plain values."""
     return {

@@ -10,6 +10,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
+from functools import partial
 from typing import Any, Literal, NamedTuple, Self, TypeVar
 
 import numpy as np
@@ -52,6 +53,10 @@ def headed(text: str, unit: str) -> str:
     return text if unit in ("", ONE) else f"{text} ({unit_text(unit)})"
 
 
+def _joined(*words: str) -> str:
+    return " ".join(filter(None, words))
+
+
 class ErrorPart(NamedTuple):
     """A part of the error of a number."""
 
@@ -85,7 +90,7 @@ class Declared:
     @property
     def title(self) -> str:
         """Words and symbol, for rows and axes."""
-        return " ".join(filter(None, (self.label, self.symbol)))
+        return _joined(self.label, self.symbol)
 
     @property
     def axis(self) -> str:
@@ -141,13 +146,8 @@ class Quantity(Declared):
         parts = []
         for cause, part in self.errors.items():
             share = part.size / abs(self.value) if self.value else math.nan
-            parts.append(
-                (
-                    cause,
-                    percent(share) if math.isfinite(share) else "not known",
-                    part.how,
-                )
-            )
+            size = percent(share) if math.isfinite(share) else "not known"
+            parts.append((cause, size, part.how))
         return parts
 
     @property
@@ -177,26 +177,16 @@ class Quantity(Declared):
 
     def row(self) -> tuple[str, str]:
         """Its line in a table: what it is, and its value with error and unit."""
-        return " ".join(
-            filter(None, (self.title, self.of if self.of.startswith("at ") else ""))
-        ), self.text()
+        place = self.of if self.of.startswith("at ") else ""
+        return f"{self.title} {place}".strip(), self.text()
 
     def text(self) -> str:
         """The value with its interval and unit, or why there is none."""
         if not self.known:
             return self.reason or NONE
         about = "" if self.of.startswith("at ") else self.of
-        return " ".join(
-            filter(
-                None,
-                (
-                    self.bare(),
-                    unit_text(self.unit),
-                    about,
-                    self.reason and f"({self.reason})",
-                ),
-            )
-        )
+        reason = self.reason and f"({self.reason})"
+        return _joined(self.bare(), unit_text(self.unit), about, reason)
 
     def bare(self) -> str:
         """The value with its interval, without unit."""
@@ -215,25 +205,17 @@ class Quantity(Declared):
 
     def short(self) -> str:
         """Symbol, and value with its error in brackets, for legends: ``β = 0.466(12)``."""
-        text = " ".join(
-            filter(
-                None, (with_error(self.value, self.half_width), unit_text(self.unit))
-            )
-        )
-        return f"{self.symbol or self.label} = {text}"
+        value = with_error(self.value, self.half_width)
+        return f"{self.symbol or self.label} = {_joined(value, unit_text(self.unit))}"
 
     def columns(self) -> list[tuple[str, str, str]]:
         """The columns that it takes in a table: (name, unit, meaning)."""
         words = self.meaning or self.label
-        errors = [
-            (
-                f"{self.name}_{part}",
-                self.unit,
-                _OF_ERRORS[part].format(self.label, level=self.level),
-            )
-            for part in _COLUMNS[self.stated]
-        ]
-        return [(self.name, self.unit, words), *errors]
+        columns = [(self.name, self.unit, words)]
+        for part in _COLUMNS[self.stated]:
+            meaning = _OF_ERRORS[part].format(self.label, level=self.level)
+            columns.append((f"{self.name}_{part}", self.unit, meaning))
+        return columns
 
     def numbers(self) -> dict[str, float]:
         """Its numbers by the names of :meth:`columns`."""
@@ -245,6 +227,7 @@ class Quantity(Declared):
 #: as plugins of before call it
 Estimate = Quantity
 
+_no_numbers = partial(np.zeros, 0)
 #: the axis along which contacts age
 HOLD_TIME = Declared("hold_time", "s", "hold time")
 
@@ -253,17 +236,17 @@ HOLD_TIME = Declared("hold_time", "s", "hold time")
 class Curve(Declared):
     """Numbers along an axis, with 95 % intervals where they have some; or a distribution, between the edges ``x``."""
 
-    x: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    mean: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    x: np.ndarray = field(default_factory=_no_numbers)
+    mean: np.ndarray = field(default_factory=_no_numbers)
     #: (m,) each; empty: not known
-    stderr: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    half_width: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    stderr: np.ndarray = field(default_factory=_no_numbers)
+    half_width: np.ndarray = field(default_factory=_no_numbers)
     #: parts of the standard error: what each is due to -> (m,)
     errors: Mapping[str, np.ndarray] = field(default_factory=dict)
     #: (n, m) each: independent samples whose means add up to ``mean``
     samples: Sequence[np.ndarray] = ()
     #: (m,) standard error that the samples do not contain, shared by all points; empty: none
-    known: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    known: np.ndarray = field(default_factory=_no_numbers)
     axis_of: Declared = HOLD_TIME
     #: what the points are, for legends: ``mean of 10 replicas, 95 %``
     over: str = ""
@@ -280,16 +263,14 @@ class Curve(Declared):
     def of_replicas(self, x: np.ndarray, values: np.ndarray, over: str = "") -> Self:
         """The same with the means of (replicas, m) ``values`` at ``x``."""
         with np.errstate(over="ignore", invalid="ignore"):
-            errors = standard_error(values), half_width(values)
-            mean, samples = values.mean(axis=0), (values,) if len(values) > 1 else ()
-        return self.but(
-            x=x,
-            mean=mean,
-            stderr=errors[0],
-            half_width=errors[1],
-            samples=samples,
-            over=over,
-        )
+            return self.but(
+                x=x,
+                mean=values.mean(axis=0),
+                stderr=standard_error(values),
+                half_width=half_width(values),
+                samples=(values,) if len(values) > 1 else (),
+                over=over,
+            )
 
     def at(self, x: float) -> Quantity:
         """The number at ``x``, interpolated linearly in log x; the interval is at most too wide there. Not known

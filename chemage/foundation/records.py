@@ -19,6 +19,7 @@ from typing import Annotated, Any, ClassVar, Self
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field
 
+from chemage.foundation.aliases import Data, Fields
 from chemage.foundation.checks import Frozen, is_boolean, meanings
 from chemage.foundation.errors import InputError, UnitError, shortened
 from chemage.foundation.files import FileStamp, open_file
@@ -27,9 +28,9 @@ from chemage.foundation.text import html_table
 from chemage.foundation.units import array_in, carried, in_range
 
 
-def merged_approximations(*lists: Any) -> list[dict[str, Any]]:
+def merged_approximations(*lists: Any) -> list[Data]:
     """Join lists of approximations, each entry once; what is no mapping with a ``kind`` is left out."""
-    entries: list[dict[str, Any]] = []
+    entries: list[Data] = []
     for candidates in lists:
         if not isinstance(candidates, Iterable) or isinstance(
             candidates, str | Mapping
@@ -53,11 +54,11 @@ def merged_changes(*changes: Mapping[str, Iterable[str]]) -> dict[str, list[str]
     }
 
 
-def approximation_made_by(component: Any) -> list[dict[str, Any]]:
+def approximation_made_by(component: Any) -> list[Data]:
     """The approximation that a component, or every component of a class, makes; empty if it is exact."""
     if component.exact:
         return []
-    entry: dict[str, Any] = {"role": component.role, "kind": component.qualified_kind()}
+    entry: Data = {"role": component.role, "kind": component.qualified_kind()}
     if component.declared_error is not None:
         entry |= {
             "declared_error": float(component.declared_error),
@@ -233,7 +234,7 @@ Named = Annotated[
 ]
 
 
-def _plain(value: dict[str, Any]) -> dict[str, Any]:
+def _plain(value: Data) -> Data:
     try:
         json.dumps(value, default=str)
     except (TypeError, ValueError, RecursionError) as error:
@@ -242,7 +243,7 @@ def _plain(value: dict[str, Any]) -> dict[str, Any]:
 
 
 #: a dictionary of plain JSON values
-Plain = Annotated[dict[str, Any], AfterValidator(_plain)]
+Plain = Annotated[Data, AfterValidator(_plain)]
 #: a quantity in a record: what is zero or a number that computations can hold
 _Ranged = AfterValidator(lambda value: in_range(value, ""))
 Number = Annotated[float, Field(ge=0, allow_inf_nan=False), _Ranged]
@@ -287,12 +288,12 @@ class Record(Frozen, metaclass=_Documented):
         for name, value in vars(self).items():
             vars(self)[name] = read_only(value)
 
-    def todict(self) -> dict[str, Any]:
+    def todict(self) -> Data:
         """Field name -> value; arrays stay arrays."""
         return {name: getattr(self, name) for name in type(self).model_fields}
 
     @classmethod
-    def fromdict(cls, fields: Mapping[str, Any]) -> Self:
+    def fromdict(cls, fields: Fields) -> Self:
         """The inverse of :meth:`todict`."""
         return cls(**fields)
 
@@ -342,11 +343,9 @@ class Record(Frozen, metaclass=_Documented):
 
     def __reduce__(self) -> tuple[Any, ...]:
         # built anew, so that the arrays of the copy are read-only as well (pickle drops that flag)
-        return _rebuilt, (type(self), self.todict())
+        return type(self).fromdict, (self.todict(),)
 
-    def model_copy(
-        self, *, update: Mapping[str, Any] | None = None, deep: bool = False
-    ) -> Self:
+    def model_copy(self, *, update: Fields | None = None, deep: bool = False) -> Self:
         """A copy with some fields changed, validated again (pydantic's own would keep the digest of the original)."""
         return type(self).fromdict({**self.todict(), **(update or {})})
 
@@ -361,21 +360,21 @@ class Record(Frozen, metaclass=_Documented):
         return getattr(self, "provenance", {}).get("changes", {})
 
     @property
-    def approximate(self) -> list[dict[str, Any]]:
+    def approximate(self) -> list[Data]:
         """The approximations on the way to this record, as in :mod:`chemage.foundation.records`."""
         return merged_approximations(getattr(self, "provenance", {}).get("approximate"))
 
     def noting(
         self,
         plugins: Mapping[str, str],
-        approximate: Iterable[Mapping[str, Any]] = (),
-        kept: Mapping[str, Any] | None = None,
+        approximate: Iterable[Fields] = (),
+        kept: Fields | None = None,
         changes: Mapping[str, Iterable[str]] | None = None,
     ) -> Self:
         """This record, with the plugins that took part in it (name -> version) and what they answered or changed, and the
         approximations on the way to it, added to its ``provenance``; and with the fields ``kept``, see
         :func:`chemage.foundation.outputs.kept`."""
-        before: dict[str, Any] = getattr(self, "provenance", {})
+        before: Data = getattr(self, "provenance", {})
         provenance = dict(before)
         if plugins:
             provenance["plugins"] = {**self.plugins, **plugins}
@@ -424,7 +423,3 @@ def require_finite(name: str, values: np.ndarray, remedy: str) -> None:
         raise ValueError(
             f"{name}: {bad} of {values.size} values are not finite; {remedy}"
         )
-
-
-def _rebuilt(cls: type[Record], fields: dict[str, Any]) -> Record:
-    return cls(**fields)

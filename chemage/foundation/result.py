@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 
+from chemage.foundation.aliases import Data, Fields
 from chemage.foundation.arranging import arrange
 from chemage.foundation.errors import InputError, nearest
 from chemage.foundation.figures import panels, plots, png
@@ -130,7 +131,7 @@ class Ageing:
     """What of an aged result other results and measurements are held against."""
 
     #: fields that determine the kinetics of the sites: dotted path -> value
-    chemistry: Mapping[str, Any] = field(default_factory=dict)
+    chemistry: Fields = field(default_factory=dict)
     #: nN
     load: float = np.nan
     #: hold times of the line of β, s
@@ -172,7 +173,7 @@ class Result(Owned):
         return self.title
 
     @property
-    def scene(self) -> Mapping[str, Any]:
+    def scene(self) -> Fields:
         """Plain data of the scene; empty where there is none."""
         return {}
 
@@ -228,9 +229,9 @@ class Result(Owned):
         """What was recorded and is no number or curve: (name, size and range), printed with ``--all``."""
         return [row for part in self.parts().values() for row in part.arrays()]
 
-    def numbers(self) -> dict[str, Any]:
+    def numbers(self) -> Data:
         """One JSON-able object."""
-        numbers: dict[str, Any] = dict(self.facts())
+        numbers: Data = dict(self.facts())
         for one in (*self.quantities(), *self.curves()):
             numbers |= one.numbers()
         return jsonable(numbers)
@@ -259,7 +260,7 @@ class Result(Owned):
         """Its figures by name; nothing is drawn, or imported for drawing, before a panel is asked to draw."""
         return {}
 
-    def stated(self) -> tuple[str, Mapping[str, Any]]:
+    def stated(self) -> tuple[str, Fields]:
         """The scene on a page, and what it is, in words."""
         about = "All options, in internal units (nm, nN, GPa, eV, s, K). Saved as a file, this scene reproduces"
         return f"{about} the result with `chemage run`.", self.scene
@@ -284,10 +285,10 @@ class Result(Owned):
             )
         ]
 
-    def columns(self) -> dict[str, Any]:
+    def columns(self) -> Data:
         """Its many values, for CSV: name and unit of a column -> values; empty: the rows are all there is."""
         curves = [curve for curve in self.curves() if not curve.is_distribution]
-        columns: dict[str, Any] = {}
+        columns: Data = {}
         for curve in curves:
             columns[headed(curve.axis_of.name, curve.axis_of.unit)] = curve.x
             columns |= {
@@ -300,12 +301,12 @@ class Result(Owned):
         """Texts to cite, and the version of chemage that made it ("": not recorded)."""
         return [], ""
 
-    def made_by(self) -> Mapping[str, Any]:
+    def made_by(self) -> Fields:
         """What made it: ``scene`` (plain data), ``aging`` (an ageing curve) and ``contact`` (provenance), or its
         ``components``."""
         return {"scene": self.scene}
 
-    def maps(self) -> Mapping[str, Any]:
+    def maps(self) -> Fields:
         """Its large arrays, for figures of plugins: ``contact`` and ``surface``, as far as it has them."""
         return {}
 
@@ -388,7 +389,7 @@ class OfRecord(Result, Generic[R]):
         )
         return [output.row() for output in found if output.numbers is None]
 
-    def numbers(self) -> dict[str, Any]:
+    def numbers(self) -> Data:
         fields = {
             name: f"array {value.shape} {value.dtype}"
             if isinstance(value, np.ndarray)

@@ -97,21 +97,14 @@ def crossed_half_width(values: np.ndarray, factors: int) -> np.ndarray:
             continue
         others = tuple(other for other in range(factors) if other != axis)
         held = finite.sum(axis=others)
+        there = held > 0
+        count = there.sum(axis=0)
+        # what has nothing to be a mean of is 0/0, that is nan
         with np.errstate(invalid="ignore", divide="ignore"):
-            means = np.where(finite, values, 0.0).sum(axis=others) / np.where(
-                held > 0, held, np.nan
-            )
-            there = held > 0
-            count = there.sum(axis=0)
-            centre = np.where(there, means, 0.0).sum(axis=0) / np.where(
-                count > 0, count, np.nan
-            )
-            part = (
-                (np.where(there, means - centre, 0.0) ** 2).sum(axis=0)
-                / (count - 1)
-                / count
-            )
-        parts.append(np.where(count > 1, part, np.nan))
+            means = np.where(finite, values, 0.0).sum(axis=others) / held
+            centre = np.where(there, means, 0.0).sum(axis=0) / count
+            squares = np.where(there, means - centre, 0.0) ** 2
+            parts.append(squares.sum(axis=0) / (count - 1) / count)
         freedoms.append(np.maximum(count - 1, 1))
     if not parts:
         return np.full(values.shape[factors:], np.nan)

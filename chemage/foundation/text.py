@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from chemage.foundation.aliases import Fields
+
 #: errors below this part of the value are rounding
 ROUNDING = 1e-12
 
@@ -105,14 +107,14 @@ def with_interval(value: float, low: float, high: float) -> str:
     )
 
 
-def approximations_in_words(approximations: Iterable[Mapping[str, Any]]) -> str:
+def approximations_in_words(approximations: Iterable[Fields]) -> str:
     """The one sentence by which everything that prints a number marks it: ``KIND (declared error 2 % of ...)``."""
     return "; ".join(
         f"{entry['kind']} ({_error_in_words(entry)})" for entry in approximations
     )
 
 
-def _error_in_words(entry: Mapping[str, Any]) -> str:
+def _error_in_words(entry: Fields) -> str:
     if "carries" in entry:
         return f"carries {entry['carries']}"
     error = entry.get("declared_error")

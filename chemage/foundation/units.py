@@ -33,6 +33,7 @@ from pydantic import BeforeValidator, GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic.fields import FieldInfo
 from pydantic_core import core_schema
 
+from chemage.foundation.aliases import Data
 from chemage.foundation.errors import InputError, UnitError, shortened, shown
 
 if TYPE_CHECKING:
@@ -383,12 +384,16 @@ def in_one_unit(values: Sequence[object]) -> tuple[list[float], str] | None:
     )
 
 
+_BOUNDS = ("gt", "ge", "lt", "le")
+
+
 class Unit:
     """Marks a field as a quantity: ``Annotated[Any, Unit("nm", gt=0)]``; type checkers then accept strings with units.
 
     Numbers are taken as they are (they are in ``unit``), strings are converted; infinite values and NaN are refused.
     Bounds are ``gt``, ``ge``, ``lt``, ``le``. The unit appears in the JSON Schema. Magnitudes outside 1e-100
     to 1e100 are refused, because their products leave the range of numbers, unless ``wide``, or in eV, or without unit.
+    ``words`` may be given in place of a quantity.
     """
 
     def __init__(
@@ -400,25 +405,38 @@ class Unit:
         lt: float | None = None,
         le: float | None = None,
         wide: bool = False,
+        words: Collection[str] = (),
     ) -> None:
         self.unit = unit
+        self.words = words
         self.wide = wide or unit in ("", "eV")  # barriers are limited by the engines
-        bounds: dict[str, Any] = {"gt": gt, "ge": ge, "lt": lt, "le": le}
-        self._bounds = {
-            name: bound for name, bound in bounds.items() if bound is not None
+        bounds = zip(_BOUNDS, (gt, ge, lt, le), strict=True)
+        self._bounds: Data = {
+            name: bound for name, bound in bounds if bound is not None
         }
 
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler
     ) -> core_schema.CoreSchema:
-        number = core_schema.float_schema(allow_inf_nan=False, **self._bounds)
-        return core_schema.no_info_before_validator_function(
-            self._read,
-            number,
-            json_schema_input_schema=core_schema.union_schema(
-                [number, core_schema.str_schema()]
-            ),
+        # with the bounds of the field, such as Field(gt=0)
+        bounds: Data = {k: v for k, v in handler(source).items() if k in _BOUNDS}
+        number = core_schema.float_schema(
+            allow_inf_nan=False, **(self._bounds | bounds)
         )
+        either = core_schema.union_schema([number, core_schema.str_schema()])
+        as_it_is = core_schema.plain_serializer_function_ser_schema(lambda value: value)
+        return core_schema.no_info_wrap_validator_function(
+            self._validated,
+            number,
+            json_schema_input_schema=either,
+            serialization=as_it_is if self.words else None,
+        )
+
+    def _validated(
+        self, value: object, check: core_schema.ValidatorFunctionWrapHandler
+    ) -> object:
+        is_word = isinstance(value, str) and value in self.words
+        return value if is_word else check(self._read(value))
 
     def _read(self, value: object) -> float:
         number = convert(value, self.unit)
@@ -426,44 +444,11 @@ class Unit:
 
     def __get_pydantic_json_schema__(
         self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
-    ) -> dict[str, Any]:
+    ) -> Data:
         return {**handler(schema), "unit": self.unit}
 
     def __repr__(self) -> str:
         return f"Unit({self.unit!r})"
-
-
-class UnitOrWord(Unit):
-    """As :class:`Unit`, for a quantity or a word in its place: ``Annotated[float | str, UnitOrWord(("no",), "nm")]``."""
-
-    def __init__(self, words: Collection[str], unit: str, **bounds: Any) -> None:
-        super().__init__(unit, **bounds)
-        self.words = words
-
-    def __get_pydantic_core_schema__(
-        self, source: Any, handler: GetCoreSchemaHandler
-    ) -> core_schema.CoreSchema:
-        number = core_schema.float_schema(allow_inf_nan=False, **self._bounds)
-
-        def read(
-            value: object, check: core_schema.ValidatorFunctionWrapHandler
-        ) -> object:
-            return (
-                value
-                if isinstance(value, str) and value in self.words
-                else check(self._read(value))
-            )
-
-        return core_schema.no_info_wrap_validator_function(
-            read,
-            number,
-            json_schema_input_schema=core_schema.union_schema(
-                [number, core_schema.str_schema()]
-            ),
-            serialization=core_schema.plain_serializer_function_ser_schema(
-                lambda value: value
-            ),
-        )
 
 
 def unit_of(field: FieldInfo) -> str:

@@ -23,7 +23,6 @@ from chemage.foundation.units import (
     Frequency,
     Pressure,
     Unit,
-    UnitOrWord,
     Volume,
 )
 from chemage.lattices.lattice import ReactionLattice
@@ -91,7 +90,7 @@ class Chemistry(Component):
     hydroxylation: float = Field(default=1.0, ge=0, le=1)
     """probability that a site in contact is reactive"""
     site_density: Annotated[
-        Density, UnitOrWord(("pixel", "given"), "1/nm**2", gt=0)
+        Density, Unit("1/nm**2", gt=0, words=("pixel", "given"))
     ] = SITE_DENSITY
     """sites per nm²; where their spacing differs from the pixels of the contact, the pressure is reconstructed below
     the pixel, or averaged; "pixel": one site per pixel, whatever its size; "given": those that the surface gives"""

@@ -50,11 +50,6 @@ ANSWERS = OwnChemistryMethod
 
 
 class _Chemistry(Stage):
-    def model(self) -> Any:
-        from chemage.lattices.chemistry import Chemistry
-
-        return Chemistry
-
     def key_entries(self, sections: Mapping[str, Any]) -> list[Any]:
         own = sections.get(self.section)
         if (
@@ -202,6 +197,7 @@ class _Chemistry(Stage):
 STAGES = (
     _Chemistry(
         "chemistry",
+        options="chemage.lattices.chemistry:Chemistry",
         parts={
             "forming": "barriers",
             "breaking": "barriers",

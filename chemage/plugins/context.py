@@ -11,7 +11,7 @@ sweep set them anew.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import partial
@@ -20,13 +20,14 @@ from typing import Any, NamedTuple
 
 import pluggy
 
+from chemage.foundation.aliases import Fields
 from chemage.foundation.errors import PluginError
 from chemage.foundation.ownership import name_owner
 from chemage.plugins.loading import PluginRecord, is_stage
 
 #: the variable that names the plugins that come first, separated by commas
 PREFER = "CHEMAGE_PREFER"
-_options: ContextVar[Mapping[str, Any]] = ContextVar(
+_options: ContextVar[Fields] = ContextVar(
     "chemage_plugin_options", default=MappingProxyType({})
 )
 _prefer: ContextVar[tuple[str, ...] | None] = ContextVar(
@@ -34,7 +35,7 @@ _prefer: ContextVar[tuple[str, ...] | None] = ContextVar(
 )
 
 
-def options() -> Mapping[str, Any]:
+def options() -> Fields:
     """Name of a plugin -> its options, where some are set."""
     return _options.get()
 
@@ -48,9 +49,7 @@ def preference() -> tuple[str, ...]:
 
 
 @contextmanager
-def applied(
-    options: Mapping[str, Any], prefer: tuple[str, ...] | None
-) -> Iterator[None]:
+def applied(options: Fields, prefer: tuple[str, ...] | None) -> Iterator[None]:
     """Set the options of plugins, and unless it is None the preference, within a block."""
     before = _options.set(options)
     order = _prefer.set(_prefer.get() if prefer is None else prefer)
@@ -117,13 +116,13 @@ def record_participation(
     implementation: Any,
     hook: Any,
     record: PluginRecord | None,
-    source: Callable[[], str],
+    source_in_use: Callable[[PluginRecord], str],
 ) -> None:
     """Wrap an implementation of a hook (pluggy's ``HookImpl``) so that its part in an answer is noted, and that is
     checked.
 
-    ``source`` is asked at that moment, because it contains the options then in use. Chemage's own implementation has no
-    ``record`` and takes no part.
+    ``source_in_use`` is asked at that moment, because it contains the options then in use. Chemage's own implementation
+    has no ``record`` and takes no part.
     """
     function = implementation.function
 
@@ -136,6 +135,7 @@ def record_participation(
     if record is None:
         implementation.function = own
         return
+    source = partial(source_in_use, record)
     plugin = _Implementation(implementation, hook, record, source)
     if implementation.hookwrapper:
         implementation.wrapper, implementation.hookwrapper = True, False

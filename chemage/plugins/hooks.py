@@ -23,6 +23,8 @@ from typing import Any, NamedTuple, TypeAlias
 
 import pluggy
 
+from chemage.foundation.aliases import Data, Fields
+from chemage.foundation.errors import imported
 from chemage.foundation.ownership import Owned
 
 #: A plugin module may set ``CHEMAGE_API = 1``; one made for another version is reported and skipped.
@@ -94,7 +96,7 @@ def chemage_cli() -> Sequence[tuple[str, Any]]:  # pyright: ignore[reportReturnT
     """Add commands: ``[(name, function), ...]``; typer makes the command line from the signature of the function."""
 
 
-Parts: TypeAlias = Mapping[str, Any]
+Parts: TypeAlias = Fields
 Stated: TypeAlias = Mapping[str, Mapping[str, float]]
 
 #: what a scene says before and after the sections of its stages
@@ -117,7 +119,7 @@ class Beside:
     #: the field of the scene that holds it
     field: str
     #: its JSON Schema
-    schema: Mapping[str, Any]
+    schema: Fields
     unit: str = ""
     required: bool = False
 
@@ -129,7 +131,7 @@ class StageInputs:
     #: what the scene says, see :mod:`chemage.plugins.hooks`
     parts: Parts
     #: what the stages before it made: "surface", "contact", "aging"
-    made: Mapping[str, Any]
+    made: Fields
     #: how many threads it may use; None: all
     threads: int | None = None
     #: the folder in which what would take long to make again is kept during a run
@@ -180,12 +182,24 @@ class Stage(Owned):
     of_material: bool = False
     #: the hooks whose implementations take part in it
     hooks: tuple[str, ...] = ()
+    #: ``"module:Class"`` that :meth:`model` gives
+    options: str = ""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "key", self.key or self.makes)
 
     def _title(self) -> str:
         return f"stage {self.section!r}"
+
+    @property
+    def roles(self) -> dict[str, str]:
+        """Section -> role of what stands in it, ``parts`` first; "" where its options are those of :meth:`model`."""
+        return {**self.parts, self.section: self.role}
+
+    @property
+    def entries(self) -> dict[str, Beside]:
+        """``beside`` by path in a scene."""
+        return {f"{self.section}.{name}": entry for name, entry in self.beside.items()}
 
     @property
     def changes(self) -> bool:
@@ -209,13 +223,13 @@ class Stage(Owned):
 
     def model(self) -> Any:
         """The class of its options, where it has no role; None for a table that :meth:`make` reads."""
-        return None
+        return imported(self.options) if self.options else None
 
-    def make(self, options: Mapping[str, Any]) -> Any:
+    def make(self, options: Fields) -> Any:
         """What the options of its section mean, where there is neither role nor model; raises InputError."""
         return dict(options)
 
-    def schema(self) -> Mapping[str, Any]:
+    def schema(self) -> Fields:
         """The JSON Schema of its section, where there is neither role nor model."""
         return {"type": "object"}
 
@@ -227,32 +241,24 @@ class Stage(Owned):
         """What is wrong although every section is right by itself: (path, message)."""
         return ()
 
-    def todict(
-        self, parts: Parts, options_of: Callable[[Any], dict[str, Any]]
-    ) -> dict[str, Any]:
+    def todict(self, parts: Parts, options_of: Callable[[Any], Data]) -> Data:
         """Its sections as plain data; ``options_of`` gives the options of a component."""
         if (value := parts.get(self.section)) is None:
             return {}
         if self.many:
             return {self.section: [*map(options_of, value)]}
-        data = {name: options_of(parts[name]) for name in self.parts if name in parts}
         if hasattr(value, "identity"):
             options = options_of(value)
+        elif hasattr(value, "model_dump"):
+            options = value.model_dump(mode="json", exclude_none=True)
         else:
-            options = (
-                value.model_dump(mode="json", exclude_none=True)
-                if hasattr(value, "model_dump")
-                else dict(value)
-            )
+            options = dict(value)
+        data = {name: options_of(parts[name]) for name in self.parts if name in parts}
+        own = {name: options[name] for name in options if name not in self.parts}
         beside = {name: parts[f"{self.section}.{name}"] for name in self.beside}
-        return data | {
-            self.section: {
-                name: options[name] for name in options if name not in self.parts
-            }
-            | beside
-        }
+        return {**data, self.section: own | beside}
 
-    def fault(self, answer: Any, arguments: Mapping[str, Any]) -> str:
+    def fault(self, answer: Any, arguments: Fields) -> str:
         """What contradicts itself in the ``answer`` to its hook, or the ``arguments`` of the call, in words; "" if
         nothing does. Asked of what its component gives, and of all that a plugin answers or changes."""
         return ""
@@ -261,21 +267,19 @@ class Stage(Owned):
         """The :meth:`fault` of what a plugin's stage changed of what this one made."""
         return ""
 
-    def key_entries(self, sections: Mapping[str, Any]) -> list[Any]:
+    def key_entries(self, sections: Fields) -> list[Any]:
         """What its sections, as plain data, add to its key."""
         if self.always_in_key:
-            return [sections.get(name) for name in (*self.parts, self.section)]
+            return [sections.get(name) for name in self.roles]
         return (
             [{self.section: sections[self.section]}] if self.section in sections else []
         )
 
-    def key_ends(self, parts: Parts) -> Mapping[str, Any]:
+    def key_ends(self, parts: Parts) -> Fields:
         """What it adds beside its options, after all sections: key -> content."""
         return {}
 
-    def recorded(
-        self, aging: Mapping[str, Any], contact: Mapping[str, Any]
-    ) -> Mapping[str, Any]:
+    def recorded(self, aging: Fields, contact: Fields) -> Fields:
         """Path -> plain options with kind, as the provenance of an ageing curve and of its contact has them."""
         return {
             self.section: (contact if self.makes == "contact" else aging).get(
@@ -308,7 +312,7 @@ class Stage(Owned):
         """Compile what a run will need."""
 
 
-def options_in(provenance: Any) -> dict[str, Any]:
+def options_in(provenance: Any) -> Data:
     """The component that made a surface or a contact, where its provenance has ``kind`` and ``options``."""
     if not isinstance(provenance, Mapping) or not isinstance(
         provenance.get("options"), Mapping

@@ -7,7 +7,7 @@ import os
 import sys
 import threading
 import weakref
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from importlib import metadata
@@ -15,7 +15,8 @@ from typing import Any
 
 import pluggy
 
-from chemage.foundation.errors import InputError, PluginError
+from chemage.foundation.aliases import Fields
+from chemage.foundation.errors import InputError, PluginError, nearest
 from chemage.plugins.hooks import BOTTOM, TOP, Stage
 
 #: the distribution whose kinds are built in
@@ -73,20 +74,17 @@ class PluginRecord:
 
 
 class Hooks(pluggy.PluginManager):
-    """Hooks, of which those of the plugins ``first`` come before all others, whatever these ask for."""
+    """Hooks, of which those with one answer are called in the ``order`` that holds at the time of the call."""
 
-    def __init__(self, first: Sequence[Any] = ()) -> None:
+    def __init__(self, order: Callable[[Sequence[Any]], Sequence[Any]]) -> None:
         super().__init__("chemage")
-        self._first = first
+        self._order = order
 
-    def parse_hookimpl_opts(self, plugin: Any, name: str) -> Any:
-        """The options of a hook implementation, as its marker gave them."""
-        options = super().parse_hookimpl_opts(plugin, name)
-        if options is not None and any(
-            plugin is preferred for preferred in self._first
-        ):
-            return {**options, "tryfirst": True, "trylast": False}
-        return options
+    def _hookexec(
+        self, hook_name: str, methods: Any, kwargs: Any, firstresult: bool
+    ) -> Any:
+        ordered = self._order(methods) if firstresult else methods
+        return super()._hookexec(hook_name, ordered, kwargs, firstresult)
 
 
 def installed(group: str) -> list[metadata.EntryPoint]:
@@ -210,11 +208,7 @@ def checked_stages(
         raise PluginError(
             f"ROLES: there is a role {min(taken)!r} already; choose another name"
         )
-    sections = {
-        *TOP,
-        *BOTTOM,
-        *(name for stage in there for name in (*stage.parts, stage.section)),
-    }
+    sections = {*TOP, *BOTTOM, *(name for stage in there for name in stage.roles)}
     made = {stage.makes for stage in there if stage.makes}
     for stage in stages:
         if not isinstance(stage, Stage):
@@ -246,8 +240,6 @@ def is_stage(hook: Any) -> bool:
 
 def check_hook_names(plugin: Any, hooks: list[str]) -> None:
     """Refuse what pluggy would silently ignore: a misspelled or unmarked hook, or no hook at all."""
-    from chemage.foundation.errors import nearest
-
     count = 0
     for name in dir(plugin):
         function = getattr(plugin, name)
@@ -344,16 +336,14 @@ def scene_text(target: str) -> str:
     return resources.files(package).joinpath(name).read_text(encoding="utf-8")
 
 
-def trace_before(hook_name: str, methods: Any, kwargs: Mapping[str, Any]) -> None:
+def trace_before(hook_name: str, methods: Any, kwargs: Fields) -> None:
     print(
         f"chemage hook {hook_name}({', '.join(kwargs)}) -> {[m.plugin_name for m in methods]}",
         file=sys.stderr,
     )
 
 
-def trace_after(
-    outcome: Any, hook_name: str, methods: Any, kwargs: Mapping[str, Any]
-) -> None:
+def trace_after(outcome: Any, hook_name: str, methods: Any, kwargs: Fields) -> None:
     print(f"chemage hook {hook_name} done", file=sys.stderr)
 
 
@@ -411,8 +401,3 @@ def called(hook: Any, plugin: Any) -> Any:
     return next(
         impl.function() for impl in hook.get_hookimpls() if impl.plugin is plugin
     )
-
-
-def wraps_others(implementation: Any) -> bool:
-    """Whether it wraps the hooks of others."""
-    return implementation.wrapper or implementation.hookwrapper

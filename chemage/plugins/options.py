@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Generic, Self, TypeVar, overlo
 
 from pydantic import BeforeValidator, SerializeAsAny
 
+from chemage.foundation.aliases import Data, Fields
 from chemage.foundation.components import Component
 from chemage.foundation.errors import ChemageError, InputError
 from chemage.foundation.names import FACTORIES
@@ -29,9 +30,7 @@ if TYPE_CHECKING:
         @overload
         def __get__(self, instance: object, owner: Any) -> _T: ...
         def __get__(self, instance: Any, owner: Any) -> Any: ...
-        def __set__(
-            self, instance: Any, value: _T | str | Mapping[str, Any]
-        ) -> None: ...
+        def __set__(self, instance: Any, value: _T | str | Fields) -> None: ...
 
 else:
 
@@ -91,7 +90,7 @@ class PluginOptions(Component):
                 return options
         return cls()
 
-    def changed(self) -> dict[str, Any]:
+    def changed(self) -> Data:
         """The options that decide the answer and differ from their defaults, as plain JSON values."""
         defaults = type(self)().identity()
         return {
@@ -112,7 +111,7 @@ class PluginOptions(Component):
         return ", ".join(f"{name} = {value}" for name, value in shown.items())
 
 
-def options_for(name: str, options: Mapping[str, Any]) -> PluginOptions:
+def options_for(name: str, options: Fields) -> PluginOptions:
     """The validated options of the plugin ``name``.
 
     Raises
@@ -135,11 +134,11 @@ def joined(
     return together
 
 
-def _set(options: PluginOptions) -> dict[str, Any]:
+def _set(options: PluginOptions) -> Data:
     return {field: getattr(options, field) for field in options.model_fields_set}
 
 
-def completed(data: Mapping[str, Any]) -> dict[str, Any]:
+def completed(data: Fields) -> Data:
     """Scene data with the options and the preference of the block in use, where the data do not set them.
 
     Worker processes know the scene only.
@@ -155,7 +154,7 @@ def completed(data: Mapping[str, Any]) -> dict[str, Any]:
     }
     if not isinstance(section, Mapping) or not (in_block or context.preference()):
         return dict(data)
-    joint: dict[str, Any] = {**section}
+    joint: Data = {**section}
     if context.preference():
         joint.setdefault("prefer", list(context.preference()))
     for name, options in in_block.items():

@@ -21,14 +21,14 @@ import os
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from functools import partial
 from importlib import metadata
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from chemage.foundation import names, ownership
+from chemage.foundation.aliases import Fields
 from chemage.foundation.errors import (
     InputError,
     PluginError,
@@ -70,7 +70,6 @@ from chemage.plugins.loading import (
     trace_after,
     trace_before,
     versions,
-    wraps_others,
 )
 
 if TYPE_CHECKING:
@@ -109,9 +108,9 @@ class Registry:
             if strict is None
             else strict
         )
-        self.manager = Hooks()
-        #: the same hooks in another order, by the names of the plugins that come first
-        self._preferring: dict[tuple[str, ...], Hooks] = {}
+        self.manager = Hooks(self._in_order)
+        if os.environ.get("CHEMAGE_TRACE", "") not in ("", "0"):
+            self.manager.add_hookcall_monitoring(trace_before, trace_after)
         self.records: list[PluginRecord] = []
         self.roles: dict[str, str] = {}  # role -> "module:Class" of its abstract class
         self.rooms: list[Any] = []  # modules that declare roles, stages and hooks
@@ -121,7 +120,6 @@ class Registry:
         self._stages: list[Stage] | None = None
         #: the plugin's full name, role and kind -> class
         self._classes: dict[tuple[str, str, str], type] = {}
-        self._monitor(self.manager)
         for name in ROOMS:
             self.add_room(importlib.import_module(name))
         points = selected(installed(GROUP)) if entry_points is None else entry_points
@@ -146,21 +144,11 @@ class Registry:
     def add_room(self, room: Any) -> None:
         """Add what a module declares: roles (``ROLES``), stages (``STAGES``), hooks and own answers (``ANSWERS``)."""
         self.rooms.append(room)
-        self._attach_room(self.manager, room)
+        add_specifications(self.manager, room)
+        if (answers := getattr(room, "ANSWERS", None)) is not None:
+            self._attach(answers(), room.__name__.removesuffix(".hooks"))
         self.roles |= getattr(room, "ROLES", {})
         self._stages = None
-        self._preferring.clear()
-
-    def _attach_room(self, manager: Hooks, room: Any) -> None:
-        add_specifications(manager, room)
-        if (answers := getattr(room, "ANSWERS", None)) is not None:
-            plugin = answers()
-            manager.register(plugin, room.__name__.removesuffix(".hooks"))
-            self._record(manager, plugin, None, str)
-
-    def _monitor(self, manager: Hooks) -> None:
-        if os.environ.get("CHEMAGE_TRACE", "") not in ("", "0"):
-            manager.add_hookcall_monitoring(trace_before, trace_after)
 
     def stages(self) -> list[Stage]:
         """What the rooms declare of their stages, each after those that it rests on."""
@@ -251,9 +239,8 @@ class Registry:
         stages, roles = checked_stages(plugin, self.stages(), self.roles)
         if not stages:
             check_hook_names(plugin, self._hook_names())
-        self._preferring.clear()
         try:
-            self._attach(self.manager, plugin, record)
+            self._attach(plugin, name, record)
             for hook in self.manager.get_hookcallers(plugin) or ():
                 if hook.name == "chemage_register":
                     record.kinds = checked_kinds(
@@ -273,23 +260,16 @@ class Registry:
             self.add_room(plugin)
             self.owners |= {stage.section: record for stage in stages}
 
-    def _attach(self, manager: Hooks, plugin: Any, record: PluginRecord) -> None:
-        """Add the hooks of a plugin to ``manager``, so that their part in an answer is noted."""
-        manager.register(plugin, full_name(record))
-        self._record(manager, plugin, record, partial(self.source_in_use, record))
-
-    def _record(
-        self,
-        manager: Hooks,
-        plugin: Any,
-        record: PluginRecord | None,
-        source: Callable[[], str],
+    def _attach(
+        self, plugin: Any, name: str, record: PluginRecord | None = None
     ) -> None:
-        for hook in manager.get_hookcallers(plugin) or ():
+        """Add the hooks of a plugin, so that their part in an answer is noted; those of a room have no ``record``."""
+        self.manager.register(plugin, name)
+        for hook in self.manager.get_hookcallers(plugin) or ():
             if hook.name not in hooks.OFFERS:
                 for impl in hook.get_hookimpls():
                     if impl.plugin is plugin:
-                        record_participation(impl, hook, record, source)
+                        record_participation(impl, hook, record, self.source_in_use)
 
     def _hook_names(self) -> list[str]:
         return [name for name in dir(self.manager.hook) if name.startswith("chemage_")]
@@ -313,8 +293,12 @@ class Registry:
 
         stage = next((stage for stage in self.stages() if hook in stage.hooks), None)
 
+        self.check_preference(context.preference(), "the preference of plugins")
+
         def check(answer: Any, who: str) -> None:
-            component = None if who else self._own(arguments)
+            # without a plugin, the method of a component answers
+            parts = () if who else arguments.values()
+            component = next((one for one in parts if getattr(one, "role", "")), None)
             there = recorded.keys() | getattr(answer, "observables", {}).keys()
             problem = ""
             if missing := getattr(component, "outputs", {}).keys() - there:
@@ -329,16 +313,8 @@ class Registry:
                 raise PluginError((who or self._named(component)) + problem)
 
         with recording() as recorded, taking_part(check) as took_part:
-            result = getattr(self._in_order(context.preference()).hook, hook)(
-                **arguments
-            )
+            result = getattr(self.manager.hook, hook)(**arguments)
         return result, took_part, recorded
-
-    def _own(self, arguments: Mapping[str, Any]) -> Any:
-        """The component whose method chemage calls where no plugin answers."""
-        return next(
-            (part for part in arguments.values() if getattr(part, "role", "")), None
-        )
 
     def _named(self, component: Any) -> str:
         """A component with the plugin that provides it."""
@@ -376,36 +352,24 @@ class Registry:
                 f"the plugins are {', '.join(sorted(in_use))}"
             )
 
-    def _in_order(self, prefer: tuple[str, ...]) -> Hooks:
-        """The hooks, with the plugins ``prefer`` first."""
-        if not prefer:
-            return self.manager
-        if prefer not in self._preferring:
-            self.check_preference(prefer, f"the preference {', '.join(prefer)}")
-            records = {full_name(record): record for record in self.records}
-            first = {
-                name: record
-                for name, record in records.items()
-                if record.name in prefer
-            }
-            manager = Hooks([self.manager.get_plugin(name) for name in first])
-            self._monitor(manager)
-            for room in self.rooms:
-                self._attach_room(manager, room)
-            rest = [
-                name
-                for name, _ in self.manager.list_name_plugin()
-                if name in records and name not in first
-            ]
-            preferred = sorted(
-                first, key=lambda name: prefer.index(first[name].name), reverse=True
-            )
-            for name in [*rest, *preferred]:
-                plugin = self.manager.get_plugin(name)
-                if plugin is not None:  # a class that was registered has no hooks
-                    self._attach(manager, plugin, records[name])
-            self._preferring[prefer] = manager
-        return self._preferring[prefer]
+    def _by_full_name(self) -> dict[str, PluginRecord]:
+        return {full_name(record): record for record in self.records}
+
+    def _in_order(self, implementations: Sequence[Any]) -> list[Any]:
+        """Implementations of a hook as pluggy has them, the first one last, with those of preferred plugins first."""
+        preferred = context.preference()
+        if not preferred:
+            return list(implementations)
+        ranks = {
+            name: -preferred.index(record.name)
+            for name, record in self._by_full_name().items()
+            if record.name in preferred
+        }
+        others = -len(preferred)
+        return sorted(
+            implementations,
+            key=lambda each: (each.wrapper, ranks.get(each.plugin_name, others)),
+        )
 
     def implementing(self, *hook_names: str) -> Plugins:
         """The plugins, other than chemage's own rooms, that implement any of these hooks: name -> source, sorted."""
@@ -420,16 +384,13 @@ class Registry:
 
     def functions(self, hook: str) -> list[tuple[PluginRecord, Any]]:
         """Each plugin that implements ``hook``, with its function, sorted by the name of the plugin."""
-        implementations = {
-            each.plugin_name: each.function
+        records = self._by_full_name()
+        found = [
+            (records[each.plugin_name], each.function)
             for each in getattr(self.manager.hook, hook).get_hookimpls()
-        }
-        records = sorted(self.records, key=lambda record: record.name)
-        return [
-            (record, implementations[name])
-            for record in records
-            if (name := full_name(record)) in implementations
+            if each.plugin_name in records
         ]
+        return sorted(found, key=lambda one: one[0].name)
 
     def implementation(self, name: str) -> Any:
         """The module or object with the hooks of the plugin ``name``."""
@@ -479,19 +440,15 @@ class Registry:
             The class cannot be imported, or is not as it must be.
         """
         record = next((each for each in self.records if each.name == name), None)
-        if record is None or record.error or not record.options:
-            with_options = [each.name for each in self.records if each.options]
-            hint = f"; plugins with options: {', '.join(with_options) or 'none'}"
-            if record is None:
-                raise InputError(
-                    f"no plugin {name!r}{nearest(name, with_options)} is installed{hint}"
-                )
-            problem = (
-                f"was skipped: {record.error}"
-                if record.error
-                else f"has no options{hint}"
-            )
-            raise InputError(f"plugin {name!r} {problem}")
+        with_options = [each.name for each in self.records if each.options]
+        hint = f"; plugins with options: {', '.join(with_options) or 'none'}"
+        if record is None:
+            near = nearest(name, with_options)
+            raise InputError(f"no plugin {name!r}{near} is installed{hint}")
+        if record.error:
+            raise InputError(f"plugin {name!r} was skipped: {record.error}")
+        if not record.options:
+            raise InputError(f"plugin {name!r} has no options{hint}")
         where = f"the options of plugin {record.name!r} ({record.source})"
         cls = imported(record.options, where)
         # known by its methods, because the module of the base imports this one
@@ -661,16 +618,16 @@ class Registry:
             )
         return imported(self.roles[name])
 
-    def make(self, role: str, kind: str, options: Mapping[str, Any]) -> Any:
+    def make(self, role: str, kind: str, options: Fields) -> Any:
         """The component ``kind`` with ``options``."""
         return self.component(role, kind)(**options)
 
-    def fromdict(self, role: str, fields: Mapping[str, Any]) -> Any:
+    def fromdict(self, role: str, fields: Fields) -> Any:
         """A component from its ``todict()``, which no preference reads otherwise."""
         with context.applied(context.options(), ()):
             return self.fromtable(role, fields)
 
-    def fromtable(self, role: str, fields: Mapping[str, Any]) -> Any:
+    def fromtable(self, role: str, fields: Fields) -> Any:
         """A component from a table with its ``kind`` and options, as a user writes it."""
         if not isinstance(fields, Mapping) or not all(
             isinstance(name, str) for name in fields
@@ -755,24 +712,17 @@ class Registry:
             if record.seconds > SLOW
         ]
         said += self._shared_kinds()
+        records = self._by_full_name()
         for name in self.stage_hooks():
-            implementations = getattr(
-                self._in_order(context.preference()).hook, name
-            ).get_hookimpls()
+            ordered = self._in_order(getattr(self.manager.hook, name).get_hookimpls())
             for wraps, verb, wins in (
                 (False, "answer", "is asked first"),
                 (True, "wrap", "has the last word"),
             ):
-                order = [
-                    each.plugin_name
-                    for each in reversed(implementations)
-                    if wraps_others(each) == wraps
-                ]
                 sharing = [
-                    record
-                    for full in order
-                    for record in self.records
-                    if full_name(record) == full
+                    records[each.plugin_name]
+                    for each in reversed(ordered)
+                    if each.wrapper == wraps and each.plugin_name in records
                 ]
                 if len(sharing) > 1:
                     listed = " and ".join(
@@ -841,6 +791,11 @@ def current() -> Registry:
     return _current
 
 
+def stages() -> list[Stage]:
+    """The stages of a scene, of chemage and of the plugins in use, each after those that it rests on."""
+    return current().stages()
+
+
 def named(name: str) -> Any:
     """What a plugin brings to ``chemage`` under this name; AttributeError if none does."""
     with _discovery:
@@ -861,7 +816,7 @@ def using(registry: Registry) -> Iterator[Registry]:
         _current = before
 
 
-def fromdict(role: str, fields: Mapping[str, Any]) -> Any:
+def fromdict(role: str, fields: Fields) -> Any:
     """A component from its ``todict()``."""
     return current().fromdict(role, fields)
 

@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 
 import pluggy
 
+from chemage.foundation.aliases import Data
 from chemage.foundation.components import Component
 from chemage.foundation.errors import ChemageError, PluginError
 from chemage.foundation.outputs import Block, kept, recording
@@ -70,7 +71,7 @@ def _providers(parts: Iterable[Any]) -> Plugins:
     return sources
 
 
-def approximations(*components: Any) -> list[dict[str, Any]]:
+def approximations(*components: Any) -> list[Data]:
     """What is approximate about the components and their parts, as :mod:`chemage.foundation.records` has it."""
     return merged_approximations(
         *map(approximation_made_by, components_in(*components))
@@ -86,7 +87,7 @@ def noted(record: R, block: Block, took_part: TakingPart, *components: Any) -> R
     return record.noting(plugins, approximate, kept(record, block), took_part.changes)
 
 
-def approximation_of(role: str, kind: str) -> list[dict[str, Any]]:
+def approximation_of(role: str, kind: str) -> list[Data]:
     """The same of an installed kind, such as the engine that a plugin used; empty where it is not known."""
     try:
         return approximation_made_by(current().component(role, kind))

@@ -13,6 +13,7 @@ import numpy as np
 from chemage.ageing.aging import Aging
 from chemage.ageing.display import AgingDisplay
 from chemage.contacts.display import OfContact
+from chemage.foundation.aliases import Data, Fields
 from chemage.foundation.figures import BLACK, plain
 from chemage.foundation.names import __version__
 from chemage.foundation.ownership import in_words
@@ -39,7 +40,7 @@ class PublishedRate(NamedTuple):
     source: str
 
 
-def published(scene: Mapping[str, Any]) -> list[PublishedRate]:
+def published(scene: Fields) -> list[PublishedRate]:
     """List what plugins say was published for a result of ``scene`` (plain data, in internal units)."""
     plugins = registry.current()
     values = []
@@ -62,7 +63,7 @@ def published(scene: Mapping[str, Any]) -> list[PublishedRate]:
     return values
 
 
-def draw_published(axes: Axes, scene: Mapping[str, Any], fit: Fit | None) -> None:
+def draw_published(axes: Axes, scene: Fields, fit: Fit | None) -> None:
     """Draw the published slopes over the hold times of a fit, through the middle of the fitted line."""
     if fit is None or not fit.drawable:
         return
@@ -82,7 +83,7 @@ def draw_published(axes: Axes, scene: Mapping[str, Any], fit: Fit | None) -> Non
         )
 
 
-def _value(scene: Mapping[str, Any], path: str) -> Any:
+def _value(scene: Fields, path: str) -> Any:
     place: Any = scene
     for name in path.split("."):
         place = place.get(name) if isinstance(place, Mapping) else None
@@ -90,11 +91,8 @@ def _value(scene: Mapping[str, Any], path: str) -> Any:
 
 
 def _same(values: Any, expected: Any) -> bool:
-    if (
-        isinstance(expected, float | int)
-        and isinstance(values, float | int)
-        and not isinstance(values, bool)
-    ):
+    numbers = all(isinstance(one, float | int) for one in (values, expected))
+    if numbers and not isinstance(values, bool):
         return math.isclose(values, expected, rel_tol=1e-6)
     return values == expected
 
@@ -125,7 +123,8 @@ class RunDisplay(Result):
 
     def __init__(self, run: Run) -> None:
         self.run = run
-        self.aging = AgingOfScene(run.aging, run) if run.aging is not None else None
+        # an empty result where nothing ages
+        self.aging = Result() if run.aging is None else AgingOfScene(run.aging, run)
         self.contact: OfContact[Any] = result_of(run.contact)  # pyright: ignore[reportAttributeAccessIssue]
 
     @property
@@ -137,7 +136,7 @@ class RunDisplay(Result):
         return heading(self.run.scene)
 
     @property
-    def scene(self) -> Mapping[str, Any]:
+    def scene(self) -> Fields:
         return self.run.scene
 
     @property
@@ -159,7 +158,7 @@ class RunDisplay(Result):
             for section in registry.current().owners
             if section in scene
         ]
-        facts += self.aging.facts() if self.aging is not None else []
+        facts += self.aging.facts()
         facts += [(f"plugin {name}", source) for name, source in self.plugins.items()]
         facts += [
             (f"changed by {name}", ", ".join(changes))
@@ -177,25 +176,19 @@ class RunDisplay(Result):
         return [("surface", self.contact.extent()), ("contact", self.contact.solved())]
 
     def quantities(self) -> list[Quantity]:
-        aged = (
-            self.run.aging.quantities(self.run.window)
-            if self.run.aging is not None
-            else []
-        )
+        aging = self.run.aging
+        aged = [] if aging is None else aging.quantities(self.run.window)
         return [*self.contact.quantities(), *aged]
 
     def curves(self) -> list[Curve]:
-        return [
-            *(self.aging.curves() if self.aging is not None else ()),
-            *self.contact.curves(),
-        ]
+        return [*self.aging.curves(), *self.contact.curves()]
 
     def _timings(self) -> str:
         return ", ".join(
             f"{stage} {seconds:.2f} s" for stage, seconds in self.run.timings.items()
         )
 
-    def numbers(self) -> dict[str, Any]:
+    def numbers(self) -> Data:
         return self.run.summary()
 
     def notes(self) -> list[str]:
@@ -203,9 +196,12 @@ class RunDisplay(Result):
         return [*faults, *self.run.notes]
 
     def parts(self) -> dict[str, Result]:
-        surface = result_of(self.run.surface) if self.run.surface is not None else None
-        parts = {"surface": surface, "contact": self.contact, "aging": self.aging}
-        return {name: part for name, part in parts.items() if part is not None}
+        parts: dict[str, Result] = {"contact": self.contact, "aging": self.aging}
+        if self.run.surface is not None:
+            parts = {"surface": result_of(self.run.surface), **parts}
+        if self.run.aging is None:
+            del parts["aging"]
+        return parts
 
     def pictures(self) -> dict[str, Picture]:
         found = {
@@ -213,21 +209,20 @@ class RunDisplay(Result):
             for part in self.parts().values()
             for name, picture in part.pictures().items()
         }
-        if self.aging is not None and "friction" in found:
-            approximate = (
-                f"\napproximate: {self.approximation}" if self.approximation else ""
-            )
-            title = f"{self.title}, {self.aging.record.temperature:g} K{approximate}"
+        if self.run.aging is not None and "friction" in found:
+            title = f"{self.title}, {self.run.aging.temperature:g} K"
+            if self.approximation:
+                title += f"\napproximate: {self.approximation}"
             found["friction"] = replace(found["friction"], title=title)
         return found
 
     def cite(self) -> tuple[list[str], str]:
         return list(self.run.cite), self.run.versions.get("chemage", __version__)
 
-    def made_by(self) -> Mapping[str, Any]:
+    def made_by(self) -> Fields:
         return {"scene": self.scene, "aging": self.run.aging}
 
-    def maps(self) -> Mapping[str, Any]:
+    def maps(self) -> Fields:
         return {
             name: whole
             for part in self.parts().values()
@@ -257,13 +252,13 @@ class RunDisplay(Result):
         ]
 
     def ageing(self) -> Ageing:
-        if self.aging is None:
+        if self.run.aging is None:
             return Ageing(load=self.run.contact.load)
-        chemistry = chemistry_of_scene(self.scene, self.aging.record.temperature)
+        chemistry = chemistry_of_scene(self.scene, self.run.aging.temperature)
         return replace(self.aging.ageing(), chemistry=chemistry)
 
 
-def options_text(options: Mapping[str, Any]) -> str:
+def options_text(options: Fields) -> str:
     """The options of a section in one line, its kind first."""
     return ", ".join(
         str(value) if name == "kind" else f"{name} {value}"
@@ -271,7 +266,7 @@ def options_text(options: Mapping[str, Any]) -> str:
     )
 
 
-def chemistry_of_scene(scene: Mapping[str, Any], temperature: float) -> dict[str, Any]:
+def chemistry_of_scene(scene: Fields, temperature: float) -> Data:
     """The sections of a scene that determine the kinetics of the sites, and the temperature."""
     sections = ("forming", "breaking", "interaction", "chemistry")
     return {

@@ -6,13 +6,15 @@ import json
 import os
 import re
 import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from copy import deepcopy
-from functools import partial
+from itertools import takewhile
 from pathlib import Path
 from typing import Any, get_args
 
+from chemage.foundation.aliases import Data, Fields
+from chemage.foundation.checks import is_table
 from chemage.foundation.components import Component
 from chemage.foundation.errors import (
     ChemageError,
@@ -20,7 +22,6 @@ from chemage.foundation.errors import (
     PluginError,
     SceneError,
     StoreError,
-    UnknownKindError,
     nearest,
     shortened,
     shown,
@@ -31,26 +32,25 @@ from chemage.plugins import context, registry
 from chemage.plugins.hooks import BOTTOM, TOP, Stage
 from chemage.plugins.loading import OWN
 from chemage.plugins.options import PluginOptions, options_for
-from chemage.scene.materials import MaterialValue, filled
+from chemage.scene.materials import filled
 from chemage.scene.scene import Scene
 
 
 def section_names() -> list[str]:
     """Every section and top-level entry that a scene may have."""
-    sections = [
-        name
-        for stage in registry.current().stages()
-        for name in (*stage.parts, stage.section)
+    return [
+        *TOP,
+        *(name for stage in registry.stages() for name in stage.roles),
+        *BOTTOM,
     ]
-    return [*TOP, *sections, *BOTTOM]
 
 
 def required_sections() -> list[str]:
     """The sections that no scene can do without."""
-    return [stage.section for stage in registry.current().stages() if stage.required]
+    return [stage.section for stage in registry.stages() if stage.required]
 
 
-def parse_scene(data: Mapping[str, Any], source: str = "the scene") -> Scene:
+def parse_scene(data: Fields, source: str = "the scene") -> Scene:
     """A validated scene from plain data (a parsed TOML file); ``[sweep]`` must have been taken out before.
 
     Raises
@@ -58,48 +58,50 @@ def parse_scene(data: Mapping[str, Any], source: str = "the scene") -> Scene:
     SceneError
         Listing everything that is wrong, each with its path in the file.
     """
-    return _Parser(data, source).scene()
+    parser = _Parser(data, source)
+    # the kinds of this scene are those of the plugins that it prefers
+    with context.applied(context.options(), parser.prefer or None):
+        return parser.scene()
 
 
 class _Parser:
     """Reads one scene, and collects what is wrong."""
 
-    def __init__(self, data: Mapping[str, Any], source: str) -> None:
+    def __init__(self, data: Fields, source: str) -> None:
         self.source = source
         self.problems: list[tuple[str, str]] = []
         #: what stages are given, see chemage.plugins.hooks
-        self.parts: dict[str, Any] = {}
-        if not isinstance(data, Mapping) or not all(
-            isinstance(name, str) for name in data
-        ):
-            raise SceneError(
-                source, [("", f"{shown(data)} is not a table of sections")]
-            )
+        self.parts: Data = {}
+        if not is_table(data):
+            problem = f"{shown(data)} is not a table of sections"
+            raise SceneError(source, [("", problem)])
         try:
             check_data(dict(data), MOST_NAMES)
         except InputError as error:
             raise SceneError(source, error.problems) from None
         self.data = in_words(data)
-        self.prefer, self.options = self._plugins(self.data.get("plugins", {}))
+        self.prefer: tuple[str, ...] = ()
+        self.options: dict[str, PluginOptions] = {}
+        self._read_plugins(self.data.get("plugins", {}))
 
-    def _fill(self) -> tuple[str, tuple[MaterialValue, ...]]:
-        """Complete the data with the values of the material: its name, and the values."""
+    @contextmanager
+    def _noting(self, path: str, place: str = "") -> Iterator[None]:
+        """Note what is wrong with what stands at ``path`` and go on: at its options, or else at its ``place``."""
         try:
-            self.data, material, values = filled(self.data)
-        except UnknownKindError as error:
-            self.problems.append(("material", str(error)))
-            self.data.pop("material")
-            return "", ()
-        return material.name if material is not None else "", values
+            yield
+        except PluginError:
+            raise
+        except ChemageError as error:
+            problems = getattr(error, "problems", None) or [(place, str(error))]
+            for name, text in problems:
+                self.problems.append((f"{path}.{name}" if name else path, text))
 
     def scene(self) -> Scene:
-        # the kinds of this scene are those of the plugins that it prefers
-        with context.applied(context.options(), self.prefer or None):
-            return self._scene()
-
-    def _scene(self) -> Scene:
-        material, from_material = self._fill()
-        stages, names = registry.current().stages(), section_names()
+        material, from_material = None, ()
+        with self._noting("material"):
+            self.data, material, from_material = filled(self.data)
+        self.data.pop("material", None)
+        stages, names = registry.stages(), section_names()
         for name in self.data:
             if name not in names:
                 text = f"no such section{nearest(name, names)}; the sections are {', '.join(names)}"
@@ -112,192 +114,125 @@ class _Parser:
         if not self.problems:
             try:
                 return Scene(
-                    **{
-                        name: self.data[name]
-                        for name in ("name", "title")
-                        if name in self.data
-                    },
+                    **{k: self.data[k] for k in ("name", "title") if k in self.data},
                     **Scene.fields_of(self.parts),
                     plugins=self.options,
                     prefer=self.prefer,
-                    material=material,
+                    material="" if material is None else material.name,
                     from_material=from_material,
                 )
             except InputError as error:
                 paths = {
-                    beside.field: f"{stage.section}.{name}"
+                    beside.field: path
                     for stage in stages
-                    for name, beside in stage.beside.items()
+                    for path, beside in stage.entries.items()
                 }
-                self.problems += [
-                    (paths.get(path, path), message) for path, message in error.problems
-                ]
+                for name, text in error.problems:
+                    self.problems.append((paths.get(name, name), text))
         raise SceneError(self.source, self.problems)
-
-    def _take(self, path: str, error: ChemageError) -> None:
-        inner = error.problems if isinstance(error, InputError) else []
-        self.problems += [
-            (f"{path}.{name}" if name else path, text) for name, text in inner
-        ] or [(path, str(error))]
 
     # -- sections -----------------------------------------------------------------------------------------------------
 
     def _read(self, stage: Stage) -> None:
         """The parts of one stage."""
-        tables = {
-            name: self._table(name)
-            for name in (*stage.parts, stage.section)
-            if not stage.many
-        }
-        names = [name for name in (*stage.parts, stage.section) if name in self.data]
+        given = [name for name in stage.roles if name in self.data]
+        tables = {} if stage.many else self._tables(given)
         if stage.needs and stage.needs not in self.data:
             missing = {
                 name: text
-                for each in registry.current().stages()
+                for each in registry.stages()
                 for name, text in each.missing.items()
             }
             text = missing.get(
                 stage.needs, f"needs [{stage.needs}]; add it, or leave this out"
             )
-            self.problems += [(name, text) for name in names]
+            self.problems += [(name, text) for name in given]
             return
         if stage.many:
             self._read_many(stage)
             return
         if stage.section not in self.data:
             if stage.required:
-                self.problems.append(
-                    (
-                        stage.section,
-                        "is required; every scene needs a surface and a contact",
-                    )
-                )
+                text = "is required; every scene needs a surface and a contact"
+                self.problems.append((stage.section, text))
             elif stage.required_with and stage.required_with[0] in self.data:
                 self.problems.append((stage.section, stage.required_with[1]))
-        options = tables[stage.section]
+        options = tables.pop(stage.section, None)
         beside = (
-            {name: options.pop(name, None) for name in stage.beside}
-            if options is not None
-            else {}
+            {} if options is None else {k: options.pop(k, None) for k in stage.beside}
         )
-        for name, role in stage.parts.items():
-            if (table := tables[name]) is not None:
-                self._set(name, self._component(role, name, table))
-        if options is not None or (stage.parts and names):
-            self._set(stage.section, self._value(stage, options or {}))
+        for name, table in tables.items():
+            with self._noting(name, "kind"):
+                self.parts[name] = _component(stage.roles[name], table)
+        if options is not None or (stage.parts and given):
+            with self._noting(stage.section, "kind" if stage.role else ""):
+                self._set(stage.section, self._value(stage, options or {}))
         for name, value in beside.items():
+            path = f"{stage.section}.{name}"
             try:
-                self._set(
-                    f"{stage.section}.{name}",
-                    stage.read_beside(name, value, self.parts),
-                )
+                self._set(path, stage.read_beside(name, value, self.parts))
             except ChemageError as error:
                 text = str(error).removeprefix(f"{name} = ").removeprefix(f"{name}: ")
-                self.problems.append((f"{stage.section}.{name}", text))
+                self.problems.append((path, text))
 
     def _set(self, path: str, value: Any) -> None:
         if value is not None:
             self.parts[path] = value
 
-    def _table(self, name: str) -> dict[str, Any] | None:
-        section = self.data.get(name)
-        if section is None or isinstance(section, Mapping):
-            return None if section is None else dict(section)
-        self.problems.append(
-            (
-                name,
-                f"{shown(section)} is not a section; write [{name}] with options below it",
-            )
-        )
-        return None
+    def _tables(self, names: Sequence[str]) -> dict[str, Data]:
+        tables = {}
+        for name in names:
+            section = self.data[name]
+            if isinstance(section, Mapping):
+                tables[name] = dict(section)
+            elif section is not None:
+                text = f"{shown(section)} is not a section; write [{name}] with options below it"
+                self.problems.append((name, text))
+        return tables
 
     def _read_many(self, stage: Stage) -> None:
         items, name = self.data.get(stage.section, []), stage.section
         if not isinstance(items, list):
-            self.problems.append(
-                (name, f"write each {stage.role} as [[{name}]] with its kind")
-            )
+            text = f"write each {stage.role} as [[{name}]] with its kind"
+            self.problems.append((name, text))
             return
         components = []
         for number, item in enumerate(items):
             path = f"{name}.{number}"
             if isinstance(item, Mapping):
-                components.append(self._component(stage.role, path, dict(item)))
+                with self._noting(path, "kind"):
+                    components.append(_component(stage.role, dict(item)))
             else:
-                self.problems.append(
-                    (
-                        path,
-                        f"{shown(item)} is not a section; write [[{name}]] with its kind",
-                    )
-                )
+                text = f"{shown(item)} is not a section; write [[{name}]] with its kind"
+                self.problems.append((path, text))
         if components:
             self.parts[name] = tuple(components)
 
-    def _value(self, stage: Stage, options: dict[str, Any]) -> Any:
-        """The component of a section, or what else its options mean."""
-        name, model = stage.section, stage.model()
+    def _value(self, stage: Stage, options: Data) -> Any:
+        """The component of a section, or what else its options mean; None where a part is missing, which is noted."""
         if stage.role:
-            return self._component(stage.role, name, options)
+            return _component(stage.role, options)
+        model = stage.model()
         if model is None:
-            return self._made(stage.make, stage, options)
+            return stage.make(options)
         for part in [part for part in stage.parts if part in options]:
-            self.problems.append(
-                (f"{name}.{part}", f"is a section of its own; write [{part}]")
-            )
+            text = f"is a section of its own; write [{part}]"
+            self.problems.append((f"{stage.section}.{part}", text))
             del options[part]
         parts = {part: self.parts[part] for part in stage.parts if part in self.parts}
-        if any(
-            part not in parts
-            for part in stage.parts
-            if model.model_fields[part].is_required()
-        ):
-            return None  # what is wrong with it is said
-        return self._made(partial(model, **parts), stage, options)
+        for part in stage.parts:
+            if part not in parts and model.model_fields[part].is_required():
+                return None
+        return model(**parts, **options)
 
-    def _made(
-        self, make: Callable[..., Any], stage: Stage, options: dict[str, Any]
-    ) -> Any:
-        """What ``make`` returns; None, and what is wrong is noted, where it refuses the options."""
-        model, name = stage.model(), stage.section
-        try:
-            return make(options) if model is None else make(**options)
-        except InputError as error:
-            self._take(name, error)
-        return None
-
-    def _component(
-        self, role: str, path: str, options: dict[str, Any]
-    ) -> Component | None:
-        plugins = registry.current()
-        kind = options.pop("kind", None)
-        if not isinstance(kind, str):
-            installed = ", ".join(plugins.kinds(role)) or "none"
-            self.problems.append(
-                (f"{path}.kind", f"is required; installed: {installed}")
-            )
-            return None
-        try:
-            return plugins.make(role, kind, options)
-        except PluginError:
-            raise
-        except ChemageError as error:
-            self._take(
-                path if getattr(error, "problems", None) else f"{path}.kind", error
-            )
-            return None
-
-    # -- plugins ------------------------------------------------------------------------------------------------------
-
-    def _plugins(
-        self, section: Any
-    ) -> tuple[tuple[str, ...], dict[str, PluginOptions]]:
-        options: dict[str, PluginOptions] = {}
+    def _read_plugins(self, section: Any) -> None:
         if not isinstance(section, Mapping):
             text = f"{section!r} is not a section; write [plugins.NAME] with options below it"
             self.problems.append(("plugins", text))
-            return (), options
-        prefer = section.get("prefer", [])
-        try:
+            return
+        tables = dict(section)
+        prefer = tables.pop("prefer", [])
+        with self._noting("plugins.prefer"):
             if not isinstance(prefer, list | tuple) or not all(
                 isinstance(name, str) for name in prefer
             ):
@@ -305,26 +240,24 @@ class _Parser:
                     f'{shown(prefer)}: give a list of names of plugins, such as ["my-plugin"]'
                 )
             registry.current().check_preference(prefer, "it")
-        except InputError as error:
-            self.problems.append(("plugins.prefer", str(error)))
-            prefer = ()
-        for name, table in section.items():
+            self.prefer = tuple(prefer)
+        for name, table in tables.items():
             path = f"plugins.{name}"
-            if name == "prefer":
-                continue
-            if not isinstance(table, Mapping):
-                self.problems.append(
-                    (
-                        path,
-                        f"{table!r} is not a section; write [{path}] with options below it",
+            with self._noting(path):
+                if not isinstance(table, Mapping):
+                    raise InputError(
+                        f"{table!r} is not a section; write [{path}] with options below it"
                     )
-                )
-                continue
-            try:
-                options[name] = options_for(name, table)
-            except InputError as error:
-                self._take(path, error)
-        return tuple(prefer), options
+                self.options[name] = options_for(name, table)
+
+
+def _component(role: str, options: Data) -> Component:
+    plugins = registry.current()
+    kind = options.pop("kind", None)
+    if not isinstance(kind, str):
+        installed = ", ".join(plugins.kinds(role)) or "none"
+        raise InputError("", [("kind", f"is required; installed: {installed}")])
+    return plugins.make(role, kind, options)
 
 
 #: a key of TOML with too many parts
@@ -347,7 +280,7 @@ def installed_text(name: str) -> str:
         ) from error
 
 
-def scene_data(where: str | Path) -> tuple[dict[str, Any], str]:
+def scene_data(where: str | Path) -> tuple[Data, str]:
     """The parsed TOML of a scene file, or of an installed scene by name, and a name for messages.
 
     A relative path (an option that is a :data:`chemage.plugin.FilePath`) in a file starts from the folder of that file.
@@ -356,14 +289,14 @@ def scene_data(where: str | Path) -> tuple[dict[str, Any], str]:
     return (data if folder is None else located(data, folder)), source
 
 
-def _parsed(where: str | Path) -> tuple[dict[str, Any], str, Path | None]:
+def _parsed(where: str | Path) -> tuple[Data, str, Path | None]:
     """The data of a scene as they are written, a name for messages, and the folder of the file."""
     path = Path(where)
     plugins = registry.current()
     if path.suffix != ".toml" and str(where) in plugins.scenes():
         text, source, folder = installed_text(str(where)), str(where), None
     else:
-        if not _is_there(path):
+        if not os.path.lexists(path):
             names = list(plugins.scenes())
             raise StoreError(
                 f"{shortened(where, 200)} is neither a file nor an installed scene{nearest(str(where)[:200], names)}; "
@@ -382,11 +315,11 @@ def _parsed(where: str | Path) -> tuple[dict[str, Any], str, Path | None]:
     return data, source, folder
 
 
-def _qualify(data: dict[str, Any], brought_by: registry.PluginRecord) -> None:
+def _qualify(data: Data, brought_by: registry.PluginRecord) -> None:
     """Let a kind that several plugins have be that of the plugin whose scene it is."""
     plugins = registry.current()
     for stage in plugins.stages():
-        for name, role in {**stage.parts, stage.section: stage.role}.items():
+        for name, role in stage.roles.items():
             section = data.get(name)
             for table in section if isinstance(section, list) else [section]:
                 if not isinstance(table, dict):
@@ -400,14 +333,7 @@ def _qualify(data: dict[str, Any], brought_by: registry.PluginRecord) -> None:
                     table["kind"] = f"{brought_by.owner}:{kind}"
 
 
-def _is_there(path: Path) -> bool:
-    try:
-        return os.path.lexists(path)
-    except ValueError:  # a null byte in the name
-        return False
-
-
-def parse_toml(text: str, source: str) -> dict[str, Any]:
+def parse_toml(text: str, source: str) -> Data:
     """The data of a scene in TOML, of a size that can be handled.
 
     Raises
@@ -437,7 +363,7 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
     return data
 
 
-def located(data: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+def located(data: Fields, folder: Path) -> Data:
     """A copy of scene data in which every relative path, also one that is swept, starts from ``folder``.
 
     Paths are known by the type of their option, see :data:`chemage.plugin.FilePath`. An option that a kind
@@ -456,11 +382,9 @@ def located(data: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     return copy
 
 
-def _located_axes(
-    axes: Mapping[str, Any], folder: Path, data: Mapping[str, Any], prefix: str
-) -> dict[str, Any]:
+def _located_axes(axes: Fields, folder: Path, data: Fields, prefix: str) -> Data:
     """Axes of a sweep, nested or dotted, of the scene ``data``."""
-    copy: dict[str, Any] = {}
+    copy: Data = {}
     for name, value in axes.items():
         path = f"{prefix}{name}"
         if path == "zip" and isinstance(value, list):
@@ -479,20 +403,15 @@ def _located_axes(
     return copy
 
 
-def _located_at(path: str, value: Any, folder: Path, data: Mapping[str, Any]) -> Any:
+def _located_at(path: str, value: Any, folder: Path, data: Fields) -> Any:
     """One value of an axis, in the place that it has in its section."""
     section, *options = path.split(".")
     if not isinstance(value, str | Mapping | list):
         return value
-    kind = (
-        {"kind": data[section]["kind"]}
-        if options and "kind" in (data.get(section) or ())
-        else {}
-    )
-    table = value
-    for number, option in enumerate(reversed(options), 1):
-        table = {**(kind if number == len(options) else {}), option: table}
-    table = _located(table, folder, section)
+    table: Any = {}
+    if options and "kind" in (data.get(section) or ()):
+        table = {section: {"kind": data[section]["kind"]}}
+    table = _located(override(table, {path: value})[section], folder, section)
     for option in options:
         table = table[option]
     return table
@@ -500,10 +419,8 @@ def _located_at(path: str, value: Any, folder: Path, data: Mapping[str, Any]) ->
 
 def _located(table: Any, folder: Path, section: str) -> Any:
     """The content of a section."""
-    for stage in registry.current().stages():
-        if role := stage.parts.get(section, "") or (
-            stage.role if stage.section == section else ""
-        ):
+    for stage in registry.stages():
+        if role := stage.roles.get(section):
             return _in_component(table, folder, role)
         if stage.section == section and (model := stage.model()) is not None:
             return _in_options(table, folder, [model])
@@ -517,10 +434,8 @@ def _in_component(table: Any, folder: Path, role: str) -> Any:
         return table
     kind = table.get("kind")
     own = _kinds(role, kind) if isinstance(kind, str) else []
-    complete = all(
-        any(name in cls.model_fields for cls in own) for name in table if name != "kind"
-    )
-    return _in_options(table, folder, own if complete else _kinds(role))
+    known = {"kind", *(name for cls in own for name in cls.model_fields)}
+    return _in_options(table, folder, own if known >= table.keys() else _kinds(role))
 
 
 def _in_options(table: Any, folder: Path, classes: Sequence[Any]) -> Any:
@@ -562,7 +477,7 @@ def _roles(annotation: Any) -> Iterator[str]:
         yield from _roles(part)
 
 
-def override(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+def override(data: Fields, changes: Fields) -> Data:
     """A copy of scene data with dotted paths set: ``{"surface.rms_slope": 0.2}``; ``None`` removes what is there.
 
     The title goes with the values that it is about: it is left out where others than seeds, replicas and requests are
@@ -610,35 +525,18 @@ def _position(path: str, name: str, items: list[Any]) -> int:
 
 def named(text: str, name: str) -> str:
     """The text of a scene with another name, and without its title; everything else, comments included, stays."""
-    lines = text.splitlines()
     line = f"name = {json.dumps(name, ensure_ascii=False)}"
-    top = next(
-        (at for at, written in enumerate(lines) if written.lstrip().startswith("[")),
-        len(lines),
-    )
-    lines[:top] = [
-        written
-        for written in lines[:top]
-        if written.partition("=")[0].strip() != "title"
-    ]
-    old = next(
-        (
-            at
-            for at, written in enumerate(lines[:top])
-            if written.partition("=")[0].strip() == "name"
-        ),
-        None,
-    )
-    if old is None:
-        lines.insert(
-            next(
-                (at for at, written in enumerate(lines) if not written.startswith("#")),
-                0,
-            ),
-            line,
-        )
-    else:
-        lines[old] = line
+    lines, top = [], True
+    for written in text.splitlines():
+        key = written.partition("=")[0].strip()
+        top = top and not key.startswith("[")
+        if top and key == "name":
+            lines.append(line)
+        elif not (top and key == "title"):
+            lines.append(written)
+    if line not in lines:
+        comments = list(takewhile(lambda written: written.startswith("#"), lines))
+        lines.insert(len(comments), line)
     return "\n".join(lines) + "\n"
 
 
@@ -648,8 +546,8 @@ def is_sweep(where: str | Path) -> bool:
 
 
 def load_scene(
-    where: Scene | str | Path | Mapping[str, Any],
-    changes: Mapping[str, Any] | None = None,
+    where: Scene | str | Path | Fields,
+    changes: Fields | None = None,
 ) -> Scene:
     """A validated scene from a TOML file, the name of an installed scene, scene data or another scene, with dotted-path
     ``changes`` applied."""
@@ -666,13 +564,6 @@ def load_scene(
     )
     data = override(data, changes or {})
     if "sweep" in data:
-        raise SceneError(
-            source,
-            [
-                (
-                    "sweep",
-                    "this scene is a sweep of many; use chemage.sweep, or `chemage run`",
-                )
-            ],
-        )
+        problem = "this scene is a sweep of many; use chemage.sweep, or `chemage run`"
+        raise SceneError(source, [("sweep", problem)])
     return parse_scene(data, source)

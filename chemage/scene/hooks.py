@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from chemage.foundation.aliases import Fields
 from chemage.plugins.hooks import Doubt, Parts, Stage, Stated, hookspec
 
 
@@ -18,19 +19,7 @@ def chemage_materials() -> Mapping[str, str]:  # pyright: ignore[reportReturnTyp
     """Ship materials: ``{name: "package:file.toml"}``; their values fill what a scene does not say."""
 
 
-class _Hold(Stage):
-    def model(self) -> Any:
-        from chemage.scene.scene import Hold
-
-        return Hold
-
-
 class _Fit(Stage):
-    def model(self) -> Any:
-        from chemage.scene.scene import FitWindow
-
-        return FitWindow
-
     def doubts(self, parts: Parts, stated: Stated) -> Iterator[Doubt]:
         from chemage.ageing.fitting import few_hold_times, why_not_fitted
         from chemage.foundation.checks import within
@@ -46,20 +35,13 @@ class _Fit(Stage):
             yield Doubt("fit", doubt)
 
 
-class _Ensemble(Stage):
-    def model(self) -> Any:
-        from chemage.scene.scene import EnsembleOptions
-
-        return EnsembleOptions
-
-
 class _Accuracy(Stage):
-    def make(self, options: Mapping[str, Any]) -> Any:
+    def make(self, options: Fields) -> Any:
         from chemage.scene.scene import accuracies
 
         return accuracies(options)
 
-    def schema(self) -> Mapping[str, Any]:
+    def schema(self) -> Fields:
         numbers = {"type": "number", "exclusiveMinimum": 0, "exclusiveMaximum": 1}
         return {
             "type": "object",
@@ -70,15 +52,22 @@ class _Accuracy(Stage):
 
 
 STAGES = (
-    _Hold(
+    Stage(
         "hold",
+        options="chemage.scene.scene:Hold",
         required_with=("forming", "is required where bonds form"),
         needs="forming",
         inputs=("engine",),
         key="aging",
         always_in_key=True,
     ),
-    _Fit("fit", only_with="hold", key="result", always_in_key=True),
-    _Ensemble("ensemble"),
+    _Fit(
+        "fit",
+        options="chemage.scene.scene:FitWindow",
+        only_with="hold",
+        key="result",
+        always_in_key=True,
+    ),
+    Stage("ensemble", options="chemage.scene.scene:EnsembleOptions"),
     _Accuracy("accuracy"),
 )

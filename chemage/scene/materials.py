@@ -14,6 +14,7 @@ from typing import Annotated, Any
 
 from pydantic import TypeAdapter, ValidationError
 
+from chemage.foundation.aliases import Data, Fields
 from chemage.foundation.errors import (
     ChemageError,
     InputError,
@@ -38,9 +39,9 @@ def filled_sections() -> dict[str, str]:
     """Sections of a scene that a material fills -> role of its component; "" for the options of the chemistry."""
     return {
         name: role
-        for stage in registry.current().stages()
+        for stage in registry.stages()
         if stage.of_material
-        for name, role in {**stage.parts, stage.section: stage.role}.items()
+        for name, role in stage.roles.items()
     }
 
 
@@ -86,7 +87,7 @@ class Material:
     #: distribution and version of the plugin that ships it
     source: str = ""
 
-    def options(self, section: str) -> dict[str, Any]:
+    def options(self, section: str) -> Data:
         """The values in one section of a scene: ``ca.contact(kind, **silica.options("contact"))``."""
         return {
             entry.option: entry.value
@@ -117,7 +118,7 @@ class Material:
         """The sources, each once."""
         return tuple(dict.fromkeys(entry.source for entry in self.values))
 
-    def todict(self) -> dict[str, Any]:
+    def todict(self) -> Data:
         """Plain JSON values."""
         values = [
             {"path": entry.path, **{name: getattr(entry, name) for name in _ENTRIES}}
@@ -164,7 +165,7 @@ def _toml_value(value: Any) -> str:
     )
 
 
-def _inline(table: Mapping[str, Any]) -> str:
+def _inline(table: Fields) -> str:
     return (
         "{ "
         + ", ".join(f"{name} = {_toml_value(value)}" for name, value in table.items())
@@ -199,7 +200,7 @@ def material(name: str) -> Material:
         raise PluginError(f"{where}: {error}") from error
 
 
-def _read(name: str, data: Mapping[str, Any], source: str) -> Material:
+def _read(name: str, data: Fields, source: str) -> Material:
     values: list[MaterialValue] = []
     for section, options in data.items():
         if section in _TEXTS:
@@ -324,8 +325,8 @@ def _field_problems(path: str, cls: Any, name: str, value: Any) -> list[str]:
 
 
 def filled(
-    data: Mapping[str, Any],
-) -> tuple[dict[str, Any], Material | None, tuple[MaterialValue, ...]]:
+    data: Fields,
+) -> tuple[Data, Material | None, tuple[MaterialValue, ...]]:
     """Scene data with the values of its ``material`` where the scene gives none; the material, and the values used.
 
     Sections of the chemistry are filled where the scene has bonds, that is [hold] or [forming]. A section whose kind is
@@ -372,7 +373,7 @@ def filled(
 
 
 def _fitting(
-    section: str, table: Mapping[str, Any], values: Mapping[str, MaterialValue]
+    section: str, table: Fields, values: Mapping[str, MaterialValue]
 ) -> dict[str, MaterialValue]:
     """The values of a material that a section can use."""
     if section == "contact":

@@ -158,7 +158,7 @@ class Plan:
 
     def _of_others(self, keys: Sequence[str]) -> float:
         """CPU seconds of the stages in these keys, but for those that contact and ageing state themselves."""
-        stages = [stage for stage in registry.current().stages() if stage.key in keys]
+        stages = [stage for stage in registry.stages() if stage.key in keys]
         own = {"surface", "contact", "engine", "ageing"}
         return sum(
             self._seconds(stage.section) or 0.0
@@ -175,9 +175,8 @@ class Plan:
     @property
     def kinetics_range(self) -> tuple[float, float] | None:
         """Least and most CPU seconds of all replicas, where no single number can be given."""
-        least, most = (
-            self._seconds("ageing", f"cpu_seconds_{end}") for end in ("least", "most")
-        )
+        least = self._seconds("ageing", "cpu_seconds_least")
+        most = self._seconds("ageing", "cpu_seconds_most")
         return None if least is None or most is None else (least, most)
 
     def preparation(self) -> float:
@@ -210,9 +209,8 @@ class Plan:
         """Why the time is a range, where it is one."""
         if self.kinetics_range is None:
             return ""
-        by = next(
-            part for part in (self.scene.ageing, self.scene.engine) if part is not None
-        )
+        by = self.scene.ageing or self.scene.engine
+        assert by is not None
         return (
             f"the cost of {by.role} {by.kind!r} depends on what happens during the run"
         )
@@ -220,11 +218,10 @@ class Plan:
     @property
     def seconds_range(self) -> tuple[float, float] | None:
         """Least and most CPU seconds, where no single number can be given."""
-        if self.kinetics_range is None or self.contact_cpu_seconds is None:
+        kinetics, contact = self.kinetics_range, self.contact_cpu_seconds
+        if kinetics is None or contact is None:
             return None
-        return self.contact_cpu_seconds + self.kinetics_range[
-            0
-        ], self.contact_cpu_seconds + self.kinetics_range[1]
+        return contact + kinetics[0], contact + kinetics[1]
 
     @property
     def at_once(self) -> int:
@@ -265,9 +262,7 @@ class Plan:
             With the numbers and the remedy.
         """
         scene, grids, hold = self.scene, self.parts["grids"], self.scene.hold
-        asked = [
-            stage for stage in registry.current().stages() if stage.asked(self.parts)
-        ]
+        asked = [stage for stage in registry.stages() if stage.asked(self.parts)]
         made = {stage.makes for stage in asked if not stage.changes}
         for stage in asked:
             if stage.changes and stage.makes not in made:
@@ -316,7 +311,7 @@ class Plan:
             A part of the scene would refuse it during the run.
         """
         doubts = [Doubt("long", text)] if (text := self._long_run()) else []
-        for stage in registry.current().stages():
+        for stage in registry.stages():
             try:
                 doubts += stage.doubts(self.parts, self.stated)
             except InputError as error:
@@ -341,13 +336,12 @@ class Plan:
     def _units(self) -> Iterator[Doubt]:
         """Quantities of a size that nothing has."""
         for section, part in self.parts.items():
-            is_chemistry = (
-                isinstance(part, Component) and not part.role
-            )  # its parts are sections of their own
-            for path, component in (
-                [(section, part)] if is_chemistry else nested(part, section)
-            ):
-                yield from _unusual(path, component, bonds=is_chemistry)
+            # the parts of a chemistry are sections of their own
+            if isinstance(part, Component) and not part.role:
+                yield from _unusual(section, part, bonds=True)
+                continue
+            for path, component in nested(part, section):
+                yield from _unusual(path, component, bonds=False)
 
     # -- what is shown ------------------------------------------------------------------------------------------------
 
@@ -361,7 +355,7 @@ class Plan:
         """What is modelled and what is not, in words."""
         scene = self.scene
         rows: dict[str, str] = {}
-        for stage in registry.current().stages():
+        for stage in registry.stages():
             if scene.material and not stage.required:
                 values = ", ".join(
                     f"{value.path} = {value.text}" for value in scene.from_material
@@ -383,11 +377,8 @@ class Plan:
                 1.0 if self.area_fraction is None else min(1.0, 2 * self.area_fraction)
             )
             file = (8 + 8 * carrying) * self.pixels + self.gap_bytes
-            numbers |= {
-                "nx": self.surface["nx"],
-                "ny": self.surface["ny"],
-                "file": file,
-            }
+            sides = {name: self.surface[name] for name in ("nx", "ny")}
+            numbers |= {**sides, "file": file}
         if self.pixels or not self.has_map:
             numbers |= {"sites": self.sites, "area_fraction": self.area_fraction}
         contact = self.contact_cpu_seconds
@@ -402,13 +393,8 @@ class Plan:
         if seconds is not None:
             numbers |= {"seconds": seconds, "machine_speed": 1 / self.slowness}
         if self.seconds_range is not None:
-            numbers |= dict(
-                zip(
-                    ("cpu_seconds_least", "cpu_seconds_most"),
-                    self.seconds_range,
-                    strict=True,
-                )
-            )
+            least, most = self.seconds_range
+            numbers |= {"cpu_seconds_least": least, "cpu_seconds_most": most}
         numbers["events"] = self.events
         return {name: value for name, value in numbers.items() if value is not None}
 
@@ -484,7 +470,7 @@ def cost(scene: Scene, *, here: bool = True) -> Plan:
     stated: dict[str, Mapping[str, float]] = {}
     with scene.in_use():
         parts = scene.solved_parts
-        for stage in registry.current().stages():
+        for stage in registry.stages():
             if (
                 stage.section not in parts and stage.section != "ageing"
             ):  # where there is no method, all sites age
@@ -529,32 +515,24 @@ def _unusual(path: str, component: Component, *, bonds: bool) -> Iterator[Doubt]
             continue
         if not usual[0] <= abs(value) <= usual[1]:
             text = f"{usual[2]}; a bare number is in {unit}, give another unit as text, {usual[3]}"
-            yield Doubt(
-                f"unit of {path}.{name}", f"{path}.{name} = {value:g} {unit}: {text}"
-            )
         elif unit == "eV" and value < 0 and component.role == "barriers":
-            yield Doubt(
-                f"unit of {path}.{name}",
-                f"{path}.{name} = {value:g} eV: a barrier is not negative",
-            )
+            text = "a barrier is not negative"
+        else:
+            continue
+        option = f"{path}.{name}"
+        yield Doubt(f"unit of {option}", f"{option} = {value:g} {unit}: {text}")
 
 
 def in_hours(seconds: float) -> str:
     """A long time in minutes, hours or days."""
     if seconds < LONG:
         return f"{seconds / 60:.2g} minutes"
-    return (
-        f"{seconds / 3600:.2g} hours"
-        if seconds < 48 * 3600
-        else f"{seconds / 86400:.3g} days"
-    )
+    if seconds < 48 * 3600:
+        return f"{seconds / 3600:.2g} hours"
+    return f"{seconds / 86400:.3g} days"
 
 
 def _time(seconds: float) -> str:
-    return (
-        in_hours(seconds)
-        if seconds >= 120
-        else f"{seconds:.0f} s"
-        if seconds >= 10
-        else f"{seconds:.2g} s"
-    )
+    if seconds >= 120:
+        return in_hours(seconds)
+    return f"{seconds:.0f} s" if seconds >= 10 else f"{seconds:.2g} s"

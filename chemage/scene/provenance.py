@@ -13,9 +13,9 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib import metadata
-from typing import Any
 
 from chemage.ageing.aging import Aging
+from chemage.foundation.aliases import Fields
 from chemage.foundation.components import Component
 from chemage.foundation.errors import ChemageError
 from chemage.foundation.machine import processor
@@ -68,9 +68,9 @@ def _version(distribution: str) -> str:
 
 
 def components_of(
-    scene: Mapping[str, Any],
+    scene: Fields,
     aging: Aging | None = None,
-    contact: Mapping[str, Any] | None = None,
+    contact: Fields | None = None,
 ) -> list[tuple[str, Component]]:
     """The components that a result was made with, as far as their plugins are installed: (path, component).
 
@@ -85,7 +85,7 @@ def components_of(
 
 
 def scatter_of(
-    scene: Mapping[str, Any], aging: Aging | None, contact: Mapping[str, float]
+    scene: Fields, aging: Aging | None, contact: Mapping[str, float]
 ) -> Scatter | None:
     """What the maker of a result's surface knows of the scatter between surfaces (:meth:`SurfaceMaker.scatter`).
 
@@ -99,17 +99,14 @@ def scatter_of(
 
 
 def _recorded(
-    scene: Mapping[str, Any], aging: Aging | None, contact: Mapping[str, Any] | None
-) -> Iterator[tuple[str, str, Mapping[str, Any]]]:
+    scene: Fields, aging: Aging | None, contact: Fields | None
+) -> Iterator[tuple[str, str, Fields]]:
     """(path, role, plain options with kind) of each component."""
     provenance = aging.provenance if aging is not None else {}
     below = contact or provenance.get("contact") or {}
-    for stage in registry.current().stages():
+    for stage in registry.stages():
         stored = stage.recorded(provenance, below)
-        for section, role in {
-            **stage.parts,
-            **({stage.section: stage.role} if stage.role else {}),
-        }.items():
+        for section, role in stage.roles.items():
             options = scene.get(section) or stored.get(section)
             if stage.many:
                 yield from (
@@ -118,18 +115,11 @@ def _recorded(
                 )
             elif isinstance(options, Mapping) and "kind" in options:
                 beside = stage.beside if scene.get(section) else ()
-                yield (
-                    section,
-                    role,
-                    {
-                        name: value
-                        for name, value in options.items()
-                        if name not in beside
-                    },
-                )
+                own = {k: v for k, v in options.items() if k not in beside}
+                yield section, role, own
 
 
-def _installed(role: str, options: Mapping[str, Any]) -> Component | None:
+def _installed(role: str, options: Fields) -> Component | None:
     try:
         return registry.current().fromdict(role, options)
     except ChemageError:  # another version of the plugin, or none

@@ -29,6 +29,7 @@ from chemage.ageing.hooks import arguments_of
 from chemage.ageing.replicas import keep, resumed
 from chemage.contacts.role import elasticity_notes
 from chemage.contacts.solution import ContactSolution, ContactStatistics
+from chemage.foundation.aliases import Data, Fields
 from chemage.foundation.codec import EXTRA
 from chemage.foundation.errors import (
     ChemageError,
@@ -40,6 +41,7 @@ from chemage.foundation.errors import (
 from chemage.foundation.files import make_folder
 from chemage.foundation.outputs import MeasuredOutput
 from chemage.foundation.progress import progress_bars
+from chemage.foundation.quantities import by_name
 from chemage.foundation.records import (
     Record,
     content_hash,
@@ -94,7 +96,7 @@ class Run:
         The works to cite.
     """
 
-    scene: dict[str, Any]
+    scene: Data
     contact: ContactSolution | ContactStatistics
     surface: Surface | None = None
     aging: Aging | None = None
@@ -138,10 +140,8 @@ class Run:
     @property
     def plugins(self) -> dict[str, str]:
         """Plugins that answered or changed a stage on the way to this result: name -> distribution and version."""
-        return {
-            **self.contact.plugins,
-            **(self.aging.plugins if self.aging is not None else {}),
-        }
+        later = {} if self.aging is None else self.aging.plugins
+        return {**self.contact.plugins, **later}
 
     @property
     def changes(self) -> dict[str, list[str]]:
@@ -152,30 +152,23 @@ class Run:
     @property
     def measured(self) -> dict[str, MeasuredOutput]:
         """What observables measured, and what components and hooks recorded at any stage, by name."""
-        return {
-            **self.contact.measured,
-            **(self.aging.measured if self.aging is not None else {}),
-        }
+        later = {} if self.aging is None else self.aging.measured
+        return {**self.contact.measured, **later}
 
     @property
     def approximate(self) -> str:
         """What is approximate about this result, in words: the kinds and their declared errors; "" if nothing is."""
-        return approximations_in_words(
-            merged_approximations(
-                self.contact.approximate,
-                self.aging.approximate if self.aging is not None else (),
-            )
-        )
+        later = () if self.aging is None else self.aging.approximate
+        every = merged_approximations(self.contact.approximate, later)
+        return approximations_in_words(every)
 
     @property
     def scatter(self) -> Scatter | None:
         """How much β differs between surfaces of other seeds, where the maker of the surface says so; None without
         ageing."""
-        return (
-            scatter_of(self.scene, self.aging, self.contact.summary())
-            if self.aging is not None
-            else None
-        )
+        if self.aging is None:
+            return None
+        return scatter_of(self.scene, self.aging, self.contact.summary())
 
     def fit(self) -> Fit | None:
         """Line of Δμ against log t over the scene's fit window; None without ageing or without times in the window."""
@@ -194,11 +187,11 @@ class Run:
             (None, "") if self.aging is None else fit_or_reason(self.aging, self.window)
         )
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> Data:
         """One JSON-able object with the numbers users compare; what does not exist is None, as is nan."""
         contact, aging, scatter = self.contact, self.aging, self.scatter
         fit, reason = self._fitted
-        numbers: dict[str, Any] = {
+        numbers: Data = {
             "name": self.name,
             "solver": self.scene["contact"]["kind"],
             **_kinds(aging),
@@ -240,21 +233,17 @@ class Run:
         }
         return jsonable(numbers)
 
-    def _curves(self) -> dict[str, Any]:
+    def _curves(self) -> Data:
         """ΔF and Δμ with their errors; nan where one is not known, and empty without ageing."""
-        known = (
-            {curve.name: curve for curve in self.aging.curves()}
-            if self.aging is not None
-            else {}
-        )
-        none = np.full(0 if self.aging is None else self.aging.hold_times.size, np.nan)
-        curves = [
-            known.get(name, curve.but(mean=none, stderr=none, half_width=none))
-            for name, curve in DROPS.items()
-        ]
-        return {
-            name: values for curve in curves for name, values in curve.numbers().items()
-        }
+        known, none = {}, np.zeros(0)
+        if self.aging is not None:
+            known = by_name(self.aging.curves())
+            none = np.full(self.aging.hold_times.size, np.nan)
+        numbers: Data = {}
+        for name, curve in DROPS.items():
+            unknown = curve.but(mean=none, stderr=none, half_width=none)
+            numbers |= known.get(name, unknown).numbers()
+        return numbers
 
     def plot(self, *what: Literal["surface", "contact", "aging"]) -> tuple[Axes, ...]:
         """Draw surface, contact and ageing side by side in a figure of pyplot, or only those named; return their axes.
@@ -269,18 +258,16 @@ class Run:
     def to_xarray(self) -> xarray.Dataset:
         """The arrays of surface, contact and ageing in one dataset, named as in the file. Needs xarray."""
         there = {"surface": self.surface, "contact": self.contact, "aging": self.aging}
-        parts = {
-            name: part.to_xarray() for name, part in there.items() if part is not None
-        }
+        parts, attributes = [], {"name": self.name}
+        for name, record in there.items():
+            if record is not None:
+                part = record.to_xarray()
+                parts.append(part)
+                attributes |= {f"{name}.{k}": value for k, value in part.attrs.items()}
         merged = optional_module("xarray", EXTRA).merge(
-            parts.values(), combine_attrs="drop_conflicts", join="outer"
+            parts, combine_attrs="drop_conflicts", join="outer"
         )
-        attributes = {
-            f"{name}.{key}": value
-            for name, part in parts.items()
-            for key, value in part.attrs.items()
-        }
-        merged.attrs = {"name": self.name, **attributes}
+        merged.attrs = attributes
         return merged
 
     def to_pandas(self) -> pandas.DataFrame:
@@ -311,7 +298,7 @@ class Run:
         return {name: json.dumps(getattr(self, name)) for name in _ATTRIBUTES}
 
     @classmethod
-    def from_parts(cls, parts: Mapping[str, Any], attributes: Mapping[str, Any]) -> Run:
+    def from_parts(cls, parts: Fields, attributes: Fields) -> Run:
         """The inverse of :meth:`parts` and :meth:`attributes`."""
         missing = [name for name in _ATTRIBUTES if name not in attributes]
         contact = parts.get("contact") or parts.get("statistics")
@@ -338,7 +325,7 @@ class Run:
 def _kinds(aging: Aging | None) -> dict[str, str | None]:
     """Section -> kind of the component of each stage of the ageing; None where there is none."""
     kinds: dict[str, str | None] = {}
-    for stage in registry.current().stages():
+    for stage in registry.stages():
         if stage.role and stage.key == "aging" and not stage.many:
             part = aging.provenance.get(stage.section) if aging is not None else None
             kinds[stage.section] = (
@@ -347,15 +334,10 @@ def _kinds(aging: Aging | None) -> dict[str, str | None]:
     return kinds
 
 
-def _solve(contact: ContactSolution | ContactStatistics) -> dict[str, Any]:
+def _solve(contact: ContactSolution | ContactStatistics) -> Data:
     """How the contact was solved; nothing of that where it was not."""
-    if isinstance(contact, ContactStatistics):
-        return {"converged": True, "residual": 0.0, "iterations": 0}
-    return {
-        "converged": contact.converged,
-        "residual": contact.residual,
-        "iterations": contact.iterations,
-    }
+    solved = {"converged": True, "residual": 0.0, "iterations": 0}
+    return {name: getattr(contact, name, value) for name, value in solved.items()}
 
 
 def _sites(contact: ContactSolution | ContactStatistics) -> float | None:
@@ -385,7 +367,7 @@ def _is_sound(name: str, value: Any) -> bool:
 
 
 def run(
-    scene: Scene | str | Path | Mapping[str, Any],
+    scene: Scene | str | Path | Fields,
     *,
     progress: Progress | bool | None = None,
     threads: int | None = None,
@@ -436,9 +418,15 @@ def _run(
     members: bool,
 ) -> Run:
     timings: dict[str, float] = {}
-    given: dict[str, Any] = {"surface": surface, "contact": contact}
     made = compute_stages(
-        scene, ("contact", "aging"), progress, timings, threads, checkpoints, **given
+        scene,
+        ("contact", "aging"),
+        progress,
+        timings,
+        threads,
+        checkpoints,
+        surface=surface,
+        contact=contact,
     )
     solved, aging = made["contact"], made.get("aging")
     if (
@@ -453,16 +441,14 @@ def _run(
         }
         with _timed(BARRIERS, scene, timings, progress):
             aging = with_members(aging, solved, scene.chemistry, **how)
-    took_part = versions(scene, (solved, aging))
-    keys = run_keys(scene, solved, aging)
     return Run(
         scene.todict(),
         solved,
         made.get("surface"),
         aging,
         timings,
-        took_part,
-        keys,
+        versions(scene, (solved, aging)),
+        run_keys(scene, solved, aging),
         tuple(scene.cite()),
     )
 
@@ -475,7 +461,7 @@ def compute_stages(
     threads: int | None = None,
     checkpoints: Path | None = None,
     **given: Any,
-) -> dict[str, Any]:
+) -> Data:
     """What the stages of a scene make that are needed for ``wanted`` ("surface", "contact", "aging"), by its name; what
     is ``given`` is not made again, nor changed."""
     made = {name: record for name, record in given.items() if record is not None}
@@ -483,25 +469,19 @@ def compute_stages(
     for stage in _needed(parts, set(wanted), made):
         progress = report and partial(report, stage.section)
         inputs = StageInputs(parts, made, threads, checkpoints, progress)
+        solves = stage.makes == "contact" and "surface" in made and not stage.changes
         with _timed(stage.section, scene, {} if timings is None else timings, report):
-            kept = (
-                checkpoints is not None
-                and stage.makes == "contact"
-                and "surface" in made
-                and not stage.changes
-            )
-            made[stage.makes] = (
-                _kept(stage, scene, inputs) if kept else run_stage(stage, inputs)
-            )
+            if checkpoints is not None and solves:
+                made["contact"] = _kept(checkpoints, stage, scene, inputs)
+            else:
+                made[stage.makes] = run_stage(stage, inputs)
     return made
 
 
-def _needed(
-    parts: Mapping[str, Any], wanted: set[str], made: Collection[str]
-) -> list[Stage]:
+def _needed(parts: Fields, wanted: set[str], made: Collection[str]) -> list[Stage]:
     """The stages that a scene asks for and that are needed, in the order in which they run."""
     needed: list[Stage] = []
-    for stage in reversed(registry.current().stages()):
+    for stage in reversed(registry.stages()):
         if stage.makes in wanted and stage.makes not in made and stage.asked(parts):
             needed.insert(0, stage)
             wanted.update(stage.taken(parts))
@@ -536,13 +516,13 @@ def run_keys(
 ) -> dict[str, str]:
     """The keys of the stages of a finished run, in which the plugins that took part enter."""
     below = contact.provenance.get("surface")
+    last = contact.plugins if aging is None else aging.plugins
     plugins = {
         "surface": below.get("plugins", {}) if isinstance(below, Mapping) else {},
         "contact": contact.plugins,
+        "aging": last,
+        "result": last,
     }
-    plugins["aging"] = plugins["result"] = (
-        contact.plugins if aging is None else aging.plugins
-    )
     return {
         key: content_hash([own, plugins[key]]) if plugins[key] else own
         for key, own in scene.keys().items()
@@ -567,21 +547,29 @@ def _timed(
         report(stage, 1, 1)
 
 
-def _kept(stage: Stage, scene: Scene, inputs: StageInputs) -> ContactSolution:
+def _kept(
+    folder: Path, stage: Stage, scene: Scene, inputs: StageInputs
+) -> ContactSolution:
     """The contact from the checkpoints, or a new one, which is kept there."""
-    folder, surface = inputs.checkpoints, inputs.made["surface"]
-    assert folder is not None
     make_folder(folder)
-    path, key = folder / "contact.h5", scene.keys()["contact"]
-    other = f"{folder} holds checkpoints of another scene; choose another folder"
+    path, key, surface = (
+        folder / "contact.h5",
+        scene.keys()["contact"],
+        inputs.made["surface"],
+    )
     how = {"run": key, "before": surface.plugins, "hooks": stage.hooks}
-    call = {
-        "solver": inputs.parts["contact"],
-        "surface": surface,
-        "load": scene.load,
-        "start": None,
-    }
-    solution = resumed(path, "contact", ContactSolution, key, other, **how, **call)
+    solution = resumed(
+        path,
+        "contact",
+        ContactSolution,
+        key,
+        f"{folder} holds checkpoints of another scene; choose another folder",
+        solver=inputs.parts["contact"],
+        surface=surface,
+        load=scene.load,
+        start=None,
+        **how,
+    )
     if solution is None:
         solution = run_stage(stage, inputs)
         keep(path, "contact", solution, key, **how)

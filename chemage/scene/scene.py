@@ -20,13 +20,7 @@ from operator import attrgetter, methodcaller
 from typing import Any, Self
 
 import numpy as np
-from pydantic import (
-    BaseModel,
-    Field,
-    SerializeAsAny,
-    field_validator,
-    model_validator,
-)
+from pydantic import Field, SerializeAsAny, field_validator, model_validator
 
 from chemage.ageing.fitting import FIT_WINDOW
 from chemage.ageing.methods import AgeingMethod
@@ -34,7 +28,7 @@ from chemage.ageing.observables import Observable
 from chemage.ageing.replicas import Common
 from chemage.contacts.options import force_text
 from chemage.contacts.role import ContactSolver
-from chemage.contacts.theory import ContactTheory
+from chemage.foundation.aliases import Data, Fields
 from chemage.foundation.checks import Frozen, check_times, hold_times
 from chemage.foundation.components import Component
 from chemage.foundation.errors import ChemageError, InputError, shown
@@ -233,7 +227,7 @@ class Scene(Section):
     """over how many surfaces the answer is a mean; None: the one surface of this scene"""
     accuracy: Mapping[str, float] = {}
     """quantity -> relative half width of its 95 % interval; the answer is a mean over as many surfaces as that needs"""
-    others: Mapping[str, Any] = {}
+    others: Fields = {}
     """components or options of stages that have no field here, by section"""
     plugins: Mapping[str, SerializeAsAny[PluginOptions]] = {}
     """options of plugins, by the name of the plugin"""
@@ -252,30 +246,28 @@ class Scene(Section):
     # -- what it consists of ------------------------------------------------------------------------------------------
 
     @classmethod
-    def fields_of(cls, parts: Mapping[str, Any]) -> dict[str, Any]:
+    def fields_of(cls, parts: Fields) -> Data:
         """The fields of a scene with these :attr:`parts`."""
-        fields: dict[str, Any] = {"others": {}}
-        for stage in registry.current().stages():
+        fields: Data = {"others": {}}
+        for stage in registry.stages():
             if stage.section in parts:
                 place = (
                     fields if stage.section in cls.model_fields else fields["others"]
                 )
                 place[stage.section] = parts[stage.section]
-            paths = {
-                beside.field: f"{stage.section}.{name}"
-                for name, beside in stage.beside.items()
-            }
             fields |= {
-                name: parts[path] for name, path in paths.items() if path in parts
+                beside.field: parts[path]
+                for path, beside in stage.entries.items()
+                if path in parts
             }
         return fields
 
     @property
-    def parts(self) -> dict[str, Any]:
+    def parts(self) -> Data:
         """What it says to each stage, as :mod:`chemage.plugins.hooks` has it: ``parts["forming"]`` is a component,
         ``parts["contact.load"]`` a number; what it does not model is not there."""
-        parts: dict[str, Any] = {}
-        for stage in registry.current().stages():
+        parts: Data = {}
+        for stage in registry.stages():
             value = (
                 getattr(self, stage.section)
                 if stage.section in Scene.model_fields
@@ -293,8 +285,8 @@ class Scene(Section):
             }
             parts[stage.section] = value
             parts |= {
-                f"{stage.section}.{name}": getattr(self, beside.field)
-                for name, beside in stage.beside.items()
+                path: getattr(self, beside.field)
+                for path, beside in stage.entries.items()
             }
         return parts
 
@@ -325,35 +317,24 @@ class Scene(Section):
 
     def components(self) -> list[Component]:
         """Every component of the scene, those of the chemistry last."""
-        chemical = {
-            name for stage in registry.current().stages() for name in stage.parts
-        }
+        chemical = {name for stage in registry.stages() for name in stage.parts}
         sections = self.sections()
         return [sections[path] for path in sorted(sections, key=chemical.__contains__)]
 
     def unit(self, path: str) -> str:
         """The unit of the option at ``path``, such as ``contact.load``; "" where it is no quantity."""
+        for stage in registry.stages():
+            if path in stage.entries:
+                return stage.entries[path].unit
         section, _, option = path.rpartition(".")
-        beside = {
-            f"{stage.section}.{name}": entry.unit
-            for stage in registry.current().stages()
-            for name, entry in stage.beside.items()
-        }
-        if path in beside:
-            return beside[path]
-        owner = self.plugins.get(section.removeprefix("plugins.")) or self.parts.get(
-            section
-        )
-        info = (
-            type(owner).model_fields.get(option)
-            if isinstance(owner, BaseModel)
-            else None
-        )
+        plugin = self.plugins.get(section.removeprefix("plugins."))
+        owner = plugin or self.parts.get(section)
+        info = getattr(type(owner), "model_fields", {}).get(option)
         return unit_of(info) if info is not None else ""
 
-    def todict(self) -> dict[str, Any]:
+    def todict(self) -> Data:
         """The scene as plain TOML-like data, every option spelled out; :func:`parse_scene` reads it back."""
-        data: dict[str, Any] = {
+        data: Data = {
             "name": self.name,
             **({"title": self.title} if self.title else {}),
         }
@@ -415,17 +396,12 @@ class Scene(Section):
             return None
 
     @property
-    def theory(self) -> ContactTheory | None:
-        """The contact, where it is a theory that gives no map."""
-        return self.contact if isinstance(self.contact, ContactTheory) else None
-
-    @property
     def solver(self) -> ContactSolver:
         """The contact solver, with the gap where sites are smaller than pixels."""
         return self.solved_parts["contact"]
 
     @property
-    def solved_parts(self) -> dict[str, Any]:
+    def solved_parts(self) -> Data:
         """:attr:`parts` with the :attr:`solver` for the contact, and the :attr:`site_grids` as ``grids``."""
         parts, grids = self.parts, self.site_grids
         if grids and site_rule(*grids) == "reconstructed":
@@ -441,7 +417,7 @@ class Scene(Section):
         maker = self.surface.coarser(factor)
         if maker is None or "pixel_size" not in expected:
             return None
-        update: dict[str, Any] = {"surface": maker}
+        update: Data = {"surface": maker}
         if self.chemistry is not None and self.chemistry.site_density == "pixel":
             update["chemistry"] = self.chemistry.replace(
                 site_density=expected["pixel_size"] ** -2
@@ -453,7 +429,7 @@ class Scene(Section):
         keys = {key for name in compiled or COMPILED for key in COMPILED[name]}
         with self.in_use():
             parts = self.solved_parts
-            for stage in registry.current().stages():
+            for stage in registry.stages():
                 if stage.key in keys and stage.section in parts:
                     stage.warm_up(parts)
 
@@ -499,7 +475,7 @@ class Scene(Section):
 
     def bare(self, **hold: Any) -> Self:
         """The scene with one replica, without what the numbers do not need; ``hold``: further values of its hold."""
-        update: dict[str, Any] = {"observe": (), "ensemble": None, "accuracy": {}}
+        update: Data = {"observe": (), "ensemble": None, "accuracy": {}}
         return self.with_hold(**{"replicas": 1, "common": "all", **hold}).model_copy(
             update=update
         )
@@ -511,8 +487,8 @@ class Scene(Section):
         """
         if not (self.plugins or self.prefer):
             return self.keys()
-        stages, parts = registry.current().stages(), self.parts
-        extra: dict[str, Any] = {}
+        stages, parts = registry.stages(), self.parts
+        extra: Data = {}
         for key in ("surface", "contact", "aging"):
             within = [stage for stage in stages if (stage.key or "aging") == key]
             hooks = {hook for stage in within for hook in stage.hooks}
@@ -520,11 +496,7 @@ class Scene(Section):
                 hooks |= {*stage_hooks()} - {
                     hook for stage in stages for hook in stage.hooks
                 }
-            components = [
-                parts.get(name)
-                for stage in within
-                for name in (stage.section, *stage.parts)
-            ]
+            components = [parts.get(name) for stage in within for name in stage.roles]
             names = {*implementing(*sorted(hooks)), *providers(*components)}
             extra[key] = {
                 name: changed
@@ -535,8 +507,8 @@ class Scene(Section):
             extra["surface"]["prefer"] = self.prefer
         return self._keys(extra)
 
-    def _keys(self, extra: Mapping[str, Any]) -> dict[str, str]:
-        stages, parts = registry.current().stages(), self.solved_parts
+    def _keys(self, extra: Fields) -> dict[str, str]:
+        stages, parts = registry.stages(), self.solved_parts
         sections = _without_none(_sections(parts, methodcaller("identity")))
         content: dict[str, list[Any]] = {key: [] for key in KEYS}
         for stage in sorted(stages, key=attrgetter("always_in_key"), reverse=True):
@@ -560,12 +532,10 @@ class Scene(Section):
         return content_hash(self.todict())
 
 
-def _sections(
-    parts: Mapping[str, Any], options_of: Callable[[Component], dict[str, Any]]
-) -> dict[str, Any]:
+def _sections(parts: Fields, options_of: Callable[[Component], Data]) -> Data:
     """Every section that is there, lists of tables last; ``options_of`` gives the options of a component."""
-    data: dict[str, Any] = {}
-    for stage in sorted(registry.current().stages(), key=attrgetter("many")):
+    data: Data = {}
+    for stage in sorted(registry.stages(), key=attrgetter("many")):
         data |= stage.todict(parts, options_of)
     return data
 
@@ -583,7 +553,7 @@ def file_name(name: str) -> str:
     return name
 
 
-def heading(scene: Mapping[str, Any], name: str = "") -> str:
+def heading(scene: Fields, name: str = "") -> str:
     """The title of plain scene data, or else its name, or ``name``, with the values that a title names first."""
     if title := scene.get("title"):
         return str(title)

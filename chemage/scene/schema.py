@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import json
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from pydantic.json_schema import models_json_schema
 
+from chemage.foundation.aliases import Data
 from chemage.foundation.checks import meanings
 from chemage.foundation.components import Component
 from chemage.foundation.errors import PluginError
@@ -15,31 +19,23 @@ from chemage.plugins.hooks import Stage
 from chemage.scene.materials import material
 
 
-def scene_schema() -> dict[str, Any]:
+def scene_schema() -> Data:
     """JSON Schema (2020-12) of a scene, for editors that complete and check TOML."""
     plugins = registry.current()
     stages, kinds = plugins.stages(), _kinds(plugins)
     components: dict[str, list[Any]] = {role: [] for role in plugins.roles}
     for cls in kinds:
         components[cls.role].append(cls)
-    models = [*kinds]
-    others: list[Any] = [
-        model for stage in stages if (model := stage.model()) is not None
-    ]
-    refs, top = models_json_schema(
-        [(model, "validation") for model in [*models, *others]]
-    )
+    models = [*kinds, *filter(None, (stage.model() for stage in stages))]
+    refs, top = models_json_schema([(model, "validation") for model in models])
     definitions = top.get("$defs", {})
 
     def target(model: Any) -> str:
         return refs[model, "validation"]["$ref"].removeprefix("#/$defs/")
 
-    for model in models:
+    for model, names in kinds.items():
         part = definitions[target(model)]
-        part["properties"] = {
-            "kind": {"enum": kinds[model]},
-            **part.get("properties", {}),
-        }
+        part["properties"] = {"kind": {"enum": names}, **part.get("properties", {})}
         part["required"] = ["kind", *part.get("required", [])]
     by_role = {
         role: {"oneOf": [{"$ref": f"#/$defs/{target(cls)}"} for cls in classes]}
@@ -52,7 +48,7 @@ def scene_schema() -> dict[str, Any]:
         if cls.__name__ in definitions and role in by_role:
             definitions[cls.__name__] = {"anyOf": [by_role[role], {"type": "string"}]}
     installed = sorted(plugins.materials())
-    properties: dict[str, Any] = {
+    properties: Data = {
         "name": {"type": "string"},
         "title": {"type": "string"},
     }
@@ -61,7 +57,7 @@ def scene_schema() -> dict[str, Any]:
         "description": "material that fills what the scene does not say",
     }
     for stage in stages:
-        for section, role in {**stage.parts, stage.section: stage.role}.items():
+        for section, role in stage.roles.items():
             part = by_role.get(role, {"type": "object"})
             if not role:
                 part = (
@@ -89,7 +85,7 @@ def scene_schema() -> dict[str, Any]:
                 *required,
             ]
     properties["plugins"] = _plugins_section(plugins, definitions)
-    definitions |= _SWEEP
+    definitions |= json.loads(registry.scene_text("chemage.scene:sweep.schema.json"))
     properties["sweep"] = {"$ref": "#/$defs/Sweep"}
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
@@ -107,19 +103,24 @@ def _kinds(plugins: registry.Registry) -> dict[Any, list[str]]:
     found: dict[Any, list[str]] = {}
     for role in plugins.roles:
         for kind in plugins.kinds(role):
-            try:
+            with _warning():
                 cls = plugins.component(role, kind)
-            except PluginError as error:
-                warnings.warn(
-                    f"not in the schema: {error}", registry.PluginWarning, stacklevel=3
-                )
-                continue
-            qualified = f"{plugins.offer(role, kind).owner}:{cls.kind}"
-            found[cls] = [*dict.fromkeys((kind, qualified))]
+                qualified = f"{plugins.offer(role, kind).owner}:{cls.kind}"
+                found[cls] = [*dict.fromkeys((kind, qualified))]
     return found
 
 
-def _of_model(stage: Stage, refs: Any, definitions: dict[str, Any]) -> dict[str, Any]:
+@contextmanager
+def _warning() -> Iterator[None]:
+    """Warn of what cannot be imported, and go on without it."""
+    try:
+        yield
+    except PluginError as error:
+        text = f"not in the schema: {error}"
+        warnings.warn(text, registry.PluginWarning, stacklevel=5)
+
+
+def _of_model(stage: Stage, refs: Any, definitions: Data) -> Data:
     """A section whose options are those of a class, but for the sections of their own among them."""
     ref = refs[stage.model(), "validation"]
     if not stage.parts:
@@ -138,29 +139,6 @@ def _of_model(stage: Stage, refs: Any, definitions: dict[str, Any]) -> dict[str,
     }
 
 
-_SWEEP: dict[str, Any] = {
-    "Sweep": {
-        "type": "object",
-        "minProperties": 1,
-        "description": "fields to vary: each line, a dotted path and the list of its values, is one axis of a grid",
-        "properties": {
-            "zip": {
-                "type": "array",
-                "items": {"$ref": "#/$defs/SweepLines"},
-                "description": "lines that move together, of equal length, make one axis",
-            }
-        },
-        "additionalProperties": {"$ref": "#/$defs/SweepValues"},
-    },
-    "SweepLines": {
-        "type": "object",
-        "minProperties": 1,
-        "additionalProperties": {"$ref": "#/$defs/SweepValues"},
-    },
-    "SweepValues": {
-        "anyOf": [{"type": "array", "minItems": 1}, {"$ref": "#/$defs/SweepLines"}]
-    },
-}
 #: a section whose kind the material gives
 _OF_MATERIAL = {"type": "object", "not": {"required": ["kind"]}}
 
@@ -169,18 +147,12 @@ def _of_materials(section: str) -> set[str]:
     """The options in a section that some installed material gives, so that a scene need not."""
     options: set[str] = set()
     for name in registry.current().materials():
-        try:
+        with _warning():
             options |= material(name).options(section).keys()
-        except PluginError as error:
-            warnings.warn(
-                f"not in the schema: {error}", registry.PluginWarning, stacklevel=3
-            )
     return options
 
 
-def _plugins_section(
-    plugins: registry.Registry, definitions: dict[str, Any]
-) -> dict[str, Any]:
+def _plugins_section(plugins: registry.Registry, definitions: Data) -> Data:
     """What a scene sets for plugins; adds the definitions of their options."""
     installed = sorted(record.name for record in plugins.records if not record.error)
     prefer = {
@@ -188,26 +160,15 @@ def _plugins_section(
         "items": {"enum": installed},
         "description": "plugins that come first where several answer a stage, read a file or have a kind",
     }
-    properties: dict[str, Any] = {"prefer": prefer}
-    for name, cls in plugins_with_options(plugins).items():
-        part = cls.model_json_schema(mode="validation", ref_template="#/$defs/{model}")
-        definitions |= part.pop("$defs", {})
-        properties[name] = {"description": f"options of the plugin {name}", **part}
+    properties: Data = {"prefer": prefer}
+    for name in [record.name for record in plugins.records if record.options]:
+        with _warning():
+            part = plugins.options_class(name).model_json_schema(
+                mode="validation", ref_template="#/$defs/{model}"
+            )
+            definitions |= part.pop("$defs", {})
+            properties[name] = {"description": f"options of the plugin {name}", **part}
     return {"type": "object", "additionalProperties": False, "properties": properties}
-
-
-def plugins_with_options(plugins: registry.Registry) -> dict[str, Any]:
-    """Name of each plugin with options -> the class of its options; one that cannot be imported is left out."""
-    classes: dict[str, Any] = {}
-    for record in plugins.records:
-        if record.options:
-            try:
-                classes[record.name] = plugins.options_class(record.name)
-            except PluginError as error:
-                warnings.warn(
-                    f"not in the schema: {error}", registry.PluginWarning, stacklevel=2
-                )
-    return classes
 
 
 def options_of(cls: type[Component]) -> list[dict[str, str]]:
@@ -229,12 +190,11 @@ def options_of(cls: type[Component]) -> list[dict[str, str]]:
     return rows
 
 
-def _unit(part: dict[str, Any]) -> str:
+def _unit(part: Data) -> str:
     """The unit of a property, also where the quantity may be left out, or is one of a list."""
-    inner = [
-        *part.get("anyOf", []),
-        *([part["items"]] if isinstance(part.get("items"), dict) else []),
+    inner = [*part.get("anyOf", ()), part.get("items")]
+    units = [
+        part.get("unit"),
+        *(_unit(item) for item in inner if isinstance(item, dict)),
     ]
-    return part.get("unit", "") or next(
-        (unit for item in inner if (unit := _unit(item))), ""
-    )
+    return next(filter(None, units), "")

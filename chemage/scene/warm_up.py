@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from subprocess import TimeoutExpired
-from typing import Any
 
 from chemage.foundation import compiling
+from chemage.foundation.aliases import Fields
 from chemage.foundation.progress import Report
 from chemage.scene.files import load_scene, parse_scene
 from chemage.scene.scene import Scene
@@ -64,9 +64,7 @@ def _wait(helper: compiling.Process | None, report: Report, compiled: int) -> No
     report(compiling.STAGE, compiled, 0)
 
 
-def compile_stage(
-    stage: str, scene: Mapping[str, Any] | str, changes: Mapping[str, Any] | None
-) -> None:
+def compile_stage(stage: str, scene: Fields | str, changes: Fields | None) -> None:
     """Compile the kernels of a stage of a scene, given as data, or by name with ``changes``."""
     known = isinstance(scene, str)
     read = load_scene(scene, changes) if known else parse_scene(scene)

@@ -19,6 +19,7 @@ import pytest
 import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import Field
 
 import chemage as ca
 from chemage import InputError
@@ -505,3 +506,15 @@ def test_durations_of_other_libraries_are_no_numbers():
         for call in (ca.plugin.force, ca.plugin.check_times, ca.plugin.checked_seed, lambda v: ca.hold_times(1, 2, v)):
             with pytest.raises(InputError):
                 call(value)
+
+
+def test_bounds_of_a_field_count_beside_those_of_its_quantity():
+    class Timed(Component):
+        after: units.Time = Field(default=1.0, gt=0, le=10)
+
+    assert Timed(after="10 s").after == 10.0
+    for value, problem in ((0, "greater than 0"), ("0 s", "greater than 0"), (-1, "than or equal to 0"), (11, "10")):
+        with pytest.raises(InputError, match=problem):
+            Timed(after=value)
+    (number, _) = Timed.model_json_schema()["properties"]["after"]["anyOf"]
+    assert (number["exclusiveMinimum"], number["maximum"]) == (0, 10)

@@ -32,7 +32,7 @@ from numba.core import event
 from chemage.foundation import compiling, machine
 with compiling.watched(lambda count: None, lambda count: None) as compiled:
     {code}
-print(json.dumps(compiled.kernels))
+print(json.dumps(compiled))
 """
 
 
@@ -169,7 +169,7 @@ class a_kernel_is_compiled:
         def one(begin, end):
             begin(0)
             end(1)
-            yield compiling.Compiled()
+            yield []
 
         self.patch = pytest.MonkeyPatch()
         self.patch.setattr(compiling, "watched", one)
