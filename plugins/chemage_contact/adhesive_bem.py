@@ -254,6 +254,13 @@ class AdhesiveBEM(HalfSpaceSolver):
             )
             x, rise = before or self._begin(surface, problem, load)
             if approach is not None:
+                if flat and not approach / size < -heights.mean():
+                    raise InputError.of(
+                        "displacement",
+                        f"{approach:g} nm",
+                        "is one at which the surfaces touch everywhere",
+                        f"give an approach below {-size * heights.mean():.6g} nm",
+                    )
                 x, rise = problem.placed(x, rise, approach / size)
             found = problem.minimise(x, rise, self.tolerance, self.max_iterations)
         if problem.parted(found):
@@ -333,6 +340,14 @@ class AdhesiveBEM(HalfSpaceSolver):
                 for edge in (reduced[0], reduced[-1], reduced[:, 0], reduced[:, -1])
             )
             reach = law.range * -math.log(AT_EDGE) if law.exponential else law.range
+            if nearest <= 0 and "tip" in surface.provenance:
+                raise InputError.of(
+                    "load",
+                    force if load is None else load,
+                    f"the contact of this tip reaches the edge of its grid ({nx} x {ny} pixels of {size:.4g} nm), "
+                    "where it is cut off",
+                    "use a smaller load, or a body on more pixels",
+                )
             if nearest <= 0:
                 notes.append(
                     "contact at the edge of the grid, beyond which nothing carries load"

@@ -26,13 +26,14 @@ from chemage_kinetics._common import (
     DONE,
     EVENT,
     FLICKER,
-    HIGH,
     HOLD,
     LAST,
-    LOW,
     STREAMS,
+    Array,
+    FlickerRates,
     Float,
     Holds,
+    Instant,
     Int,
     Key,
     Sites,
@@ -41,21 +42,21 @@ from chemage_kinetics._common import (
     change_state,
     choose_around,
     count_flip,
-    count_sojourn,
+    degree,
     fixed_coupling,
     hot,
     inner,
     jit,
     later,
+    neighbour,
     past,
     prefetch,
     prefetch_rows,
     prefetch_site,
     rate,
     rate_around,
-    sojourn,
+    stay,
     two_uniforms,
-    until,
 )
 from chemage_kinetics._rate_classes import (
     PLACE,
@@ -90,25 +91,25 @@ class BklRun(NamedTuple):
     key: Key
     holds: Holds
     classes: Classes
-    draws: np.ndarray
+    draws: Array
     """(RING, 4) float64 scratch, of this and the next attempts: waiting time, class, slot, acceptance"""
-    spots: np.ndarray
+    spots: Array
     """(RING,) int64 scratch: a predicted entry of the arena, then the site there"""
     predicting: bool
     """whether to look ahead; changes nothing but the time"""
-    near: np.ndarray
+    near: Array
     """(k + 1, 2) int64 scratch: sites that change their class, and the class"""
-    rng: np.ndarray
+    rng: Array
     """(5,) uint64 scratch, see `_common`"""
-    clock: np.ndarray
-    """(2,) float64: HIGH and LOW of the present instant"""
-    counters: np.ndarray
+    clock: Array
+    """(2,) float64: the present instant"""
+    counters: Array
     """(4,) int64: the number of the next attempt (EVENT), the present HOLD time, the LAST site, whether the run is
     DONE"""
 
 
 @hot
-def _flip(i: Int, classes: Classes, near: np.ndarray) -> None:
+def _flip(i: Int, classes: Classes, near: Array) -> None:
     """Form or break the bond of site i; move it, and every neighbour now above its bound, to the right class."""
     records = classes.records
     model = classes.model
@@ -118,8 +119,8 @@ def _flip(i: Int, classes: Classes, near: np.ndarray) -> None:
     moves = 1
     near[0, 0] = i
     near[0, 1] = site_class(i, classes)
-    for s in range(model.neighbours.shape[1]):
-        j = np.int64(model.neighbours[i, s])
+    for s in range(degree(model)):
+        j = neighbour(i, s, model)
         if j >= 0:
             word = records[j, 0] + sign * fixed_coupling(model.coupling[i, s])
             records[j, 0] = word
@@ -145,33 +146,35 @@ def _flip(i: Int, classes: Classes, near: np.ndarray) -> None:
     for m in range(moves):
         for side in range(2):
             c = near[m, side]
-            if c >= 0 and classes.weights[c >> 3] < 0.0:
+            if c >= 0 and classes.sums[c >> 3] < 0.0:
                 weigh(c, classes)
 
 
-@inner
-def _attempt_elsewhere(run: BklRun) -> Int:
-    """The site that an attempt selects and accepts among those in classes, or -1; moves a rejected site whose class is
-    out of date."""
-    classes = run.classes
-    u, v = two_uniforms(run.rng)
-    c = select_class(u * total_weight(classes), classes)
+@hot
+def _attempt(
+    u: Float, v: Float, w: Float, total: Float, classes: Classes
+) -> tuple[Int, Float]:
+    """The site that an attempt selects and accepts by three uniform numbers, or -1; moves a rejected site whose class
+    is out of date. Also returns the total weight afterwards."""
+    c = select_class(u * total, classes)
     slot = np.int64(v * classes.slots[c, SLOTS])
     if slot >= classes.counts[c]:
-        return np.int64(-1)
-    j = np.int64(classes.arena[classes.first[c] + slot])
-    if accepts(two_uniforms(run.rng)[0], j, c, classes):
-        return j
-    if site_class(j, classes) != c:
-        set_aside(j, classes)
-        put_back(j, classes)
-    return np.int64(-1)
+        return np.int64(-1), total
+    i = np.int64(classes.arena[classes.first[c] + slot])
+    prefetch_rows(i, classes.model)
+    if accepts(w, i, c, classes):
+        return i, total
+    if site_class(i, classes) != c:
+        set_aside(i, classes)
+        put_back(i, classes)
+        total = total_weight(classes)
+    return np.int64(-1), total
 
 
 @inner
 def _dwell(
-    run: BklRun, i: Int, high: Float, low: Float, hold: Int, rate_back: Float
-) -> tuple[Float, Float, Int]:
+    run: BklRun, i: Int, now: Instant, hold: Int, rate_back: Float
+) -> tuple[Instant, Int]:
     """Follow site i, which flickers, until something else is attempted or the present hold time is reached.
 
     Its neighbours differ in rate between its two states, so they leave their classes as well and react at their exact
@@ -181,52 +184,46 @@ def _dwell(
     run = borrowed(run)
     classes = run.classes
     nu = classes.model.nu
-    tally = run.holds.tally
-    limit = run.holds.times[hold]
-    rate_here = rate(barrier_of(i, classes), nu, classes.model.per_unit)
+    rate_here = rate(barrier_of(i, classes), classes.model)
     if nu * set_aside(i, classes) * FLICKER >= rate_here:
         put_back(i, classes)
-        return high, low, i
-    for s in range(classes.model.neighbours.shape[1]):
-        if classes.model.neighbours[i, s] >= 0:
-            set_aside(np.int64(classes.model.neighbours[i, s]), classes)
+        return now, i
+    for s in range(degree(classes.model)):
+        j = neighbour(i, s, classes.model)
+        if j >= 0:
+            set_aside(j, classes)
     sites = Sites(classes.records[:, 0], classes.model)
     elsewhere = nu * total_weight(classes)
     around = rate_around(i, sites)
     change_state(i, sites)
     around_back = rate_around(i, sites)
     change_state(i, sites)
-    spent, exited, other, out_here, out_there = sojourn(
-        run.rng,
-        rate_here,
-        rate_back,
-        elsewhere + around,
-        elsewhere + around_back,
-        until(high, low, limit),
+    rates = FlickerRates(
+        rate_here, rate_back, elsewhere + around, elsewhere + around_back
     )
-    count_sojourn(tally, hold, sites.words[i], out_here, out_there, other)
+    now, exited, other = stay(run.rng, rates, now, run.holds, hold, sites.words[i])
     if other:
         change_state(i, sites)
         around = around_back
-    if exited:
-        high, low = later(high, low, spent)
-    if not exited or past(high, low, limit):
-        high = limit
-        low = 0.0
     j = np.int64(-1)
     if exited:
         u, v = two_uniforms(run.rng)
-        near = u * (elsewhere + around) < around
-        j = choose_around(i, v, sites) if near else _attempt_elsewhere(run)
+        if u * (elsewhere + around) < around:
+            j = choose_around(i, v, sites)
+        else:
+            u, v = two_uniforms(run.rng)
+            w = two_uniforms(run.rng)[0]
+            j = _attempt(u, v, w, total_weight(classes), classes)[0]
     put_back(i, classes)
-    for s in range(classes.model.neighbours.shape[1]):
-        if classes.model.neighbours[i, s] >= 0:
-            put_back(np.int64(classes.model.neighbours[i, s]), classes)
+    for s in range(degree(classes.model)):
+        beside = neighbour(i, s, classes.model)
+        if beside >= 0:
+            put_back(beside, classes)
     if j < 0:
-        return high, low, i
+        return now, i
     _flip(j, classes, run.near)
-    count_flip(tally, hold, classes.records[j, 0])
-    return high, low, j
+    count_flip(run.holds.tally, hold, classes.records[j, 0])
+    return now, j
 
 
 @hot
@@ -268,30 +265,10 @@ def _look_ahead(run: BklRun, attempt: Int, total: Float) -> None:
     prefetch_site(i, classes.records, classes.model)
 
     i = run.spots[(attempt + 1) & (RING - 1)]
-    for s in range(classes.model.neighbours.shape[1]):
-        j = np.int64(classes.model.neighbours[i, s])
+    for s in range(degree(classes.model)):
+        j = neighbour(i, s, classes.model)
         if j >= 0:
             prefetch(classes.records, j)
-
-
-@hot
-def _attempt(run: BklRun, e: Int, total: Float) -> tuple[Int, Float]:
-    """The site that the attempt in row ``e`` of the ring selects and accepts, or -1; moves a rejected site whose class
-    is out of date. Also returns the total weight afterwards."""
-    classes = run.classes
-    c = select_class(run.draws[e, 1] * total, classes)
-    slot = np.int64(run.draws[e, 2] * classes.slots[c, SLOTS])
-    if slot >= classes.counts[c]:
-        return np.int64(-1), total
-    i = np.int64(classes.arena[classes.first[c] + slot])
-    prefetch_rows(i, classes.model)
-    if accepts(run.draws[e, 3], i, c, classes):
-        return i, total
-    if site_class(i, classes) != c:
-        set_aside(i, classes)
-        put_back(i, classes)
-        total = total_weight(classes)
-    return np.int64(-1), total
 
 
 @jit
@@ -305,8 +282,7 @@ def advance(run: BklRun, superbasins: bool | None, attempts: Int) -> None:
     nu = classes.model.nu
     times = run.holds.times
     final = times[times.size - 1]
-    high = run.clock[HIGH]
-    low = run.clock[LOW]
+    now = run.clock[0], run.clock[1]
     event = run.counters[EVENT]
     hold = run.counters[HOLD]
     last = run.counters[LAST]
@@ -325,18 +301,15 @@ def advance(run: BklRun, superbasins: bool | None, attempts: Int) -> None:
             _draw(run, event)
         e = event & (RING - 1)
         step = -math.log(run.draws[e, 0]) / (nu * total)
-        if high + step > 2.0 * final + 1.0:
+        then = later(now, step)
+        if past(then, final):
             done = True
             break
-        next_high, next_low = later(high, low, step)
-        if past(next_high, next_low, final):
-            done = True
-            break
-        high = next_high
-        low = next_low
-        while past(high, low, times[hold]):
+        now = then
+        while past(now, times[hold]):
             hold += 1
-        i, total = _attempt(run, e, total)
+        draws = run.draws
+        i, total = _attempt(draws[e, 1], draws[e, 2], draws[e, 3], total, classes)
         event += 1
         attempts -= 1
         if i < 0:
@@ -346,17 +319,16 @@ def advance(run: BklRun, superbasins: bool | None, attempts: Int) -> None:
         leave_back = np.inf
         if superbasins is not None and i == last and classes.model.breaking.size > 0:
             # Two events in a row on this site: at what total rate could anything else have been attempted?
-            rate_back = rate(barrier_of(i, classes), nu, classes.model.per_unit)
+            rate_back = rate(barrier_of(i, classes), classes.model)
             leave_back = nu * set_aside(i, classes)
         _flip(i, classes, run.near)
         count_flip(run.holds.tally, hold, classes.records[i, 0])
         last = i
         if superbasins is not None and leave_back * FLICKER < rate_back:
             begin_sequence(run.rng, run.key, STREAM, event - 1, OF_SOJOURN)
-            high, low, last = _dwell(run, i, high, low, hold, rate_back)
+            now, last = _dwell(run, i, now, hold, rate_back)
         total = total_weight(classes)
-    run.clock[HIGH] = high
-    run.clock[LOW] = low
+    run.clock[0], run.clock[1] = now
     run.counters[EVENT] = event
     run.counters[HOLD] = hold
     run.counters[LAST] = last

@@ -24,12 +24,18 @@ import numpy as np
 from llvmlite import ir
 from numba.core import types
 from numba.extending import intrinsic
+from numpy.typing import NDArray
 
 from chemage.plugin import kernel, random
 
 #: Numbers in kernels: int64 and float64. To a type checker they are Any, as are the elements of arrays.
 Int: TypeAlias = Any
 Float: TypeAlias = Any
+Array: TypeAlias = NDArray[Any]
+#: A time (s) as the sum of two doubles.
+Instant: TypeAlias = tuple[Float, Float]
+#: The instant of what does not happen.
+NEVER = (np.inf, 0.0)
 
 #: For functions that Python calls.
 jit = kernel(nogil=True, error_model="numpy")
@@ -109,8 +115,7 @@ LARGEST_BARRIER = 2.0**20
 LARGEST_COUPLING = 2.0**15
 #: A rate below exp(-COLDEST) times the attempt frequency is zero.
 COLDEST = 745.0
-#: Places in the clock and the counters of a run that is followed event by event.
-HIGH, LOW = 0, 1
+#: Places in the counters of a run that is followed event by event.
 EVENT, HOLD, LAST, DONE, DRAWN = 0, 1, 2, 3, 4
 #: Event counts stop here instead of overflowing.
 MOST = np.int64(2**61)
@@ -121,6 +126,7 @@ STREAMS = {
     "bkl": random.KINETICS + 1,
     "next-reaction": random.KINETICS + 2,
     "independent": random.KINETICS + 3,
+    "event-driven": random.KINETICS + 4,
 }
 
 
@@ -138,9 +144,9 @@ class KineticModel(NamedTuple):
     eV, or empty where bonds never break. nu: Hz. per_unit: 1/k_B T over one fixed-point unit of energy.
     """
 
-    neighbours: np.ndarray
-    coupling: np.ndarray
-    breaking: np.ndarray
+    neighbours: Array
+    coupling: Array
+    breaking: Array
     nu: float
     per_unit: float
 
@@ -148,7 +154,7 @@ class KineticModel(NamedTuple):
 class Sites(NamedTuple):
     """All sites in their present states. What takes ``sites`` takes any tuple with these two."""
 
-    words: np.ndarray
+    words: Array
     """(n,) int64, see above"""
     model: KineticModel
 
@@ -157,8 +163,30 @@ class Holds(NamedTuple):
     """Hold times (m,) s, and the (m, 3) int64 counts of bonds formed, bonds broken, and their difference, each between
     the hold time before and this one."""
 
-    times: np.ndarray
-    tally: np.ndarray
+    times: Array
+    tally: Array
+
+
+class FlickerRates(NamedTuple):
+    """Rates (Hz) around a site that flickers: of the site itself, and of everything else together; in its present
+    state and in its other state."""
+
+    here: float
+    there: float
+    around_here: float
+    around_there: float
+
+
+@hot
+def degree(model: KineticModel) -> Int:
+    """Neighbours that a site has at most."""
+    return model.neighbours.shape[1]
+
+
+@hot
+def neighbour(i: Int, s: Int, model: KineticModel) -> Int:
+    """The neighbour of site i in its slot s, or -1."""
+    return np.int64(model.neighbours[i, s])
 
 
 # -- memory --------------------------------------------------------------------------------------------------------
@@ -174,7 +202,7 @@ def prefetch_rows(i: Int, model: KineticModel) -> None:
 
 
 @hot
-def prefetch_site(i: Int, words: np.ndarray, model: KineticModel) -> None:
+def prefetch_site(i: Int, words: Array, model: KineticModel) -> None:
     """Prefetch everything that belongs to site i alone."""
     prefetch(words, i)
     prefetch_rows(i, model)
@@ -206,7 +234,7 @@ def fixed_coupling(energy: Float) -> Int:
 
 @jit
 def start_words(
-    forming: np.ndarray, model: KineticModel, state: np.ndarray, words: np.ndarray
+    forming: Array, model: KineticModel, state: Array, words: Array
 ) -> None:
     """Fill ``words`` (n,) int64 with 2 * (forming barrier with the present neighbours) + bonded."""
     forming = borrowed(forming)
@@ -224,22 +252,22 @@ def start_words(
                     words[j] += 2 * fixed_coupling(model.coupling[i, s])
 
 
-@inner
-def rate(barrier: Int, nu: Float, per_unit: Float) -> Float:
-    """nu exp(-E/kT) for a fixed-point barrier; nu where E <= 0. ``per_unit`` is 1/kT over one fixed-point unit."""
+@hot
+def rate(barrier: Int, model: KineticModel) -> Float:
+    """nu exp(-E/kT) for a fixed-point barrier; nu where E <= 0."""
     if barrier <= 0:
-        return nu
-    return nu * math.exp(-(barrier * per_unit))
+        return model.nu
+    return model.nu * math.exp(-(barrier * model.per_unit))
 
 
 @inner
-def site_rate(site: Int, words: np.ndarray, model: KineticModel) -> Float:
+def site_rate(site: Int, words: Array, model: KineticModel) -> Float:
     """The rate at which a site changes its state: forms its bond or breaks it. 0 for a bond that never breaks."""
     word = words[site]
     if word & 1 == 0:
-        return rate(word >> 1, model.nu, model.per_unit)
+        return rate(word >> 1, model)
     if model.breaking.size > 0:
-        return rate(fixed_barrier(model.breaking[site]), model.nu, model.per_unit)
+        return rate(fixed_barrier(model.breaking[site]), model)
     return 0.0
 
 
@@ -247,8 +275,8 @@ def site_rate(site: Int, words: np.ndarray, model: KineticModel) -> Float:
 def rate_around(site: Int, sites: Any) -> Float:
     """Total rate of a site's neighbours."""
     total = 0.0
-    for s in range(sites.model.neighbours.shape[1]):
-        j = np.int64(sites.model.neighbours[site, s])
+    for s in range(degree(sites.model)):
+        j = neighbour(site, s, sites.model)
         if j >= 0:
             total += site_rate(j, sites.words, sites.model)
     return total
@@ -259,8 +287,8 @@ def choose_around(site: Int, u: Float, sites: Any) -> Int:
     """A neighbour of the site, by its rate; ``u`` uniform on (0, 1)."""
     target = u * rate_around(site, sites)
     chosen = -1
-    for s in range(sites.model.neighbours.shape[1]):
-        j = np.int64(sites.model.neighbours[site, s])
+    for s in range(degree(sites.model)):
+        j = neighbour(site, s, sites.model)
         if j >= 0:
             w = site_rate(j, sites.words, sites.model)
             if w > 0.0:
@@ -276,18 +304,46 @@ def change_state(site: Int, sites: Any) -> None:
     """Form or break the bond of a site: its own word, and its neighbours' energies."""
     sites.words[site] ^= 1
     sign = 2 if sites.words[site] & 1 else -2
-    for s in range(sites.model.neighbours.shape[1]):
-        j = np.int64(sites.model.neighbours[site, s])
+    for s in range(degree(sites.model)):
+        j = neighbour(site, s, sites.model)
         if j >= 0:
             sites.words[j] += sign * fixed_coupling(sites.model.coupling[site, s])
+
+
+# -- eight-way trees of sums ---------------------------------------------------------------------------------------
+
+
+@hot
+def block_sum(tree: Array, b: Int) -> Float:
+    """The sum of eight neighbouring numbers from position ``b`` on."""
+    return ((tree[b] + tree[b + 1]) + (tree[b + 2] + tree[b + 3])) + (
+        (tree[b + 4] + tree[b + 5]) + (tree[b + 6] + tree[b + 7])
+    )
+
+
+@hot
+def descend(tree: Array, base: Int, target: Float) -> tuple[Int, Float]:
+    """The child at which the running sum passes ``target``, never one of zero rate; and the rest of the target."""
+    chosen = 0
+    for s in range(8):
+        w = tree[base + s]
+        if w > 0.0:
+            chosen = s
+            if target < w:
+                break
+            target -= w
+    return chosen, target
 
 
 # -- the clock -----------------------------------------------------------------------------------------------------
 
 
 @inner
-def later(high: Float, low: Float, step: Float) -> tuple[Float, Float]:
-    """(high + low) + step, step >= 0 and finite, as a normalised pair of doubles."""
+def later(now: Instant, step: Float) -> Instant:
+    """``now`` and ``step`` seconds, as a normalised pair of doubles; never where that is beyond all numbers."""
+    if not step <= 1.0e300:
+        return NEVER
+    high, low = now
     s = high + step
     b = s - high
     low += (high - (s - b)) + (step - b)
@@ -296,37 +352,42 @@ def later(high: Float, low: Float, step: Float) -> tuple[Float, Float]:
 
 
 @inner
-def past(high: Float, low: Float, time: Float) -> bool:
-    """Whether the instant high + low comes after ``time``."""
-    return high > time or (high == time and low > 0.0)
+def past(now: Instant, time: Float) -> bool:
+    """Whether an instant comes after ``time``."""
+    return now[0] > time or (now[0] == time and now[1] > 0.0)
 
 
 @inner
-def until(high: Float, low: Float, time: Float) -> Float:
-    """Seconds from the instant high + low to ``time``, not negative."""
-    return max((time - high) - low, 0.0)
+def until(now: Instant, time: Float) -> Float:
+    """Seconds from an instant to ``time``, not negative."""
+    return max((time - now[0]) - now[1], 0.0)
 
 
 @hot
-def next_event(
-    key: Key,
-    stream: Int,
-    index: Int,
-    draw: Int,
-    barrier: Int,
-    nu: Float,
-    per_unit: Float,
-    high: Float,
-    low: Float,
-) -> tuple[Float, Float]:
-    """The instant, as a pair, at which a site crosses a fixed-point barrier, from high + low on; inf where the rate is
-    zero. From the random number ``draw`` of the site with this ``index``."""
-    wait = -math.log(random.uniform(key.k0, key.k1, stream, index, draw)) / nu
+def time_of(times: Array, i: Int) -> Instant:
+    """The instant in row i of ``times`` (n, 2)."""
+    return times[i, 0], times[i, 1]
+
+
+@hot
+def set_time(times: Array, i: Int, instant: Instant) -> None:
+    """Write an instant into row i of ``times`` (n, 2)."""
+    times[i, 0], times[i, 1] = instant
+
+
+@hot
+def next_event(i: Int, barrier: Int, now: Instant, sites: Any, stream: Int) -> Instant:
+    """The instant at which site i crosses a fixed-point barrier, from ``now`` on, by the next random number of the site.
+
+    ``sites``: any tuple with its ``key``, ``model``, ``pixels`` and ``draws``.
+    """
+    draw = sites.draws[i]
+    sites.draws[i] = draw + 1
+    u = random.uniform(sites.key.k0, sites.key.k1, stream, sites.pixels[i], draw)
+    wait = -math.log(u) / sites.model.nu
     if barrier > 0:
-        wait *= math.exp(barrier * per_unit)
-    if wait > 1.0e300:
-        return np.inf, 0.0
-    return later(high, low, wait)
+        wait *= math.exp(barrier * sites.model.per_unit)
+    return later(now, wait)
 
 
 # -- counts --------------------------------------------------------------------------------------------------------
@@ -340,7 +401,7 @@ def _add(total: Float, more: Float) -> Int:
 
 
 @inner
-def count_flip(tally: np.ndarray, hold: Int, word: Int) -> None:
+def count_flip(tally: Array, hold: Int, word: Int) -> None:
     """Count an event that has taken place; ``word & 1`` is the new state. tally: see `Holds`."""
     if word & 1:
         tally[hold, 0] += 1
@@ -352,7 +413,7 @@ def count_flip(tally: np.ndarray, hold: Int, word: Int) -> None:
 
 @inner
 def count_sojourn(
-    tally: np.ndarray,
+    tally: Array,
     hold: Int,
     word: Int,
     out_here: Float,
@@ -377,7 +438,7 @@ _HUGE = 2.0**50
 
 
 @inner
-def two_uniforms(rng: np.ndarray) -> tuple[Float, Float]:
+def two_uniforms(rng: Array) -> tuple[Float, Float]:
     """The next two uniforms of a private sequence."""
     pair = random.uniform_pair(rng[0], rng[1], rng[2], rng[3], rng[4])
     rng[4] += np.uint64(1)
@@ -385,9 +446,7 @@ def two_uniforms(rng: np.ndarray) -> tuple[Float, Float]:
 
 
 @inner
-def begin_sequence(
-    rng: np.ndarray, key: Key, stream: Int, index: Int, block: Int
-) -> None:
+def begin_sequence(rng: Array, key: Key, stream: Int, index: Int, block: Int) -> None:
     """Set ``rng`` to a private sequence, from a block of the random numbers of an index on."""
     rng[0] = key.k0
     rng[1] = key.k1
@@ -397,7 +456,15 @@ def begin_sequence(
 
 
 @inner
-def gamma(rng: np.ndarray, shape: Float) -> Float:
+def begin_own_sequence(rng: Array, i: Int, sites: Any, stream: Int) -> None:
+    """Set ``rng`` to a sequence of site i, whose next random number it uses; ``sites``: see `next_event`."""
+    block = SOJOURN_BLOCKS + np.uint64(sites.draws[i] * SOJOURN_DRAWS)
+    begin_sequence(rng, sites.key, stream, sites.pixels[i], block)
+    sites.draws[i] += 1
+
+
+@inner
+def gamma(rng: Array, shape: Float) -> Float:
     """A gamma variate of unit rate and shape >= 1 (Marsaglia & Tsang 2000); the sum of ``shape`` unit exponentials."""
     d = shape - 1.0 / 3.0
     c = 1.0 / math.sqrt(9.0 * d)
@@ -415,7 +482,7 @@ def gamma(rng: np.ndarray, shape: Float) -> Float:
 
 @inner
 def _last_cycle(
-    rng: np.ndarray,
+    rng: Array,
     cycles: Float,
     here: Float,
     there: Float,
@@ -453,7 +520,7 @@ def _last_cycle(
 
 @inner
 def _exit(
-    rng: np.ndarray, all_here: Float, all_there: Float, out_there: bool, left: Float
+    rng: Array, all_here: Float, all_there: Float, out_there: bool, left: Float
 ) -> tuple[bool, bool, Float]:
     """The last, incomplete cycle: whether the exit came in time, whether in the other state, and the time left."""
     u, v = two_uniforms(rng)
@@ -471,7 +538,7 @@ def _exit(
 
 @inner
 def sojourn(
-    rng: np.ndarray,
+    rng: Array,
     here: Float,
     there: Float,
     leave_here: Float,
@@ -555,6 +622,31 @@ def sojourn(
     )
 
 
+@inner
+def stay(
+    rng: Array, rates: FlickerRates, now: Instant, holds: Holds, hold: Int, word: Int
+) -> tuple[Instant, bool, bool]:
+    """Follow and count the flips of a site in the state ``word & 1`` until something else happens or the hold time.
+
+    Returns that instant, whether something else happened, and whether the site ended in its other state.
+    """
+    limit = holds.times[hold]
+    spent, exited, other, out_here, out_there = sojourn(
+        rng,
+        rates.here,
+        rates.there,
+        rates.around_here,
+        rates.around_there,
+        until(now, limit),
+    )
+    count_sojourn(holds.tally, hold, word, out_here, out_there, other)
+    if exited:
+        now = later(now, spent)
+    if not exited or past(now, limit):
+        now = (limit, 0.0)
+    return now, exited, other
+
+
 _P1 = np.uint64(0x9E3779B97F4A7C15)
 _P2 = np.uint64(0xBF58476D1CE4E5B9)
 _P3 = np.uint64(0x94D049BB133111EB)
@@ -563,9 +655,7 @@ _R31 = np.uint64(31)
 _R37 = np.uint64(37)
 
 
-def patches_of(
-    neighbours: np.ndarray, label: np.ndarray | None = None
-) -> tuple[np.ndarray, np.ndarray]:
+def patches_of(neighbours: Array, label: Array | None = None) -> tuple[Array, Array]:
     """The sites patch by patch, (n,) int32, and where each patch begins there and the last ends, (patches + 1,) int32.
 
     label: (n,) int32 zeros to be overwritten; None: allocated here.
@@ -580,9 +670,7 @@ def patches_of(
 
 
 @jit
-def _find(
-    neighbours: np.ndarray, order: np.ndarray, starts: np.ndarray, label: np.ndarray
-) -> Int:
+def _find(neighbours: Array, order: Array, starts: Array, label: Array) -> Int:
     """Breadth-first search; returns the number of patches."""
     n, k = neighbours.shape
     patches = 0
@@ -610,7 +698,7 @@ def _find(
 
 
 @jit
-def mix(words: np.ndarray, seed: np.uint64) -> np.uint64:
+def mix(words: Array, seed: np.uint64) -> np.uint64:
     """A 64-bit hash of uint64 words, to distinguish arrays; not for security."""
     a = seed ^ _P1
     b = seed + _P2

@@ -7,8 +7,9 @@ import math
 import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from threading import Event
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from chemage import InputError, ReactionLattice
 from chemage.plugin import KB, BondHistory, PullHistory, Seed, random
 from chemage.plugin import threads as processors
 from chemage_kinetics import _common
-from chemage_kinetics._common import Holds, Key, KineticModel, mix
+from chemage_kinetics._common import Array, Holds, Key, KineticModel, mix
 from chemage_kinetics._rate_classes import CLASSES, PER_KT, octaves_of
 
 #: Sites whose pixel and energies enter the key, spread evenly over the lattice.
@@ -53,7 +54,7 @@ def noise_key(seed: Seed, stream: int, lattice: ReactionLattice) -> Key:
     return Key(k0, k1)
 
 
-def fingerprint(lattice: ReactionLattice) -> np.ndarray:
+def fingerprint(lattice: ReactionLattice) -> Array:
     """uint64 (1,), a hash of all that the kinetics depend on: pixels of the sites, barriers, graph, frequency."""
     value = np.array([lattice.attempt_frequency]).view(np.uint64)[0]
     for array in (
@@ -103,18 +104,17 @@ class Pending:
 
     def _array(
         self, name: str, dtype: type[np.generic], shape: tuple[int, ...] | None
-    ) -> np.ndarray:
+    ) -> Array:
         array = self._start.resume.get(name)
         if array is None:
             self._wrong(name, "is missing")
-        if array.dtype != dtype or (
-            array.shape != shape if shape is not None else array.ndim != 1
-        ):
-            expected = "one-dimensional" if shape is None else f"of shape {shape}"
-            self._wrong(
-                name,
-                f"is {array.dtype} of shape {array.shape}, but should be {np.dtype(dtype).name} {expected}",
-            )
+        fits, wanted = array.shape == shape, f"of shape {shape}"
+        if shape is None:
+            fits, wanted = array.ndim == 1, "one-dimensional"
+        if array.dtype != dtype or not fits:
+            found = f"is {array.dtype} of shape {array.shape}"
+            wanted = f"{np.dtype(dtype).name} {wanted}"
+            self._wrong(name, f"{found}, but should be {wanted}")
         return array
 
     def _whole(
@@ -124,15 +124,13 @@ class Pending:
         least: int,
         most: int,
         dtype: type[np.generic] = np.int64,
-    ) -> np.ndarray:
+    ) -> Array:
         """Whole numbers between two limits."""
         array = self._array(name, dtype, shape)
-        if array.size and not (int(array.min()) >= least and int(array.max()) <= most):
-            found = (
-                f"is {array[0]}"
-                if array.size == 1
-                else f"is from {array.min()} to {array.max()}"
-            )
+        if array.size and not (array.min() >= least and array.max() <= most):
+            found = f"is from {array.min()} to {array.max()}"
+            if array.size == 1:
+                found = f"is {array[0]}"
             self._wrong(name, f"{found}, but should be from {least} to {most}")
         return array
 
@@ -144,18 +142,16 @@ class Pending:
         """A site, or -1."""
         return int(self._whole(name, (1,), -1, self._sites - 1)[0])
 
-    def clock(self, name: str) -> np.ndarray:
+    def clock(self, name: str) -> Array:
         """(2,) float64 s: the time of the last event, not after the end of the history."""
         array = self._array(name, np.float64, (2,))
         high, low = float(array[0]), float(array[1])
         if not (0 <= high <= self._start.time and abs(low) <= ROUNDING * high):
-            self._wrong(
-                name,
-                f"is {high} + {low} s, but should be from 0 to {self._start.time} s",
-            )
+            last = self._start.time
+            self._wrong(name, f"is {high} + {low} s, but should be from 0 to {last} s")
         return array
 
-    def times(self, name: str) -> np.ndarray:
+    def times(self, name: str) -> Array:
         """(n, 2) float64 s: pending times, not before the end of the history."""
         array = self._array(name, np.float64, (self._sites, 2))
         high, low = array[:, 0], array[:, 1]
@@ -167,11 +163,11 @@ class Pending:
             self._wrong(name, f"has times that are not after {self._start.time} s")
         return array
 
-    def draws(self, name: str) -> np.ndarray:
+    def draws(self, name: str) -> Array:
         """(n,) int64: random numbers used by each site."""
         return self._whole(name, (self._sites,), 0, MOST_DRAWS)
 
-    def chosen(self, name: str, most: int) -> np.ndarray:
+    def chosen(self, name: str, most: int) -> Array:
         """Up to ``most`` different sites, (h,) int64."""
         array = self._whole(name, None, 0, self._sites - 1)
         if array.size > most:
@@ -180,9 +176,7 @@ class Pending:
             self._wrong(name, "lists a site twice")
         return array
 
-    def members(
-        self, words: np.ndarray, model: KineticModel
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def members(self, words: Array, model: KineticModel) -> tuple[Array, Array]:
         """All sites by class, (n,) int32, and how many each class has, (CLASSES,) int64.
 
         Each site must be in a class whose bound is not below its rate, see `_rate_classes`.
@@ -213,43 +207,38 @@ LOWEST_BYTE = 0 if sys.byteorder == "little" else 7
 SLICE = 1 << 19
 
 
-def _frozen_empty(*shape: int, dtype: type[np.generic] = np.float64) -> np.ndarray:
-    # read-only like the arrays of a lattice, so that kernels are not compiled a second time
-    array = np.empty(shape, dtype)
-    array.setflags(write=False)
+def _or_empty(array: Array | None, dtype: Any, *shape: int) -> Array:
+    """``array``, or where there is none an empty one: read-only as well, so that kernels are compiled once."""
+    if array is None:
+        array = np.empty(shape, dtype)
+        array.setflags(write=False)
     return array
 
 
-def bonded(words: np.ndarray) -> np.ndarray:
+def bonded(words: Array) -> Array:
     """(n,) bool: the lowest bit of each int64."""
     return (words.view(np.uint8).reshape(words.size, 8)[:, LOWEST_BYTE] & 1).view(
         np.bool_
     )
 
 
+@dataclass(eq=False)
 class Start:
-    """From what a run of any engine begins, and its random numbers."""
+    """The arguments of a run of any engine, and what it begins from."""
 
-    def __init__(
-        self,
-        stream: int,
-        lattice: ReactionLattice,
-        times: np.ndarray,
-        temperature: float,
-        seed: Seed,
-        start: BondHistory | PullHistory | np.ndarray | None,
-    ) -> None:
-        self.stream, self.lattice, self.times, self.temperature = (
-            stream,
-            lattice,
-            times,
-            temperature,
-        )
-        self.key = noise_key(seed, stream, lattice)
+    kind: str
+    lattice: ReactionLattice
+    times: Array
+    temperature: float
+    seed: Seed
+    start: BondHistory | PullHistory | Array | None
+
+    def __post_init__(self) -> None:
+        lattice, start = self.lattice, self.start
+        self.stream = _common.STREAMS[self.kind]
+        self.key = noise_key(self.seed, self.stream, lattice)
         n = lattice.sites.size
-        neighbours = lattice.neighbours
         coupling = lattice.coupling
-        breaking = lattice.breaking
         if coupling is not None and coupling.shape[1] > 64:
             # the sum of so many and so strong couplings would overflow a word of energy
             largest = min(
@@ -261,15 +250,11 @@ class Start:
                     "give fewer neighbours or weaker couplings"
                 )
         self.model = KineticModel(
-            neighbours=_frozen_empty(n, 0, dtype=np.int32)
-            if neighbours is None
-            else neighbours,
-            coupling=_frozen_empty(n, 0, dtype=np.float32)
-            if coupling is None
-            else coupling,
-            breaking=_frozen_empty(0) if breaking is None else breaking,
+            neighbours=_or_empty(lattice.neighbours, np.int32, n, 0),
+            coupling=_or_empty(coupling, np.float32, n, 0),
+            breaking=_or_empty(lattice.breaking, np.float64, 0),
             nu=float(lattice.attempt_frequency),
-            per_unit=1.0 / (KB * temperature * _common.UNITS_PER_EV),
+            per_unit=1.0 / (KB * self.temperature * _common.UNITS_PER_EV),
         )
         #: uint64 (1,), see `fingerprint`
         self.mark = fingerprint(lattice)
@@ -282,16 +267,14 @@ class Start:
         #: its pending events
         self.pending: Pending | None = None
         if self.earlier is not None:
-            self.state, self.time = (
-                np.array(self.earlier.state),
-                float(self.earlier.time),
-            )
+            self.state = np.array(self.earlier.state)
+            self.time = float(self.earlier.time)
             self.counted = int(self.earlier.formed[-1]), int(self.earlier.broken[-1])
             self.pending = Pending(self.earlier, self.state.size)
         elif start is not None:
             self.state = np.array(start)
 
-    def identity(self) -> dict[str, np.ndarray]:
+    def identity(self) -> dict[str, Array]:
         """What must be equal for pending events to hold: random numbers, lattice."""
         return {"key": np.array(self.key), "lattice": self.mark}
 
@@ -304,13 +287,11 @@ class Start:
 
     def carried(self, name: str) -> int:
         """A counter of the history to continue, whatever engine or lattice it had; 0 without one."""
-        return (
-            self.pending.count(name)
-            if self.pending is not None and name in self.pending
-            else 0
-        )
+        if self.pending is not None and name in self.pending:
+            return self.pending.count(name)
+        return 0
 
-    def carried_draws(self, name: str) -> np.ndarray:
+    def carried_draws(self, name: str) -> Array:
         """(n,) int64: random numbers each site has used in the history to continue; 0 without one."""
         if self.pending is not None and name in self.pending:
             return np.array(self.pending.draws(name))
@@ -320,34 +301,25 @@ class Start:
 class Job(Start):
     """One run: the arguments of `Engine._run`, and the arrays made from them."""
 
-    def __init__(
-        self,
-        kind: str,
-        lattice: ReactionLattice,
-        hold_times: np.ndarray,
-        temperature: float,
-        seed: Seed,
-        start: BondHistory | np.ndarray | None,
-    ) -> None:
-        super().__init__(
-            _common.STREAMS[kind], lattice, hold_times, temperature, seed, start
-        )
-        self.kind = kind
+    def __post_init__(self) -> None:
+        super().__post_init__()
         #: pending events of the history to continue, where they still hold
-        same = (
-            self.holds_on()
-            and self.earlier is not None
-            and self.earlier.temperature == temperature
-        )
-        self.resume = self.pending if same else None
+        self.resume = self.pending if self.holds_on() else None
         #: (m, 3) int64, see `Holds`
-        self.tally = np.zeros((hold_times.size, 3), np.int64)
+        self.tally = np.zeros((self.times.size, 3), np.int64)
 
-    def identity(self) -> dict[str, np.ndarray]:
+    def holds_on(self) -> bool:
+        """Whether the pending events of the history to continue still hold."""
+        earlier = self.earlier
+        return earlier is not None and (
+            earlier.temperature == self.temperature and super().holds_on()
+        )
+
+    def identity(self) -> dict[str, Array]:
         """What must be equal, besides the temperature, for pending events to hold: engine, random numbers, lattice."""
         return {"engine": np.array([self.stream]), **super().identity()}
 
-    def of_sites(self) -> tuple[np.ndarray, np.ndarray]:
+    def of_sites(self) -> tuple[Array, Array]:
         """Pending times of the sites, (n, 2) s, to be drawn unless the run is resumed, and their random numbers used so
         far, (n,)."""
         if self.resume is None:
@@ -361,13 +333,13 @@ class Job(Start):
         """The hold times and the counts of the whole run."""
         return Holds(self.times, self.tally)
 
-    def words(self) -> np.ndarray:
+    def words(self) -> Array:
         """(n,) int64, 2 * energy + bonded; see `_common`."""
         words = np.empty(self.lattice.sites.size, np.int64)
         _common.start_words(self.lattice.forming, self.model, self.state, words)
         return words
 
-    def history(self, state: np.ndarray, **resume: np.ndarray) -> BondHistory:
+    def history(self, state: Array, **resume: Array) -> BondHistory:
         """The finished history. ``resume`` holds the engine's pending events."""
         for array in (state, *resume.values()):
             array.setflags(write=False)  # handed over: the history need not copy them
@@ -431,7 +403,7 @@ def expected_cost(
 
 def run_pieces(
     job: Job,
-    follow: Callable[[int, int, np.ndarray], int],
+    follow: Callable[[int, int, Array], int],
     pieces: Sequence[tuple[int, int]],
     threads: int,
 ) -> None:
@@ -442,20 +414,16 @@ def run_pieces(
     """
     stop = Event()
 
-    def followed(piece: tuple[int, int]) -> np.ndarray:
+    def followed(piece: tuple[int, int]) -> Array:
         tally = np.zeros_like(job.tally)
         first, last = piece
         while first < last and not stop.is_set():
             first = follow(first, last, tally)
         return tally
 
-    workers = min(threads or processors.available(), len(pieces))
-    if workers < 2:
-        # on a small lattice, starting a thread takes longer than the run
-        for piece in pieces:
-            job.tally += followed(piece)
-        return
-    with ThreadPoolExecutor(workers) as pool:
+    with ThreadPoolExecutor(
+        max(min(threads or processors.available(), len(pieces)), 1)
+    ) as pool:
         try:
             for tally in pool.map(followed, pieces):
                 job.tally += tally

@@ -8,11 +8,24 @@ of events, which depends on the times alone.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from chemage_kinetics._common import Float, Int, borrowed, hot, inner, past, prefetch
+from chemage_kinetics._common import (
+    Array,
+    Float,
+    Int,
+    borrowed,
+    hot,
+    inner,
+    past,
+    prefetch,
+    time_of,
+)
+
+#: A pending time as a pair of doubles, and its site: entries are compared in this order.
+Entry: TypeAlias = tuple[Float, Float, Int]
 
 #: Buckets of time cover so many octaves back from the last hold time; everything earlier is in the first one.
 OCTAVES = 64
@@ -42,23 +55,23 @@ class Buckets(NamedTuple):
 class Queue(NamedTuple):
     """Pending times, and the queue of those before the last hold time."""
 
-    times: np.ndarray
+    times: Array
     """(n, 2) float64 s: pending times as pairs"""
-    spot: np.ndarray
+    spot: Array
     """(n, 2) int32: the position of a site in the heap, and the later bucket in whose chunks it is listed; or -1"""
-    keys: np.ndarray
+    keys: Array
     """(most + 1, 2) float64: times in the heap, of four children per entry; ``most``: sites of the largest patch"""
-    sites: np.ndarray
+    sites: Array
     """(most + 1,) int32: sites in the heap"""
-    heads: np.ndarray
+    heads: Array
     """(MOST_BUCKETS,) int64: the first chunk of each bucket, or -1"""
-    pool: np.ndarray
+    pool: Array
     """(chunks, ENTRIES + HELD) int32: see NEXT, COUNT, ENTRIES"""
-    spare: np.ndarray
+    spare: Array
     """(2,) int64: the first chunk that is free again, or -1; the first chunk never used"""
-    number: np.ndarray
+    number: Array
     """(1,) float64 scratch"""
-    bits: np.ndarray
+    bits: Array
     """(1,) int64: the same memory"""
     final: float
     """the last hold time, s"""
@@ -67,17 +80,17 @@ class Queue(NamedTuple):
 class Order(NamedTuple):
     """The sites patch by patch, of which the largest has ``most``, and, within the present one, bucket by bucket."""
 
-    order: np.ndarray
+    order: Array
     """(n,) int32: the sites"""
-    starts: np.ndarray
+    starts: Array
     """(patches + 1,) int32: where each patch begins"""
-    ends: np.ndarray
+    ends: Array
     """(MOST_BUCKETS + 2,) int64: where each bucket of the present patch ends"""
-    room: np.ndarray
+    room: Array
     """(most,) int32 scratch"""
 
 
-def new_queue(times: np.ndarray, spot: np.ndarray, most: int, final: float) -> Queue:
+def new_queue(times: Array, spot: Array, most: int, final: float) -> Queue:
     """Memory for the queue of any patch of up to ``most`` sites; shares ``times`` and ``spot``."""
     # The heap rarely holds more than a small part of a patch; pages that are never written take no memory.
     number = np.empty(1)
@@ -99,127 +112,65 @@ def new_queue(times: np.ndarray, spot: np.ndarray, most: int, final: float) -> Q
 
 
 @hot
-def _before(
-    high: Float,
-    low: Float,
-    site: Int,
-    other_high: Float,
-    other_low: Float,
-    other_site: Int,
-) -> bool:
-    return high < other_high or (
-        high == other_high
-        and (low < other_low or (low == other_low and site < other_site))
-    )
+def _entry(queue: Queue, at: Int) -> Entry:
+    """The entry at a position of the heap."""
+    return queue.keys[at, 0], queue.keys[at, 1], np.int64(queue.sites[at])
 
 
 @hot
-def _put(
-    keys: np.ndarray,
-    sites: np.ndarray,
-    spot: np.ndarray,
-    at: Int,
-    high: Float,
-    low: Float,
-    site: Int,
-) -> None:
-    keys[at, 0] = high
-    keys[at, 1] = low
-    sites[at] = site
-    spot[site, 0] = at
+def _put(queue: Queue, at: Int, entry: Entry) -> None:
+    queue.keys[at, 0], queue.keys[at, 1], site = entry
+    queue.sites[at] = site
+    queue.spot[site, 0] = at
 
 
 @hot
-def _move(
-    keys: np.ndarray, sites: np.ndarray, spot: np.ndarray, source: Int, at: Int
-) -> None:
-    keys[at, 0] = keys[source, 0]
-    keys[at, 1] = keys[source, 1]
-    sites[at] = sites[source]
-    spot[sites[at], 0] = at
-
-
-@hot
-def _rise(
-    keys: np.ndarray,
-    sites: np.ndarray,
-    spot: np.ndarray,
-    at: Int,
-    high: Float,
-    low: Float,
-    site: Int,
-) -> None:
+def _rise(queue: Queue, at: Int, entry: Entry) -> None:
     """Put an entry at heap position ``at`` or above, where it belongs."""
     while at > 0:
         above = (at - 1) >> 2
-        if not _before(
-            high, low, site, keys[above, 0], keys[above, 1], np.int64(sites[above])
-        ):
+        parent = _entry(queue, above)
+        if not entry < parent:
             break
-        _move(keys, sites, spot, above, at)
+        _put(queue, at, parent)
         at = above
-    _put(keys, sites, spot, at, high, low, site)
+    _put(queue, at, entry)
 
 
 @hot
-def _sink(
-    keys: np.ndarray,
-    sites: np.ndarray,
-    spot: np.ndarray,
-    size: Int,
-    at: Int,
-    high: Float,
-    low: Float,
-    site: Int,
-) -> None:
+def _sink(queue: Queue, size: Int, at: Int, entry: Entry) -> None:
     """Put an entry at heap position ``at`` or below, where it belongs."""
     while True:
-        child = 4 * at + 1
-        if child >= size:
+        best = 4 * at + 1
+        if best >= size:
             break
-        best = child
-        best_high = keys[child, 0]
-        for c in range(child + 1, min(child + 4, size)):
-            if keys[c, 0] <= best_high and _before(
-                keys[c, 0],
-                keys[c, 1],
-                np.int64(sites[c]),
-                keys[best, 0],
-                keys[best, 1],
-                np.int64(sites[best]),
-            ):
-                best = c
-                best_high = keys[c, 0]
-        if not _before(
-            keys[best, 0], keys[best, 1], np.int64(sites[best]), high, low, site
-        ):
+        first = _entry(queue, best)
+        for child in range(best + 1, min(best + 4, size)):
+            other = _entry(queue, child)
+            if other < first:
+                best = child
+                first = other
+        if not first < entry:
             break
-        _move(keys, sites, spot, best, at)
+        _put(queue, at, first)
         at = best
-    _put(keys, sites, spot, at, high, low, site)
+    _put(queue, at, entry)
 
 
 @inner
-def drop(
-    keys: np.ndarray, sites: np.ndarray, spot: np.ndarray, size: Int, site: Int
-) -> Int:
+def drop(queue: Queue, size: Int, site: Int) -> Int:
     """Take a site out of the heap of ``size`` entries; returns the new size."""
-    at = np.int64(spot[site, 0])
+    at = np.int64(queue.spot[site, 0])
     if at < 0:
         return size
-    spot[site, 0] = -1
+    queue.spot[site, 0] = -1
     size -= 1
     if at < size:
-        high = keys[size, 0]
-        low = keys[size, 1]
-        moved = np.int64(sites[size])
-        above = (at - 1) >> 2
-        if at > 0 and _before(
-            high, low, moved, keys[above, 0], keys[above, 1], np.int64(sites[above])
-        ):
-            _rise(keys, sites, spot, at, high, low, moved)
+        moved = _entry(queue, size)
+        if at > 0 and moved < _entry(queue, (at - 1) >> 2):
+            _rise(queue, at, moved)
         else:
-            _sink(keys, sites, spot, size, at, high, low, moved)
+            _sink(queue, size, at, moved)
     return size
 
 
@@ -259,48 +210,51 @@ def _list_later(site: Int, bucket: Int, queue: Queue) -> bool:
 
 
 @hot
+def _pending(queue: Queue, site: Int) -> Entry:
+    """The entry of a site as it should be."""
+    return queue.times[site, 0], queue.times[site, 1], site
+
+
+@hot
+def _waits(queue: Queue, entry: Entry, grid: Buckets, present: Int) -> bool:
+    """Whether an entry need not be in the heap yet: it is listed in a later bucket, or after the last hold time."""
+    high, low, site = entry
+    if past((high, low), queue.final):
+        return True
+    bucket = bucket_of(high, grid, queue)
+    return bucket > present and _list_later(site, bucket, queue)
+
+
+@hot
 def correct_top(queue: Queue, size: Int, grid: Buckets, present: Int) -> Int:
     """Correct the entries at the top of the heap until the first is right; returns the size of the heap."""
-    keys = queue.keys
-    sites = queue.sites
     while size > 0:
-        site = np.int64(sites[0])
-        high = queue.times[site, 0]
-        low = queue.times[site, 1]
-        if high == keys[0, 0] and low == keys[0, 1]:
+        top = _entry(queue, 0)
+        entry = _pending(queue, top[2])
+        if entry == top:
             break
-        gone = past(high, low, queue.final)
-        if not gone:
-            bucket = bucket_of(high, grid, queue)
-            gone = bucket > present and _list_later(site, bucket, queue)
-        if gone:
-            queue.spot[site, 0] = -1
+        if _waits(queue, entry, grid, present):
+            queue.spot[top[2], 0] = -1
             size -= 1
             if size == 0:
                 break
-            high = keys[size, 0]
-            low = keys[size, 1]
-            site = np.int64(sites[size])
-        _sink(keys, sites, queue.spot, size, np.int64(0), high, low, site)
+            entry = _entry(queue, size)
+        _sink(queue, size, np.int64(0), entry)
     return size
 
 
 @hot
 def offer(queue: Queue, size: Int, site: Int, grid: Buckets, present: Int) -> Int:
     """Enter a pending time that is new or earlier than before in the queue; returns the size of the heap."""
-    high = queue.times[site, 0]
-    low = queue.times[site, 1]
+    entry = _pending(queue, site)
     at = np.int64(queue.spot[site, 0])
     if at >= 0:
-        if _before(high, low, site, queue.keys[at, 0], queue.keys[at, 1], site):
-            _rise(queue.keys, queue.sites, queue.spot, at, high, low, site)
+        if entry < _entry(queue, at):
+            _rise(queue, at, entry)
         return size
-    if past(high, low, queue.final):
+    if _waits(queue, entry, grid, present):
         return size
-    bucket = bucket_of(high, grid, queue)
-    if bucket > present and _list_later(site, bucket, queue):
-        return size
-    _rise(queue.keys, queue.sites, queue.spot, size, high, low, site)
+    _rise(queue, size, entry)
     return size + 1
 
 
@@ -348,12 +302,9 @@ def open_bucket(
 @hot
 def _sorting_bucket(queue: Queue, i: Int, grid: Buckets) -> Int:
     """The bucket of site i; the one after the last where it has no event before the last hold time."""
-    high = queue.times[i, 0]
-    return (
-        grid.last + 1
-        if past(high, queue.times[i, 1], queue.final)
-        else bucket_of(high, grid, queue)
-    )
+    if past(time_of(queue.times, i), queue.final):
+        return grid.last + 1
+    return bucket_of(queue.times[i, 0], grid, queue)
 
 
 @inner

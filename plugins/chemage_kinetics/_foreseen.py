@@ -7,19 +7,20 @@ import numpy as np
 
 from chemage import ReactionLattice
 from chemage.plugin import EV_PER_GPA_NM3, KB, Drive, TwoState
+from chemage_kinetics._common import Array
 
 #: iterations of the mean field, and of the stretch at which bonds break
 SWEEPS, STEPS = 12, 4
 
 
-def rates(barriers: np.ndarray, frequency: float, temperature: float) -> np.ndarray:
+def rates(barriers: Array, frequency: float, temperature: float) -> Array:
     """Hz at which bonds form or break over ``barriers`` (eV) without a force."""
     return frequency * np.exp(-np.maximum(barriers, 0.0) / (KB * temperature))
 
 
 def rupture_stretch(
-    barriers: np.ndarray, drive: Drive, frequency: float, temperature: float
-) -> np.ndarray:
+    barriers: Array, drive: Drive, frequency: float, temperature: float
+) -> Array:
     """nm at which bonds with these breaking barriers (eV) carry most: their rate times the stretch is the speed."""
     thermal = KB * temperature
     barriers = np.maximum(np.asarray(barriers, float), 1e-9)
@@ -41,8 +42,8 @@ def rupture_stretch(
 
 
 def lifetimes(
-    barriers: np.ndarray, drive: Drive, way: float, frequency: float, temperature: float
-) -> np.ndarray:
+    barriers: Array, drive: Drive, way: float, frequency: float, temperature: float
+) -> Array:
     """Seconds that bonds last, (n,), where the slider goes by ``way`` (nm) in all."""
     alone = 1.0 / np.maximum(rates(barriers, frequency, temperature), 1e-300)
     if drive.speed == 0 or drive.bond_stiffness == 0 or way <= 0:
@@ -51,9 +52,7 @@ def lifetimes(
     return np.where(stretch < way, np.minimum(alone, stretch / drive.speed), alone)
 
 
-def waiting(
-    forming: np.ndarray, span: float, frequency: float, temperature: float
-) -> np.ndarray:
+def waiting(forming: Array, span: float, frequency: float, temperature: float) -> Array:
     """Seconds until sites without a bond form one, at most ``span``."""
     return np.minimum(
         1.0 / np.maximum(rates(forming, frequency, temperature), 1e-300), span
@@ -64,17 +63,13 @@ def slider_way(drive: Drive, bonds: float, stretch: float, span: float) -> float
     """How far the slider comes in ``span`` seconds, nm: a spring is first loaded by ``bonds`` stretched so far."""
     if drive.spring == 0:
         return 0.0
-    loaded = (
-        0.0
-        if drive.spring is None
-        else (bonds * drive.bond_stiffness * stretch + drive.friction) / drive.spring
-    )
-    return drive.speed * span - loaded
+    if drive.spring is None:
+        return drive.speed * span
+    loaded = bonds * drive.bond_stiffness * stretch + drive.friction
+    return drive.speed * span - loaded / drive.spring
 
 
-def flips(
-    wait: np.ndarray, last: np.ndarray, bonded: np.ndarray, span: float
-) -> np.ndarray:
+def flips(wait: Array, last: Array, bonded: Array, span: float) -> Array:
     """Bonds that each site forms and breaks in ``span`` seconds, from the share that is ``bonded`` at first."""
     opened, formed = TwoState(1 / last, 1 / wait), TwoState(1 / wait, 1 / last)
     from_bond, from_none = (
@@ -88,8 +83,8 @@ def flips_on(
     drive: Drive,
     span: float,
     temperature: float,
-    bonded: np.ndarray,
-    again: np.ndarray | None,
+    bonded: Array,
+    again: Array | None,
     enough: float,
 ) -> float:
     """Bonds that form and break on ``lattice`` in ``span`` seconds; ``again``: forming barriers of new partners (eV),
@@ -116,7 +111,7 @@ def flips_on(
     way = slider_way(drive, float(np.count_nonzero(bonded)), stretch, span)
     last = lifetimes(lattice.breaking, drive, way, nu, temperature)
 
-    def forms_after(shift: np.ndarray, partners: np.ndarray | None) -> np.ndarray:
+    def forms_after(shift: Array, partners: Array | None) -> Array:
         wait = waiting(lattice.forming + shift, span, nu, temperature)
         if partners is None:
             return wait
@@ -125,7 +120,7 @@ def flips_on(
         )
         return np.asarray(others) / partners.size
 
-    def around(there: np.ndarray) -> np.ndarray:
+    def around(there: Array) -> Array:
         if lattice.neighbours is None or lattice.coupling is None:
             return np.zeros(n)
         return (
@@ -133,11 +128,9 @@ def flips_on(
             * np.where(lattice.neighbours >= 0, there[lattice.neighbours], 0.0)
         ).sum(axis=1)
 
-    helped = (
-        np.zeros(n)
-        if lattice.coupling is None
-        else np.minimum(lattice.coupling, 0.0).sum(axis=1)
-    )
+    helped = np.zeros(n)
+    if lattice.coupling is not None:
+        helped = np.minimum(lattice.coupling, 0.0).sum(axis=1)
     wait = forms_after(helped, None)
     if again is not None:
         wait = np.minimum(wait, forms_after(helped, again[:1]))

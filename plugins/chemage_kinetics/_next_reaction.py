@@ -19,33 +19,39 @@ import numpy as np
 from chemage.plugin import random
 from chemage_kinetics._common import (
     FLICKER,
-    SOJOURN_BLOCKS,
-    SOJOURN_DRAWS,
+    NEVER,
     STREAMS,
+    Array,
+    FlickerRates,
     Float,
     Holds,
+    Instant,
     Int,
     Key,
     KineticModel,
-    begin_sequence,
+    begin_own_sequence,
     borrowed,
     change_state,
     choose_around,
     count_flip,
     count_sojourn,
+    degree,
     fixed_barrier,
     fixed_coupling,
     hot,
     inner,
     jit,
     later,
+    neighbour,
     next_event,
     past,
     prefetch,
     prefetch_rows,
     rate_around,
+    set_time,
     site_rate,
     sojourn,
+    time_of,
     until,
 )
 from chemage_kinetics._event_queue import (
@@ -68,11 +74,11 @@ class QueuedSites(NamedTuple):
 
     key: Key
     model: KineticModel
-    pixels: np.ndarray
+    pixels: Array
     """(n,) int64: index of each site's random numbers, the pixel where no other site is in it"""
-    words: np.ndarray
+    words: Array
     """(n,) int64, see `_common`"""
-    draws: np.ndarray
+    draws: Array
     """(n,) int64: random numbers drawn so far"""
 
 
@@ -83,79 +89,44 @@ class NextReactionRun(NamedTuple):
     holds: Holds
     queue: Queue
     order: Order
-    sooner: np.ndarray
+    sooner: Array
     """(k,) int64 scratch: neighbours that the queue must know of"""
-    rng: np.ndarray
+    rng: Array
     """(5,) uint64 scratch, see `_common`"""
-
-
-class FlickerRates(NamedTuple):
-    """Rates (Hz) around a site that flickers: of the site itself, and of all its neighbours together; in its present
-    state and in its other state."""
-
-    here: float
-    there: float
-    around_here: float
-    around_there: float
 
 
 # -- one site ------------------------------------------------------------------------------------------------------
 
 
 @hot
-def _draw(
-    site: Int, high: Float, low: Float, sites: QueuedSites, times: np.ndarray
-) -> None:
-    """Draw a new pending time of a site, from the instant high + low on. Infinite where the rate is zero."""
+def _draw(site: Int, now: Instant, sites: QueuedSites, times: Array) -> None:
+    """Draw a new pending time of a site, from the instant ``now`` on. Never where the rate is zero."""
     model = sites.model
     word = sites.words[site]
-    if word & 1 == 0:
-        barrier = word >> 1
-    elif model.breaking.size > 0:
-        barrier = fixed_barrier(model.breaking[site])
-    else:
-        times[site, 0] = np.inf
-        times[site, 1] = 0.0
+    if word & 1 and model.breaking.size == 0:
+        set_time(times, site, NEVER)
         return
-    draw = sites.draws[site]
-    sites.draws[site] = draw + 1
-    times[site, 0], times[site, 1] = next_event(
-        sites.key,
-        STREAM,
-        sites.pixels[site],
-        draw,
-        barrier,
-        model.nu,
-        model.per_unit,
-        high,
-        low,
-    )
+    barrier = fixed_barrier(model.breaking[site]) if word & 1 else word >> 1
+    set_time(times, site, next_event(site, barrier, now, sites, STREAM))
 
 
 @inner
-def _draw_cold(
-    site: Int, high: Float, low: Float, sites: QueuedSites, times: np.ndarray
-) -> None:
-    _draw(site, high, low, sites, times)
+def _draw_cold(site: Int, now: Instant, sites: QueuedSites, times: Array) -> None:
+    _draw(site, now, sites, times)
 
 
 @jit
-def draw_times(sites: QueuedSites, start: Float, times: np.ndarray) -> None:
+def draw_times(sites: QueuedSites, start: Float, times: Array) -> None:
     """Draw the first pending times (n, 2) of all sites, from the time ``start`` (s) on."""
     sites = borrowed(sites)
     times = borrowed(times)
     for i in range(sites.words.size):
-        _draw(i, start, 0.0, sites, times)
+        _draw(i, (start, 0.0), sites, times)
 
 
 @hot
 def _flip(
-    site: Int,
-    high: Float,
-    low: Float,
-    sites: QueuedSites,
-    queue: Queue,
-    sooner: np.ndarray,
+    site: Int, now: Instant, sites: QueuedSites, queue: Queue, sooner: Array
 ) -> Int:
     """Change the state of a site, and the energies and pending times of its neighbours; its own time is not drawn.
 
@@ -169,14 +140,14 @@ def _flip(
     words[site] = word
     sign = 1 if word & 1 else -1
     found = 0
-    for s in range(model.neighbours.shape[1]):
+    for s in range(degree(model)):
         # Prefetched in a short loop of its own, so that the latencies overlap.
-        j = np.int64(model.neighbours[site, s])
+        j = neighbour(site, s, model)
         if j >= 0:
             prefetch(words, j)
             prefetch(times, j)
-    for s in range(model.neighbours.shape[1]):
-        j = np.int64(model.neighbours[site, s])
+    for s in range(degree(model)):
+        j = neighbour(site, s, model)
         if j < 0:
             continue
         shift = sign * fixed_coupling(model.coupling[site, s])
@@ -186,21 +157,17 @@ def _flip(
             continue
         before = old >> 1
         change = max(before + shift, 0) - max(before, 0)
-        left = (times[j, 0] - high) + (times[j, 1] - low)
+        left = (times[j, 0] - now[0]) + (times[j, 1] - now[1])
         if left < 1.0e300:
-            left *= math.exp(change * model.per_unit)
             late = times[j, 0] > queue.final
-            if left < 1.0e300:
-                times[j, 0], times[j, 1] = later(high, low, max(left, 0.0))
-            else:
-                times[j, 0] = np.inf
-                times[j, 1] = 0.0
+            left = max(left, 0.0) * math.exp(change * model.per_unit)
+            set_time(times, j, later(now, left))
             if change < 0 or (late and times[j, 0] <= queue.final):
                 sooner[found] = j
                 found += 1
         else:
             # Its pending time was infinite, so nothing is known of it: the exponential law has no memory.
-            _draw_cold(j, high, low, sites, times)
+            _draw_cold(j, now, sites, times)
             sooner[found] = j
             found += 1
     return found
@@ -213,22 +180,22 @@ def _look_ahead(sites: QueuedSites, queue: Queue, size: Int) -> None:
     The next event is most likely the first of the four below the top, and the one after it another of them: the rows of
     all four are prefetched, and the neighbours of the first, whose row has been prefetched before.
     """
-    neighbours = sites.model.neighbours
+    model = sites.model
     after = np.int64(1)
     for c in range(1, min(5, size)):
         if queue.keys[c, 0] < queue.keys[after, 0]:
             after = np.int64(c)
         j = np.int64(queue.sites[c])
         prefetch(sites.words, j)
-        prefetch_rows(j, sites.model)
+        prefetch_rows(j, model)
     i = np.int64(queue.sites[after])
     prefetch(queue.times, i)
     prefetch(sites.draws, i)
     prefetch(sites.pixels, i)
-    if sites.model.breaking.size > 0:
-        prefetch(sites.model.breaking, i)
-    for s in range(neighbours.shape[1]):
-        j = np.int64(neighbours[i, s])
+    if model.breaking.size > 0:
+        prefetch(model.breaking, i)
+    for s in range(degree(model)):
+        j = neighbour(i, s, model)
         if j >= 0:
             prefetch(sites.words, j)
             prefetch(queue.times, j)
@@ -242,10 +209,8 @@ def _look_ahead(sites: QueuedSites, queue: Queue, size: Int) -> None:
 def _stay(
     run: NextReactionRun,
     i: Int,
-    high: Float,
-    low: Float,
+    now: Instant,
     span: Float,
-    limit: Float,
     chain: FlickerRates,
     hold: Int,
 ) -> None:
@@ -253,19 +218,16 @@ def _stay(
     run = borrowed(run)
     sites = run.sites
     times = run.queue.times
-    neighbours = sites.model.neighbours
     rng = run.rng
-    block = SOJOURN_BLOCKS + np.uint64(sites.draws[i] * SOJOURN_DRAWS)
-    begin_sequence(rng, sites.key, STREAM, sites.pixels[i], block)
-    sites.draws[i] += 1
+    begin_own_sequence(rng, i, sites, STREAM)
     spent, exited, other, out_here, out_there = sojourn(
         rng, chain.here, chain.there, chain.around_here, chain.around_there, span
     )
     count_sojourn(run.holds.tally, hold, sites.words[i], out_here, out_there, other)
-    high, low = later(high, low, spent)
-    if past(high, low, limit):
-        high = limit
-        low = 0.0
+    now = later(now, spent)
+    limit = run.holds.times[hold]
+    if past(now, limit):
+        now = (limit, 0.0)
     if other:
         change_state(i, sites)
     chosen = -1
@@ -276,25 +238,23 @@ def _stay(
         chosen = choose_around(i, u, sites)
         sites.draws[i] += 1
     # Given that there was no event around it, the pending times are exponential from now on.
-    _draw_cold(i, high, low, sites, times)
-    for s in range(neighbours.shape[1]):
-        j = np.int64(neighbours[i, s])
+    _draw_cold(i, now, sites, times)
+    for s in range(degree(sites.model)):
+        j = neighbour(i, s, sites.model)
         if j >= 0:
-            _draw_cold(j, high, low, sites, times)
+            _draw_cold(j, now, sites, times)
     if chosen >= 0:
-        times[chosen, 0] = high
-        times[chosen, 1] = low
+        set_time(times, chosen, now)
 
 
 @inner
-def _drop_around(queue: Queue, size: Int, i: Int, neighbours: np.ndarray) -> Int:
+def _drop_around(queue: Queue, size: Int, i: Int, model: KineticModel) -> Int:
     """Take site i and its neighbours out of the heap; returns its size."""
-    size = drop(queue.keys, queue.sites, queue.spot, size, i)
-    for s in range(neighbours.shape[1]):
-        if neighbours[i, s] >= 0:
-            size = drop(
-                queue.keys, queue.sites, queue.spot, size, np.int64(neighbours[i, s])
-            )
+    size = drop(queue, size, i)
+    for s in range(degree(model)):
+        j = neighbour(i, s, model)
+        if j >= 0:
+            size = drop(queue, size, j)
     return size
 
 
@@ -302,8 +262,7 @@ def _drop_around(queue: Queue, size: Int, i: Int, neighbours: np.ndarray) -> Int
 def _end_aside(
     run: NextReactionRun,
     i: Int,
-    high: Float,
-    low: Float,
+    now: Instant,
     chain: FlickerRates,
     hold: Int,
     size: Int,
@@ -314,15 +273,14 @@ def _end_aside(
     next hold time; then enter them in the queue again. Returns the size of the heap."""
     run = borrowed(run)
     queue = run.queue
-    limit = run.holds.times[hold]
-    span = until(high, low, limit)
+    span = until(now, run.holds.times[hold])
     if size > 0:
-        span = min(span, (queue.keys[0, 0] - high) + (queue.keys[0, 1] - low))
+        span = min(span, (queue.keys[0, 0] - now[0]) + (queue.keys[0, 1] - now[1]))
     if span * min(chain.here, chain.there) >= FLICKER:
-        _stay(run, i, high, low, span, limit, chain, hold)
-    neighbours = run.sites.model.neighbours
-    for s in range(-1, neighbours.shape[1]):
-        j = np.int64(neighbours[i, s]) if s >= 0 else i
+        _stay(run, i, now, span, chain, hold)
+    model = run.sites.model
+    for s in range(-1, degree(model)):
+        j = neighbour(i, s, model) if s >= 0 else i
         if j >= 0:
             size = offer(queue, size, j, grid, present)
     return size
@@ -335,17 +293,16 @@ def _end_aside(
 def _event(
     run: NextReactionRun,
     i: Int,
-    high: Float,
-    low: Float,
+    now: Instant,
     hold: Int,
     size: Int,
     grid: Buckets,
     present: Int,
 ) -> Int:
     """The event of site i: new states and pending times of it and its neighbours. Returns the size of the heap."""
-    found = _flip(i, high, low, run.sites, run.queue, run.sooner)
+    found = _flip(i, now, run.sites, run.queue, run.sooner)
     count_flip(run.holds.tally, hold, run.sites.words[i])
-    _draw(i, high, low, run.sites, run.queue.times)
+    _draw(i, now, run.sites, run.queue.times)
     for s in range(found):
         size = offer(run.queue, size, run.sooner[s], grid, present)
     return size
@@ -371,7 +328,7 @@ def follow(
         hold = np.int64(0)
         present = np.int64(-1)
         aside = np.int64(-1)
-        high = low = 0.0
+        now = (0.0, 0.0)
         chain = FlickerRates(0.0, 0.0, 0.0, 0.0)
         while True:
             size = correct_top(queue, size, grid, present)
@@ -382,13 +339,11 @@ def follow(
                 present += 1
                 size = open_bucket(queue, run.order, p, size, grid, present)
                 if superbasins is not None and aside >= 0:
-                    size = _drop_around(queue, size, aside, sites.model.neighbours)
+                    size = _drop_around(queue, size, aside, sites.model)
                 continue
             if superbasins is not None and aside >= 0:
                 # Only now is the next event elsewhere in the patch known.
-                size = _end_aside(
-                    run, aside, high, low, chain, hold, size, grid, present
-                )
+                size = _end_aside(run, aside, now, chain, hold, size, grid, present)
                 aside = np.int64(-1)
                 continue
             if size == 0:
@@ -399,16 +354,15 @@ def follow(
             i = np.int64(queue.sites[0])
             if size > 1:
                 _look_ahead(sites, queue, size)
-            high = queue.times[i, 0]
-            low = queue.times[i, 1]
-            while past(high, low, hold_times[hold]):
+            now = time_of(queue.times, i)
+            while past(now, hold_times[hold]):
                 hold += 1
             if superbasins is None:
-                size = _event(run, i, high, low, hold, size, grid, present)
+                size = _event(run, i, now, hold, size, grid, present)
             else:
                 there = site_rate(i, sites.words, sites.model)
                 around_there = rate_around(i, sites)
-                size = _event(run, i, high, low, hold, size, grid, present)
+                size = _event(run, i, now, hold, size, grid, present)
                 here = site_rate(i, sites.words, sites.model)
                 chain = FlickerRates(here, there, rate_around(i, sites), around_there)
                 # far more often than anything happens around it; what is fast around one of its states does not count
@@ -419,8 +373,8 @@ def follow(
                 )
                 if (
                     rarely
-                    and until(high, low, hold_times[hold]) * min(here, there) >= FLICKER
+                    and until(now, hold_times[hold]) * min(here, there) >= FLICKER
                 ):
                     aside = i
-                    size = _drop_around(queue, size, i, sites.model.neighbours)
+                    size = _drop_around(queue, size, i, sites.model)
     return last

@@ -23,17 +23,22 @@ import numpy as np
 
 from chemage.plugin import random
 from chemage_kinetics._common import (
+    STREAMS,
+    Array,
     Float,
+    Instant,
     Int,
     Key,
     KineticModel,
     borrowed,
+    degree,
     fixed_barrier,
     fixed_coupling,
     hot,
     inner,
     jit,
     later,
+    neighbour,
     past,
     rate,
     until,
@@ -46,7 +51,7 @@ from chemage_kinetics._rejection_free import (
     tree_total,
 )
 
-STREAM = random.KINETICS + 4
+STREAM = STREAMS["event-driven"]
 PARTNER = random.KINETICS + 5
 #: windows that are listed, and the furthest window ahead at whose end a bond may have its bound
 RING, FURTHEST = np.int64(256), np.int64(128)
@@ -100,7 +105,7 @@ MOVED, FORCE, WORKED, DISSIPATED, STORED, FRICTION = range(6)
 class Bonds(NamedTuple):
     """How a bond breaks under force; lengths in nm, forces in nN."""
 
-    barrier: np.ndarray
+    barrier: Array
     """(n,) breaking barrier over k_BT, not negative"""
     exponent: float
     """ν"""
@@ -123,11 +128,11 @@ class SliderDrive(NamedTuple):
 class NewPartners(NamedTuple):
     """New partners of sites that lost their bond; ``quantiles`` is empty where they keep them."""
 
-    quantiles: np.ndarray
+    quantiles: Array
     """(q,) eV, ascending, of the intrinsic forming barrier"""
-    shift: np.ndarray
+    shift: Array
     """(n,) eV, what the forming barrier of a site has beside the intrinsic one"""
-    pixels: np.ndarray
+    pixels: Array
     """(n,) int64: index of each site's random numbers"""
 
 
@@ -139,31 +144,31 @@ class PullRun(NamedTuple):
     bonds: Bonds
     drive: SliderDrive
     partners: NewPartners
-    words: np.ndarray
+    words: Array
     """(n,) int64, see `_common`"""
-    base: np.ndarray
+    base: Array
     """(n,) int64: the part of the forming barrier that is the site's own, in fixed point"""
     rates: SiteRates
-    made: np.ndarray
+    made: Array
     """(n,) int64: window in which each bond formed"""
-    rest: np.ndarray
+    rest: Array
     """(n,) float64 nm: where in that window"""
-    slips: np.ndarray
+    slips: Array
     """(n,) int64: bonds that each site has lost"""
-    bound: np.ndarray
+    bound: Array
     """(n,) int64: the window at whose beginning the bound of a bond ends"""
-    heads: np.ndarray
+    heads: Array
     """(RING,) int64: first bond listed for a window"""
-    links: np.ndarray
+    links: Array
     """(n, 2) int64: next and previous bond of the list"""
-    reals: np.ndarray
-    counts: np.ndarray
-    slip_sizes: np.ndarray
+    reals: Array
+    counts: Array
+    slip_sizes: Array
     """(64,) int64: number of slips with 2^j to 2^(j+1) ruptures"""
-    times: np.ndarray
-    samples: np.ndarray
+    times: Array
+    samples: Array
     """(m, 6) float64"""
-    tallies: np.ndarray
+    tallies: Array
     """(m, 3) int64: bonds, formed, broken"""
 
 
@@ -329,13 +334,18 @@ def _rebind(passed: Int, run: PullRun) -> None:
         refresh(run.rates, count)
 
 
+@hot
+def _now(run: PullRun) -> Instant:
+    return run.reals[HIGH], run.reals[LOW]
+
+
 # -- motion --------------------------------------------------------------------------------------------------------
 
 
 @hot
-def _two_sum(reals: np.ndarray, at: Int, more: Float) -> None:
+def _two_sum(reals: Array, at: Int, more: Float) -> None:
     """Add to a sum that is kept as a pair."""
-    reals[at], reals[at + 1] = later(reals[at], reals[at + 1], more)
+    reals[at], reals[at + 1] = later((reals[at], reals[at + 1]), more)
 
 
 @hot
@@ -447,7 +457,7 @@ def _break(i: Int, run: PullRun) -> None:
         new = fixed_barrier(_partner_barrier(run.key, run.partners, i, run.slips[i]))
         run.words[i] += 2 * (new - run.base[i])
         run.base[i] = new
-    run.rates.tree[i] = rate(run.words[i] >> 1, run.model.nu, run.model.per_unit)
+    run.rates.tree[i] = rate(run.words[i] >> 1, run.model)
     settle(-_slack(run) if counts[RESTS] else run.bonds.stiffness * stretch, run)
     counts[FALLS] += 1
     force = _force(run)
@@ -465,8 +475,8 @@ def _change(i: Int, run: PullRun) -> None:
     bonded = run.words[i] & 1
     # first the energies: a slider that jumps gives new bounds to other bonds
     sign = -2 if bonded else 2
-    for s in range(model.neighbours.shape[1]):
-        j = np.int64(model.neighbours[i, s])
+    for s in range(degree(model)):
+        j = neighbour(i, s, model)
         if j >= 0:
             run.words[j] += sign * fixed_coupling(model.coupling[i, s])
     if bonded:
@@ -482,10 +492,10 @@ def _change(i: Int, run: PullRun) -> None:
         run.words[i] |= 1
         _bind(i, _least_barrier(_speed(run), run), run)
     count = mark(run.rates, i >> 3, np.int64(0))
-    for s in range(model.neighbours.shape[1]):
-        j = np.int64(model.neighbours[i, s])
+    for s in range(degree(model)):
+        j = neighbour(i, s, model)
         if j >= 0 and run.words[j] & 1 == 0:
-            run.rates.tree[j] = rate(run.words[j] >> 1, model.nu, model.per_unit)
+            run.rates.tree[j] = rate(run.words[j] >> 1, model)
             count = mark(run.rates, j >> 3, count)
     refresh(run.rates, count)
 
@@ -526,10 +536,10 @@ def _sample(run: PullRun, span: Float, hold: Int) -> None:
 def present_barriers(
     key: Key,
     partners: NewPartners,
-    before: np.ndarray,
-    slips: np.ndarray,
-    forming: np.ndarray,
-    base: np.ndarray,
+    before: Array,
+    slips: Array,
+    forming: Array,
+    base: Array,
 ) -> None:
     """Replace the forming barriers (eV) of sites that have lost bonds since there were ``before`` by those of the
     present partners; and give all in fixed point."""
@@ -559,11 +569,9 @@ def start(run: PullRun, goes_on: bool) -> None:
 
 
 @jit
-def stretches(run: PullRun, out: np.ndarray) -> None:
+def stretches(run: PullRun, out: Array) -> None:
     """Fill the stretch of every bond at the last time."""
-    _, _, way = _work(
-        run, until(run.reals[HIGH], run.reals[LOW], run.times[run.times.size - 1])
-    )
+    _, _, way = _work(run, until(_now(run), run.times[run.times.size - 1]))
     for i in range(out.size):
         if run.words[i] & 1:
             out[i] = _present_stretch(i, run) + way
@@ -610,17 +618,9 @@ def advance(run: PullRun, events: Int) -> None:
             free = max(_slack(run), 0.0) / (run.drive.spring * run.drive.speed)
             if free < step:
                 step, event = free, 2
-        high, low = (
-            (reals[HIGH], reals[LOW])
-            if step == np.inf
-            else later(reals[HIGH], reals[LOW], step)
-        )
-        while counts[HOLD] < times.size and (
-            step == np.inf or past(high, low, times[counts[HOLD]])
-        ):
-            _sample(
-                run, until(reals[HIGH], reals[LOW], times[counts[HOLD]]), counts[HOLD]
-            )
+        then = later(_now(run), step)
+        while counts[HOLD] < times.size and past(then, times[counts[HOLD]]):
+            _sample(run, until(_now(run), times[counts[HOLD]]), counts[HOLD])
             counts[HOLD] += 1
         if counts[HOLD] == times.size:
             counts[DONE] = 1
@@ -628,7 +628,7 @@ def advance(run: PullRun, events: Int) -> None:
         work, rubbed, way = _work(run, step)
         _two_sum(reals, WORK, work)
         _two_sum(reals, RUBBED, rubbed)
-        reals[HIGH], reals[LOW] = high, low
+        reals[HIGH], reals[LOW] = then
         if event != 0:
             reals[LEFT] = max(reals[LEFT] - total * step, 0.0)
             if event == 2:

@@ -17,10 +17,13 @@ from chemage_kinetics._common import (
     COLDEST,
     LARGEST_BARRIER,
     UNITS_PER_EV,
+    Array,
     Float,
     Int,
     KineticModel,
+    block_sum,
     borrowed,
+    descend,
     fixed_barrier,
     hot,
     inner,
@@ -50,22 +53,24 @@ PLACE = np.int64(0xFFFFFFFF)
 class Classes(NamedTuple):
     """The present classes of all sites."""
 
-    records: np.ndarray
+    records: Array
     """(n, 2) int64: the site's word (see `_common`) and, in one number, its class + 1 (from bit 32) and its place among
     the members; 0 for a site in no class, whose rate is zero"""
-    arena: np.ndarray
+    arena: Array
     """int32, the member lists of all classes"""
-    first: np.ndarray
+    first: Array
     """(CLASSES,) int64: where the list of a class begins in the arena"""
-    room: np.ndarray
+    room: Array
     """(CLASSES + 1,) int64: how many members the list has room for; then where the free end of the arena begins"""
-    counts: np.ndarray
+    counts: Array
     """(CLASSES,) int64: members"""
-    slots: np.ndarray
+    slots: Array
     """(CLASSES, 2) int64: columns SLOTS and STEP"""
-    weights: np.ndarray
-    """(GROUPS,) float64: sums over groups of eight classes of slots times 2**-c; -1: to be summed again"""
-    used: np.ndarray
+    weights: Array
+    """(CLASSES,) float64: slots times 2**-c"""
+    sums: Array
+    """(GROUPS,) float64: sums of the weights over groups of eight classes; -1: to be summed again"""
+    used: Array
     """(2,) int64: the first and the last group in use"""
     model: KineticModel
     per_class: float
@@ -103,9 +108,7 @@ def site_class(i: Int, classes: Classes) -> Int:
 # -- set-up --------------------------------------------------------------------------------------------------------
 
 
-def sort(
-    words: np.ndarray, breaking: np.ndarray, per_class: float
-) -> tuple[np.ndarray, np.ndarray]:
+def sort(words: Array, breaking: Array, per_class: float) -> tuple[Array, Array]:
     """The sites in ascending order of class, those of zero rate last, (n,) int32, and the members of each class.
 
     Classes are those of `site_class`, but on whole arrays: another kernel would take half a second to compile.
@@ -116,7 +119,7 @@ def sort(
     return np.argsort(classes, kind="stable").astype(np.int32), counts
 
 
-def octaves_of(words: np.ndarray, breaking: np.ndarray, per_class: float) -> np.ndarray:
+def octaves_of(words: Array, breaking: Array, per_class: float) -> Array:
     """By how many powers of two the rate of each site is below the attempt frequency, (n,) float64."""
     barriers = words >> 1
     bonded = np.flatnonzero(words & 1)
@@ -130,10 +133,10 @@ def octaves_of(words: np.ndarray, breaking: np.ndarray, per_class: float) -> np.
 
 
 def new_classes(
-    words: np.ndarray,
+    words: Array,
     model: KineticModel,
-    order: np.ndarray | None,
-    counts: np.ndarray | None,
+    order: Array | None,
+    counts: Array | None,
 ) -> Classes:
     """The classes of the sites; ``order`` and ``counts`` as `sort` or `members` give them, or None: sorted here."""
     per_class = model.per_unit * PER_KT
@@ -148,7 +151,8 @@ def new_classes(
         room=np.empty(CLASSES + 1, np.int64),
         counts=np.array(counts, np.int64),
         slots=np.empty((CLASSES, 2), np.int64),
-        weights=np.empty(GROUPS),
+        weights=np.empty(CLASSES),
+        sums=np.empty(GROUPS),
         used=np.empty(2, np.int64),
         model=model,
         per_class=per_class,
@@ -158,7 +162,7 @@ def new_classes(
 
 
 @jit
-def _place(order: np.ndarray, words: np.ndarray, classes: Classes) -> None:
+def _place(order: Array, words: Array, classes: Classes) -> None:
     """Fill the classes from an order of the sites; the members of each class are counted already."""
     order = borrowed(order)
     words = borrowed(words)
@@ -186,16 +190,17 @@ def _place(order: np.ndarray, words: np.ndarray, classes: Classes) -> None:
         while counts[c] > 2 * STEPS * slots[c, STEP]:
             slots[c, STEP] *= 2
         slots[c, SLOTS] = (counts[c] + slots[c, STEP] - 1) & -slots[c, STEP]
+        classes.weights[c] = slots[c, SLOTS] * SCALE[c]
     classes.used[0] = GROUPS - 1
     classes.used[1] = 0
     for g in range(GROUPS):
-        classes.weights[g] = _group_weight(g, slots)
-        if classes.weights[g] > 0.0:
+        classes.sums[g] = block_sum(classes.weights, 8 * g)
+        if classes.sums[g] > 0.0:
             classes.used[0] = min(classes.used[0], g)
             classes.used[1] = g
 
 
-def members(classes: Classes) -> np.ndarray:
+def members(classes: Classes) -> Array:
     """Every site, class by class in the order of the member lists, those of zero rate last; (n,) int32."""
     n = classes.records.shape[0]
     listed = [
@@ -212,18 +217,6 @@ def members(classes: Classes) -> np.ndarray:
 
 
 @hot
-def _group_weight(g: Int, slots: np.ndarray) -> Float:
-    c = 8 * g
-    return (
-        (slots[c, SLOTS] * SCALE[c] + slots[c + 1, SLOTS] * SCALE[c + 1])
-        + (slots[c + 2, SLOTS] * SCALE[c + 2] + slots[c + 3, SLOTS] * SCALE[c + 3])
-    ) + (
-        (slots[c + 4, SLOTS] * SCALE[c + 4] + slots[c + 5, SLOTS] * SCALE[c + 5])
-        + (slots[c + 6, SLOTS] * SCALE[c + 6] + slots[c + 7, SLOTS] * SCALE[c + 7])
-    )
-
-
-@hot
 def _recount(c: Int, count: Int, classes: Classes) -> None:
     """Set the new number of members of class c, one more or less; a group whose weight changes is marked by -1."""
     slots = classes.slots
@@ -237,56 +230,45 @@ def _recount(c: Int, count: Int, classes: Classes) -> None:
     new = (count + step - 1) & -step
     if new != slots[c, SLOTS]:
         slots[c, SLOTS] = new
-        classes.weights[c >> 3] = -1.0
+        classes.weights[c] = new * SCALE[c]
+        classes.sums[c >> 3] = -1.0
 
 
 @inner
-def _spread(
-    arena: np.ndarray,
-    first: np.ndarray,
-    room: np.ndarray,
-    counts: np.ndarray,
-    wanted: Int,
-) -> None:
+def _spread(wanted: Int, classes: Classes) -> None:
     """Distribute the arena anew, with some room for every class and as much again for the class ``wanted``.
 
     9/8 of all members and 4 places per class, and 1 more times the members of one class: within 5/2 n + 4 CLASSES.
     """
-    packed = np.empty(arena.size, np.int32)
+    packed = classes.arena.copy()
     top = 0
-    for c in range(counts.size):
-        for m in range(counts[c]):
-            packed[top + m] = arena[first[c] + m]
-        top += counts[c]
-    begin = 0
-    top = 0
-    for c in range(counts.size):
-        first[c] = top
-        for m in range(counts[c]):
-            arena[top + m] = packed[begin + m]
-        begin += counts[c]
-        room[c] = counts[c] + (counts[c] >> 3) + 4
+    for c in range(CLASSES):
+        begin = classes.first[c]
+        count = classes.counts[c]
+        for m in range(count):
+            classes.arena[top + m] = packed[begin + m]
+        classes.first[c] = top
+        classes.room[c] = count + (count >> 3) + 4
         if c == wanted:
-            room[c] += counts[c]
-        top += room[c]
-    room[counts.size] = top
+            classes.room[c] += count
+        top += classes.room[c]
+    classes.room[CLASSES] = top
 
 
 @inner
-def _enlarge(
-    arena: np.ndarray, first: np.ndarray, room: np.ndarray, counts: np.ndarray, c: Int
-) -> None:
+def _enlarge(c: Int, classes: Classes) -> None:
     """More room for class c: at the free end of the arena, which begins at room[-1], or by distributing it anew."""
-    size = 2 * room[c] + 8
-    top = room[counts.size]
+    arena = classes.arena
+    size = 2 * classes.room[c] + 8
+    top = classes.room[CLASSES]
     if top + size > arena.size:
-        _spread(arena, first, room, counts, c)
+        _spread(c, classes)
         return
-    for m in range(counts[c]):
-        arena[top + m] = arena[first[c] + m]
-    first[c] = top
-    room[c] = size
-    room[counts.size] = top + size
+    for m in range(classes.counts[c]):
+        arena[top + m] = arena[classes.first[c] + m]
+    classes.first[c] = top
+    classes.room[c] = size
+    classes.room[CLASSES] = top + size
 
 
 @hot
@@ -314,7 +296,7 @@ def insert(i: Int, c: Int, classes: Classes) -> None:
     """Make site i the last member of class c."""
     count = classes.counts[c]
     if count == classes.room[c]:
-        _enlarge(classes.arena, classes.first, classes.room, classes.counts, c)
+        _enlarge(c, classes)
     classes.arena[classes.first[c] + count] = i
     classes.records[i, 1] = ((c + 1) << 32) | count
     _recount(c, count + 1, classes)
@@ -324,7 +306,7 @@ def insert(i: Int, c: Int, classes: Classes) -> None:
 def weigh(c: Int, classes: Classes) -> None:
     """Sum again the weight of the group of class c, and note that it is in use."""
     g = c >> 3
-    classes.weights[g] = _group_weight(g, classes.slots)
+    classes.sums[g] = block_sum(classes.weights, 8 * g)
     classes.used[0] = min(classes.used[0], g)
     classes.used[1] = max(classes.used[1], g)
 
@@ -334,15 +316,15 @@ def total_weight(classes: Classes) -> Float:
     """Sum of all class weights; narrows the range of groups in use."""
     low = classes.used[0]
     high = classes.used[1]
-    while low < high and classes.weights[low] == 0.0:
+    while low < high and classes.sums[low] == 0.0:
         low += 1
-    while high > low and classes.weights[high] == 0.0:
+    while high > low and classes.sums[high] == 0.0:
         high -= 1
     classes.used[0] = low
     classes.used[1] = high
     total = 0.0
     for g in range(high, low - 1, -1):
-        total += classes.weights[g]
+        total += classes.sums[g]
     return total
 
 
@@ -372,21 +354,13 @@ def select_class(target: Float, classes: Classes) -> Int:
     """The class at which the running sum of weights passes ``target``, the fastest first; never an empty one."""
     group = classes.used[0]
     for g in range(classes.used[0], classes.used[1] + 1):
-        w = classes.weights[g]
+        w = classes.sums[g]
         if w > 0.0:
             group = g
             if target < w:
                 break
             target -= w
-    chosen = 8 * group
-    for c in range(8 * group, 8 * group + 8):
-        if classes.slots[c, SLOTS] > 0:
-            chosen = c
-            w = classes.slots[c, SLOTS] * SCALE[c]
-            if target < w:
-                break
-            target -= w
-    return chosen
+    return 8 * group + descend(classes.weights, 8 * group, target)[0]
 
 
 @inner

@@ -27,33 +27,36 @@ from chemage_kinetics._common import (
     DRAWN,
     EVENT,
     FLICKER,
-    HIGH,
     HOLD,
     LAST,
-    LOW,
     STREAMS,
+    Array,
+    FlickerRates,
     Float,
     Holds,
+    Instant,
     Int,
     Key,
     KineticModel,
     begin_sequence,
+    block_sum,
     borrowed,
     count_flip,
-    count_sojourn,
+    degree,
+    descend,
     fixed_coupling,
     hot,
     inner,
     jit,
     later,
+    neighbour,
     past,
     prefetch,
     prefetch_site,
     rate,
     site_rate,
-    sojourn,
+    stay,
     two_uniforms,
-    until,
 )
 
 WAYS = 8
@@ -71,17 +74,17 @@ ONE = np.int64(1)
 class SiteRates(NamedTuple):
     """The rate of every site: in its leaf or, for a listed site, in the list."""
 
-    tree: np.ndarray
+    tree: Array
     """(size,) float64 Hz, the leaves first, then the levels above; aligned to cache lines"""
-    starts: np.ndarray
+    starts: Array
     """(levels + 1,) int64: where each level starts; the last entry is the size of the whole tree"""
-    sites: np.ndarray
+    sites: Array
     """(ROOM,) int64: the listed sites"""
-    rates: np.ndarray
+    rates: Array
     """(ROOM + 8,) float64 Hz: their rates, then the sums over blocks of eight"""
-    listed: np.ndarray
+    listed: Array
     """(1,) int64: how many sites are listed"""
-    dirty: np.ndarray
+    dirty: Array
     """(k + 1,) int64 scratch: blocks whose ancestors are to be summed again"""
     listing: bool
     """whether fast sites are listed; changes which random numbers decide what"""
@@ -107,7 +110,7 @@ def empty_rates(sites: int, slots: int, listing: bool) -> SiteRates:
     )
 
 
-def _aligned(size: int) -> np.ndarray:
+def _aligned(size: int) -> Array:
     """float64 (size,) starting on a cache line of 64 bytes."""
     room = np.empty(size + 8)
     offset = (-room.ctypes.data // 8) % 8
@@ -118,26 +121,19 @@ def _aligned(size: int) -> np.ndarray:
 
 
 @hot
-def _block_sum(tree: np.ndarray, b: Int) -> Float:
-    return ((tree[b] + tree[b + 1]) + (tree[b + 2] + tree[b + 3])) + (
-        (tree[b + 4] + tree[b + 5]) + (tree[b + 6] + tree[b + 7])
-    )
-
-
-@hot
 def tree_total(rates: SiteRates) -> Float:
     """Total rate of the tree."""
-    return _block_sum(rates.tree, rates.starts[rates.starts.size - 2])
+    return block_sum(rates.tree, rates.starts[rates.starts.size - 2])
 
 
 @hot
 def list_total(rates: SiteRates) -> Float:
     """Total rate of the listed sites."""
-    return _block_sum(rates.rates, ROOM)
+    return block_sum(rates.rates, ROOM)
 
 
 @jit
-def fill(words: np.ndarray, model: KineticModel, rates: SiteRates) -> None:
+def fill(words: Array, model: KineticModel, rates: SiteRates) -> None:
     """Fill the leaves from energies and states, then every level above."""
     words = borrowed(words)
     model = borrowed(model)
@@ -152,7 +148,7 @@ def fill(words: np.ndarray, model: KineticModel, rates: SiteRates) -> None:
         below = starts[level - 1]
         width = (starts[level] - below) // 8
         for i in range(width):
-            tree[starts[level] + i] = _block_sum(tree, below + 8 * i)
+            tree[starts[level] + i] = block_sum(tree, below + 8 * i)
         for i in range(starts[level] + width, starts[level + 1]):
             tree[i] = 0.0
 
@@ -178,7 +174,7 @@ def refresh(rates: SiteRates, count: Int) -> Float:
         kept = np.int64(0)
         for d in range(count):
             block = dirty[d]
-            tree[above + block] = _block_sum(tree, below + 8 * block)
+            tree[above + block] = block_sum(tree, below + 8 * block)
             kept = mark(rates, block >> 3, kept)
         count = kept
     return tree_total(rates)
@@ -200,7 +196,7 @@ def _find(i: Int, rates: SiteRates) -> Int:
 def _enter(h: Int, i: Int, value: Float, rates: SiteRates) -> None:
     rates.sites[h] = i
     rates.rates[h] = value
-    rates.rates[ROOM + (h >> 3)] = _block_sum(rates.rates, h & ~7)
+    rates.rates[ROOM + (h >> 3)] = block_sum(rates.rates, h & ~7)
 
 
 @hot
@@ -236,7 +232,7 @@ def _settle_cold(i: Int, value: Float, fast: Float, rates: SiteRates) -> None:
 
 
 @jit
-def relist(fast: np.ndarray, rates: SiteRates) -> None:
+def relist(fast: Array, rates: SiteRates) -> None:
     """Move the sites ``fast`` (int64) from a newly filled tree to the list, in the order in which they were there."""
     for h in range(fast.size):
         _enter(h, fast[h], rates.tree[fast[h]], rates)
@@ -273,20 +269,6 @@ def put_back(i: Int, value: Float, rates: SiteRates) -> None:
 
 
 @hot
-def descend(tree: np.ndarray, base: Int, target: Float) -> tuple[Int, Float]:
-    """The child at which the running sum passes ``target``, never one of zero rate; and the rest of the target."""
-    chosen = 0
-    for s in range(8):
-        w = tree[base + s]
-        if w > 0.0:
-            chosen = s
-            if target < w:
-                break
-            target -= w
-    return chosen, target
-
-
-@hot
 def _node(rates: SiteRates, target: Float, v: Float, lowest: Int) -> tuple[Int, Float]:
     """The node of the level ``lowest`` at which the running sum of rates passes ``target``, and the rest of it.
 
@@ -320,7 +302,7 @@ def select_listed(rates: SiteRates, target: Float) -> Int:
 
 
 @hot
-def prefetch_leaf(tree: np.ndarray, above: Int, i: Int) -> None:
+def prefetch_leaf(tree: Array, above: Int, i: Int) -> None:
     """Prefetch the leaf of site i and the sum above it; ``above``: where the second level of the tree starts."""
     prefetch(tree, i)
     prefetch(tree, above + (i >> 3))
@@ -342,20 +324,20 @@ class RejectionFreeRun(NamedTuple):
     key: Key
     holds: Holds
     model: KineticModel
-    words: np.ndarray
+    words: Array
     """(n,) int64, see `_common`"""
     rates: SiteRates
-    near: np.ndarray
+    near: Array
     """(k, 2) int64 scratch: unbonded neighbours of the present site, and their barriers"""
-    draws: np.ndarray
+    draws: Array
     """(RING, 3) float64 scratch: two random numbers of each predicted selection, and what is left of its target"""
-    spots: np.ndarray
+    spots: Array
     """(RING,) int64 scratch: the node that each of these has reached"""
-    rng: np.ndarray
+    rng: Array
     """(5,) uint64 scratch, see `_common`"""
-    clock: np.ndarray
-    """(2,) float64: HIGH and LOW of the present instant"""
-    counters: np.ndarray
+    clock: Array
+    """(2,) float64: the present instant"""
+    counters: Array
     """(5,) int64: the number of the next EVENT, the present HOLD time, the LAST site, whether the run is DONE, and the
     number of the next selection DRAWN from the tree"""
 
@@ -401,8 +383,8 @@ def _look_ahead(run: RejectionFreeRun, drawn: Int, total: Float) -> None:
     prefetch_site(node, run.words, run.model)
 
     node = run.spots[(drawn + 1) & (RING - 1)]
-    for s in range(run.model.neighbours.shape[1]):
-        j = np.int64(run.model.neighbours[node, s])
+    for s in range(degree(run.model)):
+        j = neighbour(node, s, run.model)
         if j >= 0:
             prefetch(run.words, j)
             prefetch_leaf(tree, above, j)
@@ -420,8 +402,8 @@ def _shift(run: RejectionFreeRun, i: Int) -> Int:
     run.words[i] = word
     sign = 2 if word & 1 else -2
     found = 0
-    for s in range(run.model.neighbours.shape[1]):
-        j = np.int64(run.model.neighbours[i, s])
+    for s in range(degree(run.model)):
+        j = neighbour(i, s, run.model)
         if j >= 0:
             prefetch_leaf(run.rates.tree, above, j)
             word = run.words[j] + sign * fixed_coupling(run.model.coupling[i, s])
@@ -444,7 +426,7 @@ def _update(run: RejectionFreeRun, i: Int, found: Int) -> Float:
             value = site_rate(i, run.words, run.model)
         else:
             j = run.near[s, 0]
-            value = rate(run.near[s, 1], run.model.nu, run.model.per_unit)
+            value = rate(run.near[s, 1], run.model)
         settle(j, value, fast, run.rates)
         count = mark(run.rates, j >> 3, count)
     return refresh(run.rates, count)
@@ -460,41 +442,31 @@ def _flip(run: RejectionFreeRun, i: Int) -> None:
 def _dwell(
     run: RejectionFreeRun,
     i: Int,
-    high: Float,
-    low: Float,
+    now: Instant,
     hold: Int,
     rate_back: Float,
     leave_back: Float,
-) -> tuple[Float, Float, Int]:
+) -> tuple[Instant, Int]:
     """Follow site i, which flickers, until something else happens or the present hold time is reached.
 
     Returns the clock and the site of the last event.
     """
     run = borrowed(run)
     rates = run.rates
-    tally = run.holds.tally
-    limit = run.holds.times[hold]
     rate_here = rate_of(i, rates)
     leave_here = set_aside(i, rates)
     if leave_here * FLICKER >= rate_here:
         put_back(i, rate_here, rates)
-        return high, low, i
-    spent, exited, other, out_here, out_there = sojourn(
-        run.rng, rate_here, rate_back, leave_here, leave_back, until(high, low, limit)
-    )
-    count_sojourn(tally, hold, run.words[i], out_here, out_there, other)
-    if exited:
-        high, low = later(high, low, spent)
-    if not exited or past(high, low, limit):
-        high = limit
-        low = 0.0
+        return now, i
+    chain = FlickerRates(rate_here, rate_back, leave_here, leave_back)
+    now, exited, other = stay(run.rng, chain, now, run.holds, hold, run.words[i])
     if other:
         _flip(run, i)
         rate_here = rate_of(i, rates)
         leave_here = set_aside(i, rates)
     if not exited:
         put_back(i, rate_here, rates)
-        return high, low, i
+        return now, i
     target = two_uniforms(run.rng)[0] * leave_here
     if target < list_total(rates):
         j = rates.sites[select_listed(rates, target)]
@@ -502,8 +474,8 @@ def _dwell(
         j = select(rates, two_uniforms(run.rng)[0] * tree_total(rates), 0.0)
     put_back(i, rate_here, rates)
     _flip(run, j)
-    count_flip(tally, hold, run.words[j])
-    return high, low, j
+    count_flip(run.holds.tally, hold, run.words[j])
+    return now, j
 
 
 @hot
@@ -534,8 +506,7 @@ def advance(run: RejectionFreeRun, superbasins: bool | None, events: Int) -> Non
     run = borrowed(run)
     times = run.holds.times
     final = times[times.size - 1]
-    high = run.clock[HIGH]
-    low = run.clock[LOW]
+    now = run.clock[0], run.clock[1]
     event = run.counters[EVENT]
     drawn = run.counters[DRAWN]
     hold = run.counters[HOLD]
@@ -552,16 +523,12 @@ def advance(run: RejectionFreeRun, superbasins: bool | None, events: Int) -> Non
             break
         u, v = random.uniform_pair(run.key.k0, run.key.k1, STREAM, event, OF_EVENT)
         step = -math.log(u) / (total + listed)
-        if high + step > 2.0 * final + 1.0:
+        then = later(now, step)
+        if past(then, final):
             done = True
             break
-        next_high, next_low = later(high, low, step)
-        if past(next_high, next_low, final):
-            done = True
-            break
-        high = next_high
-        low = next_low
-        while past(high, low, times[hold]):
+        now = then
+        while past(now, times[hold]):
             hold += 1
         i, rate_back, drawn = _select(run, v, drawn, total, listed)
         event += 1
@@ -576,10 +543,9 @@ def advance(run: RejectionFreeRun, superbasins: bool | None, events: Int) -> Non
         last = i
         if superbasins is not None and leave_back * FLICKER < rate_back:
             begin_sequence(run.rng, run.key, STREAM, event - 1, OF_SOJOURN)
-            high, low, last = _dwell(run, i, high, low, hold, rate_back, leave_back)
+            now, last = _dwell(run, i, now, hold, rate_back, leave_back)
             total = tree_total(run.rates)
-    run.clock[HIGH] = high
-    run.clock[LOW] = low
+    run.clock[0], run.clock[1] = now
     run.counters[EVENT] = event
     run.counters[DRAWN] = drawn
     run.counters[HOLD] = hold

@@ -12,7 +12,7 @@ from chemage import ReactionLattice
 from chemage.plugin import BondHistory, Engine, threads
 from chemage_kinetics import _bkl, _independent, _next_reaction, _rejection_free
 from chemage_kinetics._bkl import BklRun
-from chemage_kinetics._common import DONE, DRAWN, EVENT, LAST, Holds, patches_of
+from chemage_kinetics._common import DONE, DRAWN, EVENT, LAST, Array, Holds, patches_of
 from chemage_kinetics._driver import SLICE, Job, bonded, expected_cost, run_pieces
 from chemage_kinetics._event_queue import MOST_BUCKETS, Order, new_queue
 from chemage_kinetics._rate_classes import members, new_classes
@@ -82,10 +82,10 @@ class KernelEngine(Engine):
     def _run(
         self,
         lattice: ReactionLattice,
-        hold_times: np.ndarray,
+        hold_times: Array,
         temperature: float,
         seed: Seed,
-        start: BondHistory | np.ndarray | None,
+        start: BondHistory | Array | None,
     ) -> BondHistory:
         return self._follow(
             Job(self.kind, lattice, hold_times, temperature, seed, start)
@@ -108,15 +108,10 @@ class ThreadedEngine(Engine):
     @classmethod
     def _earlier_name(cls, options: Any) -> Any:
         # scenes and sweeps of 0.1 call it workers
-        if (
-            isinstance(options, dict)
-            and "workers" in options
-            and "threads" not in options
-        ):
-            return {
-                ("threads" if name == "workers" else name): value
-                for name, value in options.items()
-            }
+        given = set(options) if isinstance(options, dict) else set()
+        if "workers" in given and "threads" not in given:
+            options = dict(options)
+            options["threads"] = options.pop("workers")
         return options
 
     def concurrency(self) -> int:
@@ -150,7 +145,7 @@ class EventEngine(KernelEngine, FlickerEngine):
         run: BklRun | RejectionFreeRun,
         advance: Callable[..., None],
         *counted: tuple[str, int],
-    ) -> dict[str, np.ndarray]:
+    ) -> dict[str, Array]:
         """Follow a run to the last hold time; ``counted``: its counters of random numbers. Returns clock and counters,
         to be resumed from."""
         counters = run.counters
@@ -283,7 +278,7 @@ class NextReaction(EventEngine, ThreadedEngine):
             _next_reaction.draw_times(sites, job.time, times)
         largest = int(np.diff(starts).max(initial=0))
 
-        def follow(first: int, last: int, tally: np.ndarray) -> int:
+        def follow(first: int, last: int, tally: Array) -> int:
             most = int(np.diff(starts[first : last + 1]).max(initial=0))
             run = _next_reaction.NextReactionRun(
                 sites=sites,
@@ -307,7 +302,7 @@ class NextReaction(EventEngine, ThreadedEngine):
         return job.history(bonded(words), times=times, draws=draws)
 
 
-def _pieces(starts: np.ndarray) -> list[tuple[int, int]]:
+def _pieces(starts: Array) -> list[tuple[int, int]]:
     """Runs of patches of about PIECE sites, the largest first, as (first patch, patch after the last)."""
     pieces = []
     first = 0
@@ -340,14 +335,11 @@ class Independent(KernelEngine, ThreadedEngine):
     def _follow(self, job: Job) -> BondHistory:
         n = job.lattice.sites.size
         times, draws = job.of_sites()
-        model = job.model
         sites = _independent.IndependentSites(
             key=job.key,
             pixels=job.lattice.random_index,
             forming=job.lattice.forming,
-            breaking=model.breaking,
-            nu=model.nu,
-            per_unit=model.per_unit,
+            model=job.model,
             state=job.state.copy(),
             times=times,
             draws=draws,
@@ -355,7 +347,7 @@ class Independent(KernelEngine, ThreadedEngine):
         if job.resume is None:
             _independent.draw_times(sites, job.time)
 
-        def follow(first: int, last: int, tally: np.ndarray) -> int:
+        def follow(first: int, last: int, tally: Array) -> int:
             _independent.follow(
                 sites, Holds(job.times, tally), np.empty(5, np.uint64), first, last
             )
@@ -370,11 +362,11 @@ class Independent(KernelEngine, ThreadedEngine):
     def mean(
         self,
         lattice: ReactionLattice,
-        hold_times: Sequence[float] | np.ndarray,
+        hold_times: Sequence[float] | Array,
         *,
         temperature: float | str,
-        start: BondHistory | np.ndarray | None = None,
-    ) -> tuple[np.ndarray, np.ndarray]:
+        start: BondHistory | Array | None = None,
+    ) -> tuple[Array, Array]:
         """The exact mean number of bonds at each hold time, and its variance; both (m,), no sampling.
 
         ``start`` as for :meth:`run`: None (nothing bonded at time 0), a bool array (n,), or a history.
@@ -382,8 +374,7 @@ class Independent(KernelEngine, ThreadedEngine):
         times, kelvin, start = self.checked(lattice, hold_times, temperature, start)
         job = Job(self.kind, lattice, times, kelvin, 0, start)
         mean, variance = np.empty(times.size), np.empty(times.size)
-        model = job.model
-        sites = lattice.forming, model.breaking, model.nu, model.per_unit, job.state
+        sites = lattice.forming, job.model, job.state
         _independent.moments(*sites, times - job.time, mean, variance)
         return mean, variance
 
@@ -401,25 +392,21 @@ class Auto(FlickerEngine, ThreadedEngine):
 
     def choose(self, lattice: ReactionLattice) -> tuple[Engine, str]:
         """The engine for this lattice, and why."""
-        if not lattice.interacting or lattice.neighbours is None:
-            return Independent(
-                threads=self.threads
-            ), "no site interacts with another, so the closed form holds"
+        if lattice.neighbours is None:
+            engine = Independent(threads=self.threads)
+            return engine, "no site interacts with another, so the closed form holds"
         n = lattice.sites.size
         _, starts = patches_of(lattice.neighbours)
         patches, largest = starts.size - 1, int(np.diff(starts).max(initial=0))
         shape = f"the largest of {patches} patches holds {largest} of {n} sites"
+        by_patch = NextReaction(threads=self.threads, superbasins=self.superbasins)
         if patches > 1 and self.superbasins:
-            engine = NextReaction(threads=self.threads, superbasins=True)
-            return engine, f"{shape}: sites that flicker are followed patch by patch"
+            return by_patch, f"{shape}: sites that flicker are followed patch by patch"
         if n >= WORTH_SHARING and largest <= LARGEST_SHARE * n:
-            return NextReaction(
-                threads=self.threads, superbasins=self.superbasins
-            ), f"{shape}: threads can share them"
+            return by_patch, f"{shape}: threads can share them"
         few = "few sites" if n < WORTH_SHARING else "most sites in one patch"
-        return RejectionFree(
-            superbasins=self.superbasins
-        ), f"{shape}: with {few} the sum tree costs least"
+        by_tree = RejectionFree(superbasins=self.superbasins)
+        return by_tree, f"{shape}: with {few} the sum tree costs least"
 
     def expected(
         self, sites: float, interacting: bool, events: float | None = None
@@ -433,7 +420,7 @@ class Auto(FlickerEngine, ThreadedEngine):
 
     def warm_up(self, lattice: ReactionLattice, temperature: float) -> None:
         """Compile the engines between which a lattice of other size and patches may decide; the likelier one first."""
-        if not lattice.interacting or lattice.neighbours is None:
+        if lattice.neighbours is None:
             Independent().warm_up(lattice, temperature)
             return
         patches_of(lattice.neighbours)
@@ -443,10 +430,10 @@ class Auto(FlickerEngine, ThreadedEngine):
     def _run(
         self,
         lattice: ReactionLattice,
-        hold_times: np.ndarray,
+        hold_times: Array,
         temperature: float,
         seed: Seed,
-        start: BondHistory | np.ndarray | None,
+        start: BondHistory | Array | None,
     ) -> BondHistory:
         engine, reason = self.choose(lattice)
         history = engine._run(lattice, hold_times, temperature, seed, start)

@@ -27,10 +27,10 @@ from chemage.plugin import (
     text,
     threads,
 )
+from chemage_kinetics._common import Array
 from chemage_kinetics._foreseen import (
     flips,
     lifetimes,
-    rates,
     rupture_stretch,
     slider_way,
     waiting,
@@ -152,13 +152,13 @@ class Pulled(Rupture, Drive):
         """What pulls."""
         return Drive(**{name: getattr(self, name) for name in Drive.model_fields})
 
-    def force(self, bonded: Bonded) -> np.ndarray:
+    def force(self, bonded: Bonded) -> Array:
         """Force in nN, (m,)."""
         if bonded.lattice.breaking is None:
             raise InputError(self._lasting())
         times = np.linspace(0.0, self.distance / self.speed, self.points + 1)
         found: list[dict[str, Any]] = []
-        recorded: list[Mapping[str, np.ndarray]] = []
+        recorded: list[Mapping[str, Array]] = []
         outputs: dict[str, dict[str, Any]] = {}
         forces, end = [], 0.0
         for number in range(bonded.hold_times.size):
@@ -209,8 +209,8 @@ class Pulled(Rupture, Drive):
         self,
         bonded: Bonded,
         number: int,
-        times: np.ndarray,
-        start: PullHistory | np.ndarray | None = None,
+        times: Array,
+        start: PullHistory | Array | None = None,
     ) -> PullHistory:
         """The pull after one hold time, or the part of it that follows ``start``."""
         return pull(
@@ -225,7 +225,7 @@ class Pulled(Rupture, Drive):
             chemistry=bonded.chemistry,
         )
 
-    def _maps(self, bonded: Bonded, end: float) -> tuple[np.ndarray, np.ndarray]:
+    def _maps(self, bonded: Bonded, end: float) -> tuple[Array, Array]:
         """Where the drive is and the bonds per cell, evenly in time to ``end`` (s), a little beyond the peak.
 
         It is the same pull once more, because what is sampled of a pull does not change it.
@@ -244,7 +244,7 @@ class Pulled(Rupture, Drive):
         hold_times: int,
         replicas: int,
         chemistry: Chemistry | None = None,
-        times: np.ndarray | None = None,
+        times: Array | None = None,
         temperature: float = 0.0,
         pressure: float = 0.0,
     ) -> dict[str, float]:
@@ -269,10 +269,10 @@ class Pulled(Rupture, Drive):
         self,
         sites: float,
         chemistry: Chemistry,
-        times: np.ndarray,
+        times: Array,
         temperature: float,
         pressure: float,
-    ) -> np.ndarray:
+    ) -> Array:
         """Bonds that form and break in the pull after each hold time, (m,); without interaction."""
         assert chemistry.breaking is not None
         share = (np.arange(SAMPLED) + 0.5) / SAMPLED
@@ -287,11 +287,11 @@ class Pulled(Rupture, Drive):
         if self.partner == "new":
             wait = np.maximum(wait, wait.mean())
         held = TwoState(
-            *(rates(barriers, nu, temperature) for barriers in (forming, breaking))
+            chemistry.rates(forming, temperature),
+            chemistry.rates(breaking, temperature),
         )
-        stretch = float(
-            np.median(rupture_stretch(breaking, self.drive, nu, temperature))
-        )
+        stretches = rupture_stretch(breaking, self.drive, nu, temperature)
+        stretch = float(np.median(stretches))
         found = []
         for time in times:
             bonded = held.bonded(time)
@@ -300,7 +300,7 @@ class Pulled(Rupture, Drive):
             found.append(sites * float(flips(wait, last, bonded, span).mean()))
         return np.array(found)
 
-    def remarks(self, observables: Mapping[str, np.ndarray]) -> Sequence[str]:
+    def remarks(self, observables: Mapping[str, Array]) -> Sequence[str]:
         """Say in how many pulls the force ended at its largest, so that ΔF is no peak."""
         if "pull_force" not in observables:
             return ()
@@ -323,7 +323,7 @@ class Pulled(Rupture, Drive):
         chemistry: Chemistry,
         temperature: float,
         sites: float | None = None,
-        times: np.ndarray | None = None,
+        times: Array | None = None,
         pressure: float = 0.0,
     ) -> Sequence[str]:
         """See :meth:`chemage.plugin.Rupture.check`."""
@@ -334,10 +334,8 @@ class Pulled(Rupture, Drive):
                 "rupture 'pulled': bond_stiffness = 0, so that no bond carries a force"
             ]
         barrier = chemistry.breaking.quantile(np.array([0.5]))
-        stretch = float(
-            rupture_stretch(
-                barrier, self.drive, chemistry.attempt_frequency, temperature
-            )[0]
+        (stretch,) = rupture_stretch(
+            barrier, self.drive, chemistry.attempt_frequency, temperature
         )
         if self.distance < stretch:
             force = stretch * self.bond_stiffness
@@ -347,19 +345,16 @@ class Pulled(Rupture, Drive):
             ]
         if sites is None or times is None or not isinstance(self.engine, EventDriven):
             return []
-        most = float(
-            self._events(sites, chemistry, times, temperature, pressure).max(
-                initial=0.0
-            )
-        )
+        events = self._events(sites, chemistry, times, temperature, pressure)
+        most = float(events.max(initial=0.0))
         if most <= self.engine.most_events:
             return []
-        events = (
+        about = (
             f"rupture 'pulled': a pull is expected to form and break {most:.2g} bonds"
         )
         limit = f"more than most_events = {self.engine.most_events:g} of its engine, which will refuse it"
         return [
-            f"{events}, {limit}; pull less far, faster or at a lower temperature, or allow more events"
+            f"{about}, {limit}; pull less far, faster or at a lower temperature, or allow more events"
         ]
 
     def draw(self, figure: str, axes: Axes, results: Sequence[PlottedResult]) -> None:
@@ -375,33 +370,24 @@ class Pulled(Rupture, Drive):
         for result in there:
             assert result.aging is not None
             measured, times = result.aging.observables, result.aging.hold_times
+            way = measured["pull_way"][0]
             force = measured["pull_force"].mean(axis=0)
-            shown = np.unique(
-                np.linspace(0, times.size - 1, CURVES if len(there) == 1 else 1).astype(
-                    int
-                )
-            )
-            for number, at in enumerate(shown if len(there) == 1 else [times.size - 1]):
-                colour = figures.PALETTE[number] if len(there) == 1 else result.color
-                label = (
-                    f"after {text.power_text(times[at])} s"
-                    if len(there) == 1
-                    else result.label
-                )
+            if len(there) > 1:
                 axes.plot(
-                    measured["pull_way"][0],
-                    force[at],
-                    color=colour,
-                    lw=1.3,
-                    label=label,
+                    way, force[-1], color=result.color, lw=1.3, label=result.label
                 )
+                continue
+            shown = np.unique(np.linspace(0, times.size - 1, CURVES).astype(int))
+            for colour, at in zip(figures.PALETTE, shown, strict=False):
+                label = f"after {text.power_text(float(times[at]))} s"
+                axes.plot(way, force[at], color=colour, lw=1.3, label=label)
         axes.set(
             xlabel="displacement of the drive (nm)", ylabel="force (nN)", ylim=(0, None)
         )
         figures.legend(axes)
 
 
-def _stacked(name: str, recorded: Sequence[Mapping[str, np.ndarray]]) -> np.ndarray:
+def _stacked(name: str, recorded: Sequence[Mapping[str, Array]]) -> Array:
     """What the engine or a hook recorded under ``name`` in each pull, (m, ...)."""
     shapes = {values[name].shape if name in values else None for values in recorded}
     if len(shapes) > 1:
@@ -411,7 +397,7 @@ def _stacked(name: str, recorded: Sequence[Mapping[str, np.ndarray]]) -> np.ndar
     return np.stack([values[name] for values in recorded])
 
 
-def _map(bonded: Bonded, state: np.ndarray) -> np.ndarray:
+def _map(bonded: Bonded, state: Array) -> Array:
     """Bonds in each of at most CELLS x CELLS cells of equal size; the last ones may be cut off."""
     nx, ny = bonded.lattice.pixels
     along_x, along_y = -(-nx // CELLS), -(-ny // CELLS)
@@ -425,11 +411,10 @@ def _map(bonded: Bonded, state: np.ndarray) -> np.ndarray:
 
 def _draw_maps(axes: Axes, results: Sequence[PlottedResult]) -> None:
     """The maps of each result in a row, as much of them as ever has a bond."""
-    shown = [result for result in results if result.aging is not None]
-    if not shown:
+    if not results:
         return
     measured: list[Any] = [
-        result.aging.observables for result in shown if result.aging is not None
+        result.aging.observables for result in results if result.aging is not None
     ]
     parts = [_with_bonds(one["pull_maps"][0]) for one in measured]
     high, wide = (max(part.shape[axis] for part in parts) for axis in (2, 1))
@@ -455,12 +440,12 @@ def _draw_maps(axes: Axes, results: Sequence[PlottedResult]) -> None:
         return
     axes.set_yticks(
         (np.arange(len(parts)) + 0.5) * (high + 2) - 0.5,
-        [result.label for result in shown][::-1],
+        [result.label for result in results][::-1],
     )
     axes.set_xlabel("from the start of the pull to just after its peak")
 
 
-def _with_bonds(maps: np.ndarray) -> np.ndarray:
+def _with_bonds(maps: Array) -> Array:
     """The part of ``maps`` (k, nx, ny) within which there is ever a bond, and a cell around it."""
     x, y = (np.flatnonzero(maps.any(axis=other)) for other in ((0, 2), (0, 1)))
     if not x.size:

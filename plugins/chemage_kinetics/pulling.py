@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -20,7 +21,7 @@ from chemage.plugin import (
     Seed,
 )
 from chemage_kinetics import _pulling as kernel
-from chemage_kinetics._common import start_words
+from chemage_kinetics._common import Array, start_words
 from chemage_kinetics._driver import SLICE, Start, bonded
 from chemage_kinetics._foreseen import flips_on
 from chemage_kinetics._rejection_free import empty_rates, fill
@@ -29,6 +30,8 @@ from chemage_kinetics._rejection_free import empty_rates, fill
 WINDOW = 1.0
 #: windows that positions are counted in at most, so that their sums over the sites are whole numbers
 MOST_WINDOWS = 2**31
+#: arrays of a run from which the same pull goes on
+_RESUMED = "reals", "counts", "made", "rest", "bound"
 #: quantiles by which the barriers of new partners are estimated
 FEW = 16
 
@@ -66,24 +69,21 @@ class EventDriven(Pulling):
         self,
         lattice: ReactionLattice,
         drive: Drive,
-        times: np.ndarray,
+        times: Array,
         temperature: float,
         seed: Seed,
         start: Any,
         partners: Partners | None,
     ) -> PullHistory:
-        job = _Job(lattice, drive, times, temperature, seed, start, partners)
+        job = _Job(self.kind, lattice, times, temperature, seed, start, drive, partners)
         self._refuse_more(job.foreseen(self.most_events), job, "are expected to")
         run = job.prepared()
         while not run.counts[kernel.DONE]:
             kernel.advance(run, SLICE)
-            done = (
-                run.counts[kernel.FORMED] + run.counts[kernel.BROKEN] - sum(job.counted)
-            )
-            self._refuse_more(
-                float(done), job, f"by {run.reals[kernel.HIGH]:.3g} s did"
-            )
-        return job.finished(run, self.kind)
+            done = run.counts[kernel.FORMED] + run.counts[kernel.BROKEN]
+            done -= sum(job.counted)
+            self._refuse_more(done, job, f"by {run.reals[kernel.HIGH]:.3g} s did")
+        return job.finished(run)
 
     def _refuse_more(self, events: float, job: _Job, how: str) -> None:
         if events > self.most_events:
@@ -95,22 +95,17 @@ class EventDriven(Pulling):
             )
 
 
+@dataclass(eq=False)
 class _Job(Start):
     """One pull: the arguments of `Pulling._run`, the arrays made from them, and the result."""
 
-    def __init__(
-        self,
-        lattice: ReactionLattice,
-        drive: Drive,
-        times: np.ndarray,
-        temperature: float,
-        seed: Seed,
-        start: Any,
-        partners: Partners | None,
-    ) -> None:
-        super().__init__(int(kernel.STREAM), lattice, times, temperature, seed, start)
-        self.drive = drive
-        self.before = start if isinstance(start, PullHistory) else None
+    drive: Drive
+    new_partners: Partners | None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        lattice, drive, partners = self.lattice, self.drive, self.new_partners
+        self.before = self.start if isinstance(self.start, PullHistory) else None
         # the random numbers of the pending event are used up
         self.event = self.carried("event") + (
             self.pending is not None and "event" in self.pending
@@ -121,7 +116,7 @@ class _Job(Start):
             self.slips = np.array(self.before.slips)
             met = self.slips > 0
             self.forming[met] = self.before.forming[met]
-        thermal = KB * temperature
+        thermal = KB * self.temperature
         assert lattice.breaking is not None
         gain = (
             drive.bond_stiffness * drive.transition_distance * EV_PER_GPA_NM3 / thermal
@@ -139,14 +134,11 @@ class _Job(Start):
             math.inf if drive.spring is None else drive.spring,
             drive.friction,
         )
-        empty = np.empty(0)
-        self.partners = kernel.NewPartners(
-            empty if partners is None else np.array(partners.quantiles, np.float64),
-            empty
-            if partners is None
-            else np.ascontiguousarray(partners.shift, np.float64),
-            lattice.random_index,
-        )
+        quantiles, shift = np.empty(0), np.empty(0)
+        if partners is not None:
+            quantiles = np.array(partners.quantiles, np.float64)
+            shift = np.ascontiguousarray(partners.shift, np.float64)
+        self.partners = kernel.NewPartners(quantiles, shift, lattice.random_index)
         self._refuse_too_much()
 
     def _refuse_too_much(self) -> None:
@@ -173,7 +165,7 @@ class _Job(Start):
             lattice, self.drive, span, self.temperature, self.state, again, enough
         )
 
-    def identity(self) -> dict[str, np.ndarray]:
+    def identity(self) -> dict[str, Array]:
         """What must be equal for the pending event to hold."""
         pulled = [self.temperature, *self.bonds[1:], *self.pull]
         partners = [self.partners.quantiles.sum(), self.partners.shift.sum()]
@@ -193,12 +185,15 @@ class _Job(Start):
         n, before = self.state.size, self.before
         reals, counts = np.zeros(kernel.REALS), np.zeros(kernel.COUNTS, np.int64)
         made, rest, bound = np.zeros(n, np.int64), np.zeros(n), np.zeros(n, np.int64)
+        slip_sizes = np.zeros(64, np.int64)
+        if before is not None:
+            slip_sizes[:] = before.avalanches
         if self.goes_on:
             assert before is not None
-            reals[:], counts[:] = before.resume["reals"], before.resume["counts"]
-            made[:], rest[:], bound[:] = (
-                before.resume[name] for name in ("made", "rest", "bound")
-            )
+            for name, array in zip(
+                _RESUMED, (reals, counts, made, rest, bound), strict=True
+            ):
+                array[:] = before.resume[name]
         else:
             self._begin(reals, counts, rest)
         words, base = np.empty(n, np.int64), np.empty(n, np.int64)
@@ -228,9 +223,7 @@ class _Job(Start):
             links=np.full((n, 2), -1, np.int64),
             reals=reals,
             counts=counts,
-            slip_sizes=np.zeros(64, np.int64)
-            if before is None
-            else np.array(before.avalanches),
+            slip_sizes=slip_sizes,
             times=np.array(self.times),
             samples=np.zeros((m, 6)),
             tallies=np.zeros((m, 3), np.int64),
@@ -238,7 +231,7 @@ class _Job(Start):
         kernel.start(run, self.goes_on)
         return run
 
-    def _begin(self, reals: np.ndarray, counts: np.ndarray, rest: np.ndarray) -> None:
+    def _begin(self, reals: Array, counts: Array, rest: Array) -> None:
         """A pull that begins, or goes on under other conditions: bonds keep their stretch, the rest is drawn anew."""
         before, bonds = self.before, self.bonds
         reals[kernel.HIGH] = self.time
@@ -276,7 +269,7 @@ class _Job(Start):
             reals[kernel.WORK if change > 0 else kernel.LOST] += abs(change)
         reals[kernel.TOP] = force
 
-    def finished(self, run: kernel.PullRun, kind: str) -> PullHistory:
+    def finished(self, run: kernel.PullRun) -> PullHistory:
         """The result, with what is needed to go on."""
         reals, samples, tallies = run.reals, run.samples, run.tallies
         state, stretch = bonded(run.words), np.zeros(run.words.size)
@@ -284,40 +277,19 @@ class _Job(Start):
         force, displacement = samples[:, kernel.FORCE], samples[:, kernel.MOVED]
         highest = int(np.argmax(force))
         peaks = [
-            tuple(
-                float(reals[place])
-                for place in (kernel.PEAK, kernel.PEAK_AT, kernel.PEAK_TIME)
-            )
-        ]
-        peaks += [
-            (
-                float(force[highest]),
-                float(displacement[highest]),
-                float(self.times[highest]),
-            )
+            (reals[kernel.PEAK], reals[kernel.PEAK_AT], reals[kernel.PEAK_TIME]),
+            (force[highest], displacement[highest], self.times[highest]),
         ]
         if self.goes_on:
             assert self.before is not None
-            peaks.append(
-                (self.before.peak, self.before.peak_displacement, self.before.peak_time)
-            )
-        peak, at, when = max(peaks, key=lambda one: one[0])
-        forming = self.forming.copy()
+            earlier = self.before
+            peaks.append((earlier.peak, earlier.peak_displacement, earlier.peak_time))
+        peak, at, when = map(float, max(peaks, key=lambda one: one[0]))
+        forming, base = self.forming.copy(), np.empty(state.size, np.int64)
         kernel.present_barriers(
-            self.key,
-            self.partners,
-            self.slips,
-            run.slips,
-            forming,
-            np.empty(state.size, np.int64),
+            self.key, self.partners, self.slips, run.slips, forming, base
         )
-        resume = {
-            "reals": reals,
-            "counts": run.counts,
-            "made": run.made,
-            "rest": run.rest,
-            "bound": run.bound,
-        }
+        resume = {name: getattr(run, name) for name in _RESUMED}
         resume["event"] = run.counts[[kernel.EVENT]]
         return PullHistory(
             times=self.times,
@@ -341,7 +313,7 @@ class _Job(Start):
             peak_time=when,
             time=float(self.times[-1]),
             temperature=self.temperature,
-            engine=kind,
+            engine=self.kind,
             drive=self.drive.todict(),
             resume={**self.identity(), **resume},
         )

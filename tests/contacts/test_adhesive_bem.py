@@ -210,3 +210,15 @@ def test_tips_adhere_in_a_scene():
     run: Any = ca.run(ca.parse_scene(scene))
     assert run.contact.load == -3
     assert run.aging.bonds.shape[0] == 2
+
+
+@pytest.mark.parametrize("start", ["apart", "contact"])
+def test_a_tip_that_is_cut_off_by_its_grid_is_refused(start):
+    tip = ca.surface("sphere", radius=30, pixels=16, pixel_size=0.4518).make()
+    with pytest.raises(InputError, match="this tip reaches the edge of its grid"):
+        bem(start=start).solve(tip, 0.4 * E * tip.nominal_area)
+
+
+def test_an_approach_that_is_refused_is_said_in_nm():
+    with pytest.raises(InputError, match="displacement = '500 nm': is one at which the surfaces touch everywhere"):
+        bem().solve_displacement(rough(), "500 nm")

@@ -319,7 +319,8 @@ def barriers_error(
     """(quantities,) relative standard errors that the forming barriers make, and how they are known; zeros and "" where
     their distribution has no members.
 
-    The error is relative and the same for all surfaces, so that that of the first sample is enough; more surfaces do not make it smaller.
+    The error is relative and the same for all surfaces, so that that of the first sample is enough; more surfaces do
+    not make it smaller.
     """
     errors = np.zeros(quantities.count)
     scene = samples.computation.seeded(*samples.seeds(0))
