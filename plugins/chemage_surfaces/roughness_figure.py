@@ -30,7 +30,7 @@ def roughness_figure(
     fit: RoughnessFit | None,
 ) -> Figure:
     """The spectra of ``images`` that make surfaces, with the fit to all; and rms height differences by distance."""
-    figure, (left, right) = figures.panels(9.0, 4.0, 2)
+    figure, (left, right) = figures.plots(9.0, 4.0, 2, 2)
     for i, (name, image, measured) in enumerate(
         zip(names, images, measures, strict=True)
     ):
@@ -55,7 +55,8 @@ def roughness_figure(
                 profile.distance,
                 profile.difference,
                 line,
-                marker=".",
+                marker="o",
+                ms=2.5,
                 color=color,
                 label=f"{label}, along {axis}",
             )
@@ -90,10 +91,21 @@ def roughness_figure(
         left.text(0.5, 0.9, "no fit", ha="center", transform=left.transAxes)
     left.set(xlabel="wavenumber q (1/nm)", ylabel="power spectral density C (nm⁴)")
     right.set(xlabel="distance (nm)", ylabel="rms height difference (nm)")
-    figures.decades_only(right.xaxis, left.xaxis)
     for axes in (left, right):
-        figures.legend(axes, fontsize=8)
+        _few_ticks(axes)
+        figures.legend(axes, handlelength=3.0)
     return figure
+
+
+def _few_ticks(axes: Axes) -> None:
+    """Label decades along x, or 1, 2 and 5 of each where there are fewer than two of them."""
+    from matplotlib.ticker import LogLocator, StrMethodFormatter
+
+    low, high = axes.get_xlim()
+    figures.decades_only(axes.xaxis)
+    if high < 100 * low:
+        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
 
 
 #: marks that show features of a few pixels, at most so many of a kind
@@ -168,6 +180,4 @@ def _draw_findings(axes: Axes, image: Image) -> None:
             axes.plot([], [], "s", color=color, label=label)
     axes.set(xlim=extent[:2], ylim=extent[2:])
     if image.findings:
-        axes.legend(
-            loc="upper center", bbox_to_anchor=(0.5, -0.18), fontsize=8, frameon=False
-        )
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.18))

@@ -1,7 +1,7 @@
 """Whether the intervals of `roughened` hold the slope and the β of surfaces that are not self-affine.
 
     python tests/benchmarks/any_spectrum.py [CASES] [beta]       # 60: about ten minutes; with beta an hour and a half
-    python tests/benchmarks/any_spectrum.py --first 30 30 beta   # the cases from 30 on
+    python tests/benchmarks/any_spectrum.py --first 30 30        # the cases from 30 on
     python tests/benchmarks/any_spectrum.py --table FILE...      # the table from rows measured before
 
 Each case is one of five families in turn: two power laws with a knee anywhere between roll-off and cut-off (also where
@@ -29,22 +29,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scans import dilated
 from scipy import fft as sfft
 from scipy import ndimage, stats
 
 import chemage as ca
-from scans import dilated
 
 Rows = list[dict[str, Any]]
 Rng = np.random.Generator
-
-#: fine pixels per pixel of the image, and per shortest wavelength
-FINE, SHORTEST = 3, 4
-#: of the side of the true surface to that of the image
-LARGER = 1.3
-SEEDS = 10
-#: share of the area that touches
-AREA = 0.02
+#: fine pixels per pixel of the image, and per shortest wavelength; side of the true surface to that of the image
+FINE, SHORTEST, LARGER = 3, 4, 1.3
+#: seeds of a case; share of the area that touches
+SEEDS, AREA = 10, 0.02
 FIELDS = (
     *("case", "family", "tip", "truth_slope", "slope", "slope_low", "slope_high"),
     *("truth_beta", "truth_error", "beta", "beta_low", "beta_high", "refused"),
@@ -91,7 +87,7 @@ def two_slopes(rng: Rng, n: int, image: int) -> np.ndarray:
 
 
 def anisotropic(rng: Rng, n: int, image: int) -> np.ndarray:
-    return self_affine(rng, n, image, rng.uniform(2, 6))
+    return self_affine(rng, n, image, ratio=rng.uniform(2, 6))
 
 
 def mixed(rng: Rng, n: int, image: int, structure: np.ndarray) -> np.ndarray:
@@ -103,8 +99,7 @@ def mixed(rng: Rng, n: int, image: int, structure: np.ndarray) -> np.ndarray:
 
 def across(rng: Rng, n: int) -> np.ndarray:
     """The coordinate along a random direction, pixels."""
-    angle = rng.uniform(0, math.pi)
-    x = np.arange(float(n)) - n / 2
+    angle, x = rng.uniform(0, math.pi), np.arange(float(n)) - n / 2
     return x[:, None] * math.cos(angle) + x * math.sin(angle)
 
 
@@ -119,25 +114,20 @@ def grating(rng: Rng, n: int, image: int) -> np.ndarray:
 
 def terraces(rng: Rng, n: int, image: int) -> np.ndarray:
     """Steps of one height on a slope, less their mean plane, or around hills; both meander."""
-    hills = drawn(rng, n, lambda qx, qy: np.exp(-(np.hypot(qx, qy) * image / spread(rng, 12, 40)) ** 2))
+    hills = drawn(rng, n, lambda qx, qy: np.exp(-((np.hypot(qx, qy) * image / spread(rng, 12, 40)) ** 2)))
     levels = hills / hills.std() * rng.uniform(0.8, 2.0)
-    plane = np.zeros((n, n))
-    if rng.random() < 0.5:
-        waves = np.rint(rng.uniform(4, 14) * np.array([math.cos(a := rng.uniform(0, math.pi)), math.sin(a)]))
-        x = np.arange(n) / n
-        plane = waves[0] * x[:, None] + waves[1] * x
-    steps = np.floor(levels + plane) - plane
+    steps, angle, x = rng.choice([0, 1]) * rng.uniform(4, 14), rng.uniform(0, math.pi), np.arange(n) / n
+    plane = round(steps * math.cos(angle)) * x[:, None] + round(steps * math.sin(angle)) * x
+    heights = np.floor(levels + plane) - plane
     # edges as wide as the shortest waves
-    spectrum: Any = sfft.rfft2(ndimage.gaussian_filter(steps, 1.0, mode="wrap"))
-    q = np.hypot(np.fft.fftfreq(n)[:, None], np.fft.rfftfreq(n))
-    spectrum[q > 1 / SHORTEST] = 0
+    spectrum: Any = sfft.rfft2(ndimage.gaussian_filter(heights, 1.0, mode="wrap"))
+    spectrum[np.hypot(np.fft.fftfreq(n)[:, None], np.fft.rfftfreq(n)) > 1 / SHORTEST] = 0
     return mixed(rng, n, image, np.asarray(sfft.irfft2(spectrum, s=(n, n))))
 
 
 def ground(rng: Rng, n: int, image: int) -> np.ndarray:
     """Grooves of random place, depth and width along one direction."""
-    long = 2 * n
-    x, profile = np.arange(float(long)), np.zeros(long)
+    x, profile = np.arange(float(long := 2 * n)), np.zeros(2 * n)
     for _ in range(int(rng.uniform(0.02, 0.08) * long)):
         width = spread(rng, 4, image / 8)
         away = np.abs(x - rng.uniform(0, long)) / width
@@ -152,8 +142,8 @@ def ground(rng: Rng, n: int, image: int) -> np.ndarray:
 FAMILIES = (two_slopes, anisotropic, grating, terraces, ground)
 
 
-def slope_of(heights: np.ndarray, side: float = 1.0) -> float:
-    return ca.Surface(heights=heights, pixel_size=side, periodic=False).rms_slope
+def slope_of(heights: np.ndarray) -> float:
+    return ca.Surface(heights=heights, pixel_size=1.0, periodic=False).rms_slope
 
 
 def case_of(case: int) -> tuple[dict[str, float], ca.Surface, np.ndarray]:
@@ -161,7 +151,8 @@ def case_of(case: int) -> tuple[dict[str, float], ca.Surface, np.ndarray]:
     rng = np.random.default_rng([2027, case])
     n, side = int(rng.integers(128, 193)), spread(rng, 1.5, 5)
     slope, radius, noise = spread(rng, 0.05, 0.5), spread(rng, 2, 20), spread(rng, 0.03, 0.1)
-    whole = FAMILIES[case % len(FAMILIES)](rng, sfft.next_fast_len(int(LARGER * FINE * n)), FINE * n)
+    size: Any = sfft.next_fast_len(int(LARGER * FINE * n))
+    whole = FAMILIES[case % len(FAMILIES)](rng, size, FINE * n)
     start = (len(whole) - FINE * n) // 2
     part = slice(start, start + FINE * n)
     whole *= slope * side / FINE / slope_of(whole[part, part])
@@ -171,13 +162,13 @@ def case_of(case: int) -> tuple[dict[str, float], ca.Surface, np.ndarray]:
     return {"side": side, "radius": radius}, true, image
 
 
-def aged(surface: Any, load: float) -> tuple[Any, Any]:
-    """The contact and the fit of β."""
-    scene = ca.load_scene("silica-rough")
+def aged(surface: ca.Surface, load: float) -> Any:
+    """The fit of β."""
+    scene: Any = ca.load_scene("silica-rough")
     times = ca.hold_times("10 s", "1e4 s", per_decade=4)
     contact = ca.solve_contact(scene.contact, surface, load)
     aging = ca.age(contact, scene.chemistry, engine=scene.engine, hold_times=times, temperature=300.0, replicas=32)
-    return contact, aging.fit("10 s", "1e4 s")
+    return aging.fit("10 s", "1e4 s")
 
 
 def predicted(values: Sequence[float]) -> tuple[float, float, float]:
@@ -197,7 +188,7 @@ def rows(case: int, beta: bool) -> Rows:
         load = 0.5 * AREA * 35.3 * true.rms_slope * true.nominal_area
         contact = ca.solve_contact(ca.load_scene("silica-rough").contact, true, load)
         load *= AREA / contact.area_fraction
-        _, fit = aged(true, load)
+        fit = aged(true, load)
         known = {"truth_beta": fit.beta, "truth_error": fit.beta_stderr}
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "image.npy"
@@ -206,12 +197,10 @@ def rows(case: int, beta: bool) -> Rows:
         for tip, radius in (("given", truth["radius"]), ("not given", None)):
             row = {"case": case, "family": FAMILIES[case % len(FAMILIES)].__name__, "tip": tip}
             found.append(row)
-            row["truth_slope"] = true.rms_slope
-            side = truth["side"] / FINE
+            row["truth_slope"], side = true.rms_slope, truth["side"] / FINE
+            options = {"pixel_size": side, "cutoff": SHORTEST * side, "tip_radius": radius}
             try:
-                rough = ca.surface(
-                    "roughened", surface=scan, pixel_size=side, cutoff=SHORTEST * side, tip_radius=radius
-                )
+                rough = ca.surface("roughened", surface=scan, **options)
                 made = [rough.make(seed) for seed in range(SEEDS)]
             except ca.InputError as error:
                 row["refused"] = str(error).replace(folder, "").lstrip("/")
@@ -222,26 +211,24 @@ def rows(case: int, beta: bool) -> Rows:
             row["slope"] = record.get("rms_slope", row["slope"])
             if beta and radius is not None:
                 row |= known
-                betas = [aged(surface, load)[1].beta for surface in made]
-                row["beta"], row["beta_low"], row["beta_high"] = predicted(betas)
+                row["beta"], row["beta_low"], row["beta_high"] = predicted([aged(one, load).beta for one in made])
     return found
 
 
 def table(found: Rows) -> str:
     """By family: intervals that hold, their median width, the median of best over truth, and refusals."""
+    warnings.simplefilter("ignore")
     lines = ["tip        family        slope holds  high/low  best/truth  β holds  high/low  best/truth  refused"]
     for tip in ("given", "not given"):
         for family in (*(one.__name__ for one in FAMILIES), "all"):
             mine = [row for row in found if row["tip"] == tip and family in (row["family"], "all")]
             line = f"{tip:<10} {family:<12}"
             for name in ("slope", "beta"):
-                held = [{key: float(row[key]) for key in FIELDS[3:-1] if row.get(key)} for row in mine]
-                held = [row for row in held if f"{name}_high" in row]
-                truths = [row[f"truth_{name}"] for row in held]
-                inside = sum(row[f"{name}_low"] <= true <= row[f"{name}_high"] for row, true in zip(held, truths))
-                width = np.median([row[f"{name}_high"] / row[f"{name}_low"] for row in held]) if held else math.nan
-                off = np.median([row[name] / true for row, true in zip(held, truths)]) if held else math.nan
-                line += f"  {inside:>3} of {len(held):<3} {width:9.3g} {off:9.3g} "
+                keys = (f"truth_{name}", name, f"{name}_low", f"{name}_high")
+                values = np.array([[float(row[key]) for key in keys] for row in mine if row.get(name)]).reshape(-1, 4)
+                true, best, low, high = values.T
+                inside = int(((low <= true) & (true <= high)).sum())
+                line += f"  {inside:>3} of {len(true):<3} {np.median(high / low):9.3g} {np.median(best / true):9.3g} "
             lines.append(f"{line} {sum(bool(row.get('refused')) for row in mine):>6}")
     return "\n".join(lines)
 
@@ -252,22 +239,20 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--table", nargs="+", type=Path)
     options = parser.parse_args()
-    found: Rows = []
     if options.table:
-        for path in options.table:
-            with path.open(encoding="utf-8", newline="") as stream:
-                found += csv.DictReader(stream)
-        print(table(found))
+        lines = (path.read_text(encoding="utf-8").splitlines() for path in options.table)
+        print(table([row for one in lines for row in csv.DictReader(one)]))
         return
     warnings.simplefilter("ignore")
+    found: Rows = []
     writer = csv.DictWriter(sys.stdout, FIELDS)
     writer.writeheader()
     cases = next((int(word) for word in options.words if word.isdigit()), 60)
     for case in range(options.first, options.first + cases):
-        for row in rows(case, "beta" in options.words):
+        found += (new := rows(case, "beta" in options.words))
+        for row in new:
             writer.writerow({key: f"{value:.6g}" if isinstance(value, float) else value for key, value in row.items()})
-            sys.stdout.flush()
-            found.append(row)
+        sys.stdout.flush()
     print(table(found), file=sys.stderr)
 
 
