@@ -9,11 +9,12 @@ the image does not show it; H .3 to 1.2), an elliptic spectrum (ratio 2 to 6), a
 random depth and width, the last three with self-affine roughness. All have random directions, rms slopes of .05 to .5
 and no waves shorter than four fine pixels, which are a third of the image's. Images have 128² to 192² pixels of 1.5 to
 5 nm, dilated by a paraboloid of 2 to 20 nm, with white noise of .03 to .1 nm. They are read by `measured` and carried
-on to the fine pixels and the true cut-off by `roughened` with ten seeds, with the tip's radius given and not.
+on to the fine pixels and the true cut-off by ten members of `roughened`, each with a seed, with the radius of the tip
+given and not.
 
-The truth is the surface itself below the image. The 90 % interval of its rms slope is that of the provenance; where
-there is none, Student's prediction interval from the seeds. That of β is a prediction interval of ln β from the seeds,
-with the contact `fft-bem` at the load that gives the true surface 2 % of area. Rows are printed as CSV.
+The truth is the surface itself below the image. The 90 % interval of its rms slope is that of the provenance; that of β
+is Student's prediction interval of ln β from the members, with the contact `fft-bem` at the load that gives the true
+surface 2 % of area. Rows are printed as CSV.
 """
 
 from __future__ import annotations
@@ -200,17 +201,15 @@ def rows(case: int, beta: bool) -> Rows:
             row["truth_slope"], side = true.rms_slope, truth["side"] / FINE
             options = {"pixel_size": side, "cutoff": SHORTEST * side, "tip_radius": radius}
             try:
-                rough = ca.surface("roughened", surface=scan, **options)
-                made = [rough.make(seed) for seed in range(SEEDS)]
+                rough: Any = ca.surface("roughened", surface=scan, **options)
+                record: Any = rough.make(0).provenance["roughened"]
             except ca.InputError as error:
                 row["refused"] = str(error).replace(folder, "").lstrip("/")
                 continue
-            row["slope"], low, high = predicted([surface.rms_slope for surface in made])
-            record: Any = made[0].provenance["roughened"]
-            row["slope_low"], row["slope_high"] = record.get("rms_slope_interval", (low, high))
-            row["slope"] = record.get("rms_slope", row["slope"])
+            row["slope"], (row["slope_low"], row["slope_high"]) = record["rms_slope"], record["rms_slope_interval"]
             if beta and radius is not None:
                 row |= known
+                made = [maker.make(seed) for seed, maker in enumerate(rough.members(SEEDS))]
                 row["beta"], row["beta_low"], row["beta_high"] = predicted([aged(one, load).beta for one in made])
     return found
 
