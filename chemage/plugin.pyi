@@ -9,6 +9,7 @@ from chemage.studies.arrhenius import Arrhenius as Arrhenius
 from chemage.lattices.role import Barriers as Barriers
 from chemage.kinetics.history import BondHistory as BondHistory
 from chemage.friction.role import Bonded as Bonded
+from chemage.surfaces.role import CONTINUATIONS as CONTINUATIONS
 from chemage.plugins.options import Choice as Choice
 from chemage.studies.sweeps.result import Collected as Collected
 from chemage.foundation.components import Component as Component

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -16,6 +16,9 @@ from chemage.foundation.text import percent
 from chemage.plugins import registry
 from chemage.plugins.sources import noted
 from chemage.surfaces.surface import Roughness, Surface
+
+#: what another seed gives where it changes only waves that were not measured
+CONTINUATIONS = "continuations"
 
 
 @dataclass(frozen=True)
@@ -81,6 +84,19 @@ class SurfaceMaker(Component, ABC):
         (:data:`chemage.contacts.solution.MEASURES`); ``Scatter(0.0)`` where the seed does not change the surface,
         ``Scatter(None)`` where it does and nothing more is known. None: the class does not say."""
         return None
+
+    def members(self, count: int) -> Sequence[SurfaceMaker]:
+        """Makers of other surfaces that the same measurement allows, at most ``count`` of them; none where nothing is
+        unknown, or as much as the seeds show.
+
+        A mean over surfaces computes them, too, and their scatter is its error ``measurement``.
+        """
+        return ()
+
+    @property
+    def unknown(self) -> str:
+        """In what :meth:`members` differ, and what none of them shows, in words."""
+        return ""
 
     def coarser(self, factor: int) -> Self | None:
         """A maker of the same surface at the same size on pixels ``factor`` times larger; None where there is none."""

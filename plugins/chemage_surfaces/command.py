@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -14,6 +15,8 @@ if TYPE_CHECKING:
     from chemage_surfaces.roughness_fit import RoughnessFit
 
 
+#: distance of sites on silica, nm
+SITES = 0.45
 #: text that may be left out
 Text = str | None
 
@@ -191,10 +194,15 @@ def roughness(
         if one.kind not in printed:
             typer.echo(one.line())
     typer.echo(f"{fit.text()}\n")
-    if fit.fault:
+    if not fit.fault:
+        typer.echo(fit.section(spacing, cutoff))
+    elif len(makers) > 1:
         typer.echo(f"no section [surface]: {fit.fault}")
     else:
-        typer.echo(fit.section(spacing, cutoff))
+        typer.echo(
+            f"no self-affine surface: {fit.fault}\nthis is the image itself, carried on:\n"
+        )
+        typer.echo(_carried_on(makers[0], fit, spacing, cutoff, tip_radius))
 
 
 def _examined(
@@ -238,6 +246,44 @@ def _fitted(
         if resolution is not None or tip_radius is not None:
             raise
         return None, str(error)
+
+
+def _carried_on(
+    maker: Measured,
+    fit: RoughnessFit,
+    spacing: str | None,
+    cutoff: str | None,
+    tip_radius: str | None,
+) -> str:
+    """The section ``[surface]`` of a scene, TOML, of the image carried on to finer pixels."""
+    side = fit.pixel_size / max(2, round(fit.pixel_size / SITES))
+    options = {
+        "kind": "roughened",
+        "pixel_size": spacing or f"{side:.10g} nm",
+        "cutoff": cutoff,
+        "tip_radius": tip_radius,
+        "seed": 1,
+    }
+    given = {name: getattr(maker, name) for name in maker.model_fields_set}
+    if "pixel_size" in given:
+        given["pixel_size"] = list(given["pixel_size"])
+    image = {"kind": maker.kind, **given}
+    if maker.reader is not None:
+        image["reader"] = maker.reader.todict()
+    return "\n".join(
+        ["[surface]", *_toml(options), "", "[surface.surface]", *_toml(image)]
+    )
+
+
+def _toml(options: Mapping[str, Any]) -> list[str]:
+    """Options as lines of TOML."""
+    lines = []
+    for name, value in options.items():
+        if isinstance(value, Mapping):
+            lines.append(f"{name} = {{ {', '.join(_toml(value))} }}")
+        elif value is not None:
+            lines.append(f"{name} = {json.dumps(value)}")
+    return lines
 
 
 def _print_steps(image: Image) -> None:

@@ -63,6 +63,9 @@ STEEP, ON_LEVELS, VALLEY = 1.6, 0.75, 0.5
 #: share of the mean square slope of steps from which they matter, and from which no random surface replaces them
 LEAST_STEPS, MOST_STEPS = 0.05, 0.5
 
+#: structures that a surface can have beside a random one
+PERIODIC, TERRACES = "periodic structure", "terraces"
+
 #: ``mended``: the pixels were replaced; ``noted``: nothing was changed; ``no fit``: the surface can be used as it is, but
 #: no random surface replaces it; ``refused``: it makes no surface without a decision of the user
 Consequence = Literal["mended", "noted", "no fit", "refused"]
@@ -80,6 +83,8 @@ class Finding:
     where: Mask | None = field(default=None, repr=False)
     #: wave vectors, 1/nm, (n, 2)
     waves: Floats | None = field(default=None, repr=False)
+    #: the level that each height is on, nm, (nx, ny)
+    levels: Floats | None = field(default=None, repr=False)
 
     @property
     def count(self) -> int:
@@ -417,7 +422,7 @@ def offsets(scan: Scan) -> Finding | None:
         remedy = (
             'give lines = "differences"'
             if along_x
-            else "scan lines should run along x: transpose the image"
+            else "scan lines should run along x: give --transpose, or turn the image"
         )
         text = (
             f"lines along {x} are offset: the rms slope along {y} is {slopes[along_x] / slopes[not along_x]:.3g} times "
@@ -502,12 +507,10 @@ def periodic_structure(scan: Scan) -> Finding | None:
         f"{len(peaks)} periodic waves, the strongest of {2 * math.pi / float(np.hypot(*strongest)):.4g} nm at "
         f"{math.degrees(math.atan2(strongest[1], strongest[0])):.0f}° from x, of {rms:.3g} nm rms, with {height:.2g} of "
         f"the mean square height and {slope:.2g} of the mean square slope; a random surface does not repeat: take the "
-        'image itself, as the surface "measured"'
+        'image itself, as the surface "measured" or "roughened"'
     )
     refuse = share > MOST_PERIODIC
-    return Finding(
-        "periodic structure", text, "no fit" if refuse else "noted", waves=waves
-    )
+    return Finding(PERIODIC, text, "no fit" if refuse else "noted", waves=waves)
 
 
 def _peaks(power: Floats, q: Floats) -> list[tuple[int, int]]:
@@ -633,9 +636,16 @@ def terraces(scan: Scan) -> Finding | None:
     text = (
         f"{on:.2g} of the heights are on {len(levels)} levels, {spacing:.3g} nm apart, and the steps between them have "
         f"{share:.2g} of the mean square slope; a random surface has none: take the image itself, as the surface "
-        '"measured"'
+        '"measured" or "roughened"'
     )
-    return Finding("terraces", text, "no fit" if share > MOST_STEPS else "noted", edge)
+    refuse = share > MOST_STEPS
+    return Finding(
+        TERRACES,
+        text,
+        "no fit" if refuse else "noted",
+        edge,
+        levels=levels[nearest],
+    )
 
 
 #: of instruments

@@ -10,7 +10,7 @@ Source: Z. Li, L. Pastewka, I. Szlufarska, Phys. Rev. E 98, 023001 (2018), Eq. 1
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any, Self
 
 import numpy as np
@@ -253,6 +253,11 @@ class SelfAffine(SurfaceMaker):
         # a spectrum of one wavenumber
         return float(moment) if moment > 0 else 1.0
 
+    def _density(self, qx: Floats, qy: Floats) -> Floats:
+        """Eq. 1 of the paper, 1 on the plateau; q in units of q_L."""
+        q = np.hypot(qx, qy)
+        return (np.maximum(q, self.eta) / self.eta) ** (-2.0 - 2.0 * self.hurst)
+
     def make(self, seed: Seed = 0) -> Surface:
         """Make the surface of ``seed``: heights (nx, ny) float64 nm with zero mean, reproducible to the last bit.
 
@@ -272,8 +277,7 @@ class SelfAffine(SurfaceMaker):
         half = half_spectrum(
             self.pixels,
             seed,
-            hurst=self.hurst,
-            roll=self.eta,
+            density=self._density,
             long=1.0,
             short=self.zeta,
         )
@@ -332,8 +336,7 @@ def half_spectrum(
     shape: tuple[int, int],
     seed: Seed,
     *,
-    hurst: float,
-    roll: float,
+    density: Callable[[Any, Any], Floats],
     long: float,
     short: float,
     scale: float = 1.0,
@@ -341,9 +344,8 @@ def half_spectrum(
     """Complex white noise of mean square 2 times ``scale`` and the root of a density, with Hermitian symmetry: rows in
     FFT order, columns 0 … top along y.
 
-    The density is that of Eq. 1 of the paper, 1 on the plateau: constant for ``long <= q < roll``, ``(q/roll)**(-2 -
-    2·hurst)`` for ``roll <= q <= short``, and zero elsewhere; q and these cut-offs, which are inclusive to within
-    rounding (1e-9), are in units of 2π over the longer side.
+    ``density`` is a function of the wavenumbers along x (nx, 1) and y (ny,); it is taken as zero for |q| below ``long``
+    and above ``short``, inclusive to within rounding (1e-9). All are in units of 2π over the longer side.
     """
     nx, ny = shape
     longest = max(nx, ny)
@@ -363,13 +365,11 @@ def half_spectrum(
             middle = 3 * s + 1  # of draw[2s+2 : 4s+1], where kx = 0
             noise[top_x - kx : top_x + kx + 1, s] = draw[middle - kx : middle + kx + 1]
     kx_all = np.arange(-top_x, top_x + 1)
-    q = np.hypot(
-        kx_all[:, None] * (longest / nx), np.arange(top_y + 1) * (longest / ny)
-    )
-    slack = 1e-9
-    density = (np.maximum(q, roll) / roll) ** (-2.0 - 2.0 * hurst)
-    density[(q < long * (1.0 - slack)) | (q > short * (1.0 + slack))] = 0.0
-    noise *= scale * np.sqrt(density)
+    qx, qy = kx_all[:, None] * (longest / nx), np.arange(top_y + 1) * (longest / ny)
+    q, slack = np.hypot(qx, qy), 1e-9
+    power = density(qx, qy)
+    power[(q < long * (1.0 - slack)) | (q > short * (1.0 + slack))] = 0.0
+    noise *= scale * np.sqrt(power)
     half = np.zeros((nx, top_y + 1), dtype=np.complex128)
     half[kx_all % nx] = (
         noise  # for even nx and top_x = nx/2 the first and the last share a row, which keeps the last

@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import model_validator
+from pydantic import Field, model_validator
 from scipy import fft as sfft
 
 from chemage import InputError, Surface
 from chemage.plugin import (
+    CONTINUATIONS,
     Choice,
     Length,
     Scatter,
@@ -27,16 +28,18 @@ from chemage.plugin import (
     threads,
 )
 from chemage_surfaces._maps import LARGEST_PART, Floats, Pair, Parts, provenance, stream
-from chemage_surfaces.findings import examined
+from chemage_surfaces.continuation import HOLD, Continuation, Drawn
+from chemage_surfaces.findings import PERIODIC, TERRACES, Finding, examined
 from chemage_surfaces.generated import JACOBS, half_spectrum, heights_at, heights_of
-from chemage_surfaces.spectra import Binned, PowerLaw, wavenumbers
-from chemage_surfaces.trusted import TO_PIXELS, trusted
+from chemage_surfaces.spectra import DIRECTIONS, FEWEST, Binned, Modes, wavenumbers
+from chemage_surfaces.trusted import TO_PIXELS, fitted_noise, trusted
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-#: the fit starts at this many times ``resolution``, unless ``fit_from`` is given
-FIT_RANGE = 4.0
+#: the fit starts at this many times the shortest wavelength of the image, or at the roll-off, unless ``fit_from`` is
+#: given
+FIT_RANGE = 16.0
 #: of a pixel, over a whole side
 FITS = 1e-3
 #: distinguishes the random numbers of this class from those of another maker with the same seed
@@ -50,15 +53,18 @@ _BINS = 60
 
 
 class Roughened(SurfaceMaker):
-    """A measured surface on finer pixels, with a self-affine continuation of its spectrum below what was measured.
+    """A measured surface on finer pixels, with its spectrum carried on below what was measured.
 
-    Waves of the image longer than ``resolution`` stay as they are. Shorter ones are replaced by random waves with
-    C(q) = C0 q^(−2−2H) down to ``cutoff``; C0, and H unless it is given, are fitted to the measured spectrum between
-    ``fit_from`` and ``resolution``. A periodic image is refined by its Fourier series; one that is not by the cosine
-    series of the image (mirror images at its edges), and the random waves are periodic on the fine grid; waves that the
-    alignment of scan lines took from it are random, with the density of the image in other directions.
+    Waves of the image longer than ``resolution`` stay, with the density that tip and noise took or added corrected;
+    periodic ones and terraces stay as they are. Shorter ones are replaced by random waves down to ``cutoff``. Their
+    density goes on from the measured one between ``fit_from`` and ``resolution``, with the differences between
+    directions that this has; how it may go on, if H is not given, is drawn (:meth:`members`): see
+    :mod:`chemage_surfaces.continuation`. A periodic image is refined by its Fourier series; one that is not by the
+    cosine series of the image (mirror images at its edges), and the random waves are periodic on the fine grid; waves
+    that the alignment of scan lines took from it are random, with the density of the image in other directions.
 
-    H and C0 with their errors, and the spectrum of the image, are in ``provenance["roughened"]``.
+    H, the density and the rms slope with their errors, and the spectrum of the image, are in
+    ``provenance["roughened"]``.
     """
 
     kind = "roughened"
@@ -68,8 +74,8 @@ class Roughened(SurfaceMaker):
     bibtex = (JACOBS,)
     figures = {
         "roughened-spectrum": "Power spectral density of the measured image (points) and of the surface carried on to "
-        "smaller wavelengths (line). Dashed: the power law that was fitted; the vertical line is the shortest "
-        "wavelength taken from the image."
+        "smaller wavelengths (line). Dashed: the continuation, with the band that holds it with 90 %; the vertical line "
+        "is the shortest wavelength taken from the image."
     }
 
     surface: Choice[SurfaceMaker]
@@ -77,7 +83,7 @@ class Roughened(SurfaceMaker):
     pixel_size: Length
     """edge of the new pixels, such as the spacing of the sites, nm"""
     hurst: Annotated[Any, Unit("", ge=0, le=1)] | None = None
-    """Hurst exponent H of the continuation; None: fitted"""
+    """Hurst exponent H of the continuation, a power law; None: as the measured spectrum goes on"""
     cutoff: Length | None = None
     """shortest wavelength of the continuation, nm; None: two new pixels"""
     resolution: Length | None = None
@@ -86,7 +92,9 @@ class Roughened(SurfaceMaker):
     tip_radius: Length | None = None
     """radius of the tip with which the image was taken, nm; None: as valleys that are sharper than peaks show it"""
     fit_from: Length | None = None
-    """longest wavelength of the fit, nm; None: four times ``resolution``"""
+    """longest wavelength of the fit, nm; None: 16 times the shortest of the image, or the roll-off"""
+    member: Annotated[int, Field(ge=0)] = 0
+    """number of a continuation among those that the image allows; 0: the most probable one"""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -129,12 +137,27 @@ class Roughened(SurfaceMaker):
             "pixel_size": self.pixel_size,
             "periodic": float(measured.periodic),
             "shortest_wavelength": self.shortest,
-            "rms_slope": math.hypot(plan.kept_slope(), plan.added_slope(self.shortest)),
+            "rms_slope": plan.rms_slope(),
         }
 
     def scatter(self, contact: Mapping[str, float]) -> Scatter:
         """Not known: the seed changes the waves that were not measured, and not the others."""
-        return Scatter(None, "the seed changes only wavelengths that were not measured")
+        source = "the seed changes only wavelengths that were not measured"
+        return Scatter(None, source, CONTINUATIONS)
+
+    def members(self, count: int) -> Sequence[Self]:
+        """Other continuations that the image allows."""
+        if self.member:
+            return []
+        return [self.replace(member=number) for number in range(1, count + 1)]
+
+    @property
+    def unknown(self) -> str:
+        """That the tip is not among what is drawn where it is not known."""
+        text = "the spectrum below what the image shows"
+        if self.tip_radius is None and self.resolution is None:
+            text += ", without what a tip took from it (tip_radius is not given)"
+        return text
 
     def make(self, seed: Seed = 0) -> Surface:
         """The surface of ``seed``, which is also that of the surface inside.
@@ -158,20 +181,18 @@ class Roughened(SurfaceMaker):
             pixel_size=self.pixel_size,
             provenance=self._record(plan, seed),
             heights=partial(self._part, plan, seed),
-            coarse=plan.cosines(
-                plan.completed(seed), *plan.places(measured.shape, measured.pixel_size)
-            ),
+            coarse=plan.image(seed, *plan.places(measured.shape, measured.pixel_size)),
             side=measured.pixel_size,
-            unseen=plan.added_height(self.shortest),
+            unseen=math.sqrt(plan.law.moment(1.0, plan.drawn)),
         )
 
     def _examined(self, seed: Seed) -> _Plan:
-        """What is added to the image, of which warnings say what makes the fit doubtful."""
-        measured = self.surface.make(seed)
-        for one in examined(measured):
-            if one.consequence == "no fit":
+        """What is added to the image, of which warnings say what makes it doubtful."""
+        plan = self._plan(self.surface.make(seed))
+        for one in plan.findings:
+            if one.consequence == "no fit" and one.kind not in (PERIODIC, TERRACES):
                 warnings.warn(f"surface: {one.text}", UserWarning, stacklevel=3)
-        return self._plan(measured)
+        return plan
 
     def _whole(self, plan: _Plan, seed: Seed) -> Surface:
         memory.require(
@@ -181,15 +202,12 @@ class Roughened(SurfaceMaker):
         )
         waves = (plan.join, 2 * math.pi / self.shortest)
         half = plan.added(plan.shape, self.pixel_size, waves, stream(seed, _STREAM))
-        heights = None
+        places = plan.places(plan.shape, self.pixel_size)
         if plan.measured.periodic:
             half = plan.with_image(half)
+            heights = heights_of(half, plan.shape[1]) + plan.stairs_at(*places)
         else:
-            heights = plan.cosines(
-                plan.completed(seed), *plan.places(plan.shape, self.pixel_size)
-            )
-        added = heights_of(half, plan.shape[1])
-        heights = added if heights is None else heights + added
+            heights = plan.image(seed, *places) + heights_of(half, plan.shape[1])
         heights.setflags(write=False)
         return Surface(
             heights=heights,
@@ -209,7 +227,7 @@ class Roughened(SurfaceMaker):
         """See :attr:`Parts.heights`: each octave of long random waves has a period of its own, short ones share one."""
         size = self.pixel_size
         x, y = plan.places(shape, size, first)
-        heights = plan.cosines(plan.completed(seed), x, y)
+        heights = plan.image(seed, x, y)
         x, y = x - middle[0] * size, y - middle[1] * size
         least = max(LARGEST_PART, *shape) * size
         low, highest, octave = plan.join, 2 * math.pi / self.shortest, 0
@@ -227,11 +245,13 @@ class Roughened(SurfaceMaker):
         return {
             **provenance(self, seed),
             "measured": plan.measured.provenance,
-            "roughened": plan.record(),
+            "roughened": {**plan.record(), "tip_radius": self.tip_radius},
         }
 
     def _plan(self, measured: Surface) -> _Plan:
-        return _planned(self, measured)  # pyright: ignore[reportArgumentType]: hashable they are
+        most_probable: Any = self.replace(member=0) if self.member else self
+        plan = _planned(most_probable, measured)
+        return plan._replace(drawn=plan.law.draw(self.member))
 
     def plan(self, measured: Surface) -> _Plan:
         """What is added to the measured surface, and what is taken from it; errors as of :meth:`make`."""
@@ -246,47 +266,73 @@ class Roughened(SurfaceMaker):
                 f"resolution = {self.resolution:g} nm: shorter than two pixels of the image, {2 * side:g} nm; "
                 "give at least this"
             )
-        spectrum = Binned.of(measured)
-        part = trusted(measured, self.resolution, self.tip_radius)
-        if not len(part.data.q):
+        findings = tuple(examined(measured))
+        stairs, waves = None, None
+        for one in findings:
+            stairs = one.levels if one.kind == TERRACES else stairs
+            waves = one.waves if one.kind == PERIODIC else waves
+        if stairs is not None:
+            heights = measured.heights - stairs
+            measured = Surface(
+                heights=heights,
+                pixel_size=side,
+                periodic=measured.periodic,
+                provenance=measured.provenance,
+            )
+        modes = Modes.of(measured, waves)
+        spectrum = modes.binned()
+        part = trusted(
+            measured, self.resolution, self.tip_radius, waves=waves, with_noise=True
+        )
+        data = part.data
+        if not len(data.q):
             raise InputError(
                 f"tip_radius: a tip of {part.radius:.4g} nm has changed all waves of the image; give a larger image, "
                 "or resolution to use it as it is"
             )
-        resolution = self.resolution or (
-            2 * side
-            if part.limit == TO_PIXELS
-            else 2 * math.pi / float(part.data.q[-1])
+        end = (
+            (math.pi / side if part.limit == TO_PIXELS else float(data.q[-1]))
+            if self.resolution is None
+            else 2 * math.pi / self.resolution
         )
-        if resolution <= self.shortest * (1 + 1e-9):
-            raise InputError(
-                f"cutoff = {self.shortest:g} nm: the image has waves down to {resolution:g} nm, so that nothing is "
-                "left to add; give a shorter cutoff"
-            )
-        shape = self._fine_shape(measured)
-        join = 2 * math.pi / resolution
-        longest = FIT_RANGE * resolution if self.fit_from is None else self.fit_from
-        data = part.data.part(2 * math.pi / longest, join * (1 + 1e-9))
-        cut = spectrum.part(0, join).cut
+        cut = spectrum.part(0, end).cut
         if cut is not None and self.resolution is not None:
             raise InputError(
-                f"resolution = {resolution:g} nm: the spectrum of the image ends at a wavelength of "
+                f"resolution = {self.resolution:g} nm: the spectrum of the image ends at a wavelength of "
                 f"{2 * math.pi / cut:.4g} nm; give this resolution"
             )
-        try:
-            law = data.power_law(self.hurst)
-        except ValueError as error:
+        if end >= 2 * math.pi / self.shortest * (1 - 1e-9):
             raise InputError(
-                f"fit_from = {longest:g} nm, resolution = {resolution:g} nm: no power law can be fitted to the "
-                f"spectrum between them ({error}); give a longer fit_from, at most the side of the image"
-            ) from None
-        if not 0 <= law.hurst <= 1:
-            raise InputError(
-                f"hurst: the spectrum between {longest:g} and {resolution:g} nm falls with H = {law.hurst:.2f} ± "
-                f"{law.hurst_error:.2f}, which is not self-affine (0 to 1); give a resolution longer than what the "
-                "instrument blurs, another fit_from, or hurst"
+                f"cutoff = {self.shortest:g} nm: the image has waves down to {2 * math.pi / end:g} nm, so that nothing "
+                "is left to add; give a shorter cutoff"
             )
-        return _Plan(measured, shape, join, law, spectrum, part.data.part(0, join))
+        if self.fit_from is not None:
+            lowest = 2 * math.pi / self.fit_from
+        else:
+            lowest = float(data.q[-1]) / FIT_RANGE
+            if len(data.q) >= 3 * FEWEST and (data.density > 0).all():
+                lowest = max(lowest, fitted_noise(data)[1])
+        fitted = data.part(lowest, math.inf)
+        if not len(fitted.q) or not (fitted.density > 0).all():
+            raise InputError(
+                f"fit_from = {2 * math.pi / lowest:g} nm, resolution = {2 * math.pi / end:g} nm: the image has no waves "
+                "between them; give a longer fit_from, at most the side of the image"
+            )
+        floor = float(spectrum.density.min()) if self.resolution is None else 0.0
+        shortest = 2 * math.pi / self.shortest
+        law = Continuation.of(part, lowest, shortest, self.hurst, floor, end)
+        return _Plan(
+            measured=measured,
+            shape=self._fine_shape(measured),
+            join=law.join,
+            law=law,
+            drawn=law.best,
+            spectrum=spectrum,
+            directions=modes.directions(lowest, law.join),
+            stairs=stairs,
+            waves=waves,
+            findings=findings,
+        )
 
     def _fine_shape(self, measured: Surface) -> tuple[int, int]:
         """Pixels of the fine grid: all that fit into the image; into the period they must fit exactly."""
@@ -331,21 +377,18 @@ class Roughened(SurfaceMaker):
                 color=result.color,
                 label="measured image",
             )
-            law = np.array(
-                [record["fit_from_q"], 2 * math.pi / result.component.shortest]
-            )
-            fitted = record["density"] * (law / record["join"]) ** (
-                -2 - 2 * record["hurst"]
-            )
+            added = record["continuation"]
             axes.loglog(
-                law,
-                fitted,
+                added["q"],
+                added["density"],
                 "--",
                 color="0.2",
                 lw=1,
                 zorder=3,
-                label=f"H = {record['hurst']:.2f}",
+                label=f"H = {record['hurst']:.2f} ± {record['hurst_error']:.2f}",
             )
+            band = (added["low"], added["high"])
+            axes.fill_between(added["q"], *band, color="0.2", alpha=0.15, lw=0)
             axes.axvline(record["join"], color="0.6", lw=0.8)
         axes.set(xlabel="wavenumber q (1/nm)", ylabel="power spectral density C (nm⁴)")
         figures.legend(axes)
@@ -376,89 +419,134 @@ def _recorded(result: Any) -> dict[str, Any] | None:
 class _Plan(NamedTuple):
     """What a continuation adds to an image, and what it takes from it."""
 
+    #: without its terraces
     measured: Surface
     #: of the fine grid
-    shape: tuple[int, int]
+    shape: Pair
     #: wavenumber from which on the image is not used, 1/nm
     join: float
-    law: PowerLaw
+    law: Continuation
+    #: how the spectrum is taken to be
+    drawn: Drawn
     #: of the image
     spectrum: Binned
-    #: the part that is trusted, tip and noise corrected
-    data: Binned
+    #: the density by direction over its mean
+    directions: Floats
+    #: heights of its terraces, nm
+    stairs: Floats | None
+    #: wave vectors of periodic parts, 1/nm
+    waves: Floats | None
+    findings: tuple[Finding, ...]
 
     def added(
         self,
-        shape: tuple[int, int],
+        shape: Pair,
         pixel_size: float,
         waves: tuple[float, float],
         seed: np.random.SeedSequence,
     ) -> NDArray[np.complex128]:
         """The half spectrum of the continuation between two wavenumbers (1/nm), on a grid."""
         nx, ny = shape
-        longest = 2.0 * math.pi / (max(nx, ny) * pixel_size)
+        unit = 2.0 * math.pi / (max(nx, ny) * pixel_size)
+
+        def density(qx: Floats, qy: Floats) -> Floats:
+            found = self.law.density(unit * np.hypot(qx, qy), self.drawn)
+            return found * self.by_direction(qx, qy)
+
         # amplitudes are those of a Gaussian surface, not scaled to meet a roughness; noise has a mean square of 2
         return half_spectrum(
             shape,
             seed,
-            hurst=self.law.hurst,
-            roll=self.join / longest,
-            long=waves[0] / longest,
-            short=waves[1] / longest,
-            scale=math.sqrt(0.5 * float(self.law(self.join)) * nx * ny) / pixel_size,
+            density=density,
+            long=waves[0] / unit,
+            short=waves[1] / unit,
+            scale=math.sqrt(0.5 * nx * ny) / pixel_size,
         )
 
-    def added_slope(self, shortest: float) -> float:
-        """rms slope of the continuation: h'² = ∫ C q³ dq/(2π)."""
-        power = 2 - 2 * self.law.hurst
-        ratio = 2 * math.pi / shortest / self.join
-        integral = math.log(ratio) if power < 1e-9 else (ratio**power - 1) / power
-        return math.sqrt(
-            float(self.law(self.join)) * self.join**4 * integral / (2 * math.pi)
+    def by_direction(self, qx: Floats, qy: Floats) -> Floats | float:
+        """The density over its mean over directions, at (nx, 1) and (ny,)."""
+        if (self.directions == 1).all():
+            return 1.0
+        places = np.arange(DIRECTIONS) * (math.pi / DIRECTIONS)
+        angle = np.arctan2(*np.broadcast_arrays(qy, qx))
+        return np.interp(angle, places, self.directions, period=math.pi)
+
+    def gain(self, q: Floats, drawn: Drawn | None = None) -> Floats:
+        """By what the waves of the image at ``q`` (1/nm) are multiplied, so that they have the corrected density; 0 from
+        ``join`` on."""
+        factor = np.exp(0.5 * self.law.correction(q, drawn or self.drawn))
+        return np.where(q < self.join * (1 - 1e-9), factor, 0.0)
+
+    def rms_slope(self) -> float:
+        """rms slope of the surface."""
+        return math.hypot(
+            self.kept_slope(), math.sqrt(self.law.moment(3.0, self.drawn))
         )
 
-    def added_height(self, shortest: float) -> float:
-        """rms height of the continuation, nm: h² = ∫ C q dq/(2π)."""
-        power = -2 * self.law.hurst
-        ratio = 2 * math.pi / shortest / self.join
-        integral = math.log(ratio) if power > -1e-9 else (ratio**power - 1) / power
-        return math.sqrt(
-            float(self.law(self.join)) * self.join**2 * integral / (2 * math.pi)
+    def slopes(self) -> Floats:
+        """Rms slopes of the draws, without what terraces add."""
+        kept, slope = self.spectrum.part(0, self.join), self.kept_slope()
+        share = (
+            kept.density * kept.q**3 * np.gradient(kept.q)
+            if len(kept.q) > 1
+            else kept.q
         )
+        own = float(share @ self.gain(kept.q, self.law.best) ** 2)
+        squares = [
+            slope**2 * float(share @ self.gain(kept.q, one) ** 2) / own
+            + self.law.moment(3.0, one)
+            for one in self.law.draws
+        ]
+        return np.sqrt(squares)
 
-    def waves(self) -> tuple[NDArray[np.complex128], NDArray[np.bool_]]:
-        """The half spectrum of a periodic image, and which of its waves stay."""
-        half = np.asarray(
+    def wave_spectrum(self) -> NDArray[np.complex128]:
+        """The half spectrum of a periodic image, of the waves that stay."""
+        half: Any = np.asarray(
             sfft.rfft2(
                 self.measured.heights.astype(np.float64), workers=threads.available()
             )
         )
-        return half, wavenumbers(
-            self.measured.shape, self.measured.pixel_size
-        ) < self.join * (1 - 1e-9)
+        shape, side = self.measured.shape, self.measured.pixel_size
+        factor = self.gain(wavenumbers(shape, side))
+        self.keep(factor, 2 * math.pi / side / np.array(shape))
+        return half * factor
+
+    def keep(self, factor: Floats, steps: Floats) -> None:
+        """Make the factors of periodic waves at least 1, in a grid of waves that are ``steps`` apart, 1/nm."""
+        reach = 1 if self.measured.periodic else 3
+        for wave in () if self.waves is None else np.rint(self.waves / steps):
+            i, j = wave.astype(int).tolist()
+            # cosines have no direction
+            rows = np.arange(abs(i) - reach, abs(i) + reach + 1)
+            columns = slice(max(abs(j) - reach, 0), abs(j) + reach + 1)
+            for each in (rows, -rows) if self.measured.periodic else (rows,):
+                place = each % len(factor), columns
+                factor[place] = np.maximum(factor[place], 1.0)
 
     def with_image(self, half: NDArray[np.complex128]) -> NDArray[np.complex128]:
         """The half spectrum of the continuation and the waves of a periodic image that stay."""
         (nx, ny), (mx, my) = self.measured.shape, self.shape
-        image, kept = self.waves()
+        image = self.wave_spectrum()
         width = max(half.shape[1], image.shape[1])
         result = np.zeros((mx, width), dtype=np.complex128)
         result[:, : half.shape[1]] = half
         rows = np.rint(np.fft.fftfreq(nx) * nx).astype(np.int64) % mx
-        x, y = np.nonzero(kept)
+        x, y = np.nonzero(image)
         result[rows[x], y] = image[x, y] * (mx * my / (nx * ny))
         return result
 
     def series(self) -> Floats:
-        """Amplitudes of the cosine series of an image, waves from ``join`` on left out."""
+        """Amplitudes of the cosine series of an image, of the waves that stay."""
         heights = self.measured.heights.astype(np.float64)
         series = np.asarray(
             sfft.dctn(heights, type=2, norm="forward", workers=threads.available())
         )
         series[1:] *= 2
         series[:, 1:] *= 2
-        series[self.cosine_waves() >= self.join * (1 - 1e-9)] = 0.0
-        return series
+        factor = self.gain(self.cosine_waves())
+        side = self.measured.pixel_size
+        self.keep(factor, math.pi / side / np.array(self.measured.shape))
+        return series * factor
 
     def cosine_waves(self) -> Floats:
         """Wavenumbers of the cosines, (nx, ny) 1/nm."""
@@ -468,20 +556,30 @@ class _Plan(NamedTuple):
         )
         return np.hypot(qx[:, None], qy)
 
-    def completed(self, seed: Seed) -> Floats:
-        """These amplitudes, with random ones where the alignment of scan lines took them."""
+    def image(self, seed: Seed, x: Floats, y: Floats) -> Floats:
+        """Heights of the image at ``x`` and ``y`` (nm), with random waves where the alignment of scan lines took them:
+        (len(x), len(y))."""
         series, lost = self.series(), self.lost()
         random = np.random.Generator(np.random.Philox(stream(seed, _STREAM, 0)))
         series[: len(lost)] = np.where(
             lost > 0, lost * random.standard_normal(lost.shape), series[: len(lost)]
         )
-        return series
+        return self.cosines(series, x, y) + self.stairs_at(x, y)
+
+    def stairs_at(self, x: Floats, y: Floats) -> Floats | float:
+        """Heights of the terraces at ``x`` and ``y`` (nm), with edges as wide as a pixel of the image."""
+        if self.stairs is None:
+            return 0.0
+        from scipy import ndimage
+
+        places = np.meshgrid(
+            *(at / self.measured.pixel_size - 0.5 for at in (x, y)), indexing="ij"
+        )
+        mode = "grid-wrap" if self.measured.periodic else "nearest"
+        return ndimage.map_coordinates(self.stairs, places, order=1, mode=mode)
 
     def places(
-        self,
-        shape: tuple[int, int],
-        pixel_size: float,
-        first: tuple[int, int] = (0, 0),
+        self, shape: Pair, pixel_size: float, first: Pair = (0, 0)
     ) -> tuple[Floats, Floats]:
         """x and y of the centres of the pixels from ``first`` on, nm."""
         (nx, ny), (x, y) = shape, first
@@ -506,13 +604,8 @@ class _Plan(NamedTuple):
         lines = next((step["lines"] for step in steps if step["step"] == "lines"), None)
         rows = {None: 0, "linear": 2, "quadratic": 3}.get(lines, 1)
         q = self.cosine_waves()[:rows]
-        density = np.exp(
-            np.interp(
-                np.log(np.maximum(q, 1e-300)),
-                np.log(self.data.q),
-                np.log(self.data.density),
-            )
-        )
+        data = self.law.part.data
+        density = data.at(np.maximum(q, data.q[0]))
         area = self.measured.nominal_area
         # a cosine along both axes has four wave vectors, one along an axis two that others share
         variance = density / area * np.where(np.arange(rows)[:, None] == 0, 1.0, 4.0)
@@ -522,39 +615,59 @@ class _Plan(NamedTuple):
 
     def kept_slope(self) -> float:
         """rms slope of the waves of the image that stay, with what was lost between its lines."""
-        if self.measured.periodic:
-            half, kept = self.waves()
-            half[~kept] = 0.0
+        side, periodic = self.measured.pixel_size, self.measured.periodic
+        steps = 0.0
+        if self.stairs is not None:
+            squares = [np.mean(np.diff(self.stairs, axis=k) ** 2) for k in (0, 1)]
+            steps = math.sqrt(float(sum(squares))) / side
+        if periodic:
             low = np.asarray(
-                sfft.irfft2(half, s=self.measured.shape, workers=threads.available())
+                sfft.irfft2(
+                    self.wave_spectrum(),
+                    s=self.measured.shape,
+                    workers=threads.available(),
+                )
             )
-            return roughness.rms_slope(low, self.measured.pixel_size, True)
+            return math.hypot(roughness.rms_slope(low, side, True), steps)
         series, lost = self.series(), self.lost()
         series[: len(lost)][lost > 0] = 0.0
-        places = self.places(self.measured.shape, self.measured.pixel_size)
-        low = self.cosines(series, *places)
+        low = self.cosines(series, *self.places(self.measured.shape, side))
         q = self.cosine_waves()[: len(lost)]
         share = np.where(np.arange(len(lost))[:, None] == 0, 2.0, 4.0)
         return math.hypot(
-            roughness.rms_slope(low, self.measured.pixel_size, False),
+            roughness.rms_slope(low, side, False),
             math.sqrt(float((lost**2 * q**2 / share).sum())),
+            steps,
         )
 
     def record(self) -> dict[str, Any]:
         """Plain JSON values: what was fitted, and the spectrum of the image."""
-        law, spectrum = self.law, self.spectrum
+        law, spectrum, q = self.law, self.spectrum, self.law.added
         positive = spectrum.density > 0
+        logs = np.log([law.density(q, one) for one in law.draws])
+        ends = (0.5 - HOLD / 2, 0.5 + HOLD / 2)
+        low, high = np.exp(np.quantile(logs, ends, axis=0))
+        density = law.density(q, law.best)
         return {
-            "hurst": law.hurst,
-            "hurst_error": law.hurst_error,
-            "density": float(law(self.join)),
-            "density_relative_error": law.density_error,
+            "hurst": law.hurst(law.best),
+            "hurst_error": float(np.std([law.hurst(one) for one in law.draws])),
+            "density": float(density[0]),
+            "density_relative_error": float(logs[:, 0].std()),
             "join": self.join,
-            "fit_from_q": law.lowest,
-            "misfit": law.misfit,
+            "fit_from_q": float(law.q[0]),
+            "misfit": law.levels[0].misfit,
+            "noise": math.sqrt(law.best.noise) / self.measured.pixel_size,
+            "rms_slope": self.rms_slope(),
+            "rms_slope_interval": np.quantile(self.slopes(), ends).tolist(),
             "measured_pixel_size": self.measured.pixel_size,
             "spectrum": {
                 "q": spectrum.q[positive].tolist(),
                 "density": spectrum.density[positive].tolist(),
+            },
+            "continuation": {
+                "q": q.tolist(),
+                "density": law.density(q, self.drawn).tolist(),
+                "low": low.tolist(),
+                "high": high.tolist(),
             },
         }

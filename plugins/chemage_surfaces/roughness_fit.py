@@ -67,13 +67,12 @@ class RoughnessFit:
         if not 0 <= self.hurst <= 1:
             return (
                 f"the spectrum falls with H = {self.hurst:.2f} ± {self.hurst_error:.2f}, which is not self-affine "
-                "(0 to 1); give a resolution longer than what the instrument blurs"
+                "(0 to 1)"
             )
         if not self.misfit <= FAILED:
             return (
                 f"χ² per degree of freedom is {self.misfit:.2g}, so that the spectrum is not that of a self-affine "
-                "surface; give a resolution longer than what tip and noise decide, or align lines that are offset "
-                '(lines = "differences")'
+                'surface; align lines that are offset (lines = "differences")'
             )
         return ""
 
@@ -168,6 +167,7 @@ class RoughnessFit:
         }
         if self.noise:
             rows["noise"] = f"{self.noise:.4g} nm rms, subtracted"
+        rows["tip radius"] = "none is given or seen: no error has its effect"
         if self.tip_radius:
             rows["tip radius"] = f"{self.tip_radius:.3g} nm, its effect is corrected"
         rows["χ² per degree of freedom"] = f"{self.misfit:.2g}"

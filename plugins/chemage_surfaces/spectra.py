@@ -40,6 +40,10 @@ FEWEST = 5
 #: periods along an axis up to which waves of an image that does not repeat are left out: offsets between scan lines,
 #: their drift and bow, and what a Hann window makes of them, are there
 CROSS = 2
+#: waves beside a periodic one that it fills under a Hann window
+NEAR = 2
+#: directions between 0 and π, and the χ² per direction from which the density differs between them
+DIRECTIONS, DIFFERS = 24, 1.8
 
 
 @dataclass(frozen=True)
@@ -93,6 +97,100 @@ def wavenumbers(shape: tuple[int, int], pixel_size: float) -> Floats:
 
 
 @dataclass(frozen=True)
+class Modes:
+    """The density of each wave vector of a surface from the period to the Nyquist wavenumber."""
+
+    #: wavenumber (1/nm) and direction (radians from x)
+    q: Floats
+    angle: Floats
+    #: nm⁴
+    density: Floats
+    #: 1, or 1/2 where the conjugate is there as well
+    weight: Floats
+    #: independent wave vectors of each
+    share: float
+    #: where bins begin, 1/nm
+    lowest: float
+
+    @classmethod
+    def of(cls, surface: Surface, waves: Floats | None = None) -> Modes:
+        """Those of ``surface``, without wave vectors beside ``waves`` (n, 2), 1/nm.
+
+        Of a surface that is not periodic the least-squares plane is subtracted, and it is tapered with a Hann window,
+        which correlates neighbouring wave vectors; waves of up to two periods along an axis are left out.
+        """
+        heights = surface.heights.astype(np.float64)
+        if not surface.periodic:
+            heights = hann(heights - trend(heights, 1))
+        nx, ny = heights.shape
+        side = surface.pixel_size
+        spectrum: Any = sfft.rfft2(heights, workers=threads.available())
+        power = (spectrum.real**2 + spectrum.imag**2) * (side**2 / heights.size)
+        q = wavenumbers((nx, ny), side)
+        # conjugate pairs are both in the first column
+        weight = np.broadcast_to(0.5 * roughness.multiplicity(ny), power.shape)
+        nyquist = math.pi / side
+        # a window spreads the mean and the trend over the first two waves
+        lowest = (1.0 if surface.periodic else 2.5) * 2 * math.pi / (max(nx, ny) * side)
+        inside = (q >= lowest * (1 - 1e-9)) & (q < nyquist * (1 - 1e-9))
+        if not surface.periodic:
+            inside[np.abs(np.fft.fftfreq(nx, 1 / nx)) <= CROSS + 0.5] = False
+            inside[:, : CROSS + 1] = False
+        for x, y in (
+            ()
+            if waves is None
+            else np.rint(waves / (2 * math.pi) * side * (nx, ny)).astype(int).tolist()
+        ):
+            for i, j in ((x, y), (-x, -y)):
+                columns = slice(max(j - NEAR, 0), max(j + NEAR + 1, 0))
+                inside[np.arange(i - NEAR, i + NEAR + 1) % nx, columns] = False
+        if not inside.any():
+            raise InputError(f"{surface!r} has too few pixels for a power spectrum")
+        qx, qy = np.fft.fftfreq(nx)[:, None], np.fft.rfftfreq(ny)[None, :]
+        return cls(
+            q[inside],
+            np.arctan2(*np.broadcast_arrays(qy, qx))[inside],
+            power[inside],
+            weight[inside],
+            1.0 if surface.periodic else HANN_SHARE,
+            lowest,
+        )
+
+    def binned(self) -> Binned:
+        """The mean densities in bins of q."""
+        which = np.floor(BINS * np.log(self.q / self.lowest) + 1e-6).astype(np.int64)
+        count = np.bincount(which, self.weight)
+        filled = count > 0
+        # the wavenumber at which a density of a typical slope has the mean of the bin
+        slope = 3.5
+        mean_q = np.bincount(which, self.weight * self.q**-slope)[filled]
+        mean_q = (mean_q / count[filled]) ** (-1 / slope)
+        density = np.bincount(which, self.weight * self.density)[filled] / count[filled]
+        return Binned(mean_q, density, np.maximum(count[filled] * self.share, 0.5))
+
+    def directions(self, lowest: float, highest: float) -> Floats:
+        """(DIRECTIONS,) the density by direction over its mean, from 0 on in steps of π/DIRECTIONS, between two
+        wavenumbers (1/nm); ones where it does not differ by more than chance."""
+        part = (self.q >= lowest) & (self.q <= highest)
+        mean = self.binned().at(self.q[part])
+        which = (
+            np.rint(self.angle[part] / math.pi * DIRECTIONS).astype(int) % DIRECTIONS
+        )
+        weight = self.weight[part]
+        count = np.maximum(np.bincount(which, weight, DIRECTIONS), 1e-300)
+        ratio = (
+            np.bincount(which, weight * self.density[part] / mean, DIRECTIONS) / count
+        )
+        error = polygamma(1, np.maximum(count * self.share, 0.5))
+        logs = np.log(np.maximum(ratio, 1e-300))
+        chance = float(np.average(logs**2 / error))
+        if not chance > DIFFERS:
+            return np.ones(DIRECTIONS)
+        found = np.exp((1 - 1 / chance) * logs)
+        return found / found.mean()
+
+
+@dataclass(frozen=True)
 class Binned:
     """The density of a surface in logarithmic bins: wavenumber (1/nm), density (nm⁴), independent wave vectors."""
 
@@ -105,57 +203,19 @@ class Binned:
         inside = (self.q >= lowest) & (self.q <= highest)
         return Binned(self.q[inside], self.density[inside], self.modes[inside])
 
+    def at(self, q: Floats) -> Floats:
+        """The density between the bins, nm⁴."""
+        logs = np.log(np.maximum(self.density, 1e-300))
+        return np.exp(np.interp(np.log(q), np.log(self.q), logs))
+
     def first(self, count: int) -> Binned:
         """The first ``count`` bins."""
         return Binned(self.q[:count], self.density[:count], self.modes[:count])
 
     @classmethod
-    def of(cls, surface: Surface) -> Binned:
-        """The density of ``surface`` in narrow bins, from the period to the Nyquist wavenumber.
-
-        Of a surface that is not periodic the least-squares plane is subtracted, and it is tapered with a Hann window,
-        which correlates neighbouring wave vectors; waves of up to two periods along an axis are left out.
-        """
-        heights = surface.heights.astype(np.float64)
-        if not surface.periodic:
-            heights = hann(heights - trend(heights, 1))
-        nx, ny = heights.shape
-        spectrum: Any = sfft.rfft2(heights, workers=threads.available())
-        power = (spectrum.real**2 + spectrum.imag**2) * (
-            surface.pixel_size**2 / heights.size
-        )
-        q = wavenumbers((nx, ny), surface.pixel_size)
-        # conjugate pairs are both in the first column
-        weight = np.broadcast_to(0.5 * roughness.multiplicity(ny), power.shape)
-        nyquist = math.pi / surface.pixel_size
-        # a window spreads the mean and the trend over the first two waves
-        lowest = (
-            (1.0 if surface.periodic else 2.5)
-            * 2
-            * math.pi
-            / (max(nx, ny) * surface.pixel_size)
-        )
-        inside = (q >= lowest * (1 - 1e-9)) & (q < nyquist * (1 - 1e-9))
-        if not surface.periodic:
-            inside[np.abs(np.fft.fftfreq(nx, 1 / nx)) <= CROSS + 0.5] = False
-            inside[:, : CROSS + 1] = False
-        if not inside.any():
-            raise InputError(f"{surface!r} has too few pixels for a power spectrum")
-        q, power, weight = q[inside], power[inside], weight[inside]
-        which = np.floor(BINS * np.log(q / lowest) + 1e-6).astype(np.int64)
-        count = np.bincount(which, weight)
-        filled = count > 0
-        # the wavenumber at which a density of a typical slope has the mean of the bin
-        slope = 3.5
-        mean_q = (np.bincount(which, weight * q**-slope)[filled] / count[filled]) ** (
-            -1 / slope
-        )
-        density = np.bincount(which, weight * power)[filled] / count[filled]
-        return cls(
-            mean_q,
-            density,
-            np.maximum(count[filled] * (1.0 if surface.periodic else HANN_SHARE), 0.5),
-        )
+    def of(cls, surface: Surface, waves: Floats | None = None) -> Binned:
+        """The density of ``surface`` in narrow bins, from the period to the Nyquist wavenumber: see :class:`Modes`."""
+        return Modes.of(surface, waves).binned()
 
     @classmethod
     def together(cls, parts: Sequence[Binned]) -> Binned:

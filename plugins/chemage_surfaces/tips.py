@@ -9,14 +9,23 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from chemage import InputError, Surface
-from chemage.plugin import Choice, Length, Scatter, Seed, SurfaceMaker, Unit, memory
+from chemage.plugin import (
+    CONTINUATIONS,
+    Choice,
+    Length,
+    Scatter,
+    Seed,
+    SurfaceMaker,
+    Unit,
+    memory,
+)
 from chemage_surfaces._maps import (
     LARGEST_PART,
     SQUARE,
@@ -37,6 +46,8 @@ _JOHNSON = """@book{johnson1985,
 }"""
 #: distinguishes the random numbers of this module from those of other makers with the same seed
 _STREAM = 0x74697073
+#: in words: what of the counterface the seed draws
+_UNMEASURED = "waves that the image does not show"
 _Seed = Annotated[int, Field(ge=0)]
 #: standard deviations of the waves that an image does not show, by which a point may be higher than in the image
 UNSEEN = 4.0
@@ -228,8 +239,8 @@ class Tip(SurfaceMaker):
     """seed of the roughness; None: that of the surface, so that every seed is another tip"""
     counterface: Choice[SurfaceMaker] | None = None
     """the other body, generated or measured; None: flat"""
-    counterface_seed: _Seed = 0
-    """seed of the counterface"""
+    counterface_seed: _Seed | None = None
+    """seed of the counterface; None: 0, or where seeds draw only what an image does not show, that of the surface"""
     place: (
         tuple[Annotated[Any, Unit("nm", ge=0)], Annotated[Any, Unit("nm", ge=0)]] | None
     ) = None
@@ -268,8 +279,17 @@ class Tip(SurfaceMaker):
             "own_roughness": self.own_roughness is not None
             and self.roughness_seed is None,
             "place": self.counterface is not None and self.place is None,
+            _UNMEASURED: self._continues,
         }
         return [name for name, drawn in parts.items() if drawn]
+
+    @property
+    def _continues(self) -> bool:
+        """Whether the seed draws what an image of the counterface does not show."""
+        if self.counterface is None or self.counterface_seed is not None:
+            return False
+        scatter = self.counterface.scatter({})
+        return scatter is not None and scatter.between == CONTINUATIONS
 
     def expected(self) -> dict[str, float]:
         """What the body expects; of a tip that is not smooth on a flat, only the grid and the time."""
@@ -298,8 +318,35 @@ class Tip(SurfaceMaker):
         if not drawn:
             return Scatter(0.0)
         source = f"the seed draws the {' and the '.join(drawn)}".replace("_", " ")
-        between = "places" if drawn == ["place"] else "surfaces"
+        between = "surfaces"
+        if drawn == [_UNMEASURED]:
+            between = CONTINUATIONS
+        elif set(drawn) <= {"place", _UNMEASURED}:
+            between = "places"
         return Scatter(None, source, between)
+
+    def members(self, count: int) -> Sequence[Self]:
+        """Those of the parts."""
+        parts = {name: maker.members(count) for name, maker in self._parts().items()}
+        found = [{} for _ in range(max(map(len, parts.values())))]
+        for name, members in parts.items():
+            for options, member in zip(found, members, strict=False):
+                options[name] = member
+        return [self.replace(**options) for options in found]
+
+    @property
+    def unknown(self) -> str:
+        """What is not known of the parts."""
+        return "; ".join(filter(None, (one.unknown for one in self._parts().values())))
+
+    def _parts(self) -> dict[str, SurfaceMaker]:
+        """The makers of the parts that there are."""
+        parts = {
+            "body": self.body,
+            "own_roughness": self.own_roughness,
+            "counterface": self.counterface,
+        }
+        return {name: maker for name, maker in parts.items() if maker is not None}
 
     def make(self, seed: Seed = 0) -> Surface:
         """The tip and the counterface below it: heights (nx, ny) float64 nm, not periodic.
@@ -316,7 +363,10 @@ class Tip(SurfaceMaker):
         below, beyond = None, -math.inf
         if self.counterface is not None:
             maker = self.counterface
-            whole = getattr(maker, "whole_or_parts", maker.make)(self.counterface_seed)
+            below_seed: Seed = self.counterface_seed or 0
+            if self._continues:
+                below_seed = stream(seed, _STREAM, 3)
+            whole = getattr(maker, "whole_or_parts", maker.make)(below_seed)
             first = self._first(
                 "counterface",
                 whole,

@@ -42,8 +42,9 @@ FINE = 6.0
 TO_PIXELS = "two pixels"
 
 
-def _noise(data: Binned) -> float:
-    """The density of white noise, nm⁴, fitted together with roll-off and power law; 0 where none is seen."""
+def fitted_noise(data: Binned) -> tuple[float, float]:
+    """The density of white noise, nm⁴, fitted together with roll-off and power law, 0 where none is seen; and the
+    roll-off, 1/nm, 0 without one."""
     values, variance, at = data.logs()
     deviation = np.sqrt(variance)
 
@@ -63,17 +64,15 @@ def _noise(data: Binned) -> float:
             residuals, start, loss="huber", f_scale=ROBUST, bounds=bounds
         )
 
-    best = min(
-        (fitted(roll) for roll in (0.0, *data.rolls(ROLLS))), key=lambda one: one.cost
-    )
+    rolls = [0.0, *data.rolls(ROLLS).tolist()]
+    fits = [fitted(roll) for roll in rolls]
+    number = min(range(len(rolls)), key=lambda k: fits[k].cost)
+    best = fits[number]
     _, _, without = data.rolled()
     degrees = max(len(data.q) - 3, 1)
     gain = without.misfit * max(len(data.q) - 2, 1) - 2 * best.cost
-    return (
-        math.exp(best.x[2])
-        if gain > SIGNIFICANT * max(2 * best.cost / degrees, 1.0)
-        else 0.0
-    )
+    seen = gain > SIGNIFICANT * max(2 * best.cost / degrees, 1.0)
+    return math.exp(best.x[2]) if seen else 0.0, rolls[number]
 
 
 @dataclass(frozen=True)
@@ -89,6 +88,14 @@ class Trusted:
     radius: float = 0.0
     #: what was added to the logarithms of the densities, each with its relative uncertainty
     corrections: tuple[tuple[Floats, float], ...] = ()
+
+    @property
+    def seen(self) -> Floats:
+        """The densities as the image has them, nm⁴."""
+        found = self.data.density
+        for added, _ in self.corrections:
+            found = found * np.exp(-added)
+        return found
 
     def fine_pixels(self, side: float) -> Finding | None:
         """That pixels of ``side`` (nm) are finer than what the instrument resolves."""
@@ -164,11 +171,14 @@ def trusted(
     resolution: float | None = None,
     tip_radius: float | None = None,
     retrace: Surface | None = None,
+    waves: Floats | None = None,
+    with_noise: bool = False,
 ) -> Trusted:
-    """What to trust of the spectrum of ``surface``: wavelengths above ``resolution`` (nm) if it is given; else above
-    two pixels (three of an image that does not repeat), those that a tip has changed too much to correct, those at
-    which noise has 25 % of the density, and the end of the spectrum. Noise is white, unless ``retrace`` shows it."""
-    data, limit = Binned.of(surface), TO_PIXELS
+    """What to trust of the spectrum of ``surface``, without its periodic ``waves``: wavelengths above ``resolution`` (nm)
+    if it is given; else above two pixels (three of an image that does not repeat), those that a tip has changed too much
+    to correct, those at which noise has 25 % of the density, and the end of the spectrum. Noise is white, unless
+    ``retrace`` shows it; ``with_noise`` it is left in."""
+    data, limit = Binned.of(surface, waves), TO_PIXELS
     if resolution is not None:
         return Trusted(data.part(0, 2 * math.pi / resolution), "as given")
     folded = np.zeros(len(data.q))
@@ -199,9 +209,9 @@ def trusted(
         difference = noise_between(surface, retrace)
         found = Binned.of(difference)
         noise, rms = found.density[: len(data.q)], found.rms
-    elif len(data.q) >= 3 * FEWEST and (data.density > 0).all():
+    elif not with_noise and len(data.q) >= 3 * FEWEST and (data.density > 0).all():
         # folded waves are no noise
-        white = _noise(replace(data, density=data.density / (1 + folded)))
+        white, _ = fitted_noise(replace(data, density=data.density / (1 + folded)))
         noise, rms = np.full(len(data.q), white), math.sqrt(white) / surface.pixel_size
     clean = data.density - noise
     noisy = np.nonzero(noise > NOISE_SHARE * clean)[0]

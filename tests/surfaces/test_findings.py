@@ -263,7 +263,7 @@ def test_offsets_say_which_option_removes_them_and_which_way_they_run():
     with pytest.warns(UserWarning, match=r'lines along x are offset: .* give lines = "differences"'):
         spoiled(offsets, 2).make()
     assert spoiled(offsets, 2, lines="differences").make().rms_slope == pytest.approx(0.15, rel=0.3)
-    with pytest.warns(UserWarning, match="lines along y are offset: .* transpose the image"):
+    with pytest.warns(UserWarning, match="lines along y are offset: .* give --transpose, or turn the image"):
         spoiled(columns, 2).make()
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from chemage.ageing.aging import BARRIERS
 from chemage.foundation.memory import capacity
-from chemage.foundation.statistics import NORMAL_LIMIT
+from chemage.foundation.statistics import NORMAL_LIMIT, student_limit
 from chemage.scene import plan as estimate
 from chemage.scene.files import load_scene
 from chemage.scene.run import run
@@ -25,6 +25,7 @@ from chemage.studies.ensembles.quantities import Quantities, SurfaceSample
 from chemage.studies.runner import PROGRAM
 from chemage.studies.tasks import Outcome, Task
 from chemage.studies.trade import TradeMap, TradePoint
+from chemage.surfaces.role import CONTINUATIONS
 
 #: factors by which the pixels of the contact are made larger, the largest first
 COARSER = (4, 2)
@@ -380,6 +381,47 @@ def barriers_error(
         slopes = quantities.slope(aging.member_ratios * aging.mean_friction_drop)
         errors[0] = slopes.std(ddof=1) / abs(own) if own else np.nan
     return errors, HOW.format(aging.error_sources[BARRIERS])
+
+
+# -- the error of a measured surface ----------------------------------------------------------------------------------
+
+#: name of the error, and members of a surface that are computed
+MEASUREMENT, SURFACES = "measurement", 8
+
+
+def measurement_error(
+    samples: SampleSeries,
+    quantities: Quantities,
+    threads: int | None,
+    progress: Callable[[int, int], None],
+) -> tuple[np.ndarray, str]:
+    """(quantities,) relative standard errors that a measured surface makes by what its image does not show, and how
+    they are known; zeros and "" where the surface has no members.
+
+    They are the scatter between members, enlarged so that normal limits hold as Student's prediction interval of one
+    more member does; more surfaces do not make them smaller. Members have the seeds of the first sample, unless seeds
+    draw only what was not measured, which is not known either.
+    """
+    scene = samples.computation.scene
+    members = list(scene.surface.members(SURFACES))
+    if len(members) < 2:
+        return np.zeros(quantities.count), ""
+    scatter, rows = scene.surface.scatter({}), []
+    others = scatter is not None and scatter.between == CONTINUATIONS
+    for number, maker in enumerate(members):
+        seeds = samples.seeds(number if others else 0)
+        member = samples.computation.seeded(*seeds).model_copy(
+            update={"surface": maker}
+        )
+        found = run(member, threads=threads, warn=False, members=False)
+        rows.append(quantities.row(SurfaceSample.of(Outcome(found))))
+        progress(number + 1, len(members))
+    count, mean = len(rows), np.abs(np.mean(rows, axis=0))
+    wider = student_limit(count - 1) / NORMAL_LIMIT * math.sqrt(1 + 1 / count)
+    spread = np.std(rows, axis=0, ddof=1) * wider
+    with np.errstate(divide="ignore", invalid="ignore"):
+        errors = np.where(spread > 0, spread / mean, 0.0)
+    return errors, f"measured here, {count} members: {scene.surface.unknown}"
 
 
 #: called when a sample is there, with the number of those so far

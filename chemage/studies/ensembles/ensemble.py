@@ -40,6 +40,7 @@ SOURCES = {
     "settings": "settings other than those of the scene",
     "approximation": "approximate methods",
     "barriers": "distributions of barriers that the same data allow",
+    "measurement": "what the image does not show",
 }
 
 

@@ -25,12 +25,14 @@ from chemage.scene.provenance import versions
 from chemage.scene.scene import Scene
 from chemage.studies.ensembles import stages
 from chemage.studies.ensembles.computations import (
+    MEASUREMENT,
     Computation,
     SampleSeries,
     SurfaceLevel,
     area,
     barriers_error,
     fitting,
+    measurement_error,
     own_error,
     replicas_of_difference,
     sketched,
@@ -182,6 +184,8 @@ class Sampler(Design):
         self._waiting: dict[str, tuple[SampleSeries, Task]] = {}
         #: (quantities,) relative standard errors of the barriers, and how they are known; measured when sampling begins
         self._barriers, self._barriers_how = np.zeros(self.request.quantities.count), ""
+        #: the same of what is not known of a measured surface
+        self._measured, self._measured_how = self._barriers, ""
         #: the route and the levels that are sampled since the last stage, and the counts that are aimed at
         self._route: stages.Route | None = None
         self._levels: Sequence[stages.Level] = ()
@@ -241,7 +245,7 @@ class Sampler(Design):
         """
         with self.scene.in_use():
             if self._rule is None:
-                self._measure_barriers()
+                self._measure_members()
                 self._routes = self.possible_routes()
                 self._rule = self._steps()
             try:
@@ -314,6 +318,7 @@ class Sampler(Design):
         """Ways to the answer, the one without corrections first."""
         ways = self.request.computations()
         base = np.hypot(self.request.approximation(), self._barriers)
+        base = np.hypot(base, self._measured)
         coarse, fine = ways[0], ways[-1]
         row = self._quantities.row
         single = SurfaceLevel(SAMPLING, row, self._samples(coarse, 0, SAMPLING))
@@ -356,8 +361,9 @@ class Sampler(Design):
 
     # -- errors that are known before ---------------------------------------------------------------------------------
 
-    def _measure_barriers(self) -> None:
-        """Age members of the distribution of barriers on the first surface, where it has some."""
+    def _measure_members(self) -> None:
+        """Age members of the distribution of barriers on the first surface, and compute those of the surface, where
+        there are some."""
         cheapest = self.request.computations()[0]
         self._barriers, self._barriers_how = barriers_error(
             cheapest,
@@ -365,6 +371,12 @@ class Sampler(Design):
             self._quantities,
             self._threads,
             lambda done, total: self._progress(BARRIERS, done, total),
+        )
+        self._measured, self._measured_how = measurement_error(
+            self._samples(cheapest, 0),
+            self._quantities,
+            self._threads,
+            lambda done, total: self._progress(MEASUREMENT, done, total),
         )
 
     def _coarsening(self, computation: Computation, mean: np.ndarray) -> np.ndarray:
@@ -499,6 +511,9 @@ class Sampler(Design):
             )
         if self._barriers_how:
             errors[BARRIERS], how[BARRIERS] = self._barriers, self._barriers_how
+        if self._measured_how:
+            errors[MEASUREMENT] = self._measured
+            how[MEASUREMENT] = self._measured_how
         if state.route.name == "not corrected":
             part = state.sampled[0].level.parts[0].computation
             name = "discretisation" if part.grid_only else "settings"

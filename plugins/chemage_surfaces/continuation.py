@@ -1,0 +1,210 @@
+"""The spectrum of a surface below what its image shows, and how much of it is not known.
+
+ln C(ln q) falls with the slope −2 − 2H, where H(ln q) is a stationary Gauss-Markov process: a prior for surfaces that
+need not be self-affine. The bins of the image are data with errors of a Gamma variate, and the doubts about corrections
+are unknowns beside them. For a given white noise of the instrument all is Gaussian, so that the rest follows by linear
+algebra (C. E. Rasmussen, C. K. I. Williams, Gaussian Processes for Machine Learning, MIT Press (2006), ch. 2); levels
+of the noise are weighted by their evidence.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy import linalg
+from scipy.integrate import trapezoid
+
+from chemage_surfaces._maps import Floats, stream
+from chemage_surfaces.spectra import BINS, ROBUST
+from chemage_surfaces.trusted import NOISE_SHARE, Trusted
+
+#: H of surfaces in general, its standard deviation between and along their spectra, and the e-folds of q over which it
+#: is correlated: of solids H is .8 ± .15 (B. N. J. Persson, Tribol. Lett. 54, 99 (2014)), of others .3 to 1.2
+HURST, SPREAD, LENGTH = 0.8, 0.25, 1.5
+#: variance of the logarithm of the density before it is seen
+ANY = 100.0
+#: levels of the noise: how many, and the least and the largest over the lowest density of the image
+LEVELS, LEAST, MOST = 24, 1e-3, 0.98
+#: draws from which intervals are taken, and the probability that they hold
+DRAWS, HOLD = 1000, 0.9
+#: distinguishes the random numbers of this module from those of other makers with the same seed
+_STREAM = 0x636F6E74
+
+
+def _integrals(x: Floats, spread: float) -> Floats:
+    """Covariance of the integrals from ``x[0]`` of a process with the covariance spread²·exp(−|Δx|/LENGTH)."""
+    t = (x - x[0]) / LENGTH
+    least = np.minimum(t[:, None], t)
+    decay = np.exp(-t)
+    apart = np.exp(-np.abs(t[:, None] - t))
+    return (spread * LENGTH) ** 2 * (2 * least + decay[:, None] + decay - apart - 1)
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """A spectrum that the image allows."""
+
+    #: ln C at the wavenumbers of the continuation
+    logs: Floats
+    #: how much each correction is off, in its own uncertainties
+    off: Floats
+    #: density of the noise, nm⁴
+    noise: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Level:
+    """What is known if the noise has this density (nm⁴): the best unknowns (ln C at each wavenumber, and how much each
+    correction is off), a factor of their covariance, and the logarithm of the evidence."""
+
+    noise: float
+    best: Floats
+    root: Floats
+    evidence: float
+    misfit: float
+
+
+@dataclass(frozen=True, eq=False)
+class Continuation:
+    """What is known of a spectrum, in the image and on to the shortest wavelength."""
+
+    #: 1/nm, from the first bin of the fit to the shortest wavelength
+    q: Floats
+    #: wavenumber up to which the image is used, 1/nm
+    join: float
+    levels: tuple[_Level, ...]
+    #: probability of each
+    weights: Floats
+    #: of the image, and its corrections
+    part: Trusted
+
+    @classmethod
+    def of(
+        cls,
+        part: Trusted,
+        lowest: float,
+        highest: float,
+        hurst: float | None,
+        floor: float,
+        end: float,
+    ) -> Continuation:
+        """The spectrum from ``lowest`` on in the image, which is used up to ``end`` or to where noise is, and on to
+        ``highest`` (1/nm); with a given ``hurst`` a power law. Noise is below ``floor`` (nm⁴)."""
+        data = part.data.part(lowest, math.inf)
+        first, bins = len(part.data.q) - len(data.q), len(data.q)
+        top = float(data.q[-1])
+        count = max(2, math.ceil(BINS * math.log(highest / top)) + 1)
+        q = np.concatenate([data.q, np.geomspace(top, highest, count)[1:]])
+        x, corrections = np.log(q), part.corrections
+        matrix = np.zeros((bins, len(q) + len(corrections)))
+        matrix[:, :bins] = np.eye(bins)
+        for k, (added, doubt) in enumerate(corrections):
+            matrix[:, len(q) + k] = doubt * added[first:]
+        values, variance, _ = data.logs()
+        slope = 2 + 2 * (HURST if hurst is None else hurst)
+        mean = np.zeros(len(q) + len(corrections))
+        mean[: len(q)] = values.mean() - slope * (x - x[:bins].mean())
+        prior = np.eye(len(mean))
+        prior[: len(q), : len(q)] = ANY + 4 * _integrals(
+            x, SPREAD if hurst is None else 0.0
+        )
+
+        def level(noise: float) -> _Level:
+            # how the logarithm of the density changes with that of what is seen
+            steep = 1 / (1 - noise / raw)
+            seen = values - np.log(steep)
+            errors = variance * steep**2
+            noisy, gain, best, misfit = errors, prior, mean, 0.0
+            covariance = prior
+            # bins far from all others count less
+            for _ in range(4):
+                covariance = matrix @ prior @ matrix.T + np.diag(noisy)
+                gain = linalg.solve(covariance, matrix @ prior, assume_a="pos").T
+                best = mean + gain @ (seen - matrix @ mean)
+                away = np.abs(seen - matrix @ best) / np.sqrt(errors)
+                misfit = float(np.mean(np.minimum(away, ROBUST) * away))
+                noisy = errors * max(misfit, 1.0) * np.maximum(away / ROBUST, 1.0)
+            factor = linalg.cholesky(covariance, lower=True)
+            apart = linalg.solve_triangular(factor, seen - matrix @ mean, lower=True)
+            evidence = -0.5 * float(apart @ apart) - float(
+                np.log(np.diag(factor) / steep).sum()
+            )
+            known = prior - gain @ matrix @ prior + 1e-9 * np.eye(len(mean))
+            root = linalg.cholesky(known, lower=True)
+            return _Level(noise, best, root, evidence, misfit)
+
+        raw = part.seen[first:]
+        most = MOST * min(floor, float(raw.min()))
+        noises = most * np.geomspace(LEAST, 1, LEVELS) if floor > 0 else []
+        levels = [level(noise) for noise in (0.0, *noises)]
+        evidence = np.array([one.evidence for one in levels])
+        weights = np.exp(evidence - evidence.max())
+        # as probable before as all levels together
+        weights[0] *= max(len(noises), 1)
+        found = cls(q, end, tuple(levels), weights / weights.sum(), part)
+        noise = found.best.noise
+        noisy = np.nonzero(noise > NOISE_SHARE * (raw - noise))[0]
+        if not noisy.size:
+            return found
+        return replace(found, join=float(data.q[max(int(noisy[0]) - 1, 0)]))
+
+    def _level(self, share: float) -> _Level:
+        """The level below which the noise is with this probability."""
+        return self.levels[int(np.searchsorted(np.cumsum(self.weights), share))]
+
+    def _drawn(self, level: _Level, unknowns: Floats) -> Drawn:
+        count = len(self.q)
+        return Drawn(unknowns[:count], unknowns[count:], level.noise)
+
+    @cached_property
+    def best(self) -> Drawn:
+        """The spectrum in the middle of all."""
+        level = self._level(0.5)
+        return self._drawn(level, level.best)
+
+    def draw(self, number: int) -> Drawn:
+        """The best spectrum (0), or a draw."""
+        if number == 0:
+            return self.best
+        rng = np.random.Generator(np.random.Philox(stream(number, _STREAM)))
+        level = self._level(rng.random() * (1 - 1e-9))
+        normal = rng.standard_normal(len(level.best))
+        return self._drawn(level, level.best + level.root @ normal)
+
+    @cached_property
+    def draws(self) -> list[Drawn]:
+        """Those from which intervals are taken."""
+        return [self.draw(number) for number in range(1, DRAWS + 1)]
+
+    @property
+    def added(self) -> Floats:
+        """Wavenumbers of what is added to the image, 1/nm."""
+        return np.concatenate([[self.join], self.q[self.q > self.join * (1 + 1e-9)]])
+
+    def density(self, q: Floats, drawn: Drawn) -> Floats:
+        """C at ``q`` (1/nm), nm⁴."""
+        x = np.log(np.maximum(q, self.q[0]))
+        return np.exp(np.interp(x, np.log(self.q), drawn.logs))
+
+    def correction(self, q: Floats, drawn: Drawn) -> Floats:
+        """What is added to the logarithm of the density of the image at ``q`` (1/nm)."""
+        share = np.minimum(drawn.noise / self.part.seen, 1 - NOISE_SHARE)
+        total = np.log1p(-share)
+        for (added, doubt), one in zip(self.part.corrections, drawn.off, strict=True):
+            total += added * (1 - doubt * one)
+        return np.interp(np.log(np.maximum(q, 1e-300)), np.log(self.part.data.q), total)
+
+    def moment(self, power: float, drawn: Drawn) -> float:
+        """∫ C q^power dq/(2π) of what is added: the mean square height is that of 1, of the slope that of 3."""
+        x = np.linspace(math.log(self.join), math.log(self.q[-1]), 16 * len(self.q))
+        y = np.interp(x, np.log(self.q), drawn.logs) + (power + 1) * x
+        return float(trapezoid(np.exp(y), x)) / (2 * math.pi)
+
+    def hurst(self, drawn: Drawn) -> float:
+        """H of what is added as a whole."""
+        ends = np.log([self.join, self.q[-1]])
+        first, last = np.interp(ends, np.log(self.q), drawn.logs)
+        return float((first - last) / (ends[1] - ends[0])) / 2 - 1
