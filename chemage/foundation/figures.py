@@ -15,6 +15,7 @@ import numpy as np
 from chemage.foundation.drawn import drawn_data
 from chemage.foundation.errors import printable
 from chemage.foundation.files import fresh_file, make_folder, preflight, write_file
+from chemage.foundation.looks import Look as Look
 from chemage.foundation.looks import current, drawn_as
 
 if TYPE_CHECKING:

@@ -126,6 +126,13 @@ def roughness(
             "also draw roughness.png (spectrum and differences) and findings.png (the images and what was found in them)",
         ),
     ] = None,
+    width: Annotated[
+        Text,
+        _how(
+            "WIDTH",
+            "for print: 1 or 2 columns of a page (85 or 180 mm), or a length such as 120mm; default: for a screen",
+        ),
+    ] = None,
     force: Annotated[
         bool, typer.Option("--force", help="overwrite the figure")
     ] = False,
@@ -168,13 +175,13 @@ def roughness(
         from chemage.plugin import figures as drawing
         from chemage_surfaces.roughness_figure import findings_figure, roughness_figure
 
-        drawn = roughness_figure([path.name for path in paths], images, measures, fit)
         names = [path.name for path in paths]
-        drawing.save_figures(
-            {"roughness": drawn, "findings": findings_figure(names, images)},
-            figures,
-            force=force,
-        )
+        with drawing.drawn_as(drawing.Look.of(width)):
+            drawn = {
+                "roughness": roughness_figure(names, images, measures, fit),
+                "findings": findings_figure(names, images),
+            }
+            drawing.save_figures(drawn, figures, force=force)
     if fit is None:
         typer.echo(f"no fit: {why}")
         return

@@ -20,6 +20,7 @@ from chemage_surfaces.steps import trend
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
 
@@ -30,7 +31,7 @@ def roughness_figure(
     fit: RoughnessFit | None,
 ) -> Figure:
     """The spectra of ``images`` that make surfaces, with the fit to all; and rms height differences by distance."""
-    figure, (left, right) = figures.panels(9.0, 4.0, 2)
+    figure, (left, right) = figures.plots(9.0, 4.0, 2, 2)
     for i, (name, image, measured) in enumerate(
         zip(names, images, measures, strict=True)
     ):
@@ -55,7 +56,8 @@ def roughness_figure(
                 profile.distance,
                 profile.difference,
                 line,
-                marker=".",
+                marker="o",
+                ms=2.5,
                 color=color,
                 label=f"{label}, along {axis}",
             )
@@ -79,7 +81,7 @@ def roughness_figure(
             end,
             color="0.9",
             zorder=0,
-            label=figures.plain(f"not trusted: {fit.limit}"),
+            label=figures.plain(f"not trusted:\n{fit.limit}"),
         )
         left.set_xlim(right=end)
         start = right.get_xlim()[0]
@@ -87,13 +89,34 @@ def roughness_figure(
             right.axvspan(start, fit.resolution / 2, color="0.9", zorder=0)
             right.set_xlim(left=start)
     else:
-        left.text(0.5, 0.9, "no fit", ha="center", transform=left.transAxes)
+        why = "no fit" if left.lines else "no fit: no image makes a surface"
+        left.text(0.5, 0.9, why, ha="center", transform=left.transAxes)
     left.set(xlabel="wavenumber q (1/nm)", ylabel="power spectral density C (nm⁴)")
     right.set(xlabel="distance (nm)", ylabel="rms height difference (nm)")
-    figures.decades_only(right.xaxis, left.xaxis)
-    for axes in (left, right):
-        figures.legend(axes, fontsize=8)
+    if not left.lines:
+        left.set(xticks=[], yticks=[])
+    for axes, place in ((left, "lower left"), (right, "lower right")):
+        if len(images) > 1 and axes.lines:
+            # spectra fall and differences rise, so that there is room below
+            share = min(0.06 * len(axes.get_legend_handles_labels()[1]), 0.5)
+            low, high = axes.get_ylim()
+            axes.set_ylim(bottom=low * (low / high) ** (share / (1 - share)))
+        for axis in (axes.xaxis, axes.yaxis) if axes.lines else ():
+            _few_ticks(axis)
+        frame = {"frameon": True, "framealpha": 0.8, "edgecolor": "none"}
+        figures.legend(axes, loc=place, handlelength=3.0, **frame)
     return figure
+
+
+def _few_ticks(axis: Axis) -> None:
+    """Label decades, or 1, 2 and 5 of each where there are fewer than two of them."""
+    from matplotlib.ticker import LogLocator, StrMethodFormatter
+
+    low, high = axis.get_view_interval()
+    figures.decades_only(axis)
+    if high < 100 * low:
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter(StrMethodFormatter("{x:g}"))
 
 
 #: marks that show features of a few pixels, at most so many of a kind
@@ -168,6 +191,13 @@ def _draw_findings(axes: Axes, image: Image) -> None:
             axes.plot([], [], "s", color=color, label=label)
     axes.set(xlim=extent[:2], ylim=extent[2:])
     if image.findings:
+        from matplotlib.transforms import ScaledTranslation
+
+        # below the label of the axis, whatever the size of the plot
+        down = ScaledTranslation(0.0, -0.4, axes.figure.dpi_scale_trans)
         axes.legend(
-            loc="upper center", bbox_to_anchor=(0.5, -0.18), fontsize=8, frameon=False
+            loc="upper center",
+            bbox_to_anchor=(0.5, 0.0),
+            bbox_transform=axes.transAxes + down,
+            borderaxespad=0.0,
         )
