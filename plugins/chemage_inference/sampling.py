@@ -47,7 +47,7 @@ ORDERS = 5
 NEGLIGIBLE = 2e-3
 
 
-class Place(NamedTuple):
+class ChainPosition(NamedTuple):
     """Where a chain is, but for its density."""
 
     #: of the grid of scalars
@@ -65,7 +65,7 @@ class _Pattern:
     #: (n,) 1 where positive
     positive: np.ndarray
     #: where it is tabulated
-    place: Place
+    place: ChainPosition
     #: choice, and whether the density is complete -> (n, n) lower factor of the inverse covariance
     factors: dict[tuple[int, bool], np.ndarray] = field(default_factory=dict)
     #: these, and the points of a factor -> (n,) answer to it, see :meth:`Chain._answer`
@@ -83,12 +83,14 @@ class Chain:
         self.x = np.ascontiguousarray(
             start * min(1.0, 0.999 / max(self._mass(start), 1e-12))
         )
-        self.place = Place(problem.start, 0.0, problem.state or self.noise.start)
+        self.place = ChainPosition(
+            problem.start, 0.0, problem.state or self.noise.start
+        )
         # whether no barrier lies above the last energy, so that the integral of the density is 1
         self.complete = False
         #: from the end of the warm-up on: (sweeps, n) densities, and places
         self.densities: list[np.ndarray] = []
-        self.places: list[Place] = []
+        self.places: list[ChainPosition] = []
         self._archive = np.zeros((0, start.size))
         self._patterns: list[_Pattern] = []
         self._last: Any = None, None
@@ -143,14 +145,18 @@ class Chain:
             self._reduced[point] = axes, algebra.product(matrix, axes)
         return self._reduced[point]
 
-    def _rows(self, place: Place, complete: bool) -> tuple[np.ndarray, np.ndarray]:
+    def _rows(
+        self, place: ChainPosition, complete: bool
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Matrix (n, r) and target (r,) of the misfit; a complete density has one row more, for its integral."""
         key = place, complete
         if self._last[0] != key:
             self._last = key, self._made_rows(place, complete)
         return self._last[1]
 
-    def _made_rows(self, place: Place, complete: bool) -> tuple[np.ndarray, np.ndarray]:
+    def _made_rows(
+        self, place: ChainPosition, complete: bool
+    ) -> tuple[np.ndarray, np.ndarray]:
         axes, _ = self._rotated(place.point)
         parts, factor = self._slopes(place)
         offsets = self.problem.offsets[place.point]
@@ -166,7 +172,7 @@ class Chain:
             target = np.append(target, 1 / COMPLETE)
         return np.ascontiguousarray(matrix), target
 
-    def _slopes(self, place: Place) -> tuple[np.ndarray, np.ndarray]:
+    def _slopes(self, place: ChainPosition) -> tuple[np.ndarray, np.ndarray]:
         """(m, r) change of the measurements by the axes, in standard errors, and (m,) their factor."""
         _, parts = self._rotated(place.point)
         factor = np.exp(place.log_factor) * self.noise.factor(place.state)
@@ -175,7 +181,7 @@ class Chain:
     def _mass(self, x: np.ndarray) -> float:
         return float(algebra.product(np.maximum(x, 0.0), self.problem.areas))
 
-    def _fitted(self, x: np.ndarray, place: Place) -> np.ndarray:
+    def _fitted(self, x: np.ndarray, place: ChainPosition) -> np.ndarray:
         """(m,) values of the model, before the calibration."""
         matrix = self.problem.matrices[place.point]
         return np.exp(place.log_factor) * (
@@ -183,7 +189,7 @@ class Chain:
             + algebra.product(matrix, np.maximum(x, 0.0))
         )
 
-    def _misfit(self, x: np.ndarray, place: Place) -> float:
+    def _misfit(self, x: np.ndarray, place: ChainPosition) -> float:
         """Half of χ² of all measurements; infinite where the integral of the density exceeds 1."""
         mass = self._mass(x)
         if mass > self._limit:
@@ -349,7 +355,7 @@ class Chain:
             pattern.answers[key] = -kernels.solved(factor, half.T)[0]
         return pattern.answers[key]
 
-    def _move(self, x: np.ndarray, place: Place, gain: float) -> None:
+    def _move(self, x: np.ndarray, place: ChainPosition, gain: float) -> None:
         """Move to the density ``x`` (n,) and ``place``, or stay; ``gain`` is that of the prior of the place."""
         gain += self._misfit(self.x, self.place)
         after, before = (
@@ -403,7 +409,7 @@ class Samples:
 
     #: (S, n) densities, and where they were
     densities: np.ndarray
-    places: list[Place]
+    places: list[ChainPosition]
     #: least effective number of samples and largest R-hat over the nodes watched, and sweeps of each chain
     effective: float
     r_hat: float
@@ -513,7 +519,7 @@ def sample(
     return Samples(densities, places, min(effective, float(size)), ratio, done)
 
 
-def _errors(place: Place) -> list[float]:
+def _errors(place: ChainPosition) -> list[float]:
     return [*np.log(place.state.scales), *place.state.calibration]
 
 

@@ -90,9 +90,11 @@ class Continuation:
         hurst: float | None,
         floor: float,
         end: float,
+        computed: bool,
     ) -> Continuation:
         """The spectrum from ``lowest`` on in the image, which is used up to ``end`` or to where noise is, and on to
-        ``highest`` (1/nm); with a given ``hurst`` a power law. Noise is below ``floor`` (nm⁴)."""
+        ``highest`` (1/nm); with a given ``hurst`` a power law. Noise is below ``floor`` (nm⁴); whether the image was
+        ``computed``, and not measured, decides how probable none is."""
         data = part.data.part(lowest, math.inf)
         first, bins = len(part.data.q) - len(data.q), len(data.q)
         top = float(data.q[-1])
@@ -142,8 +144,8 @@ class Continuation:
         levels = [level(noise) for noise in (0.0, *noises)]
         evidence = np.array([one.evidence for one in levels])
         weights = np.exp(evidence - evidence.max())
-        # as probable before as all levels together
-        weights[0] *= max(len(noises), 1)
+        # no instrument is without noise; what repeats was computed
+        weights[0] *= max(len(noises), 1) if computed else 1
         found = cls(q, end, tuple(levels), weights / weights.sum(), part)
         noise = found.best.noise
         noisy = np.nonzero(noise > NOISE_SHARE * (raw - noise))[0]

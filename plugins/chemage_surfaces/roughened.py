@@ -146,10 +146,13 @@ class Roughened(SurfaceMaker):
         return Scatter(None, source, CONTINUATIONS)
 
     def members(self, count: int) -> Sequence[Self]:
-        """Other continuations that the image allows."""
-        if self.member:
+        """Other continuations that the image allows: quantiles of the rms slope, on which contacts depend most."""
+        if self.member or not count:
             return []
-        return [self.replace(member=number) for number in range(1, count + 1)]
+        order = np.argsort(self._plan(self.surface.make()).slopes(), kind="stable")
+        places = (np.arange(count) + 0.5) / count * len(order)
+        numbers = order[places.astype(int)] + 1
+        return [self.replace(member=number) for number in numbers.tolist()]
 
     @property
     def unknown(self) -> str:
@@ -321,7 +324,9 @@ class Roughened(SurfaceMaker):
             )
         floor = float(spectrum.density.min()) if self.resolution is None else 0.0
         shortest = 2 * math.pi / self.shortest
-        law = Continuation.of(part, lowest, shortest, self.hurst, floor, end)
+        law = Continuation.of(
+            part, lowest, shortest, self.hurst, floor, end, measured.periodic
+        )
         return _Plan(
             measured=measured,
             shape=self._fine_shape(measured),
