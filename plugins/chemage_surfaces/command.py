@@ -172,28 +172,14 @@ def roughness(
         (None, fault) if fault else _fitted(images, resolution, tip_radius, retraces)
     )
     if figures is not None:
-        from chemage.plugin import figures as drawing
-        from chemage_surfaces.roughness_figure import findings_figure, roughness_figure
+        from chemage_surfaces.roughness_figure import save_figures
 
         names = [path.name for path in paths]
-        with drawing.drawn_as(drawing.Look.of(width)):
-            drawn = {
-                "roughness": roughness_figure(names, images, measures, fit),
-                "findings": findings_figure(names, images),
-            }
-            drawing.save_figures(drawn, figures, force=force)
+        save_figures(names, images, measures, fit, figures, width, force)
     if fit is None:
         typer.echo(f"no fit: {why}")
         return
-    for one in filter(None, retraces):
-        typer.echo(
-            f"retrace             {one.provenance['channel']!r}: the difference is noise"
-        )
-    printed = {one.kind for image in images for one in image.findings}
-    for one in fit.findings:
-        if one.kind not in printed:
-            typer.echo(one.line())
-    typer.echo(f"{fit.text()}\n")
+    _print_fit(images, retraces, fit)
     if not fit.fault:
         typer.echo(fit.section(spacing, cutoff))
     elif len(makers) > 1:
@@ -299,6 +285,21 @@ def _print_steps(image: Image) -> None:
             )
     for found in image.findings:
         typer.echo(found.line())
+
+
+def _print_fit(
+    images: list[Image], retraces: list[Surface | None], fit: RoughnessFit
+) -> None:
+    """Print the fit, and what it found besides what was found in the images."""
+    for one in filter(None, retraces):
+        typer.echo(
+            f"retrace             {one.provenance['channel']!r}: the difference is noise"
+        )
+    printed = {one.kind for image in images for one in image.findings}
+    for one in fit.findings:
+        if one.kind not in printed:
+            typer.echo(one.line())
+    typer.echo(f"{fit.text()}\n")
 
 
 def _print_channel(maker: Measured, image: Image) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,6 +23,24 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis
     from matplotlib.figure import Figure
+
+
+def save_figures(
+    names: Sequence[str],
+    images: Sequence[Image],
+    measures: Sequence[Measures],
+    fit: RoughnessFit | None,
+    folder: Path,
+    width: str | None,
+    force: bool,
+) -> None:
+    """Draw and save both figures, for a screen or ``width`` wide for print; errors as of ``figures.save_figures``."""
+    with figures.drawn_as(figures.Look.of(width)):
+        drawn = {
+            "roughness": roughness_figure(names, images, measures, fit),
+            "findings": findings_figure(names, images),
+        }
+        figures.save_figures(drawn, folder, force=force)
 
 
 def roughness_figure(
