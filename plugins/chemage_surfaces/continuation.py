@@ -68,6 +68,45 @@ class _Level:
 
 
 @dataclass(frozen=True, eq=False)
+class _Bins:
+    """Logarithms of densities as data: what they are of the unknowns, and what is known of these before."""
+
+    #: (bins, unknowns)
+    matrix: Floats
+    #: covariance and mean of the unknowns
+    prior: Floats
+    mean: Floats
+    values: Floats
+    variance: Floats
+    #: densities as the image has them, nm⁴
+    raw: Floats
+
+    def level(self, noise: float) -> _Level:
+        """What is known with this density of the noise."""
+        matrix, prior, mean = self.matrix, self.prior, self.mean
+        # how the logarithm of the density changes with that of what is seen
+        steep = 1 / (1 - noise / self.raw)
+        seen = self.values - np.log(steep)
+        errors = self.variance * steep**2
+        noisy, gain, best, misfit = errors, prior, mean, 0.0
+        covariance = prior
+        # bins far from all others count less
+        for _ in range(4):
+            covariance = matrix @ prior @ matrix.T + np.diag(noisy)
+            gain = linalg.solve(covariance, matrix @ prior, assume_a="pos").T
+            best = mean + gain @ (seen - matrix @ mean)
+            away = np.abs(seen - matrix @ best) / np.sqrt(errors)
+            misfit = float(np.mean(np.minimum(away, ROBUST) * away))
+            noisy = errors * max(misfit, 1.0) * np.maximum(away / ROBUST, 1.0)
+        factor = linalg.cholesky(covariance, lower=True)
+        apart = linalg.solve_triangular(factor, seen - matrix @ mean, lower=True)
+        evidence = -0.5 * float(apart @ apart)
+        evidence -= float(np.log(np.diag(factor) / steep).sum())
+        known = prior - gain @ matrix @ prior + 1e-9 * np.eye(len(mean))
+        return _Level(noise, best, linalg.cholesky(known, lower=True), evidence, misfit)
+
+
+@dataclass(frozen=True, eq=False)
 class Continuation:
     """What is known of a spectrum, in the image and on to the shortest wavelength."""
 
@@ -114,34 +153,11 @@ class Continuation:
             x, SPREAD if hurst is None else 0.0
         )
 
-        def level(noise: float) -> _Level:
-            # how the logarithm of the density changes with that of what is seen
-            steep = 1 / (1 - noise / raw)
-            seen = values - np.log(steep)
-            errors = variance * steep**2
-            noisy, gain, best, misfit = errors, prior, mean, 0.0
-            covariance = prior
-            # bins far from all others count less
-            for _ in range(4):
-                covariance = matrix @ prior @ matrix.T + np.diag(noisy)
-                gain = linalg.solve(covariance, matrix @ prior, assume_a="pos").T
-                best = mean + gain @ (seen - matrix @ mean)
-                away = np.abs(seen - matrix @ best) / np.sqrt(errors)
-                misfit = float(np.mean(np.minimum(away, ROBUST) * away))
-                noisy = errors * max(misfit, 1.0) * np.maximum(away / ROBUST, 1.0)
-            factor = linalg.cholesky(covariance, lower=True)
-            apart = linalg.solve_triangular(factor, seen - matrix @ mean, lower=True)
-            evidence = -0.5 * float(apart @ apart) - float(
-                np.log(np.diag(factor) / steep).sum()
-            )
-            known = prior - gain @ matrix @ prior + 1e-9 * np.eye(len(mean))
-            root = linalg.cholesky(known, lower=True)
-            return _Level(noise, best, root, evidence, misfit)
-
         raw = part.seen[first:]
         most = MOST * min(floor, float(raw.min()))
         noises = most * np.geomspace(LEAST, 1, LEVELS) if floor > 0 else []
-        levels = [level(noise) for noise in (0.0, *noises)]
+        bins_of = _Bins(matrix, prior, mean, values, variance, raw)
+        levels = [bins_of.level(noise) for noise in (0.0, *noises)]
         evidence = np.array([one.evidence for one in levels])
         weights = np.exp(evidence - evidence.max())
         # no instrument is without noise; what repeats was computed

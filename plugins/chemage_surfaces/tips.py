@@ -524,7 +524,7 @@ class _Patch(NamedTuple):
             heights = surface.heights
         shapes = _body_at(body, low - apex, heights.shape, size)
         both = heights + shapes
-        if depth and beyond > both.max() - depth:
+        if beyond > both.max() - depth:
             raise InputError(
                 f"depth = {depth:g} nm: by the long waves of the image, points may be as high as those that were found "
                 f"within {LARGEST_PART * size:.3g} nm; give another place, or an image on smaller pixels"
@@ -535,7 +535,8 @@ class _Patch(NamedTuple):
         least = np.maximum(can.min(axis=0) - 1, 0)
         most = np.minimum(can.max(axis=0) + 2, both.shape)
         end = start + shape
-        if (least < start).any() or (most > end).any() or (end > both.shape).any():
+        inside = (start >= 0).all() and (end <= both.shape).all()
+        if not inside or (least < start).any() or (most > end).any():
             shape = np.maximum(shape, most - least)
             start = np.clip((least + most - shape) // 2, 0, both.shape - shape)
         if shape.max() > max(LARGEST_PATCH, *body.pixels):

@@ -191,18 +191,10 @@ def trusted(
             "waves shorter than two pixels",
         )
         folded = _folded(data, math.pi / surface.pixel_size)
-    measures = Measures.of(
-        surface.heights.astype(np.float64), (surface.pixel_size, surface.pixel_size)
-    )
-    radius = measures.tip_radius() if tip_radius is None else tip_radius
-    tip = measures.tip_share(radius, data.q) if radius else np.zeros(len(data.q))
-    changed = np.nonzero(np.isinf(tip))[0]
-    if changed.size:
-        kept = int(changed[0])
-        if kept < 2 * FEWEST and tip_radius is None:  # hardly a tip
-            radius, tip = 0.0, np.zeros(len(data.q))
-        else:
-            data, tip, limit = data.first(kept), tip[:kept], "the tip"
+    fewest = FEWEST_BINS if with_noise else 2 * FEWEST
+    radius, tip = _of_tip(surface, data, tip_radius, fewest)
+    if len(tip) < len(data.q):
+        data, limit = data.first(len(tip)), "the tip"
     folded = folded[: len(data.q)]
     noise, rms = np.zeros(len(data.q)), 0.0
     if retrace is not None:
@@ -231,6 +223,24 @@ def trusted(
         corrections.append((np.log(share), NOISE_DOUBT))
     data = replace(data, density=data.density * np.exp(tip) / (1 + folded / 2))
     return Trusted(data, limit, rms, radius, tuple(corrections))
+
+
+def _of_tip(
+    surface: Surface, data: Binned, tip_radius: float | None, fewest: int
+) -> tuple[float, Floats]:
+    """The radius of the tip (nm), given or seen, and what it took from the logarithms of the first bins, up to where it
+    took too much. One that would leave fewer than ``fewest`` bins is not seen."""
+    side = surface.pixel_size
+    measures = Measures.of(surface.heights.astype(np.float64), (side, side))
+    radius = measures.tip_radius() if tip_radius is None else tip_radius
+    if not radius:
+        return 0.0, np.zeros(len(data.q))
+    tip = measures.tip_share(radius, data.q)
+    changed = np.nonzero(np.isinf(tip))[0]
+    kept = int(changed[0]) if changed.size else len(tip)
+    if kept < min(fewest, len(tip)) and tip_radius is None:
+        return 0.0, np.zeros(len(data.q))
+    return radius, tip[:kept]
 
 
 def _folded(data: Binned, nyquist: float) -> Floats:
