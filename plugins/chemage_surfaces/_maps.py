@@ -150,14 +150,15 @@ class Parts:
     #: nm
     pixel_size: float
     provenance: Mapping[str, Any]
-    #: of (first pixel, shape, middle): heights, nm; random waves are drawn for the pixel ``middle``, so that parts that
+    #: of (first pixel, shape, middle, step): heights, nm, of every ``step``-th pixel, and of waves that are longer than
+    #: four of these where there are others between; random waves are drawn for the pixel ``middle``, so that parts that
     #: name the same one are equal where they overlap
-    heights: Callable[[Pair, Pair, Pair], Floats]
+    heights: Callable[[Pair, Pair, Pair, int], Floats]
     #: its longer waves on the pixels of the image, and the edge of these, nm
     coarse: Floats
     side: float
-    #: rms height of the other waves, nm
-    unseen: float
+    #: of a step: rms height of the waves that are not in such heights, nm; of 0 of those that are not in ``coarse``
+    unseen: Callable[[int], float]
 
 
 class ImageMaker(SurfaceMaker):

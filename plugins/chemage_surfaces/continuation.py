@@ -215,9 +215,11 @@ class Continuation:
             total += added * (1 - doubt * one)
         return np.interp(np.log(np.maximum(q, 1e-300)), np.log(self.part.data.q), total)
 
-    def moment(self, power: float, drawn: Drawn) -> float:
-        """∫ C q^power dq/(2π) of what is added: the mean square height is that of 1, of the slope that of 3."""
-        x = np.linspace(math.log(self.join), math.log(self.q[-1]), 16 * len(self.q))
+    def moment(self, power: float, drawn: Drawn, low: float = 0.0) -> float:
+        """∫ C q^power dq/(2π) of what is added from ``low`` (1/nm) on: the mean square height is that of 1, of the slope
+        that of 3."""
+        ends = np.log([min(max(low, self.join), self.q[-1]), self.q[-1]])
+        x = np.linspace(ends[0], ends[1], 16 * len(self.q))
         y = np.interp(x, np.log(self.q), drawn.logs) + (power + 1) * x
         return float(trapezoid(np.exp(y), x)) / (2 * math.pi)
 

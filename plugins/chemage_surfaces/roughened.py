@@ -186,7 +186,7 @@ class Roughened(SurfaceMaker):
             heights=partial(self._part, plan, seed),
             coarse=plan.image(seed, *plan.places(measured.shape, measured.pixel_size)),
             side=measured.pixel_size,
-            unseen=math.sqrt(plan.law.moment(1.0, plan.drawn)),
+            unseen=partial(self._unseen, plan),
         )
 
     def _examined(self, seed: Seed) -> _Plan:
@@ -226,23 +226,38 @@ class Roughened(SurfaceMaker):
         first: Pair,
         shape: Pair,
         middle: Pair,
+        step: int = 1,
     ) -> Floats:
         """See :attr:`Parts.heights`: each octave of long random waves has a period of its own, short ones share one."""
         size = self.pixel_size
-        x, y = plan.places(shape, size, first)
+        x, y = (
+            (start + (np.arange(count) + 0.5) * step) * size
+            for start, count in zip(first, shape, strict=True)
+        )
         heights = plan.image(seed, x, y)
         x, y = x - middle[0] * size, y - middle[1] * size
         least = max(LARGEST_PART, *shape) * size
         low, highest, octave = plan.join, 2 * math.pi / self.shortest, 0
-        while low < highest:
+        shown = min(self._shown(step), highest)
+        while low < shown:
             period = max(least, 2 * math.pi * PERIODS / low)
-            high = highest if period == least else min(2 * low, highest)
+            end = highest if period == least else min(2 * low, highest)
+            high = min(end, shown)
             side = 2 * math.ceil(period * high / (2 * math.pi)) + 2
             key = stream(seed, _STREAM, 1, *middle, octave)
             half = plan.added((side, side), period / side, (low, high), key)
             heights += heights_at(half, side, (period, period), x, y)
-            low, octave = high, octave + 1
+            low, octave = end, octave + 1
         return heights
+
+    def _shown(self, step: int) -> float:
+        """The largest wavenumber that every ``step``-th pixel shows, 1/nm; infinite for all pixels."""
+        return math.inf if step == 1 else math.pi / (2 * step * self.pixel_size)
+
+    def _unseen(self, plan: _Plan, step: int) -> float:
+        """See :attr:`Parts.unseen`."""
+        low = self._shown(step) if step else plan.join
+        return math.sqrt(plan.law.moment(1.0, plan.drawn, low))
 
     def _record(self, plan: _Plan, seed: Seed) -> dict[str, Any]:
         return {

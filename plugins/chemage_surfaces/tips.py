@@ -53,6 +53,8 @@ _Seed = Annotated[int, Field(ge=0)]
 UNSEEN = 4.0
 #: pixels along the sides of the largest grid that ``depth`` makes
 LARGEST_PATCH = 1024
+#: samples along the sides of the grids on which points that can touch are sought
+FINER = 512
 
 
 class _Body(SurfaceMaker):
@@ -486,7 +488,7 @@ def _cut(surface: Surface | Parts, first: Pair, shape: Pair) -> Floats:
     """Heights of ``shape`` pixels from ``first`` on, nm."""
     if isinstance(surface, Parts):
         x, y = (start + count // 2 for start, count in zip(first, shape, strict=True))
-        return surface.heights(first, shape, (x, y))
+        return surface.heights(first, shape, (x, y), 1)
     rows, columns = (
         np.arange(start, start + count) % side
         for start, count, side in zip(first, shape, surface.shape, strict=True)
@@ -558,29 +560,48 @@ class _Patch(NamedTuple):
 def _searched(
     body: _Body, surface: Parts, middle: np.ndarray, apex: np.ndarray, depth: float
 ) -> tuple[np.ndarray, Floats, float]:
-    """First pixel and heights of the part that may hold the points up to ``depth`` below the highest one, by the long
-    waves of the surface; and the highest point that may lie elsewhere, nm."""
-    size, side = surface.pixel_size, surface.side / surface.pixel_size
-    corner, unsure = 0.5 * (side - 1) - apex, UNSEEN * surface.unseen
-    shape = surface.coarse.shape
-    lower = surface.coarse + _body_at(body, corner, shape, size, side) - unsure
-    upper = (
-        surface.coarse + _body_at(body, corner, shape, size, side, side / 2) + unsure
-    )
-    can = np.argwhere(upper >= lower.max() - depth)
-    low, high = can.min(axis=0) * side, (can.max(axis=0) + 1) * side
-    centre = (low + high) / 2
-    if (high - low).max() > LARGEST_PART:
-        centre = (np.array(np.unravel_index(lower.argmax(), shape)) + 0.5) * side
-    least = 2 * np.array(body.pixels)
-    reach = np.clip((high - low) / 2, least, np.maximum(least, LARGEST_PART // 2))
-    low = np.maximum(centre - reach, 0).astype(int)
-    high = np.minimum(np.ceil(centre + reach), surface.shape).astype(int)
-    x, y = np.ceil(low / side).astype(int)
-    end_x, end_y = np.floor(high / side).astype(int)
-    upper[x:end_x, y:end_y] = -math.inf
-    heights = surface.heights(_pair(low), _pair(high - low), _pair(middle))
-    return low, heights, float(upper.max())
+    """First pixel and heights of the part that may hold the points up to ``depth`` below the highest one; and the highest
+    point that may lie elsewhere, nm. They are sought by the long waves of the image, and where these leave more than a
+    part, by shorter and shorter waves on finer and finer grids."""
+    size, step = surface.pixel_size, surface.side / surface.pixel_size
+    low, heights, beyond = np.zeros(2), surface.coarse, -math.inf
+    unsure = UNSEEN * surface.unseen(0)
+    while True:
+        shape = heights.shape
+        corner = low + 0.5 * (step - 1) - apex
+        lower = heights + _body_at(body, corner, shape, size, step) - unsure
+        upper = heights + _body_at(body, corner, shape, size, step, step / 2) + unsure
+        can = np.argwhere(upper >= lower.max() - depth)
+        # of the cells around the points that can touch
+        least, most = can.min(axis=0), can.max(axis=0) + 1
+        extent = float((most - least).max() * step)
+        finer = math.ceil(extent / FINER)
+        is_last = extent <= LARGEST_PART or finer >= step
+        if is_last and extent > LARGEST_PART:
+            least = np.array(np.unravel_index(lower.argmax(), shape))
+            most = least + 1
+        start, end = low + least * step, low + most * step
+        if is_last:
+            reach = 2 * np.array(body.pixels)
+            reach = np.clip(
+                (end - start) / 2, reach, np.maximum(reach, LARGEST_PART // 2)
+            )
+            centre = (start + end) / 2
+            start = np.maximum(centre - reach, 0)
+            end = np.minimum(np.ceil(centre + reach), surface.shape)
+            least = np.ceil((start.astype(int) - low) / step).astype(int)
+            most = np.floor((end - low) / step).astype(int)
+        (x, y), (end_x, end_y) = np.maximum(least, 0), most
+        upper[x:end_x, y:end_y] = -math.inf
+        beyond = max(beyond, float(upper.max()))
+        if is_last:
+            first, end = start.astype(int), end.astype(int)
+            part = surface.heights(_pair(first), _pair(end - first), _pair(middle), 1)
+            return first, part, beyond
+        low, step = np.maximum(np.floor(start), 0).astype(int), finer
+        counts = np.ceil((np.minimum(end, surface.shape) - low) / step).astype(int)
+        heights = surface.heights(_pair(low), _pair(counts), _pair(middle), step)
+        unsure = UNSEEN * surface.unseen(step)
 
 
 def _body_at(

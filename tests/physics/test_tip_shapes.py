@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tracemalloc
 
 import numpy as np
@@ -247,7 +248,7 @@ def image(tmp_path):
 
 def test_the_patch_holds_what_touches_of_the_whole_scan(image):
     below = ca.surface(**image).make()
-    maker = tip(body=BLUNT, counterface=image, depth="1.5 nm")
+    maker = tip(body=BLUNT, counterface=image, counterface_seed=0, depth="1.5 nm")
     shapes = set()
     for seed in range(6):
         assert_the_patch_is_enough(maker, below, seed, 20.0)
@@ -327,7 +328,8 @@ def test_parts_of_a_large_surface_are_like_the_whole(image, monkeypatch):
     """Waves of the image are those of the whole; random ones have its spectrum, and parts around one pixel the same."""
     maker = ca.surface(**image)
     plan = maker.plan(maker.surface.make())
-    kept = plan.cosines(plan.completed(3), *plan.places(plan.shape, 0.5))
+    kept = plan.image(3, *plan.places(plan.shape, 0.5))
+    slope, height = (math.sqrt(plan.law.moment(power, plan.law.best)) for power in (3.0, 1.0))
     added = maker.make(3).heights - kept
     monkeypatch.setattr("chemage_surfaces.roughened.MOST_WHOLE", 0)
     parts = maker.whole_or_parts(3)
@@ -335,14 +337,19 @@ def test_parts_of_a_large_surface_are_like_the_whole(image, monkeypatch):
     slopes, squares = [], []
     for x in range(0, 128, 32):
         first, shape = (x, 60), (128, 160)
-        own = parts.heights(first, shape, (x + 64, 140)) - kept[x : x + 128, 60:220]
+        own = parts.heights(first, shape, (x + 64, 140), 1) - kept[x : x + 128, 60:220]
         slopes.append(roughness.rms_slope(own, 0.5, False) ** 2)
         squares.append(np.mean(own**2))
-    assert np.sqrt(np.mean(slopes)) == pytest.approx(plan.added_slope(2.0), rel=0.05)
-    assert np.sqrt(np.mean(squares)) == pytest.approx(plan.added_height(2.0), rel=0.1)
-    assert added.std() == pytest.approx(plan.added_height(2.0), rel=0.1)
-    small, large = (parts.heights(*part, (80, 90)) for part in (((70, 80), (32, 32)), ((40, 60), (128, 96))))
+    assert np.sqrt(np.mean(slopes)) == pytest.approx(slope, rel=0.05)
+    assert np.sqrt(np.mean(squares)) == pytest.approx(height, rel=0.1)
+    assert added.std() == pytest.approx(height, rel=0.1)
+    small, large = (parts.heights(*part, (80, 90), 1) for part in (((70, 80), (32, 32)), ((40, 60), (128, 96))))
     np.testing.assert_allclose(small, large[30:62, 20:52], rtol=0, atol=1e-12)
+    # every third pixel, of which the middle is one, has the waves that it can show
+    every = parts.heights((40, 60), (42, 32), (80, 90), 3)
+    assert (every - large[1:126:3, 1:96:3]).std() == pytest.approx(parts.unseen(3), rel=0.2)
+    assert parts.unseen(0) == pytest.approx(height)
+    assert parts.unseen(1) < parts.unseen(3) < height
 
 
 @pytest.mark.long
@@ -351,7 +358,7 @@ def test_a_tip_on_a_scan_of_20_um_takes_little_memory_and_its_patch_is_enough(tm
     np.save(tmp_path / "scan.npy", rough.heights)
     scan = SCAN | {"path": str(tmp_path / "scan.npy"), "pixel_size": 78.125}
     carried = {"kind": "roughened", "pixel_size": 0.5, "hurst": 0.8, "cutoff": "2 nm", "surface": scan}
-    maker = tip(body=BLUNT, counterface=carried, depth="1 nm")
+    maker = tip(body=BLUNT, counterface=carried, counterface_seed=0, depth="1 nm")
     made = maker.make(1)
     tracemalloc.start()
     assert made.heights.tobytes() == maker.make(1).heights.tobytes()
@@ -365,7 +372,7 @@ def test_a_tip_on_a_scan_of_20_um_takes_little_memory_and_its_patch_is_enough(tm
     parts = maker.counterface.whole_or_parts(0)
     middle = [round(at / 0.5 - 16) + 16 for at in record["place"]]
     x, y = (at - 100 for at in middle)
-    heights = parts.heights((x, y), (200, 200), tuple(middle))
+    heights = parts.heights((x, y), (200, 200), tuple(middle), 1)
     at = (np.arange(200) - 100 + 0.5) * 0.5
     around = ca.Surface(heights=heights + maker.body.around(at, at), pixel_size=0.5, periodic=False, provenance={})
     patch, full = (SOLVER.solve(surface, 20.0) for surface in (made, around))
