@@ -341,6 +341,27 @@ class SurfaceChecks(Checks[SurfaceMaker], of=SurfaceMaker):
         """``sketch()`` is None, or makes the same surface of the same size on fewer pixels."""
         self._require_same_surface("sketch()", self.component.sketch(), 0.7)
 
+    def members_are_other_surfaces(self) -> None:
+        """``members(count)`` returns at most ``count`` makers of surfaces as large as this one that differ from it, always
+        the same ones, and that have no members themselves: a mean computes each of them."""
+        component = self.component
+        members, own = list(component.members(3)), component.make(2)
+        require(len(members) <= 3, f"members(3) returned {len(members)} makers")
+        require(not component.members(0), "members(0) returned a maker")
+        require(
+            members == list(component.members(3)),
+            "members() returned other makers at the second call, so that a mean would not repeat",
+        )
+        for member in members:
+            is_sound = isinstance(member, SurfaceMaker) and not member.members(3)
+            require(is_sound, f"members() returned {member!r}, which is none")
+            made = member.make(2)
+            alike = (made.shape, made.pixel_size) == (own.shape, own.pixel_size)
+            require(
+                alike and not np.array_equal(made.heights, own.heights),
+                f"{member!r} is a member that makes {made!r}; give other heights on the pixels of {own!r}",
+            )
+
     def questions(self) -> Questions:
         for seed in (31, 32):
             yield (

@@ -27,6 +27,6 @@ def test_the_scene_of_the_page_gives_the_numbers_of_the_page(tmp_path, monkeypat
         for number, text in zip((found.value, found.half_width), printed, strict=True):
             # to the last printed digit
             assert number == pytest.approx(float(text), abs=0.6 * 10.0 ** -len(text.partition(".")[2]))
-    assert set(mean.estimate("beta").errors) == {"surfaces", "replicas"}
+    assert set(mean.estimate("beta").errors) == {"surfaces", "replicas", "measurement"}
     assert "error of β: scatter between places" in PAGE
     assert "error of β: scatter between replicas" in PAGE

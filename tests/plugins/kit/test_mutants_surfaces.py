@@ -107,7 +107,34 @@ def _by_call(surface, self, seed):
     return changed(surface, heights=surface.heights + 1e-6 * len(_seen))
 
 
+_calls: list[int] = []
+
+
+def _like(self, count, **more):
+    """Members that differ in their slope, but for what is changed."""
+    slopes = [(1.1 + 0.1 * k) * self.rms_slope for k in range(count)]
+    return [] if self.zeta < 8 else [self.replace(**({"rms_slope": slope, "zeta": 7} | more)) for slope in slopes]
+
+
+def _others(self, count):
+    _calls.append(1)
+    return _like(self, count, hurst=0.1 + 0.01 * len(_calls))
+
+
+def with_members(name: str, members: Any) -> Any:
+    return lambda: maker(ROUGH, name, lambda s, *g: s, members=members)
+
+
+MEMBERS = "members_are_other_surfaces"
 MAKERS: dict[str, tuple[Any, str]] = {
+    "members without end": (with_members("many", lambda self, count: _like(self, 5)), MEMBERS),
+    "members that have members": (with_members("endless", lambda self, count: _like(self, count, zeta=9)), MEMBERS),
+    "members that are the surface": (
+        with_members("same", lambda self, count: [self.replace(eta=1.0)] * bool(count) * (self.zeta == 8)),
+        MEMBERS,
+    ),
+    "members on other pixels": (with_members("finer", lambda self, count: _like(self, count, pixels=64)), MEMBERS),
+    "members that change with each call": (with_members("drawn", _others), MEMBERS),
     "random, but its scatter is 0": (
         lambda: maker(ROUGH, "no-scatter", lambda s, *g: s, scatter=lambda *_: ca.plugin.Scatter(0.0)),
         "scatter_agrees_with_the_seed",
