@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy import linalg
@@ -43,16 +44,21 @@ def _integrals(x: Floats, spread: float) -> Floats:
     return (spread * LENGTH) ** 2 * (2 * least + decay[:, None] + decay - apart - 1)
 
 
+def _between(x: Floats, nodes: Floats) -> Floats:
+    """The matrix (x, nodes) of a linear interpolation."""
+    return np.array([np.interp(x, nodes, one) for one in np.eye(len(nodes))]).T
+
+
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """A spectrum that the image allows."""
+    """A spectrum that the image allows, or many of them, one in each row."""
 
     #: ln C at the wavenumbers of the continuation
     logs: Floats
     #: how much each correction is off, in its own uncertainties
     off: Floats
-    #: density of the noise, nm⁴
-    noise: float
+    #: density of the noise, nm⁴; of many (n, 1)
+    noise: Any
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,6 +183,11 @@ class Continuation:
         count = len(self.q)
         return Drawn(unknowns[:count], unknowns[count:], level.noise)
 
+    @property
+    def misfit(self) -> float:
+        """χ² per degree of freedom of the best spectrum."""
+        return self._level(0.5).misfit
+
     @cached_property
     def best(self) -> Drawn:
         """The spectrum in the middle of all."""
@@ -193,9 +204,13 @@ class Continuation:
         return self._drawn(level, level.best + level.root @ normal)
 
     @cached_property
-    def draws(self) -> list[Drawn]:
+    def draws(self) -> Drawn:
         """Those from which intervals are taken."""
-        return [self.draw(number) for number in range(1, DRAWS + 1)]
+        found = [self.draw(number) for number in range(1, DRAWS + 1)]
+        logs, off = (
+            np.array([getattr(one, name) for one in found]) for name in ("logs", "off")
+        )
+        return Drawn(logs, off, np.array([[one.noise] for one in found]))
 
     @property
     def added(self) -> Floats:
@@ -203,28 +218,37 @@ class Continuation:
         return np.concatenate([[self.join], self.q[self.q > self.join * (1 + 1e-9)]])
 
     def density(self, q: Floats, drawn: Drawn) -> Floats:
-        """C at ``q`` (1/nm), nm⁴."""
+        """C at ``q`` (1/nm) of one spectrum, nm⁴."""
         x = np.log(np.maximum(q, self.q[0]))
         return np.exp(np.interp(x, np.log(self.q), drawn.logs))
 
-    def correction(self, q: Floats, drawn: Drawn) -> Floats:
-        """What is added to the logarithm of the density of the image at ``q`` (1/nm)."""
-        share = np.minimum(drawn.noise / self.part.seen, 1 - NOISE_SHARE)
-        total = np.log1p(-share)
-        for (added, doubt), one in zip(self.part.corrections, drawn.off, strict=True):
-            total += added * (1 - doubt * one)
-        return np.interp(np.log(np.maximum(q, 1e-300)), np.log(self.part.data.q), total)
+    def logs(self, q: Floats, drawn: Drawn) -> Floats:
+        """ln C at ``q`` (n,) 1/nm of each spectrum."""
+        return drawn.logs @ _between(np.log(q), np.log(self.q)).T
 
-    def moment(self, power: float, drawn: Drawn, low: float = 0.0) -> float:
+    def correction(self, drawn: Drawn) -> Floats:
+        """What is added to the logarithms of the bins of the image."""
+        least = np.maximum(drawn.noise / (1 - NOISE_SHARE), 1e-300)
+        total = np.log1p(-drawn.noise / np.maximum(self.part.seen, least))
+        for k, (added, doubt) in enumerate(self.part.corrections):
+            total = total + added * (1 - doubt * drawn.off[..., k : k + 1])
+        return total
+
+    def moment(self, power: float, drawn: Drawn, low: float = 0.0) -> Any:
         """∫ C q^power dq/(2π) of what is added from ``low`` (1/nm) on: the mean square height is that of 1, of the slope
         that of 3."""
         ends = np.log([min(max(low, self.join), self.q[-1]), self.q[-1]])
-        x = np.linspace(ends[0], ends[1], 16 * len(self.q))
-        y = np.interp(x, np.log(self.q), drawn.logs) + (power + 1) * x
-        return float(trapezoid(np.exp(y), x)) / (2 * math.pi)
+        x = np.linspace(ends[0], ends[1], 8 * len(self.q))
+        y = self.logs(np.exp(x), drawn) + (power + 1) * x
+        return trapezoid(np.exp(y), x) / (2 * math.pi)
 
-    def hurst(self, drawn: Drawn) -> float:
+    def hurst(self, drawn: Drawn) -> Any:
         """H of what is added as a whole."""
-        ends = np.log([self.join, self.q[-1]])
-        first, last = np.interp(ends, np.log(self.q), drawn.logs)
-        return float((first - last) / (ends[1] - ends[0])) / 2 - 1
+        logs = self.logs(np.array([self.join, self.q[-1]]), drawn)
+        slope = (logs[..., 1] - logs[..., 0]) / math.log(self.q[-1] / self.join)
+        return -slope / 2 - 1
+
+    def gain(self, q: Floats, drawn: Drawn) -> Floats:
+        """By what the mean square of waves at ``q`` (n,) 1/nm is multiplied, of each spectrum."""
+        bins = np.log(self.part.data.q)
+        return np.exp(self.correction(drawn) @ _between(np.log(q), bins).T)

@@ -494,33 +494,29 @@ class _Plan(NamedTuple):
         angle = np.arctan2(*np.broadcast_arrays(qy, qx))
         return np.interp(angle, places, self.directions, period=math.pi)
 
-    def gain(self, q: Floats, drawn: Drawn | None = None) -> Floats:
+    def gain(self, q: Floats) -> Floats:
         """By what the waves of the image at ``q`` (1/nm) are multiplied, so that they have the corrected density; 0 from
         ``join`` on."""
-        factor = np.exp(0.5 * self.law.correction(q, drawn or self.drawn))
+        bins = np.log(self.law.part.data.q)
+        added = self.law.correction(self.drawn)
+        factor = np.exp(0.5 * np.interp(np.log(np.maximum(q, 1e-300)), bins, added))
         return np.where(q < self.join * (1 - 1e-9), factor, 0.0)
 
     def rms_slope(self) -> float:
         """rms slope of the surface."""
         return math.hypot(
-            self.kept_slope(), math.sqrt(self.law.moment(3.0, self.drawn))
+            self.kept_slope(), math.sqrt(float(self.law.moment(3.0, self.drawn)))
         )
 
     def slopes(self) -> Floats:
-        """Rms slopes of the draws, without what terraces add."""
-        kept, slope = self.spectrum.part(0, self.join), self.kept_slope()
-        share = (
-            kept.density * kept.q**3 * np.gradient(kept.q)
-            if len(kept.q) > 1
-            else kept.q
-        )
-        own = float(share @ self.gain(kept.q, self.law.best) ** 2)
-        squares = [
-            slope**2 * float(share @ self.gain(kept.q, one) ** 2) / own
-            + self.law.moment(3.0, one)
-            for one in self.law.draws
-        ]
-        return np.sqrt(squares)
+        """Rms slopes of the draws."""
+        law, kept = self.law, self.spectrum.part(0, self.join)
+        added = law.moment(3.0, law.draws)
+        if len(kept.q) < 2:
+            return np.sqrt(self.kept_slope() ** 2 + added)
+        share = kept.density * kept.q**3 * np.gradient(kept.q)
+        own, drawn = (law.gain(kept.q, one) @ share for one in (self.drawn, law.draws))
+        return np.sqrt(self.kept_slope() ** 2 * drawn / own + added)
 
     def wave_spectrum(self) -> NDArray[np.complex128]:
         """The half spectrum of a periodic image, of the waves that stay."""
@@ -667,19 +663,19 @@ class _Plan(NamedTuple):
         """Plain JSON values: what was fitted, and the spectrum of the image."""
         law, spectrum, q = self.law, self.image_spectrum, self.law.added
         positive = spectrum.density > 0
-        logs = np.log([law.density(q, one) for one in law.draws])
+        logs = law.logs(q, law.draws)
         ends = (0.5 - HOLD / 2, 0.5 + HOLD / 2)
         low, high = np.exp(np.quantile(logs, ends, axis=0))
-        density = law.density(q, law.best)
+        hurst = law.hurst(law.draws)
         return {
-            "hurst": law.hurst(law.best),
-            "hurst_error": float(np.std([law.hurst(one) for one in law.draws])),
-            "density": float(density[0]),
+            "hurst": float(law.hurst(law.best)),
+            "hurst_error": float(hurst.std()),
+            "density": float(law.density(q[:1], law.best)[0]),
             "density_relative_error": float(logs[:, 0].std()),
             "join": self.join,
             "fit_from_q": float(law.q[0]),
-            "misfit": law.levels[0].misfit,
-            "noise": math.sqrt(law.best.noise) / self.measured.pixel_size,
+            "misfit": law.misfit,
+            "noise": math.sqrt(float(law.best.noise)) / self.measured.pixel_size,
             "rms_slope": self.rms_slope(),
             "rms_slope_interval": np.quantile(self.slopes(), ends).tolist(),
             "measured_pixel_size": self.measured.pixel_size,

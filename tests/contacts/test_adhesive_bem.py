@@ -34,7 +34,7 @@ def attraction(solver: Any, gap: np.ndarray) -> np.ndarray:
     return solver.work_of_adhesion / solver.range * np.exp(-gap / solver.range)
 
 
-@pytest.mark.parametrize("work", [0.0, 1e-9])
+@pytest.mark.parametrize("work", [pytest.param(0.0, marks=pytest.mark.long), 1e-9])
 @pytest.mark.parametrize("periodic", [True, False])
 def test_without_adhesion_it_is_fft_bem(work, periodic):
     surface = rough() if periodic else ca.surface("sphere", radius=30, pixels=48, pixel_size=0.4518).make()

@@ -85,7 +85,7 @@ def test_at_full_yield_the_area_is_load_over_hardness(periodic):
     np.testing.assert_array_equal(contact.contact, surface.heights >= highest)
 
 
-@pytest.mark.parametrize("mean", [1e-3, 0.3, 3.0, 200.0])
+@pytest.mark.parametrize("mean", [pytest.param(1e-3, marks=pytest.mark.long), 0.3, 3.0, 200.0])
 @pytest.mark.parametrize("precision", ["mixed", "single"])
 def test_a_hardness_that_is_not_reached_changes_nothing(mean, precision):
     surface = rough(256)
@@ -125,7 +125,9 @@ CASES = {
 
 
 @pytest.mark.parametrize("case", CASES)
-@pytest.mark.parametrize(("mean", "hardness"), [(0.05, 12.0), (0.5, 4.0), (1.5, 2.0)])
+@pytest.mark.parametrize(
+    ("mean", "hardness"), [pytest.param(0.05, 12.0, marks=pytest.mark.long), (0.5, 4.0), (1.5, 2.0)]
+)
 def test_the_conditions_hold(case, mean, hardness):
     options = CASES[case]
     made = rough(150 if case == "gap" else 128)

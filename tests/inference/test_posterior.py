@@ -264,6 +264,7 @@ def test_a_choice_that_is_the_only_candidate_changes_nothing():
     assert x == pytest.approx(before, rel=1e-6)
 
 
+@pytest.mark.long
 def test_choices_that_are_drawn_without_data_are_those_of_the_prior():
     """All are equally probable then; and so are the signs, of a process whose mean is above zero."""
     made = problem(values=(1.0, 1.0, 1.0), errors=(1e9, 1e9, 1e9))

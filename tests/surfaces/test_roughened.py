@@ -117,9 +117,11 @@ def test_the_ensemble_is_that_of_the_original():
     assert np.mean(slopes) == pytest.approx(0.1, abs=4 * np.std(slopes) / math.sqrt(12))
     assert np.std(slopes) < 0.01
     assert np.mean(exponents) == pytest.approx(0.8, abs=4 * np.mean(errors) / math.sqrt(12))
-    assert 0.5 < np.std(exponents, ddof=1) / np.mean(errors) < 2
+    # errors are of waves that no image shows
+    assert np.std(exponents, ddof=1) < 1.5 * np.mean(errors)
 
 
+@pytest.mark.long
 def test_contact_and_ageing_are_those_of_the_original():
     """Six surfaces, pairwise: κ and β with the waves drawn anew differ by less than between surfaces."""
     silica = ca.load_scene("silica-patch").chemistry
@@ -242,9 +244,8 @@ def test_the_figure_shows_the_spectrum_of_this_surface_alone():
 # -- roughness parameters of a measurement -----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("hurst", "eta"), [(0.5, 8), *(pytest.param(0.8, eta, marks=pytest.mark.long) for eta in (1, 4))]
-)
+@pytest.mark.long
+@pytest.mark.parametrize(("hurst", "eta"), [(0.5, 8), (0.8, 1), (0.8, 4)])
 def test_the_parameters_of_a_surface_are_found(hurst, eta):
     maker = REFERENCE.replace(hurst=hurst, eta=eta)
     found = [fit_roughness(maker.make(seed)) for seed in range(4)]

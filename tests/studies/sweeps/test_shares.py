@@ -165,6 +165,7 @@ def test_the_first_process_decides_the_division(found, tmp_path):
 # -- one folder -------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_shares_one_after_the_other_give_the_tables_of_one_process(tiny, scene, tmp_path):
     chemage.sweep(scene, tmp_path / "whole")
     tiny.forget()
