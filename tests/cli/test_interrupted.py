@@ -25,7 +25,7 @@ HOST = socket.gethostname().partition(".")[0]
 #: this run says on stderr what it is writing, and waits to be stopped at a certain moment
 SLOW_WRITES = """
 import sys, time
-from chemage.foundation import codec, container, files
+from chemage.foundation import codec, files
 
 array, place = codec._write_array, files.put
 
@@ -51,7 +51,7 @@ def slow_place(*args, **options):
     say("placed")
     return there
 
-codec._write_array, files.put, container.create = slow_array, slow_place, slow_bytes
+codec._write_array, files.put, files.create = slow_array, slow_place, slow_bytes
 """
 
 

@@ -310,7 +310,11 @@ def test_after_an_update_of_the_sources_the_new_physics_is_computed(tmp_path):
 
     before = counts()
     assert counts() == before
-    edit(tmp_path / "plugins/chemage_kinetics/_common.py", "return nu * math.exp(", "return 3.0 * nu * math.exp(")
+    edit(
+        tmp_path / "plugins/chemage_kinetics/_common.py",
+        "return model.nu * math.exp(",
+        "return 3.0 * model.nu * math.exp(",
+    )
     after = counts()
     for old, new in zip(before, after, strict=True):
         assert new > 2 * old

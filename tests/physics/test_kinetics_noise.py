@@ -44,7 +44,12 @@ def slopes_and_bonds(kind: str, lattice: ReactionLattice) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    "kind", [pytest.param(kind, marks=() if kind == "rejection-free" else pytest.mark.long) for kind in STREAMS]
+    "kind",
+    [
+        pytest.param(kind, marks=() if kind == "rejection-free" else pytest.mark.long)
+        for kind in STREAMS
+        if kind != "event-driven"  # pulls
+    ],
 )
 def test_replicas_of_one_seed_are_independent_on_different_surfaces(kind):
     one, other = (slopes_and_bonds(kind, full_contact(surface=s, interacting=kind != "independent")) for s in (1, 2))
