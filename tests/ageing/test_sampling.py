@@ -171,7 +171,7 @@ def test_the_error_of_sampling_is_the_scatter_of_samples():
     assert np.abs(scatter[1:] / found.errors["sampling"][1:] - 1).max() < 0.3
 
 
-@pytest.mark.parametrize("repetitions", [40, pytest.param(400, marks=pytest.mark.long)])
+@pytest.mark.parametrize("repetitions", [40, pytest.param(400, marks=pytest.mark.campaign)])
 def test_intervals_hold_the_truth_also_where_few_bonds_are_counted(repetitions):
     """About 0.1, 20 and 500 bonds are counted at the three times. Their scatter is too small by chance where they are
     few, which a note says; the stated error is not."""

@@ -171,6 +171,7 @@ def test_a_script_for_each_shell(command, monkeypatch, shell):
     assert "_CHEMAGE_COMPLETE=complete_" in done.out
 
 
+@pytest.mark.long
 def test_names_of_scenes_fields_kinds_and_files_are_completed(small):
     folder = small.parent
     (folder / "a.h5").touch()

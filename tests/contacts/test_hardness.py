@@ -72,7 +72,7 @@ def violations(surface, contact, hardness, thickness=None):
 # -- the ends of the scale --------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("periodic", [True, False])
+@pytest.mark.parametrize("periodic", [pytest.param(True, marks=pytest.mark.long), False])
 def test_at_full_yield_the_area_is_load_over_hardness(periodic):
     """On a body so stiff that elastic displacements are nothing beside the heights, for a load of whole pixels."""
     surface = Surface(heights=rough().heights, pixel_size=0.5, periodic=periodic)

@@ -10,6 +10,8 @@ import runpy
 from functools import cache
 from pathlib import Path
 
+import pytest
+
 import chemage as ca
 
 ROOT = Path(__file__).parents[2]
@@ -128,6 +130,7 @@ def strings():
     )
 
 
+@pytest.mark.long
 def test_every_message_in_troubleshooting_exists():
     """The fixed parts of each message are in the code as they stand on the page."""
     known = strings()

@@ -15,6 +15,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 import chemage as ca
 from chemage.foundation import names
@@ -116,6 +117,7 @@ def where(module: str, line: int) -> str:
 # -- the framework and its plugins ------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_users_need_no_pytest():
     """pytest is not installed with chemage: only the checks of plugins use it, and `chemage selftest` runs without."""
     code = "import sys; sys.modules['pytest'] = None; import chemage.testing.selftest"

@@ -60,6 +60,7 @@ def chemage(site, *words):
     return subprocess.run([sys.executable, "-c", program, *words], env=environment, capture_output=True, text=True)
 
 
+@pytest.mark.long
 def test_a_slow_plugin_is_named_and_does_not_delay_the_version(site):
     site.install("chemage-slow", {"chemage_slow.py": SLOW, "chemage_slow_kind.py": HIDDEN}, {"slow": "chemage_slow"})
     version = chemage(site, "--version")

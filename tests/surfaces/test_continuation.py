@@ -38,7 +38,7 @@ def record(maker, seed=0):
     return maker.make(seed).provenance["roughened"]
 
 
-@pytest.mark.parametrize("noise", [0.03, 0.1, 0.3])
+@pytest.mark.parametrize("noise", [*(pytest.param(rms, marks=pytest.mark.long) for rms in (0.03, 0.1)), 0.3])
 def test_white_noise_is_told_from_the_surface(tmp_path, noise):
     """The slope is that of the surface without it, which where it is weak is less certain; where it is strong it is
     found."""
@@ -53,7 +53,7 @@ def test_white_noise_is_told_from_the_surface(tmp_path, noise):
         assert found["noise"] == pytest.approx(noise, rel=0.05)
 
 
-@pytest.mark.parametrize("hurst", [0.3, 1.3, 2.0])
+@pytest.mark.parametrize("hurst", [0.3, *(pytest.param(h, marks=pytest.mark.long) for h in (1.3, 2.0))])
 def test_a_spectrum_of_any_slope_is_carried_on(tmp_path, hurst):
     """Also where no surface is self-affine; the interval of H is about what is seen, or wide."""
     found = record(roughened(tmp_path, drawn(law(hurst), 3), resolution="5 nm"))

@@ -303,6 +303,7 @@ def test_a_retrace_of_another_place_is_refused():
         fit_roughness(one, retraces=[Surface(heights=other.heights, pixel_size=1.0, periodic=False)])
 
 
+@pytest.mark.long
 def test_the_command_finds_trace_and_retrace_in_one_file(command):
     (trace, retrace), _, side = scanned(3)
     Path("both.gwy").write_bytes(

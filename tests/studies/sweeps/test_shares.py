@@ -190,6 +190,7 @@ def test_numbers_of_points(tiny, scene, tmp_path):
         chemage.sweep(scene, tmp_path / "out", points="16")
 
 
+@pytest.mark.long
 def test_an_empty_share_is_complete(scene, tmp_path):
     out = tmp_path / "out"
     for share in range(1, 21):
