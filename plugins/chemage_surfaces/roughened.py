@@ -179,12 +179,15 @@ class Roughened(SurfaceMaker):
         measured = plan.measured
         if math.prod(plan.shape) <= MOST_WHOLE or measured.periodic:
             return self._whole(plan, seed)
+        series = plan.completed(seed)
         return Parts(
             shape=plan.shape,
             pixel_size=self.pixel_size,
             provenance=self._record(plan, seed),
-            heights=partial(self._part, plan, seed),
-            coarse=plan.image(seed, *plan.places(measured.shape, measured.pixel_size)),
+            heights=partial(self._part, plan, series, seed),
+            coarse=plan.image(
+                series, *plan.places(measured.shape, measured.pixel_size)
+            ),
             side=measured.pixel_size,
             unseen=partial(self._unseen, plan),
         )
@@ -210,7 +213,8 @@ class Roughened(SurfaceMaker):
             half = plan.with_image(half)
             heights = heights_of(half, plan.shape[1]) + plan.stairs_at(*places)
         else:
-            heights = plan.image(seed, *places) + heights_of(half, plan.shape[1])
+            image = plan.image(plan.completed(seed), *places)
+            heights = image + heights_of(half, plan.shape[1])
         heights.setflags(write=False)
         return Surface(
             heights=heights,
@@ -222,6 +226,7 @@ class Roughened(SurfaceMaker):
     def _part(
         self,
         plan: _Plan,
+        series: Floats,
         seed: Seed,
         first: Pair,
         shape: Pair,
@@ -234,7 +239,7 @@ class Roughened(SurfaceMaker):
             (start + (np.arange(count) + 0.5) * step) * size
             for start, count in zip(first, shape, strict=True)
         )
-        heights = plan.image(seed, x, y)
+        heights = plan.image(series, x, y)
         x, y = x - middle[0] * size, y - middle[1] * size
         least = max(LARGEST_PART, *shape) * size
         low, highest, octave = plan.join, 2 * math.pi / self.shortest, 0
@@ -289,7 +294,7 @@ class Roughened(SurfaceMaker):
         for one in findings:
             stairs = one.levels if one.kind == TERRACES else stairs
             waves = one.waves if one.kind == PERIODIC else waves
-        image = Binned.of(measured)
+        whole = measured
         if stairs is not None:
             heights = measured.heights - stairs
             measured = Surface(
@@ -300,8 +305,11 @@ class Roughened(SurfaceMaker):
             )
         modes = Modes.of(measured, waves)
         spectrum = modes.binned()
+        image = spectrum
+        if stairs is not None or waves is not None:
+            image = Binned.of(whole)
         part = trusted(
-            measured, self.resolution, self.tip_radius, waves=waves, with_noise=True
+            measured, self.resolution, self.tip_radius, data=spectrum, with_noise=True
         )
         data = part.data
         if not len(data.q):
@@ -309,11 +317,9 @@ class Roughened(SurfaceMaker):
                 f"tip_radius: a tip of {part.radius:.4g} nm has changed all waves of the image; give a larger image, "
                 "or resolution to use it as it is"
             )
-        end = (
-            (math.pi / side if part.limit == TO_PIXELS else float(data.q[-1]))
-            if self.resolution is None
-            else 2 * math.pi / self.resolution
-        )
+        end = math.pi / side if part.limit == TO_PIXELS else float(data.q[-1])
+        if self.resolution is not None:
+            end = 2 * math.pi / self.resolution
         cut = spectrum.part(0, end).cut
         if cut is not None and self.resolution is not None:
             raise InputError(
@@ -575,14 +581,17 @@ class _Plan(NamedTuple):
         )
         return np.hypot(qx[:, None], qy)
 
-    def image(self, seed: Seed, x: Floats, y: Floats) -> Floats:
-        """Heights of the image at ``x`` and ``y`` (nm), with random waves where the alignment of scan lines took them:
-        (len(x), len(y))."""
+    def completed(self, seed: Seed) -> Floats:
+        """The cosine series of the image, with random waves where the alignment of scan lines took them."""
         series, lost = self.series(), self.lost()
         random = np.random.Generator(np.random.Philox(stream(seed, _STREAM, 0)))
         series[: len(lost)] = np.where(
             lost > 0, lost * random.standard_normal(lost.shape), series[: len(lost)]
         )
+        return series
+
+    def image(self, series: Floats, x: Floats, y: Floats) -> Floats:
+        """Heights of the image with this series at ``x`` and ``y`` (nm): (len(x), len(y))."""
         return self.cosines(series, x, y) + self.stairs_at(x, y)
 
     def stairs_at(self, x: Floats, y: Floats) -> Floats | float:

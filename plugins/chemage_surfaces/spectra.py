@@ -48,7 +48,7 @@ DIRECTIONS, DIFFERS = 24, 1.8
 
 @dataclass(frozen=True)
 class PowerLaw:
-    """C(q) = density·(q/at)**(-2-2·hurst), fitted between two wavenumbers (1/nm); errors are standard errors."""
+    """C(q) = density·(q/at)**(-2-2·hurst), q in 1/nm; errors are standard errors."""
 
     hurst: float
     hurst_error: float
@@ -56,8 +56,6 @@ class PowerLaw:
     #: relative
     density_error: float
     at: float
-    lowest: float
-    highest: float
     #: χ² per degree of freedom
     misfit: float
 
@@ -213,9 +211,9 @@ class Binned:
         return Binned(self.q[:count], self.density[:count], self.modes[:count])
 
     @classmethod
-    def of(cls, surface: Surface, waves: Floats | None = None) -> Binned:
+    def of(cls, surface: Surface) -> Binned:
         """The density of ``surface`` in narrow bins, from the period to the Nyquist wavenumber: see :class:`Modes`."""
-        return Modes.of(surface, waves).binned()
+        return Modes.of(surface).binned()
 
     @classmethod
     def together(cls, parts: Sequence[Binned]) -> Binned:
@@ -256,16 +254,15 @@ class Binned:
             drops = np.nonzero(~(self.density[1:] > CUT * self.density[:-1]))[0]
         return float(self.q[drops[0]]) if drops.size else None
 
-    def power_law(self, hurst: float | None = None, roll: float = 0.0) -> PowerLaw:
-        """Fit Hurst exponent (unless given) and density to all bins; below ``roll`` (1/nm) the density is that
-        at ``roll``.
+    def power_law(self, roll: float = 0.0) -> PowerLaw:
+        """Fit Hurst exponent and density to all bins; below ``roll`` (1/nm) the density is that at ``roll``.
 
         Raises
         ------
         ValueError
             There are too few bins, or some are empty of power.
         """
-        if len(self.q) < (FEWEST_BINS if hurst is None else 1):
+        if len(self.q) < FEWEST_BINS:
             raise ValueError(
                 f"only {len(self.q)} bins of wavenumbers; fit a wider range"
             )
@@ -273,23 +270,14 @@ class Binned:
             raise ValueError("the spectrum is zero in this range")
         values, variance, at = self.logs()
         x = np.log(np.maximum(self.q, roll) / at)
-        if hurst is None:
-            design = np.stack([np.ones_like(x), -2 * x], axis=1)
-            fit, covariance, misfit = _weighted(design, values + 2 * x, variance)
-            exponent, error = float(fit[1]), math.sqrt(covariance[1, 1])
-        else:
-            fit, covariance, misfit = _weighted(
-                np.ones((len(x), 1)), values + (2 + 2 * hurst) * x, variance
-            )
-            exponent, error = hurst, 0.0
+        design = np.stack([np.ones_like(x), -2 * x], axis=1)
+        fit, covariance, misfit = _weighted(design, values + 2 * x, variance)
         return PowerLaw(
-            hurst=exponent,
-            hurst_error=error,
+            hurst=float(fit[1]),
+            hurst_error=math.sqrt(covariance[1, 1]),
             density=math.exp(float(fit[0])),
             density_error=math.sqrt(covariance[0, 0]),
             at=at,
-            lowest=float(self.q[0]),
-            highest=float(self.q[-1]),
             misfit=misfit,
         )
 

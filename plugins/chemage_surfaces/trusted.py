@@ -171,14 +171,16 @@ def trusted(
     resolution: float | None = None,
     tip_radius: float | None = None,
     retrace: Surface | None = None,
-    waves: Floats | None = None,
+    data: Binned | None = None,
     with_noise: bool = False,
 ) -> Trusted:
-    """What to trust of the spectrum of ``surface``, without its periodic ``waves``: wavelengths above ``resolution`` (nm)
+    """What to trust of the spectrum of ``surface``, or of the part ``data`` of it: wavelengths above ``resolution`` (nm)
     if it is given; else above two pixels (three of an image that does not repeat), those that a tip has changed too much
     to correct, those at which noise has 25 % of the density, and the end of the spectrum. Noise is white, unless
     ``retrace`` shows it; ``with_noise`` it is left in."""
-    data, limit = Binned.of(surface, waves), TO_PIXELS
+    limit = TO_PIXELS
+    if data is None:
+        data = Binned.of(surface)
     if resolution is not None:
         return Trusted(data.part(0, 2 * math.pi / resolution), "as given")
     folded = np.zeros(len(data.q))

@@ -328,7 +328,7 @@ def test_parts_of_a_large_surface_are_like_the_whole(image, monkeypatch):
     """Waves of the image are those of the whole; random ones have its spectrum, and parts around one pixel the same."""
     maker = ca.surface(**image)
     plan = maker.plan(maker.surface.make())
-    kept = plan.image(3, *plan.places(plan.shape, 0.5))
+    kept = plan.image(plan.completed(3), *plan.places(plan.shape, 0.5))
     slope, height = (math.sqrt(plan.law.moment(power, plan.law.best)) for power in (3.0, 1.0))
     added = maker.make(3).heights - kept
     monkeypatch.setattr("chemage_surfaces.roughened.MOST_WHOLE", 0)
