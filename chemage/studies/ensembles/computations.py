@@ -381,7 +381,8 @@ def measurement_error(
     wider = student_limit(count - 1) / NORMAL_LIMIT * math.sqrt(1 + 1 / count)
     spread = np.std(rows, axis=0, ddof=1) * wider
     with np.errstate(divide="ignore", invalid="ignore"):
-        errors = np.where(spread > 0, spread / mean, 0.0)
+        # where a member has no such number, the error is not known
+        errors = np.where(spread == 0, 0.0, spread / mean)
     return errors, f"measured here, {count} members: {scene.surface.unknown}"
 
 
