@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from chemage.contacts import patches
+from chemage.contacts import errors, patches
 from chemage.contacts.patches import Above
 from chemage.foundation.checks import MOST_BINS, checked_count
 from chemage.foundation.codec import dataset, frame
-from chemage.foundation.errors import InputError
+from chemage.foundation.errors import InputError, nearest
 from chemage.foundation.outputs import Observing
 from chemage.foundation.quantities import Quantity, Rank, by_name
 from chemage.foundation.records import (
@@ -108,6 +108,20 @@ FLOW_MEASURES: dict[str, Quantity] = by_name(
             "yielded_load", "1", "share of the load carried where the material flows"
         ),
     )
+)
+RMS_PRESSURE = Quantity(
+    "rms_pressure",
+    "GPa",
+    "rms pressure",
+    meaning="root mean square of the pressure over the nominal area",
+    rank=Rank.REST,
+)
+DISPLACEMENT = Quantity(
+    "displacement",
+    "nm",
+    "approach",
+    meaning="rigid approach of the bodies",
+    rank=Rank.REST,
 )
 #: relative error of the force up to which rounding may be the cause
 LOAD_ERROR = 1e-6
@@ -308,7 +322,7 @@ class ContactSolution(PixelMap, Contact):
     """of the solver"""
     convergence: Plain = {}
     """the solver's own account of its error: plain JSON values. ``pressure_error``, where it is given, is the estimated
-    error of the pressure: its L2 norm relative to that of the pressure"""
+    error of the pressure: its L2 norm relative to that of the pressure; ``errors``, see :mod:`chemage.contacts.errors`"""
     notes: tuple[str, ...] = ()
     """what the user should know of this solution, in words"""
     provenance: Plain = {}
@@ -407,10 +421,60 @@ class ContactSolution(PixelMap, Contact):
     @property
     def corrected_area(self) -> float:
         """A less the pixels' excess at the rim (Yastrebov et al. 2017), nm²; A itself where there is no such excess
-        (see ``contact_pixels``)."""
+        (see ``contact_pixels``). Not below :attr:`least_area`."""
         if self.contact_pixels == "centres":
             return self.area
-        return patches.corrected_area(self.area, self.perimeter, self.pixel_size)
+        corrected = patches.corrected_area(self.area, self.perimeter, self.pixel_size)
+        return max(corrected, self.least_area)
+
+    @property
+    def least_area(self) -> float:
+        """The area that bears the load at the hardness where the material flows, nm²; else 0."""
+        flow = self.plastic_displacement
+        if flow is None or not flow.any():
+            return 0.0
+        return self.carried / self.max_pressure
+
+    @property
+    def rms_pressure(self) -> float:
+        """Root mean square of the pressure over the nominal area, GPa."""
+        return math.sqrt(float(np.mean(np.square(self.pressure, dtype=np.float64))))
+
+    @cached_property
+    def errors(self) -> dict[str, dict[str, tuple[float, float]]]:
+        """The errors of area, largest and rms pressure and displacement by name (``iteration``, ``pixel``, ``branch``):
+        how far below and above the value the truth may be, each half of a 95 % interval; nan: not known."""
+        return errors.errors(self)
+
+    def quantities(self) -> list[Quantity]:
+        """See :meth:`Contact.quantities`; with intervals, and further measures that have errors."""
+        more = [
+            one.but(value=value)
+            for one, value in (
+                (RMS_PRESSURE, self.rms_pressure),
+                (DISPLACEMENT, self.displacement),
+            )
+            if value is not None
+        ]
+        return [errors.stated(self, one) for one in (*super().quantities(), *more)]
+
+    def quantity(self, name: str) -> Quantity:
+        """A number of this contact with its interval and its errors by name: ``contact.quantity("area").errors``.
+
+        Raises
+        ------
+        InputError
+            It has none of this name.
+        """
+        known = by_name(self.quantities())
+        if name not in known:
+            raise InputError.of(
+                "name",
+                name,
+                f"is no number of this contact{nearest(name, list(known))}",
+                f"give one of {', '.join(known)}",
+            )
+        return known[name]
 
     @cached_property
     def _patches(self) -> patches.Patches:

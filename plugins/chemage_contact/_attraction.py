@@ -44,6 +44,9 @@ HALVINGS = 25
 FAINT = 1e-6
 #: how many times the relative error of the load counts in the error, where the approach is free
 LOAD = 300.0
+#: the iteration goes on beyond the tolerance to this part of it, in at most so many times the iterations so far: what
+#: that changes is the error that is stated
+FINER, MORE, LEAST = 0.1, 1.0, 20
 #: part of the terms of the energy that rounding may change
 ROUNDING = 1e-13
 
@@ -112,6 +115,8 @@ class Adhesive:
         self.punch = math.sqrt(math.prod(self.shape))
         self.transforms = self.iterations = 0
         self.history: list[float] = []
+        #: where the tolerance was reached, and the last iterate after that
+        self.ends: tuple[Iterate, Iterate] | None = None
         self.workers = team.threads if math.prod(self.padded) >= 1 << 17 else 1
 
     def forward(self, x: Array) -> Array:
@@ -214,17 +219,25 @@ class Adhesive:
         )
 
     def minimise(self, x: Array, rise: float, tolerance: float, limit: int) -> Iterate:
-        """The minimum below the gap ``x`` (padded) at the approach ``rise``. Never raises for lack of convergence."""
+        """The minimum below the gap ``x`` (padded) at the approach ``rise``. Never raises for lack of convergence.
+
+        Beyond the tolerance the iteration goes on (``FINER``): :attr:`ends` has both ends.
+        """
         here = self.evaluate(x, rise)
         d, before = np.zeros(self.padded), np.zeros(self.padded)
         self.history.append(min(here.error, 1e300))
         size, ds, restart, before_excess = 0.0, 0.0, True, 0.0
+        goal, reached = tolerance, None
         while self.iterations < limit:
-            if here.error <= tolerance:
-                if here.fresh:
+            if here.error <= goal:
+                if not here.fresh:
+                    # the spectrum was a sum of those of the steps
+                    here = self.evaluate(here.x, here.rise)
+                    continue
+                if reached is not None:
                     break
-                # the spectrum was a sum of those of the steps
-                here = self.evaluate(here.x, here.rise)
+                reached, goal = here, FINER * tolerance
+                limit = self.iterations + max(LEAST, int(MORE * self.iterations))
                 continue
             self.iterations += 1
             z = self.backward(self.forward(here.r), self.inverse)
@@ -259,7 +272,12 @@ class Adhesive:
             self.history.append(min(here.error, 1e300))
             if self.parted(here):
                 break
-        return here
+        if reached is None:
+            return here
+        if not here.fresh:
+            here = self.evaluate(here.x, here.rise)
+        self.ends = reached, here
+        return here if here.error <= tolerance or self.parted(here) else reached
 
     def step(self, here: Iterate, d: Array, ds: float, slope: float) -> Iterate | None:
         """The lowest point along the direction; None if none is lower."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -16,36 +17,38 @@ Array = NDArray[Any]
 LARGEST_FACTOR = 2.0
 #: Passes of multiplication, each of which may take more pixels to the hardness.
 PASSES = 4
+#: steps in which the shift is found at most
+MOST_STEPS = 300
 #: of the load, relatively
 ROUNDING = 1e-14
 
 
 def shift_to(q: Array, load: float, hardness: float | None = None) -> float:
-    """The t for which max(q - t, 0), at most ``hardness``, adds up to ``load``: exactly, by sorting."""
-    order = np.sort(q, axis=None).astype(np.float64)
+    """The t for which max(q - t, 0), at most ``hardness``, adds up to ``load``: by sorting, or with a hardness, where
+    the sum is not convex in t, by Newton's method within bounds, every third step of which halves them."""
     if hardness is None:
+        order = np.sort(q, axis=None).astype(np.float64)
         falling = order[::-1]
         excess = np.cumsum(falling) - load
         last = int(np.flatnonzero(falling * np.arange(1, q.size + 1) > excess)[-1])
         return float(excess[last] / (last + 1))
-    ends = np.concatenate([np.cumsum(order[::-1])[::-1], [0.0]])
-
-    def above(t: Array) -> Array:
-        """Σ max(q - t, 0)."""
-        first = np.searchsorted(order, t)
-        return ends[first] - t * (order.size - first)
-
-    kinks = np.sort(np.concatenate([order - hardness, order]))
-    totals = above(kinks) - above(kinks + hardness)
-    # the sum falls with t, linearly between its kinks
-    i = min(
-        max(int(np.searchsorted(-totals, -load, side="right")) - 1, 0), kinks.size - 2
-    )
-    step = totals[i] - totals[i + 1]
-    return float(
-        kinks[i]
-        + ((totals[i] - load) / step * (kinks[i + 1] - kinks[i]) if step > 0 else 0.0)
-    )
+    order = q.astype(np.float64)
+    low, high = float(order.min()) - hardness, float(order.max())
+    shift = 0.5 * (low + high)
+    for count in range(1, MOST_STEPS):
+        pressed = np.clip(order - shift, 0.0, hardness)
+        excess = float(pressed.sum()) - load
+        if abs(excess) <= ROUNDING * load:
+            break
+        low, high = (shift, high) if excess > 0 else (low, shift)
+        free = np.count_nonzero((pressed > 0) & (pressed < hardness))
+        new = shift + excess / free if free else math.nan
+        if count % 3 == 0 or not low < new < high:
+            new = 0.5 * (low + high)
+        if new in (low, high):
+            break
+        shift = new
+    return shift
 
 
 def projected(q: Array, mean: float = 1.0, hardness: float | None = None) -> Array:

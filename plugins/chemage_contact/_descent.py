@@ -488,8 +488,19 @@ class Descent:
                 limit += (new - old) * ratio / (1.0 - ratio)
             total.append(limit)
         floor = float(np.finfo(grid.state).eps)
-        return math.hypot(total[0] / s.norm, floor), math.hypot(
-            total[1] / highest, floor
+        rounding = (floor, floor)
+        if grid.hardness is not None:
+            # the load that rounding the hardness changes is borne by the free pixels
+            p, limit = self.state.p, float(grid.hardness)
+            free = max(int(np.count_nonzero((p > 0) & (p < limit))), 1)
+            changed = floor * limit * int(np.count_nonzero(p >= limit))
+            rounding = (
+                math.hypot(floor, changed / math.sqrt(free) / s.norm),
+                math.hypot(floor, changed / free / highest),
+            )
+        return (
+            math.hypot(total[0] / s.norm, rounding[0]),
+            math.hypot(total[1] / highest, rounding[1]),
         )
 
     def _spread(self, s: Standing) -> float:

@@ -24,6 +24,11 @@ COARSEST = 0.5
 START_TOLERANCE = 1e-3
 #: attraction on the outermost pixels of a free surface that is noted, of the largest
 AT_EDGE = 1e-2
+#: pixels of the padded grid up to which the contact is solved from the other side, too, and the tolerance of that
+BOTH_SIDES, OTHER_TOLERANCE = 1 << 16, 1e-3
+#: errors of pixels over those without attraction, and how they grow with the pixel over the length of the zone of
+#: cohesion; calibrated (``tests/benchmarks/contact_errors.py intervals``)
+STICKING = 2.0, 4.0
 #: tolerance of a reference, and its iterations
 REFERENCE_TOLERANCE, REFERENCE_ITERATIONS = 1e-8, 5000
 
@@ -54,6 +59,9 @@ class AdhesiveBEM(HalfSpaceSolver):
     tension beyond the attraction where it is closed), relative to that of the pressure (or of w/ρ times 1e-6 on every
     pixel, where that is larger: surfaces apart), is below ``tolerance``, in
     double precision, for the gap that is returned; and for a free boundary the error of the load below a 300th of it.
+    That is a ``residual``: near a jump the pressure may be farther from the solution. The iteration goes on to a tenth
+    of the tolerance, and how that changes the pressure is its ``pressure_error``. At a given load of a grid that is
+    not large the contact is solved from the other side as well, and the difference is the error called ``branch``.
 
     A contact that adheres has a history: under one load there may be several. ``start`` says from which side it is
     approached, :meth:`sweep` and :meth:`loop` follow a programme of loads or of approaches.
@@ -179,7 +187,26 @@ class AdhesiveBEM(HalfSpaceSolver):
     def _solve(
         self, surface: Surface, load: float, start: ContactSolution | None
     ) -> ContactSolution:
-        return self._from(surface, load, None)[0]
+        contact = self._from(surface, load, None)[0]
+        padded = contact.pressure.size * (1 if contact.periodic else 4)
+        if not self.work_of_adhesion or padded > BOTH_SIDES:
+            return contact
+        other = self.replace(
+            start="apart" if self.start == "contact" else "contact",
+            tolerance=max(self.tolerance, OTHER_TOLERANCE),
+            on_failure="return",
+        )
+        try:
+            there = other._from(surface, load, None)[0]
+        except InputError:  # that there is no contact
+            return contact
+        errors = {
+            name: parts | {"branch": there.measure(name) - contact.measure(name)}
+            for name, parts in contact.convergence.get("errors", {}).items()
+        }
+        return contact.model_copy(
+            update={"convergence": {**contact.convergence, "errors": errors}}
+        )
 
     def sweep(
         self, surface: Surface, loads: Sequence[float | str]
@@ -269,18 +296,52 @@ class AdhesiveBEM(HalfSpaceSolver):
                 load,
                 f"pulls the surfaces apart: no contact bears it from start = {self.start!r} at a work of adhesion of "
                 f"{self.work_of_adhesion:g} J/m²",
-                "give a load above the pull-off force, which loop() finds, or start = 'contact'",
+                "give a load above the pull-off force, which loop() finds"
+                + (", or start = 'contact'" if self.start == "apart" else ""),
             )
-        nx, ny = surface.shape
-        rise = (
-            -float(heights.mean()) - float(found.x[:nx, :ny].mean())
-            if flat
-            else found.rise
-        )
+        rise = self._approach(problem, found)
         return self._solution(surface, problem, found, load, rise, coarse), (
             found.x,
             rise,
         )
+
+    def _approach(self, problem: Adhesive, found: Iterate) -> float:
+        """The approach since first touch, in pixels."""
+        nx, ny = problem.shape
+        if not problem.periodic:
+            return found.rise
+        return -float(problem.h.mean()) - float(found.x[:nx, :ny].mean())
+
+    def _pixel_factor(self, size: float) -> float:
+        """How many times the errors of pixels of ``size`` nm are those without attraction: the rim sticks to pixels
+        that are not small beside the zone of cohesion."""
+        if not self.work_of_adhesion:
+            return 1.0
+        zone = self.modulus * self.range**2 / self.work_of_adhesion
+        return STICKING[0] + STICKING[1] * size / zone
+
+    def _iteration(self, problem: Adhesive, size: float) -> dict[str, Any]:
+        """What the last tenth of the residual changed: of the pressure relatively, of the measures in their units."""
+        if problem.ends is None:
+            return {"pressure_error": None}
+        first, last = problem.ends
+        nx, ny = problem.shape
+        p, q = (self.modulus * (end.p[:nx, :ny] + end.mean) for end in problem.ends)
+        norm, highest = float(np.linalg.norm(q)), float(np.abs(q).max())
+        error = math.hypot(float(np.linalg.norm(q - p)), last.error * norm)
+        most = math.hypot(float(np.abs(q - p).max()), last.error * highest)
+        flips = np.count_nonzero((first.x <= 0)[:nx, :ny] != (last.x <= 0)[:nx, :ny])
+        risen = abs(self._approach(problem, last) - self._approach(problem, first))
+        return {
+            "pressure_error": error / norm if norm else 0.0,
+            "pressure_error_max": most / highest if highest else 0.0,
+            "errors": {
+                "area": {"iteration": float(flips) * size**2},
+                "max_pressure": {"iteration": most},
+                "rms_pressure": {"iteration": error / math.sqrt(nx * ny)},
+                "displacement": {"iteration": risen * size},
+            },
+        }
 
     def _begin(
         self, surface: Surface, problem: Adhesive, load: float | None
@@ -369,7 +430,8 @@ class AdhesiveBEM(HalfSpaceSolver):
             iterations=problem.iterations,
             convergence={
                 "tolerance": self.tolerance,
-                "pressure_error": found.error,
+                **self._iteration(problem, size),
+                "pixel_factor": self._pixel_factor(size),
                 "force_error": abs(force - load) / borne
                 if load is not None and borne
                 else 0.0,

@@ -1,0 +1,162 @@
+"""The errors of a solved contact by name: how far below and above a measure the truth may be, in its unit.
+
+Each is half of a 95 % interval: ``iteration``, what the solver left undone; ``pixel``, what smaller pixels would
+change; ``branch``, where the surfaces adhere, what the contact reached from the other side has. A solver states its own
+in ``convergence["errors"]``, measure -> error -> one number, or two, of which a sign says the side; the rest follows
+from the pressure here.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from chemage.contacts import patches
+from chemage.foundation.quantities import ErrorPart, Quantity
+
+if TYPE_CHECKING:
+    from chemage.contacts.solution import ContactSolution
+
+#: how each is known
+HOW = {
+    "iteration": "estimated by the solver",
+    "pixel": "calibrated on other contacts",
+    "branch": "the contact from the other side",
+}
+#: measures with errors of their own; those of others follow from the area
+MEASURES = ("area", "max_pressure", "rms_pressure", "displacement")
+#: those that follow from it
+OF_AREA = ("area_fraction", "corrected_area", "kappa", "mean_contact_pressure")
+#: calibrated on contacts at a pixel and at a quarter of it (``tests/benchmarks/contact_errors.py intervals``), with e the
+#: share of the area that is excess at its rim and c = (patches)^¼/(pixels in contact)^¾, by which the number of pixels
+#: in a circle scatters: the corrected area is within RIM·e and COUNT·c of the area, other measures within a factor times
+#: (e + c)^1.5, of the approach of the larger of itself and of √(area of a patch) times largest pressure over E*. At the
+#: edge of a free surface the factor of the rms pressure is EDGE times as large. A solver whose rim is less well known
+#: multiplies all of them by ``convergence["pixel_factor"]``
+RIM, COUNT, EDGE = 0.25, 1.5, 5.0
+FACTORS = {"max_pressure": 2.2, "rms_pressure": 0.4, "displacement": 0.45}
+#: half the width of a 95 % interval over the standard error
+NORMAL = 1.96
+
+#: below and above
+Ends = tuple[float, float]
+
+
+def errors(contact: ContactSolution) -> dict[str, dict[str, Ends]]:
+    """The errors of ``contact``: measure -> name -> how far below and above; nan: not known."""
+    if not contact.sites.size:
+        return {}
+    found = {name: {"iteration": (math.nan, math.nan)} for name in MEASURES}
+    _iteration(contact, found)
+    _pixel(contact, found)
+    stated: Mapping[str, Mapping[str, Any]] = contact.convergence.get("errors", {})
+    for name, parts in stated.items():
+        for part, size in parts.items():
+            found.setdefault(name, {})[part] = (
+                (max(-size, 0.0), max(size, 0.0))
+                if part == "branch"
+                else (abs(size), abs(size))
+            )
+    return found
+
+
+def _iteration(contact: ContactSolution, found: dict[str, dict[str, Ends]]) -> None:
+    """From what the solver says of its pressure and of its gap."""
+    told = contact.convergence
+    norm, most = told.get("pressure_error"), told.get("pressure_error_max")
+    if not isinstance(norm, int | float):
+        return
+    rms, highest = contact.rms_pressure, contact.max_pressure
+    # in doubt are the pixels that bear less than the error
+    typical = norm * rms * math.sqrt(contact.pressure.size / contact.sites.size)
+    few = np.count_nonzero(np.abs(contact.pressure[contact.contact]) < typical)
+    sizes = {
+        "area": float(few) * contact.pixel_size**2,
+        "rms_pressure": norm * rms,
+        "max_pressure": (norm if most is None else most) * highest,
+    }
+    if contact.displacement is not None:
+        gap = max(told.get("rms_gap", norm), told.get("penetration", 0.0))
+        sizes["displacement"] = gap * told.get("scale", abs(contact.displacement))
+    for name, size in sizes.items():
+        found[name]["iteration"] = (size, size)
+
+
+def _pixel(contact: ContactSolution, found: dict[str, dict[str, Ends]]) -> None:
+    """From the share of the area that is at the rim."""
+    area, corrected = contact.area, contact.corrected_area
+    excess = 0.0
+    if contact.contact_pixels != "centres":
+        bare = patches.corrected_area(area, contact.perimeter, contact.pixel_size)
+        excess = 1 - bare / area
+    factor = float(contact.convergence.get("pixel_factor", 1.0))
+    count = contact.patches**0.25 / contact.sites.size**0.75 if excess else 0.0
+    half = area * math.hypot(RIM * factor * excess, COUNT * count)
+    found["area"]["pixel"] = (
+        max(area - corrected + half, 0.0),
+        max(corrected + half - area, 0.0),
+    )
+    at_edge = not contact.periodic and _touches_edge(contact)
+    highest = float(np.abs(contact.pressure).max())
+    patch = math.sqrt(area / max(contact.patches, 1))
+    scales = {
+        "max_pressure": highest,
+        "rms_pressure": contact.rms_pressure * (EDGE if at_edge else 1.0),
+        "displacement": max(
+            abs(contact.displacement or 0.0), patch * highest / contact.modulus
+        ),
+    }
+    for name, scale in scales.items():
+        half = factor * FACTORS[name] * (excess + count) ** 1.5 * scale
+        found[name]["pixel"] = (half, half)
+    if at_edge:  # where the pressure has no limit
+        found["max_pressure"]["pixel"] = (math.nan, math.nan)
+    elif (
+        contact.plastic_displacement is not None and contact.plastic_displacement.any()
+    ):
+        found["max_pressure"]["pixel"] = (0.0, 0.0)
+
+
+def _touches_edge(contact: ContactSolution) -> bool:
+    there = contact.contact
+    return bool(there[[0, -1]].any() or there[:, [0, -1]].any())
+
+
+def stated(contact: ContactSolution, quantity: Quantity) -> Quantity:
+    """``quantity`` of ``contact`` with its errors, and with the interval that they make together."""
+    name, value, area = quantity.name, quantity.value, contact.area
+    found = contact.errors
+    parts = found.get(name) or (found.get("area") if name in OF_AREA else None)
+    if not parts or not quantity.known or not value:
+        return quantity
+    below, above = (
+        math.hypot(*(ends[side] for ends in parts.values())) for side in (0, 1)
+    )
+    if name not in found:
+        low, high = max(area - below, contact.least_area), area + above
+        if name == "mean_contact_pressure":
+            low, high = value * area / high, value * area / low if low > 0 else math.inf
+        elif name == "corrected_area":
+            low, high = min(low, value), 2 * value - min(low, value)
+        else:
+            low, high = value / area * low, value / area * high
+        return quantity.within(
+            low, high, (high - low) / 2 / NORMAL, stated="half_width"
+        )
+    low = max(value - below, contact.least_area) if name == "area" else value - below
+    high = value + above
+    return quantity.within(
+        low,
+        high,
+        (high - low) / 2 / NORMAL,
+        stated="half_width",
+        errors={
+            part: ErrorPart(
+                (down + up) / 2 / NORMAL, HOW.get(part, "stated by the solver")
+            )
+            for part, (down, up) in parts.items()
+        },
+    )
