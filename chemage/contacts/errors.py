@@ -26,6 +26,11 @@ HOW = {
     "pixel": "calibrated on other contacts",
     "branch": "the contact from the other side",
 }
+#: the same of a closed form
+HOW_EXACT = {
+    "iteration": "a closed form",
+    "pixel": "the difference from the closed form",
+}
 #: measures with errors of their own; those of others follow from the area
 MEASURES = ("area", "max_pressure", "rms_pressure", "displacement")
 #: those that follow from it
@@ -55,11 +60,10 @@ def errors(contact: ContactSolution) -> dict[str, dict[str, Ends]]:
     stated: Mapping[str, Mapping[str, Any]] = contact.convergence.get("errors", {})
     for name, parts in stated.items():
         for part, size in parts.items():
-            found.setdefault(name, {})[part] = (
-                (max(-size, 0.0), max(size, 0.0))
-                if part == "branch"
-                else (abs(size), abs(size))
-            )
+            size = math.nan if size is None else float(size)
+            found[name][part] = (abs(size), abs(size))
+            if part == "branch":
+                found[name][part] = (abs(min(size, 0.0)), max(size, 0.0))
     return found
 
 
@@ -129,6 +133,7 @@ def stated(contact: ContactSolution, quantity: Quantity) -> Quantity:
     """``quantity`` of ``contact`` with its errors, and with the interval that they make together."""
     name, value, area = quantity.name, quantity.value, contact.area
     found = contact.errors
+    how = HOW_EXACT if contact.contact_pixels == "centres" else HOW
     parts = found.get(name) or (found.get("area") if name in OF_AREA else None)
     if not parts or not quantity.known or not value:
         return quantity
@@ -155,7 +160,7 @@ def stated(contact: ContactSolution, quantity: Quantity) -> Quantity:
         stated="half_width",
         errors={
             part: ErrorPart(
-                (down + up) / 2 / NORMAL, HOW.get(part, "stated by the solver")
+                (down + up) / 2 / NORMAL, how.get(part, "stated by the solver")
             )
             for part, (down, up) in parts.items()
         },

@@ -14,6 +14,8 @@ from chemage.plugin import ContactModulus, ContactSolver
 
 #: notes of a contact without load
 NO_LOAD = ("no load: the bodies just touch and no pixel carries pressure",)
+#: relative error of closed forms
+ROUNDING = 1e-12
 #: what :meth:`chemage.plugin.SurfaceMaker.expected` says of a grid
 GRID = {"nx", "ny", "pixel_size"}
 
@@ -94,6 +96,23 @@ class SphereSolver(HalfSpaceSolver, ABC):
     ) -> Any:
         """The contact of a sphere of ``radius`` under ``load``, if it is one and within a grid of pixels of ``size``
         (nm)."""
+
+    def exactly(
+        self, contact: ContactSolution, **truth: float | None
+    ) -> ContactSolution:
+        """``contact`` with its errors: nothing is iterated, and those of its pixels are the differences from the closed
+        form, whose measures ``truth`` has; None: infinite, or not known."""
+        errors = {
+            name: {
+                "iteration": 0.0,
+                "pixel": None
+                if value is None
+                else abs(contact.measure(name) - value) + ROUNDING * abs(value),
+            }
+            for name, value in truth.items()
+        }
+        convergence = {**contact.convergence, "errors": errors}
+        return contact.model_copy(update={"convergence": convergence})
 
     def require_room(
         self,

@@ -108,6 +108,10 @@ class AdhesiveSphere(SphereSolver, ABC):
     ) -> np.ndarray:
         """Force (nN) on each pixel between the edges ``x`` and ``y``, nm from the apex."""
 
+    def _tension(self, state: AdhesiveState) -> float:
+        """What attraction takes off the pressure of Hertz in the middle, GPa."""
+        return 0.0
+
     def _pushes(
         self, radius: float, edge: float, x: np.ndarray, y: np.ndarray
     ) -> np.ndarray:
@@ -255,7 +259,7 @@ class AdhesiveSphere(SphereSolver, ABC):
             if carries or not scale
             else abs(float(pressure.sum()) * size**2 - load) / scale
         )
-        return self.solution(
+        contact = self.solution(
             surface,
             pressure=pressure,
             touching=touching,
@@ -265,6 +269,14 @@ class AdhesiveSphere(SphereSolver, ABC):
             carries=carries,
             convergence={"force_error": force_error, "pull_off": self.pull_off(radius)},
             notes=self._beyond(radius),
+        )
+        return self.exactly(
+            contact,
+            area=math.pi * state.edge**2,
+            max_pressure=2 * self.modulus * state.edge / (math.pi * radius)
+            - self._tension(state),
+            rms_pressure=None,
+            displacement=state.displacement,
         )
 
 
@@ -358,6 +370,11 @@ class JKR(AdhesiveSphere):
         roots = np.roots([1.0, 0.0, 0.0, -1.0, -depth])
         root = max(float(value.real) for value in roots if abs(value.imag) < 1e-6)
         return self._state(radius, max(root, lowest) ** 2 * scale)
+
+    def _tension(self, state: AdhesiveState) -> float:
+        return math.sqrt(
+            2 * self.work_of_adhesion * self.modulus / (math.pi * state.edge)
+        )
 
     def _forces(
         self, radius: float, state: AdhesiveState, x: np.ndarray, y: np.ndarray
@@ -499,6 +516,10 @@ class Maugis(AdhesiveSphere):
             if closed < 8 * strain * radius / math.pi
             else -2 * strain * closed
         )
+
+    def _tension(self, state: AdhesiveState) -> float:
+        stress = self.work_of_adhesion / self.range
+        return 2 / math.pi * stress * math.acos(min(state.edge / state.outer, 1.0))
 
     def _forces(
         self, radius: float, state: AdhesiveState, x: np.ndarray, y: np.ndarray

@@ -146,16 +146,35 @@ class Hertz(SphereSolver):
             gap = np.maximum(-overlap, 0.0) if self.gap else None
         if gap is not None:
             gap[pressure > 0] = 0.0
-        return self.solution(
+        approach = edge * edge / radius if sphere is None else sphere.approach
+        contact = self.solution(
             surface,
             pressure=pressure,
             gap=gap,
             plastic_displacement=flow,
             load=load,
             contact_pixels="centres",
-            displacement=edge * edge / radius if sphere is None else sphere.approach,
+            displacement=approach,
             convergence={"force_error": abs(total / load - 1.0) if load > 0 else 0.0},
             notes=() if load > 0 else NO_LOAD,
+        )
+        if not load > 0:
+            return contact
+        area = math.pi * edge**2
+        highest = 1.5 * load / area if sphere is None else sphere.hardness
+        r = np.linspace(0.0, edge, 2001)
+        p = (
+            highest * np.sqrt(1 - (r / edge) ** 2)
+            if sphere is None
+            else sphere.pressure(r)
+        )
+        squares = float(np.trapezoid(2 * math.pi * r * p**2, r))
+        return self.exactly(
+            contact,
+            area=area,
+            max_pressure=highest,
+            rms_pressure=math.sqrt(squares / contact.nominal_area),
+            displacement=approach,
         )
 
     def _open_gap(self, surface: Surface, edge: float, radius: float) -> np.ndarray:

@@ -3,15 +3,21 @@
     python tests/benchmarks/contact_errors.py                      # all families, all precisions: about 15 minutes
     python tests/benchmarks/contact_errors.py spikes --count 30    # one family
     python tests/benchmarks/contact_errors.py pressure             # only the estimate of the pressure error
+    python tests/benchmarks/contact_errors.py intervals --count 500 --seed 2 --rows FILE      # stated intervals: an hour
 
 The errors of the gap are evaluated in double precision by ``tests/stubs/independent_contact.py``. The error of the
 pressure is measured against the same contact solved to a tolerance of 1e-11 in double precision (whose gap is checked
 in the same way), or against the dense active-set solution where the grid is small.
+
+``intervals`` are those of area, rms and largest pressure and approach, of random contacts over solvers, bodies, laws,
+boundaries and precisions. Iteration alone: against a smaller tolerance on the same pixels. All errors: against pixels
+of a quarter, or the closed form of a sphere. Factors were calibrated with seed 1; others judge them.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 import warnings
 from collections.abc import Callable, Iterator
@@ -25,7 +31,9 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "stubs"))
 
 from independent_contact import Body, Errors, dense_solution, evaluate
 
-from chemage import ContactSolution, Surface
+import chemage as ca
+from chemage import ContactSolution, InputError, Surface
+from chemage.plugin import ConvergenceError
 from chemage_contact import FFTBEM
 from chemage_surfaces import SelfAffine
 
@@ -280,15 +288,152 @@ def estimate_table(count: int | None, seed: int) -> None:
     print(f"\n{len(ratios)} contacts: within a factor 3 {inside[0]:.1%} (L2), {inside[1]:.1%} (largest).")
 
 
+MEASURED = ("area", "rms_pressure", "max_pressure", "displacement")
+SOLVERS = ("fft-bem", "hardness", "layer", "single", "free", "sphere", "exponential", "dugdale", "adhesive sphere")
+#: edge of a pixel, nm
+SIZE = 0.5
+
+
+def contact_of(solver: str, rng: np.random.Generator) -> tuple[Callable[[int], Surface], float, Any, dict[str, float]]:
+    """A random contact: its surface on pixels divided by a number, load, solver, and what a closed form knows."""
+    adheres = solver in SOLVERS[6:]
+    n = int(rng.choice([40, 56] if adheres else [64, 96, 128]))
+    work, reach, options, seed = 0.0, 0.0, {"modulus": MODULUS, "threads": 1}, int(rng.integers(1 << 30))
+    if adheres:
+        work = log_uniform(rng, 3e-3, 0.5)
+        reach = float(np.sqrt(SIZE * work / MODULUS / log_uniform(rng, 0.1, 0.49)))
+        law = str(rng.choice(["exponential", "dugdale"])) if solver == "adhesive sphere" else solver
+        options |= {
+            "work_of_adhesion": work,
+            "range": reach,
+            "law": law,
+            "start": str(rng.choice(["apart", "contact"])),
+        }
+        options["tolerance"] = float(rng.choice([1e-3, 1e-4, 1e-5]))
+    else:
+        options["tolerance"] = float(rng.choice([1e-3, 1e-4, 1e-5, 1e-6]))
+        options["precision"] = "single" if solver == "single" else str(rng.choice(["mixed", "double"]))
+    if "sphere" in solver:
+        radius = log_uniform(rng, 5, 300)
+        edge = float(rng.uniform(1.2, (0.25 if adheres else 0.35) * n)) * SIZE
+        load = 4 * MODULUS * edge**3 / 3 / radius
+
+        def made(parts: int) -> Surface:
+            return ca.surface("sphere", radius=radius, pixels=n * parts, pixel_size=SIZE / parts).make()
+
+        known = {}
+        if adheres:
+            load = float(rng.choice([0.0, 0.3 * load, load, -0.6 * np.pi * work * radius]))
+            maugis = ca.contact("maugis", modulus=MODULUS, work_of_adhesion=work, range=reach)
+            if options["law"] == "dugdale" and load > -maugis.pull_off(radius):
+                state = maugis.at_load(radius, load)
+                if state.outer < 0.45 * n * SIZE:
+                    known = {"area": np.pi * state.edge**2, "displacement": state.displacement}
+        elif rng.random() < 0.3:
+            options["hardness"] = 1.5 * load / np.pi / edge**2 * float(rng.uniform(0.5, 0.98))
+        else:
+            known = {"area": np.pi * edge**2, "displacement": edge**2 / radius}
+        return made, load, ca.contact("adhesive-bem" if adheres else "fft-bem", **options), known
+    zeta = n / 2 ** rng.uniform(1, 4)
+    shape = {"hurst": float(rng.choice([0.3, 0.5, 0.8])), "zeta": zeta, "eta": min(float(rng.choice([1, 3])), zeta / 2)}
+    shape["rms_slope"] = log_uniform(rng, 1e-2, 0.8)
+
+    def made(parts: int) -> Surface:
+        return SelfAffine(pixels=n * parts, pixel_size=SIZE / parts, **shape).make(seed)
+
+    pressure = MODULUS * shape["rms_slope"] * log_uniform(rng, 5e-4, 0.5)
+    if adheres:
+        pressure *= float(rng.random() < 0.75)
+    if solver == "free" or (adheres and rng.random() < 0.25):
+        options["boundary"] = "free"
+    if solver == "layer":
+        options |= {
+            "thickness": SIZE * n * log_uniform(rng, 0.03, 3),
+            "poisson_ratio": float(rng.choice([0, 0.25, 0.45])),
+        }
+    if solver == "hardness" or (solver == "single" and rng.random() < 0.5):
+        options["hardness"] = max(MODULUS * shape["rms_slope"] * log_uniform(rng, 0.2, 1.6), 1.02 * pressure)
+    return made, pressure * (n * SIZE) ** 2, ca.contact("adhesive-bem" if adheres else "fft-bem", **options), {}
+
+
+def truth_of(contact: ContactSolution, known: dict[str, float]) -> dict[str, float]:
+    """Area without the pixels of its rim, and the other measures, or what is known of them."""
+    found = {name: contact.quantity(name).value for name in MEASURED}
+    return found | {"area": contact.corrected_area} | known
+
+
+def judged(solver: str, number: int, seed: int) -> dict[str, Any]:
+    """A contact with what it states of its errors, on smaller pixels, and at a smaller tolerance."""
+    made, load, chosen, known = contact_of(solver, np.random.default_rng([seed, SOLVERS.index(solver), number]))
+    contact = chosen.solve(made(1), load)
+    precise = {"tolerance": 1e-7, "max_iterations": 20000, "on_failure": "return"}
+    precise |= {"precision": "double"} if "precision" in type(chosen).model_fields else {}
+    tight = chosen.replace(**precise).solve(made(1), load)
+    finer = chosen.replace(**precise | {"tolerance": 1e-5}).solve(made(4), load)
+    exact = truth_of(finer, known)
+    row: dict[str, Any] = {"solver": solver, "number": number, "pixels": int(contact.sites.size), "load": load}
+    row |= {"patches": contact.patches, "factor": contact.convergence.get("pixel_factor", 1.0), "known": len(known)}
+    row |= {"bare": contact.corrected_area, "options": {k: v for k, v in chosen.identity().items() if v}}
+    for name in MEASURED:
+        quantity, parts = contact.quantity(name), contact.errors[name]
+        same = tight.quantity(name).value - quantity.value
+        below, above = parts["iteration"]
+        row[name] = {"value": quantity.value, "low": quantity.low, "high": quantity.high, "true": exact[name]}
+        row[name] |= {"parts": parts, "same": same, "iterated": -below * 1.001 <= same + 1e-7 * abs(quantity.value)}
+        row[name]["iterated"] &= same - 1e-7 * abs(quantity.value) <= above * 1.001
+        slack = 1e-6 * abs(quantity.value)
+        row[name]["holds"] = not (exact[name] < quantity.low - slack or exact[name] > quantity.high + slack)
+        row[name]["known"] = bool(np.isfinite(quantity.low))
+    return row
+
+
+def interval_table(count: int, seed: int, rows_file: str | None) -> None:
+    rows: list[dict[str, Any]] = []
+    failed: dict[str, int] = {}
+    for number in range(count):
+        solver = SOLVERS[number % len(SOLVERS)]
+        try:
+            rows.append(judged(solver, number, seed))
+        except (InputError, ConvergenceError) as error:
+            failed[solver] = failed.get(solver, 0) + 1
+            print(f"   {solver} {number}: {error}"[:150], file=sys.stderr)
+            continue
+        if rows_file:
+            with Path(rows_file).open("a") as file:
+                file.write(json.dumps(rows[-1], default=float) + "\n")
+    print_intervals(rows, failed)
+
+
+def print_intervals(rows: list[dict[str, Any]], failed: dict[str, int]) -> None:
+    print("| solver | contacts | " + " | ".join(f"{m}: iteration; all; half width" for m in MEASURED) + " |")
+    print("|---" * (2 + len(MEASURED)) + "|")
+    for solver in (*SOLVERS, "all"):
+        some = [row for row in rows if solver in ("all", row["solver"])]
+        cells = []
+        for name in MEASURED:
+            known = [row[name] for row in some if row[name]["known"]]
+            if not known:
+                cells.append("-")
+                continue
+            width = np.median([(one["high"] - one["low"]) / 2 / (abs(one["value"]) or 1.0) for one in known])
+            shares = [np.mean([one[key] for one in known]) for key in ("iterated", "holds")]
+            cells.append(f"{shares[0]:.1%}; {shares[1]:.1%}; {width:.1%}")
+        number = f"{len(some)}" + (f" ({failed[solver]} refused)" if solver in failed else "")
+        print(f"| {solver} | {number} | " + " | ".join(cells) + " |", flush=True)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("families", nargs="*", default=[], help=f"some of {', '.join(FAMILIES)}, pressure")
+    parser.add_argument("families", nargs="*", default=[], help=f"some of {', '.join(FAMILIES)}, pressure, intervals")
     parser.add_argument("--count", type=int, help="cases per family")
     parser.add_argument("--seed", type=int, default=1, help="of the contacts for the estimate of the pressure error")
+    parser.add_argument("--rows", help="file to which the contacts of intervals are appended")
     parser.add_argument("--verbose", action="store_true", help="print every case that is not plain success")
     arguments = parser.parse_args()
     warnings.simplefilter("ignore")
     names = [name for name in arguments.families or FAMILIES if name in FAMILIES]
+    if "intervals" in arguments.families:
+        interval_table(arguments.count or 500, arguments.seed, arguments.rows)
     if names:
         gap_table(names, arguments.count, arguments.verbose)
     if "pressure" in arguments.families or not arguments.families:
