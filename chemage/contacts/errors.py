@@ -38,11 +38,13 @@ OF_AREA = ("area_fraction", "corrected_area", "kappa", "mean_contact_pressure")
 #: calibrated on contacts at a pixel and at a quarter of it (``tests/benchmarks/contact_errors.py intervals``), with e the
 #: share of the area that is excess at its rim and c = (patches)^¼/(pixels in contact)^¾, by which the number of pixels
 #: in a circle scatters: the corrected area is within RIM·e and COUNT·c of the area, other measures within a factor times
-#: (e + c)^1.5, of the approach of the larger of itself and of √(area of a patch) times largest pressure over E*. At the
-#: edge of a free surface the factor of the rms pressure is EDGE times as large. A solver whose rim is less well known
-#: multiplies all of them by ``convergence["pixel_factor"]``
-RIM, COUNT, EDGE = 0.25, 1.5, 5.0
-FACTORS = {"max_pressure": 2.2, "rms_pressure": 0.4, "displacement": 0.45}
+#: (e + c)^1.5, of the approach of the larger of itself and of √(area of a patch) times largest pressure over E*. To that
+#: comes what the largest pressure may miss between two pixels, and the approach PEAK pixels times that over E*. Where a
+#: free surface touches at its edge, rms and largest pressure have no limit. A solver whose rim is less well known
+#: multiplies all of them by ``convergence["pixel_factor"]``, and states in ``convergence["sticking"]`` the part of the
+#: area by which it may be held by the grid
+RIM, COUNT, PEAK = 0.25, 1.5, 2.0
+FACTORS = {"max_pressure": 2.2, "rms_pressure": 0.5, "displacement": 0.5}
 #: half the width of a 95 % interval over the standard error
 NORMAL = 1.96
 
@@ -74,8 +76,8 @@ def _iteration(contact: ContactSolution, found: dict[str, dict[str, Ends]]) -> N
     if not isinstance(norm, int | float):
         return
     rms, highest = contact.rms_pressure, contact.max_pressure
-    # in doubt are the pixels that bear less than the error
-    typical = norm * rms * math.sqrt(contact.pressure.size / contact.sites.size)
+    # in doubt are the pixels that bear less than three times the error
+    typical = 3 * norm * rms * math.sqrt(contact.pressure.size / contact.sites.size)
     few = np.count_nonzero(np.abs(contact.pressure[contact.contact]) < typical)
     sizes = {
         "area": float(few) * contact.pixel_size**2,
@@ -98,30 +100,43 @@ def _pixel(contact: ContactSolution, found: dict[str, dict[str, Ends]]) -> None:
         excess = 1 - bare / area
     factor = float(contact.convergence.get("pixel_factor", 1.0))
     count = contact.patches**0.25 / contact.sites.size**0.75 if excess else 0.0
-    half = area * math.hypot(RIM * factor * excess, COUNT * count)
+    stuck = float(contact.convergence.get("sticking", 0.0)) if excess else 0.0
+    half = area * math.hypot(RIM * factor * excess, COUNT * count, stuck)
     found["area"]["pixel"] = (
         max(area - corrected + half, 0.0),
         max(corrected + half - area, 0.0),
     )
-    at_edge = not contact.periodic and _touches_edge(contact)
     highest = float(np.abs(contact.pressure).max())
     patch = math.sqrt(area / max(contact.patches, 1))
+    missed = _missed(contact.pressure)
     scales = {
-        "max_pressure": highest,
-        "rms_pressure": contact.rms_pressure * (EDGE if at_edge else 1.0),
-        "displacement": max(
-            abs(contact.displacement or 0.0), patch * highest / contact.modulus
+        "max_pressure": (highest, missed),
+        "rms_pressure": (contact.rms_pressure, 0.0),
+        "displacement": (
+            max(abs(contact.displacement or 0.0), patch * highest / contact.modulus),
+            PEAK * contact.pixel_size * missed / contact.modulus,
         ),
     }
-    for name, scale in scales.items():
+    for name, (scale, more) in scales.items():
         half = factor * FACTORS[name] * (excess + count) ** 1.5 * scale
-        found[name]["pixel"] = (half, half)
-    if at_edge:  # where the pressure has no limit
-        found["max_pressure"]["pixel"] = (math.nan, math.nan)
-    elif (
-        contact.plastic_displacement is not None and contact.plastic_displacement.any()
-    ):
+        found[name]["pixel"] = (math.hypot(half, more, stuck * scale),) * 2
+    flow = contact.plastic_displacement
+    if flow is not None and flow.any():
         found["max_pressure"]["pixel"] = (0.0, 0.0)
+    elif not contact.periodic and _touches_edge(contact):
+        for name in ("max_pressure", "rms_pressure"):
+            found[name]["pixel"] = (math.nan, math.nan)
+
+
+def _missed(pressure: np.ndarray) -> float:
+    """What the largest pressure may be more between two pixels, by its second differences."""
+    place = np.unravel_index(int(pressure.argmax()), pressure.shape)
+    top, missed = float(pressure[place]), 0.0
+    for axis in (0, 1):
+        line = np.take(pressure, place[1 - axis], 1 - axis)
+        around = line[[place[axis] - 1, (place[axis] + 1) % line.size]]
+        missed += max(2 * top - float(around.sum(dtype=np.float64)), 0.0) / 8
+    return missed
 
 
 def _touches_edge(contact: ContactSolution) -> bool:

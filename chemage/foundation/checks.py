@@ -11,7 +11,7 @@ import types
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self, Union, get_args, get_origin
+from typing import Annotated, Any, ClassVar, Literal, Self, Union, get_args, get_origin
 
 import numpy as np
 from pydantic import (
@@ -290,6 +290,8 @@ class Frozen(BaseModel):
     """What records, components and the sections of a scene have in common."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
+    #: words that users may give and that are no option here -> what to give instead
+    elsewhere: ClassVar[Mapping[str, str]] = {}
 
     @classmethod
     def __get_pydantic_json_schema__(
@@ -313,7 +315,9 @@ class Frozen(BaseModel):
             problems = []
             for path, text in explain(error):
                 if text == "no such option":
-                    text += f"{nearest(path, known)}{options}"
+                    answer = type(self).elsewhere.get(path)
+                    hint = f" ({answer})" if answer else nearest(path, known)
+                    text += f"{hint}{options}"
                 problems.append((path, text))
             raise InputError(
                 f"{self._title()}: {in_lines(problems)}", problems

@@ -27,6 +27,12 @@ class HalfSpaceSolver(ContactSolver, ABC):
     """contact modulus E* = E/(1−ν²) of the elastic body (or of both, combined), GPa; or their young
     and poisson"""
 
+    elsewhere = {
+        "pressure": 'a nominal pressure is a load: load = "20 MPa"',
+        "adhesion": "contact 'adhesive-bem', of spheres 'jkr', 'dmt' and 'maugis', have a work_of_adhesion",
+        "work_of_adhesion": "contact 'adhesive-bem', of spheres 'jkr', 'dmt' and 'maugis', have one",
+        "hardness": "contact 'fft-bem' and, of spheres, 'hertz' have one; none that adheres has",
+    }
     #: options that an identity has only where they are given, as it had before there were these options
     later: ClassVar[tuple[str, ...]] = ()
 

@@ -25,10 +25,12 @@ START_TOLERANCE = 1e-3
 #: attraction on the outermost pixels of a free surface that is noted, of the largest
 AT_EDGE = 1e-2
 #: pixels of the padded grid up to which the contact is solved from the other side, too, and the tolerance of that
-BOTH_SIDES, OTHER_TOLERANCE = 1 << 16, 1e-3
+BOTH_SIDES, OTHER_TOLERANCE = 1 << 17, 1e-3
 #: errors of pixels over those without attraction, and how they grow with the pixel over the length of the zone of
 #: cohesion; calibrated (``tests/benchmarks/contact_errors.py intervals``)
-STICKING = 2.0, 4.0
+RIM = 2.0, 4.0
+#: the part of the work of adhesion by which the rim is held, over the same: that of the pull-off force of spheres
+HELD = {"dugdale": 0.14, "exponential": 0.01}
 #: tolerance of a reference, and its iterations
 REFERENCE_TOLERANCE, REFERENCE_ITERATIONS = 1e-8, 5000
 
@@ -312,13 +314,17 @@ class AdhesiveBEM(HalfSpaceSolver):
             return found.rise
         return -float(problem.h.mean()) - float(found.x[:nx, :ny].mean())
 
-    def _pixel_factor(self, size: float) -> float:
-        """How many times the errors of pixels of ``size`` nm are those without attraction: the rim sticks to pixels
-        that are not small beside the zone of cohesion."""
+    def _pixels(self, size: float, pressure: np.ndarray) -> dict[str, float]:
+        """How many times the errors of pixels of ``size`` nm are those without attraction, and the part of the area by
+        which the rim is held where pixels are not small beside the zone of cohesion: a³ of a sphere without load is
+        proportional to the work of adhesion, less where tension is less than what presses."""
         if not self.work_of_adhesion:
-            return 1.0
-        zone = self.modulus * self.range**2 / self.work_of_adhesion
-        return STICKING[0] + STICKING[1] * size / zone
+            return {}
+        coarse = size * self.work_of_adhesion / (self.modulus * self.range**2)
+        pressed = float(pressure.sum(where=pressure > 0))
+        tension = pressed - float(pressure.sum())
+        held = HELD[self.law] * coarse * tension / pressed if pressed else 0.0
+        return {"pixel_factor": RIM[0] + RIM[1] * coarse, "sticking": 2 / 3 * held}
 
     def _iteration(self, problem: Adhesive, size: float) -> dict[str, Any]:
         """What the last tenth of the residual changed: of the pressure relatively, of the measures in their units."""
@@ -331,7 +337,8 @@ class AdhesiveBEM(HalfSpaceSolver):
         error = math.hypot(float(np.linalg.norm(q - p)), last.error * norm)
         most = math.hypot(float(np.abs(q - p).max()), last.error * highest)
         flips = np.count_nonzero((first.x <= 0)[:nx, :ny] != (last.x <= 0)[:nx, :ny])
-        risen = abs(self._approach(problem, last) - self._approach(problem, first))
+        risen = self._approach(problem, last)
+        changed = math.hypot(risen - self._approach(problem, first), last.error * risen)
         return {
             "pressure_error": error / norm if norm else 0.0,
             "pressure_error_max": most / highest if highest else 0.0,
@@ -339,7 +346,7 @@ class AdhesiveBEM(HalfSpaceSolver):
                 "area": {"iteration": float(flips) * size**2},
                 "max_pressure": {"iteration": most},
                 "rms_pressure": {"iteration": error / math.sqrt(nx * ny)},
-                "displacement": {"iteration": risen * size},
+                "displacement": {"iteration": changed * size},
             },
         }
 
@@ -431,7 +438,7 @@ class AdhesiveBEM(HalfSpaceSolver):
             convergence={
                 "tolerance": self.tolerance,
                 **self._iteration(problem, size),
-                "pixel_factor": self._pixel_factor(size),
+                **self._pixels(size, pressure),
                 "force_error": abs(force - load) / borne
                 if load is not None and borne
                 else 0.0,

@@ -1,0 +1,154 @@
+"""The errors that contacts state by name: each against a truth that does not share it."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+import chemage as ca
+from chemage import InputError
+
+E = 35.3
+
+
+def rough(seed: int, pixels: int = 64, **options: Any) -> Any:
+    options = {"hurst": 0.8, "zeta": 8, "eta": 3, "rms_slope": 0.1, **options}
+    return ca.surface("self-affine", pixels=pixels, pixel_size=32 / pixels, **options).make(seed)
+
+
+def bem(**options: Any) -> Any:
+    return ca.contact("adhesive-bem", **{"modulus": E, "work_of_adhesion": 0.05, "range": 0.3, **options})
+
+
+@pytest.mark.parametrize("law", ["exponential", "dugdale"])
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-5])
+def test_adhesion_states_the_error_of_its_pressure_and_not_its_residual(law, tolerance):
+    ratios = []
+    for seed in range(4):
+        surface = rough(seed)
+        solver = bem(law=law, tolerance=tolerance, range=0.1 * 2**seed)
+        contact = solver.solve(surface, "20 nN")
+        exact = solver.replace(tolerance=1e-9, max_iterations=20000, on_failure="return").solve(surface, "20 nN")
+        true = np.linalg.norm(contact.pressure - exact.pressure) / np.linalg.norm(exact.pressure)
+        assert contact.residual <= tolerance
+        ratios.append(true / contact.convergence["pressure_error"])
+    assert max(ratios) < 1.5
+
+
+@pytest.mark.parametrize("start", ["apart", "contact"])
+def test_a_rim_that_sticks_to_the_grid_is_within_the_stated_area(start):
+    """Dugdale's law at Tabor's parameter 2.4, pixels of 0.45 of the zone, no load: 3 to 4 % off from either side."""
+    radius, work = 30.0, 0.1
+    reach = (radius * work**2 / E**2 / 2.4**3) ** (1 / 3)
+    size = 0.45 * E * reach**2 / work
+    area = math.pi * ca.contact("maugis", modulus=E, work_of_adhesion=work, range=reach).at_load(radius, 0.0).edge ** 2
+    pixels = 2 * math.ceil(2.5 * math.sqrt(area / math.pi) / size)
+    surface = ca.surface("sphere", radius=radius, pixels=pixels, pixel_size=size).make()
+    found = bem(law="dugdale", range=reach, work_of_adhesion=work, start=start).solve(surface, 0.0).quantity("area")
+    assert set(found.errors) == {"iteration", "pixel", "branch"}
+    assert found.low < area < found.high
+    assert found.high - found.low < 0.5 * area
+
+
+def test_of_two_contacts_under_one_load_each_names_the_other():
+    surface = ca.surface("sphere", radius=10, pixels=140, pixel_size=0.04).make()
+    options = {"range": 0.036, "work_of_adhesion": 0.3, "law": "dugdale"}
+    apart, touching = (bem(start=start, **options).solve(surface, -3.0) for start in ("apart", "contact"))
+    assert apart.area != touching.area
+    branch = apart.errors["area"]["branch"]
+    assert max(branch) == pytest.approx(abs(touching.area - apart.area), rel=0.05)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("over", [1.02, 1.3, 4.0])
+def test_a_contact_that_flows_has_the_area_that_bears_its_load(seed, over):
+    surface = rough(seed, rms_slope=0.4)
+    load = 1.0 * surface.nominal_area
+    contact = ca.contact("fft-bem", modulus=E, hardness=over).solve(surface, load)
+    assert contact.corrected_area >= load / over * (1 - 1e-9)
+    assert contact.quantity("area").low >= load / over * (1 - 1e-9)
+
+
+@pytest.mark.parametrize("over", [1.001, 1.01, 1.1])
+def test_single_precision_near_full_yield_knows_its_error(over):
+    surface = rough(1, 128, rms_slope=0.4)
+    load = 0.3 * surface.nominal_area
+    solver = ca.contact("fft-bem", modulus=E, hardness=0.3 * over, precision="single")
+    contact, exact = solver.solve(surface, load), solver.reference().solve(surface, load)
+    difference = np.abs(contact.pressure - exact.pressure)
+    stated = contact.convergence
+    assert np.linalg.norm(difference) < 2 * stated["pressure_error"] * np.linalg.norm(exact.pressure)
+    assert difference.max() < 2 * stated["pressure_error_max"] * exact.pressure.max()
+
+
+@pytest.mark.parametrize(
+    ("kind", "options"),
+    [("fft-bem", {}), ("fft-bem", {"hardness": 3.0}), ("fft-bem", {"thickness": 4.0}), ("adhesive-bem", {})],
+)
+def test_smaller_pixels_are_within_the_stated_intervals(kind, options):
+    more = {"work_of_adhesion": 0.05, "range": 0.3} if kind == "adhesive-bem" else {}
+    solver = ca.contact(kind, modulus=E, **options, **more)
+    contact, finer = (solver.solve(rough(3, pixels), "100 nN") for pixels in (64, 256))
+    truth = {name: finer.quantity(name).value for name in contact.errors} | {"area": finer.corrected_area}
+    for name, value in truth.items():
+        stated = contact.quantity(name)
+        assert stated.low <= value <= stated.high, name
+        assert {"iteration", "pixel"} <= stated.errors.keys()
+
+
+@pytest.mark.parametrize(
+    ("kind", "options"),
+    [
+        ("hertz", {}),
+        ("hertz", {"hardness": 2.0}),
+        ("jkr", {"work_of_adhesion": 0.1}),
+        ("dmt", {"work_of_adhesion": 0.1}),
+        ("maugis", {"work_of_adhesion": 0.1, "range": 0.2}),
+    ],
+)
+def test_closed_forms_state_what_their_pixels_leave(kind, options):
+    surface = ca.surface("sphere", radius=30, pixels=64, pixel_size=0.5).make()
+    contact = ca.contact(kind, modulus=E, **options).solve(surface, "100 nN")
+    for parts in contact.errors.values():
+        assert parts["iteration"] == (0.0, 0.0)
+    assert contact.errors["displacement"]["pixel"][0] < 1e-9
+    finer = ca.surface("sphere", radius=30, pixels=1024, pixel_size=0.5 / 16).make()
+    area, fine = contact.quantity("area"), ca.contact(kind, modulus=E, **options).solve(finer, "100 nN").area
+    assert area.low - 0.003 * fine < fine < area.high + 0.003 * fine
+
+
+def test_a_file_without_errors_by_name_is_read():
+    """As of 0.2, where the ``pressure_error`` of adhesion was its residual."""
+    contact = bem().solve(rough(1), "20 nN")
+    old = {"tolerance": 1e-4, "pressure_error": contact.residual, "force_error": 0.0}
+    before = contact.model_copy(update={"convergence": old})
+    assert before.quantity("area").low < contact.area
+    unknown = contact.model_copy(update={"convergence": {}})
+    assert math.isnan(unknown.quantity("area").low)
+
+
+@pytest.mark.parametrize(
+    ("kind", "option", "answer"),
+    [
+        ("adhesive-bem", "hardness", "fft-bem"),
+        ("fft-bem", "adhesion", "work_of_adhesion"),
+        ("fft-bem", "pressure", 'load = "20 MPa"'),
+        ("jkr", "pressure", 'load = "20 MPa"'),
+    ],
+)
+def test_words_that_are_no_option_lead_to_what_is_meant(kind, option, answer):
+    with pytest.raises(InputError) as caught:
+        ca.contact(kind, **{"modulus": E, option: 1.0})
+    assert answer in str(caught.value)
+    assert "did you mean" not in str(caught.value).split(option)[1].split("; the options")[0]
+
+
+@pytest.mark.parametrize("start", ["apart", "contact"])
+def test_who_has_started_in_contact_is_not_told_to(start):
+    surface = ca.surface("sphere", radius=10, pixels=48, pixel_size=0.2).make()
+    with pytest.raises(InputError, match="pull-off") as caught:
+        bem(start=start, work_of_adhesion=0.05, range=0.2).solve(surface, -0.99 * 2 * math.pi * 0.05 * 10)
+    assert ("start = 'contact'" in str(caught.value).partition("give")[2]) == (start == "apart")
