@@ -10,15 +10,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from chemage.contacts import patches
 from chemage.foundation.quantities import ErrorPart, Quantity
+from chemage.foundation.statistics import NORMAL_LIMIT
 
-if TYPE_CHECKING:
-    from chemage.contacts.solution import ContactSolution
+#: a :class:`chemage.contacts.solution.ContactSolution`, whose module imports this one
+ContactSolution: TypeAlias = Any
 
 #: how each is known
 HOW = {
@@ -45,9 +46,6 @@ OF_AREA = ("area_fraction", "corrected_area", "kappa", "mean_contact_pressure")
 #: area by which it may be held by the grid
 RIM, COUNT, PEAK = 0.25, 1.5, 2.0
 FACTORS = {"max_pressure": 2.2, "rms_pressure": 0.5, "displacement": 0.5}
-#: half the width of a 95 % interval over the standard error
-NORMAL = 1.96
-
 #: below and above
 Ends = tuple[float, float]
 
@@ -164,18 +162,18 @@ def stated(contact: ContactSolution, quantity: Quantity) -> Quantity:
         else:
             low, high = value / area * low, value / area * high
         return quantity.within(
-            low, high, (high - low) / 2 / NORMAL, stated="half_width"
+            low, high, (high - low) / 2 / NORMAL_LIMIT, stated="half_width"
         )
     low = max(value - below, contact.least_area) if name == "area" else value - below
     high = value + above
     return quantity.within(
         low,
         high,
-        (high - low) / 2 / NORMAL,
+        (high - low) / 2 / NORMAL_LIMIT,
         stated="half_width",
         errors={
             part: ErrorPart(
-                (down + up) / 2 / NORMAL, how.get(part, "stated by the solver")
+                (down + up) / 2 / NORMAL_LIMIT, how.get(part, "stated by the solver")
             )
             for part, (down, up) in parts.items()
         },

@@ -173,14 +173,14 @@ class _Contact(Stage):
             )
         if (modulus := modulus_in(solver)) is not None:
             text += f", E* {modulus:.6g} GPa"
-        return {
-            self.section: text
-            + (
-                ""
-                if "pixels" in stated[self.section]
-                else ", a theory: statistics and no map"
+        if "pixels" not in stated[self.section]:
+            text += ", a theory: statistics and no map"
+        rows = {self.section: text}
+        if (tabor := stated[self.section].get("tabor")) is not None:
+            rows["Tabor's parameter"] = (
+                f"{tabor:.3g}; attraction is short-ranged above 5, long-ranged below 0.1"
             )
-        }
+        return rows
 
     def doubts(self, parts: Parts, stated: Stated) -> Iterator[Doubt]:
         from chemage.contacts.options import beyond_elasticity, modulus_in

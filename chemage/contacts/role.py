@@ -50,7 +50,8 @@ class ContactSolver(Component, ABC):
     def expected(self, surface: Mapping[str, float], load: float) -> dict[str, float]:
         """Estimate what a solve will give and cost from :meth:`SurfaceMaker.expected`, as far as it is known:
         ``area_fraction``, ``cpu_seconds``, ``bytes`` (peak memory), ``gap_bytes`` (of the gap and the plastic
-        displacement, where the solution has them), ``max_pressure`` (GPa, that the solver allows). Used by ``chemage
+        displacement, where the solution has them), ``max_pressure`` (GPa, that the solver allows), ``tabor``
+        (Tabor's parameter of a sphere that adheres). Used by ``chemage
         check`` and to plan sweeps."""
         return {}
 

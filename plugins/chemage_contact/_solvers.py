@@ -20,6 +20,11 @@ ROUNDING = 1e-12
 GRID = {"nx", "ny", "pixel_size"}
 
 
+def tabor(radius: float, work: float, modulus: float, reach: float) -> float:
+    """Tabor's parameter (Rw²/(E*²z₀³))^(1/3) of a sphere (nm, nN/nm, GPa, nm)."""
+    return math.cbrt(radius * work**2 / modulus**2) / reach
+
+
 class HalfSpaceSolver(ContactSolver, ABC):
     """A solver for an elastic body of one contact modulus."""
 

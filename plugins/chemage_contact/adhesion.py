@@ -13,7 +13,7 @@ from pydantic import Field
 
 from chemage import ContactSolution, InputError, Surface
 from chemage.plugin import Length, Unit, convert
-from chemage_contact._solvers import GRID, SphereSolver
+from chemage_contact._solvers import GRID, SphereSolver, tabor
 from chemage_contact.closed_forms import _corner_force, _pixels
 
 #: work of adhesion: 1 J/m² is 1 nN/nm
@@ -127,16 +127,21 @@ class AdhesiveSphere(SphereSolver, ABC):
     def _carries(self, radius: float) -> str:
         return ""
 
+    def _tabor(self, radius: float) -> float:
+        """Tabor's parameter of a sphere of ``radius`` nm, for the range of attraction of the law, or of atoms."""
+        reach = getattr(self, "range", _ATOMIC)
+        return tabor(radius, self.work_of_adhesion, self.modulus, reach)
+
     def _beyond(self, radius: float) -> tuple[str, ...]:
         """That a sphere of ``radius`` nm is outside the range of the law, in words; nothing where it is not."""
-        tabor = math.cbrt(radius * self.work_of_adhesion**2 / self.modulus**2) / _ATOMIC
+        found = self._tabor(radius)
         low, high = self.tabor
-        if low <= tabor <= high:
+        if low <= found <= high:
             return ()
-        limit = f"above {low:g}" if tabor < low else f"below {high:g}"
+        limit = f"above {low:g}" if found < low else f"below {high:g}"
         beyond = (
             f"contact {self.kind!r} holds where Tabor's parameter (Rw²/(E*²z₀³))^(1/3) is {limit}, and here it is "
-            f"{tabor:.2g} for an attraction of range z₀ = {_ATOMIC:g} nm: use contact 'maugis' with the range of the "
+            f"{found:.2g} for an attraction of range z₀ = {_ATOMIC:g} nm: use contact 'maugis' with the range of the "
             "attraction"
         )
         return (beyond,)
@@ -147,6 +152,7 @@ class AdhesiveSphere(SphereSolver, ABC):
             return {}
         pixels = surface["nx"] * surface["ny"]
         cost = {"cpu_seconds": 0.02 + 5e-6 * pixels, "bytes": 120.0 * pixels}
+        cost["tabor"] = self._tabor(surface["radius"])
         if load < -self.pull_off(surface["radius"]):
             return cost
         edge = self.at_load(surface["radius"], load).edge

@@ -14,7 +14,7 @@ from chemage.plugin import ConvergenceError, Length, Unit, convert, threads
 from chemage_contact._attraction import Adhesive, Iterate
 from chemage_contact._cohesion import CohesiveLaw
 from chemage_contact._operators import FreeHalfSpace, PeriodicHalfSpace, Substrate, Team
-from chemage_contact._solvers import GRID, HalfSpaceSolver
+from chemage_contact._solvers import GRID, HalfSpaceSolver, tabor
 from chemage_contact.adhesion import Loop
 from chemage_contact.fft_bem import _BUGNICOURT, FFTBEM
 
@@ -127,6 +127,10 @@ class AdhesiveBEM(HalfSpaceSolver):
             1.0, 1 - 0.3 * math.log10(self.tolerance / 1e-4)
         )
         estimate.pop("gap_bytes", None)
+        if "radius" in surface and self.work_of_adhesion:
+            estimate["tabor"] = tabor(
+                surface["radius"], self.work_of_adhesion, self.modulus, self.range
+            )
         return estimate | ({"gap_bytes": 8.0 * pixels} if self.gap else {})
 
     def check(self, surface: Mapping[str, float], load: float) -> tuple[str, ...]:
