@@ -45,7 +45,7 @@ OF_AREA = ("area_fraction", "corrected_area", "kappa", "mean_contact_pressure")
 #: multiplies all of them by ``convergence["pixel_factor"]``, and states in ``convergence["sticking"]`` the part of the
 #: area by which it may be held by the grid
 RIM, COUNT, PEAK = 0.25, 1.5, 2.0
-FACTORS = {"max_pressure": 2.2, "rms_pressure": 0.5, "displacement": 0.5}
+FACTORS = {"max_pressure": 1.4, "rms_pressure": 0.5, "displacement": 0.5}
 #: below and above
 Ends = tuple[float, float]
 
@@ -117,7 +117,8 @@ def _pixel(contact: ContactSolution, found: dict[str, dict[str, Ends]]) -> None:
     }
     for name, (scale, more) in scales.items():
         half = factor * FACTORS[name] * (excess + count) ** 1.5 * scale
-        found[name]["pixel"] = (math.hypot(half, more, stuck * scale),) * 2
+        both = math.hypot(half, more, stuck * scale)
+        found[name]["pixel"] = (both, both)
     flow = contact.plastic_displacement
     if flow is not None and flow.any():
         found["max_pressure"]["pixel"] = (0.0, 0.0)

@@ -324,7 +324,7 @@ def contact_of(solver: str, rng: np.random.Generator) -> tuple[Callable[[int], S
         known = {}
         if adheres:
             load = float(rng.choice([0.0, 0.3 * load, load, -0.6 * np.pi * work * radius]))
-            maugis = ca.contact("maugis", modulus=MODULUS, work_of_adhesion=work, range=reach)
+            maugis: Any = ca.contact("maugis", modulus=MODULUS, work_of_adhesion=work, range=reach)
             if options["law"] == "dugdale" and load > -maugis.pull_off(radius):
                 state = maugis.at_load(radius, load)
                 if state.outer < 0.45 * n * SIZE:

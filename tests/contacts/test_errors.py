@@ -44,7 +44,8 @@ def test_a_rim_that_sticks_to_the_grid_is_within_the_stated_area(start):
     radius, work = 30.0, 0.1
     reach = (radius * work**2 / E**2 / 2.4**3) ** (1 / 3)
     size = 0.45 * E * reach**2 / work
-    area = math.pi * ca.contact("maugis", modulus=E, work_of_adhesion=work, range=reach).at_load(radius, 0.0).edge ** 2
+    maugis: Any = ca.contact("maugis", modulus=E, work_of_adhesion=work, range=reach)
+    area = math.pi * maugis.at_load(radius, 0.0).edge ** 2
     pixels = 2 * math.ceil(2.5 * math.sqrt(area / math.pi) / size)
     surface = ca.surface("sphere", radius=radius, pixels=pixels, pixel_size=size).make()
     found = bem(law="dugdale", range=reach, work_of_adhesion=work, start=start).solve(surface, 0.0).quantity("area")
@@ -90,7 +91,8 @@ def test_single_precision_near_full_yield_knows_its_error(over):
 )
 def test_smaller_pixels_are_within_the_stated_intervals(kind, options):
     more = {"work_of_adhesion": 0.05, "range": 0.3} if kind == "adhesive-bem" else {}
-    solver = ca.contact(kind, modulus=E, **options, **more)
+    make: Any = ca.contact
+    solver = make(kind, modulus=E, **options, **more)
     contact, finer = (solver.solve(rough(3, pixels), "100 nN") for pixels in (64, 256))
     truth = {name: finer.quantity(name).value for name in contact.errors} | {"area": finer.corrected_area}
     for name, value in truth.items():
