@@ -9,14 +9,14 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from chemage import ContactSolution, InputError, Surface
-from chemage.plugin import ConvergenceError, Length, Unit, convert, threads
+from chemage import ChemageError, ContactSolution, InputError, Surface
+from chemage.plugin import ConvergenceError, Length, Quantity, Unit, convert, threads
 from chemage_contact._attraction import Adhesive, Iterate
 from chemage_contact._cohesion import CohesiveLaw
 from chemage_contact._operators import FreeHalfSpace, PeriodicHalfSpace, Substrate, Team
 from chemage_contact._solvers import GRID, HalfSpaceSolver
-from chemage_contact.adhesion import Loop
 from chemage_contact.fft_bem import _BUGNICOURT, FFTBEM
+from chemage_contact.paths import Follower, Loop, Path, State, coarser, more_errors
 
 #: largest pixel in units of E*ρ²/w, the length of the zone of cohesion; measured, see ``docs/contact.md``
 COARSEST = 0.5
@@ -24,6 +24,8 @@ COARSEST = 0.5
 START_TOLERANCE = 1e-3
 #: attraction on the outermost pixels of a free surface that is noted, of the largest
 AT_EDGE = 1e-2
+#: share of the largest attraction that is none: where a path ends that parts the surfaces
+GONE = 1e-3
 #: tolerance of a reference, and its iterations
 REFERENCE_TOLERANCE, REFERENCE_ITERATIONS = 1e-8, 5000
 
@@ -42,6 +44,10 @@ _REY = """@article{rey2017,
 _Before = tuple[np.ndarray, float]
 
 
+class PartedError(InputError):
+    """No contact bears the load."""
+
+
 class AdhesiveBEM(HalfSpaceSolver):
     """Frictionless contact of a rigid surface with a flat elastic body that attracts it, at a given load.
 
@@ -56,7 +62,7 @@ class AdhesiveBEM(HalfSpaceSolver):
     double precision, for the gap that is returned; and for a free boundary the error of the load below a 300th of it.
 
     A contact that adheres has a history: under one load there may be several. ``start`` says from which side it is
-    approached, :meth:`sweep` and :meth:`loop` follow a programme of loads or of approaches.
+    approached, :meth:`loop` follows a path of loads or of approaches.
     """
 
     kind = "adhesive-bem"
@@ -137,7 +143,7 @@ class AdhesiveBEM(HalfSpaceSolver):
     def _bearable(self, radius: float, load: float) -> None:
         most = 2 * math.pi * self.work_of_adhesion * radius
         if load < -most:
-            raise InputError.of(
+            raise PartedError.of(
                 "load",
                 load,
                 f"pulls the surfaces apart: the pull-off force of a sphere of {radius:g} nm is at most 2πwR = "
@@ -181,18 +187,6 @@ class AdhesiveBEM(HalfSpaceSolver):
     ) -> ContactSolution:
         return self._from(surface, load, None)[0]
 
-    def sweep(
-        self, surface: Surface, loads: Sequence[float | str]
-    ) -> list[ContactSolution]:
-        """Contacts of ``surface`` under each of ``loads`` in the order given, each from the one before: a history."""
-        contacts, before = [], None
-        for load in loads:
-            contact, before = self._from(
-                surface, self.normal_force(load, surface), before
-            )
-            contacts.append(contact)
-        return contacts
-
     def solve_displacement(
         self, surface: Surface, displacement: float | str
     ) -> ContactSolution:
@@ -201,18 +195,89 @@ class AdhesiveBEM(HalfSpaceSolver):
         together by adhesion. The load follows."""
         return self._from(surface, None, None, convert(displacement, "nm"))[0]
 
-    def loop(self, surface: Surface, displacements: Sequence[float]) -> Loop:
-        """Load and contact area along a programme of approaches (nm), in the order given: jump-in, pull-off, and the
-        work that is lost between them."""
-        contacts, before = [], None
-        for displacement in displacements:
-            contact, before = self._from(surface, None, before, float(displacement))
-            contacts.append(contact)
-        return Loop(
-            np.array(displacements, dtype=np.float64),
-            np.array([contact.load for contact in contacts]),
-            np.array([contact.area for contact in contacts]),
+    def loop(self, surface: Surface, path: Path | Sequence[float | str]) -> Loop:
+        """The contacts along a path of approaches or of loads, each from the one before, from surfaces apart: pull-off,
+        jumps, and the work that is lost. See :class:`chemage_contact.paths.Path`."""
+        path = Path.of(path)
+        follower = self._follow(surface, path, 0.0)
+        found = follower.quantities(path.control)
+        other, rough = (
+            self._coarsely(surface, path),
+            "the same path on pixels twice as large",
         )
+        for name, quantity in found.items():
+            if isinstance(quantity, Quantity):
+                size = abs(quantity.value - other[name].value) if other else math.nan
+                found[name] = more_errors(quantity, pixel=(size, rough))
+        found["pull_off"] = more_errors(
+            found["pull_off"],
+            iteration=(
+                self._iteration(surface, path, follower),
+                "solved again to a hundredth of the tolerance",
+            ),
+        )
+        return Loop.of(
+            follower.states,
+            follower.given,
+            contacts=tuple(follower.contacts),
+            **found,
+        )
+
+    def _coarsely(self, surface: Surface, path: Path) -> dict[str, Any]:
+        """The quantities of the path on every second pixel; empty where they cannot be had."""
+        coarse = coarser(surface)
+        if coarse is None:
+            return {}
+        offset = float(surface.heights.max()) - float(coarse.heights.max())
+        try:
+            follower = self.replace(coarse="note")._follow(coarse, path, offset)
+        except ChemageError:
+            return {}
+        return follower.quantities(path.control)
+
+    def _iteration(self, surface: Surface, path: Path, follower: Follower) -> float:
+        """Change of the largest pull, nN, under a smaller tolerance."""
+        state = follower.lowest
+        if path.control == "load" or state is None or state.load >= 0:
+            return 0.0
+        exact = self.replace(tolerance=max(0.01 * self.tolerance, 1e-12))
+        again, *_ = exact._from(surface, None, state.memory, follower.lowest_at)
+        return abs(again.load - state.load)
+
+    def _follow(self, surface: Surface, path: Path, offset: float) -> Follower:
+        """The states along a path, whose approaches are ``offset`` larger than those of this surface."""
+        by_load = path.control == "load" and path.target is None
+
+        def solve(value: float, last: State | None) -> State:
+            load, approach = (value, None) if by_load else (None, value - offset)
+            before = last.memory if last is not None else None
+            try:
+                contact, memory, energies = self._from(surface, load, before, approach)
+            except PartedError:
+                return State(-math.inf, 0.0, 0.0)
+            rise = float(contact.displacement or 0.0) + offset
+            energy, attraction = energies
+            return State(
+                rise, contact.load, contact.area, energy, -attraction, memory, contact
+            )
+
+        follower = Follower(solve)
+        if path.target is None:
+            follower.follow(path.values)
+            return follower
+        far = -self.range * (-math.log(GONE) if self.law == "exponential" else 2.0)
+        deepest = self._from(surface, path.target, None)[0].displacement or 0.0
+        around = path.there_and_back(far, deepest + offset)
+        follower.follow(around.values)
+        step, last = (deepest + offset - far) / path.points, follower.states[-1]
+        lowest = min(state.load for state in follower.states)
+        while last.area or last.load < GONE * lowest:
+            follower.follow([follower.values[-1] - step])
+            last = follower.states[-1]
+            lowest = min(lowest, last.load)
+        if follower.values[-1] < far:
+            follower.follow([far])
+        return follower
 
     def _from(
         self,
@@ -220,8 +285,9 @@ class AdhesiveBEM(HalfSpaceSolver):
         load: float | None,
         before: _Before | None,
         approach: float | None = None,
-    ) -> tuple[ContactSolution, _Before]:
-        """The contact under ``load``, or at ``approach`` (nm), and where the next one may begin."""
+    ) -> tuple[ContactSolution, _Before, tuple[float, float]]:
+        """The contact under ``load``, or at ``approach`` (nm), where the next one may begin, and :meth:`Adhesive.energies`
+        in nN nm."""
         size, modulus = surface.pixel_size, self.modulus
         coarse = self._unresolved(size)
         heights = surface.heights.astype(np.float64)
@@ -264,7 +330,7 @@ class AdhesiveBEM(HalfSpaceSolver):
                 x, rise = problem.placed(x, rise, approach / size)
             found = problem.minimise(x, rise, self.tolerance, self.max_iterations)
         if problem.parted(found):
-            raise InputError.of(
+            raise PartedError.of(
                 "load",
                 load,
                 f"pulls the surfaces apart: no contact bears it from start = {self.start!r} at a work of adhesion of "
@@ -277,9 +343,12 @@ class AdhesiveBEM(HalfSpaceSolver):
             if flat
             else found.rise
         )
-        return self._solution(surface, problem, found, load, rise, coarse), (
-            found.x,
-            rise,
+        unit = modulus * size**3
+        energy, attraction = problem.energies(found)
+        return (
+            self._solution(surface, problem, found, load, rise, coarse),
+            (found.x, rise),
+            (energy * unit, attraction * unit),
         )
 
     def _begin(
