@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -26,6 +27,9 @@ START_TOLERANCE = 1e-3
 AT_EDGE = 1e-2
 #: share of the largest attraction that is none: where a path ends that parts the surfaces
 GONE = 1e-3
+#: relative error of the pull-off force of a sphere with ``dugdale`` over pixel / zone of cohesion, measured where that
+#: is no small ratio: then larger pixels stick no more
+STICKING = 0.14
 #: tolerance of a reference, and its iterations
 REFERENCE_TOLERANCE, REFERENCE_ITERATIONS = 1e-8, 5000
 
@@ -201,14 +205,23 @@ class AdhesiveBEM(HalfSpaceSolver):
         path = Path.of(path)
         follower = self._follow(surface, path, 0.0)
         found = follower.quantities(path.control)
-        other, rough = (
-            self._coarsely(surface, path),
-            "the same path on pixels twice as large",
-        )
+        others = list(self._coarsely(surface, path))
+        zone = self.modulus * self.range**2 / max(self.work_of_adhesion, 1e-300)
+        stuck = STICKING * surface.pixel_size / zone if self.law == "dugdale" else 0.0
         for name, quantity in found.items():
             if isinstance(quantity, Quantity):
-                size = abs(quantity.value - other[name].value) if other else math.nan
-                found[name] = more_errors(quantity, pixel=(size, rough))
+                # errors grow with the pixel, in proportion or faster
+                sizes = [
+                    abs(other[name].value - quantity.value) / (k - 1)
+                    for k, other in others
+                ]
+                sizes = [size for size in sizes if math.isfinite(size)]
+                if sizes:
+                    sizes.append(stuck * abs(quantity.value))
+                size = max(sizes, default=math.nan)
+                found[name] = more_errors(
+                    quantity, pixel=(size, "the same path on larger pixels")
+                )
         found["pull_off"] = more_errors(
             found["pull_off"],
             iteration=(
@@ -223,17 +236,15 @@ class AdhesiveBEM(HalfSpaceSolver):
             **found,
         )
 
-    def _coarsely(self, surface: Surface, path: Path) -> dict[str, Any]:
-        """The quantities of the path on every second pixel; empty where they cannot be had."""
-        coarse = coarser(surface)
-        if coarse is None:
-            return {}
-        offset = float(surface.heights.max()) - float(coarse.heights.max())
-        try:
-            follower = self.replace(coarse="note")._follow(coarse, path, offset)
-        except ChemageError:
-            return {}
-        return follower.quantities(path.control)
+    def _coarsely(
+        self, surface: Surface, path: Path
+    ) -> Iterator[tuple[int, dict[str, Any]]]:
+        """By how much pixels are larger, and the quantities of the path on them, where they can be had."""
+        for k, coarse in coarser(surface):
+            offset = float(surface.heights.max()) - float(coarse.heights.max())
+            with contextlib.suppress(ChemageError):
+                follower = self.replace(coarse="note")._follow(coarse, path, offset)
+                yield k, follower.quantities(path.control)
 
     def _iteration(self, surface: Surface, path: Path, follower: Follower) -> float:
         """Change of the largest pull, nN, under a smaller tolerance."""

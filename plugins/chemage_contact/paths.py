@@ -177,18 +177,33 @@ def more_errors(quantity: Quantity, **errors: tuple[float, str]) -> Quantity:
     return found if math.isfinite(found.half_width) else found.but(stated="")
 
 
-def coarser(surface: Surface) -> Surface | None:
-    """Every second pixel of a surface; None where its period is odd."""
-    if min(surface.shape) < 8 or (
-        surface.periodic and any(n % 2 for n in surface.shape)
-    ):
-        return None
-    return Surface(
-        heights=surface.heights[::2, ::2],
-        pixel_size=2 * surface.pixel_size,
-        periodic=surface.periodic,
-        provenance=surface.provenance,
-    )
+def coarser(surface: Surface) -> Iterator[tuple[int, Surface]]:
+    """The surface on pixels that are two, three or four times as large: two of these, or those that its period allows.
+
+    A surface that does not repeat loses pixels on both sides, so that its middle stays that of a pixel, or a corner:
+    contacts stick to symmetric grids most.
+    """
+    factors = [
+        k
+        for k in (2, 3, 4)
+        if not surface.periodic or not any(n % k for n in surface.shape)
+    ]
+    for k in factors[:2]:
+        heights = surface.heights
+        for axis, n in enumerate(surface.shape):
+            lost = next((m for m in range(0, 2 * k, 2) if (n - m) % k == 0), n % k)
+            kept = np.arange(lost // 2, lost // 2 + n - lost)
+            heights = np.take(heights, kept, axis)
+        nx, ny = heights.shape
+        yield (
+            k,
+            Surface(
+                heights=heights.reshape(nx // k, k, ny // k, k).mean(axis=(1, 3)),
+                pixel_size=k * surface.pixel_size,
+                periodic=surface.periodic,
+                provenance=surface.provenance,
+            ),
+        )
 
 
 def exact(quantity: Quantity, value: float, reason: str = "") -> Quantity:
@@ -595,10 +610,16 @@ class Follower:
             return unknown(
                 _SEPARATION, "not known: the path does not part the surfaces"
             )
+        touching = range(ends[-1], -1, -1)
         free = next(
-            (k for k in range(ends[-1], -1, -1) if self.states[k].load >= 0), None
+            (
+                k
+                for k in touching
+                if self.states[k].load >= 0 or not self.states[k].area
+            ),
+            None,
         )
-        if free is None or free == ends[-1]:
+        if free is None or not self.states[free].area:
             return unknown(
                 _SEPARATION,
                 "not known: the path does not pass a contact without load before",
