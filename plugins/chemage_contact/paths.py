@@ -488,7 +488,12 @@ class Follower:
             return True
         lowest = (1 + FORCE) * min(0.0, now.load, *(one.load for one in self.states))
         # how far the pull goes on growing before a jump
-        further = abs(self._slope()) * width if self._is_large(last, now) else 0.0
+        last_one = len(self.states) - 1
+        further = (
+            abs(self._slope(last_one, last_one - 1)) * width
+            if self._is_large(last, now)
+            else 0.0
+        )
         return min(last.load - further, now.load, last.load) - _dip(last, now) < lowest
 
     def _unresolved(self, *states: State) -> float:
@@ -500,12 +505,19 @@ class Follower:
         """Whether energy is lost between two states, in a jump."""
         return _excess(last, now) > self._unresolved(last, now)
 
-    def _slope(self) -> float:
-        """Change of the load with what is given, before the last state."""
-        if len(self.states) < 2 or self.values[-1] == self.values[-2]:
+    def _jumps_after(self, k: int) -> bool:
+        """Whether there is a jump between a state and the next one."""
+        one, other = self.states[k : k + 2]
+        return _changes(one, other) or self._is_large(one, other)
+
+    def _slope(self, k: int, near: int) -> float:
+        """Change of the load with what is given, between two neighbours; 0 where there is none, or a jump."""
+        if not 0 <= near < len(self.states) or self.values[k] == self.values[near]:
             return 0.0
-        return (self.states[-1].load - self.states[-2].load) / (
-            self.values[-1] - self.values[-2]
+        if self._jumps_after(min(k, near)):
+            return 0.0
+        return (self.states[near].load - self.states[k].load) / (
+            self.values[near] - self.values[k]
         )
 
     def quantities(self, control: str) -> dict[str, Any]:
@@ -558,15 +570,8 @@ class Follower:
             if control == "load":
                 if _changes(self.states[k], other):
                     pull, error = pull + 0.5 * width, error + 0.5 * width
-            elif _changes(self.states[k], other) or self._is_large(
-                self.states[k], other
-            ):
-                back = 2 * k - near
-                if 0 <= back < len(loads) and self.values[back] != self.values[k]:
-                    slope = (loads[back] - loads[k]) / (
-                        self.values[back] - self.values[k]
-                    )
-                    error += abs(slope) * width
+            elif self._jumps_after(min(k, near)):
+                error += abs(self._slope(k, 2 * k - near)) * width
             else:
                 error += _dip(self.states[min(k, near)], self.states[max(k, near)])
         error = max(error, FORCE * pull)
