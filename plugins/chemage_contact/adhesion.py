@@ -16,7 +16,14 @@ from chemage import ContactSolution, InputError, Surface
 from chemage.plugin import Length, Unit, convert
 from chemage_contact._solvers import GRID, SphereSolver
 from chemage_contact.closed_forms import _corner_force, _pixels
-from chemage_contact.paths import Branch, Loop, Path, State, closed_loop, loaded_loop
+from chemage_contact.paths import (
+    Branch,
+    Loop,
+    Path,
+    PathState,
+    closed_loop,
+    loaded_loop,
+)
 
 #: work of adhesion: 1 J/m² is 1 nN/nm
 Adhesion = Annotated[Any, Unit("J/m**2", gt=0)]
@@ -269,7 +276,7 @@ class AdhesiveSphere(SphereSolver, ABC):
             )
         return Loop.of(
             [
-                State(state.displacement, state.load, math.pi * state.edge**2)
+                PathState(state.displacement, state.load, math.pi * state.edge**2)
                 for state in states
             ],
             range(len(states)),

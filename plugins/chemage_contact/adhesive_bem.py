@@ -17,7 +17,7 @@ from chemage_contact._cohesion import CohesiveLaw
 from chemage_contact._operators import FreeHalfSpace, PeriodicHalfSpace, Substrate, Team
 from chemage_contact._solvers import GRID, HalfSpaceSolver
 from chemage_contact.fft_bem import _BUGNICOURT, FFTBEM
-from chemage_contact.paths import Follower, Loop, Path, State, coarser, more_errors
+from chemage_contact.paths import Follower, Loop, Path, PathState, coarser, more_errors
 
 #: largest pixel in units of E*ρ²/w, the length of the zone of cohesion; measured, see ``docs/contact.md``
 COARSEST = 0.5
@@ -259,16 +259,16 @@ class AdhesiveBEM(HalfSpaceSolver):
         """The states along a path, whose approaches are ``offset`` larger than those of this surface."""
         by_load = path.control == "load" and path.target is None
 
-        def solve(value: float, last: State | None) -> State:
+        def solve(value: float, last: PathState | None) -> PathState:
             load, approach = (value, None) if by_load else (None, value - offset)
             before = last.memory if last is not None else None
             try:
                 contact, memory, energies = self._from(surface, load, before, approach)
             except PartedError:
-                return State(-math.inf, 0.0, 0.0)
+                return PathState(-math.inf, 0.0, 0.0)
             rise = float(contact.displacement or 0.0) + offset
             energy, attraction = energies
-            return State(
+            return PathState(
                 rise, contact.load, contact.area, energy, -attraction, memory, contact
             )
 

@@ -21,7 +21,7 @@ from chemage.plugin import (
 )
 from chemage_contact._solvers import GRID, NO_LOAD, SphereSolver
 from chemage_contact._yielding_sphere import YieldingSphere, yielding_sphere
-from chemage_contact.paths import Branch, Loop, Path, State, closed_loop
+from chemage_contact.paths import Branch, Loop, Path, PathState, closed_loop
 
 _HERTZ = """@article{hertz1881,
   author = {Hertz, H.},
@@ -187,7 +187,8 @@ class Hertz(SphereSolver):
             Branch(True, load, 0.0, math.inf),
         )
         states = [
-            State(at, load(at), math.pi * radius * max(at, 0.0)) for at in path.values
+            PathState(at, load(at), math.pi * radius * max(at, 0.0))
+            for at in path.values
         ]
         return Loop.of(
             states, range(len(states)), **closed_loop(branches, path.values)[1]

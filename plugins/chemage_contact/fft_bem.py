@@ -25,7 +25,7 @@ from chemage_contact._operators import (
     Team,
 )
 from chemage_contact._solvers import GRID, NO_LOAD, HalfSpaceSolver
-from chemage_contact.paths import Loop, Path, State, wall_loop
+from chemage_contact.paths import Loop, Path, PathState, wall_loop
 
 #: Thickness of a layer, in pixels and in lengths of the surface. A thinner one is a bed of springs, which rounding
 #: errors prevent from converging; a thicker one is a half-space.
@@ -429,7 +429,7 @@ class FFTBEM(HalfSpaceSolver):
             path = replace(path.there_and_back(0.0, path.target), control="load")
         left, top = surface, float(surface.heights.max())
         contacts: list[ContactSolution] = []
-        states: list[State] = []
+        states: list[PathState] = []
         error = 0.0
         for value in path.values:
             sunk = top - float(left.heights.max())
@@ -457,7 +457,7 @@ class FFTBEM(HalfSpaceSolver):
                 }
             rise = (contact.displacement or 0.0) + sunk
             contacts.append(contact.model_copy(update={"displacement": rise, **more}))
-            states.append(State(rise, contact.load, contact.area))
+            states.append(PathState(rise, contact.load, contact.area))
         hardness, area = self.hardness or 0.0, surface.pixel_size**2
         lost = float(np.sum(surface.heights - left.heights, dtype=np.float64))
         return Loop.of(

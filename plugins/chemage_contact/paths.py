@@ -105,7 +105,7 @@ class Path:
         return Path((*there, *there[-2::-1]))
 
 
-class State(NamedTuple):
+class PathState(NamedTuple):
     """A contact on a path."""
 
     displacement: float
@@ -141,11 +141,12 @@ class Loop:
 
     @classmethod
     def of(
-        cls, states: Sequence[State], given: Sequence[int], **quantities: Any
+        cls, states: Sequence[PathState], given: Sequence[int], **quantities: Any
     ) -> Loop:
         """With the arrays of ``states``."""
-        columns = np.array([state[:3] for state in states], dtype=np.float64).T
-        return cls(*columns, np.array(given, dtype=np.int64), **quantities)
+        columns = np.array([state[:3] for state in states], dtype=np.float64)
+        displacement, load, area = columns.T
+        return cls(displacement, load, area, np.array(given, np.int64), **quantities)
 
     def quantities(self) -> list[Quantity]:
         """All but the single jumps."""
@@ -237,10 +238,12 @@ class Branch(NamedTuple):
         load = self.load
         if load is None or first == last:
             return 0.0
-        roots = (math.sqrt(max(at - self.low, 0.0)) for at in (first, last))
-        return quad(
-            lambda t: 2 * t * load(self.low + t * t), *roots, epsabs=0.0, epsrel=1e-11
-        )[0]
+        low = self.low
+        begin, end = (math.sqrt(max(at - low, 0.0)) for at in (first, last))
+        found: Any = quad(
+            lambda t: 2 * t * load(low + t * t), begin, end, epsabs=0.0, epsrel=1e-11
+        )
+        return found[0]
 
     def lowest(self, first: float, last: float) -> float:
         """The least load between two approaches."""
@@ -349,7 +352,7 @@ def _separation(legs: Sequence[_Leg], ends: Sequence[int]) -> Quantity:
             continue
         from scipy.optimize import brentq
 
-        free: Any = brentq(load, leg.last, leg.first, xtol=1e-15, rtol=1e-14)
+        free: Any = brentq(load, leg.last, leg.first, xtol=1e-15)
         return exact(_SEPARATION, work + leg.branch.work(free, leg.last))
     return unknown(
         _SEPARATION, "not known: the path does not pass a contact without load before"
@@ -384,7 +387,7 @@ def loaded_loop(
 
 
 def wall_loop(
-    states: Sequence[State], sunk: float, lost: float, error: float
+    states: Sequence[PathState], sunk: float, lost: float, error: float
 ) -> dict[str, Any]:
     """The quantities of a path of surfaces that do not adhere, of which the highest point has ``sunk`` (nm) at the end,
     and whose flow has ``lost`` so much energy (nN nm), with its standard ``error``."""
@@ -410,7 +413,7 @@ def wall_loop(
 # -- boundary elements ------------------------------------------------------------------------------------------------
 
 
-def _excess(last: State, now: State) -> float:
+def _excess(last: PathState, now: PathState) -> float:
     """What the work between two states is more than the gain in energy, nN nm: lost in a jump, or the error of the
     trapezium."""
     if not math.isfinite(now.displacement - last.displacement):
@@ -419,13 +422,13 @@ def _excess(last: State, now: State) -> float:
     return work - (now.energy - last.energy)
 
 
-def _uncertain(last: State, now: State) -> float:
+def _uncertain(last: PathState, now: PathState) -> float:
     """Largest error of the energy lost in a jump between two states."""
     step = now.displacement - last.displacement
     return 0.5 * abs((now.load - last.load) * step) if math.isfinite(step) else 0.0
 
 
-def _dip(last: State, now: State) -> float:
+def _dip(last: PathState, now: PathState) -> float:
     """How far the load sinks between two states below both, if it is a parabola of which the energy is the integral."""
     step = now.displacement - last.displacement
     depth = 1.5 * _excess(last, now) / step if step and math.isfinite(step) else 0.0
@@ -433,7 +436,7 @@ def _dip(last: State, now: State) -> float:
     return (4 * depth - rise) ** 2 / (16 * depth) if 4 * depth > rise else 0.0
 
 
-def _changes(last: State, now: State) -> bool:
+def _changes(last: PathState, now: PathState) -> bool:
     """Whether contact begins or ends."""
     return (last.area > 0) != (now.area > 0)
 
@@ -442,16 +445,16 @@ def _changes(last: State, now: State) -> bool:
 class Follower:
     """Follows a path by ``solve(value, state before)``, in steps that it halves."""
 
-    solve: Callable[[float, State | None], State]
+    solve: Callable[[float, PathState | None], PathState]
     values: list[float] = field(default_factory=list)
-    states: list[State] = field(default_factory=list)
+    states: list[PathState] = field(default_factory=list)
     given: list[int] = field(default_factory=list)
     contacts: list[ContactSolution] = field(default_factory=list)
     resolution: float = 0.0
     #: energy that is not resolved anywhere, nN nm
     floor: float = 0.0
     #: the state of the largest pull, which is kept as a whole, and where it is
-    lowest: State | None = None
+    lowest: PathState | None = None
     lowest_at: float = 0.0
 
     def follow(self, values: Sequence[float]) -> None:
@@ -481,7 +484,7 @@ class Follower:
             self.lowest, self.lowest_at = now, value
         return None
 
-    def _unclear(self, last: State, now: State, width: float) -> bool:
+    def _unclear(self, last: PathState, now: PathState, width: float) -> bool:
         if _changes(last, now) or min(
             abs(_excess(last, now)), _uncertain(last, now)
         ) > self._unresolved(last, now):
@@ -496,12 +499,12 @@ class Follower:
         )
         return min(last.load - further, now.load, last.load) - _dip(last, now) < lowest
 
-    def _unresolved(self, *states: State) -> float:
+    def _unresolved(self, *states: PathState) -> float:
         """Energy that is not resolved between two states."""
         found = (max(one.attraction, ELASTIC * abs(one.energy)) for one in states)
         return max(self.floor, ENERGY * max(found))
 
-    def _is_large(self, last: State, now: State) -> bool:
+    def _is_large(self, last: PathState, now: PathState) -> bool:
         """Whether energy is lost between two states, in a jump."""
         return _excess(last, now) > self._unresolved(last, now)
 
@@ -537,7 +540,7 @@ class Follower:
             "dissipated": self._dissipated(control),
         }
 
-    def _pairs(self) -> Iterator[tuple[State, State]]:
+    def _pairs(self) -> Iterator[tuple[PathState, PathState]]:
         return pairwise(self.states)
 
     def _jump(self, quantity: Quantity, begins: bool, control: str) -> Quantity:
@@ -639,7 +642,7 @@ class Follower:
         return stated(_SEPARATION, work, path=(error / CERTAIN, "steps of the path"))
 
 
-def _between(quantity: Quantity, one: State, other: State) -> Quantity:
+def _between(quantity: Quantity, one: PathState, other: PathState) -> Quantity:
     """The approach between two states."""
     middle, width = (
         0.5 * (one.displacement + other.displacement),

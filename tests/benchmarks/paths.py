@@ -22,6 +22,7 @@ import chemage as ca
 from chemage_contact.paths import Path
 
 E = 35.3
+contact: Any = ca.contact
 
 
 def compared(label: str, found: Any, true: Any, counts: dict[str, list[float]]) -> None:
@@ -52,7 +53,7 @@ def spheres(cases: int, seed: int) -> None:
     while number < cases:
         tabor, radius, work = 10 ** rng.uniform(-1.3, 0.7), 10 ** rng.uniform(1, 2), 10 ** rng.uniform(-2, -0.5)
         reach = (radius * work**2 / E**2 / tabor**3) ** (1 / 3)
-        maugis: Any = ca.contact("maugis", modulus=E, work_of_adhesion=work, range=reach)
+        maugis: Any = contact("maugis", modulus=E, work_of_adhesion=work, range=reach)
         load = 0.5 * math.pi * work * radius
         top = maugis.at_load(radius, load)
         size = top.edge / float(rng.choice([3, 4, 6, 8, 10, 13, 18, 24]))
@@ -62,7 +63,7 @@ def spheres(cases: int, seed: int) -> None:
         number += 1
         points = int(rng.choice([2, 5, 10, 20]))
         law = str(rng.choice(["dugdale", "exponential"])) if tabor > 3 or tabor < 0.1 else "dugdale"
-        solver = ca.contact("adhesive-bem", modulus=E, work_of_adhesion=work, range=reach, law=law, threads=1)
+        solver = contact("adhesive-bem", modulus=E, work_of_adhesion=work, range=reach, law=law, threads=1)
         tip = ca.surface("sphere", radius=radius, pixels=pixels, pixel_size=size).make()
         wide = ca.surface("sphere", radius=radius, pixels=4 * pixels, pixel_size=size).make()
         begin = time.process_time()
@@ -83,7 +84,7 @@ def rough(cases: int, seed: int) -> None:
         fine = _finer(maker.make(number))
         coarse = ca.Surface(heights=fine.heights[::2, ::2], pixel_size=2 * fine.pixel_size)
         reach = math.sqrt(coarse.pixel_size * work / 0.4 / E) * 10 ** rng.uniform(0, 0.5)
-        solver = ca.contact("adhesive-bem", modulus=E, work_of_adhesion=work, range=reach, threads=1)
+        solver = contact("adhesive-bem", modulus=E, work_of_adhesion=work, range=reach, threads=1)
         load = 0.02 * E * slope * coarse.nominal_area
         found = solver.loop(coarse, Path.down_to(load, 5))
         true = solver.loop(fine, Path.down_to(load, 20))
@@ -106,24 +107,24 @@ def flow() -> None:
     load = 0.05 * 5 * surface.nominal_area
     shapes = []
     for points in (2, 6, 12, 24):
-        loop = ca.contact("fft-bem", modulus=E, hardness=5, tolerance=1e-7).loop(surface, Path.down_to(load, points))
+        loop = contact("fft-bem", modulus=E, hardness=5, tolerance=1e-7).loop(surface, Path.down_to(load, points))
         work = np.trapezoid(loop.load, loop.displacement)
         shapes.append(loop.contacts[-1].plastic_displacement)
         away = np.abs(shapes[-1] - shapes[0]).max() / shapes[0].max()
         print(f"{points} steps: dissipated {loop.dissipated.text()}, ∮F dδ {work:.3f}, shape {away:.1g} from 2 steps")
     try:
-        tamaas: Any = ca.contact("tamaas", modulus=E, hardness=5, tolerance=1e-9)
+        tamaas: Any = contact("tamaas", modulus=E, hardness=5, tolerance=1e-9)
         theirs = tamaas.solve(surface, load)
     except ca.ChemageError as error:
         print(error)
         return
-    ours = ca.contact("fft-bem", modulus=E, hardness=5, tolerance=1e-7).loop(
+    ours = contact("fft-bem", modulus=E, hardness=5, tolerance=1e-7).loop(
         surface, [f"{load} nN", f"{load / 2} nN", f"{load} nN", f"{1.5 * load} nN"]
     )
     away = np.linalg.norm(theirs.pressure - ours.contacts[0].pressure) / np.linalg.norm(theirs.pressure)
     print(f"loading: pressure {away:.1g} from Tamaas (L2)")
     left = ours.contacts[0].residual_surface(surface)
-    plain: Any = ca.contact("tamaas", modulus=E, tolerance=1e-9)
+    plain: Any = contact("tamaas", modulus=E, tolerance=1e-9)
     for k, part in ((1, 0.5), (2, 1.0), (3, 1.5)):
         solver = plain if part < 1 else tamaas
         other = solver.solve(left, part * load)

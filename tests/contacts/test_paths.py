@@ -16,20 +16,24 @@ E, W, R = 35.3, 0.1, 30.0
 LOST = 1.3236076  # of a JKR cycle: the integral of the load between first touch and jump-out
 
 
+contact: Any = ca.contact
+
+
 def sphere(pixels: int = 64, size: float = 0.4518, radius: float = R) -> Any:
     return ca.surface("sphere", radius=radius, pixels=pixels, pixel_size=size).make()
 
 
 def jkr(kind: str = "jkr", **options: Any) -> Any:
-    return ca.contact(kind, modulus=E, work_of_adhesion=W, **options)
+    given: dict[str, Any] = {"modulus": E, "work_of_adhesion": W, **options}
+    return contact(kind, **given)
 
 
 def soft(**options: Any) -> Any:
-    return ca.contact("adhesive-bem", **{"modulus": E, "work_of_adhesion": W, "range": 0.3, "law": "dugdale"} | options)
+    return contact("adhesive-bem", **{"modulus": E, "work_of_adhesion": W, "range": 0.3, "law": "dugdale"} | options)
 
 
 def hard(hardness: float = 5.0, **options: Any) -> Any:
-    return ca.contact("fft-bem", modulus=E, hardness=hardness, **options)
+    return contact("fft-bem", modulus=E, hardness=hardness, **options)
 
 
 def rough(pixels: int = 64) -> Any:
@@ -62,13 +66,13 @@ def test_lengths_are_approaches_and_forces_are_loads():
         (["1 nm", "1 nN"], "path: .*is a quantity of nanonewton.*nm"),
     ],
 )
-@pytest.mark.parametrize("solver", [jkr(), soft(), hard(), ca.contact("hertz", modulus=E)], ids=lambda one: one.kind)
+@pytest.mark.parametrize("solver", [jkr(), soft(), hard(), contact("hertz", modulus=E)], ids=lambda one: one.kind)
 def test_what_is_no_path_is_refused_in_its_words(solver, path, says):
     with pytest.raises(InputError, match=says):
         solver.loop(sphere(), path)
 
 
-@pytest.mark.parametrize("solver", [jkr(), jkr("dmt"), jkr("maugis", range=0.3), ca.contact("hertz", modulus=E)])
+@pytest.mark.parametrize("solver", [jkr(), jkr("dmt"), jkr("maugis", range=0.3), contact("hertz", modulus=E)])
 def test_a_contact_beyond_the_surface_is_refused(solver):
     with pytest.raises(InputError, match=r"but the surface reaches only 14.46 nm"):
         solver.loop(sphere(), ["0 nm", "10 nm"])
@@ -89,7 +93,7 @@ def test_a_jkr_cycle_is_exact_whatever_its_points(path):
 
 
 def test_what_an_open_path_dissipates_is_not_known():
-    for solver in (jkr(), ca.contact("hertz", modulus=E), hard()):
+    for solver in (jkr(), contact("hertz", modulus=E), hard()):
         lost = solver.loop(sphere(), [-0.2, 0.2]).dissipated
         assert math.isnan(lost.value)
         assert lost.text() == "not known: the path does not end in the state in which it began"
@@ -131,12 +135,12 @@ def test_a_maugis_cycle_is_between_dmt_and_jkr(tabor):
 
 
 def test_a_hertz_cycle_loses_nothing():
-    loop = ca.contact("hertz", modulus=E).loop(sphere(), ["0 nN", "20 nN", "0 nN"])
+    loop = contact("hertz", modulus=E).loop(sphere(), ["0 nN", "20 nN", "0 nN"])
     assert loop.dissipated.value == pytest.approx(0, abs=1e-12)
     assert loop.load.max() == pytest.approx(20)
     assert loop.pull_off.value == 0
     with pytest.raises(InputError, match="use contact 'fft-bem'"):
-        ca.contact("hertz", modulus=E, hardness=1.0).loop(sphere(), ["0 nN", "20 nN"])
+        contact("hertz", modulus=E, hardness=1.0).loop(sphere(), ["0 nN", "20 nN"])
 
 
 # -- boundary elements ------------------------------------------------------------------------------------------------
@@ -208,7 +212,7 @@ def test_unloading_is_elastic_and_loading_again_changes_nothing():
     once = solver.solve(surface, load)
     np.testing.assert_allclose(peak.plastic_displacement, once.plastic_displacement, atol=1e-3 * deepest)
     left = loop.contacts[-1].residual_surface(surface)
-    elastic = ca.contact("fft-bem", modulus=E, tolerance=1e-7).solve(left, load / 3)
+    elastic = contact("fft-bem", modulus=E, tolerance=1e-7).solve(left, load / 3)
     np.testing.assert_allclose(loop.contacts[5].pressure, elastic.pressure, atol=2e-3 * 5)
     assert loop.jump_out.value == pytest.approx(float(surface.heights.max() - left.heights.max()))
 
@@ -234,7 +238,7 @@ def test_a_path_by_approach_is_the_path_by_load():
 
 
 def test_an_elastic_path_is_its_contacts():
-    surface, solver = rough(), ca.contact("fft-bem", modulus=E, tolerance=1e-7)
+    surface, solver = rough(), contact("fft-bem", modulus=E, tolerance=1e-7)
     loop = solver.loop(surface, ["0 nN", "50 nN", "0 nN"])
     assert loop.dissipated.value == 0
     np.testing.assert_array_equal(loop.contacts[1].pressure, solver.solve(surface, 50.0).pressure)
