@@ -15,7 +15,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from chemage import ContactSolution, InputError, Surface
-from chemage.plugin import ErrorPart, Quantity, UnitError, convert
+from chemage.plugin import ErrorPart, Quantity, UnitError, convert, statistics
 
 #: width, relative to the range of the path, to which jumps are enclosed
 RESOLUTION = 2.0**-12
@@ -23,8 +23,8 @@ RESOLUTION = 2.0**-12
 ENERGY, FORCE = 1e-3, 1e-3
 #: parts of the elastic energy, and of the attraction at the deepest point, that count as the attraction does
 ELASTIC, FLOOR = 0.01, 0.1
-#: half the width of a 95 % interval, and of the interval that is certain, in standard errors
-NORMAL, CERTAIN = 1.96, math.sqrt(3.0)
+#: half the width of an interval that is certain, in standard errors
+CERTAIN = math.sqrt(3.0)
 
 _PULL_OFF = Quantity("pull_off", "nN", "pull-off force", meaning="largest pull")
 _JUMP_IN = Quantity("jump_in", "nm", "approach at which contact begins")
@@ -166,7 +166,9 @@ def stated(quantity: Quantity, value: float, **errors: tuple[float, str]) -> Qua
     """With ``value`` and the parts of its error: cause -> (standard error, how it is known)."""
     parts = {cause: ErrorPart(*part) for cause, part in errors.items()}
     total = math.sqrt(sum(part.size**2 for part in parts.values()))
-    return quantity.but(value=value, errors=parts).between(NORMAL * total, total)
+    return quantity.but(value=value, errors=parts).between(
+        statistics.NORMAL_LIMIT * total, total
+    )
 
 
 def more_errors(quantity: Quantity, **errors: tuple[float, str]) -> Quantity:
