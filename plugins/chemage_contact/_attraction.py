@@ -279,6 +279,18 @@ class Adhesive:
         self.ends = reached, here
         return here if here.error <= tolerance or self.parted(here) else reached
 
+    def energies(self, here: Iterate) -> tuple[float, float]:
+        """Elastic energy and that of the attraction, and the latter alone (≤ 0)."""
+        nx, ny = self.shape
+        gaps = (
+            float(here.x[:nx, :ny].sum())
+            if self.periodic
+            else -here.rise * math.prod(self.shape)
+        )
+        work = (self.pressure or 0.0) * gaps
+        energy = here.energy - work
+        return energy, 0.5 * (energy - (here.terms - abs(work)))
+
     def step(self, here: Iterate, d: Array, ds: float, slope: float) -> Iterate | None:
         """The lowest point along the direction; None if none is lower."""
         if not slope < 0:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -53,6 +53,12 @@ class HalfSpaceSolver(ContactSolver, ABC):
         """See :meth:`chemage.plugin.ContactSolver.is_nominally_flat`; ``boundary`` may make it periodic, or free."""
         boundary = getattr(self, "boundary", "auto")
         return periodic if boundary == "auto" else boundary == "periodic"
+
+    def sweep(
+        self, surface: Surface, loads: Sequence[float | str]
+    ) -> list[ContactSolution]:
+        """Contacts of ``surface`` under each of ``loads``, none of which remembers another; ``loop`` follows a path."""
+        return [self.solve(surface, load) for load in loads]
 
     def solution(self, surface: Surface, **fields: Any) -> ContactSolution:
         """The contact of ``surface`` with these fields, whose arrays are frozen."""

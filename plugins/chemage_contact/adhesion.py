@@ -6,6 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -15,12 +16,22 @@ from chemage import ContactSolution, InputError, Surface
 from chemage.plugin import Length, Unit, convert
 from chemage_contact._solvers import GRID, SphereSolver, tabor
 from chemage_contact.closed_forms import _corner_force, _pixels
+from chemage_contact.paths import (
+    Branch,
+    Loop,
+    Path,
+    PathState,
+    closed_loop,
+    loaded_loop,
+)
 
 #: work of adhesion: 1 J/m² is 1 nN/nm
 Adhesion = Annotated[Any, Unit("J/m**2", gt=0)]
 #: nodes of the integral over the zone of cohesion: the load is exact, the pressure of a pixel at the rims within half a
 #: percent of the stress
 _NODES = 48
+#: root of the radius, in units of a₁, at which a JKR contact is lost at a given approach
+_LOWEST = 4.0 ** (-1 / 3)
 #: range of attraction (nm) with which Tabor's parameter is estimated where the law has none: that of atoms
 _ATOMIC = 0.3
 #: spans of the logarithm of the angle in which a Maugis contact is sought
@@ -96,11 +107,21 @@ class AdhesiveSphere(SphereSolver, ABC):
         """The stable contact under ``load`` nN, which is at least that of pull-off."""
 
     @abstractmethod
+    def _ends(self, radius: float) -> tuple[float, float]:
+        """The approaches (nm) at which contact is lost, and at which surfaces apart come into it."""
+
+    @abstractmethod
+    def _at(self, radius: float, displacement: float) -> AdhesiveState:
+        """The stable contact at an approach, which is at least that at which contact is lost."""
+
     def at_approach(
         self, radius: float, displacement: float, *, touching: bool = True
     ) -> AdhesiveState | None:
         """The contact at an approach of ``displacement`` nm since first touch, as it is where the surfaces were
         ``touching`` before, or were not; None: they do not touch."""
+        last, first = self._ends(radius)
+        apart = displacement < (last if touching else max(first, last))
+        return None if apart else self._at(radius, displacement)
 
     @abstractmethod
     def _forces(
@@ -215,18 +236,76 @@ class AdhesiveSphere(SphereSolver, ABC):
         self.pressed(surface.shape, surface.pixel_size, radius, max(state.load, 0.0))
         return self._solution(surface, radius, state, state.load)
 
-    def loop(self, surface: Surface, displacements: Sequence[float]) -> Loop:
-        """Load and contact radius along a programme of approaches (nm), in the order given, from surfaces apart."""
-        radius, states, touching = self.radius(surface.provenance), [], False
-        for displacement in displacements:
-            state = self.at_approach(radius, displacement, touching=touching)
-            touching = state is not None
-            states.append(state or AdhesiveState(0.0, 0.0, 0.0, displacement))
-        return Loop(
-            np.array(displacements, dtype=np.float64),
-            np.array([state.load for state in states]),
-            np.array([math.pi * state.edge**2 for state in states]),
+    def branches(self, radius: float) -> tuple[Branch, ...]:
+        """The equilibria at each approach, from apart to contact."""
+        last, first = self._ends(radius)
+        least = self.at_load(radius, -self.pull_off(radius)).displacement
+        return (
+            Branch(False, None, -math.inf, first),
+            Branch(
+                True,
+                lambda at: self._at(radius, at).load,
+                min(last, first),
+                math.inf,
+                least,
+            ),
         )
+
+    def loop(self, surface: Surface, path: Path | Sequence[float | str]) -> Loop:
+        """Load and contact area along a path of approaches or of loads, from surfaces apart, and exactly what it costs.
+        See :class:`chemage_contact.paths.Path`."""
+        radius, path = self.radius(surface.provenance), Path.of(path)
+        branches, pull = self.branches(radius), self.pull_off(radius)
+        if path.target is not None:
+            last = self.at_load(radius, path.target).displacement
+            first = min(branch.low for branch in branches[1:])
+            path = path.there_and_back(
+                min(first, branches[0].high) - 0.1 * abs(last - first), last
+            )
+        if path.control == "load":
+            states = self._under(radius, path.values, pull)
+            lost = self.at_load(radius, -pull).displacement
+            found = loaded_loop(
+                [state.edge > 0 for state in states], path.values, pull, lost
+            )
+        else:
+            places, found = closed_loop(branches, path.values)
+            states = []
+            for at, place in zip(path.values, places, strict=True):
+                branch = branches[place]
+                load = branch.load(at) if branch.load else 0.0
+                state = self.at_approach(radius, at) if branch.touching else None
+                states.append(state or AdhesiveState(load, 0.0, 0.0, at))
+        for state in states:
+            self.require_room(
+                state.outer,
+                surface.shape,
+                surface.pixel_size,
+                state.load,
+                "contact and attraction have",
+            )
+        return Loop.of(
+            [
+                PathState(state.displacement, state.load, math.pi * state.edge**2)
+                for state in states
+            ],
+            range(len(states)),
+            **found,
+        )
+
+    def _under(
+        self, radius: float, loads: Sequence[float], pull: float
+    ) -> list[AdhesiveState]:
+        """The contacts under each load; apart after a larger pull than pull-off, until a load presses."""
+        states, touching = [], False
+        for load in loads:
+            touching = load >= -pull if touching else load >= 0
+            states.append(
+                self.at_load(radius, load)
+                if touching
+                else AdhesiveState(0.0, 0.0, 0.0, -math.inf)
+            )
+        return states
 
     def _solution(
         self, surface: Surface, radius: float, state: AdhesiveState, load: float
@@ -286,39 +365,6 @@ class AdhesiveSphere(SphereSolver, ABC):
         )
 
 
-@dataclass(frozen=True)
-class Loop:
-    """A programme of approaches: (n,) approach since first touch (nm), load (nN) and contact area (nm²; 0: apart)."""
-
-    displacement: np.ndarray
-    load: np.ndarray
-    area: np.ndarray
-
-    @property
-    def pull_off(self) -> float:
-        """The largest pull, nN."""
-        return max(-float(self.load.min()), 0.0)
-
-    @property
-    def jump_in(self) -> float:
-        """Approach at which contact begins, nm; nan if it never does."""
-        return self._first(self.area[1:] > 0, self.area[:-1] == 0, 1)
-
-    @property
-    def jump_out(self) -> float:
-        """The last approach at which there is contact, nm; nan if it never ends."""
-        return self._first(self.area[1:] == 0, self.area[:-1] > 0, 0)
-
-    def _first(self, now: np.ndarray, before: np.ndarray, shift: int) -> float:
-        at = np.flatnonzero(now & before)
-        return float(self.displacement[at[0] + shift]) if at.size else math.nan
-
-    @property
-    def dissipated(self) -> float:
-        """Work (nN nm = 1e-18 J) that a closed programme turns into heat: ∮F dδ."""
-        return float(np.trapezoid(self.load, self.displacement))
-
-
 class JKR(AdhesiveSphere):
     """Sphere with adhesion in its contact alone: soft, large, of short-ranged attraction (Tabor's parameter above 5).
 
@@ -362,20 +408,19 @@ class JKR(AdhesiveSphere):
             edge**2 / radius - math.sqrt(2 * math.pi * w * edge / modulus),
         )
 
-    def at_approach(
-        self, radius: float, displacement: float, *, touching: bool = True
-    ) -> AdhesiveState | None:
-        """See :meth:`AdhesiveSphere.at_approach`: surfaces apart jump into contact where they touch, at 0."""
-        # a = x² a₁, in which x⁴ − x = d on the stable branch beyond its lowest point
-        scale = math.cbrt(
-            2 * math.pi * self.work_of_adhesion * radius**2 / self.modulus
-        )
-        depth, lowest = displacement * radius / scale**2, 4.0 ** (-1 / 3)
-        if depth < (0.0 if not touching else lowest**4 - lowest):
-            return None
-        roots = np.roots([1.0, 0.0, 0.0, -1.0, -depth])
+    def _ends(self, radius: float) -> tuple[float, float]:
+        """Surfaces apart jump into contact where they touch, at 0."""
+        return (_LOWEST**4 - _LOWEST) * self._scale(radius) ** 2 / radius, 0.0
+
+    def _scale(self, radius: float) -> float:
+        """a₁, with which a = x² a₁ and x⁴ − x = δR/a₁² on the stable branch beyond its lowest point."""
+        return math.cbrt(2 * math.pi * self.work_of_adhesion * radius**2 / self.modulus)
+
+    def _at(self, radius: float, displacement: float) -> AdhesiveState:
+        scale = self._scale(radius)
+        roots = np.roots([1.0, 0.0, 0.0, -1.0, -displacement * radius / scale**2])
         root = max(float(value.real) for value in roots if abs(value.imag) < 1e-6)
-        return self._state(radius, max(root, lowest) ** 2 * scale)
+        return self._state(radius, max(root, _LOWEST) ** 2 * scale)
 
     def _tension(self, state: AdhesiveState) -> float:
         return math.sqrt(
@@ -420,12 +465,10 @@ class DMT(AdhesiveSphere):
         edge = math.cbrt(0.75 * radius / self.modulus * (load + self.pull_off(radius)))
         return AdhesiveState(load, edge, edge, edge**2 / radius)
 
-    def at_approach(
-        self, radius: float, displacement: float, *, touching: bool = True
-    ) -> AdhesiveState | None:
-        """See :meth:`AdhesiveSphere.at_approach`."""
-        if displacement < 0:
-            return None
+    def _ends(self, radius: float) -> tuple[float, float]:
+        return 0.0, 0.0
+
+    def _at(self, radius: float, displacement: float) -> AdhesiveState:
         edge = math.sqrt(displacement * radius)
         return AdhesiveState(
             4 * self.modulus * edge**3 / (3 * radius) - self.pull_off(radius),
@@ -493,34 +536,51 @@ class Maugis(AdhesiveSphere):
             displacement,
         )
 
-    def at_approach(
-        self, radius: float, displacement: float, *, touching: bool = True
-    ) -> AdhesiveState | None:
-        """See :meth:`AdhesiveSphere.at_approach`: surfaces apart jump into contact where their bulge has closed the
-        gap, or at once where the attraction begins at a gap z₀."""
+    def _ends(self, radius: float) -> tuple[float, float]:
+        """Surfaces apart jump into contact where their bulge has closed the gap, or at once where the attraction begins
+        at a gap z₀."""
+        _, _, depth, strength = self.units(radius)
+        last = _approach(_lowest(_approach, strength), strength) * depth
+        closed, bulge, strain = self._bulge(radius)
+        return last, -self.range if closed < 2 * bulge else -2 * strain * closed
+
+    def _at(self, radius: float, displacement: float) -> AdhesiveState:
         _, _, depth, strength = self.units(radius)
         last = _lowest(_approach, strength)
-        if displacement < _approach(last, strength) * depth:
-            return None
-        if not touching and displacement < self._touch(radius):
-            return None
         return self._state(
             radius, _solved(_approach, strength, displacement / depth, last)
         )
 
-    def _touch(self, radius: float) -> float:
-        """Approach (nm, negative) at which surfaces that were apart touch: a disc of radius c under the stress w/z₀
-        lifts the surface by 2σc/E* in its middle and 4σc/(πE*) at its rim, where the gap is z₀ (Johnson, section
-        3.4)."""
+    def _bulge(self, radius: float) -> tuple[float, float, float]:
+        """Radii (nm) of the disc of attraction around a gap that closes, and of the smallest stable one, and w/(z₀E*).
+
+        A disc of radius c under the stress w/z₀ lifts the surface by 2σc/E* in its middle and 4σc/(πE*) at its rim,
+        where the gap is z₀ (Johnson, section 3.4): z₀ + δ = c²/2R - 4σc/(πE*).
+        """
         strain = self.work_of_adhesion / self.range / self.modulus
         # the gap in the middle, z₀ − c²/2R + (4/π − 2)σc/E*, is closed at this c
         middle = (2 - 4 / math.pi) * strain * radius
         closed = math.sqrt(middle**2 + 2 * radius * self.range) - middle
-        # ... if the attraction did not spread at once when it began
+        return closed, 4 * strain * radius / math.pi, strain
+
+    def branches(self, radius: float) -> tuple[Branch, ...]:
+        """See :meth:`AdhesiveSphere.branches`; between apart and contact the surfaces attract each other."""
+        apart, contact = super().branches(radius)
+        closed, bulge, strain = self._bulge(radius)
+        apart = apart._replace(high=-self.range)
+        if closed <= bulge:
+            return apart, contact
+
+        def load(at: float) -> float:
+            squared = bulge**2 + 2 * radius * (self.range + at)
+            outer = bulge + math.sqrt(max(squared, 0.0))
+            return -math.pi * outer**2 * self.work_of_adhesion / self.range
+
+        low, high = -self.range - 0.5 * bulge**2 / radius, -2 * strain * closed
         return (
-            -self.range
-            if closed < 8 * strain * radius / math.pi
-            else -2 * strain * closed
+            apart,
+            Branch(False, load, low, high),
+            contact._replace(low=min(contact.low, high)),
         )
 
     def _tension(self, state: AdhesiveState) -> float:
@@ -572,6 +632,7 @@ def _approach(angle: float, strength: float) -> float:
     return (outer * math.cos(angle)) ** 2 - 4 / 3 * strength * outer * math.sin(angle)
 
 
+@lru_cache(maxsize=64)
 def _lowest(function: Callable[[float, float], float], strength: float) -> float:
     """The angle at which load or approach is least, ½π where the contact vanishes before."""
     from scipy.optimize import minimize_scalar

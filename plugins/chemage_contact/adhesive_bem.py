@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
 
-from chemage import ContactSolution, InputError, Surface
-from chemage.plugin import ConvergenceError, Length, Unit, convert, threads
+from chemage import ChemageError, ContactSolution, InputError, Surface
+from chemage.plugin import ConvergenceError, Length, Quantity, Unit, convert, threads
 from chemage_contact._attraction import Adhesive, Iterate
 from chemage_contact._cohesion import CohesiveLaw
 from chemage_contact._operators import FreeHalfSpace, PeriodicHalfSpace, Substrate, Team
 from chemage_contact._solvers import GRID, HalfSpaceSolver, tabor
-from chemage_contact.adhesion import Loop
 from chemage_contact.fft_bem import _BUGNICOURT, FFTBEM
+from chemage_contact.paths import Follower, Loop, Path, PathState, coarser, more_errors
 
 #: largest pixel in units of E*ρ²/w, the length of the zone of cohesion; measured, see ``docs/contact.md``
 COARSEST = 0.5
@@ -29,8 +30,11 @@ BOTH_SIDES, OTHER_TOLERANCE = 1 << 17, 1e-3
 #: errors of pixels over those without attraction, and how they grow with the pixel over the length of the zone of
 #: cohesion; calibrated (``tests/benchmarks/contact_errors.py intervals``)
 RIM = 2.0, 4.0
-#: the part of the work of adhesion by which the rim is held, over the same: that of the pull-off force of spheres
+#: the part of the work of adhesion by which the rim is held, over the same: that of the pull-off force of spheres, measured
+#: where that is no small ratio: then larger pixels stick no more
 HELD = {"dugdale": 0.14, "exponential": 0.01}
+#: share of the largest attraction that is none: where a path ends that parts the surfaces
+GONE = 1e-3
 #: tolerance of a reference, and its iterations
 REFERENCE_TOLERANCE, REFERENCE_ITERATIONS = 1e-8, 5000
 
@@ -47,6 +51,10 @@ _REY = """@article{rey2017,
 
 #: where an iteration begins: the unknown on the padded grid and the approach, in pixels
 _Before = tuple[np.ndarray, float]
+
+
+class PartedError(InputError):
+    """No contact bears the load."""
 
 
 class AdhesiveBEM(HalfSpaceSolver):
@@ -66,7 +74,7 @@ class AdhesiveBEM(HalfSpaceSolver):
     not large the contact is solved from the other side as well, and the difference is the error called ``branch``.
 
     A contact that adheres has a history: under one load there may be several. ``start`` says from which side it is
-    approached, :meth:`sweep` and :meth:`loop` follow a programme of loads or of approaches.
+    approached, :meth:`loop` follows a path of loads or of approaches.
     """
 
     kind = "adhesive-bem"
@@ -151,7 +159,7 @@ class AdhesiveBEM(HalfSpaceSolver):
     def _bearable(self, radius: float, load: float) -> None:
         most = 2 * math.pi * self.work_of_adhesion * radius
         if load < -most:
-            raise InputError.of(
+            raise PartedError.of(
                 "load",
                 load,
                 f"pulls the surfaces apart: the pull-off force of a sphere of {radius:g} nm is at most 2πwR = "
@@ -214,18 +222,6 @@ class AdhesiveBEM(HalfSpaceSolver):
             update={"convergence": {**contact.convergence, "errors": errors}}
         )
 
-    def sweep(
-        self, surface: Surface, loads: Sequence[float | str]
-    ) -> list[ContactSolution]:
-        """Contacts of ``surface`` under each of ``loads`` in the order given, each from the one before: a history."""
-        contacts, before = [], None
-        for load in loads:
-            contact, before = self._from(
-                surface, self.normal_force(load, surface), before
-            )
-            contacts.append(contact)
-        return contacts
-
     def solve_displacement(
         self, surface: Surface, displacement: float | str
     ) -> ContactSolution:
@@ -234,18 +230,100 @@ class AdhesiveBEM(HalfSpaceSolver):
         together by adhesion. The load follows."""
         return self._from(surface, None, None, convert(displacement, "nm"))[0]
 
-    def loop(self, surface: Surface, displacements: Sequence[float]) -> Loop:
-        """Load and contact area along a programme of approaches (nm), in the order given: jump-in, pull-off, and the
-        work that is lost between them."""
-        contacts, before = [], None
-        for displacement in displacements:
-            contact, before = self._from(surface, None, before, float(displacement))
-            contacts.append(contact)
-        return Loop(
-            np.array(displacements, dtype=np.float64),
-            np.array([contact.load for contact in contacts]),
-            np.array([contact.area for contact in contacts]),
+    def loop(self, surface: Surface, path: Path | Sequence[float | str]) -> Loop:
+        """The contacts along a path of approaches or of loads, each from the one before, from surfaces apart: pull-off,
+        jumps, and the work that is lost. See :class:`chemage_contact.paths.Path`."""
+        path = Path.of(path)
+        follower = self._follow(surface, path, 0.0)
+        found = follower.quantities(path.control)
+        others = list(self._coarsely(surface, path))
+        zone = self.modulus * self.range**2 / max(self.work_of_adhesion, 1e-300)
+        stuck = (
+            HELD["dugdale"] * surface.pixel_size / zone
+            if self.law == "dugdale"
+            else 0.0
         )
+        for name, quantity in found.items():
+            if isinstance(quantity, Quantity):
+                # errors grow with the pixel, in proportion or faster
+                sizes = [
+                    abs(other[name].value - quantity.value) / (k - 1)
+                    for k, other in others
+                ]
+                sizes = [size for size in sizes if math.isfinite(size)]
+                if sizes:
+                    sizes.append(stuck * abs(quantity.value))
+                size = max(sizes, default=math.nan)
+                found[name] = more_errors(
+                    quantity, pixel=(size, "the same path on larger pixels")
+                )
+        found["pull_off"] = more_errors(
+            found["pull_off"],
+            iteration=(
+                self._pull_again(surface, path, follower),
+                "solved again to a hundredth of the tolerance",
+            ),
+        )
+        return Loop.of(
+            follower.states,
+            follower.given,
+            contacts=tuple(follower.contacts),
+            **found,
+        )
+
+    def _coarsely(
+        self, surface: Surface, path: Path
+    ) -> Iterator[tuple[int, dict[str, Any]]]:
+        """By how much pixels are larger, and the quantities of the path on them, where they can be had."""
+        for k, coarse in coarser(surface):
+            offset = float(surface.heights.max()) - float(coarse.heights.max())
+            with contextlib.suppress(ChemageError):
+                follower = self.replace(coarse="note")._follow(coarse, path, offset)
+                yield k, follower.quantities(path.control)
+
+    def _pull_again(self, surface: Surface, path: Path, follower: Follower) -> float:
+        """Change of the largest pull, nN, under a smaller tolerance."""
+        state = follower.lowest
+        if path.control == "load" or state is None or state.load >= 0:
+            return 0.0
+        exact = self.replace(tolerance=max(0.01 * self.tolerance, 1e-12))
+        again, *_ = exact._from(surface, None, state.memory, follower.lowest_at)
+        return abs(again.load - state.load)
+
+    def _follow(self, surface: Surface, path: Path, offset: float) -> Follower:
+        """The states along a path, whose approaches are ``offset`` larger than those of this surface."""
+        by_load = path.control == "load" and path.target is None
+
+        def solve(value: float, last: PathState | None) -> PathState:
+            load, approach = (value, None) if by_load else (None, value - offset)
+            before = last.memory if last is not None else None
+            try:
+                contact, memory, energies = self._from(surface, load, before, approach)
+            except PartedError:
+                return PathState(-math.inf, 0.0, 0.0)
+            rise = float(contact.displacement or 0.0) + offset
+            energy, attraction = energies
+            return PathState(
+                rise, contact.load, contact.area, energy, -attraction, memory, contact
+            )
+
+        follower = Follower(solve)
+        if path.target is None:
+            follower.follow(path.values)
+            return follower
+        far = -self.range * (-math.log(GONE) if self.law == "exponential" else 2.0)
+        deepest = self._from(surface, path.target, None)[0].displacement or 0.0
+        around = path.there_and_back(far, deepest + offset)
+        follower.follow(around.values)
+        step, last = (deepest + offset - far) / path.points, follower.states[-1]
+        lowest = min(state.load for state in follower.states)
+        while last.area or last.load < GONE * lowest:
+            follower.follow([follower.values[-1] - step])
+            last = follower.states[-1]
+            lowest = min(lowest, last.load)
+        if follower.values[-1] < far:
+            follower.follow([far])
+        return follower
 
     def _from(
         self,
@@ -253,8 +331,9 @@ class AdhesiveBEM(HalfSpaceSolver):
         load: float | None,
         before: _Before | None,
         approach: float | None = None,
-    ) -> tuple[ContactSolution, _Before]:
-        """The contact under ``load``, or at ``approach`` (nm), and where the next one may begin."""
+    ) -> tuple[ContactSolution, _Before, tuple[float, float]]:
+        """The contact under ``load``, or at ``approach`` (nm), where the next one may begin, and :meth:`Adhesive.energies`
+        in nN nm."""
         size, modulus = surface.pixel_size, self.modulus
         coarse = self._unresolved(size)
         heights = surface.heights.astype(np.float64)
@@ -297,7 +376,7 @@ class AdhesiveBEM(HalfSpaceSolver):
                 x, rise = problem.placed(x, rise, approach / size)
             found = problem.minimise(x, rise, self.tolerance, self.max_iterations)
         if problem.parted(found):
-            raise InputError.of(
+            raise PartedError.of(
                 "load",
                 load,
                 f"pulls the surfaces apart: no contact bears it from start = {self.start!r} at a work of adhesion of "
@@ -306,9 +385,12 @@ class AdhesiveBEM(HalfSpaceSolver):
                 + (", or start = 'contact'" if self.start == "apart" else ""),
             )
         rise = self._approach(problem, found)
-        return self._solution(surface, problem, found, load, rise, coarse), (
-            found.x,
-            rise,
+        unit = modulus * size**3
+        energy, attraction = problem.energies(found)
+        return (
+            self._solution(surface, problem, found, load, rise, coarse),
+            (found.x, rise),
+            (energy * unit, attraction * unit),
         )
 
     def _approach(self, problem: Adhesive, found: Iterate) -> float:

@@ -4,7 +4,7 @@ the area and the distribution of the pressure from the rms slope alone."""
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from chemage.plugin import (
 )
 from chemage_contact._solvers import GRID, NO_LOAD, SphereSolver
 from chemage_contact._yielding_sphere import YieldingSphere, yielding_sphere
+from chemage_contact.paths import Branch, Loop, Path, PathState, closed_loop
 
 _HERTZ = """@article{hertz1881,
   author = {Hertz, H.},
@@ -175,6 +176,41 @@ class Hertz(SphereSolver):
             max_pressure=highest,
             rms_pressure=math.sqrt(squares / contact.nominal_area),
             displacement=approach,
+        )
+
+    def loop(self, surface: Surface, path: Path | Sequence[float | str]) -> Loop:
+        """Load and contact area along a path of approaches or of loads. See :class:`chemage_contact.paths.Path`."""
+        radius, path = self.radius(surface.provenance), Path.of(path)
+        stiffness = 4 / 3 * self.modulus * math.sqrt(radius)
+
+        def load(at: float) -> float:
+            return stiffness * max(at, 0.0) ** 1.5
+
+        def approach(load: float) -> float:
+            return (self.normal_force(load, surface) / stiffness) ** (2 / 3)
+
+        if path.target is not None:
+            path = path.there_and_back(0.0, approach(path.target))
+        elif path.control == "load":
+            path = Path(tuple(map(approach, path.values)))
+        deepest = load(max(path.values))
+        if self.pressed(surface.shape, surface.pixel_size, radius, deepest)[1]:
+            raise InputError.of(
+                "hardness",
+                self.hardness,
+                "is reached on this path, and a sphere that has flowed is none",
+                "use contact 'fft-bem'",
+            )
+        branches = (
+            Branch(False, None, -math.inf, 0.0),
+            Branch(True, load, 0.0, math.inf),
+        )
+        states = [
+            PathState(at, load(at), math.pi * radius * max(at, 0.0))
+            for at in path.values
+        ]
+        return Loop.of(
+            states, range(len(states)), **closed_loop(branches, path.values)[1]
         )
 
     def _open_gap(self, surface: Surface, edge: float, radius: float) -> np.ndarray:

@@ -25,6 +25,7 @@ from chemage_contact._operators import (
     Team,
 )
 from chemage_contact._solvers import GRID, NO_LOAD, HalfSpaceSolver
+from chemage_contact.paths import Loop, Path, PathState, wall_loop
 
 #: Thickness of a layer, in pixels and in lengths of the surface. A thinner one is a bed of springs, which rounding
 #: errors prevent from converging; a thicker one is a half-space.
@@ -356,7 +357,7 @@ class FFTBEM(HalfSpaceSolver):
         """Contacts of ``surface`` under each of ``loads`` (forces or nominal pressures), in the order given.
 
         Solved from the smallest load to the largest, each from its neighbour. This is the area–load curve:
-        ``[(c.load, c.area) for c in solver.sweep(surface, loads)]``.
+        ``[(c.load, c.area) for c in solver.sweep(surface, loads)]``. None remembers another: see :meth:`loop`.
         """
         values = [self.normal_force(load, surface) for load in loads]
         contacts: dict[int, ContactSolution] = {}
@@ -414,6 +415,62 @@ class FFTBEM(HalfSpaceSolver):
                 team,
                 {"offset": -approach / unit},
             )
+
+    def loop(self, surface: Surface, path: Path | Sequence[float | str]) -> Loop:
+        """The contacts along a path of loads or of approaches, in the order given; with a hardness each of the shape
+        that those before have left. See :class:`chemage_contact.paths.Path`.
+
+        Approaches are since first touch of ``surface``, and the ``plastic_displacement`` of each contact is all of it,
+        so that ``contact.residual_surface(surface)`` is what is left. The dissipated energy is the hardness times the
+        volume that has flowed, because the pressure is the hardness where it flows.
+        """
+        path = Path.of(path)
+        if path.target is not None:
+            path = replace(path.there_and_back(0.0, path.target), control="load")
+        left, top = surface, float(surface.heights.max())
+        contacts: list[ContactSolution] = []
+        states: list[PathState] = []
+        error = 0.0
+        for value in path.values:
+            sunk = top - float(left.heights.max())
+            contact = (
+                self.solve(left, value, start=contacts[-1] if contacts else None)
+                if path.control == "load"
+                else self.solve_displacement(left, value - sunk)
+            )
+            flow, more = contact.plastic_displacement, {}
+            if flow is not None:
+                if flow.any():
+                    left = contact.residual_surface(left)
+                    shaky = (
+                        contact.convergence["rms_gap"] * contact.convergence["scale"]
+                    )
+                    error = max(error, shaky * np.count_nonzero(flow))
+                total = np.maximum(surface.heights - left.heights, 0)
+                total.setflags(write=False)
+                more = {
+                    "plastic_displacement": total,
+                    "rms_height": surface.rms_height,
+                    "rms_slope": surface.rms_slope,
+                    "provenance": self.provenance(surface)
+                    | {"path": [*(one.load for one in contacts), contact.load]},
+                }
+            rise = (contact.displacement or 0.0) + sunk
+            contacts.append(contact.model_copy(update={"displacement": rise, **more}))
+            states.append(PathState(rise, contact.load, contact.area))
+        hardness, area = self.hardness or 0.0, surface.pixel_size**2
+        lost = float(np.sum(surface.heights - left.heights, dtype=np.float64))
+        return Loop.of(
+            states,
+            range(len(states)),
+            contacts=tuple(contacts),
+            **wall_loop(
+                states,
+                top - float(left.heights.max()),
+                hardness * lost * area,
+                hardness * error * area,
+            ),
+        )
 
     def _body(self, surface: Surface) -> Substrate:
         pixel = (surface.pixel_size, surface.pixel_size)

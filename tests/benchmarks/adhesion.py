@@ -131,7 +131,7 @@ def spheres() -> None:
             ]
             unit = math.pi * work * radius
             print(
-                f"Tabor {tabor}, {law}: {pixels} pixels a side, pull-off {loop.pull_off / unit:.4f} πwR "
+                f"Tabor {tabor}, {law}: {pixels} pixels a side, pull-off {loop.pull_off.value / unit:.4f} πwR "
                 f"(Maugis {maugis.pull_off(radius) / unit:.4f}), radius over that of JKR {away.min():.4f} to "
                 f"{away.max():.4f}, {time.process_time() - begin:.1f} s"
             )

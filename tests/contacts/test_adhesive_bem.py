@@ -74,7 +74,8 @@ def test_adhesion_enlarges_the_contact_and_holds_under_a_pull():
     surface = rough(slope=0.05)
     loads = [load_of(surface, 0.02), 0.0, -load_of(surface, 0.002)]
     plain = ca.contact("fft-bem", modulus=E).solve(surface, loads[0])
-    contacts = bem(range=0.5, work_of_adhesion=0.1).sweep(surface, loads)
+    solver = bem(range=0.5, work_of_adhesion=0.1)
+    contacts = solver.loop(surface, [f"{load} nN" for load in loads]).contacts
     areas = [contact.area for contact in contacts]
     assert areas[0] > plain.area
     assert areas[0] > areas[1] > areas[2] > 0
@@ -83,30 +84,25 @@ def test_adhesion_enlarges_the_contact_and_holds_under_a_pull():
 
 @pytest.mark.long
 def test_a_cycle_loses_what_maugis_predicts():
-    """Tabor's parameter 2.6: jump-in, jump-out and the work between them, in steps of 0.01 nm of the approach."""
+    """Tabor's parameter 2.6: jump-in, jump-out and the work between them, within their stated errors."""
     radius, work, reach = 10.0, 0.3, 0.03 * 1.2
     maugis: Any = ca.contact("maugis", modulus=E, work_of_adhesion=work, range=reach)
     surface = ca.surface("sphere", radius=radius, pixels=140, pixel_size=0.043).make()
-    there = np.linspace(-0.2, 0.1, 31)
-    programme = [*there, *there[::-1]]
-    found, expected = (
-        solver.loop(surface, programme) for solver in (bem(range=reach, work_of_adhesion=work, law="dugdale"), maugis)
-    )
-    assert found.jump_in > found.jump_out
-    assert found.jump_in == pytest.approx(expected.jump_in, abs=0.02)
-    assert found.jump_out == pytest.approx(expected.jump_out, abs=0.02)
+    solver = bem(range=reach, work_of_adhesion=work, law="dugdale")
+    found = solver.loop(surface, [-0.2, 0.1, -0.2])
+    expected = maugis.loop(surface, [-0.2, 0.1, -0.2])
+    for one, other in zip(found.quantities(), expected.quantities(), strict=True):
+        assert abs(one.value - other.value) < one.half_width, one.name
     # too large in proportion to the pixel, by 0.14 of it in units of E*ρ²/w (measured 5.5, 3.9, 2.7 and 2.3 % at pixels
     # of 0.06, 0.043, 0.03 and 0.025 nm)
     pixel = 0.043 * work / (E * reach**2)
-    assert expected.pull_off < found.pull_off < (1 + 0.16 * pixel) * expected.pull_off
-    assert found.dissipated == pytest.approx(expected.dissipated, rel=0.25)
+    assert expected.pull_off.value < found.pull_off.value < (1 + 0.16 * pixel) * expected.pull_off.value
 
 
 def test_a_cycle_of_long_range_loses_nothing():
     surface = ca.surface("sphere", radius=10, pixels=48, pixel_size=0.3).make()
-    there = np.linspace(-1.0, 0.2, 13)
-    loop = bem(range=1.5, work_of_adhesion=0.3, tolerance=1e-5).loop(surface, [*there, *there[::-1]])
-    assert abs(loop.dissipated) < 1e-3 * loop.pull_off
+    loop = bem(range=1.5, work_of_adhesion=0.3, tolerance=1e-5).loop(surface, [-1.0, 0.2, -1.0])
+    assert loop.dissipated.value < 1e-3 * loop.pull_off.value
 
 
 @pytest.mark.parametrize("law", ["exponential", "dugdale"])
@@ -117,7 +113,7 @@ def test_a_hard_small_sphere_pulls_off_as_dmt(law):
     surface = ca.surface("sphere", radius=radius, pixels=128, pixel_size=8 * math.sqrt(2 * radius * reach) / 128).make()
     solver = bem(work_of_adhesion=work, range=reach, law=law)
     loop = solver.loop(surface, np.linspace(0.1, -0.1, 12))
-    assert loop.pull_off == pytest.approx(2 * math.pi * work * radius, rel=0.02)
+    assert loop.pull_off.value == pytest.approx(2 * math.pi * work * radius, rel=0.02)
 
 
 @pytest.mark.campaign
@@ -132,7 +128,7 @@ def test_a_soft_large_sphere_is_jkr():
     surface = ca.surface("sphere", radius=radius, pixels=pixels, pixel_size=size).make()
     depths = np.linspace(jkr.at_load(radius, 3.0).displacement, -0.16, 40)
     loop = bem(work_of_adhesion=work, range=reach).loop(surface, depths)
-    assert loop.pull_off == pytest.approx(jkr.pull_off(radius), rel=0.02)
+    assert loop.pull_off.value == pytest.approx(jkr.pull_off(radius), rel=0.02)
     stable = slice(0, int(np.argmin(loop.load)) - 2)
     edges = np.sqrt(loop.area[stable] / math.pi)
     expected = [jkr.at_load(radius, load).edge for load in loop.load[stable]]
