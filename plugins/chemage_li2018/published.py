@@ -75,6 +75,19 @@ ROWS: dict[str, list[tuple[str, str, str]]] = DATA["rows"]
 BETA = [float(number["paper"]) for number in NUMBERS["fig3"]]
 FIG_6_BETA = float(NUMBERS["fig6"][0]["paper"])
 KAPPA = float(NUMBERS["kappa"][-1]["paper"])
+
+
+class Reading(NamedTuple):
+    """Hold times over which the paper may have fitted β, which it does not state."""
+
+    #: first hold time with ΔV and without, s; None: where a curve first has half of its fitted slope
+    starts: tuple[float | None, float | None]
+    #: last hold time, s
+    end: float
+
+
+#: each line from where the paper says that the logarithmic regime starts
+PREFERRED = Reading((1.0, 10.0), 1e4)
 #: of macroscopic experiments
 MACROSCOPIC_BETA = "0.01"
 
