@@ -13,8 +13,8 @@ from scipy import ndimage
 from chemage.plugin import figures as plots
 from chemage.plugin import theory
 from chemage_li2018 import published
-from chemage_li2018.claims import barrier_moments, centres, morphology
-from chemage_li2018.estimates import variants
+from chemage_li2018.comparisons import variants
+from chemage_li2018.measures import centres, moments, morphology
 from chemage_li2018.published import TABLE_1
 from chemage_li2018.sweeps import (
     KELVIN,
@@ -330,9 +330,7 @@ def barriers(axes: Sequence[Axes], studies: Studies) -> None:
     left.set(xlim=(0.5, 1.45))
     _bars(
         right,
-        groups.each(
-            lambda group: barrier_moments(group, group.observed("barriers_start"))[0]
-        ),
+        groups.each(lambda group: moments(group, "barriers_start", "barrier_edges")[0]),
     )
     right.set(xlabel="load (µN)", ylabel="mean E$_{form}$(t = 0) (eV)", xscale="log")
 

@@ -402,6 +402,9 @@ def read_points(path: Path) -> tuple[PointSet, dict[str, Any]]:
             for name, values in columns.items()
         }
         times, drop, error = (rows.pop(name) for name in ("times", "drop", "error"))
+        if error.size:
+            # before the first bonds there is none
+            error = columns["error"][at][: times.size].astype("f8")
         observed = {name: row for name, row in rows.items() if row.size}
         points.append(StudyPoint(changes, summary, times, drop, error, observed))
     return points, about
