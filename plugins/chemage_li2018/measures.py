@@ -363,7 +363,7 @@ def distributions(studies: Studies, limits: Sequence[Limits]) -> ClaimTest:
             ]
             for group in volumes[volume].by(SLOPE).values()
         ]
-        return np.moveaxis(each, -1, 0)
+        return np.moveaxis(np.array(each), -1, 0)
 
     def statistics(found: np.ndarray) -> list[float]:
         pressure, spread, barrier, width = (found[1:] / found[:-1]).T
@@ -474,7 +474,9 @@ def saturation(studies: Studies, limits: Sequence[Limits]) -> ClaimTest:
 # -- temperature and tips ---------------------------------------------------------------------------------------------
 
 
-def summit(kelvin: Sequence[float] | np.ndarray, values: Sequence[float]) -> float:
+def summit(
+    kelvin: Sequence[float] | np.ndarray, values: Sequence[float] | np.ndarray
+) -> float:
     """Temperature of the largest of ``values``, from the parabola through it and its neighbours, or an end."""
     top = int(np.argmax(values))
     if top in (0, len(values) - 1):

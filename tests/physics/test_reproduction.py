@@ -318,7 +318,7 @@ def test_every_density_must_have_the_trends_of_the_paper(steady: bool):
             for slope, line in zip((0.05, 0.2), lines, strict=True)
         ]
 
-    crossing, parallel = (straight(2.0, 1.0), straight(1.0, 0.1)), (straight(2.0, 0.1), straight(1.0, 0.1))
+    crossing, parallel = (straight(2.0, 0.5), straight(1.0, 0.02)), (straight(2.0, 0.1), straight(1.0, 0.1))
     group = [*point(0, crossing, 0.0064), *point(0, parallel, 0.0)]
     group += [*point(1, crossing if steady else parallel, 0.0064), *point(1, parallel, 0.0)]
     (found,) = claims.claims({"members": PointSet(group)}, ["calibration"])
