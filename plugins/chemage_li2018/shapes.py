@@ -65,10 +65,13 @@ def line_rivals(x: np.ndarray, offset: float, slope: float) -> Curves:
     height, rise = offset + slope * middle, slope * (last - x.min())
     line = offset + slope * x
     return {
-        "proportional": height * x / middle,
+        "x": height * x / middle,
         "x^1.3": height * (x / middle) ** 1.3,
-        "x²": height * (x / middle) ** 2,
-        "a negative offset": np.maximum(1.2 * height * x / middle - 0.2 * height, 0),
+        "x^0.5": height * (x / middle) ** 0.5,
+        "x^0.667": height * (x / middle) ** (2 / 3),
+        "a negative offset": np.maximum(
+            1.2 * height * x / middle - 0.2 * height, 0.01 * height
+        ),
         "constant": np.full_like(x, height),
         "falling": height * (2 - x / middle).clip(0.05),
         "logarithm": height * np.log(x / x.min() + 1e-9).clip(0) / 1.0,
@@ -119,10 +122,14 @@ def power(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
     return exponent, rms(y, np.exp(factor) * x**exponent)
 
 
-def line(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
-    """Rms deviation from the line through y (x), relative, and the offset of the line over the mean of y."""
+def line(x: np.ndarray, y: np.ndarray) -> tuple[float, float, float]:
+    """Rms deviation from the line through y (x), relative; its offset over the mean of y; the rms over that of a power.
+
+    Where a line with an offset and a power are alike, only the last tells them apart.
+    """
     slope, offset = fit(x, y)
-    return rms(y, offset + slope * x), offset / float(y.mean())
+    away = rms(y, offset + slope * x)
+    return away, offset / float(y.mean()), away / power(x, y)[1]
 
 
 def local_slopes(times: np.ndarray, curve: np.ndarray) -> np.ndarray:

@@ -97,7 +97,9 @@ def test_a_power_of_nearly_one_is_not_proportional():
 
 def test_the_offset_of_a_line():
     x = np.linspace(1, 5, 9)
-    assert shapes.line(x, 3 + 2 * x) == pytest.approx((0.0, 3 / 9))
+    assert shapes.line(x, 3 + 2 * x) == pytest.approx((0.0, 3 / 9, 0.0))
+    assert shapes.line(x, x**0.5)[0] < 0.04
+    assert shapes.line(x, x**0.5)[2] > 1e6
 
 
 # -- rules ------------------------------------------------------------------------------------------------------------
