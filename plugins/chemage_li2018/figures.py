@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from itertools import product
+from itertools import product, zip_longest
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -39,17 +39,22 @@ _LOOK: dict[Any, Any] = {
 }
 
 _Draw = Callable[["Sequence[Axes]", Studies], None]
-#: name -> what draws the figure into panels, and width and height (inches), columns and rows of these
-_DRAW: dict[str, tuple[_Draw, tuple[float, float, int, int]]] = {}
+#: name -> what draws the figure into panels, width and height (inches), columns and rows of these, their letters
+_DRAW: dict[str, tuple[_Draw, tuple[float, float, int, int], str]] = {}
 
 
 def _figure(
-    columns: int, rows: int = 1, width: float = 4.6, height: float = 3.9
+    columns: int,
+    rows: int = 1,
+    width: float = 4.6,
+    height: float = 3.9,
+    letters: str = "",
 ) -> Callable[[_Draw], _Draw]:
     """Register the figure of the name of a function."""
 
     def registered(draw: _Draw) -> _Draw:
-        _DRAW[draw.__name__] = draw, (width * columns, height * rows, columns, rows)
+        size = width * columns, height * rows, columns, rows
+        _DRAW[draw.__name__] = draw, size, letters
         return draw
 
     return registered
@@ -59,18 +64,15 @@ def drawn(name: str, studies: Studies) -> Figure:
     """Draw a figure, in which labels make legends."""
     import matplotlib as mpl
 
-    draw, size = _DRAW[name]
+    draw, size, letters = _DRAW[name]
     with mpl.rc_context(_LOOK):
         figure, axes = plots.panels(*size, dpi=110)
         draw(axes, studies)
-        for panel in axes:
+        for panel, letter in zip_longest(axes, letters):
             plots.legend(panel)
+            if letter:
+                panel.set_title(f"({letter})", loc="left")
     return figure
-
-
-def _lettered(axes: Sequence[Axes], letters: str) -> None:
-    for axis, name in zip(axes, letters, strict=True):
-        axis.set_title(f"({name})", loc="left")
 
 
 def _spread(axes: Axes, values: np.ndarray) -> np.ndarray:
@@ -159,7 +161,7 @@ def _contact(axes: Axes, contact: Any) -> None:
     axes.set(xticks=(0, 500, 1000), yticks=(0, 500, 1000))
 
 
-@_figure(4, 2, 3.9, 3.4)
+@_figure(4, 2, 3.9, 3.4, "abbcdddd")
 def fig2(axes: Sequence[Axes], studies: Studies) -> None:
     """Draw barriers and pressures at three loads, and ΔF and Δμ against time, load and contact area."""
     start, drop, coefficient, pressures, *against = axes
@@ -179,9 +181,8 @@ def fig2(axes: Sequence[Axes], studies: Studies) -> None:
     of_area = Groups((g.of("area_fraction").mean(), g) for g in groups.values())
     for place, panels in ((groups, against[:2]), (of_area, against[2:])):
         label = "load (µN)" if place is groups else "A/A$_0$"
-        for axis, coefficient in zip(panels, (False, True), strict=True):
-            _at_times(axis, place, label, coefficient=coefficient)
-    _lettered(axes, "abbcdddd")
+        for axis in panels:
+            _at_times(axis, place, label, coefficient=axis is panels[1])
 
 
 def _intrinsic(axes: Axes) -> None:
@@ -229,7 +230,7 @@ def fig3(axes: Sequence[Axes], studies: Studies) -> None:
         axes[2].plot([], [], row.marker, color=GREY, label=row.name)
 
 
-@_figure(2)
+@_figure(2, letters="ab")
 def fig4(axes: Sequence[Axes], studies: Studies) -> None:
     """Draw the distributions of local pressure and of E_form(t = 0) at three slopes."""
     pressures, start = axes
@@ -238,7 +239,6 @@ def fig4(axes: Sequence[Axes], studies: Studies) -> None:
         _density(start, group, "barriers_start")
     pressures.set(xlim=(0, 10))
     start.set(xlim=(0.3, 1.5))
-    _lettered(axes, "ab")
 
 
 @_figure(3, 1, 4.0, 3.6)
@@ -353,7 +353,10 @@ def kappa(axes: Sequence[Axes], studies: Studies) -> None:
     left, middle, right = axes
     loads = studies["loads"].by_load()
     # by the nominal pressure over modulus and rms slope
-    groups = Groups((_reduced_pressure(group), group) for group in loads.values())
+    reduced = loads.each(
+        lambda g: (g.of("nominal_pressure") / g.of("modulus") / g.of("rms_slope"))[0]
+    )
+    groups = Groups((reduced[load], group) for load, group in loads.items())
     for name, style in (
         ("area", {"fmt": "o-", "label": "pixels in contact"}),
         ("corrected_area", {"fmt": "s-", "label": "corrected for pixels"}),
@@ -368,8 +371,7 @@ def kappa(axes: Sequence[Axes], studies: Studies) -> None:
     ):
         left.plot(fine, area(fine), color=colour, label=name)
         middle.axhline(np.sqrt(limit), color=colour)
-    at = _reduced_pressure(loads[20.0])
-    middle.plot(at, published.KAPPA, "D", color=GREY, label="paper, 20 µN")
+    middle.plot(reduced[20.0], published.KAPPA, "D", color=GREY, label="paper, 20 µN")
     span = published.PublishedNumber.of(published.ROWS["kappa"][0][1])
     label = f"paper, {span.text}"
     right.axhspan(span.low, span.high, color=GREY, alpha=0.3, label=label)
@@ -380,11 +382,6 @@ def kappa(axes: Sequence[Axes], studies: Studies) -> None:
     left.set(xlabel="p̄ / (E* h'$_{rms}$)", ylabel="A/A$_0$")
     middle.set(xlabel="p̄ / (E* h'$_{rms}$)", ylabel="κ", ylim=(1.4, 3.0))
     right.set(ylabel="κ at 20 µN", ylim=(1.4, 3.0))
-
-
-def _reduced_pressure(points: PointSet) -> float:
-    summary = points[0].summary
-    return summary["nominal_pressure"] / (summary["modulus"] * summary["rms_slope"])
 
 
 @_figure(2, width=4.4)
@@ -411,12 +408,9 @@ def tips(axes: Sequence[Axes], studies: Studies) -> None:
     """Draw ΔF and β of tips against load, with the published β of atomic force microscopy."""
     left, right = axes
     for radius, group in studies["tips"].by(sweeps.RADIUS).items():
-        load, drop, error = (
-            group.swept(sweeps.LOAD),
-            group.at(1e3),
-            group.half_width_at(1e3),
-        )
-        left.errorbar(load, drop, error, fmt="o-", label=f"R = {radius:g} nm")
+        load, error = group.swept(sweeps.LOAD), group.half_width_at(1e3)
+        label = f"R = {radius:g} nm"
+        left.errorbar(load, group.at(1e3), error, fmt="o-", label=label)
         right.errorbar(load, group.of("beta"), group.of("beta_half_width"), fmt="o-")
     _published(right, published.by_load("tips", "beta"), "paper (AFM)")
     left.set(xlabel="load (nN)", ylabel="ΔF at 1e3 s (nN)")
