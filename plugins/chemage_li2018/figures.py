@@ -14,8 +14,8 @@ import chemage
 from chemage.plugin import figures as plots
 from chemage.plugin import theory
 from chemage_li2018 import published, sweeps
-from chemage_li2018.claims import barrier_moments, centres, morphology
-from chemage_li2018.estimates import variants
+from chemage_li2018.comparisons import variants
+from chemage_li2018.measures import centres, moments, morphology
 from chemage_li2018.published import TABLE_1
 from chemage_li2018.sweeps import SEED, SLOPE, Groups, PointSet, Studies, front, mean
 
@@ -319,7 +319,7 @@ def barriers(axes: Sequence[Axes], studies: Studies) -> None:
         _density(left, group, "barriers_start", label=f"{load:g} µN")
     left.set(xlim=(0.5, 1.45))
     middle = groups.each(
-        lambda group: barrier_moments(group, group.observed("barriers_start"))[0]
+        lambda group: moments(group, "barriers_start", "barrier_edges")[0]
     )
     _bars(right, middle)
     right.set(xlabel="load (µN)", ylabel="mean E$_{form}$(t = 0) (eV)", xscale="log")
@@ -363,7 +363,8 @@ def kappa(axes: Sequence[Axes], studies: Studies) -> None:
     ):
         share = groups.each(lambda g, name=name: g.of(name) / g.of("nominal_area"))
         _bars(left, share, color=BLUE, **style)
-        _bars(middle, {x: one / x for x, one in share.items()}, color=BLUE, **style)
+        relative = {x: one / x for x, one in share.items()}
+        _bars(middle, relative, fmt=style["fmt"], color=BLUE)
     fine = np.linspace(0, max(groups) * 1.05, 200)
     for name, area, limit, colour in (
         ("Persson", theory.persson_area_fraction, 8 / np.pi, ORANGE),
@@ -378,7 +379,7 @@ def kappa(axes: Sequence[Axes], studies: Studies) -> None:
     rows = {row.name: group for row, group in studies["table"].by_row().items()}
     rows["Fig. 6"] = front(studies, 0.5)
     _bars(right, {name: one.of("kappa") for name, one in rows.items()}, fmt="o")
-    right.tick_params(axis="x", rotation=40, labelsize=7)
+    right.set_xticks(range(len(rows)), list(rows), rotation=40, ha="right", fontsize=7)
     left.set(xlabel="p̄ / (E* h'$_{rms}$)", ylabel="A/A$_0$")
     middle.set(xlabel="p̄ / (E* h'$_{rms}$)", ylabel="κ", ylim=(1.4, 3.0))
     right.set(ylabel="κ at 20 µN", ylim=(1.4, 3.0))

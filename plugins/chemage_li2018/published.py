@@ -88,6 +88,15 @@ class Reading(NamedTuple):
 
 #: each line from where the paper says that the logarithmic regime starts
 PREFERRED = Reading((1.0, 10.0), 1e4)
+
+
+def window(volume: float) -> tuple[float, float]:
+    """First and last hold time (s) of :data:`PREFERRED` for an activation volume (nm³)."""
+    first = PREFERRED.starts[0 if volume else 1]
+    assert first is not None
+    return first, PREFERRED.end
+
+
 #: of macroscopic experiments
 MACROSCOPIC_BETA = "0.01"
 

@@ -6,12 +6,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from chemage_li2018 import claims, comparisons, estimates, published
-from chemage_li2018.comparisons import COMMON, DISAGREES, Claim, Estimate, Line
-from chemage_li2018.estimates import Band
+from chemage_li2018 import claims, comparisons, decisions, estimates, published
+from chemage_li2018.claims import Claim
+from chemage_li2018.comparisons import Line
+from chemage_li2018.decisions import DISAGREES
+from chemage_li2018.estimates import Band, Estimate
 from chemage_li2018.pages import render
-from chemage_li2018.shapes import EQUAL
-from chemage_li2018.sweeps import TARGETS, Mean, read_points, studies_of
+from chemage_li2018.sweeps import TARGETS, read_points, studies_of
 
 #: folder of the figures, relative to the page
 FIGURES = "figures/reproduction"
@@ -19,8 +20,6 @@ FIGURES = "figures/reproduction"
 CAPTIONS: dict[str, str] = published.DATA["captions"]
 #: probable reasons for differences, and what is open, by target
 REASONS: dict[str, str] = published.DATA["reasons"]
-#: in place of the parameters of a power without an exponent
-DEGENERATE = "degenerate, its exponent runs to 0: the logarithm"
 
 
 @dataclass(frozen=True)
@@ -30,8 +29,6 @@ class Reproduction:
     lines: list[Line]
     claims: list[Claim]
     estimates: list[Estimate] = field(default_factory=list)
-    #: β of Fig. 6 by what it hangs on
-    variants: dict[str, Mean] = field(default_factory=dict)
     #: β over the members of the barrier density
     bands: list[Band] = field(default_factory=list)
     #: the least and the largest of times of Fig. 3 over the members, s
@@ -46,9 +43,9 @@ class Reproduction:
             )
             yield f"{line.target:7} {line.quantity:{width}}  {numbers}  {line.word}"
         for claim in self.claims:
-            yield f"{claim.target:7} {claim.word}: {claim.statement}\n{'':8}{claim.ours}"
+            yield f"{claim.target:7} {claim.word}: {claim.sentence}\n{'':8}{claim.ours}"
         for estimate in self.estimates:
-            yield f"text    {estimate.word}: {estimate.statement}\n{'':8}{estimate.ours}"
+            yield f"text    {estimate.word or '–'}: {estimate.statement}\n{'':8}{estimate.ours}"
 
 
 def of_points(file: Path) -> tuple[Reproduction, str]:
@@ -60,7 +57,6 @@ def of_points(file: Path) -> tuple[Reproduction, str]:
         comparisons.lines(studies, names),
         claims.claims(studies, names),
         list(estimates.estimates(studies)) if "estimates" in names else [],
-        estimates.variants(studies) if "fig6" in names else {},
         estimates.bands(studies) if "calibration" in names else [],
         estimates.times(studies) if "calibration" in names else {},
     )
@@ -94,12 +90,11 @@ def page(
         seeds=seeds,
         pixels=pixels,
         versions=versions,
-        common=COMMON,
-        equal=EQUAL,
-        fig_6=published.FIG_6_BETA,
-        disagrees=DISAGREES,
-        degenerate=DEGENERATE,
+        decisions=decisions,
+        factor=comparisons.FACTOR,
         misses=[line for line in results.lines if line.word == DISAGREES],
+        read=[line for line in results.lines if line.readings],
+        conflict=published.DATA["conflict"],
         reasons={name: reason(name) for name in targets if name in REASONS},
         captions={name: CAPTIONS[name] for name in targets if name in CAPTIONS},
         folder=FIGURES,

@@ -1,229 +1,138 @@
-"""Claims of shape against their rivals: a logarithm of time against a power and a stretched exponential, and a line in
-the load against powers.
+"""Shapes that claims are about, with rivals that a figure might hide; and times at which curves reach something.
 
-Each law is fitted to the increments between hold times, whose errors come from the scatter of independent curves
-(surfaces, or replicas): increments of counts are nearly independent of each other, values of a curve are not. Laws are
-compared by Akaike's information criterion for few values (Hurvich & Tsai, Biometrika 76, 297 (1989)).
+A rival of ``x`` ↦ ``a + b x`` is scaled to the same range, so that only its shape differs.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from collections.abc import Callable
 
 import numpy as np
-from scipy.optimize import least_squares
 
-from chemage.plugin import statistics
-
-#: laws whose criteria differ by no more explain the data equally well (Burnham & Anderson, Model Selection, 2002)
-EQUAL = 2.0
-#: rise of the logarithm of a power over all times below which its exponent is not determined: it runs to 0
-DEGENERATE = 0.01
+Curves = dict[str, np.ndarray]
 
 
-class ScalingLaw(NamedTuple):
-    """A law of growth fitted to a mean curve."""
-
-    name: str
-    #: fitted numbers, such as the exponent of a power; none where that runs to 0, where the power is the logarithm
-    parameters: tuple[float, ...]
-    #: χ² of the increments, and the criterion
-    chi_squared: float
-    criterion: float
-
-    @classmethod
-    def of(
-        cls,
-        name: str,
-        parameters: Sequence[float] | np.ndarray,
-        chi: float,
-        count: int,
-        numbers: int,
-    ) -> ScalingLaw:
-        """A law with ``numbers`` fitted numbers and ``chi`` = χ² of ``count`` values."""
-        correction = 2.0 * numbers * (numbers + 1) / max(count - numbers - 1, 1)
-        return cls(
-            name,
-            tuple(float(value) for value in parameters),
-            chi,
-            chi + 2.0 * numbers + correction,
-        )
+def _steps(u: np.ndarray, slope: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+    """Integrate a slope over u from 0 to 1, scaled to end at 1."""
+    fine = np.linspace(0, 1, 2001)
+    total = np.concatenate([[0], np.cumsum(slope(0.5 * (fine[1:] + fine[:-1])))])
+    return np.interp(u, fine, total / total[-1])
 
 
-class LawComparison(NamedTuple):
-    """Laws of growth with time, the one with the least criterion first."""
-
-    laws: tuple[ScalingLaw, ...]
-    #: local slope per decade in the first and the last decade, and standard errors
-    first: tuple[float, float]
-    last: tuple[float, float]
-
-    def criterion(self, name: str) -> float:
-        """Criterion of a law over the least of all."""
-        return (
-            next(law.criterion for law in self.laws if law.name == name)
-            - self.laws[0].criterion
-        )
-
-    @property
-    def change(self) -> tuple[float, float]:
-        """Change of the local slope from the first to the last decade over the first, and its standard error."""
-        ratio = self.last[0] / self.first[0]
-        error = abs(ratio) * math.hypot(
-            self.first[1] / self.first[0], self.last[1] / (self.last[0] or math.nan)
-        )
-        return ratio - 1, error
-
-    def holds(self, name: str) -> bool:
-        """Whether no rival explains the increments better; one with the law as its limit may explain them as well."""
-        return self.criterion(name) <= EQUAL
+def _bump(u: np.ndarray) -> np.ndarray:
+    """1 in the middle of 0 to 1, and 0 towards the ends."""
+    return np.exp(-(((u - 0.5) / 0.2) ** 2))
 
 
-def growth(
-    times: np.ndarray, curves: np.ndarray, window: tuple[float, float]
-) -> LawComparison:
-    """Compare the laws by which curves grow with hold time.
+def growth_rivals(times: np.ndarray, start: float, rise: float) -> Curves:
+    """Laws of growth that are no logarithm, from ``start`` by ``rise`` over hold times (m,) s."""
+    ratio = times / times[0]
+    u = np.log(ratio) / np.log(ratio[-1])
+    grown = {f"t^{n:g}": ratio**n for n in (-0.1, -0.05, 0.05, 0.1, 0.2)}
+    grown["stretched exponential"] = -np.exp(-((ratio / 1e3) ** 0.2))
+    grown["exponential approach"] = -np.exp(-ratio / 0.1 / ratio[-1])
+    laws = {name: (y - y[0]) / (y[-1] - y[0]) for name, y in grown.items()}
+    laws["slope 40 % higher in the middle"] = _steps(u, lambda u: 1 + 0.4 * _bump(u))
+    laws["slope 40 % lower in the middle"] = _steps(u, lambda u: 1 - 0.4 * _bump(u))
+    laws["slope that halves"] = _steps(u, lambda u: np.where(u < 0.5, 2.0, 1.0))
+    laws["slope that doubles"] = _steps(u, lambda u: np.where(u < 0.4, 1.0, 2.0))
+    laws["log² t"] = u**2
+    laws["√log t"] = np.sqrt(u)
+    return {name: start + rise * law for name, law in laws.items()}
 
-    Parameters
-    ----------
-    times
-        (m,) s.
-    curves
-        (n, m) independent curves of one kind, n of at least 3.
-    window
-        First and last hold time, s; two decades at least.
-    """
-    inside = (times >= window[0] * 0.999) & (times <= window[1] * 1.001)
-    x, y = times[inside], curves[:, inside]
-    # a factor of all of a curve, such as the area of a contact, is no error of its shape
-    y = y / (y[:, -1:] - y[:, :1])
-    increments = np.diff(y, axis=1)
-    scale = increments.mean()
-    middle = increments.mean(axis=0) / scale
-    # the scatter of single increments is known badly from few curves: pooled over the window, as a smooth function of t
-    spread = statistics.standard_error(increments) / abs(scale)
-    error = np.exp(
-        np.polynomial.Polynomial.fit(
-            np.log(x[1:]), np.log(np.maximum(spread, 1e-12)), 1
-        )(np.log(x[1:]))
-    )
-    total, ratio = middle.sum(), x / x[0]
+
+def proportional_rivals(x: np.ndarray, factor: float) -> Curves:
+    """Laws that are not ``factor`` x, at x (k,) > 0."""
+    middle, last = np.exp(np.log(x).mean()), x.max()
+    u = np.log(x / x.min()) / np.log(last / x.min())
     laws = {
-        law.name: law
-        for law in _fitted(
-            {
-                "logarithm": (lambda p: np.diff(p[0] * np.log10(x)), [[total]]),
-                "power": (
-                    lambda p: np.diff(p[0] * ratio ** p[1]),
-                    [[3 * total, 0.1], [total, 0.4]],
-                ),
-                "stretched exponential": (
-                    lambda p: np.diff(-p[0] * np.exp(-((x / 10.0 ** p[1]) ** p[2]))),
-                    [[total, 3.0, 0.2], [total, 5.0, 0.5], [3 * total, 6.0, 0.1]],
-                ),
-            },
-            middle,
-            error,
-        )
+        f"x^{n:.3g}": middle * (x / middle) ** n
+        for n in (0.5, 2 / 3, 0.9, 0.95, 1.05, 1.1)
     }
-    if abs(laws["power"].parameters[1]) * math.log(x[-1] / x[0]) < DEGENERATE:
-        laws["power"] = ScalingLaw.of(
-            "power", (), laws["logarithm"].chi_squared, middle.size, 2
-        )
-    decades = np.log10(x)
-    return LawComparison(
-        tuple(sorted(laws.values(), key=lambda law: law.criterion)),
-        _slope(y, decades <= decades[0] + 1.001, decades),
-        _slope(y, decades >= decades[-1] - 1.001, decades),
-    )
+    laws["an offset of 20 %"] = x + 0.2 * middle
+    laws["an offset of −20 %"] = np.maximum(x - 0.2 * middle, 0.01 * x)
+    laws["saturating"] = x / (1 + 0.5 * x / last)
+    laws["bent upwards"] = x * (1 + 0.5 * x / last)
+    laws["20 % more in the middle"] = x * (1 + 0.2 * _bump(u))
+    laws["20 % less in the middle"] = x * (1 - 0.2 * _bump(u))
+    return {name: factor * law for name, law in laws.items()}
 
 
-def _slope(
-    y: np.ndarray, inside: np.ndarray, decades: np.ndarray
-) -> tuple[float, float]:
-    slopes = np.polyfit(decades[inside], y[:, inside].T, 1)[0]
-    return float(slopes.mean()), float(statistics.standard_error(slopes))
-
-
-#: name -> values of a law by its parameters, and first guesses
-_Laws = dict[str, tuple[Callable[[np.ndarray], np.ndarray], list[list[float]]]]
-
-
-def _fitted(laws: _Laws, y: np.ndarray, error: np.ndarray) -> tuple[ScalingLaw, ...]:
-    """Fit laws to values with standard errors, the one with the least criterion first."""
-    fitted = []
-    for name, (law, starts) in laws.items():
-
-        def rest(
-            parameters: np.ndarray, law: Callable[[np.ndarray], np.ndarray] = law
-        ) -> np.ndarray:
-            with np.errstate(over="ignore", under="ignore"):
-                return np.nan_to_num(
-                    (law(parameters) - y) / error, nan=1e6, posinf=1e6, neginf=-1e6
-                )
-
-        fits = [
-            least_squares(rest, start, x_scale="jac", max_nfev=2000) for start in starts
-        ]
-        best = min(fits, key=lambda fit: fit.cost)
-        fitted.append(
-            ScalingLaw.of(name, best.x, 2.0 * float(best.cost), y.size, best.x.size)
-        )
-    return tuple(sorted(fitted, key=lambda law: law.criterion))
-
-
-def of_load(
-    load: np.ndarray, y: np.ndarray, error: np.ndarray, area: float = 2 / 3
-) -> tuple[ScalingLaw, ...]:
-    """Compare a line with an offset with powers of the load, the law with the least criterion first.
-
-    Parameters
-    ----------
-    load, y, error
-        (m,) loads, and values with their standard errors, in one unit.
-    area
-        Exponent of the contact area of a tip: Hertz.
-    """
-    start = float(y[-1] / load[-1])
-    laws: _Laws = {
-        "line": (lambda p: p[0] + p[1] * load, [[0.0, start]]),
-        "power": (lambda p: p[0] * load ** p[1], [[start, 1.0]]),
-        "area": (lambda p: p[0] * load**area, [[start]]),
+def line_rivals(x: np.ndarray, offset: float, slope: float) -> Curves:
+    """Laws that are not ``offset`` + ``slope`` x with an offset above 0, at x (k,) > 0."""
+    middle, last = x.mean(), x.max()
+    u = (x - x.min()) / (last - x.min())
+    height, rise = offset + slope * middle, slope * (last - x.min())
+    line = offset + slope * x
+    return {
+        "proportional": height * x / middle,
+        "x^1.3": height * (x / middle) ** 1.3,
+        "x²": height * (x / middle) ** 2,
+        "a negative offset": np.maximum(1.2 * height * x / middle - 0.2 * height, 0),
+        "constant": np.full_like(x, height),
+        "falling": height * (2 - x / middle).clip(0.05),
+        "logarithm": height * np.log(x / x.min() + 1e-9).clip(0) / 1.0,
+        "step": np.where(u < 0.5, line[np.argmin(x)], line[np.argmax(x)]),
+        "level from the middle on": line[np.argmin(x)] + rise * np.minimum(2 * u, 1),
+        "rising from the middle on": line[np.argmin(x)]
+        + rise * np.maximum(2 * u - 1, 0),
+        "20 % more in the middle": line * (1 + 0.2 * _bump(u)),
+        "20 % less in the middle": line * (1 - 0.2 * _bump(u)),
     }
-    return _fitted(laws, y, error)
 
 
-class Exponent(NamedTuple):
-    """The exponent of a power law, with the 95 % interval from the scatter of independent curves."""
+def rise_rivals(x: np.ndarray, height: float, rise: float) -> Curves:
+    """Laws that do not rise along a line by ``rise`` about ``height``, at x (k,)."""
+    u = (x - x.min()) / np.ptp(x)
+    laws = {
+        "constant": 0 * u,
+        "falling": -u,
+        "highest in the middle": _bump(u),
+        "lowest in the middle": -_bump(u),
+        "level from a fifth on": np.minimum(5 * u, 1),
+        "rising from four fifths on": np.maximum(5 * u - 4, 0),
+        "step": np.where(u < 0.5, 0.0, 1.0),
+        "falling, then rising": np.abs(2 * u - 1),
+        "rising, then falling": -np.abs(2 * u - 1),
+        "two waves": np.sin(4 * np.pi * u),
+        "ten times as strong": 10 * u,
+        "proportional": 1 / (rise / height) * (u - 0.5),
+    }
+    return {name: height + rise * (law - law.mean()) for name, law in laws.items()}
 
-    value: float
-    half_width: float
 
-    @classmethod
-    def of(cls, x: np.ndarray, y: np.ndarray) -> Exponent:
-        """That n of y ∝ xⁿ from curves y (k, m) of k independent surfaces at x (m,) or (k, m); one has no error."""
-        x = np.broadcast_to(x, y.shape)
-        slopes = np.array(
-            [np.polyfit(np.log(a), np.log(b), 1)[0] for a, b in zip(x, y, strict=True)]
-        )
-        half = statistics.student_limit(len(slopes) - 1) * statistics.standard_error(
-            slopes
-        )
-        return cls(float(slopes.mean()), float(half))
+def rms(values: np.ndarray, fitted: np.ndarray) -> float:
+    """Rms deviation of values from fitted ones, relative to these."""
+    return float(np.sqrt(np.mean((values / fitted - 1) ** 2)))
 
-    def within(self, claim: float, distance: float) -> bool:
-        """Whether all of the interval is at most ``distance`` from the claim: close, even if not equal to it.
 
-        The exponent of a single curve has no interval.
-        """
-        return bool(
-            abs(self.value - claim) + np.nan_to_num(self.half_width) <= distance
-        )
+def fit(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
+    """Slope and offset of the line through y (x)."""
+    away = x - x.mean()
+    slope = float(away @ y / (away @ away))
+    return slope, float(y.mean() - slope * x.mean())
 
-    def __str__(self) -> str:
-        return f"{self.value:.3f} ± {self.half_width:.3f}"
+
+def power(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
+    """Exponent of the power through y (x), and the rms deviation from it, relative."""
+    exponent, factor = fit(np.log(x), np.log(y))
+    return exponent, rms(y, np.exp(factor) * x**exponent)
+
+
+def line(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
+    """Rms deviation from the line through y (x), relative, and the offset of the line over the mean of y."""
+    slope, offset = fit(x, y)
+    return rms(y, offset + slope * x), offset / float(y.mean())
+
+
+def local_slopes(times: np.ndarray, curve: np.ndarray) -> np.ndarray:
+    """Slope of a curve (m,) against log10 t in each decade of hold times (m,), over their mean."""
+    x = np.log10(times / times[0])
+    slopes = []
+    for first in range(round(x[-1])):
+        inside = (x >= first - 0.01) & (x <= first + 1.01)
+        slopes.append(fit(x[inside], curve[inside])[0])
+    return np.array(slopes) / np.mean(slopes)
 
 
 def first_reaching(

@@ -1,0 +1,554 @@
+"""What tests of claims compute, each with the claim and its rivals as they would be measured; see claims.toml."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+
+from chemage.plugin import FIT_WINDOW
+from chemage_li2018 import shapes
+from chemage_li2018.decisions import ClaimTest, Limits
+from chemage_li2018.published import PREFERRED, SLOPES, TABLE_1, window
+from chemage_li2018.sweeps import (
+    KELVIN,
+    LOAD,
+    MEMBER,
+    RADIUS,
+    SLOPE,
+    STRENGTH,
+    VOLUME,
+    VOLUMES,
+    WITH_PRESSURE,
+    Groups,
+    PointSet,
+    Studies,
+)
+
+
+def _together(groups: Groups, value: Callable[[PointSet], np.ndarray]) -> np.ndarray:
+    """The value of each group by surfaces, (n, groups)."""
+    return np.transpose([value(group) for group in groups.values()])
+
+
+# -- Fig. 2: load -----------------------------------------------------------------------------------------------------
+
+
+def growth(studies: Studies, limits: Sequence[Limits]) -> ClaimTest:
+    """ΔF against log t, whose slope in every decade is near the mean; also true of log(1 + t/τ), the law of the field."""
+    points = studies["loads"].by(LOAD)[20000.0]
+    inside = (points.times >= 0.999) & (points.times <= 1.001e5)
+    times, curves = points.times[inside], points.drop[:, inside]
+    slope, start = np.polyfit(np.log10(times), curves.mean(axis=0), 1)
+    rise = slope * np.log10(times[-1] / times[0])
+    return ClaimTest(
+        curves,
+        lambda y: [np.abs(shapes.local_slopes(times, y) - 1).max()],
+        limits,
+        # the law of the field, of which a logarithm is the limit
+        start + slope * np.log10(1 + times / 0.3),
+        shapes.growth_rivals(times, start, rise),
+    )
+
+
+def small_loads(studies: Studies, limits: Sequence[Limits]) -> ClaimTest:
+    """ΔF against load, up to 50 µN."""
+    groups = studies["loads"].by_load()
+    few = Groups((load, group) for load, group in groups.items() if load <= 50)
+    load = np.array(list(few))
+    return _proportional(
+        np.broadcast_to(load, (len(few[20.0]), load.size)),
+        _together(few, lambda group: group.at(1e3)),
+        limits,
+    )
+
+
+def _proportional(x: np.ndarray, y: np.ndarray, limits: Sequence[Limits]) -> ClaimTest:
+    """Whether y ∝ x, of surfaces (n, k)."""
+    middle, factor = x.mean(axis=0), float(y.mean() / x.mean())
+    return ClaimTest(
+        np.stack([x, y], axis=1),
+        lambda found: shapes.power(*found),
+        limits,
+        np.stack([middle, factor * middle]),
+        {
+            name: np.stack([middle, law])
+            for name, law in shapes.proportional_rivals(middle, factor).items()
+        },
+    )
+
+
+def large_loads(studies: Studies, limits: Sequence[Limits]) -> ClaimTest:
+    """Δμ at 20 and at 500 µN."""
+    groups = studies["loads"].by_load()
+    coefficient = _together(groups, lambda group: group.coefficient_at(1e3))
+    ends = [list(groups).index(load) for load in (20.0, 500.0)]
+    return ClaimTest(
+        coefficient[:, ends],
+        lambda found: [found[1] / found[0]],
+        limits,
+        np.array([1.0, 0.95]),
+        {"constant": np.ones(2), "rising by 5 %": np.array([1.0, 1.05])},
+    )
+
+
+def areas(studies: Studies, limits: Sequence[Limits]) -> ClaimTest:
+    """ΔF against contact area."""
+    groups = studies["loads"].by_load()
+    area = _together(groups, lambda group: group.of("area_fraction"))
+    return _proportional(area, _together(groups, lambda group: group.at(1e3)), limits)
+
+
+def pressures(studies: Studies, limits: Sequence[Limits]) -> ClaimTest:
+    """Distributions of pressure, up to 100 µN."""
+    groups = studies["loads"].by_load()
+    small = [load for load in groups if load <= 100]
+    density = np.stack([groups[load].observed("pressures") for load in small], axis=1)
+    same = density[:, small.index(20.0)].mean(axis=0)
+    bins = np.arange(same.size) + 0.5
+    loads = np.array(small) / 20.0
+
+    def stretched(factors: np.ndarray) -> np.ndarray:
+        return np.array([np.interp(bins / one, bins, same) / one for one in factors])
+
+    def statistics(found: np.ndarray) -> list[float]:
+        total = found.cumsum(axis=1)
+        shares = total / total[:, -1:]
+        return [float(np.abs(shares - shares[small.index(20.0)]).max())]
+
+    rivals = {
+        f"pressure ∝ load^{power:g}": stretched(loads**power)
+        for power in (-0.1, 0.1, 0.2)
+    }
+    return ClaimTest(density, statistics, limits, stretched(loads**0), rivals)
+
+
+# -- Fig. 3: roughness ------------------------------------------------------------------------------------------------
+
+
+def _of_slopes(points: PointSet) -> np.ndarray:
+    """Δμ of the least and the largest slope at 1 s and 1e3 s with ΔV, then without, (n, 2, 2, 2)."""
+    groups = points.by(VOLUME, SLOPE)
+    values = [
+        [groups[volume, slope].coefficient_at(time) for time in (1.0, 1e3)]
+        for volume, slope in product(VOLUMES, (SLOPES[0], SLOPES[-1]))
+    ]
+    return np.moveaxis(np.reshape(values, (2, 2, 2, -1)), -1, 0)
+
+
+def trends(studies: Studies, limits: Sequence[Limits]) -> ClaimTest:
+    """Δμ against slope, early and late, with ΔV and without."""
+    values = _of_slopes(studies["rows"].circle())
+    return _with_trends(values, limits)
+
+
+def every_member(studies: Studies, limits: Sequence[Limits]) -> ClaimTest:
+    """The same for every member of the density, on one surface."""
+    groups = studies["members"].by(MEMBER).values()
+    # one surface, whose noise hardly differs between members
+    values = np.stack([_of_slopes(group) for group in groups], axis=1)
+    return _with_trends(values, limits, np.zeros(values.shape[1:]))
+
+
+def _with_trends(
+    values: np.ndarray, limits: Sequence[Limits], errors: np.ndarray | None = None
+) -> ClaimTest:
+    """Whether Δμ (n, ..., volumes, slopes, times) rises with the slope, falls, falls and falls."""
+    smooth = values.mean(axis=0)[..., 0, :]
+
+    def statistics(found: np.ndarray) -> list[float]:
+        ratios = (found[..., 1, :] / found[..., 0, :]).reshape(-1, 4)
+        return [ratios[:, 0].min(), *ratios[:, 1:].max(axis=0)]
+
+    def said(*ratios: float) -> np.ndarray:
+        return np.stack([smooth, smooth * np.reshape(ratios, (2, 2))], axis=-2)
+
+    rivals = {
+        "no pressure: falls at 1 s too": said(0.5, 0.5, 0.5, 0.5),
+        "no reversal: rises at both": said(1.5, 1.5, 0.5, 0.5),
+        "the same with ΔV and without": said(1.5, 0.5, 1.5, 0.5),
+        "no dependence on h'": said(1.0, 1.0, 1.0, 1.0),
+    }
+    claimed = said(1.5, 0.5, 0.5, 0.5)
+    return ClaimTest(values, statistics, limits, claimed, rivals, errors)
+
+
+def crossings(lower: PointSet, upper: PointSet) -> np.ndarray:
+    """Hold time at which Δμ of each of ``lower`` first exceeds that of ``upper``, s, (n,); nan if it never does."""
+    gap = upper.coefficient - lower.coefficient
+    never = (gap <= 0).all(axis=1) | (gap[:, -1] > 0)
+    return np.where(never, np.nan, shapes.last_positive(lower.times, gap))
+
+
+def onsets(points: PointSet) -> np.ndarray:
+    """Hold time at which the local slope dΔμ/dlog10 t first reaches half of the fitted slope, s, (n,).
+
+    The fit is over the hold times of :data:`~chemage_li2018.published.PREFERRED`.
+    """
+    slope = np.gradient(points.coefficient, np.log10(points.times), axis=1)
+    fitted = points.beta(window(points[0].changes[VOLUME]))
+    return shapes.first_reaching(points.times, slope, 0.5 * fitted)
+
+
+def reversal(studies: Studies, limits: Sequence[Limits]) -> ClaimTest:
+    """When Δμ of the least slope passes that of the largest."""
+    rows = studies["rows"].by_volume()[6.4].by_row()
+
+    def of_row(group: PointSet) -> np.ndarray:
+        by_slope = group.by(SLOPE)
+        return crossings(by_slope[SLOPES[0]], by_slope[SLOPES[-1]])
+
+    values = _together(rows, of_row)
+    every = np.ones(values.shape[1])
+    one_late = np.where(np.arange(every.size) == 0, 30.0, 10**0.5)
+    return ClaimTest(
+        values,
+        lambda found: [found.min(), found.max()],
+        limits,
+        every * 10**0.5,
+        {"0.5 s": 0.5 * every, "20 s": 20 * every, "one row at 30 s": one_late},
+    )
+
+
+def beginnings(studies: Studies, limits: Sequence[Limits]) -> ClaimTest:
+    """When the logarithmic regime begins at h' = 0.1, with ΔV and without."""
+    volumes = studies["rows"].by_volume()
+    chosen = [volumes[volume].circle().by(SLOPE)[0.1] for volume in (6.4, 0.0)]
+    rivals = ((0.25, 10.0), (4.0, 10.0), (1.0, 2.5), (1.0, 40.0), (3.0, 3.0))
+    return ClaimTest(
+        np.transpose([onsets(points) for points in chosen]),
+        list,
+        limits,
+        np.array(PREFERRED.starts),
+        {
+            f"{first:g} and {last:g} s": np.array([first, last])
+            for first, last in rivals
+        },
+    )
+
+
+def _of_rows(points: PointSet, time: float) -> np.ndarray:
+    """A/A0 and Δμ at a hold time (s) of the rows of Table 1 at every slope, (n, 2, slopes, rows)."""
+    groups = points.by(SLOPE, *TABLE_1[0].options)
+    values = [
+        [group.of("area_fraction"), group.coefficient_at(time)]
+        for slope in SLOPES
+        for row in TABLE_1
+        for group in [groups[slope, *row.options.values()]]
+    ]
+    return np.transpose(values).reshape(-1, 2, len(SLOPES), len(TABLE_1))
+
+
+def _line(
+    x: np.ndarray,
+    y: np.ndarray,
+    limits: Sequence[Limits],
+    errors: np.ndarray | None = None,
+) -> ClaimTest:
+    """Whether y = a + b x with a > 0, of surfaces (n, k)."""
+    middle = x.mean(axis=0)
+    slope, offset = np.polyfit(middle, y.mean(axis=0), 1)
+    claimed = middle, offset + slope * middle
+    return ClaimTest(
+        np.stack([x, y], axis=1),
+        lambda found: shapes.line(*found),
+        limits,
+        np.stack(claimed),
+        {
+            name: np.stack([middle, law])
+            for name, law in shapes.line_rivals(middle, offset, slope).items()
+        },
+        None if errors is None else np.stack([0 * errors, errors]),
+    )
+
+
+def line_in_area(studies: Studies, limits: Sequence[Limits]) -> ClaimTest:
+    """Δμ against A/A0 with ΔV, at 1e3 s."""
+    values = _of_rows(studies["rows"].by_volume()[6.4], 1e3)
+    area, drop = np.moveaxis(values.reshape(len(values), 2, -1), 1, 0)
+    return _line(area, drop, limits)
+
+
+def proportional_to_area(studies: Studies, limits: Sequence[Limits]) -> ClaimTest:
+    """Δμ against A/A0 without ΔV, at 1 s and at 1e3 s."""
+    points = studies["rows"].by_volume()[0.0]
+    times = []
+    for time in (1.0, 1e3):
+        values = _of_rows(points, time)
+        area, drop = np.moveaxis(values.reshape(len(values), 2, -1), 1, 0)
+        times.append(_proportional(area, drop, limits))
+    both = [one.values for one in times]
+    return ClaimTest(
+        np.stack(both, axis=1),
+        lambda found: [*shapes.power(*found[0]), *shapes.power(*found[1])],
+        limits,
+        np.stack([one.claimed for one in times]),
+        {
+            name: np.stack([one.rivals[name] for one in times])
+            for name in times[0].rivals
+        },
+    )
+
+
+def rows_on_one_curve(studies: Studies, limits: Sequence[Limits]) -> ClaimTest:
+    """Δμ against A/A0 of all rows and slopes, about parabolas in the logarithms."""
+    volumes = studies["rows"].by_volume()
+    values = np.stack(
+        [
+            _of_rows(volumes[volume], time).reshape(-1, 2, len(SLOPES) * len(TABLE_1))
+            for volume, time in product((6.4, 0.0), (1.0, 1e3))
+        ],
+        axis=1,
+    )
+
+    def curve(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        fit = np.polynomial.Polynomial.fit(np.log(x), np.log(y), 2)
+        return np.exp(fit(np.log(x)))
+
+    middle = values.mean(axis=0)
+    smooth = np.stack([[x, curve(x, y)] for x, y in middle])
+    rows = np.tile(np.linspace(-1, 1, len(TABLE_1)), len(SLOPES))
+    patches = np.tile([float(row.patches) for row in TABLE_1], len(SLOPES))
+    edges = np.tile([float(row.perimeter_to_area) for row in TABLE_1], len(SLOPES))
+    effects = {
+        "6 % from row to row": 1 + 0.06 * np.cos(7 * rows),
+        "∝ N_p^0.05": (patches / 160) ** 0.05,
+        "∝ (C/A)^0.1": (edges / 0.44) ** 0.1,
+        "one row 15 % higher": np.where(rows == 0, 1.15, 1.0),
+    }
+
+    def with_effect(effect: np.ndarray) -> np.ndarray:
+        return np.stack([smooth[:, 0], smooth[:, 1] * effect], axis=1)
+
+    return ClaimTest(
+        values,
+        lambda found: [shapes.rms(y, curve(x, y)) for x, y in found],
+        limits,
+        smooth,
+        {name: with_effect(effect) for name, effect in effects.items()},
+    )
+
+
+# -- Fig. 4 to 6, Table 1 ---------------------------------------------------------------------------------------------
+
+
+def centres(edges: np.ndarray) -> np.ndarray:
+    """The middles between ``edges`` (k + 1,)."""
+    return 0.5 * (edges[1:] + edges[:-1])
+
+
+def moments(points: PointSet, density: str, edges: str = "") -> np.ndarray:
+    """Mean and standard deviation of an observed density of every point, (2, n); without edges in units of a bin."""
+    weights = points.observed(density)
+    middle = np.arange(weights.shape[-1]) + 0.5
+    if edges:
+        middle = centres(points[0].observables[edges])
+    weights = weights / weights.sum(axis=-1, keepdims=True)
+    mean = weights @ middle
+    away = middle - mean[..., None]
+    return np.stack([mean, np.sqrt((weights * away**2).sum(axis=-1))])
+
+
+def distributions(studies: Studies, limits: Sequence[Limits]) -> ClaimTest:
+    """Mean and width of pressures and of barriers against slope."""
+    volumes = studies["slopes"].by_volume()
+
+    def of(volume: float) -> np.ndarray:
+        each = [
+            [
+                *moments(group, "pressures"),
+                *moments(group, "barriers_start", "barrier_edges"),
+            ]
+            for group in volumes[volume].by(SLOPE).values()
+        ]
+        return np.moveaxis(np.array(each), -1, 0)
+
+    def statistics(found: np.ndarray) -> list[float]:
+        pressure, spread, barrier, width = (found[1:] / found[:-1]).T
+        return [pressure.min(), spread.min(), barrier.max(), width.min()]
+
+    values = of(6.4)
+    middle = values.mean(axis=0)
+    rivals = {
+        "no change": np.repeat(middle[:1], 3, axis=0),
+        "the reverse": middle[::-1],
+        "barriers without pressure": np.hstack(
+            [middle[:, :2], np.repeat(middle[:1, 2:], 3, axis=0)]
+        ),
+        "shifted, not widened": np.stack(
+            [middle[:, 0], 0 * middle[:, 1] + middle[0, 1], *middle.T[2:]], axis=1
+        ),
+    }
+    return ClaimTest(values, statistics, limits, middle, rivals)
+
+
+def morphology(points: PointSet) -> tuple[np.ndarray, np.ndarray]:
+    """C/A (1/nm) and Δμ·A0/A at 1e3 s of every point."""
+    per_area = points.coefficient_at(1e3) / points.of("area_fraction")
+    return points.of("perimeter_to_area"), per_area
+
+
+def against_morphology(
+    studies: Studies, limits: Sequence[Limits], at: float
+) -> ClaimTest:
+    """Δμ·A0/A of the rows against C/A at one slope, without ΔV."""
+    rows = studies["rows"].by_volume()[0.0].by(SLOPE)[at].by_row()
+    x, y = (_together(rows, lambda group, k=k: morphology(group)[k]) for k in (0, 1))
+
+    def statistics(found: np.ndarray) -> list[float]:
+        x, y = found
+        slope, height = shapes.fit(x, y)
+        rise = slope * np.ptp(x) / (height + slope * x.mean())
+        straight = slope * x.std() / (y.std() or np.inf)
+        return [float(straight), float(rise)]
+
+    middle = x.mean(axis=0)
+    slope, height = np.polyfit(middle, y.mean(axis=0), 1)
+    claimed = np.stack([middle, height + slope * middle])
+    laws = shapes.rise_rivals(
+        middle, height + slope * middle.mean(), abs(slope) * np.ptp(middle)
+    )
+    test = ClaimTest(
+        np.stack([x, y], axis=1),
+        statistics,
+        limits,
+        claimed,
+        {name: np.stack([middle, law]) for name, law in laws.items()},
+    )
+    if not test.decidable:
+        return test
+    # a line with this noise has a lower correlation in one of fifty draws
+    means = claimed * (1 + test.noise.mean(axis=1))
+    drawn = [statistics(one)[0] for one in means]
+    first = limits[0]._replace(low=float(np.quantile(drawn, 0.02)))
+    return replace(test, limits=[first, *limits[1:]])
+
+
+def patches(studies: Studies, limits: Sequence[Limits], at: Sequence[str]) -> ClaimTest:
+    """N_p of three rows."""
+    groups = {row.name: group for row, group in studies["table"].by_row().items()}
+    published = {row.name: float(row.patches) for row in TABLE_1}
+    claimed = np.array([published[name] for name in at])
+    return ClaimTest(
+        np.transpose([groups[name].of("patches") for name in at]),
+        lambda found: [(found[1:] / found[:-1]).min()],
+        limits,
+        claimed,
+        {
+            "equal": np.full(3, claimed.mean()),
+            "the reverse": claimed[::-1],
+            "most in the middle": claimed[[0, 2, 1]],
+        },
+    )
+
+
+def saturation(studies: Studies, limits: Sequence[Limits]) -> ClaimTest:
+    """ΔF against I_b."""
+    groups = studies["interaction"].by(STRENGTH)
+    strengths = np.array(list(groups))
+    start, half, last = (int(np.argmin(abs(strengths - x))) for x in (0.0, 0.5, 1.0))
+
+    def statistics(y: np.ndarray) -> list[float]:
+        fall = y[start] - y[half]
+        late = (y[half] - y[last]) / fall if fall else np.inf
+        return [y[half] / y[start], late]
+
+    falls = {
+        "no effect": 0 * strengths,
+        "a line": 0.5 * strengths,
+        "from 0.5 eV on": np.maximum(strengths - 0.5, 0),
+        "exponential, 1 eV": 0.8 * (1 - np.exp(-strengths)),
+        "rising again": 0.5 * np.minimum(strengths, 1 - strengths) / 0.5,
+    }
+    return ClaimTest(
+        _together(groups, lambda group: group.at(1e3)),
+        statistics,
+        limits,
+        1 - 0.5 * np.minimum(strengths / 0.5, 1),
+        {name: 1 - fall for name, fall in falls.items()},
+    )
+
+
+# -- temperature and tips ---------------------------------------------------------------------------------------------
+
+
+def summit(
+    kelvin: Sequence[float] | np.ndarray, values: Sequence[float] | np.ndarray
+) -> float:
+    """Temperature of the largest of ``values``, from the parabola through it and its neighbours, or an end."""
+    top = int(np.argmax(values))
+    if top in (0, len(values) - 1):
+        return float(kelvin[top])
+    a, b, _ = np.polyfit(kelvin[top - 1 : top + 2], values[top - 1 : top + 2], 2)
+    return float(-b / (2 * a))
+
+
+def warmth(studies: Studies, limits: Sequence[Limits], at: str) -> ClaimTest:
+    """The temperature of the largest β."""
+    groups = studies[at].by(KELVIN)
+    kelvin = np.array(list(groups))
+    windows = {"β over 1 to 1e3 s": (1.0, 1e3), "β over 100 to 1e4 s": (1e2, 1e4)}
+
+    def beta(window: tuple[float, float]) -> np.ndarray:
+        return _together(groups, lambda group: group.beta(window)).clip(0)
+
+    errors = None
+    if at == "warm tip":
+        half = _together(groups, lambda group: group.half_width_at(1e4))[0]
+        first, last = (
+            _together(groups, lambda group, t=time: group.at(t))[0]
+            for time in FIT_WINDOW
+        )
+        errors = half / 2 / (last - first)
+    peaks = {"at 240 K": 240.0, "at 360 K": 360.0, "rising": 600.0, "falling": 100.0}
+
+    def peaked(top: float) -> np.ndarray:
+        return np.exp(-(((kelvin - top) / 80) ** 2))
+
+    return ClaimTest(
+        beta(FIT_WINDOW),
+        lambda found: [summit(kelvin, found)],
+        limits,
+        peaked(300.0),
+        {f"largest {name}": peaked(top) for name, top in peaks.items()},
+        errors,
+        {name: beta(window) for name, window in windows.items()},
+    )
+
+
+def tip_line(studies: Studies, limits: Sequence[Limits], at: float) -> ClaimTest:
+    """ΔF of a tip against load, over replicas."""
+    group = studies["tips"].by(RADIUS)[at]
+    drop = group.at(1e3)
+    # half a 95 % interval is two standard errors
+    errors = group.half_width_at(1e3) / 2 / drop
+    return _line(group.swept(LOAD)[None], drop[None], limits, errors)
+
+
+def orders_of_magnitude(studies: Studies, limits: Sequence[Limits]) -> ClaimTest:
+    """β of tips over β of rough contacts, at the loads of the paper's tips."""
+    slopes = studies["slopes"].by_volume()[6.4].by(SLOPE)
+    rough = _together(slopes, lambda group: group.beta(window(WITH_PRESSURE)))
+    chosen = np.isin(studies["tips"].swept(LOAD), [23.0, 393.0])
+    tips = studies["tips"].beta()[chosen]
+    ratios = tips[:, None] / rough[:, None]
+    every = np.ones(ratios.shape[1:])
+    paper = np.array([15, 1.5, 15, 1.5])[:, None] / np.array([0.89, 0.45, 0.20])
+    return ClaimTest(
+        ratios,
+        lambda found: [float(np.exp(np.log(found).mean()))],
+        limits,
+        paper,
+        {f"a factor of {factor:g}": factor * every for factor in (1, 3, 300)},
+    )
+
+
+def area_against_slope(studies: Studies, limits: Sequence[Limits]) -> ClaimTest:
+    """Contact area against 1/h'."""
+    groups = studies["slopes"].by_volume()[6.4].by(SLOPE)
+    area = _together(groups, lambda group: group.of("area_fraction"))
+    return _proportional(
+        np.broadcast_to(1 / np.array(SLOPES), area.shape), area, limits
+    )
