@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import resources
 from typing import Any
 
@@ -27,7 +27,6 @@ class Claim:
     sentence: str
     #: how what it says is known
     known: str
-    limits: Sequence[Limits] = ()
     #: of a law, tested against twelve others
     shape: bool = False
     calibrated: bool = False
@@ -54,15 +53,6 @@ class Claim:
             more = f"; {self.test.remedy}"
         return self.test.found() + more
 
-    @property
-    def missed(self) -> list[tuple[str, float]]:
-        """Rivals that the test does not tell from the claim in all draws, with how often it does."""
-        rivals = self.test.power if self.test and self.test.decidable else {}
-        return sorted(
-            ((name, rate) for name, rate in rivals.items() if rate < 1),
-            key=lambda one: one[1],
-        )
-
 
 def claims(studies: Studies, targets: Sequence[str]) -> list[Claim]:
     """Test the claims of ``targets`` with the computed ``studies``."""
@@ -72,11 +62,13 @@ def claims(studies: Studies, targets: Sequence[str]) -> list[Claim]:
             about = {name: data[name] for name in ("target", "sentence", "known")} | {
                 name: data.get(name, False) for name in ("shape", "calibrated")
             }
-            limits = [Limits(**one) for one in data["limits"]]
+            limits = [Limits(**one) for one in data.get("limits", ())]
             measure = getattr(measures, data["measure"])
             chosen = {"at": data["at"]} if "at" in data else {}
-            test = measure(studies, limits, **chosen)
-            found.append(Claim(**about, limits=test.limits, test=test))
+            test = measure(studies, **chosen)
+            found.append(
+                Claim(**about, test=replace(test, limits=limits or test.limits))
+            )
     if "estimates" in targets:
         for sentence, reason in DATA["untested"].items():
             found.append(Claim("estimates", sentence, "words", reason=reason))

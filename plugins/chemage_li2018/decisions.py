@@ -31,19 +31,15 @@ class Limits(NamedTuple):
     percent: bool = False
 
     def shown(self, value: float, error: float) -> str:
-        """The number with its standard error over surfaces, in words."""
-        if self.percent:
-            return f"{self.name} {text.plus_minus(100 * value, 100 * error)} %"
-        return f"{self.name} {text.plus_minus(value, error)}"
-
-    def __str__(self) -> str:
+        """The number with its standard error over surfaces and its limits, in words."""
         factor, unit = (100, " %") if self.percent else (1, "")
         ends = [
             f"{word} {factor * end:.3g}{unit}"
             for word, end in (("at least", self.low), ("at most", self.high))
             if np.isfinite(end)
         ]
-        return f"{self.name}: {', '.join(ends)}"
+        ours = text.plus_minus(factor * value, factor * error)
+        return f"{self.name} {ours}{unit} ({', '.join(ends)})"
 
 
 @dataclass(frozen=True)
@@ -54,7 +50,6 @@ class ClaimTest:
     values: np.ndarray
     #: mean over surfaces (...) -> the numbers of ``limits``
     statistics: Callable[[np.ndarray], Sequence[float]]
-    limits: Sequence[Limits]
     #: what the claim says, without noise, and what rivals say, (...)
     claimed: np.ndarray
     rivals: Mapping[str, np.ndarray]
@@ -62,6 +57,7 @@ class ClaimTest:
     errors: np.ndarray | None = None
     #: name -> values (n, ...) as the paper could be read as well
     readings: Mapping[str, np.ndarray] = field(default_factory=dict)
+    limits: Sequence[Limits] = ()
 
     def accepts(self, values: np.ndarray) -> bool:
         """Whether values (n, ...) agree with the claim; what cannot be computed does not."""
@@ -130,7 +126,8 @@ class ClaimTest:
         if not self.accepts(self.values):
             sure = self.support <= 1 - POWER and self.false_alarm <= 1 - POWER
             return DISAGREES if sure else CANNOT
-        if min(self.power.values()) < POWER or self.support < POWER:
+        rates = (*self.power.values(), self.support, 1 - self.false_alarm)
+        if min(rates) < POWER:
             return CANNOT
         if calibrated:
             return CALIBRATED

@@ -36,7 +36,7 @@ def _together(groups: Groups, value: Callable[[PointSet], np.ndarray]) -> np.nda
 # -- Fig. 2: load -----------------------------------------------------------------------------------------------------
 
 
-def growth(studies: Studies, limits: Sequence[Limits]) -> ClaimTest:
+def growth(studies: Studies) -> ClaimTest:
     """ΔF against log t, whose slope in every decade is near the mean; also true of log(1 + t/τ), the law of the field."""
     points = studies["loads"].by(LOAD)[20000.0]
     inside = (points.times >= 0.999) & (points.times <= 1.001e5)
@@ -46,41 +46,50 @@ def growth(studies: Studies, limits: Sequence[Limits]) -> ClaimTest:
     return ClaimTest(
         curves,
         lambda y: [np.abs(shapes.local_slopes(times, y) - 1).max()],
-        limits,
         # the law of the field, of which a logarithm is the limit
         start + slope * np.log10(1 + times / 0.3),
         shapes.growth_rivals(times, start, rise),
     )
 
 
-def small_loads(studies: Studies, limits: Sequence[Limits]) -> ClaimTest:
+def small_loads(studies: Studies) -> ClaimTest:
     """ΔF against load, up to 50 µN."""
     groups = studies["loads"].by_load()
     few = Groups((load, group) for load, group in groups.items() if load <= 50)
-    load = np.array(list(few))
-    return _proportional(
-        np.broadcast_to(load, (len(few[20.0]), load.size)),
-        _together(few, lambda group: group.at(1e3)),
-        limits,
-    )
+    drop = _together(few, lambda group: group.at(1e3))
+    return _proportional(np.broadcast_to(list(few), drop.shape), drop)
 
 
-def _proportional(x: np.ndarray, y: np.ndarray, limits: Sequence[Limits]) -> ClaimTest:
-    """Whether y ∝ x, of surfaces (n, k)."""
-    middle, factor = x.mean(axis=0), float(y.mean() / x.mean())
+def _law(
+    x: np.ndarray,
+    y: np.ndarray,
+    statistics: Callable[..., Sequence[float]],
+    claimed: np.ndarray,
+    rivals: shapes.Curves,
+    errors: np.ndarray | None = None,
+) -> ClaimTest:
+    """A test of y (x) of surfaces, (n, k) both; laws (k,) are at the mean x."""
+
+    def at(law: np.ndarray) -> np.ndarray:
+        return np.stack([x.mean(axis=0), law])
+
     return ClaimTest(
         np.stack([x, y], axis=1),
-        lambda found: shapes.power(*found),
-        limits,
-        np.stack([middle, factor * middle]),
-        {
-            name: np.stack([middle, law])
-            for name, law in shapes.proportional_rivals(middle, factor).items()
-        },
+        lambda found: statistics(*found),
+        at(claimed),
+        {name: at(law) for name, law in rivals.items()},
+        None if errors is None else np.stack([0 * errors, errors]),
     )
 
 
-def large_loads(studies: Studies, limits: Sequence[Limits]) -> ClaimTest:
+def _proportional(x: np.ndarray, y: np.ndarray) -> ClaimTest:
+    """Whether y ∝ x, of surfaces (n, k)."""
+    middle, factor = x.mean(axis=0), float(y.mean() / x.mean())
+    rivals = shapes.proportional_rivals(middle, factor)
+    return _law(x, y, shapes.power, factor * middle, rivals)
+
+
+def large_loads(studies: Studies) -> ClaimTest:
     """Δμ at 20 and at 500 µN."""
     groups = studies["loads"].by_load()
     coefficient = _together(groups, lambda group: group.coefficient_at(1e3))
@@ -88,20 +97,19 @@ def large_loads(studies: Studies, limits: Sequence[Limits]) -> ClaimTest:
     return ClaimTest(
         coefficient[:, ends],
         lambda found: [found[1] / found[0]],
-        limits,
         np.array([1.0, 0.95]),
         {"constant": np.ones(2), "rising by 5 %": np.array([1.0, 1.05])},
     )
 
 
-def areas(studies: Studies, limits: Sequence[Limits]) -> ClaimTest:
+def areas(studies: Studies) -> ClaimTest:
     """ΔF against contact area."""
     groups = studies["loads"].by_load()
     area = _together(groups, lambda group: group.of("area_fraction"))
-    return _proportional(area, _together(groups, lambda group: group.at(1e3)), limits)
+    return _proportional(area, _together(groups, lambda group: group.at(1e3)))
 
 
-def pressures(studies: Studies, limits: Sequence[Limits]) -> ClaimTest:
+def pressures(studies: Studies) -> ClaimTest:
     """Distributions of pressure, up to 100 µN."""
     groups = studies["loads"].by_load()
     small = [load for load in groups if load <= 100]
@@ -122,7 +130,7 @@ def pressures(studies: Studies, limits: Sequence[Limits]) -> ClaimTest:
         f"pressure ∝ load^{power:g}": stretched(loads**power)
         for power in (-0.1, 0.1, 0.2)
     }
-    return ClaimTest(density, statistics, limits, stretched(loads**0), rivals)
+    return ClaimTest(density, statistics, stretched(loads**0), rivals)
 
 
 # -- Fig. 3: roughness ------------------------------------------------------------------------------------------------
@@ -138,23 +146,20 @@ def _of_slopes(points: PointSet) -> np.ndarray:
     return np.moveaxis(np.reshape(values, (2, 2, 2, -1)), -1, 0)
 
 
-def trends(studies: Studies, limits: Sequence[Limits]) -> ClaimTest:
+def trends(studies: Studies) -> ClaimTest:
     """Δμ against slope, early and late, with ΔV and without."""
-    values = _of_slopes(studies["rows"].circle())
-    return _with_trends(values, limits)
+    return _with_trends(_of_slopes(studies["rows"].circle()))
 
 
-def every_member(studies: Studies, limits: Sequence[Limits]) -> ClaimTest:
+def every_member(studies: Studies) -> ClaimTest:
     """The same for every member of the density, on one surface."""
     groups = studies["members"].by(MEMBER).values()
     # one surface, whose noise hardly differs between members
     values = np.stack([_of_slopes(group) for group in groups], axis=1)
-    return _with_trends(values, limits, np.zeros(values.shape[1:]))
+    return _with_trends(values, np.zeros(values.shape[1:]))
 
 
-def _with_trends(
-    values: np.ndarray, limits: Sequence[Limits], errors: np.ndarray | None = None
-) -> ClaimTest:
+def _with_trends(values: np.ndarray, errors: np.ndarray | None = None) -> ClaimTest:
     """Whether Δμ (n, ..., volumes, slopes, times) rises with the slope, falls, falls and falls."""
     smooth = values.mean(axis=0)[..., 0, :]
 
@@ -172,7 +177,7 @@ def _with_trends(
         "no dependence on h'": said(1.0, 1.0, 1.0, 1.0),
     }
     claimed = said(1.5, 0.5, 0.5, 0.5)
-    return ClaimTest(values, statistics, limits, claimed, rivals, errors)
+    return ClaimTest(values, statistics, claimed, rivals, errors)
 
 
 def crossings(lower: PointSet, upper: PointSet) -> np.ndarray:
@@ -192,7 +197,7 @@ def onsets(points: PointSet) -> np.ndarray:
     return shapes.first_reaching(points.times, slope, 0.5 * fitted)
 
 
-def reversal(studies: Studies, limits: Sequence[Limits]) -> ClaimTest:
+def reversal(studies: Studies) -> ClaimTest:
     """When Δμ of the least slope passes that of the largest."""
     rows = studies["rows"].by_volume()[6.4].by_row()
 
@@ -206,13 +211,12 @@ def reversal(studies: Studies, limits: Sequence[Limits]) -> ClaimTest:
     return ClaimTest(
         values,
         lambda found: [found.min(), found.max()],
-        limits,
         every * 10**0.5,
         {"0.5 s": 0.5 * every, "20 s": 20 * every, "one row at 30 s": one_late},
     )
 
 
-def beginnings(studies: Studies, limits: Sequence[Limits]) -> ClaimTest:
+def beginnings(studies: Studies) -> ClaimTest:
     """When the logarithmic regime begins at h' = 0.1, with ΔV and without."""
     volumes = studies["rows"].by_volume()
     chosen = [volumes[volume].circle().by(SLOPE)[0.1] for volume in (6.4, 0.0)]
@@ -220,7 +224,6 @@ def beginnings(studies: Studies, limits: Sequence[Limits]) -> ClaimTest:
     return ClaimTest(
         np.transpose([onsets(points) for points in chosen]),
         list,
-        limits,
         np.array(PREFERRED.starts),
         {
             f"{first:g} and {last:g} s": np.array([first, last])
@@ -230,7 +233,7 @@ def beginnings(studies: Studies, limits: Sequence[Limits]) -> ClaimTest:
 
 
 def _of_rows(points: PointSet, time: float) -> np.ndarray:
-    """A/A0 and Δμ at a hold time (s) of the rows of Table 1 at every slope, (n, 2, slopes, rows)."""
+    """A/A0 and Δμ at a hold time (s) of the rows of Table 1 at every slope, (n, 2, slopes × rows)."""
     groups = points.by(SLOPE, *TABLE_1[0].options)
     values = [
         [group.of("area_fraction"), group.coefficient_at(time)]
@@ -238,70 +241,46 @@ def _of_rows(points: PointSet, time: float) -> np.ndarray:
         for row in TABLE_1
         for group in [groups[slope, *row.options.values()]]
     ]
-    return np.transpose(values).reshape(-1, 2, len(SLOPES), len(TABLE_1))
+    return np.moveaxis(np.array(values), -1, 0).swapaxes(1, 2)
 
 
-def _line(
-    x: np.ndarray,
-    y: np.ndarray,
-    limits: Sequence[Limits],
-    errors: np.ndarray | None = None,
-) -> ClaimTest:
+def _line(x: np.ndarray, y: np.ndarray, errors: np.ndarray | None = None) -> ClaimTest:
     """Whether y = a + b x with a > 0, of surfaces (n, k)."""
     middle = x.mean(axis=0)
-    slope, offset = np.polyfit(middle, y.mean(axis=0), 1)
-    claimed = middle, offset + slope * middle
-    return ClaimTest(
-        np.stack([x, y], axis=1),
-        lambda found: shapes.line(*found),
-        limits,
-        np.stack(claimed),
-        {
-            name: np.stack([middle, law])
-            for name, law in shapes.line_rivals(middle, offset, slope).items()
-        },
-        None if errors is None else np.stack([0 * errors, errors]),
-    )
+    slope, offset = shapes.fit(middle, y.mean(axis=0))
+    rivals = shapes.line_rivals(middle, offset, slope)
+    return _law(x, y, shapes.line, offset + slope * middle, rivals, errors)
 
 
-def line_in_area(studies: Studies, limits: Sequence[Limits]) -> ClaimTest:
+def line_in_area(studies: Studies) -> ClaimTest:
     """Δμ against A/A0 with ΔV, at 1e3 s."""
     values = _of_rows(studies["rows"].by_volume()[6.4], 1e3)
-    area, drop = np.moveaxis(values.reshape(len(values), 2, -1), 1, 0)
-    return _line(area, drop, limits)
+    return _line(*np.moveaxis(values, 1, 0))
 
 
-def proportional_to_area(studies: Studies, limits: Sequence[Limits]) -> ClaimTest:
+def proportional_to_area(studies: Studies) -> ClaimTest:
     """Δμ against A/A0 without ΔV, at 1 s and at 1e3 s."""
     points = studies["rows"].by_volume()[0.0]
-    times = []
-    for time in (1.0, 1e3):
-        values = _of_rows(points, time)
-        area, drop = np.moveaxis(values.reshape(len(values), 2, -1), 1, 0)
-        times.append(_proportional(area, drop, limits))
-    both = [one.values for one in times]
+    every = [
+        _proportional(*np.moveaxis(_of_rows(points, time), 1, 0)) for time in (1.0, 1e3)
+    ]
     return ClaimTest(
-        np.stack(both, axis=1),
+        np.stack([one.values for one in every], axis=1),
         lambda found: [*shapes.power(*found[0]), *shapes.power(*found[1])],
-        limits,
-        np.stack([one.claimed for one in times]),
+        np.stack([one.claimed for one in every]),
         {
-            name: np.stack([one.rivals[name] for one in times])
-            for name in times[0].rivals
+            name: np.stack([one.rivals[name] for one in every])
+            for name in every[0].rivals
         },
     )
 
 
-def rows_on_one_curve(studies: Studies, limits: Sequence[Limits]) -> ClaimTest:
+def rows_on_one_curve(studies: Studies) -> ClaimTest:
     """Δμ against A/A0 of all rows and slopes, about parabolas in the logarithms."""
     volumes = studies["rows"].by_volume()
-    values = np.stack(
-        [
-            _of_rows(volumes[volume], time).reshape(-1, 2, len(SLOPES) * len(TABLE_1))
-            for volume, time in product((6.4, 0.0), (1.0, 1e3))
-        ],
-        axis=1,
-    )
+    conditions = product((6.4, 0.0), (1.0, 1e3))
+    each = [_of_rows(volumes[volume], time) for volume, time in conditions]
+    values = np.stack(each, axis=1)
 
     def curve(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         fit = np.polynomial.Polynomial.fit(np.log(x), np.log(y), 2)
@@ -325,7 +304,6 @@ def rows_on_one_curve(studies: Studies, limits: Sequence[Limits]) -> ClaimTest:
     return ClaimTest(
         values,
         lambda found: [shapes.rms(y, curve(x, y)) for x, y in found],
-        limits,
         smooth,
         {name: with_effect(effect) for name, effect in effects.items()},
     )
@@ -351,25 +329,22 @@ def moments(points: PointSet, density: str, edges: str = "") -> np.ndarray:
     return np.stack([mean, np.sqrt((weights * away**2).sum(axis=-1))])
 
 
-def distributions(studies: Studies, limits: Sequence[Limits]) -> ClaimTest:
+def distributions(studies: Studies) -> ClaimTest:
     """Mean and width of pressures and of barriers against slope."""
-    volumes = studies["slopes"].by_volume()
-
-    def of(volume: float) -> np.ndarray:
-        each = [
-            [
-                *moments(group, "pressures"),
-                *moments(group, "barriers_start", "barrier_edges"),
-            ]
-            for group in volumes[volume].by(SLOPE).values()
+    groups = studies["slopes"].by_volume()[6.4].by(SLOPE)
+    each = [
+        [
+            *moments(group, "pressures"),
+            *moments(group, "barriers_start", "barrier_edges"),
         ]
-        return np.moveaxis(np.array(each), -1, 0)
+        for group in groups.values()
+    ]
 
     def statistics(found: np.ndarray) -> list[float]:
         pressure, spread, barrier, width = (found[1:] / found[:-1]).T
         return [pressure.min(), spread.min(), barrier.max(), width.min()]
 
-    values = of(6.4)
+    values = np.moveaxis(np.array(each), -1, 0)
     middle = values.mean(axis=0)
     rivals = {
         "no change": np.repeat(middle[:1], 3, axis=0),
@@ -381,7 +356,7 @@ def distributions(studies: Studies, limits: Sequence[Limits]) -> ClaimTest:
             [middle[:, 0], 0 * middle[:, 1] + middle[0, 1], *middle.T[2:]], axis=1
         ),
     }
-    return ClaimTest(values, statistics, limits, middle, rivals)
+    return ClaimTest(values, statistics, middle, rivals)
 
 
 def morphology(points: PointSet) -> tuple[np.ndarray, np.ndarray]:
@@ -390,43 +365,34 @@ def morphology(points: PointSet) -> tuple[np.ndarray, np.ndarray]:
     return points.of("perimeter_to_area"), per_area
 
 
-def against_morphology(
-    studies: Studies, limits: Sequence[Limits], at: float
-) -> ClaimTest:
+def against_morphology(studies: Studies, at: float) -> ClaimTest:
     """Δμ·A0/A of the rows against C/A at one slope, without ΔV."""
     rows = studies["rows"].by_volume()[0.0].by(SLOPE)[at].by_row()
     x, y = (_together(rows, lambda group, k=k: morphology(group)[k]) for k in (0, 1))
 
-    def statistics(found: np.ndarray) -> list[float]:
-        x, y = found
+    def statistics(x: np.ndarray, y: np.ndarray) -> list[float]:
         slope, height = shapes.fit(x, y)
-        rise = slope * np.ptp(x) / (height + slope * x.mean())
         straight = slope * x.std() / (y.std() or np.inf)
-        return [float(straight), float(rise)]
+        return [straight, slope * np.ptp(x) / (height + slope * x.mean())]
 
     middle = x.mean(axis=0)
-    slope, height = np.polyfit(middle, y.mean(axis=0), 1)
-    claimed = np.stack([middle, height + slope * middle])
-    laws = shapes.rise_rivals(
-        middle, height + slope * middle.mean(), abs(slope) * np.ptp(middle)
+    slope, height = shapes.fit(middle, y.mean(axis=0))
+    claimed = height + slope * middle
+    rivals = shapes.rise_rivals(middle, claimed.mean(), abs(slope) * np.ptp(middle))
+    test = _law(x, y, statistics, claimed, rivals)
+    least = np.nan
+    if test.decidable:
+        # a line with this noise has a lower correlation in one of fifty draws
+        means = test.claimed * (1 + test.noise.mean(axis=1))
+        least = float(np.quantile([statistics(*one)[0] for one in means], 0.02))
+    limits = (
+        Limits("correlation of the means of the rows", low=least),
+        Limits("rise", low=0.0, high=0.2, percent=True),
     )
-    test = ClaimTest(
-        np.stack([x, y], axis=1),
-        statistics,
-        limits,
-        claimed,
-        {name: np.stack([middle, law]) for name, law in laws.items()},
-    )
-    if not test.decidable:
-        return test
-    # a line with this noise has a lower correlation in one of fifty draws
-    means = claimed * (1 + test.noise.mean(axis=1))
-    drawn = [statistics(one)[0] for one in means]
-    first = limits[0]._replace(low=float(np.quantile(drawn, 0.02)))
-    return replace(test, limits=[first, *limits[1:]])
+    return replace(test, limits=limits)
 
 
-def patches(studies: Studies, limits: Sequence[Limits], at: Sequence[str]) -> ClaimTest:
+def patches(studies: Studies, at: Sequence[str]) -> ClaimTest:
     """N_p of three rows."""
     groups = {row.name: group for row, group in studies["table"].by_row().items()}
     published = {row.name: float(row.patches) for row in TABLE_1}
@@ -434,7 +400,6 @@ def patches(studies: Studies, limits: Sequence[Limits], at: Sequence[str]) -> Cl
     return ClaimTest(
         np.transpose([groups[name].of("patches") for name in at]),
         lambda found: [(found[1:] / found[:-1]).min()],
-        limits,
         claimed,
         {
             "equal": np.full(3, claimed.mean()),
@@ -444,7 +409,7 @@ def patches(studies: Studies, limits: Sequence[Limits], at: Sequence[str]) -> Cl
     )
 
 
-def saturation(studies: Studies, limits: Sequence[Limits]) -> ClaimTest:
+def saturation(studies: Studies) -> ClaimTest:
     """ΔF against I_b."""
     groups = studies["interaction"].by(STRENGTH)
     strengths = np.array(list(groups))
@@ -465,7 +430,6 @@ def saturation(studies: Studies, limits: Sequence[Limits]) -> ClaimTest:
     return ClaimTest(
         _together(groups, lambda group: group.at(1e3)),
         statistics,
-        limits,
         1 - 0.5 * np.minimum(strengths / 0.5, 1),
         {name: 1 - fall for name, fall in falls.items()},
     )
@@ -485,7 +449,7 @@ def summit(
     return float(-b / (2 * a))
 
 
-def warmth(studies: Studies, limits: Sequence[Limits], at: str) -> ClaimTest:
+def warmth(studies: Studies, at: str) -> ClaimTest:
     """The temperature of the largest β."""
     groups = studies[at].by(KELVIN)
     kelvin = np.array(list(groups))
@@ -510,7 +474,6 @@ def warmth(studies: Studies, limits: Sequence[Limits], at: str) -> ClaimTest:
     return ClaimTest(
         beta(FIT_WINDOW),
         lambda found: [summit(kelvin, found)],
-        limits,
         peaked(300.0),
         {f"largest {name}": peaked(top) for name, top in peaks.items()},
         errors,
@@ -518,16 +481,16 @@ def warmth(studies: Studies, limits: Sequence[Limits], at: str) -> ClaimTest:
     )
 
 
-def tip_line(studies: Studies, limits: Sequence[Limits], at: float) -> ClaimTest:
+def tip_line(studies: Studies, at: float) -> ClaimTest:
     """ΔF of a tip against load, over replicas."""
     group = studies["tips"].by(RADIUS)[at]
     drop = group.at(1e3)
     # half a 95 % interval is two standard errors
     errors = group.half_width_at(1e3) / 2 / drop
-    return _line(group.swept(LOAD)[None], drop[None], limits, errors)
+    return _line(group.swept(LOAD)[None], drop[None], errors)
 
 
-def orders_of_magnitude(studies: Studies, limits: Sequence[Limits]) -> ClaimTest:
+def orders_of_magnitude(studies: Studies) -> ClaimTest:
     """β of tips over β of rough contacts, at the loads of the paper's tips."""
     slopes = studies["slopes"].by_volume()[6.4].by(SLOPE)
     rough = _together(slopes, lambda group: group.beta(window(WITH_PRESSURE)))
@@ -539,16 +502,13 @@ def orders_of_magnitude(studies: Studies, limits: Sequence[Limits]) -> ClaimTest
     return ClaimTest(
         ratios,
         lambda found: [float(np.exp(np.log(found).mean()))],
-        limits,
         paper,
         {f"a factor of {factor:g}": factor * every for factor in (1, 3, 300)},
     )
 
 
-def area_against_slope(studies: Studies, limits: Sequence[Limits]) -> ClaimTest:
+def area_against_slope(studies: Studies) -> ClaimTest:
     """Contact area against 1/h'."""
     groups = studies["slopes"].by_volume()[6.4].by(SLOPE)
     area = _together(groups, lambda group: group.of("area_fraction"))
-    return _proportional(
-        np.broadcast_to(1 / np.array(SLOPES), area.shape), area, limits
-    )
+    return _proportional(np.broadcast_to(1 / np.array(SLOPES), area.shape), area)

@@ -110,7 +110,7 @@ def judged(value: float, scatter: float, *, surfaces: int = 8, rival: float = 2.
     away = (away - away.mean()) / away.std(ddof=1) if surfaces > 1 else away
     values = (value + scatter * away)[:, None]
     limits = [Limits("ours", 0.9, 1.1)]
-    return ClaimTest(values, list, limits, np.ones(1), {"twice": np.array([rival])}, **more)
+    return ClaimTest(values, list, np.ones(1), {"twice": np.array([rival])}, limits=limits, **more)
 
 
 @pytest.mark.parametrize(
