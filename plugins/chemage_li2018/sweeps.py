@@ -259,10 +259,9 @@ class PointSet(list[StudyPoint]):
         """Group the points by their values at ``paths``, in order of appearance; the key of one path is its value."""
         groups = Groups()
         for point in self:
-            key = tuple(point.changes[path] for path in paths)
-            groups.setdefault(key if len(paths) > 1 else key[0], PointSet()).append(
-                point
-            )
+            key, *more = (point.changes[path] for path in paths)
+            key = (key, *more) if more else key
+            groups.setdefault(key, PointSet()).append(point)
         return groups
 
     def at_options(self, options: dict[str, float]) -> PointSet:
@@ -295,10 +294,6 @@ class Groups(dict[Any, PointSet]):
     def each(self, value: Callable[[PointSet], Value]) -> dict[Any, Value]:
         """The value of each group, by the same keys."""
         return {key: value(group) for key, group in self.items()}
-
-    def means(self, value: Callable[[PointSet], np.ndarray]) -> dict[Any, Mean]:
-        """The mean over the surfaces of each group, by the same keys."""
-        return self.each(lambda group: mean(value(group)))
 
 
 Studies = dict[str, PointSet]
@@ -363,12 +358,10 @@ def read_points(path: Path) -> tuple[PointSet, dict[str, Any]]:
         every = {name: rows[index].astype("f8") for name, rows in columns.items()}
         # the error of one replica is not known, and nan as well
         inside = ~np.isnan(every["times"])
-        times, drop, error = (
-            every.pop(name)[inside] for name in ("times", "drop", "error")
-        )
+        curves = [every.pop(name)[inside] for name in ("times", "drop", "error")]
         observed = {name: row[~np.isnan(row)] for name, row in every.items()}
         observed = {name: row for name, row in observed.items() if row.size}
-        points.append(StudyPoint(changes, summary, times, drop, error, observed))
+        points.append(StudyPoint(changes, summary, *curves, observables=observed))
     return points, about
 
 
