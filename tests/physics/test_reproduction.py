@@ -16,7 +16,6 @@ from chemage_li2018 import (
     estimates,
     figures,
     measures,
-    patches,
     published,
     reproduction_page,
     sweeps,
@@ -124,11 +123,21 @@ def test_every_member_of_the_density_is_computed():
         assert {point["forming.member"] for point in sweeps.members(study)} == set(range(MDSilica.MEMBERS))
 
 
+def test_the_replicas_are_as_many_as_those_of_the_paper():
+    """Four at 200 µN and above, where a replica has ten times the sites of one at 20 µN and less noise."""
+    for study in ("rows", "interaction", "front", "slopes"):
+        assert {point["hold.replicas"] for point in sweeps.members(study)} == {10}
+    counts = {point[sweeps.LOAD]: point["hold.replicas"] for point in sweeps.members("loads")}
+    assert {count for load, count in counts.items() if load < 2e5} == {10}
+    assert counts[2e5] == counts[5e5] == 4
+
+
 def test_one_target_needs_only_its_own_points():
     data = sweeps.scenes(["fig6"], (101, 102), PIXELS)
     assert list(data) == ["rough"]
     assert size(data["rough"]) == 2 * 5
     assert size(sweeps.scenes(["table1"], (101,), PIXELS)["rough"]) == 7
+    assert "surface.seed" not in sweeps.scenes(["tips"], (101,))["tip"]["sweep"]["zip"][0]
 
 
 def test_equal_points_of_two_targets_are_computed_once_with_the_most_replicas():
@@ -356,45 +365,6 @@ def test_estimates_are_labelled(coarse: tuple[dict[str, chemage.SweepResult], Pa
     assert any("extrapolation" in one.how for one in found)
 
 
-# -- number of patches ------------------------------------------------------------------------------------------------
-
-
-def test_ways_to_count_patches():
-    """Two pixels that touch at a corner, a patch across the edge, a single pixel under little pressure."""
-    pressure = np.zeros((12, 12))
-    pressure[2, 2] = pressure[3, 3] = 1.0
-    pressure[6, 0] = pressure[6, 11] = 1.0
-    pressure[9, 6] = 0.01
-    counted = {name: patches.number(pressure, *way) for name, way in patches.COUNTS.items()}
-    assert counted == {
-        "as computed": 3,
-        "4 neighbours": 4,
-        "cut at the edges": 4,
-        "both": 5,
-        "without single pixels": 2,
-        "p > 2 % of the mean": 2,
-        "p > 10 % of the mean": 2,
-    }
-
-
-def test_page_of_patches_says_whether_chance_is_enough():
-    paper = np.array([[float(row.patches)] for row in published.TABLE_1])
-    rng = np.random.default_rng(1)
-    counts = paper * rng.normal(1.0, 0.2, (len(patches.COUNTS), 7, 8))
-    text = patches.page(counts, tuple(range(101, 109)), 2500)
-    assert "Chance is enough" in text
-    text = patches.page(0.5 * counts, tuple(range(101, 109)), 2500)
-    assert "is open" in text
-
-
-@pytest.mark.long
-def test_patches_of_the_rows_are_counted_as_computed(coarse: tuple[dict[str, chemage.SweepResult], Path]):
-    table = points(coarse, "table1")["table"]
-    counts = patches.counted(table)
-    assert counts.shape == (len(patches.COUNTS), 7, 1)
-    np.testing.assert_array_equal(counts[0].ravel(), table.of("patches"))
-
-
 # -- input ------------------------------------------------------------------------------------------------------------
 
 
@@ -402,8 +372,6 @@ def test_unknown_target_names_the_nearest():
     with pytest.raises(InputError, match=r"no target 'fig7'.*did you mean 'fig"):
         sweeps.chosen(["fig7"])
     assert sweeps.chosen([]) == sweeps.chosen(["all"]) == list(sweeps.TARGETS)
-    with pytest.raises(InputError, match="on its own"):
-        sweeps.chosen(["patches", "fig1"])
 
 
 def test_surfaces_too_coarse_for_the_shortest_wave_are_refused():
@@ -440,8 +408,11 @@ def test_the_page_is_what_the_command_writes_of_the_stored_points():
 def test_stored_points_are_those_that_were_computed(tmp_path):
     one = straight(0.3, 1.0)
     changes = {**sweeps.members("loads")[0], "surface.seed": 101}
-    point = replace(one, changes=changes, observables={"pressures": np.arange(3.0)})
-    other = replace(straight(0.5, 2.0), hold_times=np.logspace(-3, 4, 33))
+    noise = np.linspace(0.01, 0.02, 33)
+    point = replace(one, changes=changes, observables={"pressures": np.arange(3.0)}, friction_drop_half_width=noise)
+    # of one replica
+    other = replace(straight(0.5, 2.0), hold_times=np.logspace(-3, 4, 29), friction_drop=np.arange(29.0))
+    other = replace(other, friction_drop_half_width=np.full(29, np.nan))
     sweeps.save_points(tmp_path / "points.npz", [point, other], {"pixels": 320})
     (first, second), about = sweeps.read_points(tmp_path / "points.npz")
     assert about == {"pixels": 320}
@@ -449,6 +420,7 @@ def test_stored_points_are_those_that_were_computed(tmp_path):
     np.testing.assert_array_equal(second.hold_times, other.hold_times)
     np.testing.assert_allclose(first.friction_drop, point.friction_drop, rtol=1e-6)
     np.testing.assert_array_equal(first.observables["pressures"], [0, 1, 2])
+    np.testing.assert_allclose(first.friction_drop_half_width, noise, rtol=1e-6)
     np.testing.assert_array_equal(second.friction_drop_half_width, other.friction_drop_half_width)
     assert not second.observables
 
