@@ -2,12 +2,13 @@
 
     python tests/benchmarks/straight_line.py FOLDER            # about an hour; rerun to resume
     python tests/benchmarks/straight_line.py FOLDER NAME...    # the models of these names alone, "reference" first
+    python tests/benchmarks/straight_line.py FOLDER --blocking # what neighbours do to the density found
 
 Li, Pastewka & Szlufarska, Phys. Rev. E 98, 023001 (2018), report six rates, the onsets of the logarithmic regime, the
 order of the slopes, the range of the barriers, a friction drop along a straight line in log t from 1 to 1e5 s (Fig. 2,
 with ΔV, h' = 0.1), and an interaction of 0.5 eV. For each model of :data:`MODELS` the density of ten nodes is sought
 that has the least χ² of rates and times while each local slope (one line per decade, 1 s to 1e5 s) deviates from their
-mean by at most 25, 15 and 10 %, or by anything. Contacts and results.csv are kept in FOLDER.
+mean by at most 25, 15 and 10 %, or by anything. Contacts and the table straight_line.csv are kept in FOLDER.
 
 The search is that of ``ten_nodes.py``: all densities age the same sites with the same random numbers. Rates of the
 surfaces used are scaled to the mean over 16. Each density found ages other surfaces as well.
@@ -22,7 +23,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 import numpy as np
-from ten_nodes import AREAS, NODES, READINGS, SHARE, TIMES, Search, ends_of, line, reported
+from ten_nodes import AREAS, LOCAL, NODES, READINGS, SHARE, TIMES, Search, ends_of, line, reported
 
 import chemage as ca
 from chemage import ContactSolution, ReactionLattice
@@ -39,6 +40,11 @@ STARTS = {
     "uniform": [1.0] * 10,
     "md-silica": [0.01, 0.4, 0.96, 1.54, 2.1, 2.7, 3.4, 2.9, 1.96, 0.01],
 }
+HEAD = """\
+# The density of ten nodes with the least χ² of rates and times in each model, with straightness demanded or not
+# made by: python tests/benchmarks/straight_line.py FOLDER
+# local slopes: a line per decade from 1 s on, over their mean; nodes: 0.80 0.84 0.88 0.92 0.96 1.00 1.05 1.10 1.20 1.40 eV
+"""
 
 
 class Model(NamedTuple):
@@ -186,26 +192,41 @@ def row_of(search: Search, judges: np.ndarray, name: str, start: str, limit: flo
     return row | {key: " ".join(format(value, form) for value in values) for key, (form, values) in numbers.items()}
 
 
+def blocking(folder: Path) -> None:
+    """Print, for the density of the reference within 15 %, Δμ at 1e3 s and the local slopes by interaction."""
+    shares, strengths = np.load(folder / "best.npy"), (0.0, 0.1, 0.2, 0.3, 0.5, 1.0)
+    models = [Model({"interaction.strength": strength}) for strength in strengths]
+    curves = [Curves(model, folder)([shares])[0, 1] for model in models]
+    at = int(np.argmin(np.abs(TIMES - 1e3)))
+    for strength, curve in zip(strengths, curves, strict=True):
+        remaining = (LOCAL @ curve) / (LOCAL @ curves[0])
+        print(f"I_b = {strength} eV: Δμ {curve[at] / curves[4][at]:.3f} of that at 0.5 eV; "
+              f"slope over that without interaction, by decade from 1 s on {remaining.round(2)}")  # fmt: skip
+
+
 def main() -> None:
     """Search every model, and write what was found."""
     folder = Path(sys.argv[1])
     folder.mkdir(parents=True, exist_ok=True)
+    if sys.argv[2:] == ["--blocking"]:
+        return blocking(folder)
     used, judged, surface = surfaces(folder)
-    path, best = folder / "results.csv", folder / "best.npy"
-    rows = list(csv.DictReader(path.open())) if path.exists() else []
+    path, best = folder / "straight_line.csv", folder / "best.npy"
+    rows = list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()[3:])) if path.exists() else []
     for name in [name for name in sys.argv[2:] or ORDER if name not in {row["model"] for row in rows}]:
         base, _, asked = name.partition("; ")
         many, least = name in ORDER[:2], np.inf
+        steps = 5 if many else 6
         starts = {key: np.array(row) * AREAS for key, row in STARTS.items()} if many else {"reference": np.load(best)}
         curves, judges = Curves(MODELS[base], folder), Curves(MODELS[base], folder, JUDGES) if many else None
         for start, shares in starts.items():
             search = Search(curves, used, surface, asked)
             search.differences(shares / shares.sum())
             for limit in DOWN if many else UP:
-                search.descend(limit)
+                search.descend(limit, steps)
                 if many and limit in (np.inf, 0.10):
                     search.differences(search.shares)
-                    search.descend(limit)
+                    search.descend(limit, steps)
                 cost = search.cost(limit, search.curves, search.shares).min()
                 if name == "reference" and limit == 0.15 and cost < least:
                     least = cost
@@ -213,8 +234,9 @@ def main() -> None:
                 others = judges([search.shares])[0] * judged[:, None] if judges else np.full_like(search.curves, np.nan)
                 rows.append(row_of(search, others, name, start, limit))
                 print(*list(rows[-1].values())[:9], flush=True)
-                with path.open("w", newline="") as file:
-                    writer = csv.DictWriter(file, list(rows[0]))
+                with path.open("w", encoding="utf-8", newline="") as file:
+                    file.write(HEAD)
+                    writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
                     writer.writeheader()
                     writer.writerows(rows)
 
