@@ -6,7 +6,7 @@
 
 Li, Pastewka & Szlufarska, Phys. Rev. E 98, 023001 (2018), report six rates, the onsets of the logarithmic regime, the
 order of the slopes, the range of the barriers, a friction drop along a straight line in log t from 1 to 1e5 s (Fig. 2,
-with ΔV, h' = 0.1), and an interaction of 0.5 eV. For each model of :data:`MODELS` the density of ten nodes is sought
+with ΔV, h' = 0.1), and an interaction of 0.5 eV. For each model of ``MODELS`` the density of ten nodes is sought
 that has the least χ² of rates and times while each local slope (one line per decade, 1 s to 1e5 s) deviates from their
 mean by at most 25, 15 and 10 %, or by anything. Contacts and the table straight_line.csv are kept in FOLDER.
 
