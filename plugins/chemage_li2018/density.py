@@ -9,7 +9,6 @@ on every surface. Surfaces that have no part in this judge the result, and densi
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import compress
 from typing import NamedTuple
 
 import numpy as np
@@ -133,13 +132,11 @@ def compute(rates: DensityCurves, size: Size) -> DensityStudy:
     weight = prior.posterior(PAPER)
     likelihood = prior.reported.log_likelihood(PAPER, prior.covariance)
     of_draws = weight.sum(axis=(1, 2))
-    names = [family.name == DEFAULT[0] for family, _ in prior.draws]
-    now = names.index(True)
-    now += int(
-        np.argmin(
-            [np.abs(row - DEFAULT[1]).sum() for _, row in compress(prior.draws, names)]
-        )
-    )
+    rest = [
+        np.abs(row - DEFAULT[1]).sum() if family.name == DEFAULT[0] else np.inf
+        for family, row in prior.draws
+    ]
+    now = int(np.argmin(rest))
     every = likelihood.max(axis=(1, 2)), np.log(of_draws + 1e-300)
     below = [float(2 * (of.max() - of[now])) for of in every]
     first = now if min(below) <= STAYS else None

@@ -57,11 +57,6 @@ class DensityFamily:
         energies, weights = (list(values) for values in nodes)
         return chemage.barriers("tabulated", energies=energies, weights=weights)
 
-    def named(self, parameters: Sequence[float] | np.ndarray) -> str:
-        """Parameters with their names, in words."""
-        pairs = zip(self.ranges, parameters, strict=True)
-        return ", ".join(f"{name} {value:.3g}" for name, value in pairs)
-
     def design(self, count: int, seed: int = 5) -> np.ndarray:
         """Spread parameters evenly over the box (Sobol'), (count, k)."""
         low, high = self.bounds
@@ -129,20 +124,18 @@ _SHAPES: dict[str, tuple[dict[str, tuple[float, float]], Callable[..., Nodes]]] 
 }
 FAMILIES = {name: DensityFamily(name, *shape) for name, shape in _SHAPES.items()}
 
-#: hold times over which the paper may have fitted β, by kind: from the published starts of the logarithmic regime, from
-#: the half-slope time of each curve, and one window for all
-KINDS: dict[str, list[Reading]] = {
-    "published onsets": [Reading(PREFERRED.starts, end) for end in (1e3, 1e4, 1e5)],
-    "half-slope times": [Reading((None, None), end) for end in (1e4, 1e5)],
-    "one window": [
-        Reading((first, first), last)
-        for first, last in ((1, 1e3), (1, 1e5), (10, 1e4), (10, 1e5), (1e2, 1e5))
-    ],
-}
-READINGS = [reading for kind in KINDS.values() for reading in kind]
+#: hold times over which the paper may have fitted β, in three kinds: from the published starts of the logarithmic regime,
+#: from the half-slope time of each curve, and one window for all
+_WINDOWS = ((1, 1e3), (1, 1e5), (10, 1e4), (10, 1e5), (1e2, 1e5))
+_KINDS = (
+    [Reading(PREFERRED.starts, end) for end in (1e3, 1e4, 1e5)],
+    [Reading((None, None), end) for end in (1e4, 1e5)],
+    [Reading((start, start), end) for start, end in _WINDOWS],
+)
+READINGS = [reading for kind in _KINDS for reading in kind]
 #: prior weights: equal for the kinds, and within each
 READING_WEIGHTS = np.concatenate(
-    [np.full(len(kind), 1 / len(kind) / len(KINDS)) for kind in KINDS.values()]
+    [np.full(len(kind), 1 / len(kind) / len(_KINDS)) for kind in _KINDS]
 )
 #: the preferred reading, and the window of our own scenes
 PREFER, OURS = (READINGS.index(one) for one in (PREFERRED, Reading((10.0, 10.0), 1e4)))
@@ -274,14 +267,9 @@ class Emulator:
         known, wanted = (
             (each - low) / (high - low) for each in (self.parameters, parameters)
         )
-        surface = RBFInterpolator(
-            known,
-            self.curves.reshape(len(known), -1),
-            kernel="cubic",
-            degree=min(len(low), 2),
-            smoothing=1e-4,
-        )
-        return surface(wanted).reshape(len(wanted), *self.curves.shape[1:])
+        values, degree = self.curves.reshape(len(known), -1), min(len(low), 2)
+        made = RBFInterpolator(known, values, None, 1e-4, "cubic", degree=degree)
+        return made(wanted).reshape(len(wanted), *self.curves.shape[1:])
 
     @property
     def error(self) -> np.ndarray:
@@ -361,12 +349,9 @@ def interval(
     values: np.ndarray, weight: np.ndarray, level: float = 0.95
 ) -> tuple[np.ndarray, np.ndarray]:
     """Ends of the central interval of ``values`` (N, k) with weights (N,); (k,) each."""
-    order = np.argsort(values, axis=0)
-    ends, pairs = (
-        [0.5 - level / 2, 0.5 + level / 2],
-        zip(order.T, values.T, strict=True),
-    )
-    found = [np.interp(ends, np.cumsum(weight[of]), column[of]) for of, column in pairs]
+    found, at = [], [0.5 - level / 2, 0.5 + level / 2]
+    for column, order in zip(values.T, np.argsort(values, axis=0).T, strict=True):
+        found.append(np.interp(at, np.cumsum(weight[order]), column[order]))
     low, high = np.array(found).T
     return low, high
 

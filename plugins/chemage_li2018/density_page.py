@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +14,7 @@ from chemage.plugin import StoreError, figures, preflight, progress, write_file
 from chemage_li2018 import density_fit as fit
 from chemage_li2018.density import QUICK, REFERENCES, STAYS, DensityStudy, Size, compute
 from chemage_li2018.density_fit import PAPER, PREFER, PUBLISHED
-from chemage_li2018.density_rates import FITTED, UNUSED, DensityCurves
+from chemage_li2018.density_rates import DensityCurves
 from chemage_li2018.pages import render
 from chemage_li2018.published import Reading
 
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 
     import chemage
 
+#: whose comments the table of a study repeats
+SHIPPED = resources.files("chemage_silica").joinpath("md_silica_barriers.csv")
 _COLOURS = (figures.ORANGE, figures.GREEN, figures.BLUE, figures.BLACK)
 
 
@@ -43,14 +46,13 @@ def write_study(out: Path, *, quick: bool = False, force: bool = False) -> list[
     StoreError
         A file exists and ``force`` is false, or ``out`` cannot be written.
     """
-    draw = {"density-densities": densities_figure, "density-trade": rates_figure}
     text, table = out / "barrier_density.md", out / "md_silica_barriers.csv"
-    pictures = out / "figures"
+    pictures, name = out / "figures", "density-densities"
     try:
         pictures.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise StoreError(f"cannot make the folder {out}: {error.strerror}") from error
-    for path in (text, table, *(pictures / f"{name}.png" for name in draw)):
+    for path in (text, table, pictures / f"{name}.png"):
         preflight(path, force=force)
     size = QUICK if quick else Size()
     with progress.progress_bars() as report:
@@ -58,7 +60,7 @@ def write_study(out: Path, *, quick: bool = False, force: bool = False) -> list[
     write_file(text, page(study), force=force)
     barriers = [one for _, one in study.members.densities]
     write_file(table, densities_csv(barriers), force=force)
-    drawn = {name: make(study) for name, make in draw.items()}
+    drawn = {name: densities_figure(study)}
     return [text, table, *figures.save_figures(drawn, pictures, force=force)]
 
 
@@ -74,14 +76,15 @@ def page(study: DensityStudy) -> str:
     weight = study.weight.sum(axis=(1, 2)).reshape(len(fit.FAMILIES), -1)
     for number, of in enumerate(weight):
         at = number * of.size + int(np.argmax(of))
-        family, parameters = prior.draws[at]
+        family, row = prior.draws[at]
+        named = zip(family.ranges, row, strict=True)
+        parameters = ", ".join(f"{name} {value:.3g}" for name, value in named)
         shown = [
             f"{of.sum():.3f}",
             f"{chi[at, PREFER]:.1f}",
             f"{times[at, PREFER]:.1f}",
         ]
-        onsets = prior.reported.times(at)
-        families.append([family.name, family.named(parameters), *shown, *onsets])
+        families.append([family.name, parameters, *shown, *prior.reported.times(at)])
     rest = [
         a - b for a, b in zip(study.members.reported, study.interpolated, strict=True)
     ]
@@ -95,8 +98,6 @@ def page(study: DensityStudy) -> str:
         of_methods=[f"{value:.2f}" for value in study.weight.sum(axis=(0, 1))],
         stays=STAYS,
         families=families,
-        conditions=FITTED,
-        unused=UNUSED,
         beta=beta,
         band=100 * (beta.max(axis=0) / beta.min(axis=0) - 1),
         scatter=100 * np.sqrt(np.diag(prior.surface))[:3],
@@ -133,42 +134,10 @@ def densities_figure(study: DensityStudy) -> Figure:
     return figure
 
 
-def rates_figure(study: DensityStudy) -> Figure:
-    """Draw χ² of the six rates by reading, on the surfaces that judge."""
-    figure, (panel,) = figures.panels(7.2, 3.8, 1, dpi=110)
-    rows = np.arange(len(fit.READINGS))
-    for (name, _), chi, colour in zip(
-        REFERENCES, study.judged.rates(), _COLOURS, strict=True
-    ):
-        panel.plot(chi, rows, "o", color=colour, label=name)
-    panel.axvline(8, color=figures.GREY, lw=0.7)
-    panel.set(xlabel="χ² of the six rates, judging surfaces", xscale="log")
-    panel.set_yticks(rows, [_name(reading) for reading in fit.READINGS], fontsize=7)
-    panel.invert_yaxis()
-    figures.legend(panel, fontsize=7)
-    return figure
-
-
-HEADER = """\
-# Intrinsic energy barriers to forming a siloxane bridge between two hydroxylated silica surfaces.
-#
-# Columns: member (0: the default; 1 to {last}: densities that span what the published rates and times leave open);
-# energy in eV; probability density in 1/eV, joined by lines, zero outside.
-#
-# Li, Pastewka & Szlufarska, Phys. Rev. E 98, 023001 (2018), draw the barriers from a distribution found by molecular
-# dynamics (Liu & Szlufarska, Phys. Rev. Lett. 109, 186102 (2012)) on 0.8 to 1.4 eV, which is not tabulated. These
-# densities are NOT their data: they are a stand-in on the same span, calibrated to the six ageing rates that the paper
-# reports for rms slopes 0.05, 0.1 and 0.2 at 20 uN and 300 K, with an activation volume of 6.4 cubic angstrom and
-# without, to the start of the logarithmic regime and to the order of the slopes, with hold times that are not stated.
-# `chemage study density` writes this table; barrier_density.md has the residuals and the limits.
-#
-# To use barriers of your own, give the kind "tabulated" a table or samples.
-"""
-
-
 def densities_csv(members: Sequence[chemage.plugin.Barriers]) -> str:
-    """Write the table of densities, by member."""
-    lines = [HEADER.format(last=len(members) - 1) + "member,energy,density"]
+    """Write the table of densities, by member, below the comments of the shipped one."""
+    lines = [line for line in SHIPPED.read_text("utf-8").splitlines() if "#" in line]
+    lines.append("member,energy,density")
     for number, barriers in enumerate(members):
         given: Any = barriers
         energies, weights = np.array([given.energies, given.weights], dtype=float)

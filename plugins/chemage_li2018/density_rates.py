@@ -43,21 +43,19 @@ class AgeingCondition(NamedTuple):
     volume: float = 0.0064
     temperature: float = 300.0
 
-    def __str__(self) -> str:
-        changed = [f"ΔV = {1000 * self.volume:.2g} Å³"] if self.volume != 0.0064 else []
-        changed += [f"T = {self.temperature:g} K"] if self.temperature != 300.0 else []
-        return ", ".join([f"h' = {self.slope:g}", *changed])
-
 
 #: those of the six published rates, with ΔV first
 FITTED = tuple(AgeingCondition(h, volume) for volume in (0.0064, 0.0) for h in SLOPES)
 #: those that no published rate covers
-UNUSED = (
-    AgeingCondition(0.07),
-    AgeingCondition(0.14),
-    AgeingCondition(0.1, volume=0.0032),
-    AgeingCondition(0.1, temperature=275.0),
-    AgeingCondition(0.1, temperature=325.0),
+UNUSED = tuple(
+    AgeingCondition(*of)
+    for of in (
+        (0.07,),
+        (0.14,),
+        (0.1, 0.0032),
+        (0.1, 0.0064, 275.0),
+        (0.1, 0.0064, 325.0),
+    )
 )
 CONDITIONS = FITTED + UNUSED
 
@@ -91,14 +89,11 @@ class DensityCurves:
         curves = []
         for done, seed in enumerate(seeds):
             self.report(stage, done, len(seeds))
-            kept = self._kept(
-                f"curves-{key}-{seed}.h5",
-                "curves",
-                lambda seed=seed: self._of_surface(densities, seed, conditions),
-            )
-            curves.append(kept.values["drop"])
+            made = partial(self._of_surface, densities, seed, conditions)
+            file = f"curves-{key}-{seed}.h5"
+            curves.append(self._kept(file, "curves", container.Arrays, made))
         self.report(stage, len(seeds), len(seeds))
-        return np.stack(curves, axis=1)
+        return np.stack([kept.values["drop"] for kept in curves], axis=1)
 
     def _of_surface(
         self,
@@ -112,31 +107,23 @@ class DensityCurves:
             changes |= coarse(self.pixels) if self.pixels != 2500 else {}
             data = override(scene_data("silica-rough")[0], changes)
             scene = chemage.parse_scene(data)
-            contact = self._kept(
-                f"contact-{slope:g}-{seed}-{self.pixels}.npz",
-                "contact",
-                partial(_solved, scene, seed),
-                compact=True,
-            )
+            file = f"contact-{slope:g}-{seed}-{self.pixels}.npz"
+            made = partial(_solved, scene, seed)
+            contact = self._kept(file, "contact", ContactSolution, made)
             at = [row for row, of in enumerate(conditions) if of.slope == slope]
-            asked = [conditions[row] for row in at]
-            aged = _ageing(scene, contact, densities, asked)
-            drop[:, at] = threads.in_order(
-                aged, len(densities), threads.available(), None
-            )
+            aged = _ageing(scene, contact, densities, [conditions[row] for row in at])
+            count = len(densities), threads.available()
+            drop[:, at] = threads.in_order(aged, *count, None)
         return container.Arrays(values={"drop": drop})
 
-    def _kept(
-        self, file: str, name: str, make: Callable[[], Any], *, compact: bool = False
-    ) -> Any:
+    def _kept(self, file: str, name: str, kind: type, make: Callable[[], Any]) -> Any:
         """What a file holds, or what is made now and kept in it where the file is missing or damaged."""
         path = self.folder / file
-        kinds = {"curves": container.Arrays, "contact": ContactSolution}
         try:
-            return container.read(path, {name: kinds[name]})[0][name]
+            return container.read(path, {name: kind})[0][name]
         except StoreError:
             made = make()
-            container.write(path, {name: made}, force=True, compact=compact)
+            container.write(path, {name: made}, force=True, compact=name == "contact")
             return made
 
 
