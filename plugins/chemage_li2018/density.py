@@ -152,7 +152,10 @@ def compute(rates: DensityCurves, size: Size) -> DensityStudy:
         calibrated,
         Aged.on(rates, "judges", REFERENCES, size.judges),
         aged,
-        Reported(*(of[chosen] for of in prior.reported)),
+        Reported(
+            prior.reported.beta[chosen, :, :6],
+            *(of[chosen] for of in prior.reported[1:]),
+        ),
         shifts,
         held,
     )

@@ -104,7 +104,7 @@ def page(study: DensityStudy) -> str:
         # in per cent, rms
         interpolation=[
             100 * np.sqrt(np.mean(one**2))
-            for one in (rest[0][:, :, :6], rest[1][:, PREFER], rest[2])
+            for one in (rest[0], rest[1][:, PREFER], rest[2])
         ],
         shifts=100 * study.shifts.beta[:, PREFER].std(axis=0).max(),
     )
