@@ -62,13 +62,17 @@ def claims(studies: Studies, targets: Sequence[str]) -> list[Claim]:
             about = {name: data[name] for name in ("target", "sentence", "known")} | {
                 name: data.get(name, False) for name in ("shape", "calibrated")
             }
-            limits = [Limits(**one) for one in data.get("limits", ())]
             measure = getattr(measures, data["measure"])
-            chosen = {"at": data["at"]} if "at" in data else {}
-            test = measure(studies, **chosen)
-            found.append(
-                Claim(**about, test=replace(test, limits=limits or test.limits))
+            test = measure(studies, data["at"]) if "at" in data else measure(studies)
+            limits = [Limits(**one) for one in data.get("limits", ())]
+            rivals = data["rivals"]
+            test = replace(
+                test,
+                limits=limits or test.limits,
+                claimed=data["claimed"],
+                rivals=rivals if isinstance(rivals, dict) else DATA["rivals"][rivals],
             )
+            found.append(Claim(**about, test=test))
     if "estimates" in targets:
         for sentence, reason in DATA["untested"].items():
             found.append(Claim("estimates", sentence, "words", reason=reason))

@@ -1,107 +1,27 @@
-"""Shapes that claims are about, with rivals that a figure might hide; and times at which curves reach something.
-
-A rival of ``x`` ↦ ``a + b x`` is scaled to the same range, so that only its shape differs.
-"""
+"""Shapes that claims are about, fits of these, and times at which curves reach something."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 
 import numpy as np
 
-Curves = dict[str, np.ndarray]
+
+def grown(times: np.ndarray, slopes: Sequence[float]) -> np.ndarray:
+    """From 0 to 1 over hold times (m,), with these slopes in the middle of each decade, between them on lines."""
+    x = np.log10(times / times[0])
+    fine = np.linspace(0, x[-1], 2001)
+    slope = np.interp(fine[1:], np.arange(len(slopes)) + 0.5, slopes)
+    total = np.concatenate([[0], np.cumsum(slope)])
+    return np.interp(x, fine, total / total[-1])
 
 
-def _steps(u: np.ndarray, slope: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-    """Integrate a slope over u from 0 to 1, scaled to end at 1."""
-    fine = np.linspace(0, 1, 2001)
-    total = np.concatenate([[0], np.cumsum(slope(0.5 * (fine[1:] + fine[:-1])))])
-    return np.interp(u, fine, total / total[-1])
-
-
-def _bump(u: np.ndarray) -> np.ndarray:
-    """1 in the middle of 0 to 1, and 0 towards the ends."""
-    return np.exp(-(((u - 0.5) / 0.2) ** 2))
-
-
-def growth_rivals(times: np.ndarray, start: float, rise: float) -> Curves:
-    """Laws of growth that are no logarithm, from ``start`` by ``rise`` over hold times (m,) s."""
-    ratio = times / times[0]
-    u = np.log(ratio) / np.log(ratio[-1])
-    grown = {f"t^{n:g}": ratio**n for n in (-0.1, -0.05, 0.05, 0.1, 0.2)}
-    grown["stretched exponential"] = -np.exp(-((ratio / 1e3) ** 0.2))
-    grown["exponential approach"] = -np.exp(-ratio / 0.1 / ratio[-1])
-    laws = {name: (y - y[0]) / (y[-1] - y[0]) for name, y in grown.items()}
-    laws["slope 40 % higher in the middle"] = _steps(u, lambda u: 1 + 0.4 * _bump(u))
-    laws["slope 40 % lower in the middle"] = _steps(u, lambda u: 1 - 0.4 * _bump(u))
-    laws["slope that halves"] = _steps(u, lambda u: np.where(u < 0.5, 2.0, 1.0))
-    laws["slope that doubles"] = _steps(u, lambda u: np.where(u < 0.4, 1.0, 2.0))
-    laws["log² t"] = u**2
-    laws["√log t"] = np.sqrt(u)
-    return {name: start + rise * law for name, law in laws.items()}
-
-
-def proportional_rivals(x: np.ndarray, factor: float) -> Curves:
-    """Laws that are not ``factor`` x, at x (k,) > 0."""
-    middle, last = np.exp(np.log(x).mean()), x.max()
-    u = np.log(x / x.min()) / np.log(last / x.min())
-    laws = {
-        f"x^{n:.3g}": middle * (x / middle) ** n
-        for n in (0.5, 2 / 3, 0.9, 0.95, 1.05, 1.1)
-    }
-    laws["an offset of 20 %"] = x + 0.2 * middle
-    laws["an offset of −20 %"] = np.maximum(x - 0.2 * middle, 0.01 * x)
-    laws["saturating"] = x / (1 + 0.5 * x / last)
-    laws["bent upwards"] = x * (1 + 0.5 * x / last)
-    laws["20 % more in the middle"] = x * (1 + 0.2 * _bump(u))
-    laws["20 % less in the middle"] = x * (1 - 0.2 * _bump(u))
-    return {name: factor * law for name, law in laws.items()}
-
-
-def line_rivals(x: np.ndarray, offset: float, slope: float) -> Curves:
-    """Laws that are not ``offset`` + ``slope`` x with an offset above 0, at x (k,) > 0."""
-    middle, last = x.mean(), x.max()
-    u = (x - x.min()) / (last - x.min())
-    height, rise = offset + slope * middle, slope * (last - x.min())
-    line = offset + slope * x
-    return {
-        "x": height * x / middle,
-        "x^1.3": height * (x / middle) ** 1.3,
-        "x^0.5": height * (x / middle) ** 0.5,
-        "x^0.667": height * (x / middle) ** (2 / 3),
-        "a negative offset": np.maximum(
-            1.2 * height * x / middle - 0.2 * height, 0.01 * height
-        ),
-        "constant": np.full_like(x, height),
-        "falling": height * (2 - x / middle).clip(0.05),
-        "logarithm": height * np.log(x / x.min() + 1e-9).clip(0) / 1.0,
-        "step": np.where(u < 0.5, line[np.argmin(x)], line[np.argmax(x)]),
-        "level from the middle on": line[np.argmin(x)] + rise * np.minimum(2 * u, 1),
-        "rising from the middle on": line[np.argmin(x)]
-        + rise * np.maximum(2 * u - 1, 0),
-        "20 % more in the middle": line * (1 + 0.2 * _bump(u)),
-        "20 % less in the middle": line * (1 - 0.2 * _bump(u)),
-    }
-
-
-def rise_rivals(x: np.ndarray, height: float, rise: float) -> Curves:
-    """Laws that do not rise along a line by ``rise`` about ``height``, at x (k,)."""
-    u = (x - x.min()) / np.ptp(x)
-    laws = {
-        "constant": 0 * u,
-        "falling": -u,
-        "highest in the middle": _bump(u),
-        "lowest in the middle": -_bump(u),
-        "level from a fifth on": np.minimum(5 * u, 1),
-        "rising from four fifths on": np.maximum(5 * u - 4, 0),
-        "step": np.where(u < 0.5, 0.0, 1.0),
-        "falling, then rising": np.abs(2 * u - 1),
-        "rising, then falling": -np.abs(2 * u - 1),
-        "two waves": np.sin(4 * np.pi * u),
-        "ten times as strong": 10 * u,
-        "proportional": 1 / (rise / height) * (u - 0.5),
-    }
-    return {name: height + rise * (law - law.mean()) for name, law in laws.items()}
+def law(x: np.ndarray, n: float, offset: float, bend: float, hump: float) -> np.ndarray:
+    """(xⁿ + offset) (1 + bend x) with a hump in the middle, at x (k,) in units of its geometric mean; at least 0.01."""
+    u = np.log(x / x.min()) / np.log(x.max() / x.min())
+    x = x / np.exp(np.log(x).mean())
+    bump = np.exp(-(((u - 0.5) / 0.2) ** 2))
+    return np.maximum((x**n + offset) * (1 + bend * x) * (1 + hump * bump), 0.01)
 
 
 def rms(values: np.ndarray, fitted: np.ndarray) -> float:
