@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from importlib import resources
-from typing import Any
 
 from chemage_li2018 import measures
 from chemage_li2018.decisions import CANNOT, ClaimTest, Limits
+from chemage_li2018.published import data
 from chemage_li2018.sweeps import Studies
 
-DATA: dict[str, Any] = tomllib.loads(
-    resources.files("chemage_li2018")
-    .joinpath("claims.toml")
-    .read_text(encoding="utf-8")
-)
+DATA = data("claims")
 
 
 @dataclass(frozen=True)
@@ -57,22 +51,20 @@ class Claim:
 def claims(studies: Studies, targets: Sequence[str]) -> list[Claim]:
     """Test the claims of ``targets`` with the computed ``studies``."""
     found = []
-    for data in DATA["claims"]:
-        if data["target"] in targets:
-            about = {name: data[name] for name in ("target", "sentence", "known")} | {
-                name: data.get(name, False) for name in ("shape", "calibrated")
-            }
-            measure = getattr(measures, data["measure"])
-            test = measure(studies, data["at"]) if "at" in data else measure(studies)
-            limits = [Limits(**one) for one in data.get("limits", ())]
-            rivals = data["rivals"]
+    for one in DATA["claims"]:
+        if one["target"] in targets:
+            one = {"limits": (), **one}
+            measure = getattr(measures, one.pop("measure"))
+            made = measure(studies, *([one.pop("at")] if "at" in one else []))
+            limits = [Limits(**limit) for limit in one.pop("limits")]
+            rivals = one.pop("rivals")
             test = replace(
-                test,
-                limits=limits or test.limits,
-                claimed=data["claimed"],
+                made,
+                limits=limits or made.limits,
+                claimed=one.pop("claimed"),
                 rivals=rivals if isinstance(rivals, dict) else DATA["rivals"][rivals],
             )
-            found.append(Claim(**about, test=test))
+            found.append(Claim(**one, test=test))
     if "estimates" in targets:
         for sentence, reason in DATA["untested"].items():
             found.append(Claim("estimates", sentence, "words", reason=reason))

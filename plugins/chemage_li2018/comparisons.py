@@ -136,6 +136,7 @@ def _of(points: PointSet, value: str) -> Mean:
 
 #: reading of Fig. 6 -> share of sites, activation volume (nm³), and hold times (s) of the fit
 _VARIANTS = {
+    "ours: 1 to 1e4 s, f = 0.5, ΔV = 6.4 Å³": (0.5, WITH_PRESSURE, window(1)),
     "10 to 1e4 s": (0.5, WITH_PRESSURE, FIT_WINDOW),
     "100 to 1e5 s": (0.5, WITH_PRESSURE, (1e2, 1e5)),
     "f = 0.25 (both faces half hydroxylated)": (0.25, WITH_PRESSURE, window(1)),

@@ -9,6 +9,7 @@ import numpy as np
 
 from chemage_li2018 import published
 from chemage_li2018.comparisons import Line, lines
+from chemage_li2018.decisions import CALIBRATED
 from chemage_li2018.measures import crossings, onsets
 from chemage_li2018.published import NUMBERS, SLOPES, PublishedNumber, window
 from chemage_li2018.sweeps import (
@@ -42,49 +43,27 @@ class Estimate(NamedTuple):
 
 def estimates(studies: Studies) -> Iterable[Estimate]:
     """Compare the estimates of the text with ours, from the studies ``slopes`` and ``front``."""
-    full, half, partial = (
-        front(studies, share).beta(_HOLD) for share in (1.0, 0.5, PARTIAL)
-    )
-    paper = PublishedNumber.of(published.MACROSCOPIC_BETA)
-    yield Estimate(
-        "β of macroscopic experiments is about 0.01",
-        str(mean(half)),
-        "β of Fig. 6; h' = 0.4, half of the sites and the front of 0.15 are the authors' choice for this number",
-        Line("estimates", "β", paper, mean(half), chosen=True).word,
-    )
+    shares = (1.0, 0.5, PARTIAL)
+    full, half, partial = (front(studies, share).beta(_HOLD) for share in shares)
     groups = studies["slopes"].by_volume()[6.4].by(SLOPE)
     rough = np.array([group.beta(_HOLD) for group in groups.values()])
     exponents = np.polyfit(np.log(SLOPES), np.log(rough), 1)[0]
-    (of_paper, _) = np.polyfit(np.log(SLOPES), np.log(published.BETA[:3]), 1)
-    yield Estimate(
-        f"β of Fig. 3 goes as h' to the power {of_paper:.3f} (its three numbers)",
-        f"{mean(exponents)}; to h' = 0.4, fully hydroxylated, "
-        f"{mean(np.log(full / rough[0]) / np.log(0.4 / SLOPES[0]))}",
-        "ΔV = 6.4 Å³; the paper claims 1/h' of the area, not of β",
-        "calibrated",
-    )
-    yield Estimate(
-        "β for h' → 1, elastic",
-        f"{mean(full * 0.4)} fully hydroxylated; {mean(half * 0.4)} half hydroxylated with the front",
-        "β at h' = 0.4 times 0.4: an extrapolation by 1/h', not computed at h' = 1, where slopes are not small",
-    )
-    yield Estimate(
-        f"β for h' → 1 with plasticity (area × {PLASTIC:g})",
-        f"{mean(half * 0.4 * PLASTIC)} half hydroxylated with the front",
-        f"the line above times {PLASTIC:g}, the paper's gain of area by plasticity (2 × 0.2/1.0 = 0.4 of that at "
-        "h' = 0.2), which is not modelled",
-    )
-    yield Estimate(
-        "2.6 OH/nm² instead of 4.9",
-        f"β = {mean(partial)} with f = {PARTIAL:.2f}; {mean(partial / half)} times that with f = 0.5",
-        "a pixel has a site with probability 2.6/4.9; pixels of 1/√2.6 nm would change the contact as well",
-    )
+    rougher = np.log(full / rough[0]) / np.log(0.4 / SLOPES[0])
     factor = front(studies, 0.5)[0].changes[FRONT]
-    yield Estimate(
-        "each correction of Fig. 6 by itself",
-        f"half of the sites: β × {mean(half / factor / full)}; the detachment front: β × {factor:g} exactly",
-        "neighbours that are missing block no bond: half of the sites have more than half of the bonds",
+    paper = PublishedNumber.of(published.MACROSCOPIC_BETA)
+    macroscopic = Line("estimates", "β", paper, mean(half), chosen=True).word
+    computed = (
+        (str(mean(half)), macroscopic),
+        (f"{mean(exponents)}; from 0.05 to 0.4 {mean(rougher)}", CALIBRATED),
+        (f"{mean(full * 0.4)}; half hydroxylated with the front {mean(half * 0.4)}",),
+        (f"half hydroxylated with the front {mean(half * 0.4 * PLASTIC)}",),
+        (f"{mean(partial)}, {mean(partial / half)} times that with f = 0.5",),
+        (f"β × {mean(half / factor / full)} and β × {factor:g} exactly",),
     )
+    for (statement, how), found in zip(
+        published.DATA["estimates"].items(), computed, strict=True
+    ):
+        yield Estimate(statement, found[0], how, *found[1:])
 
 
 class Band(NamedTuple):

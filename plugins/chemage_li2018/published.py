@@ -7,12 +7,14 @@ from decimal import Decimal
 from importlib import resources
 from typing import Any, NamedTuple
 
-#: the contents of reproduction.toml
-DATA: dict[str, Any] = tomllib.loads(
-    resources.files("chemage_li2018")
-    .joinpath("reproduction.toml")
-    .read_text(encoding="utf-8")
-)
+
+def data(name: str) -> dict[str, Any]:
+    """Read a table of this package."""
+    file = resources.files("chemage_li2018") / f"{name}.toml"
+    return tomllib.loads(file.read_text(encoding="utf-8"))
+
+
+DATA = data("reproduction")
 PAPER = "Li, Pastewka & Szlufarska, Phys. Rev. E 98, 023001 (2018)"
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from chemage_li2018 import claims, comparisons, decisions, estimates, published
 from chemage_li2018.claims import Claim
@@ -60,24 +61,12 @@ def of_points(file: Path) -> tuple[Reproduction, str]:
         estimates.bands(studies) if "calibration" in names else [],
         estimates.times(studies) if "calibration" in names else {},
     )
-    return compared, page(
-        compared,
-        names,
-        seeds=about["seeds"],
-        pixels=about["pixels"],
-        versions=about["versions"],
-    )
+    return compared, page(compared, **about)
 
 
-def page(
-    results: Reproduction,
-    targets: Sequence[str],
-    *,
-    seeds: Sequence[int],
-    pixels: int,
-    versions: dict[str, str],
-) -> str:
-    """Write the page as Markdown."""
+def page(results: Reproduction, targets: Sequence[str], **about: Any) -> str:
+    """Write the page as Markdown; ``about`` are the seeds, pixels and versions of the points."""
+    seeds = about["seeds"]
     surfaces = f"one surface per row (seed {seeds[0]})"
     if len(seeds) > 1:
         surfaces = f"{len(seeds)} surfaces per row (seeds {seeds[0]} to {seeds[-1]})"
@@ -87,9 +76,7 @@ def page(
         paper=published.PAPER,
         targets=" all" if len(targets) == len(TARGETS) else " " + " ".join(targets),
         surfaces=surfaces,
-        seeds=seeds,
-        pixels=pixels,
-        versions=versions,
+        **about,
         decisions=decisions,
         factor=comparisons.FACTOR,
         misses=[line for line in results.lines if line.word == DISAGREES],
