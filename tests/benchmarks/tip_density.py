@@ -15,11 +15,12 @@ import numpy as np
 import chemage as ca
 from chemage_li2018 import density_fit as fit
 from chemage_li2018.density_rates import CONDITIONS, SURFACES, TIMES, DensityCurves
+from chemage_li2018.shapes import first_reaching
 
 #: start of the logarithmic regime, s; hold times (s) between which friction grows as a power of time, 1 with this error
 ONSET, LINEAR, EXPONENT = 0.1, (5e-3, 90e-3), 0.1
 #: relative error of each rate of the rough contacts, one standard deviation; draws of the disorder on the tip
-METHOD, DRAWS = 0.04, 40
+METHOD, DRAWS = 0.04, 200
 #: of ln β between surfaces, nearly a common factor, and what 32 surfaces have more than the four, which hardly depends on
 #: the density (`chemage study density`)
 SCATTER = np.array([0.039, 0.053, 0.085, 0.040, 0.050, 0.072])
@@ -50,7 +51,7 @@ def growth(curves: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Start of the logarithmic regime (s) and exponent of the growth before, (n, 2), and their misfit, (n,)."""
     x = np.log10(TIMES)
     half = 0.5 * fit.slope(curves, (1.0, 1e3))
-    start = TIMES[np.argmax(np.gradient(curves, x, axis=-1) >= half[:, None], axis=1)]
+    start = first_reaching(TIMES, np.gradient(curves, x, axis=-1), half)
     inside = (LINEAR[0] <= TIMES) & (LINEAR[1] >= TIMES)
     exponent = np.polyfit(x[inside], np.log10(np.maximum(curves[:, inside], 1e-6)).T, 1)[0]
     misfit = (np.log(start / ONSET) / fit.ONSET_ERROR) ** 2 + ((exponent - 1) / EXPONENT) ** 2

@@ -202,7 +202,8 @@ def test_the_page_is_of_the_shipped_table_and_its_members_hold_what_they_claim()
     text = DOCS.read_text(encoding="utf-8")
     held = [int(found) for found in re.findall(r"\| (\d+) of 40 \|", text)]
     assert len(held) == 5
-    assert 0.93 <= sum(held) / 200 <= 0.98
+    # the conditions of a case are held or missed together: two standard errors of a share of 95 % of 40 cases
+    assert sum(held) / 200 >= 0.95 - 2 * np.sqrt(0.95 * 0.05 / 40)
     members = text.partition("## Members")[2].splitlines()
     rows = [line.split(" | ") for line in members if re.match(r"\| \d+ \|", line)]
     assert [int(row[0].strip("| ")) for row in rows] == list(range(MDSilica.MEMBERS))
