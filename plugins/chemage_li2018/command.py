@@ -16,13 +16,6 @@ if TYPE_CHECKING:
     from chemage_li2018.reproduction_page import Reproduction
     from chemage_li2018.sweeps import StudyPoint
 
-STUDIES = ("density",)
-#: scenes in place of former studies
-_SCENES = {
-    "tips": "silica-tips and silica-patches",
-    "challenge": "contact-challenge-loads, -pixels and -sizes",
-}
-
 
 def reproduce(
     targets: Annotated[
@@ -31,8 +24,8 @@ def reproduce(
             metavar="TARGETS",
             help="what to compute: fig1 … fig6, table1, kappa; maps, areas, barriers (supplement); estimates (numbers "
             "in the text); calibration (of the barriers); interaction, temperature, tips; or all, the default. "
-            "patches, ways to count them, is not part of all. Since 0.2, fig1 is the surface, fig2 "
-            "friction against time, fig4 pressures and barriers, and fig5 has ΔV = 0.",
+            "Since 0.2, fig1 is the surface, fig2 friction against time, fig4 pressures and barriers, and fig5 has "
+            "ΔV = 0.",
             show_default=False,
         ),
     ] = None,
@@ -74,31 +67,18 @@ def reproduce(
     The results are compared with the published numbers. Completed points are skipped, so that the same command resumes
     an interrupted one.
     """
-    from chemage.plugin import write_file
-    from chemage_li2018 import patches, sweeps
+    from chemage_li2018 import sweeps
 
-    alone = targets == ["patches"]
-    names = ["table1"] if alone else sweeps.chosen(targets or [])
-    # the scatter of patches needs two surfaces
-    surfaces = sweeps.SURFACE_SEEDS[: max(seeds, 2) if alone else seeds]
+    names = sweeps.chosen(targets or [])
+    surfaces, side = sweeps.SURFACE_SEEDS[:seeds], pixels or 2500
     words = "-".join(names) if len(names) < len(sweeps.TARGETS) else "all"
-    folder = out / f"{'patches' if alone else words}-{len(surfaces)}-{pixels or 2500}"
+    folder = out / f"{words}-{seeds}-{side}"
     results = _swept(sweeps.scenes(names, surfaces, pixels), folder, executor, workers)
     points = [sweeps.StudyPoint.of(point) for result in results for point in result]
-    if alone:
-        counts = patches.counted(sweeps.studies_of(points, names)["table"])
-        write_file(
-            folder / "patches.md",
-            patches.page(counts, surfaces, pixels or 2500),
-            force=True,
-        )
-        typer.echo(folder / "patches.md")
-    else:
-        for line in write(
-            points, names, folder, seeds=surfaces, pixels=pixels or 2500
-        ).summary():
-            typer.echo(line)
-        typer.echo(f"\n{folder / 'reproduction.md'}")
+    compared = write(points, names, folder, seeds=surfaces, pixels=side)
+    for line in compared.summary():
+        typer.echo(line)
+    typer.echo(f"\n{folder / 'reproduction.md'}")
 
 
 def study(
@@ -106,9 +86,7 @@ def study(
         str,
         typer.Argument(
             metavar="NAME",
-            autocompletion=lambda incomplete: [
-                study for study in STUDIES if study.startswith(incomplete)
-            ],
+            autocompletion=lambda: ["density"],
             help="name of the study: density",
         ),
     ],
@@ -134,20 +112,12 @@ def study(
     from chemage.plugin import nearest
     from chemage_li2018 import density_page
 
-    if name in _SCENES:
-        raise InputError.of(
-            "study",
-            name,
-            "is computed by scenes",
-            f"use `chemage run` with {_SCENES[name]}",
-        )
-    if name not in STUDIES:
+    if name != "density":
         raise InputError(
-            f"no study {name!r}{nearest(name, STUDIES)}; there are: {', '.join(STUDIES)}"
+            f"no study {name!r}{nearest(name, ['density'])}; there is: density"
         )
-    for path in density_page.write_study(
-        out or Path(f"study-{name}"), quick=quick, force=force
-    ):
+    target = out or Path(f"study-{name}")
+    for path in density_page.write_study(target, quick=quick, force=force):
         typer.echo(path)
 
 
@@ -160,25 +130,22 @@ def _swept(
     """Compute the sweeps, by base, each in a folder, and end the command if a point failed."""
     from chemage import sweep
 
-    results = []
-    for base, data in scenes.items():
-        results.append(
-            sweep(
-                data,
-                folder / f"sweep-{base}",
-                executor=executor,
-                workers=workers,
-                progress=True,
-            )
+    results = [
+        sweep(
+            data,
+            folder / f"sweep-{base}",
+            executor=executor,
+            workers=workers,
+            progress=True,
         )
+        for base, data in scenes.items()
+    ]
     failed = [point for result in results for point in result.failed]
     for point in failed:
         typer.echo(f"failed: {point!r}: {point.error}", err=True)
     if failed:
-        typer.echo(
-            f"{len(failed)} points failed; rerun the same command to try them again",
-            err=True,
-        )
+        again = "rerun the same command to try them again"
+        typer.echo(f"{len(failed)} points failed; {again}", err=True)
         raise typer.Exit(1)
     return results
 
@@ -197,14 +164,10 @@ def write(
     from chemage_li2018.figures import NAMES, drawn
     from chemage_li2018.sweeps import save_points, studies_of
 
-    about = {
-        "targets": names,
-        "seeds": list(seeds),
-        "pixels": pixels,
-        "versions": versions(),
-    }
-    save_points(folder / "reproduction.npz", points, about)
-    compared, text = reproduction_page.of_points(folder / "reproduction.npz")
+    about = {"targets": names, "seeds": list(seeds), "pixels": pixels}
+    stored = folder / "reproduction.npz"
+    save_points(stored, points, {**about, "versions": versions()})
+    compared, text = reproduction_page.of_points(stored)
     write_file(folder / "reproduction.md", text, force=True)
     computed = studies_of(points, names)
     made = {name: drawn(name, computed) for name in names if name in NAMES}

@@ -1,39 +1,63 @@
-"""Numbers and statements of the paper beside ours: *calibrated*, *predicted* or *disagrees*."""
+"""Numbers of the paper beside ours."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from statistics import NormalDist
 
-from chemage_li2018.published import NUMBERS, ROWS, TABLE_1, PublishedNumber
-from chemage_li2018.shapes import ScalingLaw
-from chemage_li2018.sweeps import Mean, Studies, mean
+from chemage.plugin import FIT_WINDOW
+from chemage_li2018.decisions import (
+    CALIBRATED,
+    CANNOT,
+    DISAGREES,
+    POWER,
+    PREDICTED,
+    READ_AS,
+)
+from chemage_li2018.published import NUMBERS, ROWS, TABLE_1, PublishedNumber, window
+from chemage_li2018.sweeps import (
+    LITERAL_VOLUME,
+    PARTIAL,
+    RADIUS,
+    VOLUME,
+    WITH_PRESSURE,
+    Mean,
+    PointSet,
+    Studies,
+    front,
+    mean,
+)
 
-CALIBRATED = "calibrated"
-PREDICTED = "predicted"
-DISAGREES = "disagrees"
-UNTESTED = "not tested"
-#: largest accepted relative distance from a published number
-COMMON = 0.10
+#: factor that a comparison must notice to decide
+FACTOR = 1.5
 
 
-class Line(NamedTuple):
-    """A published number and ours."""
+@dataclass(frozen=True)
+class Line:
+    """A published number, of one surface, and ours.
+
+    The two agree if the published number, with its rounding, lies in the interval that holds the value of one more
+    surface with a probability of 95 %; a true number is refused in 5 %.
+    """
 
     target: str
     quantity: str
     paper: PublishedNumber
     ours: Mean
-    #: whether an option was fitted to the published number
+    #: whether an option was fitted to the published number, or chosen for it by the authors
     calibrated: bool = False
+    chosen: bool = False
+    #: ours as the paper could be read as well
+    readings: Mapping[str, Mean] = field(default_factory=dict)
 
     @property
     def difference(self) -> float:
         """Distance of our mean from the published number, or from the nearer end of its range, relative."""
-        if self.paper.value is not None:
-            return self.ours.value / self.paper.value - 1
-        nearest = min(max(self.ours.value, self.paper.low), self.paper.high)
+        nearest = self.paper.value
+        if nearest is None:
+            nearest = min(max(self.ours.value, self.paper.low), self.paper.high)
         return self.ours.value / nearest - 1
 
     @property
@@ -43,59 +67,35 @@ class Line(NamedTuple):
         shown = f"{self.difference:+.{0 if error > 0.01 else 1}%}"
         return shown if float(shown[:-1]) else shown[1:]
 
+    def agrees(self, ours: Mean) -> bool:
+        """Whether the published number may be that of one more surface."""
+        return self.paper.distance(ours.value) <= ours.one_more
+
+    @property
+    def noticed(self) -> float:
+        """The factor by which a number must be larger than ours to be refused in 80 %; nan if this is not known."""
+        rounding = 0.5 * (self.paper.high - self.paper.low)
+        away = self.ours.one_more + rounding
+        away += NormalDist().inv_cdf(POWER) * self.ours.scatter
+        return 1 + away / abs(self.ours.value)
+
+    @property
+    def refused(self) -> list[str]:
+        """Names of the readings that do not agree."""
+        return [name for name, ours in self.readings.items() if not self.agrees(ours)]
+
     @property
     def word(self) -> str:
-        """``calibrated``, ``predicted`` or ``disagrees``."""
+        """One of the five words, by rule."""
         if self.calibrated:
             return CALIBRATED
-        return PREDICTED if self.reason else DISAGREES
-
-    @property
-    def reason(self) -> str:
-        """Why the two agree: the digits of the paper, the common tolerance or the scatter between surfaces; or ""."""
-        if self.paper.distance(self.ours.value) == 0:
-            low, high = self.paper.low, self.paper.high
-            return f"in the {'range' if self.paper.value is None else 'rounding'} {low:.5g} to {high:.5g}"
-        if abs(self.difference) <= COMMON:
-            return f"within {COMMON:.0%}"
-        half = self.ours.one_more
-        if math.isfinite(half) and self.paper.distance(self.ours.value) <= half:
-            return f"one surface: {max(self.ours.value - half, 0):.3g} to {self.ours.value + half:.3g} (95 %)"
-        return ""
-
-
-class Claim(NamedTuple):
-    """A statement of the paper, our result, and whether the statement holds for it."""
-
-    #: as in the paper; for a statement that cannot be tested, ``ours`` is the reason
-    statement: str
-    ours: str
-    #: None if it is not tested
-    holds: bool | None
-    #: the laws that were compared, the best first, if the statement is about a shape
-    laws: tuple[ScalingLaw, ...] = ()
-    #: whether the barrier density was fitted to what it states
-    calibrated: bool = False
-    target: str = ""
-
-    @property
-    def word(self) -> str:
-        """``calibrated``, ``predicted``, ``disagrees`` or ``not tested``."""
-        if self.holds is None:
-            return UNTESTED
-        if not self.holds:
+        if math.isnan(self.noticed):
+            return CANNOT
+        if not self.agrees(self.ours):
             return DISAGREES
-        return CALIBRATED if self.calibrated else PREDICTED
-
-
-class Estimate(NamedTuple):
-    """An estimate in the text of the paper, ours, and how ours is computed."""
-
-    statement: str
-    ours: str
-    how: str
-    #: one of the three words, or why there is nothing to compare
-    word: str
+        if self.noticed > FACTOR:
+            return CANNOT
+        return READ_AS if self.refused or self.chosen else PREDICTED
 
 
 def lines(studies: Studies, targets: Sequence[str]) -> list[Line]:
@@ -105,9 +105,15 @@ def lines(studies: Studies, targets: Sequence[str]) -> list[Line]:
         for number in NUMBERS.get(target, ()):
             paper = PublishedNumber.of(number["paper"])
             points = studies[number["study"]].at_options(number["at"])
-            ours = mean(points.of(number["value"]))
-            calibrated = target == "fig3"
-            found.append(Line(target, number["quantity"], paper, ours, calibrated))
+            line = Line(
+                target,
+                number["quantity"],
+                paper,
+                _of(points, number["value"]),
+                calibrated=target == "fig3",
+                readings=variants(studies) if target == "fig6" else {},
+            )
+            found.append(line)
         for row in TABLE_1 if target in ROWS else ():
             group = studies["table"].by_row()[row]
             for quantity, text, value in ROWS[target]:
@@ -115,3 +121,34 @@ def lines(studies: Studies, targets: Sequence[str]) -> list[Line]:
                 name = quantity.format(name=row.name)
                 found.append(Line(target, name, paper, mean(group.of(value))))
     return found
+
+
+def _of(points: PointSet, value: str) -> Mean:
+    """A number over surfaces, β over the preferred hold times; of a tip over its replicas."""
+    half = points[0].summary.get(f"{value}_half_width")
+    if len(points) == 1 and half is not None and RADIUS in points[0].changes:
+        # half of a 95 % interval over very many replicas
+        return Mean(points[0].summary[value], half / 1.96, 10**6)
+    if value == "beta" and VOLUME in points[0].changes:
+        return mean(points.beta(window(points[0].changes[VOLUME])))
+    return mean(points.of(value))
+
+
+#: reading of Fig. 6 -> share of sites, activation volume (nm³), and hold times (s) of the fit
+_VARIANTS = {
+    "ours: 1 to 1e4 s, f = 0.5, ΔV = 6.4 Å³": (0.5, WITH_PRESSURE, window(1)),
+    "10 to 1e4 s": (0.5, WITH_PRESSURE, FIT_WINDOW),
+    "100 to 1e5 s": (0.5, WITH_PRESSURE, (1e2, 1e5)),
+    "f = 0.25 (both faces half hydroxylated)": (0.25, WITH_PRESSURE, window(1)),
+    f"f = {PARTIAL:.2f} (2.6 of 4.9 OH/nm²)": (PARTIAL, WITH_PRESSURE, window(1)),
+    'ΔV = 0.04 Å³ ("0.04 Å³" read literally)': (0.5, LITERAL_VOLUME, window(1)),
+    "ΔV = 0.04 Å³, 100 to 1e5 s": (0.5, LITERAL_VOLUME, (1e2, 1e5)),
+}
+
+
+def variants(studies: Studies) -> dict[str, Mean]:
+    """β of Fig. 6 as the paper could be read as well."""
+    return {
+        name: mean(front(studies, share, volume).beta(hold))
+        for name, (share, volume, hold) in _VARIANTS.items()
+    }

@@ -3,253 +3,187 @@
 Families of densities with at most three parameters age the contacts of the paper. Between computed densities the curves
 are interpolated, so that every family is drawn all over its box; each draw is weighted by the published rates, the
 start of the logarithmic regime and the order of the slopes. Members that span what this leaves open are computed again
-on every surface. Densities drawn from the prior test the calibration.
+on every surface. Surfaces that have no part in this judge the result, and densities drawn from the prior test it.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 import chemage
 from chemage_li2018 import density_fit as fit
-from chemage_li2018.density_fit import (
-    FAMILIES,
-    FREE_END,
-    OURS,
-    PAPER,
-    DensityPrior,
-    Emulator,
-    Reported,
-)
-from chemage_li2018.density_rates import (
-    FITTED,
-    SURFACES,
-    TIMES,
-    TIP,
-    UNUSED,
-    DensityCurves,
-)
-from chemage_li2018.shapes import first_reaching
+from chemage_li2018.density_fit import OURS, PAPER, PREFER, DensityPrior, Reported
+from chemage_li2018.density_rates import CONDITIONS, JUDGES, SURFACES, DensityCurves
 from chemage_silica import MDSilica
 
-#: the density of versions before 0.2.0, and one that was fitted to the rates alone, which misses the onsets; they are
-#: compared with the members, and their scatter between surfaces is the error model
-TRIANGLE = chemage.barriers("tabulated", energies=[0.8, 1.1, 1.4], weights=[0, 1, 0])
-RATES_ALONE = chemage.barriers(
-    "tabulated", energies=[0.8, 1.1536, 1.1992, 1.4], weights=[0.136, 1, 0, 0]
-)
+#: family and parameters of the default density; it moves only if the data ask for it, because everything that was
+#: computed with it moves as well: if twice ln of the likelihood, and of the posterior density, are more than STAYS below
+#: the largest
+DEFAULT, STAYS = ("shoulder and peak", (0.849, 1.0516, 0.1351)), 2.0
+Named = tuple[str, chemage.plugin.Barriers]
 
 
-@dataclass(frozen=True)
-class Size:
+def _table(name: str, energies: list[float], weights: list[float]) -> Named:
+    return name, chemage.barriers("tabulated", energies=energies, weights=weights)
+
+
+#: densities that are compared; the triangle with its peak at 1.1 eV is that of versions before 0.2.0, and the last was
+#: fitted to the rates alone, over 10 to 1e4 s
+REFERENCES: list[Named] = [
+    ("default", fit.FAMILIES[DEFAULT[0]].barriers(DEFAULT[1])),
+    _table("triangle, peak 1.04 eV", [0.8, 1.04, 1.4], [0, 1, 0]),
+    _table("triangle, peak 1.1 eV", [0.8, 1.1, 1.4], [0, 1, 0]),
+    _table("rates alone", [0.8, 1.1536, 1.1992, 1.4], [0.136, 1, 0, 0]),
+]
+
+
+class Size(NamedTuple):
     """How much is computed."""
 
     surfaces: tuple[int, ...] = SURFACES
-    #: surfaces that every density of the search ages
-    search: int = 4
+    #: surfaces that every density of the search ages, and those that only judge
+    search: tuple[int, ...] = SURFACES[:4]
+    judges: tuple[int, ...] = JUDGES
     #: densities of a family, by the number of its parameters
     design: tuple[int, int, int] = (12, 24, 56)
     #: densities that test the calibration
     cases: int = 40
     pixels: int = 2500
 
-    def parameters(self, family: fit.DensityFamily) -> np.ndarray:
-        """Parameters of the densities of a family that are computed, (n, k)."""
-        return family.design(self.design[len(family.bounds) - 1])
+
+QUICK = Size(SURFACES[:3], SURFACES[:1], JUDGES[:3], (8, 12, 20), 4, 400)
 
 
-QUICK = Size(SURFACES[:3], 1, (8, 12, 20), 4, 400)
+class Aged(NamedTuple):
+    """Densities (k), aged on every surface of a set."""
 
-
-@dataclass(frozen=True)
-class Density:
-    """A density, aged on every surface."""
-
-    name: str
-    barriers: chemage.plugin.Barriers
-    #: what the paper would report of it, one density
+    densities: list[Named]
+    #: Δμ, (k, surfaces, conditions, m), and what the paper would report of their means over surfaces
+    curves: np.ndarray
     reported: Reported
-    #: χ² of the six rates with an error of the method of 1 %, by window, and of the times with our own window
-    rates: np.ndarray
-    times: float
+    #: covariance of ln β of one surface about the mean over these, (6, 6)
+    surface: np.ndarray
 
-    @property
-    def beta(self) -> np.ndarray:
-        """β, geometric mean over surfaces, (6,), with ΔV first, over the window of our own scenes."""
-        return np.exp(self.reported.beta[0, OURS])
+    @classmethod
+    def on(
+        cls,
+        rates: DensityCurves,
+        stage: str,
+        densities: list[Named],
+        seeds: Sequence[int],
+    ) -> Aged:
+        """Age densities on the surfaces of these seeds."""
+        curves = rates.curves(stage, [barriers for _, barriers in densities], seeds)
+        every = Reported.of(curves.reshape(-1, *curves.shape[2:])).beta
+        every = every.reshape(*curves.shape[:2], *every.shape[1:])
+        surface = np.mean([np.cov(one.T) for one in every[:, :, PREFER]], axis=0)
+        # geometric means of β, as in the error model; times are those of the mean curve
+        reported = Reported.of(curves.mean(axis=1))._replace(beta=every.mean(axis=1))
+        # our own mean has the error of its surfaces as well
+        return cls(densities, curves, reported, surface * (1 + 1 / len(seeds)))
+
+    def beta(self, reading: int = OURS) -> np.ndarray:
+        """β, (k, 6), with ΔV first."""
+        return np.exp(self.reported.beta[:, reading])
+
+    def rates(self) -> np.ndarray:
+        """χ² of the six rates with an error of the method of 1 %, (k, readings)."""
+        errors = fit.covariance(self.surface, fit.PUBLISHED, fit.METHODS[0])
+        return self.reported.chi_squared(PAPER, errors)
 
 
-@dataclass(frozen=True)
-class Tips:
-    """One density for the rough contacts, for a tip in atomic force microscopy, and for both."""
-
-    #: parameters of the best density for rough, tip and both, (3, k); misfit of rough and tip of each, (3, 2); start of
-    #: the logarithmic regime on the tip (s), and exponent of the growth before, (3, 2)
-    parameters: np.ndarray
-    misfit: np.ndarray
-    growth: np.ndarray
-
-
-@dataclass(frozen=True)
-class DensityStudy:
+class DensityStudy(NamedTuple):
     """What the study found."""
 
     size: Size
     prior: DensityPrior
-    #: (N, windows, methods)
+    #: (N, readings, methods)
     weight: np.ndarray
-    triangle: Density
-    rates_alone: Density
-    members: list[Density]
-    #: ln β of each member as interpolated, over the window of our own scenes, (members, 6)
-    interpolated: np.ndarray
+    #: of the default density: what twice ln of its likelihood and of its posterior density are below the largest
+    below: list[float]
+    #: the reference densities on the surfaces that calibrate and on those that judge; and the members
+    calibrated: Aged
+    judged: Aged
+    members: Aged
+    #: what the paper would report of the members as interpolated
+    interpolated: Reported
+    #: what all surfaces have more than those of the search, of each reference density
+    shifts: Reported
     #: of each case, whether the range of the members holds β under each unused condition, (cases, conditions)
     held: np.ndarray
-    tips: Tips
 
 
 def compute(rates: DensityCurves, size: Size) -> DensityStudy:
-    """Weigh the draws of every family, and age the members on every surface."""
-    references = rates.curves("error model", [TRIANGLE, RATES_ALONE], size.surfaces)
-    every = np.stack([Reported.of(curves).beta for curves in references])
-    surface = np.mean([np.cov(beta[:, OURS].T) for beta in every], axis=0)
-    # what the surfaces of the search lack to the mean over all of them, which hardly depends on the density
-    shift = (every.mean(axis=1) - every[:, : size.search].mean(axis=1)).mean(axis=0)
-    emulators = [_emulated(rates, size, family) for family in FAMILIES]
-    # our own mean has the error of its surfaces as well
-    surface = surface * (1 + 1 / len(size.surfaces))
-    prior = DensityPrior.of(emulators, surface, shift)
+    """Weigh the draws of every family, age the members on every surface, and judge them on others."""
+    calibrated = Aged.on(rates, "references", REFERENCES, size.surfaces)
+    searched = Reported.of(calibrated.curves[:, : len(size.search)].mean(axis=1))
+    shifts = Reported(*map(np.subtract, calibrated.reported, searched))
+    shift = Reported(*(of.mean(axis=0) for of in shifts))
+    emulators = []
+    for family in fit.FAMILIES.values():
+        parameters = family.design(size.design[len(family.ranges) - 1])
+        barriers = [family.barriers(values) for values in parameters]
+        curves = rates.curves(family.name, barriers, size.search, CONDITIONS)
+        emulators.append(fit.Emulator(family, parameters, curves.mean(axis=1)))
+    prior = DensityPrior.of(emulators, calibrated.surface, shift)
     weight = prior.posterior(PAPER)
-    chosen = _members(prior, weight)
-    barriers = [prior.barriers(at) for at in chosen]
-    aged = rates.curves("members", barriers, size.surfaces)
-    names = [prior.families[int(prior.family[at])].name for at in chosen]
-    parameters = size.parameters(FREE_END)
-    tip = rates.curves(
-        "tip", [FREE_END.barriers(row) for row in parameters], [0], [TIP]
-    )[:, 0]
-    emulators = _emulated(rates, size, FREE_END), Emulator(FREE_END, parameters, tip)
+    likelihood = prior.reported.log_likelihood(PAPER, prior.covariance)
+    of_draws = weight.sum(axis=(1, 2))
+    rest = [
+        np.abs(row - DEFAULT[1]).sum() if family.name == DEFAULT[0] else np.inf
+        for family, row in prior.draws
+    ]
+    now = int(np.argmin(rest))
+    every = likelihood.max(axis=(1, 2)), np.log(of_draws + 1e-300)
+    below = [float(2 * (of.max() - of[now])) for of in every]
+    first = now if min(below) <= STAYS else None
+    chosen = fit.spanning(prior.reported, of_draws, MDSilica.MEMBERS, first)
+    members = [(prior.draws[at][0].name, prior.barriers(at)) for at in chosen]
+    aged = Aged.on(rates, "members", members, size.surfaces)
+    held = _held(rates, size, prior, shift)
     return DensityStudy(
         size,
         prior,
         weight,
-        _density("triangle", TRIANGLE, references[0], surface),
-        _density("rates alone", RATES_ALONE, references[1], surface),
-        [_density(*row, surface) for row in zip(names, barriers, aged, strict=True)],
-        prior.reported.beta[chosen, OURS, :6],
-        _held(rates, size, prior, shift),
-        _tips(rates, *emulators, surface, shift),
-    )
-
-
-def _emulated(rates: DensityCurves, size: Size, family: fit.DensityFamily) -> Emulator:
-    parameters = size.parameters(family)
-    barriers = [family.barriers(values) for values in parameters]
-    curves = rates.curves(
-        family.name, barriers, size.surfaces[: size.search], (*FITTED, *UNUSED)
-    )
-    return Emulator(family, parameters, curves.mean(axis=1))
-
-
-def _members(prior: DensityPrior, weight: np.ndarray) -> np.ndarray:
-    """The draw of least misfit, and those that span what is open."""
-    of_draws = weight.sum(axis=(1, 2))
-    best = int(np.argmax(of_draws))
-    return fit.spanning(prior.reported.predictions(), of_draws, best, MDSilica.MEMBERS)
-
-
-def _density(
-    name: str,
-    barriers: chemage.plugin.Barriers,
-    curves: np.ndarray,
-    surface: np.ndarray,
-) -> Density:
-    """Summarise the curves of one density, (surfaces, conditions, m)."""
-    # β is the geometric mean over surfaces, as in the error model; times are those of the mean curve
-    reported = Reported.of(curves.mean(axis=0)[None])._replace(
-        beta=Reported.of(curves).beta.mean(axis=0)[None]
-    )
-    errors = fit.covariance(surface, fit.PUBLISHED, fit.METHODS[0])
-    times = float(reported.misfit_of_times(PAPER)[0, OURS])
-    return Density(
-        name, barriers, reported, reported.chi_squared(PAPER, errors)[0], times
+        below,
+        calibrated,
+        Aged.on(rates, "judges", REFERENCES, size.judges),
+        aged,
+        Reported(
+            prior.reported.beta[chosen, :, :6],
+            *(of[chosen] for of in prior.reported[1:]),
+        ),
+        shifts,
+        held,
     )
 
 
 def _held(
-    rates: DensityCurves,
-    size: Size,
-    prior: DensityPrior,
-    shift: np.ndarray,
+    rates: DensityCurves, size: Size, prior: DensityPrior, shift: Reported
 ) -> np.ndarray:
     """Calibrate to rates of known densities, and compare β under conditions without a rate with the computed one."""
     rng = np.random.default_rng(27)
     within = np.exp(prior.log_weight)
     truths = rng.choice(len(within), size.cases, p=within / within.sum())
     barriers = [prior.barriers(at) for at in truths]
-    search = size.surfaces[: size.search]
-    curves = rates.curves("synthetic", barriers, search, (*FITTED, *UNUSED))
-    computed = Reported.of(curves.mean(axis=1))
-    held = []
-    for case in range(size.cases):
-        window = rng.integers(len(fit.WINDOWS))
-        method = fit.METHODS[rng.integers(len(fit.METHODS))]
-        beta = computed.beta[case, window, :6] + shift[window]
-        beta = np.exp(
-            rng.multivariate_normal(beta, prior.surface)
-            + method * rng.standard_normal(6)
-        )
+    curves = rates.curves("synthetic", barriers, size.search, CONDITIONS)
+    computed, held = Reported.of(curves.mean(axis=1)), []
+    for beta, onsets, crossing in zip(*computed, strict=True):
+        reading = rng.choice(len(fit.READINGS), p=fit.READING_WEIGHTS)
+        mean = beta[reading, :6] + shift.beta[reading]
+        error = fit.METHODS[rng.integers(len(fit.METHODS))] * rng.standard_normal(6)
+        printed = np.exp(rng.multivariate_normal(mean, prior.surface) + error).round(2)
         published = Reported(
-            np.log(np.maximum(beta.round(2), fit.ROUNDING)),
-            computed.onsets[case, window] + fit.ONSET_ERROR * rng.standard_normal(2),
-            computed.crossing[case] + fit.CROSSING_ERROR * rng.standard_normal(1),
+            np.log(np.maximum(printed, fit.ROUNDING)),
+            onsets[reading] + fit.ONSET_ERROR * rng.standard_normal(2),
+            crossing + fit.CROSSING_ERROR * rng.standard_normal(1),
         )
-        members = _members(prior, prior.posterior(published))
+        weight = prior.posterior(published).sum(axis=(1, 2))
+        members = fit.spanning(prior.reported, weight, MDSilica.MEMBERS)
         ours = prior.reported.beta[members, OURS, 6:]
-        true = computed.beta[case, OURS, 6:]
+        true = beta[OURS, 6:]
         held.append((ours.min(axis=0) <= true) & (true <= ours.max(axis=0)))
     return np.array(held)
-
-
-#: of atomic force microscopy (Tian et al., Phys. Rev. Lett. 124, 026801 (2020)): a logarithmic regime from 0.1 s on;
-#: from 5 to 90 ms friction grows as a power of time, 1 with these two standard deviations
-TIP_ONSET, TIP_LINEAR, TIP_EXPONENT = 0.1, (5e-3, 90e-3), 0.2
-
-
-def _tips(
-    rates: DensityCurves,
-    rough: Emulator,
-    tip: Emulator,
-    surface: np.ndarray,
-    shift: np.ndarray,
-) -> Tips:
-    """Fit a density whose lower end is free to the rough contacts, to a tip, and to both."""
-    prior = DensityPrior.of([rough], surface, shift)
-    with_method = prior.chi_squared(0.04)
-    of_rough = (with_method + prior.reported.misfit_of_times(PAPER)).min(axis=1)
-    _, of_tip = _growth(tip(np.array(prior.parameters))[:, 0])
-    best = [int(np.argmin(misfit)) for misfit in (of_rough, of_tip, of_rough + of_tip)]
-    # the chosen ones are aged, because a curve between others has an error where few sites have reacted
-    growth, of_tip = _growth(
-        rates.curves("tips", [prior.barriers(at) for at in best], [0], [TIP])[:, 0, 0]
-    )
-    misfit = np.stack([of_rough[best], of_tip], axis=1)
-    return Tips(np.array([prior.parameters[at] for at in best]), misfit, growth)
-
-
-def _growth(curves: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Start of the logarithmic regime (s) and exponent of the growth before, of curves (n, m) on a tip, (n, 2); and
-    their misfit, (n,)."""
-    half = 0.5 * fit.slope(curves, (1.0, 1e3))
-    first, last = TIP_LINEAR
-    inside = (first <= TIMES) & (last >= TIMES)
-    exponent = np.polyfit(
-        np.log(TIMES[inside]), np.log(np.maximum(curves[:, inside], 1e-6)).T, 1
-    )[0]
-    start = first_reaching(TIMES, np.gradient(curves, np.log10(TIMES), axis=-1), half)
-    misfit = (np.log(start / TIP_ONSET) / fit.ONSET_ERROR) ** 2 + (
-        (exponent - 1) / (0.5 * TIP_EXPONENT)
-    ) ** 2
-    return np.stack([start, exponent], axis=1), misfit

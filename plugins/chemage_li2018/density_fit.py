@@ -1,17 +1,15 @@
 """Shapes of the density of barriers, what the paper says of it with a model of the errors, and what this leaves open.
 
 The published β are one realisation of each surface, printed with two digits, and fitted over hold times that the paper
-does not state. With ``b`` the mean over surfaces of a density over one of :data:`WINDOWS`,
+does not state. With ``b`` the mean over surfaces of a density under one of :data:`READINGS`,
 ln β(published) = ln b + surface + rounding + method:
 
-- *surface*: how one surface differs from the mean, with the covariance between our surfaces. Slopes and volumes of one
-  surface deviate together, so that this covers a common factor and leaves the ratios nearly exact;
+- *surface*: the covariance between our surfaces: a common factor is cheap, a ratio is not;
 - *rounding*: uniform, ±0.005 in β, through its variance;
-- *method*: what else the paper does not state, such as the width of the breaking barriers and the noise of ten
-  replicas; one of :data:`METHODS` for each rate.
+- *method*: what else the paper does not state, such as the noise of its replicas; one of :data:`METHODS` for each rate.
 
-Window and method are nuisance parameters with equal prior weights, as the families have. The parameters of a family are
-uniform in their box.
+Reading and method are nuisance parameters. The parameters of a family are uniform in their box, and all families have
+equal prior weights.
 """
 
 from __future__ import annotations
@@ -27,13 +25,11 @@ from scipy.stats import qmc
 
 import chemage
 from chemage_li2018 import shapes
-from chemage_li2018.density_rates import TIMES
-from chemage_li2018.published import BETA
+from chemage_li2018.density_rates import CONDITIONS, TIMES
+from chemage_li2018.published import BETA, PREFERRED, Reading
 
-#: eV
-LOWER, UPPER = 0.8, 1.4
-#: width of a step in a density, eV: nodes of a table must increase
-STEP = 1e-3
+#: range of the barriers, and width of a step in a density: nodes of a table must increase; eV
+LOWER, UPPER, STEP = 0.8, 1.4, 1e-3
 
 Nodes = tuple[Sequence[float], Sequence[float]]
 
@@ -43,37 +39,31 @@ class DensityFamily:
     """A family of densities that are piecewise linear (the beta distribution: on a fine grid)."""
 
     name: str
-    #: parameters, in the order of the arguments of ``nodes``, with units
-    parameters: tuple[str, ...]
-    #: range of the parameters, one pair each
-    bounds: tuple[tuple[float, float], ...]
+    #: parameter, with its unit -> its range
+    ranges: dict[str, tuple[float, float]]
     #: parameters -> energies (eV) and weights
     nodes: Callable[..., Nodes]
+
+    @property
+    def bounds(self) -> np.ndarray:
+        """Lower and upper ends of the ranges, (2, k)."""
+        return np.array(list(self.ranges.values())).T
 
     def barriers(
         self, parameters: Sequence[float] | np.ndarray
     ) -> chemage.plugin.Barriers:
         """Make the barriers of the density with these parameters."""
-        energies, weights = self.nodes(*(float(value) for value in parameters))
-        return chemage.barriers(
-            "tabulated", energies=list(energies), weights=list(weights)
-        )
-
-    def named(self, parameters: Sequence[float] | np.ndarray) -> str:
-        """Parameters with their names, in words."""
-        return ", ".join(
-            f"{name} {value:.3g}"
-            for name, value in zip(self.parameters, parameters, strict=True)
-        )
+        nodes = self.nodes(*(float(value) for value in parameters))
+        energies, weights = (list(values) for values in nodes)
+        return chemage.barriers("tabulated", energies=energies, weights=weights)
 
     def design(self, count: int, seed: int = 5) -> np.ndarray:
         """Spread parameters evenly over the box (Sobol'), (count, k)."""
-        low, high = np.array(self.bounds).T
+        low, high = self.bounds
         # scipy before 1.15 has no argument rng
         sequence = qmc.Sobol(len(low), seed=seed)  # pyright: ignore[reportCallIssue]
-        return (
-            low + sequence.random(1 << (count - 1).bit_length())[:count] * (high - low)
-        ).round(4)
+        unit = sequence.random(1 << (count - 1).bit_length())[:count]
+        return (low + unit * (high - low)).round(4)
 
 
 def _beta(a: float, b: float) -> Nodes:
@@ -89,7 +79,7 @@ def _power(end: float, start: float, power: float) -> Nodes:
     return [*energies.tolist(), end + STEP, UPPER], [*weights.tolist(), 0, 0]
 
 
-#: parameters with their ranges, and nodes
+#: name -> ranges of the parameters, and nodes
 _SHAPES: dict[str, tuple[dict[str, tuple[float, float]], Callable[..., Nodes]]] = {
     "triangle": (
         {"peak (eV)": (0.9, 1.3)},
@@ -100,27 +90,27 @@ _SHAPES: dict[str, tuple[dict[str, tuple[float, float]], Callable[..., Nodes]]] 
         lambda left, width: ((LOWER, left, left + width, UPPER), (0, 1, 1, 0)),
     ),
     "uniform + triangle": (
-        {"peak (eV)": (0.9, 1.3), "floor/peak": (0.0, 0.6)},
+        {"peak (eV)": (0.9, 1.3), "floor/peak": (0, 0.6)},
         lambda peak, floor: ((LOWER, peak, UPPER), (floor, 1, floor)),
     ),
-    "beta distribution": ({"a": (1.2, 4.0), "b": (1.2, 4.0)}, _beta),
+    "beta distribution": ({"a": (1.2, 4), "b": (1.2, 4)}, _beta),
     "four nodes (0.8, 1.0, 1.2, 1.4 eV)": (
-        {"at 0.8 eV": (0.0, 0.6), "at 1.0 eV": (0.3, 1.3), "at 1.4 eV": (0.0, 0.4)},
+        {"at 0.8 eV": (0, 0.6), "at 1.0 eV": (0.3, 1.3), "at 1.4 eV": (0, 0.4)},
         lambda first, second, last: ((0.8, 1.0, 1.2, 1.4), (first, second, 1, last)),
     ),
     "shoulder and peak": (
         {
             "shoulder (eV)": (0.82, 0.96),
-            "peak (eV)": (1.0, 1.25),
+            "peak (eV)": (1, 1.25),
             "shoulder/peak": (0.1, 0.8),
         },
         lambda left, peak, height: ((LOWER, left, peak, UPPER), (0, height, 1, 0)),
     ),
     "ramp": (
         {
-            "peak (eV)": (1.0, 1.26),
+            "peak (eV)": (1, 1.26),
             "fall/(1.4 eV − peak)": (0.01, 0.99),
-            "at 0.8 eV/peak": (0.0, 0.45),
+            "at 0.8 eV/peak": (0, 0.45),
         },
         lambda peak, fall, start: (
             (LOWER, peak, peak + fall * (UPPER - peak), UPPER),
@@ -128,32 +118,27 @@ _SHAPES: dict[str, tuple[dict[str, tuple[float, float]], Callable[..., Nodes]]] 
         ),
     ),
     "rise by a power, cut off": (
-        {
-            "end (eV)": (1.10, 1.39),
-            "at 0.8 eV/at the end": (0.0, 0.45),
-            "power": (0.4, 3.0),
-        },
+        {"end (eV)": (1.1, 1.39), "at 0.8 eV/at the end": (0, 0.45), "power": (0.4, 3)},
         _power,
     ),
-    # the lower end below 0.8 eV, which tips in atomic force microscopy ask for
-    "triangle with a free lower end": (
-        {
-            "lower end (eV)": (0.66, 0.8),
-            "peak − lower end (eV)": (0.02, 0.5),
-            "at the lower end/peak": (0.0, 0.5),
-        },
-        lambda lower, rise, start: ((lower, lower + rise, UPPER), (start, 1, 0)),
-    ),
 }
-*FAMILIES, FREE_END = (
-    DensityFamily(name, tuple(ranges), tuple(ranges.values()), nodes)
-    for name, (ranges, nodes) in _SHAPES.items()
-)
+FAMILIES = {name: DensityFamily(name, *shape) for name, shape in _SHAPES.items()}
 
-#: hold times over which the paper may have fitted β, s
-WINDOWS = ((1.0, 1e3), (1.0, 1e5), (10.0, 1e4), (10.0, 1e5), (1e2, 1e5))
-#: that of our own scenes
-OURS = WINDOWS.index((10.0, 1e4))
+#: hold times over which the paper may have fitted β, in three kinds: from the published starts of the logarithmic regime,
+#: from the half-slope time of each curve, and one window for all
+_WINDOWS = ((1, 1e3), (1, 1e5), (10, 1e4), (10, 1e5), (1e2, 1e5))
+_KINDS = (
+    [Reading(PREFERRED.starts, end) for end in (1e3, 1e4, 1e5)],
+    [Reading((None, None), end) for end in (1e4, 1e5)],
+    [Reading((start, start), end) for start, end in _WINDOWS],
+)
+READINGS = [reading for kind in _KINDS for reading in kind]
+#: prior weights: equal for the kinds, and within each
+READING_WEIGHTS = np.concatenate(
+    [np.full(len(kind), 1 / len(kind) / len(_KINDS)) for kind in _KINDS]
+)
+#: the preferred reading, and the window of our own scenes
+PREFER, OURS = (READINGS.index(one) for one in (PREFERRED, Reading((10.0, 10.0), 1e4)))
 #: relative error of each rate from what else the paper does not state, one standard deviation
 METHODS = (0.01, 0.02, 0.04, 0.08)
 ROUNDING = 0.005
@@ -162,69 +147,58 @@ ABOUT = 3.0
 #: the published range ends at 0.8 and 1.4 eV: the share of barriers in its first and its last END (eV) is SHARE at
 #: least, or less by a factor of 2, which is two standard deviations
 END, SHARE = 0.1, 0.02
+#: least distance of members in one of their predictions, relative to the 95 % interval
+APART = 0.1
 _X = np.log10(TIMES)
+_WITHOUT = np.array([not condition.volume for condition in CONDITIONS])
 
 
 class Reported(NamedTuple):
     """What the paper reports, of the paper itself or of n densities; all are natural logarithms."""
 
-    #: β, with ΔV first: (6,), of densities (n, windows, conditions)
+    #: β, with ΔV first: (6,), of densities (n, readings, conditions)
     beta: np.ndarray
-    #: hold time at which the slope first reaches half of β at h' = 0.1, with ΔV and without, s: (2,) or (n, windows, 2)
+    #: hold time at which the slope first reaches half of β at h' = 0.1, with ΔV and without, s: (2,) or
+    #: (n, readings, 2)
     onsets: np.ndarray
     #: hold time at which Δμ of h' = 0.05 passes that of h' = 0.2, with ΔV, s: (1,) or (n, 1)
     crossing: np.ndarray
 
-    def predictions(self) -> np.ndarray:
-        """What members are to span: ln β of :data:`FITTED` over all windows, and the times, (N, k)."""
-        beta = self.beta[:, :, :6]
-        return np.concatenate(
-            [beta.reshape(len(beta), -1), self.onsets[:, OURS], self.crossing], axis=1
-        )
+    @classmethod
+    def of(cls, curves: np.ndarray) -> Reported:
+        """Read curves Δμ (n, conditions, m), of which the first six are :data:`FITTED`."""
+        beta = np.stack([fitted(curves, reading) for reading in READINGS], axis=1)
+        onsets = _half_slope(curves[:, None, [1, 4]], beta[:, :, [1, 4]])
+        crossing = np.log(shapes.last_positive(TIMES, curves[:, 2] - curves[:, 0]))
+        return cls(np.log(np.maximum(beta, 1e-12)), np.log(onsets), crossing[:, None])
 
     def misfit_of_times(self, paper: Reported) -> np.ndarray:
-        """χ² of the two onsets and the order of the slopes, (n, windows)."""
+        """χ² of the two onsets and the order of the slopes, (n, readings)."""
         onsets = (((self.onsets - paper.onsets) / ONSET_ERROR) ** 2).sum(axis=-1)
         return onsets + ((self.crossing - paper.crossing) / CROSSING_ERROR) ** 2
 
     def chi_squared(self, paper: Reported, errors: np.ndarray) -> np.ndarray:
-        """χ² of the six rates over each window, (n, windows); ``errors`` are one covariance, or n."""
+        """χ² of the six rates under each reading, (n, readings); ``errors`` are one covariance, or n."""
         rest = paper.beta - self.beta[:, :, :6]
         return (rest @ np.linalg.inv(errors) * rest).sum(axis=-1)
 
     def log_likelihood(self, paper: Reported, surface: np.ndarray) -> np.ndarray:
-        """ln of the likelihood by rates and times, but for a constant: (n, windows, methods).
+        """ln of the likelihood by rates and times, but for a constant: (n, readings, methods).
 
         ``surface`` is (6, 6), or (n, 6, 6).
         """
         misfits = []
         for method in METHODS:
             errors = covariance(surface, np.exp(paper.beta), method)
-            misfits.append(
-                self.chi_squared(paper, errors)
-                + np.linalg.slogdet(errors)[1][..., None]
-            )
-        return -0.5 * (
-            np.stack(misfits, axis=-1) + self.misfit_of_times(paper)[..., None]
-        )
+            size = np.linalg.slogdet(errors)[1][..., None]
+            misfits.append(self.chi_squared(paper, errors) + size)
+        times = self.misfit_of_times(paper)[..., None]
+        return -0.5 * (np.stack(misfits, axis=-1) + times)
 
-    def times(self, at: int = 0, window: int = OURS) -> list[str]:
+    def times(self, at: int = 0, reading: int = PREFER) -> list[str]:
         """Onsets with ΔV and without, and the crossing, of one density, in s."""
-        return [
-            f"{value:.2g}"
-            for value in np.exp([*self.onsets[at, window], *self.crossing[at]])
-        ]
-
-    @classmethod
-    def of(cls, curves: np.ndarray) -> Reported:
-        """Read curves Δμ (n, conditions, m), of which the first six are :data:`FITTED`."""
-        beta = np.stack([slope(curves, window) for window in WINDOWS], axis=1)
-        crossing = np.log(shapes.last_positive(TIMES, curves[:, 2] - curves[:, 0]))
-        half = 0.5 * beta[:, :, [1, 4]]
-        steep = np.gradient(curves[:, None, [1, 4]], _X, axis=-1)
-        steep = np.broadcast_to(steep, (*half.shape, TIMES.size))
-        onsets = np.log(shapes.first_reaching(TIMES, steep, half))
-        return cls(np.log(np.maximum(beta, 1e-12)), onsets, crossing[:, None])
+        values = np.exp([*self.onsets[at, reading], *self.crossing[at]])
+        return [f"{value:.2g}" for value in values]
 
 
 def slope(curves: np.ndarray, window: tuple[float, float]) -> np.ndarray:
@@ -232,6 +206,37 @@ def slope(curves: np.ndarray, window: tuple[float, float]) -> np.ndarray:
     inside = (window[0] * (1 - 1e-9) <= TIMES) & (window[1] * (1 + 1e-9) >= TIMES)
     x = _X[inside] - _X[inside].mean()
     return curves[..., inside] @ x / (x @ x)
+
+
+def fitted(curves: np.ndarray, reading: Reading) -> np.ndarray:
+    """β of curves (n, conditions, m) under a reading, (n, conditions)."""
+    beta = np.empty(curves.shape[:2])
+    without = _WITHOUT[: curves.shape[1]]
+    for start, rows in zip(reading.starts, (~without, without), strict=True):
+        of, end = curves[:, rows], reading.end
+        beta[:, rows] = slope(of, (start, end)) if start else _from_half_slope(of, end)
+    return beta
+
+
+def _half_slope(curves: np.ndarray, beta: np.ndarray) -> np.ndarray:
+    """Hold time (s) at which the local slope of curves (..., m) first reaches half of β (...)."""
+    steep = np.broadcast_to(np.gradient(curves, _X, axis=-1), (*beta.shape, _X.size))
+    return shapes.first_reaching(TIMES, steep, 0.5 * beta)
+
+
+def _from_half_slope(curves: np.ndarray, end: float) -> np.ndarray:
+    """β of the line from that hold time on at which the slope first reaches half of it."""
+    starts = TIMES[0.1 * end * (1 + 1e-9) >= TIMES]
+    betas = np.stack([slope(curves, (start, end)) for start in starts])
+    # by how much the half-slope time is later than the start of the line: 0 between two starts
+    late = np.log(_half_slope(curves[None], betas).T / starts).T
+    after = np.maximum(np.argmax(late <= 0, axis=0), 1)[None]
+    (first, one), (last, two) = (
+        [np.take_along_axis(of, at, 0)[0] for of in (late, betas)]
+        for at in (after - 1, after)
+    )
+    share = np.clip(first / np.where(first > last, first - last, 1), 0, 1)
+    return one + share * (two - one)
 
 
 PUBLISHED = np.array(BETA)
@@ -258,42 +263,32 @@ class Emulator:
 
     def __call__(self, parameters: np.ndarray) -> np.ndarray:
         """Δμ at parameters (p, k), (p, conditions, m)."""
-        low, high = np.array(self.family.bounds).T
+        low, high = self.family.bounds
         known, wanted = (
             (each - low) / (high - low) for each in (self.parameters, parameters)
         )
-        values = self.curves.reshape(len(known), -1)
-        degree = 2 if len(low) > 1 else 1
-        surface = RBFInterpolator(
-            known, values, kernel="cubic", degree=degree, smoothing=1e-4
-        )
-        return surface(wanted).reshape(len(wanted), *self.curves.shape[1:])
+        values, degree = self.curves.reshape(len(known), -1), min(len(low), 2)
+        made = RBFInterpolator(known, values, None, 1e-4, "cubic", degree=degree)
+        return made(wanted).reshape(len(wanted), *self.curves.shape[1:])
 
     @property
     def error(self) -> np.ndarray:
         """Covariance (6, 6) of ln β of :data:`FITTED`, each computed density against those of all others."""
-        rest = []
-        for at in range(len(self.parameters)):
-            one = [at]
-            parameters, curves = (
-                np.delete(every, at, axis=0) for every in (self.parameters, self.curves)
-            )
-            others = Emulator(self.family, parameters, curves)
-            both = np.concatenate([others(self.parameters[one]), self.curves[one]])
-            beta = Reported.of(both).beta[:, :, :6]
-            rest.append(beta[0] - beta[1])
-        every = np.concatenate(rest)
+        others = []
+        for at, row in enumerate(self.parameters):
+            rest = np.arange(len(self.parameters)) != at
+            without = Emulator(self.family, self.parameters[rest], self.curves[rest])
+            others.append(without(row[None])[0])
+        found, known = (Reported.of(of) for of in (np.array(others), self.curves))
+        every = (found.beta - known.beta)[:, :, :6].reshape(-1, 6)
         return every.T @ every / len(every)
 
 
-@dataclass(frozen=True)
-class DensityPrior:
+class DensityPrior(NamedTuple):
     """Draws of all families, equally many of each; N altogether."""
 
-    families: Sequence[DensityFamily]
-    #: position of the family, (N,), its parameters, and what the paper would report of it
-    family: np.ndarray
-    parameters: list[np.ndarray]
+    #: families with the parameters (k,) of the draws, N, and what the paper would report of them
+    draws: list[tuple[DensityFamily, np.ndarray]]
     reported: Reported
     #: ln of the prior weight by the published range, (N,)
     log_weight: np.ndarray
@@ -306,50 +301,36 @@ class DensityPrior:
         cls,
         emulators: Sequence[Emulator],
         surface: np.ndarray,
-        shift: np.ndarray,
+        shift: Reported,
         count: int = 1 << 12,
     ) -> DensityPrior:
         """Draw from families.
 
-        ``shift`` (windows, 6) is what ln β lacks to the mean over all surfaces, and ``surface`` (6, 6) its covariance
-        between these.
+        ``shift`` is what the mean over all surfaces has more than that over the surfaces of the emulators, of any
+        density, and ``surface`` (6, 6) the covariance of ln β between surfaces.
         """
-        parameters, reported, weights, covariance = [], [], [], []
+        draws, found = [], []
         for emulator in emulators:
-            family = emulator.family
-            rows = family.design(count, seed=11)
-            parameters += list(rows)
-            reported.append(Reported.of(emulator(rows)))
-            weights += [range_weight(family.nodes(*row)) for row in rows]
-            covariance.append(surface + emulator.error)
-        together = Reported(*map(np.concatenate, zip(*reported, strict=True)))
-        together.beta[:, :, :6] += shift
-        return cls(
-            [emulator.family for emulator in emulators],
-            np.repeat(np.arange(len(emulators)), count),
-            parameters,
-            together,
-            np.array(weights),
-            surface,
-            np.repeat(covariance, count, axis=0),
-        )
+            rows = emulator.family.design(count, seed=11)
+            draws += [(emulator.family, row) for row in rows]
+            found.append(Reported.of(emulator(rows)))
+        reported = Reported(*map(np.concatenate, zip(*found, strict=True)))
+        reported.beta[:, :, :6] += shift.beta
+        reported.onsets[:] += shift.onsets
+        reported.crossing[:] += shift.crossing
+        ends = np.array([range_weight(family.nodes(*row)) for family, row in draws])
+        errors = [surface + emulator.error for emulator in emulators]
+        return cls(draws, reported, ends, surface, np.repeat(errors, count, axis=0))
 
     def barriers(self, at: int) -> chemage.plugin.Barriers:
         """Make the barriers of a draw."""
-        return self.families[self.family[at]].barriers(self.parameters[at])
-
-    def chi_squared(self, method: float) -> np.ndarray:
-        """χ² of six rates of the paper over each window, (N, windows)."""
-        errors = covariance(self.covariance, PUBLISHED, method)
-        return self.reported.chi_squared(PAPER, errors)
-
-    def log_likelihood(self, paper: Reported) -> np.ndarray:
-        """ln of the likelihood of every draw, (N, windows, methods); see :meth:`Reported.log_likelihood`."""
-        return self.reported.log_likelihood(paper, self.covariance)
+        family, parameters = self.draws[at]
+        return family.barriers(parameters)
 
     def posterior(self, paper: Reported) -> np.ndarray:
-        """Weights that sum to 1, (N, windows, methods)."""
-        log = self.log_likelihood(paper) + self.log_weight[:, None, None]
+        """Weights that sum to 1, (N, readings, methods)."""
+        log = self.reported.log_likelihood(paper, self.covariance)
+        log += self.log_weight[:, None, None] + np.log(READING_WEIGHTS)[:, None]
         weight = np.exp(log - log.max())
         return weight / weight.sum()
 
@@ -368,41 +349,36 @@ def interval(
     values: np.ndarray, weight: np.ndarray, level: float = 0.95
 ) -> tuple[np.ndarray, np.ndarray]:
     """Ends of the central interval of ``values`` (N, k) with weights (N,); (k,) each."""
-    ends = []
-    for column in values.T:
-        order = np.argsort(column)
-        total = np.cumsum(weight[order])
-        ends.append(np.interp([0.5 - level / 2, 0.5 + level / 2], total, column[order]))
-    low, high = np.array(ends).T
+    found, at = [], [0.5 - level / 2, 0.5 + level / 2]
+    for column, order in zip(values.T, np.argsort(values, axis=0).T, strict=True):
+        found.append(np.interp(at, np.cumsum(weight[order]), column[order]))
+    low, high = np.array(found).T
     return low, high
 
 
-#: least distance of members in one prediction, relative to the 95 % interval
-_APART = 0.1
-
-
 def spanning(
-    values: np.ndarray, weight: np.ndarray, first: int, count: int
+    reported: Reported, weight: np.ndarray, count: int, first: int | None = None
 ) -> np.ndarray:
-    """Choose draws whose range over each of k predictions is its central 95 % interval as nearly as can be; (count,).
+    """Choose draws whose ranges of β under all readings and of the times are the central 95 % intervals, (count,).
 
-    ``values`` (N, k) are the predictions and ``weight`` (N,) their weights. After the draw
-    ``first``, each next member is that which brings the ends of all ranges closest to those of the intervals, in units
-    of their widths.
+    ``weight`` is that of each draw, (N,). After the draw ``first`` (default: that of largest weight), each next member
+    brings the ends of all ranges closest to those of the intervals, in units of their widths.
     """
+    beta = reported.beta[:, :, :6].reshape(len(weight), -1)
+    times = reported.onsets[:, PREFER], reported.crossing
+    values = np.concatenate([beta, *times], axis=1)
     low, high = interval(values, weight)
     # of a draw far outside of every interval no member is made
     candidates = np.flatnonzero(weight > 1e-3 * weight.max())
+    first = int(np.argmax(weight)) if first is None else first
+    candidates = np.union1d(candidates, [first])
     scaled = (values[candidates] - low) / np.maximum(high - low, 1e-9)
-    least, most = np.full(scaled.shape[1], np.inf), np.full(scaled.shape[1], -np.inf)
     chosen = [int(np.searchsorted(candidates, first))]
     while len(chosen) < count:
-        least = np.minimum(least, scaled[chosen[-1]])
-        most = np.maximum(most, scaled[chosen[-1]])
-        miss = (
-            np.minimum(least, scaled) ** 2 + (np.maximum(most, scaled) - 1) ** 2
-        ).sum(axis=1)
+        of = scaled[chosen]
+        least, most = (end[:, None] for end in (of.min(axis=0), of.max(axis=0)))
+        miss = np.minimum(least, scaled.T) ** 2 + (np.maximum(most, scaled.T) - 1) ** 2
         # nearly the same draw twice says nothing more
-        near = np.abs(scaled[:, None] - scaled[chosen]).max(axis=2).min(axis=1) < _APART
-        chosen.append(int(np.argmin(miss + 1e6 * near)))
+        near = np.abs(scaled[:, None] - of).max(axis=2).min(axis=1) < APART
+        chosen.append(int(np.argmin(miss.sum(axis=0) + 1e6 * near)))
     return candidates[chosen]

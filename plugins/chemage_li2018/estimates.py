@@ -1,4 +1,4 @@
-"""Estimates of the text of the paper beside ours, what β of Fig. 6 hangs on, and β over the members of the density."""
+"""Estimates of the text of the paper beside ours, and β and times over the members of the density."""
 
 from __future__ import annotations
 
@@ -7,22 +7,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from chemage.plugin import FIT_WINDOW
 from chemage_li2018 import published
-from chemage_li2018.claims import STRAIGHT, crossings, onsets
-from chemage_li2018.comparisons import DISAGREES, PREDICTED, Estimate, Line, lines
-from chemage_li2018.published import NUMBERS, SLOPES, PublishedNumber
-from chemage_li2018.shapes import Exponent
+from chemage_li2018.comparisons import Line, lines
+from chemage_li2018.decisions import CALIBRATED
+from chemage_li2018.measures import crossings, onsets
+from chemage_li2018.published import NUMBERS, SLOPES, PublishedNumber, window
 from chemage_li2018.sweeps import (
     FRONT,
-    LITERAL_VOLUME,
     MEMBER,
     PARTIAL,
     SLOPE,
     VOLUME,
     WITH_PRESSURE,
-    Mean,
-    PointSet,
     Studies,
     front,
     mean,
@@ -31,92 +27,43 @@ from chemage_li2018.sweeps import (
 #: by which plasticity multiplies the elastic contact area at h' = 1: the paper has 2 × 0.2/1.0 = 0.4 times the area at
 #: h' = 0.2, of which 0.2/1.0 are the slopes
 PLASTIC = 2.0
-NONE = "no number to compare"
-LATE = (1e2, 1e5)
+#: hold times (s) of all β here
+_HOLD = window(WITH_PRESSURE)
 
 
-def variants(studies: Studies) -> dict[str, Mean]:
-    """β of Fig. 6 by what it depends on."""
-    half, literal = front(studies, 0.5), front(studies, 0.5, LITERAL_VOLUME)
-    computed: dict[str, tuple[PointSet, tuple[float, float]]] = {
-        "as computed: 10 to 1e4 s, f = 0.5, ΔV = 6.4 Å³": (half, FIT_WINDOW),
-        "fit window 100 to 1e5 s": (half, LATE),
-        "f = 0.25 (both faces half hydroxylated)": (front(studies, 0.25), FIT_WINDOW),
-        f"f = {PARTIAL:.2f} (2.6 of 4.9 OH/nm²)": (front(studies, PARTIAL), FIT_WINDOW),
-        'ΔV = 0.04 Å³ ("0.04 Å³" read literally)': (literal, FIT_WINDOW),
-        "ΔV = 0.04 Å³, fit window 100 to 1e5 s": (literal, LATE),
-    }
-    return {
-        name: mean(points.beta(window)) for name, (points, window) in computed.items()
-    }
+class Estimate(NamedTuple):
+    """An estimate in the text of the paper, ours, and how ours is computed."""
+
+    statement: str
+    ours: str
+    how: str
+    #: one of the five words, or none where there is no number to compare
+    word: str = ""
 
 
 def estimates(studies: Studies) -> Iterable[Estimate]:
     """Compare the estimates of the text with ours, from the studies ``slopes`` and ``front``."""
-    full, half, partial = (front(studies, share) for share in (1.0, 0.5, PARTIAL))
-    beta = mean(half.beta())
-    yield Estimate(
-        "β of macroscopic experiments is about 0.01",
-        str(beta),
-        "β of Fig. 6: h' = 0.4, half hydroxylated, detachment-front factor 0.15",
-        Line(
-            "estimates", "β", PublishedNumber.of(published.MACROSCOPIC_BETA), beta
-        ).word,
+    shares = (1.0, 0.5, PARTIAL)
+    full, half, partial = (front(studies, share).beta(_HOLD) for share in shares)
+    groups = studies["slopes"].by_volume()[6.4].by(SLOPE)
+    rough = np.array([group.beta(_HOLD) for group in groups.values()])
+    exponents = np.polyfit(np.log(SLOPES), np.log(rough), 1)[0]
+    rougher = np.log(full / rough[0]) / np.log(0.4 / SLOPES[0])
+    factor = front(studies, 0.5)[0].changes[FRONT]
+    paper = PublishedNumber.of(published.MACROSCOPIC_BETA)
+    macroscopic = Line("estimates", "β", paper, mean(half), chosen=True).word
+    computed = (
+        (str(mean(half)), macroscopic),
+        (f"{mean(exponents)}; from 0.05 to 0.4 {mean(rougher)}", CALIBRATED),
+        (f"{mean(full * 0.4)}; half hydroxylated with the front {mean(half * 0.4)}",),
+        (f"half hydroxylated with the front {mean(half * 0.4 * PLASTIC)}",),
+        (f"{mean(partial)}, {mean(partial / half)} times that with f = 0.5",),
+        (f"β × {mean(half / factor / full)} and β × {factor:g} exactly",),
     )
-    groups = {**studies["slopes"].by_volume()[6.4].by(SLOPE), 0.4: full}
-    slopes = np.array(list(groups))
-    betas = np.array([group.beta() for group in groups.values()])
-    power = Exponent.of(slopes, betas.T)
-    products = ", ".join(
-        f"β h' = {mean(beta_h * h)} at h' = {h:g}"
-        for h, beta_h in zip(slopes, betas, strict=True)
-    )
-    yield Estimate(
-        "β is proportional to 1/h'",
-        f"β ∝ h' to the power {power}: {products}",
-        "β over 10 to 1e4 s, fully hydroxylated, ΔV = 6.4 Å³; the power is −1 if the claim holds, to within "
-        f"{STRAIGHT:g}",
-        PREDICTED
-        if abs(power.value + 1) + np.nan_to_num(power.half_width) <= STRAIGHT
-        else DISAGREES,
-    )
-    yield from rough_limit(full, half)
-    yield Estimate(
-        "2.6 OH/nm² instead of 4.9",
-        f"β = {mean(partial.beta())} with f = {PARTIAL:.2f}; {mean(partial.beta() / half.beta())} times that with "
-        f"f = 0.5 ({beta})",
-        "a pixel has a site with probability 2.6/4.9 and the pixels stay as they are: the contact and the distance of "
-        "neighbours are those of the paper, and sites are lost at random, as on a dehydroxylated surface; pixels of "
-        "1/√2.6 nm would change the contact as well",
-        NONE,
-    )
-    factor = half[0].changes[FRONT]
-    yield Estimate(
-        "each correction of Fig. 6 by itself",
-        f"half of the hydroxyl groups: β × {mean(half.beta() / factor / full.beta())}; the detachment front: "
-        f"β × {factor:g} exactly",
-        "β at h' = 0.4 with half and with all of the sites; neighbours that are missing block no bond, so that half of "
-        "the sites have more than half of the bonds",
-        NONE,
-    )
-
-
-def rough_limit(full: PointSet, half: PointSet) -> Iterable[Estimate]:
-    """Extrapolate β of h' = 0.4 to h' = 1, elastic and with plasticity."""
-    yield Estimate(
-        "β for h' → 1, elastic",
-        f"{mean(full.beta() * 0.4)} fully hydroxylated; {mean(half.beta() * 0.4)} half hydroxylated with the front",
-        "extrapolation: β at h' = 0.4 times 0.4, which assumes β ∝ 1/h'; not computed at h' = 1, where "
-        "the small-slope theory does not hold",
-        NONE,
-    )
-    yield Estimate(
-        f"β for h' → 1 with plasticity (area × {PLASTIC:g})",
-        f"{mean(half.beta() * 0.4 * PLASTIC)} half hydroxylated with the front",
-        f"the extrapolation above times {PLASTIC:g}, as in the paper (area 2 × 0.2/1.0 = 0.4 of that at h' = 0.2): "
-        "β follows the contact area; plasticity itself is not modelled",
-        NONE,
-    )
+    for (statement, how), found in zip(
+        published.DATA["estimates"].items(), computed, strict=True
+    ):
+        yield Estimate(statement, found[0], how, *found[1:])
 
 
 class Band(NamedTuple):
@@ -135,7 +82,8 @@ def bands(studies: Studies) -> list[Band]:
         compared = zip(NUMBERS[target], lines(studies, [target]), strict=True)
         for number, line in compared:
             members = studies["members"].at_options(number["at"]).by(MEMBER)
-            beta = [one.value for one in members.means(PointSet.beta).values()]
+            hold = window(number["at"][VOLUME])
+            beta = [group.beta(hold).mean() for group in members.values()]
             low, high = min(beta) / beta[0] - 1, max(beta) / beta[0] - 1
             found.append(Band(line, low, high, len(beta)))
     return found

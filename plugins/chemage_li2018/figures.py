@@ -3,32 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from itertools import product
+from itertools import product, zip_longest
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from cycler import cycler
 from scipy import ndimage
 
+import chemage
 from chemage.plugin import figures as plots
 from chemage.plugin import theory
-from chemage_li2018 import published
-from chemage_li2018.claims import barrier_moments, centres, morphology
-from chemage_li2018.estimates import variants
+from chemage_li2018 import published, sweeps
+from chemage_li2018.comparisons import variants
+from chemage_li2018.measures import centres, moments, morphology
 from chemage_li2018.published import TABLE_1
-from chemage_li2018.sweeps import (
-    KELVIN,
-    LOAD,
-    RADIUS,
-    SEED,
-    SLOPE,
-    STRENGTH,
-    Groups,
-    PointSet,
-    Studies,
-    front,
-    mean,
-)
+from chemage_li2018.sweeps import SEED, SLOPE, Groups, PointSet, Studies, front, mean
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -50,17 +39,22 @@ _LOOK: dict[Any, Any] = {
 }
 
 _Draw = Callable[["Sequence[Axes]", Studies], None]
-#: name -> what draws the figure into panels, and width and height (inches), columns and rows of these
-_DRAW: dict[str, tuple[_Draw, tuple[float, float, int, int]]] = {}
+#: name -> what draws the figure into panels, width and height (inches), columns and rows of these, their letters
+_DRAW: dict[str, tuple[_Draw, tuple[float, float, int, int], str]] = {}
 
 
 def _figure(
-    columns: int, rows: int = 1, width: float = 4.6, height: float = 3.9
+    columns: int,
+    rows: int = 1,
+    width: float = 4.6,
+    height: float = 3.9,
+    letters: str = "",
 ) -> Callable[[_Draw], _Draw]:
     """Register the figure of the name of a function."""
 
     def registered(draw: _Draw) -> _Draw:
-        _DRAW[draw.__name__] = draw, (width * columns, height * rows, columns, rows)
+        size = width * columns, height * rows, columns, rows
+        _DRAW[draw.__name__] = draw, size, letters
         return draw
 
     return registered
@@ -70,18 +64,15 @@ def drawn(name: str, studies: Studies) -> Figure:
     """Draw a figure, in which labels make legends."""
     import matplotlib as mpl
 
-    draw, size = _DRAW[name]
+    draw, size, letters = _DRAW[name]
     with mpl.rc_context(_LOOK):
         figure, axes = plots.panels(*size, dpi=110)
         draw(axes, studies)
-        for panel in axes:
+        for panel, letter in zip_longest(axes, letters):
             plots.legend(panel)
+            if letter:
+                panel.set_title(f"({letter})", loc="left")
     return figure
-
-
-def _lettered(axes: Sequence[Axes], letters: str) -> None:
-    for axis, name in zip(axes, letters, strict=True):
-        axis.set_title(f"({name})", loc="left")
 
 
 def _spread(axes: Axes, values: np.ndarray) -> np.ndarray:
@@ -129,12 +120,11 @@ def _density(axes: Axes, points: PointSet, name: str, **style: Any) -> None:
 def _at_times(axes: Axes, groups: Groups, xlabel: str, *, coefficient: bool) -> None:
     """Draw ΔF or Δμ of groups of surfaces at three hold times."""
     for time in (1.0, 1e3, 1e5):
-        found = groups.each(lambda group, time=time: group.coefficient_at(time))
-        if not coefficient:
-            found = groups.each(lambda group, time=time: group.at(time) / 1000)
+        value = PointSet.coefficient_at if coefficient else PointSet.at
+        unit = 1 if coefficient else 1000
+        found = {x: value(group, time) / unit for x, group in groups.items()}
         _bars(axes, found, label=f"{time:g} s")
-    axes.set(xlabel=xlabel, ylabel="Δμ" if coefficient else "ΔF (µN)")
-    axes.set_ylim(0)
+    axes.set(xlabel=xlabel, ylabel="Δμ" if coefficient else "ΔF (µN)", ylim=(0, None))
 
 
 @_figure(3, width=4.8)
@@ -151,10 +141,10 @@ def fig1(axes: Sequence[Axes], studies: Studies) -> None:
     share = ndimage.uniform_filter(touching, width, mode="constant")
     middle = np.array(np.unravel_index(int(np.argmax(share)), share.shape))
     corner = np.clip(middle - width // 2, 0, np.array(contact.shape) - width)
-    first, second = corner
-    part = contact.pressure[first : first + width, second : second + width]
+    part = contact.pressure[tuple(slice(at, at + width) for at in corner)]
     x, y, size = (contact.pixel_size * pixels for pixels in (*corner, width))
-    shown, ends = np.ma.masked_equal(part, 0.0), (x, x + size, y, y + size)
+    ends = x, x + size, y, y + size
+    shown = np.ma.masked_equal(part, 0.0)
     plots.draw_map(square, shown, ends, "pressure (GPa)", cmap="viridis")
     whole.indicate_inset((x, y, size, size), edgecolor=ORANGE, alpha=1)
     heights.set_title(f"surface, seed {point.changes[SEED]}")
@@ -171,7 +161,7 @@ def _contact(axes: Axes, contact: Any) -> None:
     axes.set(xticks=(0, 500, 1000), yticks=(0, 500, 1000))
 
 
-@_figure(4, 2, 3.9, 3.4)
+@_figure(4, 2, 3.9, 3.4, "abbcdddd")
 def fig2(axes: Sequence[Axes], studies: Studies) -> None:
     """Draw barriers and pressures at three loads, and ΔF and Δμ against time, load and contact area."""
     start, drop, coefficient, pressures, *against = axes
@@ -180,7 +170,7 @@ def fig2(axes: Sequence[Axes], studies: Studies) -> None:
         label = f"E$_{{form}}$(0), {load:g} µN"
         _density(start, groups[load], "barriers_start", label=label)
         _density(pressures, groups[load], "pressures", label=f"{load:g} µN")
-    _intrinsic(start, groups[20.0])
+    _intrinsic(start)
     pressures.set(xlim=(0, 8))
     for load, group in groups.items():
         values = np.maximum(group.drop, 1e-9) / 1000
@@ -189,27 +179,23 @@ def fig2(axes: Sequence[Axes], studies: Studies) -> None:
     drop.set(**_HOLD_TIME, yscale="log", ylabel="ΔF (µN)", ylim=(1e-2, None))
     coefficient.set(**_HOLD_TIME, ylabel="Δμ", ylim=(0, None))
     of_area = Groups((g.of("area_fraction").mean(), g) for g in groups.values())
-    places = ((groups, "load (µN)"), (of_area, "A/A$_0$"))
-    for axis, (place, of_load) in zip(
-        against, product(places, (False, True)), strict=True
-    ):
-        _at_times(axis, *place, coefficient=of_load)
-    _lettered(axes, "abbcdddd")
+    for place, panels in ((groups, against[:2]), (of_area, against[2:])):
+        label = "load (µN)" if place is groups else "A/A$_0$"
+        for axis in panels:
+            _at_times(axis, place, label, coefficient=axis is panels[1])
 
 
-def _intrinsic(axes: Axes, points: PointSet) -> None:
+def _intrinsic(axes: Axes) -> None:
     """Draw the densities of the intrinsic barriers to forming and to breaking."""
-    chemistry = points[0].computed.scene().chemistry
+    chemistry = chemage.load_scene(sweeps.BASES["rough"]["scene"]).chemistry
     assert chemistry is not None
     assert chemistry.breaking is not None
     energy = np.linspace(0.5, 1.5, 1001)
-    forming, breaking = (
-        each.density(energy) for each in (chemistry.forming, chemistry.breaking)
-    )
+    forming = chemistry.forming.density(energy)
+    breaking = chemistry.breaking.density(energy) / 5
     axes.plot(energy, forming, "--", color=GREY, label="intrinsic, forming")
-    axes.fill_between(
-        energy, breaking / 5, alpha=0.4, color=PURPLE, label="breaking (density / 5)"
-    )
+    label = "breaking (density / 5)"
+    axes.fill_between(energy, breaking, alpha=0.4, color=PURPLE, label=label)
     axes.set(xlabel="barrier (eV)", xlim=(0.5, 1.45), ylim=(0, 6))
 
 
@@ -220,19 +206,17 @@ def fig3(axes: Sequence[Axes], studies: Studies) -> None:
     for line, (volume, points) in enumerate(volumes.items()):
         over_time, *over_area = axes[3 * line : 3 * line + 3]
         title = "ΔV = 6.4 Å$^3$" if volume else "ΔV = 0"
-        at_times = list(zip(over_area, (1.0, 1e3), strict=True))
-        rows = points.by_row()
-        for row, slope in product(rows, _COLOURS):
-            group = rows[row].by(SLOPE)[slope]
+        for (row, of_row), slope in product(points.by_row().items(), _COLOURS):
+            group = of_row.by(SLOPE)[slope]
             style: Any = {"color": _COLOURS[slope], "marker": row.marker}
             _band(over_time, group.times, group.coefficient, markevery=4, **style)
             area = group.of("area_fraction")
-            for axis, time in at_times:
+            for axis, time in zip(over_area, (1.0, 1e3), strict=True):
                 value = {area.mean(): group.coefficient_at(time)}
                 _bars(axis, value, xerr=_spread(axis, area), fmt="", **style)
+                axis.set(xlabel="A/A$_0$", ylabel="Δμ", title=f"{title}, {time:g} s")
         over_time.set(**_HOLD_TIME, ylabel="Δμ", title=title, ylim=(0, None))
-        for axis, time in at_times:
-            axis.set(xlabel="A/A$_0$", ylabel="Δμ", title=f"{title}, {time:g} s")
+        for axis in over_area:
             axis.set(xlim=(0, None), ylim=(0, None))
             axis.locator_params(axis="x", nbins=5)
     # the hold times at which the order of the slopes reverses, larger
@@ -246,7 +230,7 @@ def fig3(axes: Sequence[Axes], studies: Studies) -> None:
         axes[2].plot([], [], row.marker, color=GREY, label=row.name)
 
 
-@_figure(2)
+@_figure(2, letters="ab")
 def fig4(axes: Sequence[Axes], studies: Studies) -> None:
     """Draw the distributions of local pressure and of E_form(t = 0) at three slopes."""
     pressures, start = axes
@@ -255,7 +239,6 @@ def fig4(axes: Sequence[Axes], studies: Studies) -> None:
         _density(start, group, "barriers_start")
     pressures.set(xlim=(0, 10))
     start.set(xlim=(0.3, 1.5))
-    _lettered(axes, "ab")
 
 
 @_figure(3, 1, 4.0, 3.6)
@@ -264,7 +247,12 @@ def fig5(axes: Sequence[Axes], studies: Studies) -> None:
     groups = studies["rows"].by_volume()[0.0].by(SLOPE)
     for axis, (slope, group) in zip(axes, groups.items(), strict=True):
         for row, of_row in group.by_row().items():
-            axis.plot(*morphology(of_row), row.marker, label=row.name)
+            x, y = morphology(of_row)
+            mark = {"marker": row.marker, "ms": 8, "mew": 1.6, "label": row.name}
+            (middle,) = axis.plot(x.mean(), y.mean(), ls="", **mark)
+            error = of_row.half_width_at(1e3) / of_row.of("load")
+            style: Any = {"fmt": row.marker, "color": middle.get_color(), "alpha": 0.4}
+            axis.errorbar(x, y, error / of_row.of("area_fraction"), **style)
         x, y = morphology(group)
         ends = np.array([x.min(), x.max()])
         line = np.polynomial.Polynomial.fit(x, y, 1)
@@ -272,6 +260,8 @@ def fig5(axes: Sequence[Axes], studies: Studies) -> None:
         straight = np.corrcoef(x, y)[0, 1]
         axis.set_title(f"h' = {slope:g}, correlation {straight:.3f}")
         axis.set(xlabel="C/A (1/nm)", ylabel="Δμ A$_0$/A at 1e3 s (axis not from 0)")
+    note = "large: means of rows; small: surfaces, bars: 95 % intervals over replicas"
+    axes[0].figure.supxlabel(note, fontsize=7)
 
 
 @_figure(2, 1, 5.2, 4.2)
@@ -328,30 +318,27 @@ def barriers(axes: Sequence[Axes], studies: Studies) -> None:
     for load, group in groups.items():
         _density(left, group, "barriers_start", label=f"{load:g} µN")
     left.set(xlim=(0.5, 1.45))
-    _bars(
-        right,
-        groups.each(
-            lambda group: barrier_moments(group, group.observed("barriers_start"))[0]
-        ),
+    middle = groups.each(
+        lambda group: moments(group, "barriers_start", "barrier_edges")[0]
     )
+    _bars(right, middle)
     right.set(xlabel="load (µN)", ylabel="mean E$_{form}$(t = 0) (eV)", xscale="log")
 
 
 @_figure(1)
 def interaction(axes: Sequence[Axes], studies: Studies) -> None:
     """Draw ΔF against the strength of the interaction."""
-    groups = studies["interaction"].by(STRENGTH)
+    groups = studies["interaction"].by(sweeps.STRENGTH)
     _at_times(axes[0], groups, "I$_b$ (eV)", coefficient=False)
 
 
 @_figure(2)
 def table1(axes: Sequence[Axes], studies: Studies) -> None:
     """Draw our patches and contour lengths of the rows of Table 1 against those of the paper."""
-    panels = (
-        ("patches", "patches", "log", (8, 1500)),
-        ("perimeter_to_area", "C/A (1/nm)", "linear", (0, 1.1)),
-    )
-    for panel, (name, label, scale, ends) in zip(axes, panels, strict=True):
+    for panel, name, label, scale, ends in (
+        (axes[0], "patches", "patches", "log", (8, 1500)),
+        (axes[1], "perimeter_to_area", "C/A (1/nm)", "linear", (0, 1.1)),
+    ):
         for row, group in studies["table"].by_row().items():
             paper = float(getattr(row, name))
             _bars(panel, {paper: group.of(name)}, fmt=row.marker, label=row.name)
@@ -366,41 +353,36 @@ def kappa(axes: Sequence[Axes], studies: Studies) -> None:
     left, middle, right = axes
     loads = studies["loads"].by_load()
     # by the nominal pressure over modulus and rms slope
-    groups = Groups((_reduced_pressure(group), group) for group in loads.values())
-    for name, label, marker in (
-        ("area", "pixels in contact", "o-"),
-        ("corrected_area", "corrected for pixels", "s-"),
+    reduced = loads.each(
+        lambda g: (g.of("nominal_pressure") / g.of("modulus") / g.of("rms_slope"))[0]
+    )
+    groups = Groups((reduced[load], group) for load, group in loads.items())
+    for name, style in (
+        ("area", {"fmt": "o-", "label": "pixels in contact"}),
+        ("corrected_area", {"fmt": "s-", "label": "corrected for pixels"}),
     ):
         share = groups.each(lambda g, name=name: g.of(name) / g.of("nominal_area"))
-        _bars(left, share, fmt=marker, color=BLUE, label=label)
+        _bars(left, share, color=BLUE, **style)
         relative = {x: one / x for x, one in share.items()}
-        _bars(middle, relative, fmt=marker, color=BLUE)
+        _bars(middle, relative, fmt=style["fmt"], color=BLUE)
     fine = np.linspace(0, max(groups) * 1.05, 200)
-    theories = (
+    for name, area, limit, colour in (
         ("Persson", theory.persson_area_fraction, 8 / np.pi, ORANGE),
         ("Bush, Gibson & Thomas", theory.bgt_area_fraction, 2 * np.pi, GREEN),
-    )
-    for name, area, limit, colour in theories:
+    ):
         left.plot(fine, area(fine), color=colour, label=name)
         middle.axhline(np.sqrt(limit), color=colour)
-    left.set(xlabel="p̄ / (E* h'$_{rms}$)", ylabel="A/A$_0$")
-    at = _reduced_pressure(loads[20.0])
-    middle.plot(at, published.KAPPA, "D", color=GREY, label="paper, 20 µN")
-    middle.set(xlabel="p̄ / (E* h'$_{rms}$)", ylabel="κ", ylim=(1.4, 3.0))
+    middle.plot(reduced[20.0], published.KAPPA, "D", color=GREY, label="paper, 20 µN")
     span = published.PublishedNumber.of(published.ROWS["kappa"][0][1])
-    ends = span.low, span.high
-    right.axhspan(*ends, color=GREY, alpha=0.3, label=f"paper, {span.text}")
-    groups = studies["table"].by_row()
-    every = [*groups.values(), front(studies, 0.5)]
-    _bars(right, dict(enumerate(one.of("kappa") for one in every)), fmt="o")
-    names = [*(row.name for row in groups), "Fig. 6"]
-    right.set_xticks(range(len(names)), names, rotation=40, ha="right", fontsize=7)
+    label = f"paper, {span.text}"
+    right.axhspan(span.low, span.high, color=GREY, alpha=0.3, label=label)
+    rows = {row.name: group for row, group in studies["table"].by_row().items()}
+    rows["Fig. 6"] = front(studies, 0.5)
+    _bars(right, {name: one.of("kappa") for name, one in rows.items()}, fmt="o")
+    right.set_xticks(range(len(rows)), list(rows), rotation=40, ha="right", fontsize=7)
+    left.set(xlabel="p̄ / (E* h'$_{rms}$)", ylabel="A/A$_0$")
+    middle.set(xlabel="p̄ / (E* h'$_{rms}$)", ylabel="κ", ylim=(1.4, 3.0))
     right.set(ylabel="κ at 20 µN", ylim=(1.4, 3.0))
-
-
-def _reduced_pressure(points: PointSet) -> float:
-    summary = points[0].summary
-    return summary["nominal_pressure"] / (summary["modulus"] * summary["rms_slope"])
 
 
 @_figure(2, width=4.4)
@@ -408,10 +390,10 @@ def temperature(axes: Sequence[Axes], studies: Studies) -> None:
     """Draw β and ΔF against temperature, of a piece of the rough contact and of a tip."""
     left, right = axes
     for name in ("rough", "tip"):
-        groups = studies[f"warm {name}"].by(KELVIN)
+        groups = studies[f"warm {name}"].by(sweeps.KELVIN)
         _bars(left, groups.each(PointSet.beta), label=name)
         for time in (1e2, 1e4):
-            drop = groups.each(lambda group, time=time: group.at(time))
+            drop = {kelvin: group.at(time) for kelvin, group in groups.items()}
             largest = max(values.mean() for values in drop.values())
             relative = {kelvin: values / largest for kelvin, values in drop.items()}
             _bars(right, relative, label=f"{name}, {time:g} s")
@@ -426,9 +408,10 @@ def temperature(axes: Sequence[Axes], studies: Studies) -> None:
 def tips(axes: Sequence[Axes], studies: Studies) -> None:
     """Draw ΔF and β of tips against load, with the published β of atomic force microscopy."""
     left, right = axes
-    for radius, group in studies["tips"].by(RADIUS).items():
-        load, drop, error = group.swept(LOAD), group.at(1e3), group.half_width_at(1e3)
-        left.errorbar(load, drop, error, fmt="o-", label=f"R = {radius:g} nm")
+    for radius, group in studies["tips"].by(sweeps.RADIUS).items():
+        load, error = group.swept(sweeps.LOAD), group.half_width_at(1e3)
+        label = f"R = {radius:g} nm"
+        left.errorbar(load, group.at(1e3), error, fmt="o-", label=label)
         right.errorbar(load, group.of("beta"), group.of("beta_half_width"), fmt="o-")
     _published(right, published.by_load("tips", "beta"), "paper (AFM)")
     left.set(xlabel="load (nN)", ylabel="ΔF at 1e3 s (nN)")

@@ -11,13 +11,11 @@ def render(template: str, **values: Any) -> str:
     """Fill a template of this package with values."""
     import jinja2
 
-    text = (
-        resources.files("chemage_li2018")
-        .joinpath(f"{template}.md.j2")
-        .read_text(encoding="utf-8")
-    )
-    environment = jinja2.Environment(
-        undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    page = environment.from_string(text).render(values)
+    file = resources.files("chemage_li2018") / f"{template}.md.j2"
+    page = jinja2.Template(
+        file.read_text(encoding="utf-8"),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    ).render(values)
     return re.sub(r"\n{3,}", "\n\n", page).strip() + "\n"

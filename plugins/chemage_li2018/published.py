@@ -7,12 +7,14 @@ from decimal import Decimal
 from importlib import resources
 from typing import Any, NamedTuple
 
-#: the contents of reproduction.toml
-DATA: dict[str, Any] = tomllib.loads(
-    resources.files("chemage_li2018")
-    .joinpath("reproduction.toml")
-    .read_text(encoding="utf-8")
-)
+
+def data(name: str) -> dict[str, Any]:
+    """Read a table of this package."""
+    file = resources.files("chemage_li2018") / f"{name}.toml"
+    return tomllib.loads(file.read_text(encoding="utf-8"))
+
+
+DATA = data("reproduction")
 PAPER = "Li, Pastewka & Szlufarska, Phys. Rev. E 98, 023001 (2018)"
 
 
@@ -75,6 +77,28 @@ ROWS: dict[str, list[tuple[str, str, str]]] = DATA["rows"]
 BETA = [float(number["paper"]) for number in NUMBERS["fig3"]]
 FIG_6_BETA = float(NUMBERS["fig6"][0]["paper"])
 KAPPA = float(NUMBERS["kappa"][-1]["paper"])
+
+
+class Reading(NamedTuple):
+    """Hold times over which the paper may have fitted β, which it does not state."""
+
+    #: first hold time with ΔV and without, s; None: where a curve first has half of its fitted slope
+    starts: tuple[float | None, float | None]
+    #: last hold time, s
+    end: float
+
+
+#: each line from where the paper says that the logarithmic regime starts
+PREFERRED = Reading((1.0, 10.0), 1e4)
+
+
+def window(volume: float) -> tuple[float, float]:
+    """First and last hold time (s) of :data:`PREFERRED` for an activation volume (nm³)."""
+    first = PREFERRED.starts[0 if volume else 1]
+    assert first is not None
+    return first, PREFERRED.end
+
+
 #: of macroscopic experiments
 MACROSCOPIC_BETA = "0.01"
 

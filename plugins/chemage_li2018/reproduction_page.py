@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
-from chemage_li2018 import claims, comparisons, estimates, published
-from chemage_li2018.comparisons import COMMON, DISAGREES, Claim, Estimate, Line
-from chemage_li2018.estimates import Band
+from chemage_li2018 import claims, comparisons, decisions, estimates, published
+from chemage_li2018.claims import Claim
+from chemage_li2018.comparisons import Line
+from chemage_li2018.decisions import DISAGREES
+from chemage_li2018.estimates import Band, Estimate
 from chemage_li2018.pages import render
-from chemage_li2018.shapes import EQUAL
-from chemage_li2018.sweeps import TARGETS, Mean, read_points, studies_of
+from chemage_li2018.sweeps import TARGETS, read_points, studies_of
 
 #: folder of the figures, relative to the page
 FIGURES = "figures/reproduction"
@@ -19,8 +21,6 @@ FIGURES = "figures/reproduction"
 CAPTIONS: dict[str, str] = published.DATA["captions"]
 #: probable reasons for differences, and what is open, by target
 REASONS: dict[str, str] = published.DATA["reasons"]
-#: in place of the parameters of a power without an exponent
-DEGENERATE = "degenerate, its exponent runs to 0: the logarithm"
 
 
 @dataclass(frozen=True)
@@ -30,8 +30,6 @@ class Reproduction:
     lines: list[Line]
     claims: list[Claim]
     estimates: list[Estimate] = field(default_factory=list)
-    #: β of Fig. 6 by what it hangs on
-    variants: dict[str, Mean] = field(default_factory=dict)
     #: β over the members of the barrier density
     bands: list[Band] = field(default_factory=list)
     #: the least and the largest of times of Fig. 3 over the members, s
@@ -46,9 +44,9 @@ class Reproduction:
             )
             yield f"{line.target:7} {line.quantity:{width}}  {numbers}  {line.word}"
         for claim in self.claims:
-            yield f"{claim.target:7} {claim.word}: {claim.statement}\n{'':8}{claim.ours}"
+            yield f"{claim.target:7} {claim.word}: {claim.sentence}\n{'':8}{claim.ours}"
         for estimate in self.estimates:
-            yield f"text    {estimate.word}: {estimate.statement}\n{'':8}{estimate.ours}"
+            yield f"text    {estimate.word or '–'}: {estimate.statement}\n{'':8}{estimate.ours}"
 
 
 def of_points(file: Path) -> tuple[Reproduction, str]:
@@ -60,28 +58,15 @@ def of_points(file: Path) -> tuple[Reproduction, str]:
         comparisons.lines(studies, names),
         claims.claims(studies, names),
         list(estimates.estimates(studies)) if "estimates" in names else [],
-        estimates.variants(studies) if "fig6" in names else {},
         estimates.bands(studies) if "calibration" in names else [],
         estimates.times(studies) if "calibration" in names else {},
     )
-    return compared, page(
-        compared,
-        names,
-        seeds=about["seeds"],
-        pixels=about["pixels"],
-        versions=about["versions"],
-    )
+    return compared, page(compared, **about)
 
 
-def page(
-    results: Reproduction,
-    targets: Sequence[str],
-    *,
-    seeds: Sequence[int],
-    pixels: int,
-    versions: dict[str, str],
-) -> str:
-    """Write the page as Markdown."""
+def page(results: Reproduction, targets: Sequence[str], **about: Any) -> str:
+    """Write the page as Markdown; ``about`` are the seeds, pixels and versions of the points."""
+    seeds = about["seeds"]
     surfaces = f"one surface per row (seed {seeds[0]})"
     if len(seeds) > 1:
         surfaces = f"{len(seeds)} surfaces per row (seeds {seeds[0]} to {seeds[-1]})"
@@ -91,15 +76,12 @@ def page(
         paper=published.PAPER,
         targets=" all" if len(targets) == len(TARGETS) else " " + " ".join(targets),
         surfaces=surfaces,
-        seeds=seeds,
-        pixels=pixels,
-        versions=versions,
-        common=COMMON,
-        equal=EQUAL,
-        fig_6=published.FIG_6_BETA,
-        disagrees=DISAGREES,
-        degenerate=DEGENERATE,
+        **about,
+        decisions=decisions,
+        factor=comparisons.FACTOR,
         misses=[line for line in results.lines if line.word == DISAGREES],
+        read=[line for line in results.lines if line.readings],
+        conflict=published.DATA["conflict"],
         reasons={name: reason(name) for name in targets if name in REASONS},
         captions={name: CAPTIONS[name] for name in targets if name in CAPTIONS},
         folder=FIGURES,

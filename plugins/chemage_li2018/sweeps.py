@@ -73,20 +73,12 @@ def chosen(names: Sequence[str]) -> list[str]:
         There is no such target.
     """
     for name in names:
-        if name == "patches":
-            raise InputError(
-                "patches: is computed on its own; give no other target beside it"
-            )
-        if name not in (*TARGETS, "all"):
-            targets = [*TARGETS, "all", "patches"]
+        if name not in (targets := (*TARGETS, "all")):
             raise InputError(
                 f"no target {name!r}{nearest(name, targets)}; the targets are {', '.join(targets)}"
             )
-    return (
-        list(TARGETS)
-        if not names or "all" in names
-        else [name for name in TARGETS if name in names]
-    )
+    every = not names or "all" in names
+    return [name for name in TARGETS if every or name in names]
 
 
 def studies_for(targets: Iterable[str]) -> list[str]:
@@ -96,14 +88,14 @@ def studies_for(targets: Iterable[str]) -> list[str]:
 
 def members(study: str) -> list[dict[str, Any]]:
     """List the points of a study for one surface seed: dotted path -> value, with all varied paths in each."""
-    panel, points = STUDIES[study], []
+    panel = STUDIES[study]
+    reference = BASES[panel["base"]]["reference"]
     paths = [path for axis in panel["axes"] for path in axis]
-    for parts in product(*(zip(*axis.values(), strict=True) for axis in panel["axes"])):
-        points.append(
-            BASES[panel["base"]]["reference"]
-            | dict(zip(paths, chain(*parts), strict=True))
-        )
-    return points
+    axes = (zip(*axis.values(), strict=True) for axis in panel["axes"])
+    return [
+        reference | dict(zip(paths, chain(*parts), strict=True))
+        for parts in product(*axes)
+    ]
 
 
 def content(point: dict[str, Any]) -> str:
@@ -138,35 +130,31 @@ def scenes(
         )
     sweeps = {}
     for name, base in BASES.items():
-        studies = [
-            study for study in studies_for(targets) if STUDIES[study]["base"] == name
-        ]
-        if studies:
-            columns = _columns(studies, seeds if base.get("rough", True) else ())
+        columns = _columns(targets, name, seeds if base.get("rough", True) else ())
+        if columns:
             data, _ = scene_data(base["scene"])
-            coarser = coarse(pixels) if name == "rough" and pixels is not None else {}
-            data = override(
-                data, {"name": f"reproduction-{name}", **base["changes"], **coarser}
-            )
-            sweeps[name] = {**data, "sweep": {"zip": [columns]}}
+            changes = {"name": f"reproduction-{name}", **base["changes"]}
+            if name == "rough" and pixels is not None:
+                changes |= coarse(pixels)
+            sweeps[name] = {**override(data, changes), "sweep": {"zip": [columns]}}
     return sweeps
 
 
-def _columns(studies: Sequence[str], seeds: Sequence[int]) -> dict[str, list[Any]]:
-    """The points of ``studies`` as columns by path; of equal points that with the most replicas is computed."""
+def _columns(
+    targets: Sequence[str], base: str, seeds: Sequence[int]
+) -> dict[str, list[Any]]:
+    """The points of a base as columns by path; of equal points that with the most replicas is computed."""
     points: dict[str, dict[str, Any]] = {}
-    for study in studies:
-        surfaces = [
-            {SEED: seed} for seed in seeds[: STUDIES[study].get("surfaces")]
-        ] or [{}]
-        for surface, member in product(surfaces, members(study)):
-            name = f"{surface} {content(member)}"
-            if name not in points or points[name][REPLICAS] < member[REPLICAS]:
-                points[name] = member | surface
-    return {
-        path: [point[path] for point in points.values()]
-        for path in next(iter(points.values()))
-    }
+    for name in studies_for(targets):
+        if STUDIES[name]["base"] != base:
+            continue
+        surfaces = seeds[: STUDIES[name].get("surfaces")] or (None,)
+        for seed, member in product(surfaces, members(name)):
+            key = f"{seed} {content(member)}"
+            if key not in points or points[key][REPLICAS] < member[REPLICAS]:
+                points[key] = member if seed is None else member | {SEED: seed}
+    rows = list(points.values())
+    return {path: [row[path] for row in rows] for path in (rows[0] if rows else ())}
 
 
 def coarse(pixels: int) -> dict[str, Any]:
@@ -201,16 +189,11 @@ class StudyPoint:
     def of(cls, point: chemage.plugin.Point) -> StudyPoint:
         """Read a completed point of a sweep."""
         aging = point.aging()
-        return cls(
-            point.values,
-            point.summary,
-            aging.hold_times,
-            aging.mean_friction_drop,
-            aging.friction_drop_half_width,
-            # the mean over replicas, of which a sweep has too many to keep
-            {name: values.mean(axis=0) for name, values in aging.observables.items()},
-            point,
-        )
+        # the mean over replicas, of which a sweep has too many to keep
+        means = {name: one.mean(axis=0) for name, one in aging.observables.items()}
+        errors = aging.friction_drop_half_width
+        curves = aging.hold_times, aging.mean_friction_drop, errors
+        return cls(point.values, point.summary, *curves, means, point)
 
     @property
     def computed(self) -> chemage.plugin.Point:
@@ -263,31 +246,28 @@ class PointSet(list[StudyPoint]):
 
     def half_width_at(self, time: float) -> np.ndarray:
         """Half the width of the 95 % interval of ΔF over replicas, nN, (n,)."""
-        return np.array(
-            [point.friction_drop_half_width[self.nearest_to(time)] for point in self]
-        )
+        index = self.nearest_to(time)
+        return np.array([point.friction_drop_half_width[index] for point in self])
 
     def beta(self, window: tuple[float, float] = FIT_WINDOW) -> np.ndarray:
         """Slope of Δμ against log10 t between two hold times (s), of the mean over replicas, (n,)."""
         inside = (self.times >= window[0] * 0.999) & (self.times <= window[1] * 1.001)
-        return np.polyfit(
-            np.log10(self.times[inside]), self.coefficient[:, inside].T, 1
-        )[0]
+        decades = np.log10(self.times[inside])
+        return np.polyfit(decades, self.coefficient[:, inside].T, 1)[0]
 
     def by(self, *paths: str) -> Groups:
         """Group the points by their values at ``paths``, in order of appearance; the key of one path is its value."""
         groups = Groups()
         for point in self:
-            key = tuple(point.changes[path] for path in paths)
-            key = key if len(paths) > 1 else key[0]
+            key, *more = (point.changes[path] for path in paths)
+            key = (key, *more) if more else key
             groups.setdefault(key, PointSet()).append(point)
         return groups
 
     def at_options(self, options: dict[str, float]) -> PointSet:
         """The points with these options: dotted path -> value."""
-        return PointSet(
-            point for point in self if options.items() <= point.changes.items()
-        )
+        chosen = (one for one in self if options.items() <= one.changes.items())
+        return PointSet(chosen)
 
     def by_load(self) -> Groups:
         """Group the points by the load in µN."""
@@ -315,10 +295,6 @@ class Groups(dict[Any, PointSet]):
         """The value of each group, by the same keys."""
         return {key: value(group) for key, group in self.items()}
 
-    def means(self, value: Callable[[PointSet], np.ndarray]) -> dict[Any, Mean]:
-        """The mean over the surfaces of each group, by the same keys."""
-        return self.each(lambda group: mean(value(group)))
-
 
 Studies = dict[str, PointSet]
 
@@ -330,17 +306,13 @@ def front(
     return studies["front"].by(HYDROXYLATION, VOLUME)[hydroxylation, volume]
 
 
-#: what the page needs of a point, beside its curves
+#: what the page and most figures need of a point, beside its curves
 _SUMMED = (
-    "load",
-    "area_fraction",
-    "kappa",
-    "patches",
-    "perimeter_to_area",
-    "mean_contact_pressure",
-    "beta",
+    *("load", "area", "area_fraction", "corrected_area", "nominal_area", "kappa"),
+    *("patches", "perimeter_to_area", "mean_contact_pressure", "nominal_pressure"),
+    *("modulus", "rms_slope", "beta", "beta_half_width"),
 )
-_OBSERVED = ("pressures", "barriers_start", "barrier_edges")
+_OBSERVED = ("pressures", "pressure_edges", "barriers_start", "barrier_edges")
 
 
 def save_points(
@@ -350,39 +322,26 @@ def save_points(
     observed = {
         content(member) for study in ("loads", "slopes") for member in members(study)
     }
-    none = np.zeros(0)
     columns: dict[str, list[np.ndarray]] = {
-        name: [] for name in ("times", "drop", "error", *_OBSERVED)
+        "times": [point.hold_times for point in points],
+        "drop": [point.friction_drop for point in points],
+        "error": [point.friction_drop_half_width for point in points],
     }
-    for point in points:
-        columns["times"].append(point.hold_times)
-        columns["drop"].append(point.friction_drop)
-        # errors of replicas are those of tips; rough contacts have the scatter between surfaces
-        columns["error"].append(
-            none if point.observables else point.friction_drop_half_width
-        )
-        values = point.observables if content(point.changes) in observed else {}
-        for name in _OBSERVED:
-            columns[name].append(values.get(name, none))
+    kept = [p.observables if content(p.changes) in observed else {} for p in points]
+    for name in _OBSERVED:
+        columns[name] = [values.get(name, np.zeros(0)) for values in kept]
     arrays = {}
     for name, rows in columns.items():
         # rows of different lengths end with nan
-        padded = np.array(
-            list(zip_longest(*rows, fillvalue=np.nan)),
-            "f8" if name == "times" else "f4",
-        )
-        arrays[name] = padded.reshape(-1, len(rows)).T
+        padded = list(zip_longest(*rows, fillvalue=np.nan))
+        kind = "f8" if name == "times" else "f4"
+        arrays[name] = np.array(padded, kind).reshape(-1, len(rows)).T
     summaries = [
         {name: point.summary[name] for name in _SUMMED if name in point.summary}
         for point in points
     ]
-    text = json.dumps(
-        {
-            **about,
-            "changes": [point.changes for point in points],
-            "summaries": summaries,
-        }
-    )
+    changes = [point.changes for point in points]
+    text = json.dumps({**about, "changes": changes, "summaries": summaries})
     image = io.BytesIO()
     np.savez_compressed(image, about=np.frombuffer(text.encode(), np.uint8), **arrays)
     write_file(path, image.getvalue(), force=True)
@@ -394,16 +353,15 @@ def read_points(path: Path) -> tuple[PointSet, dict[str, Any]]:
         about = json.loads(stored["about"].tobytes())
         columns = {name: stored[name] for name in stored.files if name != "about"}
     points = PointSet()
-    for at, (changes, summary) in enumerate(
-        zip(about.pop("changes"), about.pop("summaries"), strict=True)
-    ):
-        rows = {
-            name: values[at][~np.isnan(values[at])].astype("f8")
-            for name, values in columns.items()
-        }
-        times, drop, error = (rows.pop(name) for name in ("times", "drop", "error"))
-        observed = {name: row for name, row in rows.items() if row.size}
-        points.append(StudyPoint(changes, summary, times, drop, error, observed))
+    known = zip(about.pop("changes"), about.pop("summaries"), strict=True)
+    for index, (changes, summary) in enumerate(known):
+        every = {name: rows[index].astype("f8") for name, rows in columns.items()}
+        # the error of one replica is not known, and nan as well
+        inside = ~np.isnan(every["times"])
+        curves = [every.pop(name)[inside] for name in ("times", "drop", "error")]
+        observed = {name: row[~np.isnan(row)] for name, row in every.items()}
+        observed = {name: row for name, row in observed.items() if row.size}
+        points.append(StudyPoint(changes, summary, *curves, observables=observed))
     return points, about
 
 
@@ -421,20 +379,14 @@ class Mean:
             return text.plus_minus(self.value, self.scatter)
         # the mean is better known than one surface
         digits = text.decimals(self.scatter / math.sqrt(self.count))
-        value, scatter = (
-            f"{round(number, digits):.{max(digits, 0)}f}"
-            for number in (self.value, self.scatter)
-        )
-        return f"{value} ± {scatter}"
+        numbers = (round(number, digits) for number in (self.value, self.scatter))
+        return " ± ".join(f"{number:.{max(digits, 0)}f}" for number in numbers)
 
     @property
     def one_more(self) -> float:
         """Half width of the interval that holds the value of one more surface with a probability of 95 %."""
-        return (
-            statistics.student_limit(self.count - 1)
-            * self.scatter
-            * math.sqrt(1 + 1 / self.count)
-        )
+        limit = statistics.student_limit(self.count - 1)
+        return limit * self.scatter * math.sqrt(1 + 1 / self.count)
 
 
 def mean(values: Iterable[float]) -> Mean:

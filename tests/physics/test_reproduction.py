@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,15 +13,14 @@ from chemage import InputError
 from chemage_li2018 import (
     claims,
     command,
-    comparisons,
     estimates,
     figures,
-    patches,
+    measures,
     published,
     reproduction_page,
     sweeps,
 )
-from chemage_li2018.comparisons import Claim, Line, lines
+from chemage_li2018.comparisons import Line, lines
 from chemage_li2018.published import PublishedNumber
 from chemage_li2018.sweeps import SLOPE, Mean, PointSet, StudyPoint, studies_of
 from chemage_silica import MDSilica
@@ -76,9 +76,9 @@ def test_every_target_is_drawn_and_written(coarse: tuple[dict[str, chemage.Sweep
         "estimates",
         "calibration",
     }
-    assert all(claim.statement in text for claim in found.claims)
-    assert all(one.statement in text for one in [*found.estimates])
-    assert all(name in text for name in found.variants)
+    assert all(claim.sentence in text for claim in found.claims)
+    assert {claim.word for claim in found.claims if claim.test and claim.test.errors is None} == {"cannot tell"}
+    assert all(one.statement in text for one in found.estimates)
 
 
 @pytest.mark.long
@@ -89,9 +89,9 @@ def test_claims_about_kinetics_do_not_need_fine_pixels(coarse: tuple[dict[str, c
     """
     found = points(coarse, "fig3", "fig4", "interaction")
     made = claims.claims(found, ["fig3", "fig4", "interaction"])
-    chosen = [one for one in made if one.target != "fig3" or one.statement.startswith("with ΔV, Δμ rises")]
+    chosen = [one for one in made if one.target != "fig3" or one.sentence.startswith("with ΔV, Δμ rises")]
     assert len(chosen) == 3
-    assert [claim.statement for claim in chosen if not claim.holds] == []
+    assert [one.sentence for one in chosen if one.test is None or not one.test.accepts(one.test.values)] == []
 
 
 @pytest.mark.long
@@ -99,12 +99,8 @@ def test_fig5_is_straight_at_every_slope_without_activation_volume(
     coarse: tuple[dict[str, chemage.SweepResult], Path],
 ):
     """At 320 pixels with four replicas a few hundred sites are left, hence the margin; the page has 0.95."""
-    found = claims.claims(points(coarse, "fig5"), ["fig5"])
-    assert len(found) == 3
-    for claim in found:
-        assert "ΔV = 0" in claim.statement
     group = studies_of([StudyPoint.of(p) for p in coarse[0]["rough"]], ["fig5"])["rows"]
-    x, y = claims.morphology(group.by_volume()[0.0].by(SLOPE)[0.05])
+    x, y = measures.morphology(group.by_volume()[0.0].by(SLOPE)[0.05])
     assert np.corrcoef(x, y)[0, 1] > 0.9
 
 
@@ -127,11 +123,21 @@ def test_every_member_of_the_density_is_computed():
         assert {point["forming.member"] for point in sweeps.members(study)} == set(range(MDSilica.MEMBERS))
 
 
+def test_the_replicas_are_as_many_as_those_of_the_paper():
+    """Four at 200 µN and above, where a replica has ten times the sites of one at 20 µN and less noise."""
+    for study in ("rows", "interaction", "front", "slopes"):
+        assert {point["hold.replicas"] for point in sweeps.members(study)} == {10}
+    counts = {point[sweeps.LOAD]: point["hold.replicas"] for point in sweeps.members("loads")}
+    assert {count for load, count in counts.items() if load < 2e5} == {10}
+    assert counts[2e5] == counts[5e5] == 4
+
+
 def test_one_target_needs_only_its_own_points():
     data = sweeps.scenes(["fig6"], (101, 102), PIXELS)
     assert list(data) == ["rough"]
     assert size(data["rough"]) == 2 * 5
     assert size(sweeps.scenes(["table1"], (101,), PIXELS)["rough"]) == 7
+    assert "surface.seed" not in sweeps.scenes(["tips"], (101,))["tip"]["sweep"]["zip"][0]
 
 
 def test_equal_points_of_two_targets_are_computed_once_with_the_most_replicas():
@@ -157,8 +163,8 @@ def test_a_mean_has_the_digits_of_its_own_error():
     assert line("1.0", 0.998, 0.1).shown == "0%"
 
 
-def line(paper: str, value: float, scatter: float = math.nan, *, calibrated: bool = False) -> Line:
-    return Line("fig3", "β", PublishedNumber.of(paper), Mean(value, scatter, 4), calibrated)
+def line(paper: str, value: float, scatter: float = math.nan, **more: Any) -> Line:
+    return Line("fig3", "β", PublishedNumber.of(paper), Mean(value, scatter, 4), **more)
 
 
 def test_a_published_number_stands_for_its_rounding():
@@ -169,20 +175,27 @@ def test_a_published_number_stands_for_its_rounding():
     assert PublishedNumber.of("2 to 2.3").value is None
 
 
-def test_words():
-    assert line("1.0", 1.09).word == "predicted"
-    assert line("1.0", 1.2).word == "disagrees"
-    assert line("0.01", 0.0149).reason.startswith("in the rounding")
-    assert line("2 to 2.3", 2.29).reason.startswith("in the range")
-    assert line("2 to 2.3", 2.54).word == "disagrees"
-
-
-def test_scatter_between_surfaces_is_a_reason_with_its_number():
+def test_a_number_agrees_where_one_more_surface_may_have_it():
     """Four surfaces: one more lies within t(3) s √(1 + 1/4) = 3.56 s of their mean with 95 %."""
     assert Mean(1.0, 0.1, 4).one_more == pytest.approx(3.1824 * 0.1 * math.sqrt(1.25), rel=1e-4)
-    assert line("1.0", 1.3, 0.1).word == "predicted"
-    assert "one surface: 0.944 to 1.66" in line("1.0", 1.3, 0.1).reason
-    assert line("1.0", 1.5, 0.1).word == "disagrees"
+    assert line("1.00", 1.3, 0.1).word == "predicted"
+    assert line("1.00", 1.4, 0.1).word == "disagrees"
+    assert line("2 to 2.3", 2.5, 0.1).word == "predicted"
+    assert line("1.00", 1.3).word == "cannot tell"
+
+
+def test_a_number_that_would_agree_if_it_were_half_as_large_again_tells_nothing():
+    """3.56 s + 0.84 s are noticed in 80 %: a factor of 1.44 for s = 0.1, and of 1.88 for 0.2."""
+    assert line("1.00", 1.0, 0.1).noticed == pytest.approx(1.445, abs=0.01)
+    assert line("1.00", 1.0, 0.2).word == "cannot tell"
+    assert line("0.01", 0.0149, 0.0001).word == "predicted"
+
+
+def test_a_number_that_rests_on_a_reading_or_on_a_choice_is_not_predicted():
+    readings = {"the same": Mean(1.1, 0.1, 4), "another": Mean(2.0, 0.1, 4)}
+    assert line("1.00", 1.0, 0.1, readings=readings).word == "read as"
+    assert line("1.00", 1.0, 0.1, readings=readings).refused == ["another"]
+    assert line("1.00", 1.0, 0.1, chosen=True).word == "read as"
 
 
 def test_a_fitted_number_is_never_called_predicted():
@@ -210,74 +223,48 @@ NO_VERSIONS: dict[str, str] = {"chemage": "0", "numpy": "0", "numba": "0", "proc
 
 def test_what_disagrees_is_listed():
     text = reproduction_page.page(
-        reproduction_page.Reproduction([line("1.0", 2.0)], [Claim("s", "f", holds=False)]),
+        reproduction_page.Reproduction([line("1.0", 2.0, 0.01)], []),
         ["fig2"],
         seeds=(101, 102),
         pixels=2500,
         versions=NO_VERSIONS,
     )
     assert "Disagree: β (+100.0%)" in text
-    assert text.count("**disagrees**") == 2
+    assert text.count("**disagrees**") == 1
     assert "Coarse surfaces" not in text
 
 
 # -- arithmetic -------------------------------------------------------------------------------------------------------
 
 
-def synthetic(strength: float, drop: float) -> StudyPoint:
+def synthetic(strength: float, drop: float, seed: int) -> StudyPoint:
     times = np.logspace(-3, 5, 33)
-    changes = {**sweeps.members("interaction")[0], "interaction.strength": strength, "surface.seed": 7}
-    return StudyPoint(changes, {"load": 2e4}, times, np.full(33, drop), np.zeros(33))
+    changes = {**sweeps.members("interaction")[0], "interaction.strength": strength, "surface.seed": seed}
+    return StudyPoint(changes, {"load": 2e4}, times, np.full(33, drop * (1 + 0.01 * seed)), np.zeros(33))
 
 
 def test_a_claim_that_is_false_is_reported_as_false():
     """Friction that keeps falling beyond 0.5 eV is no saturation."""
-    falling = [synthetic(strength, 100 - 60 * strength) for strength in STRENGTHS]
-    (claim,) = claims.claims({"interaction": PointSet(falling)}, ["interaction"])
-    assert not claim.holds
-    assert claim.word == "disagrees"
-    level = [synthetic(strength, 100 - 60 * min(strength, 0.5)) for strength in STRENGTHS]
-    (claim,) = claims.claims({"interaction": PointSet(level)}, ["interaction"])
-    assert claim.holds
-    assert claim.word == "predicted"
-
-
-def loaded(at_most: float) -> list[StudyPoint]:
-    """ΔF of 1 % of the load at 1e3 s, of no more than ``at_most`` nN."""
-    times = np.logspace(-3, 5, 33)
-    return [
-        StudyPoint(
-            {sweeps.LOAD: load, "surface.seed": 7},
-            {"load": load, "area_fraction": load / 2.5e6},
-            times,
-            0.01 * min(load, at_most) * (np.log10(times) + 3) / 6,
-            np.zeros(33),
-            {"pressures": np.ones(4)},
-        )
-        for load in LOADS
-    ]
-
-
-def test_claims_about_small_loads_do_not_depend_on_large_ones():
-    """80 % of what is proportional to the load at 500 µN agrees with both claims, and no bend with none."""
-    for at_most, holds, last in ((4e5, True, "0.8"), (1e6, False, "1")):
-        made = {claim.statement: claim for claim in claims.claims({"loads": PointSet(loaded(at_most))}, ["fig2"])}
-        drop = made["ΔF is linear in the load at small loads, and sublinear at large loads"]
-        assert drop.holds == made["Δμ is constant at small loads and falls at large loads"].holds == holds
-        assert drop.ours == f"ΔF/F_N at 50 µN is 1 of that at 20 µN, at 500 µN {last} (1e3 s)"
+    for end, word in ((1.0, "disagrees"), (0.5, "predicted")):
+        made = [synthetic(x, 100 - 60 * min(x, end), seed) for x in STRENGTHS for seed in range(4)]
+        (claim,) = claims.claims({"interaction": PointSet(made)}, ["interaction"])
+        assert claim.word == word
+        assert claim.test is not None
+        assert claim.test.accepts(claim.test.values) == (word == "predicted")
 
 
 def straight(beta: float, start: float) -> StudyPoint:
     """Δμ = β log10(t / start) from ``start`` on, under a load of 2 nN."""
     times = np.logspace(-3, 5, 33)
+    changes = {"chemistry.activation_volume": 0.0064}
     return StudyPoint(
-        {}, {"beta": beta, "load": 2.0}, times, 2 * beta * np.maximum(0, np.log10(times / start)), np.zeros(33)
+        changes, {"beta": beta, "load": 2.0}, times, 2 * beta * np.maximum(0, np.log10(times / start)), np.zeros(33)
     )
 
 
 def test_onset_of_an_exact_line():
     """ΔF = max(0, log10 t/3 s) has half its slope at 3 s, to within the spacing of the hold times."""
-    assert claims.onsets(PointSet([straight(1.0, 3.0)]))[0] == pytest.approx(3.0, rel=0.4)
+    assert measures.onsets(PointSet([straight(1.0, 3.0)]))[0] == pytest.approx(3.0, rel=0.4)
 
 
 def test_slope_over_a_window():
@@ -287,14 +274,14 @@ def test_slope_over_a_window():
 def test_crossing_of_two_exact_lines():
     """2 log10 t and 1 + log10 t meet at 10 s; lines that do not cross have none."""
     lower, upper = PointSet([straight(2.0, 1.0)]), PointSet([straight(1.0, 0.1)])
-    assert claims.crossings(lower, upper) == pytest.approx([10.0], rel=0.01)
-    assert np.isnan(claims.crossings(upper, PointSet([straight(2.0, 0.1)]))).all()
+    assert measures.crossings(lower, upper) == pytest.approx([10.0], rel=0.01)
+    assert np.isnan(measures.crossings(upper, PointSet([straight(2.0, 0.1)]))).all()
 
 
 def test_summit_of_a_parabola():
     kelvin = [250.0, 300.0, 350.0]
-    assert claims.summit(kelvin, [-((t - 310.0) ** 2) for t in kelvin]) == pytest.approx(310.0)
-    assert claims.summit(kelvin, [3.0, 2.0, 1.0]) == 250.0
+    assert measures.summit(kelvin, [-((t - 310.0) ** 2) for t in kelvin]) == pytest.approx(310.0)
+    assert measures.summit(kelvin, [3.0, 2.0, 1.0]) == 250.0
 
 
 def test_adhesive_force_that_explains_the_tips():
@@ -321,15 +308,13 @@ def test_bands_over_the_members_are_relative_to_the_default():
         return [point(member, beta, slope, volume) for slope, volume in lattice]
 
     members = [*row(0, 1.0), *row(1, 0.9), *row(2, 1.2)]
-    found = estimates.bands(
-        {"members": PointSet(members), "slopes": PointSet(row(0, 0.45)[:6]), "front": PointSet([front_point()])}
-    )
+    found = estimates.bands({"members": PointSet(members), "slopes": PointSet(row(0, 0.45)[:6]), "front": fronts()})
     assert len(found) == 7
     for band in found:
         assert (band.low, band.high) == pytest.approx((-0.1, 0.2))
         assert band.members == 3
     assert found[1].line.difference == pytest.approx(0.0)
-    assert [band.line.word for band in found] == ["calibrated"] * 6 + ["disagrees"]
+    assert [band.line.word for band in found] == ["calibrated"] * 6 + ["cannot tell"]
 
 
 @pytest.mark.parametrize("steady", [True, False])
@@ -342,12 +327,11 @@ def test_every_density_must_have_the_trends_of_the_paper(steady: bool):
             for slope, line in zip((0.05, 0.2), lines, strict=True)
         ]
 
-    crossing, parallel = (straight(2.0, 1.0), straight(1.0, 0.1)), (straight(2.0, 0.1), straight(1.0, 0.1))
+    crossing, parallel = (straight(2.0, 0.5), straight(1.0, 0.02)), (straight(2.0, 0.1), straight(1.0, 0.1))
     group = [*point(0, crossing, 0.0064), *point(0, parallel, 0.0)]
     group += [*point(1, crossing if steady else parallel, 0.0064), *point(1, parallel, 0.0)]
     (found,) = claims.claims({"members": PointSet(group)}, ["calibration"])
-    assert found.holds is steady
-    assert f"{1 + steady} of 2 densities" in found.ours
+    assert found.word == ("calibrated" if steady else "disagrees")
 
 
 def test_times_over_the_members():
@@ -369,64 +353,16 @@ def test_times_over_the_members():
     assert found["onset without"] == pytest.approx((3.0, 3.0), rel=0.4)
 
 
-def front_point() -> StudyPoint:
-    one = straight(0.45, 1.0)
-    changes = {"chemistry.activation_volume": 0.0064, "chemistry.hydroxylation": 0.5, "chemistry.front_factor": 0.15}
-    return StudyPoint(changes, one.summary, one.hold_times, one.friction_drop, one.friction_drop_half_width)
+def fronts() -> PointSet:
+    """The points of Fig. 6, all of one curve."""
+    return PointSet(replace(straight(0.45, 1.0), changes=changes) for changes in sweeps.members("front"))
 
 
 @pytest.mark.long
 def test_estimates_are_labelled(coarse: tuple[dict[str, chemage.SweepResult], Path]):
     found = list(estimates.estimates(points(coarse, "estimates")))
-    assert [one.word in ("predicted", "disagrees", estimates.NONE) for one in found] == [True] * 6
+    assert [one.word for one in found] == ["cannot tell", "calibrated", *4 * [""]]
     assert any("extrapolation" in one.how for one in found)
-
-
-def test_plasticity_doubles_beta_of_the_roughest_surface():
-    """The text of the paper: area relative to h' = 0.2 is 2 × 0.2/1.0 = 0.4, in which 2 is the gain by plasticity."""
-    half = front_point()
-    _, plastic = estimates.rough_limit(PointSet([half]), PointSet([half]))
-    elastic = PointSet([half]).beta()[0] * 0.4  # of slope 0.4, extrapolated to 1 with β ∝ 1/h'
-    assert float(plastic.ours.split()[0]) == pytest.approx(2 * elastic, rel=1e-3)
-
-
-# -- number of patches ------------------------------------------------------------------------------------------------
-
-
-def test_ways_to_count_patches():
-    """Two pixels that touch at a corner, a patch across the edge, a single pixel under little pressure."""
-    pressure = np.zeros((12, 12))
-    pressure[2, 2] = pressure[3, 3] = 1.0
-    pressure[6, 0] = pressure[6, 11] = 1.0
-    pressure[9, 6] = 0.01
-    counted = {name: patches.number(pressure, *way) for name, way in patches.COUNTS.items()}
-    assert counted == {
-        "as computed": 3,
-        "4 neighbours": 4,
-        "cut at the edges": 4,
-        "both": 5,
-        "without single pixels": 2,
-        "p > 2 % of the mean": 2,
-        "p > 10 % of the mean": 2,
-    }
-
-
-def test_page_of_patches_says_whether_chance_is_enough():
-    paper = np.array([[float(row.patches)] for row in published.TABLE_1])
-    rng = np.random.default_rng(1)
-    counts = paper * rng.normal(1.0, 0.2, (len(patches.COUNTS), 7, 8))
-    text = patches.page(counts, tuple(range(101, 109)), 2500)
-    assert "Chance is enough" in text
-    text = patches.page(0.5 * counts, tuple(range(101, 109)), 2500)
-    assert "is open" in text
-
-
-@pytest.mark.long
-def test_patches_of_the_rows_are_counted_as_computed(coarse: tuple[dict[str, chemage.SweepResult], Path]):
-    table = points(coarse, "table1")["table"]
-    counts = patches.counted(table)
-    assert counts.shape == (len(patches.COUNTS), 7, 1)
-    np.testing.assert_array_equal(counts[0].ravel(), table.of("patches"))
 
 
 # -- input ------------------------------------------------------------------------------------------------------------
@@ -436,8 +372,6 @@ def test_unknown_target_names_the_nearest():
     with pytest.raises(InputError, match=r"no target 'fig7'.*did you mean 'fig"):
         sweeps.chosen(["fig7"])
     assert sweeps.chosen([]) == sweeps.chosen(["all"]) == list(sweeps.TARGETS)
-    with pytest.raises(InputError, match="on its own"):
-        sweeps.chosen(["patches", "fig1"])
 
 
 def test_surfaces_too_coarse_for_the_shortest_wave_are_refused():
@@ -455,18 +389,16 @@ def test_published_numbers_are_the_ones_checked():
 DOCS = Path(__file__).parents[2] / "plugins" / "chemage_li2018" / "docs"
 
 
-def test_the_page_uses_the_four_words_and_no_other():
+def test_the_page_uses_the_five_words_and_no_other():
     text = (DOCS / "reproduction.md").read_text(encoding="utf-8")
     fitted = [line for line in text.splitlines() if line.startswith("| fig3 | β")]
     assert len(fitted) == 6
     assert all("| calibrated |" in line for line in fitted)
-    words = {"calibrated", "predicted", "**disagrees**", comparisons.UNTESTED, estimates.NONE}
-    for title, column in (("Numbers", -2), ("Calibration", -1), ("Claims", -1), ("Estimates of the text", -1)):
+    words = {"calibrated", "predicted", "read as", "cannot tell", "**disagrees**", "–"}
+    for title in ("Numbers", "Calibration", "Claims", "Estimates of the text"):
         table = text.partition(f"## {title}\n\n")[2].partition("\n\n")[0].splitlines()[2:]
         assert table, title
-        assert {line.strip("| ").split(" | ")[-1] for line in table if title != "Numbers"} <= words, title
-        if title == "Numbers":
-            assert {line.split(" | ")[column].strip() for line in table} <= words
+        assert {line.strip("| ").split(" | ")[-1] for line in table} <= words, title
 
 
 def test_the_page_is_what_the_command_writes_of_the_stored_points():
@@ -476,8 +408,11 @@ def test_the_page_is_what_the_command_writes_of_the_stored_points():
 def test_stored_points_are_those_that_were_computed(tmp_path):
     one = straight(0.3, 1.0)
     changes = {**sweeps.members("loads")[0], "surface.seed": 101}
-    point = replace(one, changes=changes, observables={"pressures": np.arange(3.0)})
-    other = replace(straight(0.5, 2.0), hold_times=np.logspace(-3, 4, 33))
+    noise = np.linspace(0.01, 0.02, 33)
+    point = replace(one, changes=changes, observables={"pressures": np.arange(3.0)}, friction_drop_half_width=noise)
+    # of one replica
+    other = replace(straight(0.5, 2.0), hold_times=np.logspace(-3, 4, 29), friction_drop=np.arange(29.0))
+    other = replace(other, friction_drop_half_width=np.full(29, np.nan))
     sweeps.save_points(tmp_path / "points.npz", [point, other], {"pixels": 320})
     (first, second), about = sweeps.read_points(tmp_path / "points.npz")
     assert about == {"pixels": 320}
@@ -485,6 +420,7 @@ def test_stored_points_are_those_that_were_computed(tmp_path):
     np.testing.assert_array_equal(second.hold_times, other.hold_times)
     np.testing.assert_allclose(first.friction_drop, point.friction_drop, rtol=1e-6)
     np.testing.assert_array_equal(first.observables["pressures"], [0, 1, 2])
+    np.testing.assert_allclose(first.friction_drop_half_width, noise, rtol=1e-6)
     np.testing.assert_array_equal(second.friction_drop_half_width, other.friction_drop_half_width)
     assert not second.observables
 
@@ -502,21 +438,8 @@ def test_every_figure_of_the_page_exists():
         assert (DOCS / "figures" / "reproduction" / f"{name}.png").is_file()
 
 
-def test_fig5_on_the_page_is_called_straight_where_it_is():
-    text = (DOCS / "reproduction.md").read_text(encoding="utf-8")
-    found = [line for line in text.splitlines() if line.startswith("| fig5 |")]
-    assert len(found) == 3
-    for line in found:
-        of_surfaces, of_means = (
-            float(part.split()[0]) for part in line.replace("correlation", "#").split("#")[1].split(",")[:2]
-        )
-        assert of_means > 0.95
-        assert ("| predicted |" in line) == (of_surfaces > 0.95)
-
-
 def test_what_the_density_was_fitted_to_is_not_called_predicted():
     text = (DOCS / "reproduction.md").read_text(encoding="utf-8")
     for statement in ("the order of the slopes reverses", "the logarithmic regime starts", "the form of the barrier"):
-        (line,) = (line for line in text.splitlines() if statement in line)
-        assert line.endswith("| calibrated |")
-    assert Claim("s", "f", holds=False, calibrated=True).word == comparisons.DISAGREES
+        line = next(line for line in text.splitlines() if statement in line)
+        assert line.endswith("| calibrated |"), statement
