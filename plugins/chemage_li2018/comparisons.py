@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from statistics import NormalDist
 
-from chemage.plugin import FIT_WINDOW
+from chemage.plugin import FIT_WINDOW, statistics
 from chemage_li2018.decisions import (
     CALIBRATED,
     CANNOT,
@@ -128,7 +128,7 @@ def _of(points: PointSet, value: str) -> Mean:
     half = points[0].summary.get(f"{value}_half_width")
     if len(points) == 1 and half is not None and RADIUS in points[0].changes:
         # half of a 95 % interval over very many replicas
-        return Mean(points[0].summary[value], half / 1.96, 10**6)
+        return Mean(points[0].summary[value], half / statistics.NORMAL_LIMIT, 10**6)
     if value == "beta" and VOLUME in points[0].changes:
         return mean(points.beta(window(points[0].changes[VOLUME])))
     return mean(points.of(value))

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import chemage
 
 #: whose comments the table of a study repeats
-SHIPPED = resources.files("chemage_silica").joinpath("md_silica_barriers.csv")
+SHIPPED = "md_silica_barriers.csv"
 _COLOURS = (figures.ORANGE, figures.GREEN, figures.BLUE, figures.BLACK)
 
 
@@ -136,7 +136,8 @@ def densities_figure(study: DensityStudy) -> Figure:
 
 def densities_csv(members: Sequence[chemage.plugin.Barriers]) -> str:
     """Write the table of densities, by member, below the comments of the shipped one."""
-    lines = [line for line in SHIPPED.read_text("utf-8").splitlines() if "#" in line]
+    text = resources.files("chemage_silica").joinpath(SHIPPED).read_text("utf-8")
+    lines = [line for line in text.splitlines() if "#" in line]
     lines.append("member,energy,density")
     for number, barriers in enumerate(members):
         given: Any = barriers

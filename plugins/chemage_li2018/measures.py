@@ -41,7 +41,7 @@ def growth(studies: Studies) -> ClaimTest:
     points = studies["loads"].by(LOAD)[20000.0]
     inside = (points.times >= 0.999) & (points.times <= 1.001e5)
     times, curves = points.times[inside], points.drop[:, inside]
-    slope, start = np.polyfit(np.log10(times), curves.mean(axis=0), 1)
+    slope, start = shapes.fit(np.log10(times), curves.mean(axis=0))
     rise = slope * np.log10(times[-1] / times[0])
     return ClaimTest(
         curves,

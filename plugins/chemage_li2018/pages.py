@@ -11,9 +11,10 @@ def render(template: str, **values: Any) -> str:
     """Fill a template of this package with values."""
     import jinja2
 
-    file = resources.files("chemage_li2018") / f"{template}.md.j2"
     page = jinja2.Template(
-        file.read_text(encoding="utf-8"),
+        resources.files("chemage_li2018")
+        .joinpath(f"{template}.md.j2")
+        .read_text(encoding="utf-8"),
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,

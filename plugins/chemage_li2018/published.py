@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 def data(name: str) -> dict[str, Any]:
     """Read a table of this package."""
-    file = resources.files("chemage_li2018") / f"{name}.toml"
-    return tomllib.loads(file.read_text(encoding="utf-8"))
+    files = resources.files("chemage_li2018")
+    return tomllib.loads(files.joinpath(f"{name}.toml").read_text(encoding="utf-8"))
 
 
 DATA = data("reproduction")

@@ -252,8 +252,8 @@ class PointSet(list[StudyPoint]):
     def beta(self, window: tuple[float, float] = FIT_WINDOW) -> np.ndarray:
         """Slope of Δμ against log10 t between two hold times (s), of the mean over replicas, (n,)."""
         inside = (self.times >= window[0] * 0.999) & (self.times <= window[1] * 1.001)
-        decades = np.log10(self.times[inside])
-        return np.polyfit(decades, self.coefficient[:, inside].T, 1)[0]
+        curves = self.coefficient[:, inside].T
+        return np.polyfit(np.log10(self.times[inside]), curves, 1)[0]
 
     def by(self, *paths: str) -> Groups:
         """Group the points by their values at ``paths``, in order of appearance; the key of one path is its value."""

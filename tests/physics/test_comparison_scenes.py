@@ -78,15 +78,8 @@ def test_the_tips_span_what_the_comparison_is_about():
     assert len(tips) == len(radii) * len(loads) == 16
 
 
-@pytest.mark.parametrize(("name", "scene"), [("tips", "silica-patches"), ("challenge", "contact-challenge-loads")])
-def test_a_former_study_names_its_scenes(command, name, scene):
-    done = command("study", name)
-    assert done.status == 2
-    assert scene in done.err
-
-
 def test_a_study_that_does_not_exist_is_named(command):
     done = command("study", "dnsity")
     assert done.status == 2
     assert "no study 'dnsity'" in done.err
-    assert "there are: density" in done.err
+    assert "there is: density" in done.err
