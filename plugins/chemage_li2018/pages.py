@@ -14,7 +14,7 @@ def render(template: str, **values: Any) -> str:
     page = jinja2.Template(
         resources.files("chemage_li2018")
         .joinpath(f"{template}.md.j2")
-        .read_text(encoding="utf-8"),
+        .read_text("utf-8"),
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,

@@ -10,8 +10,9 @@ from typing import Any, NamedTuple
 
 def data(name: str) -> dict[str, Any]:
     """Read a table of this package."""
-    files = resources.files("chemage_li2018")
-    return tomllib.loads(files.joinpath(f"{name}.toml").read_text(encoding="utf-8"))
+    return tomllib.loads(
+        resources.files("chemage_li2018").joinpath(f"{name}.toml").read_text("utf-8")
+    )
 
 
 DATA = data("reproduction")
