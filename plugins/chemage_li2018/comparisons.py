@@ -20,8 +20,6 @@ from chemage_li2018.published import NUMBERS, ROWS, TABLE_1, PublishedNumber, wi
 from chemage_li2018.sweeps import (
     LITERAL_VOLUME,
     PARTIAL,
-    RADIUS,
-    VOLUME,
     WITH_PRESSURE,
     Mean,
     PointSet,
@@ -126,11 +124,11 @@ def lines(studies: Studies, targets: Sequence[str]) -> list[Line]:
 def _of(points: PointSet, value: str) -> Mean:
     """A number over surfaces, β over the preferred hold times; of a tip over its replicas."""
     half = points[0].summary.get(f"{value}_half_width")
-    if len(points) == 1 and half is not None and RADIUS in points[0].changes:
+    if len(points) == 1 and half is not None and "surface.radius" in points[0].changes:
         # half of a 95 % interval over very many replicas
         return Mean(points[0].summary[value], half / statistics.NORMAL_LIMIT, 10**6)
-    if value == "beta" and VOLUME in points[0].changes:
-        return mean(points.beta(window(points[0].changes[VOLUME])))
+    if value == "beta" and "chemistry.activation_volume" in points[0].changes:
+        return mean(points.beta(window(points[0].varied("activation_volume"))))
     return mean(points.of(value))
 
 

@@ -12,17 +12,7 @@ from chemage_li2018.comparisons import Line, lines
 from chemage_li2018.decisions import CALIBRATED
 from chemage_li2018.measures import crossings, onsets
 from chemage_li2018.published import NUMBERS, SLOPES, PublishedNumber, window
-from chemage_li2018.sweeps import (
-    FRONT,
-    MEMBER,
-    PARTIAL,
-    SLOPE,
-    VOLUME,
-    WITH_PRESSURE,
-    Studies,
-    front,
-    mean,
-)
+from chemage_li2018.sweeps import PARTIAL, WITH_PRESSURE, Studies, front, mean
 
 #: by which plasticity multiplies the elastic contact area at h' = 1: the paper has 2 × 0.2/1.0 = 0.4 times the area at
 #: h' = 0.2, of which 0.2/1.0 are the slopes
@@ -45,11 +35,11 @@ def estimates(studies: Studies) -> Iterable[Estimate]:
     """Compare the estimates of the text with ours, from the studies ``slopes`` and ``front``."""
     shares = (1.0, 0.5, PARTIAL)
     full, half, partial = (front(studies, share).beta(_HOLD) for share in shares)
-    groups = studies["slopes"].by_volume()[6.4].by(SLOPE)
+    groups = studies["slopes"].by_volume()[6.4].by("rms_slope")
     rough = np.array([group.beta(_HOLD) for group in groups.values()])
     exponents = np.polyfit(np.log(SLOPES), np.log(rough), 1)[0]
     rougher = np.log(full / rough[0]) / np.log(0.4 / SLOPES[0])
-    factor = front(studies, 0.5)[0].changes[FRONT]
+    factor = front(studies, 0.5)[0].varied("front_factor")
     paper = PublishedNumber.of(published.MACROSCOPIC_BETA)
     macroscopic = Line("estimates", "β", paper, mean(half), chosen=True).word
     computed = (
@@ -81,8 +71,8 @@ def bands(studies: Studies) -> list[Band]:
     for target in ("fig3", "fig6"):
         compared = zip(NUMBERS[target], lines(studies, [target]), strict=True)
         for number, line in compared:
-            members = studies["members"].at_options(number["at"]).by(MEMBER)
-            hold = window(number["at"][VOLUME])
+            members = studies["members"].at_options(number["at"]).by("member")
+            hold = window(number["at"]["chemistry.activation_volume"])
             beta = [group.beta(hold).mean() for group in members.values()]
             low, high = min(beta) / beta[0] - 1, max(beta) / beta[0] - 1
             found.append(Band(line, low, high, len(beta)))
@@ -91,7 +81,7 @@ def bands(studies: Studies) -> list[Band]:
 
 def times(studies: Studies) -> dict[str, tuple[float, float]]:
     """The least and the largest of three times of Fig. 3 over the members, s."""
-    members = studies["members"].by(SLOPE, VOLUME)
+    members = studies["members"].by("rms_slope", "activation_volume")
     low, high = (members[slope, WITH_PRESSURE] for slope in (SLOPES[0], SLOPES[-1]))
     seconds = {
         "reversal": crossings(low, high),

@@ -17,7 +17,7 @@ from chemage_li2018 import published, sweeps
 from chemage_li2018.comparisons import variants
 from chemage_li2018.measures import centres, moments, morphology
 from chemage_li2018.published import TABLE_1
-from chemage_li2018.sweeps import SEED, SLOPE, Groups, PointSet, Studies, front, mean
+from chemage_li2018.sweeps import Groups, PointSet, Studies, front, mean
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -147,7 +147,7 @@ def fig1(axes: Sequence[Axes], studies: Studies) -> None:
     shown = np.ma.masked_equal(part, 0.0)
     plots.draw_map(square, shown, ends, "pressure (GPa)", cmap="viridis")
     whole.indicate_inset((x, y, size, size), edgecolor=ORANGE, alpha=1)
-    heights.set_title(f"surface, seed {point.changes[SEED]}")
+    heights.set_title(f"surface, seed {point.varied('seed')}")
     whole.set_title(f"contact at 20 µN, A/A$_0$ = {contact.area_fraction:.4f}")
     square.set_title("pressure in the square")
 
@@ -207,7 +207,7 @@ def fig3(axes: Sequence[Axes], studies: Studies) -> None:
         over_time, *over_area = axes[3 * line : 3 * line + 3]
         title = "ΔV = 6.4 Å$^3$" if volume else "ΔV = 0"
         for (row, of_row), slope in product(points.by_row().items(), _COLOURS):
-            group = of_row.by(SLOPE)[slope]
+            group = of_row.by("rms_slope")[slope]
             style: Any = {"color": _COLOURS[slope], "marker": row.marker}
             _band(over_time, group.times, group.coefficient, markevery=4, **style)
             area = group.of("area_fraction")
@@ -221,7 +221,7 @@ def fig3(axes: Sequence[Axes], studies: Studies) -> None:
             axis.locator_params(axis="x", nbins=5)
     # the hold times at which the order of the slopes reverses, larger
     inset = axes[0].inset_axes((0.09, 0.36, 0.38, 0.34))
-    for slope, group in volumes[6.4].circle().by(SLOPE).items():
+    for slope, group in volumes[6.4].circle().by("rms_slope").items():
         inside = (group.times >= 0.3) & (group.times <= 30)
         _band(inset, group.times[inside], group.coefficient[:, inside])
         axes[0].plot([], [], color=_COLOURS[slope], label=f"h' = {slope:g}")
@@ -234,7 +234,7 @@ def fig3(axes: Sequence[Axes], studies: Studies) -> None:
 def fig4(axes: Sequence[Axes], studies: Studies) -> None:
     """Draw the distributions of local pressure and of E_form(t = 0) at three slopes."""
     pressures, start = axes
-    for slope, group in studies["slopes"].by_volume()[6.4].by(SLOPE).items():
+    for slope, group in studies["slopes"].by_volume()[6.4].by("rms_slope").items():
         _density(pressures, group, "pressures", label=f"h' = {slope:g}")
         _density(start, group, "barriers_start")
     pressures.set(xlim=(0, 10))
@@ -244,7 +244,7 @@ def fig4(axes: Sequence[Axes], studies: Studies) -> None:
 @_figure(3, 1, 4.0, 3.6)
 def fig5(axes: Sequence[Axes], studies: Studies) -> None:
     """Draw Δμ·A0/A at 1e3 s against C/A for the rows of Table 1 at three slopes, without ΔV."""
-    groups = studies["rows"].by_volume()[0.0].by(SLOPE)
+    groups = studies["rows"].by_volume()[0.0].by("rms_slope")
     for axis, (slope, group) in zip(axes, groups.items(), strict=True):
         for row, of_row in group.by_row().items():
             x, y = morphology(of_row)
@@ -290,7 +290,7 @@ def maps(axes: Sequence[Axes], studies: Studies) -> None:
     for axis, (row, group) in zip(panels, rows, strict=True):
         _contact(axis, group[0].computed.contact())
         axis.set_title(f"{row.name}: H {row.hurst:g}, ζ {row.zeta:g}, η {row.eta:g}")
-    seed = studies["table"][0].changes[SEED]
+    seed = studies["table"][0].varied("seed")
     about = f"x and y in nm\nh' = 0.05, 20 µN\nsurface seed {seed}\nblack: contact"
     last.axis("off")
     last.text(0.0, 0.5, about)
@@ -328,7 +328,7 @@ def barriers(axes: Sequence[Axes], studies: Studies) -> None:
 @_figure(1)
 def interaction(axes: Sequence[Axes], studies: Studies) -> None:
     """Draw ΔF against the strength of the interaction."""
-    groups = studies["interaction"].by(sweeps.STRENGTH)
+    groups = studies["interaction"].by("strength")
     _at_times(axes[0], groups, "I$_b$ (eV)", coefficient=False)
 
 
@@ -390,7 +390,7 @@ def temperature(axes: Sequence[Axes], studies: Studies) -> None:
     """Draw β and ΔF against temperature, of a piece of the rough contact and of a tip."""
     left, right = axes
     for name in ("rough", "tip"):
-        groups = studies[f"warm {name}"].by(sweeps.KELVIN)
+        groups = studies[f"warm {name}"].by("temperature")
         _bars(left, groups.each(PointSet.beta), label=name)
         for time in (1e2, 1e4):
             drop = {kelvin: group.at(time) for kelvin, group in groups.items()}
@@ -408,8 +408,8 @@ def temperature(axes: Sequence[Axes], studies: Studies) -> None:
 def tips(axes: Sequence[Axes], studies: Studies) -> None:
     """Draw ΔF and β of tips against load, with the published β of atomic force microscopy."""
     left, right = axes
-    for radius, group in studies["tips"].by(sweeps.RADIUS).items():
-        load, error = group.swept(sweeps.LOAD), group.half_width_at(1e3)
+    for radius, group in studies["tips"].by("radius").items():
+        load, error = group.swept("load"), group.half_width_at(1e3)
         label = f"R = {radius:g} nm"
         left.errorbar(load, group.at(1e3), error, fmt="o-", label=label)
         right.errorbar(load, group.of("beta"), group.of("beta_half_width"), fmt="o-")

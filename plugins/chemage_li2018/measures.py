@@ -12,20 +12,7 @@ from chemage.plugin import FIT_WINDOW
 from chemage_li2018 import shapes
 from chemage_li2018.decisions import ClaimTest, Limits
 from chemage_li2018.published import SLOPES, TABLE_1, window
-from chemage_li2018.sweeps import (
-    KELVIN,
-    LOAD,
-    MEMBER,
-    RADIUS,
-    SLOPE,
-    STRENGTH,
-    VOLUME,
-    VOLUMES,
-    WITH_PRESSURE,
-    Groups,
-    PointSet,
-    Studies,
-)
+from chemage_li2018.sweeps import VOLUMES, WITH_PRESSURE, Groups, PointSet, Studies
 
 
 def _together(groups: Groups, value: Callable[[PointSet], np.ndarray]) -> np.ndarray:
@@ -38,7 +25,7 @@ def _together(groups: Groups, value: Callable[[PointSet], np.ndarray]) -> np.nda
 
 def growth(studies: Studies) -> ClaimTest:
     """ΔF against log t, whose slope in every decade is near the mean; also true of log(1 + t/τ), the law of the field."""
-    points = studies["loads"].by(LOAD)[20000.0]
+    points = studies["loads"].by("load")[20000.0]
     inside = (points.times >= 0.999) & (points.times <= 1.001e5)
     times, curves = points.times[inside], points.drop[:, inside]
     slope, start = shapes.fit(np.log10(times), curves.mean(axis=0))
@@ -85,9 +72,7 @@ def large_loads(studies: Studies) -> ClaimTest:
     coefficient = _together(groups, lambda group: group.coefficient_at(1e3))
     ends = [list(groups).index(load) for load in (20.0, 500.0)]
     return ClaimTest(
-        coefficient[:, ends],
-        lambda found: [found[1] / found[0]],
-        np.array,
+        coefficient[:, ends], lambda found: [found[1] / found[0]], np.array
     )
 
 
@@ -126,7 +111,7 @@ def pressures(studies: Studies) -> ClaimTest:
 
 def _of_slopes(points: PointSet) -> np.ndarray:
     """Δμ of the least and the largest slope at 1 s and 1e3 s with ΔV, then without, (n, 2, 2, 2)."""
-    groups = points.by(VOLUME, SLOPE)
+    groups = points.by("activation_volume", "rms_slope")
     values = [
         [groups[volume, slope].coefficient_at(time) for time in (1.0, 1e3)]
         for volume, slope in product(VOLUMES, (SLOPES[0], SLOPES[-1]))
@@ -141,7 +126,7 @@ def trends(studies: Studies) -> ClaimTest:
 
 def every_member(studies: Studies) -> ClaimTest:
     """The same for every member of the density, on one surface."""
-    groups = studies["members"].by(MEMBER).values()
+    groups = studies["members"].by("member").values()
     # one surface, whose noise hardly differs between members
     values = np.stack([_of_slopes(group) for group in groups], axis=1)
     return _with_trends(values, np.zeros(values.shape[1:]))
@@ -174,7 +159,7 @@ def onsets(points: PointSet) -> np.ndarray:
     The fit is over the hold times of :data:`~chemage_li2018.published.PREFERRED`.
     """
     slope = np.gradient(points.coefficient, np.log10(points.times), axis=1)
-    fitted = points.beta(window(points[0].changes[VOLUME]))
+    fitted = points.beta(window(points[0].varied("activation_volume")))
     return shapes.first_reaching(points.times, slope, 0.5 * fitted)
 
 
@@ -183,7 +168,7 @@ def reversal(studies: Studies) -> ClaimTest:
     rows = studies["rows"].by_volume()[6.4].by_row()
 
     def of_row(group: PointSet) -> np.ndarray:
-        by_slope = group.by(SLOPE)
+        by_slope = group.by("rms_slope")
         return crossings(by_slope[SLOPES[0]], by_slope[SLOPES[-1]])
 
     values = _together(rows, of_row)
@@ -197,14 +182,14 @@ def reversal(studies: Studies) -> ClaimTest:
 def beginnings(studies: Studies) -> ClaimTest:
     """When the logarithmic regime begins at h' = 0.1, with ΔV and without."""
     volumes = studies["rows"].by_volume()
-    chosen = [volumes[volume].circle().by(SLOPE)[0.1] for volume in (6.4, 0.0)]
+    chosen = [volumes[volume].circle().by("rms_slope")[0.1] for volume in (6.4, 0.0)]
     values = np.transpose([onsets(points) for points in chosen])
     return ClaimTest(values, list, np.array)
 
 
 def _of_rows(points: PointSet, time: float) -> np.ndarray:
     """A/A0 and Δμ at a hold time (s) of the rows of Table 1 at every slope, (n, 2, slopes × rows)."""
-    groups = points.by(SLOPE, *TABLE_1[0].options)
+    groups = points.by("rms_slope", "hurst", "zeta", "eta")
     values = [
         [group.of("area_fraction"), group.coefficient_at(time)]
         for slope in SLOPES
@@ -282,7 +267,7 @@ def moments(points: PointSet, density: str, edges: str = "") -> np.ndarray:
 
 def distributions(studies: Studies) -> ClaimTest:
     """Mean and width of pressures and of barriers against slope."""
-    groups = studies["slopes"].by_volume()[6.4].by(SLOPE)
+    groups = studies["slopes"].by_volume()[6.4].by("rms_slope")
     each = [
         [
             *moments(group, "pressures"),
@@ -312,7 +297,7 @@ def morphology(points: PointSet) -> tuple[np.ndarray, np.ndarray]:
 
 def against_morphology(studies: Studies, at: float) -> ClaimTest:
     """Δμ·A0/A of the rows against C/A at one slope, without ΔV."""
-    rows = studies["rows"].by_volume()[0.0].by(SLOPE)[at].by_row()
+    rows = studies["rows"].by_volume()[0.0].by("rms_slope")[at].by_row()
     x, y = (_together(rows, lambda group, k=k: morphology(group)[k]) for k in (0, 1))
 
     def statistics(x: np.ndarray, y: np.ndarray) -> list[float]:
@@ -356,7 +341,7 @@ def patches(studies: Studies, at: Sequence[str]) -> ClaimTest:
 
 def saturation(studies: Studies) -> ClaimTest:
     """ΔF against I_b."""
-    groups = studies["interaction"].by(STRENGTH)
+    groups = studies["interaction"].by("strength")
     strengths = np.array(list(groups))
     start, half, last = (int(np.argmin(abs(strengths - x))) for x in (0.0, 0.5, 1.0))
 
@@ -388,7 +373,7 @@ def summit(
 
 def warmth(studies: Studies, at: str) -> ClaimTest:
     """The temperature of the largest β."""
-    groups = studies[at].by(KELVIN)
+    groups = studies[at].by("temperature")
     kelvin = np.array(list(groups))
     windows = {"β over 1 to 1e3 s": (1.0, 1e3), "β over 100 to 1e4 s": (1e2, 1e4)}
 
@@ -414,18 +399,18 @@ def warmth(studies: Studies, at: str) -> ClaimTest:
 
 def tip_line(studies: Studies, at: float) -> ClaimTest:
     """ΔF of a tip against load, over replicas."""
-    group = studies["tips"].by(RADIUS)[at]
+    group = studies["tips"].by("radius")[at]
     drop = group.at(1e3)
     # half a 95 % interval is two standard errors
     errors = group.half_width_at(1e3) / 2 / drop
-    return _law(group.swept(LOAD)[None], drop[None], shapes.line, errors)
+    return _law(group.swept("load")[None], drop[None], shapes.line, errors)
 
 
 def orders_of_magnitude(studies: Studies) -> ClaimTest:
     """β of tips over β of rough contacts, at the loads of the paper's tips."""
-    slopes = studies["slopes"].by_volume()[6.4].by(SLOPE)
+    slopes = studies["slopes"].by_volume()[6.4].by("rms_slope")
     rough = _together(slopes, lambda group: group.beta(window(WITH_PRESSURE)))
-    chosen = np.isin(studies["tips"].swept(LOAD), [23.0, 393.0])
+    chosen = np.isin(studies["tips"].swept("load"), [23.0, 393.0])
     tips = studies["tips"].beta()[chosen]
     ratios = tips[:, None] / rough[:, None]
     return ClaimTest(
@@ -437,6 +422,6 @@ def orders_of_magnitude(studies: Studies) -> ClaimTest:
 
 def area_against_slope(studies: Studies) -> ClaimTest:
     """Contact area against 1/h'."""
-    groups = studies["slopes"].by_volume()[6.4].by(SLOPE)
+    groups = studies["slopes"].by_volume()[6.4].by("rms_slope")
     area = _together(groups, lambda group: group.of("area_fraction"))
     return _law(np.broadcast_to(1 / np.array(SLOPES), area.shape), area, shapes.power)

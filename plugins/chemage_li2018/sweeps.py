@@ -43,19 +43,6 @@ PARTIAL = round(2.6 / 4.9, 4)
 SURFACE_SEEDS = tuple(range(101, 101 + 32))
 FEWEST_PIXELS = 320
 
-SLOPE = "surface.rms_slope"
-SEED = "surface.seed"
-LOAD = "contact.load"
-VOLUME = "chemistry.activation_volume"
-MEMBER = "forming.member"
-REPLICAS = "hold.replicas"
-KELVIN = "hold.temperature"
-RADIUS = "surface.radius"
-HYDROXYLATION = "chemistry.hydroxylation"
-FRONT = "chemistry.front_factor"
-STRENGTH = "interaction.strength"
-
-
 #: scenes whose options the studies of one sweep vary, and studies: the points that a panel needs, for one surface; as
 #: reproduction.toml describes them
 BASES: dict[str, dict[str, Any]] = DATA["bases"]
@@ -104,7 +91,7 @@ def content(point: dict[str, Any]) -> str:
         sorted(
             (path, float(value))
             for path, value in point.items()
-            if path not in (SEED, REPLICAS)
+            if path not in ("surface.seed", "hold.replicas")
         )
     )
 
@@ -145,14 +132,15 @@ def _columns(
 ) -> dict[str, list[Any]]:
     """The points of a base as columns by path; of equal points that with the most replicas is computed."""
     points: dict[str, dict[str, Any]] = {}
+    replicas = "hold.replicas"
     for name in studies_for(targets):
         if STUDIES[name]["base"] != base:
             continue
         surfaces = seeds[: STUDIES[name].get("surfaces")] or (None,)
         for seed, member in product(surfaces, members(name)):
             key = f"{seed} {content(member)}"
-            if key not in points or points[key][REPLICAS] < member[REPLICAS]:
-                points[key] = member if seed is None else member | {SEED: seed}
+            if key not in points or points[key][replicas] < member[replicas]:
+                points[key] = member | ({} if seed is None else {"surface.seed": seed})
     rows = list(points.values())
     return {path: [row[path] for row in rows] for path in (rows[0] if rows else ())}
 
@@ -195,6 +183,11 @@ class StudyPoint:
         curves = aging.hold_times, aging.mean_friction_drop, errors
         return cls(point.values, point.summary, *curves, means, point)
 
+    def varied(self, name: str) -> Any:
+        """The value of a swept field by the last part of its path."""
+        values = self.changes.items()
+        return next(one for path, one in values if path.rpartition(".")[2] == name)
+
     @property
     def computed(self) -> chemage.plugin.Point:
         """The point in its sweep."""
@@ -224,9 +217,9 @@ class PointSet(list[StudyPoint]):
         """A number of the summary, (n,)."""
         return np.array([point.summary[name] for point in self])
 
-    def swept(self, path: str) -> np.ndarray:
+    def swept(self, name: str) -> np.ndarray:
         """The values of a swept field, (n,)."""
-        return np.array([point.changes[path] for point in self])
+        return np.array([point.varied(name) for point in self])
 
     def observed(self, name: str) -> np.ndarray:
         """An observable, (n, k)."""
@@ -255,11 +248,11 @@ class PointSet(list[StudyPoint]):
         curves = self.coefficient[:, inside].T
         return np.polyfit(np.log10(self.times[inside]), curves, 1)[0]
 
-    def by(self, *paths: str) -> Groups:
-        """Group the points by their values at ``paths``, in order of appearance; the key of one path is its value."""
+    def by(self, *names: str) -> Groups:
+        """Group the points by swept fields, in order of appearance; the key of one field is its value."""
         groups = Groups()
         for point in self:
-            key, *more = (point.changes[path] for path in paths)
+            key, *more = map(point.varied, names)
             key = (key, *more) if more else key
             groups.setdefault(key, PointSet()).append(point)
         return groups
@@ -271,16 +264,16 @@ class PointSet(list[StudyPoint]):
 
     def by_load(self) -> Groups:
         """Group the points by the load in µN."""
-        return Groups((load / 1000, group) for load, group in self.by(LOAD).items())
+        return Groups((load / 1000, group) for load, group in self.by("load").items())
 
     def by_volume(self) -> Groups:
         """Group the points by the activation volume in Å³."""
-        groups = self.by(VOLUME)
+        groups = self.by("activation_volume")
         return Groups((6.4 if volume else 0.0, groups[volume]) for volume in groups)
 
     def by_row(self) -> Groups:
         """Group the points by the rows of Table 1."""
-        groups = self.by(*TABLE_1[0].options)
+        groups = self.by("hurst", "zeta", "eta")
         return Groups((row, groups[tuple(row.options.values())]) for row in TABLE_1)
 
     def circle(self) -> PointSet:
@@ -303,7 +296,9 @@ def front(
     studies: Studies, hydroxylation: float, volume: float = WITH_PRESSURE
 ) -> PointSet:
     """The points of Fig. 6 with a hydroxylation and an activation volume (nm³)."""
-    return studies["front"].by(HYDROXYLATION, VOLUME)[hydroxylation, volume]
+    return studies["front"].by("hydroxylation", "activation_volume")[
+        hydroxylation, volume
+    ]
 
 
 #: what the page and most figures need of a point, beside its curves

@@ -12,7 +12,7 @@ import numpy as np
 import chemage as ca
 from chemage.plugin import label_patches
 from chemage_li2018.published import TABLE_1
-from chemage_li2018.sweeps import SLOPE, SURFACE_SEEDS, Mean, mean
+from chemage_li2018.sweeps import SURFACE_SEEDS, Mean, mean
 
 #: way to count -> least pressure over its mean, whether the contact is periodic, whether pixels touch at corners, and
 #: least number of pixels of a patch
@@ -36,7 +36,7 @@ def number(pressure: np.ndarray, share: float, periodic: bool, corners: bool, le
 
 def counted(options: dict[str, float], seed: int) -> list[int]:
     """Count the patches of a surface in every way."""
-    scene = ca.load_scene("silica-rough", {**options, SLOPE: 0.05})
+    scene = ca.load_scene("silica-rough", {**options, "surface.rms_slope": 0.05})
     pressure = ca.solve_contact(scene.contact, scene.surface.make(seed), scene.load).pressure
     return [number(pressure, *way) for way in COUNTS.values()]
 

@@ -22,13 +22,13 @@ from chemage_li2018 import (
 )
 from chemage_li2018.comparisons import Line, lines
 from chemage_li2018.published import PublishedNumber
-from chemage_li2018.sweeps import SLOPE, Mean, PointSet, StudyPoint, studies_of
+from chemage_li2018.sweeps import Mean, PointSet, StudyPoint, studies_of
 from chemage_silica import MDSilica
 
 PIXELS = 320
 SEED = sweeps.SURFACE_SEEDS[0]
-LOADS = [point[sweeps.LOAD] for point in sweeps.members("loads")]
-STRENGTHS = [point[sweeps.STRENGTH] for point in sweeps.members("interaction")]
+LOADS = [point["contact.load"] for point in sweeps.members("loads")]
+STRENGTHS = [point["interaction.strength"] for point in sweeps.members("interaction")]
 
 
 @pytest.fixture(scope="module")
@@ -100,7 +100,7 @@ def test_fig5_is_straight_at_every_slope_without_activation_volume(
 ):
     """At 320 pixels with four replicas a few hundred sites are left, hence the margin; the page has 0.95."""
     group = studies_of([StudyPoint.of(p) for p in coarse[0]["rough"]], ["fig5"])["rows"]
-    x, y = measures.morphology(group.by_volume()[0.0].by(SLOPE)[0.05])
+    x, y = measures.morphology(group.by_volume()[0.0].by("rms_slope")[0.05])
     assert np.corrcoef(x, y)[0, 1] > 0.9
 
 
@@ -127,7 +127,7 @@ def test_the_replicas_are_as_many_as_those_of_the_paper():
     """Four at 200 µN and above, where a replica has ten times the sites of one at 20 µN and less noise."""
     for study in ("rows", "interaction", "front", "slopes"):
         assert {point["hold.replicas"] for point in sweeps.members(study)} == {10}
-    counts = {point[sweeps.LOAD]: point["hold.replicas"] for point in sweeps.members("loads")}
+    counts = {point["contact.load"]: point["hold.replicas"] for point in sweeps.members("loads")}
     assert {count for load, count in counts.items() if load < 2e5} == {10}
     assert counts[2e5] == counts[5e5] == 4
 
@@ -299,7 +299,7 @@ def test_the_literal_activation_volume():
 def test_bands_over_the_members_are_relative_to_the_default():
     def point(member: int, beta: float, slope: float, volume: float) -> StudyPoint:
         one = straight(beta, 1.0)
-        changes = {"forming.member": member, SLOPE: slope, "chemistry.activation_volume": volume}
+        changes = {"forming.member": member, "surface.rms_slope": slope, "chemistry.activation_volume": volume}
         changes["chemistry.hydroxylation"] = 0.5 if slope == 0.4 else 1.0
         return StudyPoint(changes, one.summary, one.hold_times, one.friction_drop, one.friction_drop_half_width)
 
@@ -323,7 +323,10 @@ def test_every_density_must_have_the_trends_of_the_paper(steady: bool):
 
     def point(member: int, lines: tuple[StudyPoint, StudyPoint], volume: float) -> list[StudyPoint]:
         return [
-            replace(line, changes={"forming.member": member, SLOPE: slope, "chemistry.activation_volume": volume})
+            replace(
+                line,
+                changes={"forming.member": member, "surface.rms_slope": slope, "chemistry.activation_volume": volume},
+            )
             for slope, line in zip((0.05, 0.2), lines, strict=True)
         ]
 
@@ -338,7 +341,7 @@ def test_times_over_the_members():
     """2 log10 t and 1 + log10 t meet at 10 s; onsets are those of lines that begin at 0.3 and 3 s."""
 
     def point(line: StudyPoint, slope: float, volume: float) -> StudyPoint:
-        changes = {"forming.member": 1, SLOPE: slope, "chemistry.activation_volume": volume}
+        changes = {"forming.member": 1, "surface.rms_slope": slope, "chemistry.activation_volume": volume}
         return StudyPoint(changes, line.summary, line.hold_times, line.friction_drop, line.friction_drop_half_width)
 
     group = [
